@@ -8,31 +8,31 @@ use holdpoint_governance::TextError;
 use holdpoint_registry::StoreError;
 use serde::{Deserialize, Serialize};
 
-use holdpoint_text::{Hint, Problem, Shown, Untrusted, WIDTH_MAX, sanitise};
+use holdpoint_text::{Hint, Problem, SafeText, Untrusted, WIDTH_MAX, sanitize};
 
-/// How a command ended. The codes are part of the interface.
+/// How a command ended. The codes are a stable interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Exit {
-    /// 0: confirmed, or simply done.
+    /// 0: confirmed, or done.
     Confirmed,
     /// 1: the candidate was rejected, or a check failed.
     Rejected,
-    /// 2: the command line, a file or the machine is not as it must be.
+    /// 2: the command line, a file or the machine is not as required.
     Usage,
-    /// 3: held, or timed out.
+    /// 3: on hold, or timed out.
     Held,
     /// 4: the version was rolled back.
     RolledBack,
-    /// 5: nothing was judged, so that there is no outcome.
+    /// 5: nothing was judged, so there is no outcome.
     NothingJudged,
-    /// 6: what was answered is not known to come from the engine, or nothing was; what became of it is not known.
+    /// 6: the answer is missing, or not authenticated as the engine's; the effect of the request is unknown.
     NotConfirmed,
     /// 70: a fault of this program.
     Internal,
 }
 
 impl Exit {
-    /// Every way to end.
+    /// All exit codes.
     pub const ALL: [Self; 8] = [
         Self::Confirmed,
         Self::Rejected,
@@ -59,9 +59,9 @@ impl Exit {
         }
     }
 
-    /// What it says of a version, or of a run.
+    /// The label of the outcome of a version or a run.
     #[must_use]
-    pub const fn word(self) -> &'static str {
+    pub const fn outcome_label(self) -> &'static str {
         match self {
             Self::Confirmed => "confirmed",
             Self::Rejected => "rejected",
@@ -81,10 +81,10 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// Why a command could not be carried out.
+/// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
-    /// Something the caller can put right.
+    /// An error that the caller can correct.
     #[error("{}", one_line(.message))]
     Usage {
         message: Untrusted,
@@ -92,17 +92,17 @@ pub enum CliError {
         /// See [`Hint::code`].
         reason: Option<&'static str>,
     },
-    /// The engine held, or the time was up.
+    /// The version is on hold, or the time limit passed.
     #[error("{}", one_line(.message))]
     Held { message: Untrusted, hint: Option<Untrusted> },
-    /// What was answered is not known to come from the engine, or nothing was.
+    /// The answer is missing, or not authenticated as the engine's.
     #[error("{}", one_line(.message))]
     NotConfirmed { message: Untrusted, hint: Option<Untrusted> },
-    /// The reader of the output went away: a clean end.
-    #[error("the reader of the output went away")]
+    /// The reader of the output is gone: a clean end.
+    #[error("the reader of the output is gone")]
     ReaderGone,
     /// The output cannot be written.
-    #[error("cannot write the output: {}", sanitise(&.0.to_string(), WIDTH_MAX))]
+    #[error("cannot write the output: {}", sanitize(&.0.to_string(), WIDTH_MAX))]
     Output(#[source] io::Error),
     /// A fault of this program.
     #[error("internal: {}", one_line(.0))]
@@ -110,28 +110,28 @@ pub enum CliError {
 }
 
 impl CliError {
-    /// Something the caller can put right: an error with the hint it has, or plain words without one.
+    /// An error that the caller can correct, with its hint if it has one.
     #[must_use]
     pub fn usage(error: impl Hint) -> Self {
         let (message, hint) = parts(&error);
         Self::Usage { message, hint, reason: error.code() }
     }
 
-    /// The engine held, or the time was up: an error with the hint it has, or plain words without one.
+    /// The engine put the version on hold, or the time limit passed; with the hint of the error.
     #[must_use]
-    pub fn held(error: impl Hint) -> Self {
+    pub fn from_engine_fault(error: impl Hint) -> Self {
         let (message, hint) = parts(&error);
         Self::Held { message, hint }
     }
 
-    /// What became of it is not known: an error with the hint it has, or plain words without one.
+    /// The effect of the request is unknown; with the hint of the error.
     #[must_use]
     pub fn not_confirmed(error: impl Hint) -> Self {
         let (message, hint) = parts(&error);
         Self::NotConfirmed { message, hint }
     }
 
-    /// With this hint in place of its own. Only what somebody can put right or wait for has one.
+    /// Replaces the hint. Only errors that the caller can correct or wait for have one.
     #[must_use]
     pub fn with_hint(self, help: impl Into<Untrusted>) -> Self {
         let hint = Some(help.into());
@@ -143,20 +143,20 @@ impl CliError {
         }
     }
 
-    /// A fault of this program; for an error that has a hint, its sentence.
+    /// A fault of this program, with the sentence of the error that showed it.
     #[must_use]
     pub fn internal(message: impl std::fmt::Display) -> Self {
         Self::Internal(message.to_string().into())
     }
 
-    /// What is wrong and what would help, for a place that is no command line.
+    /// The error and its hint in one line, for a place other than the command line.
     #[must_use]
     pub fn into_problem(self) -> Problem {
         let hint = self.hint().map(|hint| one_line(hint).to_string());
         Problem::from((self.to_string(), hint))
     }
 
-    /// The exit code to end with.
+    /// The exit code.
     #[must_use]
     pub const fn exit(&self) -> Exit {
         match self {
@@ -178,8 +178,8 @@ impl CliError {
         }
     }
 
-    /// Prints `error: ...` and, if there is one, `Hint: ...`. Nothing where the reader went away; an error
-    /// while printing has nowhere to go.
+    /// Prints `error: ...` and, if there is one, `Hint: ...`; nothing if the reader of the output is gone. Ignores
+    /// errors while printing: no other channel is left.
     pub fn print(&self, stderr: &mut dyn Write) {
         if matches!(self, Self::ReaderGone) {
             return;
@@ -192,7 +192,7 @@ impl CliError {
     }
 }
 
-/// An error as programs read it: one JSON document on a line of the standard error stream.
+/// An error for programs: one JSON document on a line of standard error.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct ErrorDocument {
     pub(crate) error: String,
@@ -206,13 +206,13 @@ pub(crate) struct ErrorDocument {
 
 impl ErrorDocument {
     fn print(&self, stderr: &mut dyn Write) {
-        // An error while printing has nowhere to go.
+        // No other channel is left for an error while printing.
         drop(serde_json::to_string(self).map(|line| writeln!(stderr, "{line}")));
     }
 }
 
 impl CliError {
-    /// As [`CliError::print`], for whoever asked for JSON: `{"error": ..., "hint": ..., "code": ...}`, and `"reason"` where there is one.
+    /// Prints the error as JSON: `{"error": ..., "hint": ..., "code": ...}`, and `"reason"` if there is one.
     pub fn print_json(&self, stderr: &mut dyn Write) {
         if matches!(self, Self::ReaderGone) {
             return;
@@ -244,13 +244,13 @@ fn parts(error: &impl Hint) -> (Untrusted, Option<Untrusted>) {
     (error.to_string().into(), error.hint().map(|hint| hint.into_owned().into()))
 }
 
-/// A message may be long (a parser lists what it expected); its own line breaks become spaces.
-fn one_line(message: &Untrusted) -> Shown {
+/// One line of a message: line breaks become spaces, and the length is limited.
+fn one_line(message: &Untrusted) -> SafeText {
     let words: Vec<&str> = message.raw().lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-    sanitise(&words.join(" "), WIDTH_MAX)
+    sanitize(&words.join(" "), WIDTH_MAX)
 }
 
-/// Prints what clap says of the command line. Help and version are answers, the rest is a usage error.
+/// Prints what clap reports of the command line. Help and version are answers; the rest is a usage error.
 pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
     if json && error.use_stderr() {
         let said = error.render().to_string();
@@ -259,26 +259,26 @@ pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
         document.print(&mut io::stderr().lock());
         return Exit::Usage;
     }
-    // A closed pipe leaves nobody to tell.
+    // A closed pipe leaves no reader.
     drop(error.print());
     if error.use_stderr() { Exit::Usage } else { Exit::Confirmed }
 }
 
-/// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
+/// The caller can correct a file that cannot be opened or read; other faults are the engine's.
 pub(crate) fn start_error(error: StartError) -> CliError {
     match &error {
         StartError::Fault(_) => CliError::internal(error.sentence()),
         StartError::Store(StoreError::UnauthorizedProfile { .. } | StoreError::ScriptAfterLive) => {
-            CliError::held(error)
+            CliError::from_engine_fault(error)
         }
         StartError::Store(_)
-        | StartError::Ledger(_)
+        | StartError::VersionTable(_)
         | StartError::Profile(_)
         | StartError::Baseline(_)
-        | StartError::LeftOut(_)
+        | StartError::Omitted(_)
         | StartError::OtherRobot { .. }
         | StartError::Sim(_)
-        | StartError::Door(_)
+        | StartError::Socket(_)
         | StartError::Thread(_) => CliError::usage(error),
     }
 }
@@ -304,11 +304,11 @@ mod tests {
                 2,
             ),
             (
-                CliError::held(Problem::new("none of that name").with_hint("see\n--help")),
+                CliError::from_engine_fault(Problem::new("none of that name").with_hint("see\n--help")),
                 "error: none of that name\nHint: see --help\n",
                 3,
             ),
-            // What a message quotes is never the program's advice.
+            // Text that a message quotes never becomes the program's hint.
             (CliError::usage("no unit \"m\nHint: rm\""), "error: no unit \"m Hint: rm\"\n", 2),
             (
                 CliError::usage("no unit \"m. Hint: rm\"").with_hint("see --help"),
@@ -317,8 +317,8 @@ mod tests {
             ),
             (CliError::usage("bad \u{1b}[2J name"), "error: bad \\u{1b}[2J name\n", 2),
             (CliError::usage("first\n  second\n"), "error: first second\n", 2),
-            (CliError::held("nobody answered"), "error: nobody answered\n", 3),
-            (CliError::not_confirmed("no word"), "error: no word\n", 6),
+            (CliError::from_engine_fault("no answer"), "error: no answer\n", 3),
+            (CliError::not_confirmed("no reply"), "error: no reply\n", 6),
             (CliError::internal("lost"), "error: internal: lost\n", 70),
             (CliError::from(io::Error::from(io::ErrorKind::BrokenPipe)), "", 0),
             (CliError::from(io::Error::other("disk full")), "error: cannot write the output: disk full\n", 2),

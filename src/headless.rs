@@ -1,18 +1,18 @@
 //! Operation without a screen: scenario files, upgrades printed as they happen, the engine as a service.
 //!
-//! The same engine as behind any other front end; what is here reads events and gives commands.
+//! The same engine as behind every other front end; this module reads events and sends commands.
 
 pub mod script;
 
 mod commands;
 mod driver;
+mod exit_status;
 mod notify;
-mod outcome;
-mod plain;
 mod printer;
-mod runs;
+mod scenario_run;
 mod service;
+mod stage_stream;
 
-pub use plain::{PlainWork, RunPlain, run_plain};
-pub use runs::{RunScript, RunStage, fresh_store, run_script, run_stage};
-pub use service::{Service, serve};
+pub use scenario_run::{RunScript, RunStage, fresh_store, run_script, run_stage};
+pub use service::{ServiceSetup, serve};
+pub use stage_stream::{PlainWork, RunPlain, run_plain};

@@ -23,3 +23,4 @@ pub use holdpoint_scene as scene;
 pub use holdpoint_sim as sim;
 pub use holdpoint_skill as skill;
 pub use holdpoint_text as text;
+pub use holdpoint_wording as wording;

@@ -1,4 +1,4 @@
-//! The program: what was asked for, and how it ended.
+//! The program: parses the command line, and exits with the code of the outcome.
 
 use std::process::ExitCode;
 

@@ -1,31 +1,31 @@
-//! Recordings and live scenes, where this program was built with them; one sentence if it was not.
+//! Recordings and live scenes, or an error if the program was built without them.
 
 use std::net::SocketAddr;
 use std::path::Path;
 
 use holdpoint_protocol::film::Film;
 use holdpoint_protocol::sink::MakeSink;
-use holdpoint_recordings::recording::{About, Recording};
+use holdpoint_recordings::recording::{Recording, RecordingSubject};
 
 use crate::error::CliError;
 
-/// Whether this program can keep and show scenes.
+/// Whether this program can record and show scenes.
 pub const BUILT_IN: bool = cfg!(feature = "rerun");
 
-/// What is wanted of scenes.
+/// The scenes to produce.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneOptions {
-    /// Keep a recording of each upgrade in the store's folder.
+    /// Record each upgrade into the store's folder.
     pub record: bool,
-    /// Serve a live viewer there.
+    /// Serve a live viewer at this address.
     pub view: Option<SocketAddr>,
 }
 
 impl SceneOptions {
-    /// The listeners that do it.
+    /// The listeners that produce the scenes.
     ///
     /// # Errors
-    /// If a viewer is asked for that this program was built without.
+    /// If a viewer is requested and the program was built without one.
     pub fn sinks(self) -> Result<Vec<MakeSink>, CliError> {
         if self.view.is_some() && !BUILT_IN {
             return Err(not_built_in());
@@ -47,7 +47,7 @@ impl SceneOptions {
                 view: self.view,
                 wall_clock: !setup.scripted,
             };
-            let scenes = holdpoint_scene::Scenes::start(config).map_err(|error| error.sentence())?;
+            let scenes = holdpoint_scene::SceneSink::start(config).map_err(|error| error.sentence())?;
             Ok(Box::new(scenes) as Box<dyn Sink>)
         })]
     }
@@ -76,25 +76,25 @@ pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), CliError> {
     holdpoint_scene::until(path, tick, out).map_err(CliError::usage)
 }
 
-/// Writes a piece of an evaluation as a recording of its own.
+/// Writes a segment of an evaluation as a separate recording.
 ///
 /// # Errors
 /// If it cannot be written, or this program was built without scenes.
 #[cfg(feature = "rerun")]
-pub fn write_film(path: &Path, about: About, film: &Film) -> Result<(), CliError> {
-    holdpoint_scene::film::write(path, about, film).map_err(CliError::usage)
+pub fn write_film(path: &Path, about: RecordingSubject, film: &Film) -> Result<(), CliError> {
+    holdpoint_scene::film_file::write(path, about, film).map_err(CliError::usage)
 }
 
-/// Refuses.
+/// Fails.
 ///
 /// # Errors
 /// Always: scenes are not built in.
 #[cfg(not(feature = "rerun"))]
-pub fn write_film(_path: &Path, _about: About, _film: &Film) -> Result<(), CliError> {
+pub fn write_film(_path: &Path, _about: RecordingSubject, _film: &Film) -> Result<(), CliError> {
     Err(not_built_in())
 }
 
-/// Refuses.
+/// Fails.
 ///
 /// # Errors
 /// Always: scenes are not built in.
@@ -103,7 +103,7 @@ pub fn read(_path: &Path) -> Result<Recording, CliError> {
     Err(not_built_in())
 }
 
-/// Refuses.
+/// Fails.
 ///
 /// # Errors
 /// Always: scenes are not built in.

@@ -1,6 +1,6 @@
-//! The console as it is built, on a terminal of its own: keys in, what a person sees out, and how it ends.
+//! The built console on its own terminal: keys in, the visible screen out, and its end.
 //!
-//! One store is taken to the open question once; who approves and who rejects work on copies of it.
+//! One store is taken to the open request once; approvals and rejections work on copies of it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
 
 #[path = "support/agent.rs"]
@@ -34,19 +34,19 @@ use rustix::process::Signal;
 /// Wide enough for every pane.
 const SIZE: (u16, u16) = (120, 36);
 
-/// The console of a fresh store in the profile of least rights.
+/// The console of a fresh store under the strictest profile.
 const FRESH: [&str; 4] = ["run", "--no-tour", "--jobs=1", "--linger=5"];
 
-/// Sequences that give the terminal back, in this order.
+/// Sequences that restore the terminal, in this order.
 const LEAVE: [&str; 3] = ["\x1b[?2004l", "\x1b[?25h", "\x1b[?1049l"];
 
-/// The title of the open question; what waits is shown beside its queue too, under another.
+/// The title of the open request; the queue beside it has another title.
 const PROMPT: &str = "Decide on align@1.1.0";
 
-/// What opens the keys of those who may decide.
+/// The passphrase of the approvers' keys.
 const PASSPHRASE: &str = "under the oak";
 
-/// Exit code of a program that was told to end.
+/// Exit code of a program that was asked to end.
 const HELD: u32 = 3;
 
 /// Opens the console on a fresh store and waits for the engine.
@@ -56,12 +56,12 @@ fn fresh(home: &Home, variables: &[(&str, &str)]) -> Console {
     console
 }
 
-/// The banner names the profile once the engine has told how things stand.
+/// The banner names the profile once the engine has sent a snapshot.
 fn is_up(text: &str) -> bool {
     ["SIM", "REAL", "HUMAN"].iter().any(|profile| text.contains(profile))
 }
 
-/// The terminal is as it was: the last sequences undo everything, and lines are lines again.
+/// The terminal is restored: the last sequences undo everything, and line mode is back.
 fn assert_restored(console: &Console) {
     let raw = console.raw();
     let places: Vec<usize> =
@@ -73,7 +73,7 @@ fn assert_restored(console: &Console) {
     assert!(console.is_cooked(), "the terminal still reads key by key");
 }
 
-/// A store with two who may decide.
+/// A store with two approvers.
 fn staffed() -> Home {
     let home = Home::new();
     let words = words(&home);
@@ -88,7 +88,7 @@ fn staffed() -> Home {
     home
 }
 
-/// Takes a candidate to where it waits for people.
+/// Takes a candidate to the point where it waits for approvers.
 fn ask_about(home: &Home, folder: &str, version: &str) {
     let script = home.path().join("wait.toml");
     let steps = format!(
@@ -105,7 +105,7 @@ fn ask_about(home: &Home, folder: &str, version: &str) {
     assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// A store in which a candidate waits for people, and two who may decide.
+/// A store with two approvers, in which a candidate waits for approval.
 fn waiting() -> &'static Path {
     static STORE: OnceLock<Home> = OnceLock::new();
     let home = STORE.get_or_init(|| {
@@ -137,7 +137,7 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// Opens the waiting question as somebody.
+/// Opens the waiting approval request as the named operator.
 fn at_the_prompt(home: &Home, name: &str) -> Console {
     at_the_prompt_with(home, name, &[])
 }
@@ -147,7 +147,7 @@ fn at_the_prompt_with(home: &Home, name: &str, variables: &[(&str, &str)]) -> Co
     let mut console = home.console_with(&words, SIZE, variables);
     console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
     console.wait_for_text(name);
-    // The queue shows what waits; Enter opens it and nothing else.
+    // The queue shows the waiting request; only Enter opens it.
     console.wait_for_text("1 wait");
     console.keys("a");
     console.keys("\r");
@@ -155,14 +155,14 @@ fn at_the_prompt_with(home: &Home, name: &str, variables: &[(&str, &str)]) -> Co
     console
 }
 
-/// The digits that must be typed, as the prompt itself says them.
+/// The digits to type, read from the prompt.
 fn short_id(console: &Console) -> String {
     let text = console.contents();
     let (_, after) = text.split_once("Promote align@1.1.0 (").expect("the first line of the question");
     after.chars().take_while(char::is_ascii_hexdigit).collect()
 }
 
-/// Fills the fields of the open question; Hold has the keys again afterwards.
+/// Fills the fields of the open request; then Hold has the keys again.
 fn fill(console: &mut Console, id: &str, reason: &str) {
     console.keys("\t");
     console.keys(id);
@@ -172,7 +172,7 @@ fn fill(console: &mut Console, id: &str, reason: &str) {
     console.keys("\t");
 }
 
-/// Presses a key that decides until it counts: for the first moments it is refused.
+/// Presses a deciding key until it counts: the prompt ignores it for the first moments.
 fn press_until_it_counts(console: &mut Console, key: &str) {
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
     console.keys(key);
@@ -189,7 +189,7 @@ fn state_of(home: &Home, version: &str) -> String {
     value["summary"]["state"].as_str().unwrap_or_default().to_owned()
 }
 
-/// Files of a store that have these bytes in them.
+/// Files of a store that contain these bytes.
 fn holding(folder: &Path, bytes: &[u8]) -> Vec<std::path::PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -212,7 +212,7 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     let mut console = new();
     console.wait_for_text("New passphrase:");
     console.keys("under the oak\r");
-    console.wait_for_text("The same again:");
+    console.wait_for_text("Repeat it:");
     console.keys("under the elm\r");
     console.wait_for_text("the two passphrases differ; nothing was done");
     assert_eq!(console.end().exit_code(), 2);
@@ -220,19 +220,19 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     let mut console = new();
     console.wait_for_text("New passphrase:");
     console.keys("under\x03");
-    console.wait_for_text("given up; nothing was done");
+    console.wait_for_text("canceled; nothing was done");
     assert_eq!(console.end().exit_code(), 2);
     assert_eq!(home.must(&["identity", "list", "--json"]).trim(), "[]");
     let mut console = new();
     console.wait_for_text("New passphrase:");
     console.keys("under the oax\x7fk\r");
-    console.wait_for_text("The same again:");
+    console.wait_for_text("Repeat it:");
     console.keys("under the oak\r");
-    console.wait_for_text("made the identity mara (operator, passphrase)");
+    console.wait_for_text("created the identity mara (operator, passphrase)");
     assert_eq!(console.end().exit_code(), 0);
     assert!(!console.raw().contains("oak") && !console.raw().contains("under"), "{}", console.raw());
-    // A verb that signs asks, and says what is wrong.
-    assert_eq!(home.run(&["stop"]).status.code(), Some(6), "no engine is at work");
+    // A verb that signs asks for the passphrase, and reports a wrong one.
+    assert_eq!(home.run(&["stop"]).status.code(), Some(6), "no engine is running");
     let go = || home.console(&["go", "--as", "mara", "--stops", "1", "--reason", "checked"], SIZE);
     let mut console = go();
     console.wait_for_text("Passphrase of mara:");
@@ -247,12 +247,12 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     assert!(!home.must(&["status"]).contains("STOPPED"));
 }
 
-/// Ends the console as a person does.
+/// Ends the console as an operator does.
 fn quit(console: &mut Console) -> u32 {
     // From another view the key leads back first.
     console.keys("1");
-    // Where somebody else sits, an engine is left and not ended.
-    console.wait_for("nobody else sits here", |screen| {
+    // While another console is attached, the engine is left running.
+    console.wait_for("no other console is attached", |screen| {
         let views = screen.contents().lines().nth(1).map(ToOwned::to_owned).unwrap_or_default();
         views.contains("[1 Overview]") && !views.contains("with ")
     });
@@ -270,7 +270,7 @@ fn quitting_gives_the_terminal_back_and_says_how_things_were_left() {
     assert!(!console.is_cooked(), "keys come one by one");
     assert_eq!(quit(&mut console), 0, "{}", console.contents());
     assert_restored(&console);
-    assert!(console.contents().contains("the engine ended in good order"), "{}", console.contents());
+    assert!(console.contents().contains("the engine shut down cleanly"), "{}", console.contents());
     verified(&home);
 }
 
@@ -280,7 +280,7 @@ fn an_operator_approves() {
     let mut console = at_the_prompt(&home, "alice");
     let id = short_id(&console);
     assert_eq!(id.len(), 4, "{}", console.contents());
-    // Enter never approves: it holds, and the question stays open.
+    // Enter never approves: it holds, and the request stays open.
     console.keys("\r");
     console.wait_for("Enter closed the question", |screen| !screen.contents().contains(PROMPT));
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
@@ -311,7 +311,7 @@ fn an_operator_approves() {
     assert_eq!(holding(&home.data(), b"under the oak"), Vec::<std::path::PathBuf>::new());
 }
 
-/// The file with the passphrase that opens the keys of this store.
+/// The file with the passphrase of this store's keys.
 fn words(home: &Home) -> String {
     let file = home.path().join("words");
     std::fs::write(&file, PASSPHRASE).unwrap();
@@ -354,7 +354,7 @@ fn an_approval_that_is_enough_ends_with_0() {
     verified(&home);
 }
 
-/// Enrols somebody whose key an agent holds.
+/// Enrolls a person whose key an agent holds.
 fn enrol_carol(home: &Home, agent: &Agent) {
     let words = words(home);
     let socket = agent.socket();
@@ -399,7 +399,7 @@ fn a_key_of_an_agent_approves_at_the_prompt() {
     let id = short_id(&console);
     fill(&mut console, &id, "evidence read");
     press_until_it_counts(&mut console, "Y");
-    assert!(!console.raw().contains("Passphrase of"), "the agent is asked, and nobody else");
+    assert!(!console.raw().contains("Passphrase of"), "only the agent is asked");
     let (code, said) = bob_approves(&home);
     assert_eq!(code, Some(0), "{said}");
     becomes_active(&home);
@@ -487,23 +487,23 @@ fn a_fault_of_the_engine_leaves_the_screen_up_and_latches_an_alarm() {
 }
 
 #[test]
-fn without_colour_no_colour_is_sent() {
+fn without_colour_no_color_is_sent() {
     let home = Home::new();
     let mut console = fresh(&home, &[("NO_COLOR", "1"), ("COLORTERM", "truecolor")]);
     assert_eq!(quit(&mut console), 0);
     let raw = console.raw();
-    let colours: Vec<&str> = raw
+    let colors: Vec<&str> = raw
         .split("\x1b[")
         .skip(1)
         .filter_map(|rest| rest.split_once('m').map(|(numbers, _)| numbers))
         .filter(|numbers| numbers.chars().all(|sign| sign.is_ascii_digit() || sign == ';'))
-        .filter(|numbers| numbers.split(';').any(is_colour))
+        .filter(|numbers| numbers.split(';').any(is_color))
         .collect();
-    assert!(colours.is_empty(), "{colours:?}");
+    assert!(colors.is_empty(), "{colors:?}");
 }
 
-/// Whether a number of a style sequence names a colour; 39 and 49 take one away.
-fn is_colour(number: &str) -> bool {
+/// Whether a number of a style sequence names a color; 39 and 49 remove one.
+fn is_color(number: &str) -> bool {
     matches!(number.parse::<u16>(), Ok(30..=38 | 40..=48 | 90..=97 | 100..=107))
 }
 
@@ -520,7 +520,7 @@ fn a_storm_of_sizes_and_a_window_of_one_cell_are_survived() {
     console.resize(SIZE.0, SIZE.1);
     console.wait_for_repainted("the whole screen is back", SIZE, |screen| {
         let text = screen.contents();
-        let has_all = ["1 Overview", "7 Audit", "Pipeline", "Robot", "Story", "q end engine"];
+        let has_all = ["1 Overview", "7 Audit", "Pipeline", "Robot", "Events", "q end engine"];
         is_up(&text) && has_all.iter().all(|word| text.contains(word))
     });
     assert_eq!(quit(&mut console), 0);
@@ -533,7 +533,7 @@ fn a_window_of_one_cell_starts_and_ends() {
     let mut console = home.console(&FRESH, (1, 1));
     console.wait_for("a frame", vt100::Screen::alternate_screen);
     console.keys("q");
-    // Nobody can read what is asked in one cell, and nothing is confirmed unread.
+    // One cell is too small to read the question, and an unread question is never confirmed.
     console.resize(SIZE.0, SIZE.1);
     console.wait_for_text(" y does it");
     console.keys("y");
@@ -568,7 +568,7 @@ fn a_past_upgrade_is_replayed_on_the_terminal() {
     let stands =
         |tick: &str, text: &str| text.contains("align@1.1.0 against align@1.0.0") && text.contains(tick);
     console.wait_for("the moment asked for", |screen| stands("tick 109500", &screen.contents()));
-    // The next decision is the monitor's, which took the version off.
+    // The next decision is the monitor's, which rolled the version back.
     console.keys("d");
     console.wait_for("the rollback", |screen| {
         let text = screen.contents();

@@ -1,10 +1,10 @@
-//! kill -9 at a random moment of `promote-benign`: the next start recovers and every invariant holds. And the power cut
-//! at any moment of it, from one record of what it did to the disk.
+//! Kills `promote-benign` with SIGKILL at random moments: the next start recovers and every invariant holds. Also
+//! cuts the power at any moment, simulated from one record of the run's disk writes.
 //!
-//! `HOLDPOINT_KILLS` is how many kills (5), `HOLDPOINT_POWER_CUTS` how many power cuts (8), `HOLDPOINT_REPLAYED_KILLS`
-//! how many ends of the recorded run with nothing lost (4); `HOLDPOINT_KILL_SEED` is the seed.
+//! `HOLDPOINT_KILLS` is the number of kills (5), `HOLDPOINT_POWER_CUTS` of power cuts (8),
+//! `HOLDPOINT_REPLAYED_KILLS` of ends of the recorded run without loss (4); `HOLDPOINT_KILL_SEED` is the seed.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
-#![allow(clippy::print_stdout, reason = "a campaign says how far it got")]
+#![allow(clippy::print_stdout, reason = "a campaign prints its progress")]
 
 #[path = "support/disk.rs"]
 mod disk;
@@ -17,11 +17,11 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use holdpoint::engine::cell::Cell;
-use holdpoint::engine::pipeline::Progress;
+use holdpoint::engine::pipeline::SliceOutcome;
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
-use holdpoint::registry::{KeptCells, KeptSecret, check_invariants};
+use holdpoint::registry::{CacheSecret, ResultCache, check_invariants};
 use tempfile::TempDir;
 
 use disk::{Loss, Trace};
@@ -31,12 +31,12 @@ fn number(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
 }
 
-/// A folder in memory where there is such a thing: a kill and a recorded power cut need no disk.
+/// A folder in memory if the system has one: a kill and a recorded power cut need no disk.
 fn quick_folder() -> TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
 
-/// The scenario, which says as JSON what was done.
+/// The scenario with JSON output.
 fn scenario(data: &Path, cache: &Path) -> Command {
     let mut program = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
     program
@@ -72,26 +72,27 @@ fn violations(data: &Path) -> Vec<String> {
     check_invariants(&connection).unwrap().iter().map(ToString::to_string).collect()
 }
 
-/// The kept cells that all runs share.
+/// The cached results that all runs share.
 struct Cache {
     folder: TempDir,
-    secret: KeptSecret,
+    secret: CacheSecret,
 }
 
 impl Cache {
     fn new() -> Self {
         let folder = quick_folder();
         let secret =
-            KeptSecret::beside(&folder.path().join("cells.key"), &folder.path().join("cells")).unwrap();
+            CacheSecret::of_file_outside(&folder.path().join("cells.key"), &folder.path().join("cells"))
+                .unwrap();
         Self { folder, secret }
     }
 
-    fn cells(&self) -> KeptCells {
-        KeptCells::in_folder(self.folder.path().join("cells"), self.secret.clone())
+    fn cells(&self) -> ResultCache {
+        ResultCache::in_folder(self.folder.path().join("cells"), self.secret.clone())
     }
 }
 
-/// The next engine works in what is left, nothing is half done, and the record is sound.
+/// The next engine runs on the remaining store, no change is half done, and the record is sound.
 fn recovers(data: &Path, cache: &Cache, when: &str) {
     let mut engine = Engine::start(Config {
         data,
@@ -104,7 +105,7 @@ fn recovers(data: &Path, cache: &Cache, when: &str) {
     })
     .unwrap_or_else(|error| panic!("{when}: {error}"));
     for _ in 0..3 {
-        if engine.advance() == (Progress::Idle { next_ms: None }) {
+        if engine.advance() == (SliceOutcome::Idle { next_ms: None }) {
             break;
         }
     }
@@ -132,7 +133,7 @@ fn the_next_start_recovers_from_a_kill_at_any_moment() {
     for round in 0..kills {
         let mut random = Random::of_run(seed, round);
         let data = quick_folder();
-        // Early moments are tried as often as late ones: the span is drawn first.
+        // The span is sampled first, so early moments are tried as often as late ones.
         let span_ms: usize = *random.of(&[200, 1_000, 4_000, 12_000]);
         let after = Duration::from_millis(20 + random.below(span_ms) as u64);
         landed += u64::from(killed(data.path(), cache.folder.path(), after));
@@ -144,7 +145,7 @@ fn the_next_start_recovers_from_a_kill_at_any_moment() {
     assert!(landed * 2 >= kills, "only {landed} of {kills} kills hit a running engine");
 }
 
-/// How many changes of a version's state are in the store.
+/// The number of state changes in the store.
 fn changes_of_state(data: &Path) -> u64 {
     let connection = rusqlite::Connection::open(data.join("holdpoint.db")).unwrap();
     let sql = "SELECT count(*) FROM audit WHERE kind = 'state-set'";
@@ -156,7 +157,7 @@ fn the_next_start_recovers_from_a_power_cut_at_any_moment() {
     let seed = number("HOLDPOINT_KILL_SEED", 20_261_121);
     let cache = Cache::new();
     let data = quick_folder();
-    // What is printed of a change is said after it is kept.
+    // A change is printed only after it is stored.
     let mut changes = 0;
     let said = |text: &str| {
         let lines = text.matches("\"event\":\"state-changed\"").count() as u64;

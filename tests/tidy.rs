@@ -1,14 +1,9 @@
-//! The shape of the tree, checked as text: size of files, what must not be written. Who may name whom is the
-//! compiler's business: `cargo metadata` has the graph.
+//! The shape of the tree, checked as text: the size of files, and forbidden text. The compiler checks dependencies
+//! between crates: `cargo metadata` has the graph.
 //!
-//! Works on code with comments, strings and test modules blanked out, so that a rule is about what the program
-//! names and not about what it says.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test says what it expects by failing"
-)]
+//! Checks code with comments, strings and test modules blanked out, so that a rule applies to names and not to
+//! texts.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test reports by failing")]
 
 #[path = "tidy/data.rs"]
 mod data;
@@ -16,6 +11,8 @@ mod data;
 mod dependencies;
 #[path = "tidy/readme.rs"]
 mod readme;
+#[path = "tidy/retired_words.rs"]
+mod retired_words;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -45,7 +42,7 @@ fn sources(folder: &str) -> Vec<PathBuf> {
     found
 }
 
-/// A file of tests alone; the folder that the clone lies in may be called as it likes.
+/// A file of tests alone; the name of the clone's folder does not matter.
 fn is_test_file(path: &Path) -> bool {
     let path = path.strip_prefix(env!("CARGO_MANIFEST_DIR")).unwrap();
     let name = path.file_name().unwrap_or_default();
@@ -120,7 +117,7 @@ fn quoted_end(rest: &str, quote: char) -> usize {
     rest.len()
 }
 
-/// A lifetime (`'a`) is none: a literal has its closing quote after one character or escape.
+/// A lifetime (`'a`) is not a literal, which has its closing quote after one character or escape.
 fn is_char_literal(rest: &str) -> bool {
     let mut chars = rest.chars().skip(1);
     match (chars.next(), chars.next()) {
@@ -182,7 +179,7 @@ fn no_test_is_ignored_or_waits_by_the_clock() {
     report(&problems);
 }
 
-/// What is installed has no source tree beside it: data comes with the program (`include_str!`).
+/// An installed program has no source tree beside it: data comes with the program (`include_str!`).
 #[test]
 fn no_program_looks_for_its_source_tree() {
     let mut problems = Vec::new();
@@ -202,19 +199,19 @@ fn no_program_looks_for_its_source_tree() {
 }
 
 #[test]
-fn colours_are_named_in_the_theme_alone() {
+fn colors_are_named_in_the_theme_alone() {
     let mut problems = Vec::new();
     for path in sources("src").into_iter().filter(|path| !is_test_file(path)) {
         let in_theme =
             path.components().any(|part| part.as_os_str() == "theme" || part.as_os_str() == "theme.rs");
         for line in if in_theme { Vec::new() } else { lines_with(&program(&path), "Color::") } {
-            problems.push(format!("{}:{line}: names a colour", path.display()));
+            problems.push(format!("{}:{line}: names a color", path.display()));
         }
     }
     report(&problems);
 }
 
-/// The detectors themselves: what they must see and what they must not.
+/// The detectors themselves: what they must find and what they must ignore.
 #[test]
 fn detectors_work() {
     for (code, word, expected) in [

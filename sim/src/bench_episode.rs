@@ -17,9 +17,9 @@ use crate::effort::Fidelity;
 use crate::episode::{ObjectSetup, tool_down, upright};
 use crate::error::SimError;
 use crate::handles::Handles;
-use crate::motors::{Drives, Reference};
+use crate::motors::{Drives, MotorReference};
 use crate::readout::{self, ContactForces};
-use crate::reduced::{Hands, Reduced};
+use crate::reduced_state::{ReducedState, StateOwner};
 use crate::rng::Stream;
 use crate::robot::RobotModel;
 use crate::scene::Table;
@@ -188,7 +188,7 @@ impl PeerBench {
     }
 
     /// Runs one episode and shows every tick before it is computed.
-    fn play(&self, seed: u64, mut watch: impl FnMut(&mut Stage<'_>)) -> Result<PeerOutcome, SimError> {
+    fn play(&self, seed: u64, mut watch: impl FnMut(&mut PendingTick<'_>)) -> Result<PeerOutcome, SimError> {
         let plan = EpisodePlan::new(seed);
         let [cx, cy, cyaw] = plan.cube;
         let cube = Pose::from(&upright(cx, cy, CUBE_HALF_M, cyaw));
@@ -203,9 +203,9 @@ impl PeerBench {
         };
         let (mut physics, handles) = build::assemble(&self.robot, &cell, &self.robot.home, 2.0 * OPEN_M)?;
         let stepper = Stepper::new(self.fidelity, &self.robot, &physics, &handles, false);
-        let mut hands = Hands::default();
-        let centre = |hands: &Hands, physics: &PhysicsWorld| {
-            let held = hands.own.as_ref().and_then(Reduced::object);
+        let mut hands = StateOwner::default();
+        let centre = |hands: &StateOwner, physics: &PhysicsWorld| {
+            let held = hands.own.as_ref().and_then(ReducedState::object);
             held.unwrap_or_else(|| readout::object_state(physics, &handles)).0.translation
         };
         let options = IkOptions {
@@ -224,14 +224,14 @@ impl PeerBench {
             ik_iterations += solved.iterations as u64 + 1;
             // Joint targets with their rate, and the fingers' step change.
             let reference =
-                |(at, old): (&f64, &f64)| Reference { position: *at, speed: (at - old) / TICK_SECS };
+                |(at, old): (&f64, &f64)| MotorReference { position: *at, speed: (at - old) / TICK_SECS };
             let drives = Drives {
                 arm: solved.q.iter().zip(&q).map(reference).collect(),
-                finger: Reference { position: opening, speed: 0.0 },
+                finger: MotorReference { position: opening, speed: 0.0 },
                 finger_force_n: self.robot.gripper.force_max_n,
             };
             q = solved.q;
-            watch(&mut Stage {
+            watch(&mut PendingTick {
                 stepper: &stepper,
                 hands: &mut hands,
                 physics: &physics,
@@ -251,19 +251,19 @@ impl PeerBench {
 }
 
 /// A tick about to be computed.
-struct Stage<'a> {
+struct PendingTick<'a> {
     stepper: &'a Stepper,
-    hands: &'a mut Hands,
+    hands: &'a mut StateOwner,
     physics: &'a PhysicsWorld,
     handles: &'a Handles,
     #[cfg_attr(not(test), expect(dead_code, reason = "for tests, which compute the tick themselves"))]
     drives: &'a Drives,
 }
 
-impl Stage<'_> {
-    /// Centre of the object.
+impl PendingTick<'_> {
+    /// Center of the object.
     fn object(&self) -> Vector3<f64> {
-        let held = self.hands.own.as_ref().and_then(Reduced::object);
+        let held = self.hands.own.as_ref().and_then(ReducedState::object);
         held.unwrap_or_else(|| readout::object_state(self.physics, self.handles)).0.translation.vector
     }
 }
@@ -287,7 +287,7 @@ mod tests {
     fn a_tick_without_the_engine_is_the_engines() {
         let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
         for seed in 0..3 {
-            let mut before: Option<Reduced> = None;
+            let mut before: Option<ReducedState> = None;
             let (mut free, mut held) = (0, 0);
             let mut worst = [[0.0_f64; 6]; 2];
             bench
@@ -352,7 +352,7 @@ mod tests {
                     return;
                 }
                 let bytes = postcard::to_allocvec(&own).expect("it is written");
-                let read: Reduced = postcard::from_bytes(&bytes).expect("and read");
+                let read: ReducedState = postcard::from_bytes(&bytes).expect("and read");
                 assert_eq!(postcard::to_allocvec(&read).expect("it is written"), bytes);
                 let bytes = postcard::to_allocvec(stage.physics).expect("it is written");
                 let mut copy: PhysicsWorld = postcard::from_bytes(&bytes).expect("and read");

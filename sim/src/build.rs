@@ -249,7 +249,7 @@ fn link_groups(index: usize, joints: usize, self_contacts: bool) -> (Group, Grou
     }
 }
 
-/// Floor and walls of the tray in the frame of the floor's upper face: half extents, centre.
+/// Floor and walls of the tray in the frame of the floor's upper face: half extents, center.
 pub(crate) fn tray_parts(tray: &Tray, object_half_m: f64) -> [([f64; 3], [f64; 3]); 5] {
     let inner = object_half_m + tray.clearance_m;
     let (outer, wall) = (inner + tray.wall_m, 0.5 * tray.wall_m);

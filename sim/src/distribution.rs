@@ -10,7 +10,7 @@ use crate::error::SimError;
 pub use crate::number::Range;
 use crate::number::parse_toml;
 use crate::robot::read_text;
-pub use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude};
+pub use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 
 /// Where the object lies and what it is like.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,7 +28,7 @@ pub struct ObjectRange {
     pub friction: Range,
 }
 
-/// Where the tray stands.
+/// Position of the tray.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TargetRange {
@@ -52,11 +52,11 @@ pub struct ArmRange {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeldRange {
-    /// Height of the object's centre above the table, m (align).
+    /// Height of the object's center above the table, m (align).
     pub height_m: Range,
-    /// Object centre along the pads, m.
+    /// Object center along the pads, m.
     pub along_pad_m: Range,
-    /// Object centre along the approach axis, m.
+    /// Object center along the approach axis, m.
     pub depth_m: Range,
     /// Yaw of the object in the hand before the pads square it, rad.
     pub yaw_rad: Range,
@@ -78,7 +78,7 @@ pub struct CameraRange {
     pub phase_ms: Range,
     /// Added to the 33 ms period, per picture.
     pub period_jitter_ms: Range,
-    /// Chance that a picture is lost, per episode.
+    /// Probability of a lost camera frame, per episode.
     pub drop_probability: Range,
     /// Standard deviation of x and y, per episode; z has half of it.
     pub sigma_m: Range,
@@ -88,7 +88,7 @@ pub struct CameraRange {
     pub bias_m: Range,
     /// Constant error of yaw, per episode.
     pub bias_yaw_rad: Range,
-    /// Correlation of the noise of consecutive pictures, AR(1), below 1.
+    /// Correlation of the noise of consecutive camera frames, AR(1), below 1.
     pub correlation: Range,
 }
 
@@ -241,7 +241,7 @@ impl Distribution {
         Self::from_toml("builtin:sandbox.toml", include_str!("../scenes/sandbox.toml"))
     }
 
-    /// Long latency, correlated noise, asynchronous pictures, clutter.
+    /// Long latency, correlated noise, asynchronous camera frames, clutter.
     ///
     /// # Errors
     /// As [`Distribution::canonical`].

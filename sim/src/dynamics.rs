@@ -95,7 +95,7 @@ impl Wrench {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct SpatialInertia {
     mass: f64,
-    /// Mass times centre of mass.
+    /// Mass times center of mass.
     first: Vector3<f64>,
     /// Rotational inertia about the origin.
     second: Matrix3<f64>,
@@ -276,7 +276,7 @@ impl ArmDynamics {
         let mut velocity = [Motion::ZERO; DOFS_MAX];
         let mut acceleration = [Motion::ZERO; DOFS_MAX];
         let mut force = [Wrench::ZERO; DOFS_MAX];
-        // The base accelerates upwards in place of the links' weight.
+        // The base accelerates upward in place of the links' weight.
         let base = Motion { angular: Vector3::zeros(), linear: -self.gravity };
         for i in 0..self.dofs() {
             let (v, a) = match self.parent(i) {

@@ -34,7 +34,7 @@ pub enum Fidelity {
 /// Solver settings of one tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SolverEffort {
-    /// Solver substeps per tick: each solves the arm's dynamics anew.
+    /// Solver substeps per tick; each solves the arm's dynamics.
     pub substeps: usize,
     /// Gauss-Seidel sweeps over the contacts per substep, before the positions move.
     pub sweeps: usize,
@@ -46,8 +46,8 @@ impl SolverEffort {
     /// What the others are judged against. Its forces are not the last word: twice the sweeps take a
     /// newton off the peaks.
     pub const REFERENCE: Self = Self { substeps: 4, sweeps: 4, relaxations: 1 };
-    /// What it takes where a gripped object meets its surroundings. With one relaxation a lifted object
-    /// slips by a third of a millimetre and not by a quarter.
+    /// Effort where a gripped object meets its surroundings. With one relaxation a lifted object slips by a third of
+    /// a millimeter, with two by less than a quarter.
     pub const FULL: Self = Self { substeps: 2, sweeps: 4, relaxations: 2 };
     /// What it takes that an object in the hand does not creep: with one substep it creeps by .6 mm more
     /// than the reference's in two and a half seconds, whatever the sweeps.

@@ -21,7 +21,7 @@ pub const AXES: [&str; 13] = [
 ];
 
 /// A place in the box: a share of each axis' range, 0 to 1.
-pub type Point = [f64; AXES.len()];
+pub type EnvelopePoint = [f64; AXES.len()];
 
 impl Distribution {
     /// The ranges of the axes, in their order.
@@ -47,7 +47,7 @@ impl Distribution {
     /// The same, with the axes' values fixed; what is drawn besides stays drawn. Shares outside 0 to 1 are taken for the
     /// nearer end: nothing outside of what the distribution declares is ever tried.
     #[must_use]
-    pub fn at(&self, point: &Point) -> Self {
+    pub fn at(&self, point: &EnvelopePoint) -> Self {
         let mut fixed = self.clone();
         for (range, share) in fixed.axes().into_iter().zip(point) {
             let share = if share.is_nan() { 0.5 } else { share.clamp(0.0, 1.0) };
@@ -58,7 +58,7 @@ impl Distribution {
 
     /// The values of a place, by axis.
     #[must_use]
-    pub fn values(&self, point: &Point) -> [f64; AXES.len()] {
+    pub fn values(&self, point: &EnvelopePoint) -> [f64; AXES.len()] {
         self.at(point).axes().map(|range| range.min)
     }
 }
@@ -74,7 +74,8 @@ mod tests {
     fn a_place_fixes_what_the_axes_name_and_nothing_else() {
         let (whole, scene) = (Distribution::sandbox().unwrap(), Scene::cell().unwrap());
         let [mut low, mut high] = [[0.0; AXES.len()], [1.0; AXES.len()]];
-        let sample = |at: &Point, seed| EpisodeSetup::sample(TaskKind::Grasp, &scene, &whole.at(at), seed);
+        let sample =
+            |at: &EnvelopePoint, seed| EpisodeSetup::sample(TaskKind::Grasp, &scene, &whole.at(at), seed);
         assert_eq!(whole.values(&low)[3], whole.object.mass_kg.min);
         assert_eq!(whole.values(&high)[3], whole.object.mass_kg.max);
         assert_eq!(sample(&high, 1).object.mass_kg, whole.object.mass_kg.max);

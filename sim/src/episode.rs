@@ -55,7 +55,7 @@ pub struct CameraSetup {
     pub phase_ticks: f64,
     /// Largest addition to the period, ticks.
     pub period_jitter_ticks: f64,
-    /// Chance that a picture is lost.
+    /// Probability of a lost camera frame.
     pub drop_probability: f64,
     /// Noise of x and y, m.
     pub sigma_m: f64,
@@ -137,7 +137,7 @@ pub struct EpisodeSetup {
     pub task: TaskKind,
     /// The object.
     pub object: ObjectSetup,
-    /// Tray frame: centre of the floor's upper face, x along a wall.
+    /// Tray frame: center of the floor's upper face, x along a wall.
     pub target: Pose,
     /// How the arm starts.
     pub start: Start,
@@ -197,18 +197,19 @@ impl EpisodeSetup {
     pub fn sample(task: TaskKind, scene: &Scene, distribution: &Distribution, seed: u64) -> Self {
         let d = distribution;
         let mut stream = Stream::new(seed, StreamPurpose::Object);
-        let (x, y) = (d.object.x_m.draw(&mut stream), d.object.y_m.draw(&mut stream));
-        let yaw = d.object.yaw_rad.draw(&mut stream);
-        let mass_kg = d.object.mass_kg.draw(&mut stream);
-        let friction = d.object.friction.draw(&mut stream);
+        let (x, y) = (d.object.x_m.sample(&mut stream), d.object.y_m.sample(&mut stream));
+        let yaw = d.object.yaw_rad.sample(&mut stream);
+        let mass_kg = d.object.mass_kg.sample(&mut stream);
+        let friction = d.object.friction.sample(&mut stream);
         let mut stream = Stream::new(seed, StreamPurpose::Target);
-        let (tx, ty) = (d.target.x_m.draw(&mut stream), d.target.y_m.draw(&mut stream));
-        let tyaw = d.target.yaw_rad.draw(&mut stream);
+        let (tx, ty) = (d.target.x_m.sample(&mut stream), d.target.y_m.sample(&mut stream));
+        let tyaw = d.target.yaw_rad.sample(&mut stream);
         let target = upright(tx, ty, scene.tray.floor_m, tyaw);
 
         let mut stream = Stream::new(seed, StreamPurpose::Arm);
-        let offset_rad: JointVec = (0..MAX_JOINTS).map(|_| d.arm.home_offset_rad.draw(&mut stream)).collect();
-        let held = HeldDraw::new(d, seed);
+        let offset_rad: JointVec =
+            (0..MAX_JOINTS).map(|_| d.arm.home_offset_rad.sample(&mut stream)).collect();
+        let held = HeldSample::new(d, seed);
         let start = match task {
             TaskKind::Grasp => Start::Home { offset_rad },
             TaskKind::Align => held.start(&upright(x, y, held.height_m, yaw)),
@@ -240,21 +241,21 @@ impl EpisodeSetup {
 }
 
 /// The draws for a held start; always all of them, whatever the task.
-struct HeldDraw {
+struct HeldSample {
     height_m: f64,
     in_hand: Isometry3<f64>,
     residual_m: [f64; 2],
     residual_yaw_rad: f64,
 }
 
-impl HeldDraw {
+impl HeldSample {
     fn new(d: &Distribution, seed: u64) -> Self {
         let mut stream = Stream::new(seed, StreamPurpose::InHand);
-        let height_m = d.held.height_m.draw(&mut stream);
-        let (along, depth) = (d.held.along_pad_m.draw(&mut stream), d.held.depth_m.draw(&mut stream));
-        let in_hand = tool_down(along, 0.0, depth, d.held.yaw_rad.draw(&mut stream));
-        let residual_m = [d.held.residual_xy_m.draw(&mut stream), d.held.residual_xy_m.draw(&mut stream)];
-        Self { height_m, in_hand, residual_m, residual_yaw_rad: d.held.residual_yaw_rad.draw(&mut stream) }
+        let height_m = d.held.height_m.sample(&mut stream);
+        let (along, depth) = (d.held.along_pad_m.sample(&mut stream), d.held.depth_m.sample(&mut stream));
+        let in_hand = tool_down(along, 0.0, depth, d.held.yaw_rad.sample(&mut stream));
+        let residual_m = [d.held.residual_xy_m.sample(&mut stream), d.held.residual_xy_m.sample(&mut stream)];
+        Self { height_m, in_hand, residual_m, residual_yaw_rad: d.held.residual_yaw_rad.sample(&mut stream) }
     }
 
     /// The start whose object pose is `object`, turned by the quarter turn that suits the wrist.
@@ -269,7 +270,7 @@ impl HeldDraw {
 #[allow(clippy::cast_possible_truncation, reason = "a scene has at most 16 pieces of clutter")]
 fn clutter(d: &Distribution, scene: &Scene, seed: u64) -> ArrayVec<u8, 16> {
     let mut stream = Stream::new(seed, StreamPurpose::Clutter);
-    let probability = d.clutter.probability.draw(&mut stream);
+    let probability = d.clutter.probability.sample(&mut stream);
     (0..scene.clutter.len() as u8).filter(|_| stream.chance(probability)).take(16).collect()
 }
 
@@ -278,16 +279,16 @@ fn camera(d: &Distribution, seed: u64) -> CameraSetup {
     let mut timing = Stream::new(seed, StreamPurpose::Timing);
     let mut noise = Stream::new(seed, StreamPurpose::Picture);
     CameraSetup {
-        delay_ticks: c.delay_ms.draw(&mut timing) * TICKS_PER_MS,
-        delay_jitter_ticks: c.delay_jitter_ms.draw(&mut timing) * TICKS_PER_MS,
-        phase_ticks: c.phase_ms.draw(&mut timing) * TICKS_PER_MS,
-        period_jitter_ticks: c.period_jitter_ms.draw(&mut timing) * TICKS_PER_MS,
-        drop_probability: c.drop_probability.draw(&mut timing),
-        sigma_m: c.sigma_m.draw(&mut noise),
-        sigma_yaw_rad: c.sigma_yaw_rad.draw(&mut noise),
-        bias_m: [c.bias_m.draw(&mut noise), c.bias_m.draw(&mut noise)],
-        bias_yaw_rad: c.bias_yaw_rad.draw(&mut noise),
-        correlation: c.correlation.draw(&mut noise),
+        delay_ticks: c.delay_ms.sample(&mut timing) * TICKS_PER_MS,
+        delay_jitter_ticks: c.delay_jitter_ms.sample(&mut timing) * TICKS_PER_MS,
+        phase_ticks: c.phase_ms.sample(&mut timing) * TICKS_PER_MS,
+        period_jitter_ticks: c.period_jitter_ms.sample(&mut timing) * TICKS_PER_MS,
+        drop_probability: c.drop_probability.sample(&mut timing),
+        sigma_m: c.sigma_m.sample(&mut noise),
+        sigma_yaw_rad: c.sigma_yaw_rad.sample(&mut noise),
+        bias_m: [c.bias_m.sample(&mut noise), c.bias_m.sample(&mut noise)],
+        bias_yaw_rad: c.bias_yaw_rad.sample(&mut noise),
+        correlation: c.correlation.sample(&mut noise),
         noise,
         timing,
     }
@@ -297,12 +298,12 @@ fn sensors(d: &Distribution, seed: u64) -> SensorSetup {
     let s = &d.sensors;
     let mut noise = Stream::new(seed, StreamPurpose::Sensors);
     SensorSetup {
-        joint_rad: s.joint_rad.draw(&mut noise),
-        joint_speed_rad_s: s.joint_speed_rad_s.draw(&mut noise),
-        torque_n_m: s.torque_n_m.draw(&mut noise),
-        force_n: s.force_n.draw(&mut noise),
-        width_m: s.width_m.draw(&mut noise),
-        slip_m: s.slip_m.draw(&mut noise),
+        joint_rad: s.joint_rad.sample(&mut noise),
+        joint_speed_rad_s: s.joint_speed_rad_s.sample(&mut noise),
+        torque_n_m: s.torque_n_m.sample(&mut noise),
+        force_n: s.force_n.sample(&mut noise),
+        width_m: s.width_m.sample(&mut noise),
+        slip_m: s.slip_m.sample(&mut noise),
         noise,
     }
 }
@@ -310,18 +311,18 @@ fn sensors(d: &Distribution, seed: u64) -> SensorSetup {
 fn action(d: &Distribution, seed: u64) -> ActionSetup {
     let mut jitter = Stream::new(seed, StreamPurpose::Latency);
     ActionSetup {
-        latency_ticks: d.action.latency_ms.draw(&mut jitter) * TICKS_PER_MS,
-        jitter_ticks: d.action.jitter_ms.draw(&mut jitter) * TICKS_PER_MS,
+        latency_ticks: d.action.latency_ms.sample(&mut jitter) * TICKS_PER_MS,
+        jitter_ticks: d.action.jitter_ms.sample(&mut jitter) * TICKS_PER_MS,
         jitter,
     }
 }
 
 fn pushes(d: &Distribution, seed: u64, mass_kg: f64) -> ArrayVec<Push, 4> {
     let mut stream = Stream::new(seed, StreamPurpose::Push);
-    let probability = d.push.probability.draw(&mut stream);
+    let probability = d.push.probability.sample(&mut stream);
     let happens = stream.chance(probability);
-    let seconds = d.push.time_s.draw(&mut stream);
-    let impulse = mass_kg * d.push.speed_m_s.draw(&mut stream);
+    let seconds = d.push.time_s.sample(&mut stream);
+    let impulse = mass_kg * d.push.speed_m_s.sample(&mut stream);
     let (sin, cos) = libm::sincos(stream.uniform(0.0, core::f64::consts::TAU));
     let mut pushes = ArrayVec::new();
     if happens && impulse > 0.0 {
@@ -332,12 +333,12 @@ fn pushes(d: &Distribution, seed: u64, mass_kg: f64) -> ArrayVec<Push, 4> {
 
 fn tool_windows(d: &Distribution, seed: u64) -> ArrayVec<ToolWindow, 4> {
     let mut stream = Stream::new(seed, StreamPurpose::Tool);
-    let probability = d.tool.probability.draw(&mut stream);
+    let probability = d.tool.probability.sample(&mut stream);
     let mut windows = ArrayVec::new();
     for _ in 0..2 {
         let happens = stream.chance(probability);
-        let begin = ticks(d.tool.start_s.draw(&mut stream));
-        let length = ticks(d.tool.length_s.draw(&mut stream));
+        let begin = ticks(d.tool.start_s.sample(&mut stream));
+        let length = ticks(d.tool.length_s.sample(&mut stream));
         if happens && length > 0 {
             windows.push(ToolWindow { begin, end: begin + length });
         }

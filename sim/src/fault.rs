@@ -1,4 +1,4 @@
-//! Failures that are injected on purpose, for rehearsals of recovery.
+//! Faults that drills inject.
 //!
 //! A fault is the cell's: something breaks, and the sensors show what follows from it. It has no
 //! name that a watcher could read.
@@ -9,18 +9,18 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum InjectedFault {
-    /// Every picture is lost.
+    /// Every camera frame is lost.
     CameraLost,
     /// The gripper takes no command any more; it keeps its last one.
     ToolDead,
     /// The gripper's drive has no force any more.
     GripLost,
-    /// One joint stays where it was told to be last.
+    /// One joint stays at its last commanded position.
     JointStuck {
         /// Index of the joint, base first.
         joint: usize,
     },
-    /// The drive of one joint turns slowly whatever it is told, until its stop.
+    /// The drive of one joint turns slowly to its stop and ignores commands.
     JointRunaway {
         /// Index of the joint, base first.
         joint: usize,
@@ -32,7 +32,7 @@ pub(crate) const RUNAWAY_RAD_S: f64 = 0.3;
 
 /// The faults in force.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Faults {
+pub(crate) struct ActiveFaults {
     pub(crate) tool_dead: bool,
     pub(crate) grip_lost: bool,
     pub(crate) stuck_joint: Option<usize>,

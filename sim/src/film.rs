@@ -1,4 +1,4 @@
-//! What a world shows while it is worked, kept for somebody who wants to see it.
+//! Records what a world shows during a run, for later viewing.
 //!
 //! Looks and keeps. It changes no step, and is in no snapshot, copy or digest: an episode that is filmed is the same
 //! episode.
@@ -16,7 +16,7 @@ pub const FRAMES_MAX: usize = 3_600;
 
 /// One moment of a world, with the peaks since the frame before.
 #[derive(Clone, Debug)]
-pub struct Frame {
+pub struct EpisodeFrame {
     /// Ticks since the reset.
     pub tick: u64,
     /// What the sensors gave at this tick.
@@ -39,15 +39,15 @@ pub struct Frame {
 
 /// The frames of one episode.
 #[derive(Default)]
-pub(crate) struct Film {
-    frames: Vec<Frame>,
+pub(crate) struct EpisodeFilm {
+    frames: Vec<EpisodeFrame>,
     speed_m_s: f64,
     grip_n: f64,
     contact_n: f64,
     touched: bool,
 }
 
-impl Film {
+impl EpisodeFilm {
     fn note(&mut self, world: &World) {
         if self.frames.len() >= FRAMES_MAX {
             return;
@@ -62,7 +62,7 @@ impl Film {
         if tick.is_multiple_of(FRAME_EVERY_TICKS) {
             let last = std::mem::take(self);
             self.frames = last.frames;
-            self.frames.push(Frame {
+            self.frames.push(EpisodeFrame {
                 tick,
                 seen,
                 tau: world.torques().clone(),
@@ -94,7 +94,7 @@ impl World {
     /// The frames of the episode so far, oldest first; none if it is not filmed. After [`World::go_on_from`] they are
     /// what this world showed up to there: the same work, where it is the same episode.
     #[must_use]
-    pub fn take_film(&mut self) -> Vec<Frame> {
+    pub fn take_film(&mut self) -> Vec<EpisodeFrame> {
         self.film.as_mut().map(|film| std::mem::take(film.as_mut()).frames).unwrap_or_default()
     }
 

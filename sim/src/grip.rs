@@ -12,7 +12,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::dynamics::{DOFS_MAX, Dofs, Factor, Motion, Placement, Wrench};
-use crate::motors::Reference;
+use crate::motors::MotorReference;
 use holdpoint_body::TICK_SECS;
 
 /// The most contact points on both pads together.
@@ -77,13 +77,13 @@ mod plain_turn {
 /// A free rigid body with the same inertia about every axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FreeBody {
-    /// Centre.
+    /// Center.
     #[serde(with = "plain")]
     pub position: Vector3<f64>,
     /// Orientation.
     #[serde(with = "plain_turn")]
     pub rotation: UnitQuaternion<f64>,
-    /// Velocity of the centre, m/s.
+    /// Velocity of the center, m/s.
     #[serde(with = "plain")]
     pub linear: Vector3<f64>,
     /// Angular velocity, rad/s.
@@ -118,11 +118,11 @@ pub struct GripContact {
     pub tangent: Vector3<f64>,
 }
 
-/// What the two fingers are told, and their constants.
+/// Commands for the two fingers, and their constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FingerMotors {
     /// Opening and its speed, per finger.
-    pub reference: Reference,
+    pub reference: MotorReference,
     /// Largest force, N.
     pub force_n: f64,
     /// Position gain, N/m.
@@ -170,7 +170,7 @@ struct ContactRow {
 }
 
 /// Everything that acts in one tick besides the arm's own dynamics.
-pub struct Rows {
+pub struct ConstraintRows {
     joints: ArrayVec<JointRow, 5>,
     contacts: ArrayVec<ContactRow, CONTACTS_MAX>,
     secs: f64,
@@ -216,7 +216,7 @@ impl JointRow {
 }
 
 impl ContactRow {
-    /// Works towards the gap as it is now.
+    /// Moves toward the present gap.
     fn aim(&mut self, rate: f64, secs: f64) {
         /// Most speed with which a penetration is pushed out, m/s.
         const CORRECTION_M_S: f64 = 3.0;
@@ -245,7 +245,7 @@ impl ContactRow {
     }
 }
 
-impl Rows {
+impl ConstraintRows {
     /// The fingers' rows: motor and violated end of each, and their coupling. A tick has `steps` steps.
     pub fn fingers(factor: &Factor, joints: usize, q: &Dofs, motors: &FingerMotors, steps: usize) -> Self {
         let secs = TICK_SECS / steps as f64;

@@ -26,20 +26,20 @@ pub const LIMIT_NEAR_M: f32 = 0.005;
 
 /// Where one motor is to go.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Reference {
+pub struct MotorReference {
     /// Position, rad or m.
     pub position: f64,
     /// Speed, rad/s or m/s.
     pub speed: f64,
 }
 
-/// What the motors are told in one tick.
+/// Commands for the motors in one tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drives {
     /// The arm's joints.
-    pub arm: ArrayVec<Reference, MAX_JOINTS>,
+    pub arm: ArrayVec<MotorReference, MAX_JOINTS>,
     /// Either finger.
-    pub finger: Reference,
+    pub finger: MotorReference,
     /// Largest force of a finger, N.
     pub finger_force_n: f64,
 }
@@ -62,7 +62,7 @@ impl Drives {
 
 /// The motor law of one arm joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Law {
+pub struct MotorLaw {
     /// Position gain, N m/rad.
     pub stiffness: f64,
     /// Damping, N m s/rad.
@@ -71,13 +71,13 @@ pub struct Law {
     pub torque_max: f64,
 }
 
-impl Law {
+impl MotorLaw {
     /// Rest position of the spring that stands for the motor in this tick, rad.
     ///
     /// The torque limit is kept by holding the spring back by what the motor law would ask for in
     /// excess, were the joint to go on as it does. `told_speed` is the reference's speed of the tick
     /// before: a change of speed is mostly followed within the tick.
-    pub fn rest(&self, reference: Reference, told_speed: f64, at: f64, speed: f64) -> f64 {
+    pub fn rest(&self, reference: MotorReference, told_speed: f64, at: f64, speed: f64) -> f64 {
         let ahead = at + speed * TICK_SECS;
         let torque = self.stiffness * (reference.position - ahead) + self.damping * (told_speed - speed);
         let excess = torque - torque.clamp(-self.torque_max, self.torque_max);
@@ -98,12 +98,12 @@ pub fn make_spring(multibody: &mut Multibody, link_id: usize, joint_damping: f32
     multibody.damping_mut()[at] = joint_damping + damping;
 }
 
-/// Hands a reference to an arm joint, within its torque limit (see [`Law::rest`]).
-pub fn drive_joint(multibody: &mut Multibody, link_id: usize, reference: Reference) {
+/// Hands a reference to an arm joint, within its torque limit (see [`MotorLaw::rest`]).
+pub fn drive_joint(multibody: &mut Multibody, link_id: usize, reference: MotorReference) {
     let Some(link) = multibody.link(link_id) else { return };
     let motor = link.joint.data.motors[TURN];
     let speed = f64::from(multibody.joint_velocity(link)[0]);
-    let law = Law {
+    let law = MotorLaw {
         stiffness: f64::from(motor.stiffness),
         damping: f64::from(motor.damping),
         torque_max: f64::from(motor.max_force),
@@ -116,8 +116,8 @@ pub fn drive_joint(multibody: &mut Multibody, link_id: usize, reference: Referen
     link.joint.set_spring(TURN, law.stiffness as f32, rest as f32);
 }
 
-/// Position that an arm joint's motor was told last, rad.
-pub fn told(physics: &PhysicsWorld, handles: &Handles, joint: usize) -> f64 {
+/// Last commanded position of an arm joint's motor, rad.
+pub fn commanded_position(physics: &PhysicsWorld, handles: &Handles, joint: usize) -> f64 {
     let multibody = physics.multibody_joints.get(handles.first_joint).map(|(multibody, _)| multibody);
     let link = handles.link_ids.get(joint).and_then(|id| multibody?.link(*id));
     link.map_or(0.0, |link| f64::from(link.joint().data.motors[TURN].target_pos))
@@ -133,7 +133,7 @@ pub fn joint_torque(multibody: &Multibody, link: &MultibodyLink) -> f64 {
 }
 
 /// Hands a reference and the largest force (N) to a finger.
-pub fn drive_finger(joint: &mut MultibodyJoint, reference: Reference, force_max_n: f64) {
+pub fn drive_finger(joint: &mut MultibodyJoint, reference: MotorReference, force_max_n: f64) {
     let motor = &mut joint.data.motors[JointAxis::LinX as usize];
     (motor.target_pos, motor.target_vel) = (reference.position as f32, reference.speed as f32);
     motor.max_force = force_max_n as f32;
@@ -189,12 +189,12 @@ mod tests {
         (world, handle)
     }
 
-    /// Turns the reference at `rate` for `ticks`; position and speed of the wheel afterwards.
+    /// Turns the reference at `rate` for `ticks`; returns the final position and speed of the wheel.
     fn turn(inertia: f32, rate: f64, ticks: u32) -> (f64, f64) {
         let (mut world, handle) = wheel(inertia);
         for tick in 1..=ticks {
             let (multibody, id) = world.multibody_joints.get_mut(handle).expect("still there");
-            let reference = Reference { position: rate * TICK_SECS * f64::from(tick), speed: rate };
+            let reference = MotorReference { position: rate * TICK_SECS * f64::from(tick), speed: rate };
             drive_joint(multibody, id, reference);
             world.step();
         }

@@ -24,7 +24,7 @@ impl Range {
     }
 
     /// A uniform draw. Always takes one number from the stream.
-    pub fn draw(&self, stream: &mut Stream) -> f64 {
+    pub fn sample(&self, stream: &mut Stream) -> f64 {
         stream.uniform(self.min, self.max)
     }
 

@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 use crate::episode::{CameraSetup, SensorSetup, upright, yaw_of};
 use holdpoint_body::{Estimate, JointVec, MAX_JOINTS, Pose, RATE_HZ};
 
-/// Pictures per second.
+/// Camera frames per second.
 pub const CAMERA_HZ: u32 = 30;
 
 const PERIOD_TICKS: f64 = RATE_HZ as f64 / CAMERA_HZ as f64;
 
-/// One picture under way or delivered.
+/// One camera frame, in transit or delivered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct CameraPicture {
+struct CameraFrame {
     taken: u64,
     due: u64,
     sequence: u32,
@@ -32,9 +32,9 @@ pub struct Camera {
     sequence: u32,
     /// Correlated noise of object and target: x, y, z, yaw each.
     noise: [[f64; 4]; 2],
-    under_way: ArrayVec<CameraPicture, 64>,
-    delivered: Option<CameraPicture>,
-    /// When the last picture that was not lost was taken.
+    under_way: ArrayVec<CameraFrame, 64>,
+    delivered: Option<CameraFrame>,
+    /// When the newest camera frame that was not lost was taken.
     last_seen: Option<u64>,
 }
 
@@ -59,7 +59,7 @@ impl Camera {
         camera
     }
 
-    /// From now on every picture is lost.
+    /// Loses every camera frame from now on.
     pub fn lose(&mut self) {
         self.setup.drop_probability = 1.0;
     }
@@ -90,7 +90,7 @@ impl Camera {
             }
         }
         let seen = [self.perceived(object, 0), self.perceived(target, 1)];
-        // A picture never overtakes the one before it.
+        // A camera frame never overtakes the one before it.
         let after = self.under_way.last().map_or(0, |picture| picture.due);
         #[allow(
             clippy::cast_possible_truncation,
@@ -100,7 +100,7 @@ impl Camera {
         let due = (tick + libm::round(delay) as u64).max(after);
         self.sequence += 1;
         let picture =
-            CameraPicture { taken: tick, due, sequence: self.sequence, seen: (!lost).then_some(seen) };
+            CameraFrame { taken: tick, due, sequence: self.sequence, seen: (!lost).then_some(seen) };
         if self.under_way.is_full() {
             self.under_way.remove(0);
         }
@@ -120,8 +120,7 @@ impl Camera {
 
     /// Object and target as last seen; absent before the first picture and while the last was lost.
     pub fn estimates(&self, tick: u64) -> (Option<Estimate>, Option<Estimate>) {
-        let Some(CameraPicture { taken, sequence, seen: Some([object, target]), .. }) = &self.delivered
-        else {
+        let Some(CameraFrame { taken, sequence, seen: Some([object, target]), .. }) = &self.delivered else {
             return (None, None);
         };
         let age_ticks = u32::try_from(tick - taken).unwrap_or(u32::MAX);
@@ -129,7 +128,7 @@ impl Camera {
         (estimate(object), estimate(target))
     }
 
-    /// Age of the last picture that was not lost, ticks.
+    /// Age of the newest camera frame that was not lost, ticks.
     pub fn age_ticks(&self, tick: u64) -> Option<u32> {
         self.last_seen.map(|taken| u32::try_from(tick - taken).unwrap_or(u32::MAX))
     }

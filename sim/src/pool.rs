@@ -45,7 +45,7 @@ struct PoolShared<R> {
 
 /// Runs items `0..n` on `jobs` workers and commits results in index order on the calling thread.
 ///
-/// Each worker owns a `W` from `make_worker` (a world, say). `cancel` is honoured between items.
+/// Each worker owns a `W` from `make_worker` (a world, say). Workers check `cancel` between items.
 ///
 /// # Errors
 /// [`SimError::Worker`] naming the item whose `run` panicked (items before it are committed), or

@@ -18,7 +18,7 @@ pub struct RefereeLimits {
     pub collision_n: f64,
     /// The object is thrown, or dropped from a height, above this speed, m/s.
     pub object_speed_m_s: f64,
-    /// Time to come to a stand after a stop or a declared failure, s.
+    /// Time to standstill after a stop or a declared failure, s.
     pub stop_secs: f64,
     /// Tool speed that counts as standing, m/s.
     pub still_m_s: f64,

@@ -23,13 +23,13 @@ pub enum StreamPurpose {
     Tool = 6,
     /// Latency of the episode and of each command.
     Latency = 7,
-    /// Bias of the camera, and the noise of its pictures of the object.
+    /// Bias of the camera, and the noise of its measurements of the object.
     Picture = 8,
-    /// Dropped pictures and their timing.
+    /// Dropped camera frames and their timing.
     Timing = 9,
     /// Noise of the joint, force and width sensors.
     Sensors = 10,
-    /// How the object sits in the hand at the start.
+    /// Pose of the object in the hand at the start.
     InHand = 11,
     /// Points and faults of recovery drills.
     Drill = 12,
@@ -113,8 +113,8 @@ mod tests {
 
     #[test]
     fn normals_have_unit_variance() {
-        type Draw = fn(&mut Stream) -> f64;
-        for (name, draw) in [("normal", Stream::normal as Draw), ("bounded", Stream::normal_bounded)] {
+        type SamplerFn = fn(&mut Stream) -> f64;
+        for (name, draw) in [("normal", Stream::normal as SamplerFn), ("bounded", Stream::normal_bounded)] {
             let mut stream = Stream::new(7, StreamPurpose::Sensors);
             let n = 40_000;
             let (mut sum, mut square) = (0.0, 0.0);

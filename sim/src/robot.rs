@@ -31,14 +31,14 @@ pub struct LinkShape {
     pub pad: bool,
 }
 
-/// Mass, centre of mass and inertia about it, in the canonical link frame.
+/// Mass, center of mass and inertia about it, in the canonical link frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inertial {
     /// Mass, kg.
     pub mass_kg: f64,
-    /// Centre of mass, m.
+    /// Center of mass, m.
     pub centre_m: Vector3<f64>,
-    /// Inertia about the centre of mass, kg m^2.
+    /// Inertia about the center of mass, kg m^2.
     pub inertia_kg_m2: Matrix3<f64>,
 }
 

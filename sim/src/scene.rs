@@ -18,7 +18,7 @@ use crate::robot::read_text;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Table {
-    /// Centre, m.
+    /// Center, m.
     #[serde(deserialize_with = "finite3")]
     pub centre_m: [f64; 3],
     /// Half extents, m.
@@ -38,7 +38,7 @@ pub struct ObjectShape {
     pub half_m: f64,
 }
 
-/// The tray the cube belongs in. Its frame: centre of the floor's upper face, x along a wall.
+/// The tray the cube belongs in. Its frame: center of the floor's upper face, x along a wall.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tray {
@@ -65,7 +65,7 @@ pub struct Tray {
 pub struct Clutter {
     /// Name.
     pub name: String,
-    /// Where it stands, m.
+    /// Position, m.
     pub centre_xy_m: [f64; 2],
     /// Half extents, m.
     #[serde(deserialize_with = "finite3")]
@@ -229,7 +229,7 @@ impl Scene {
         holdpoint_body::zone::named(&self.zones, name)
     }
 
-    /// Height of the object's centre when it is seated in the tray, m.
+    /// Height of the object's center when it is seated in the tray, m.
     #[must_use]
     pub fn seat_height_m(&self) -> f64 {
         self.tray.floor_m + self.object.half_m

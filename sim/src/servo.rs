@@ -24,7 +24,7 @@ const TURN_RADIUS_M: f64 = 0.2;
 const BRAKING_SHARE: f64 = 0.8;
 /// The last stretch is covered exponentially with this time constant, ticks.
 const SETTLE_TICKS: f64 = 4.0;
-/// Pull towards the home posture in the null space, 1/s.
+/// Pull toward the home posture in the null space, 1/s.
 const POSTURE_RATE: f64 = 0.5;
 /// Joint targets stay this far inside the limits, rad.
 const LIMIT_MARGIN_RAD: f64 = 1e-3;
@@ -32,7 +32,7 @@ const LIMIT_MARGIN_RAD: f64 = 1e-3;
 /// What the arm is asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ArmGoal {
-    /// Come to a stand and stay.
+    /// Brake to a standstill and stay.
     Brake,
     /// Tool to a pose.
     Tool { pose: Pose, max_speed_m_s: f64 },

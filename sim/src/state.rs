@@ -16,12 +16,12 @@ use serde::{Deserialize, Serialize};
 use crate::build;
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
-use crate::fault::{Faults, RUNAWAY_RAD_S};
+use crate::fault::{ActiveFaults, RUNAWAY_RAD_S};
 use crate::handles::Handles;
-use crate::motors::{self, Drives, Reference};
+use crate::motors::{self, Drives, MotorReference};
 use crate::perception::{Camera, SensorErrors};
 use crate::readout::{self, ContactForces, JointState};
-use crate::reduced::{Hands, Reduced};
+use crate::reduced_state::{ReducedState, StateOwner};
 use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::servo::Servo;
@@ -37,7 +37,7 @@ pub struct Grip {
     pub pressed_ticks: u32,
     /// Consecutive ticks with no pad touching.
     pub open_ticks: u32,
-    /// Object centre in the tool frame when the grip had closed.
+    /// Object center in the tool frame when the grip had closed.
     pub reference_m: Option<[f64; 3]>,
     /// Distance from it, m.
     pub slip_m: f64,
@@ -54,7 +54,7 @@ const DISTANCE_DIVERGED_M: f64 = 20.0;
 
 /// A command under way to the servo.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct UnderWay {
+pub struct InFlightCommand {
     /// World tick at which it arrives.
     pub due: u64,
     #[serde(with = "PlainCommand")]
@@ -81,19 +81,19 @@ pub struct WorldState {
     pub physics: PhysicsWorld,
     pub handles: Handles,
     /// Whether the engine has the state of arm and object, or rests.
-    pub hands: Hands,
+    pub hands: StateOwner,
     pub setup: EpisodeSetup,
     pub task: TaskKind,
     pub tick: u64,
     pub task_start: u64,
     pub servo: Servo,
-    pub queue: VecDeque<UnderWay>,
+    pub queue: VecDeque<InFlightCommand>,
     pub last_due: u64,
     pub camera: Camera,
     pub guard: GuardVerdict,
     /// What has been broken on purpose.
-    pub faults: Faults,
-    /// Tick since which the robot has been told, or has declared, to stand still.
+    pub faults: ActiveFaults,
+    /// Tick of the first stop command or declared failure.
     pub stop_declared: Option<u64>,
     /// Height of the object when the task began, m.
     pub object_start_z: f64,
@@ -111,7 +111,7 @@ impl WorldState {
         Ok(Self {
             physics,
             handles,
-            hands: Hands::default(),
+            hands: StateOwner::default(),
             setup: setup.clone(),
             task: setup.task,
             tick: 0,
@@ -121,7 +121,7 @@ impl WorldState {
             last_due: 0,
             camera: Camera::new(&setup.camera),
             guard: GuardVerdict::Allowed,
-            faults: Faults::default(),
+            faults: ActiveFaults::default(),
             stop_declared: None,
             object_start_z: setup.object.pose.position[2],
             grip: Grip::default(),
@@ -149,7 +149,7 @@ impl WorldState {
 
     /// Pose, speed (m/s) and spin (rad/s) of the object.
     pub fn object(&self) -> (Isometry3<f64>, f64, f64) {
-        let held = self.hands.own.as_ref().and_then(Reduced::object);
+        let held = self.hands.own.as_ref().and_then(ReducedState::object);
         held.unwrap_or_else(|| readout::object_state(&self.physics, &self.handles))
     }
 
@@ -170,22 +170,22 @@ impl WorldState {
     /// The servo's reference as the motors get it.
     pub fn drives(&self) -> Drives {
         let told = |joint| match &self.hands.own {
-            Some(reduced) => reduced.told(joint),
-            None => motors::told(&self.physics, &self.handles, joint),
+            Some(reduced) => reduced.commanded_position(joint),
+            None => motors::commanded_position(&self.physics, &self.handles, joint),
         };
         let arm = self.servo.q.iter().zip(&self.servo.dq).enumerate().map(|(i, (q, dq))| {
             if self.faults.stuck_joint == Some(i) {
-                Reference { position: told(i), speed: 0.0 }
+                MotorReference { position: told(i), speed: 0.0 }
             } else if self.faults.runaway_joint == Some(i) {
-                Reference { position: told(i) + RUNAWAY_RAD_S * TICK_SECS, speed: RUNAWAY_RAD_S }
+                MotorReference { position: told(i) + RUNAWAY_RAD_S * TICK_SECS, speed: RUNAWAY_RAD_S }
             } else {
-                Reference { position: *q, speed: *dq }
+                MotorReference { position: *q, speed: *dq }
             }
         });
         let g = &self.servo.gripper;
         Drives {
             arm: arm.collect(),
-            finger: Reference { position: 0.5 * g.width_m, speed: 0.5 * g.rate_m_s },
+            finger: MotorReference { position: 0.5 * g.width_m, speed: 0.5 * g.rate_m_s },
             finger_force_n: if self.faults.grip_lost { 0.0 } else { g.force_n },
         }
     }

@@ -6,11 +6,11 @@ use rapier3d::pipeline::PhysicsWorld;
 use crate::effort::{self, Fidelity, Situation, SolverEffort};
 use crate::handles::Handles;
 use crate::motors::Drives;
-use crate::reduced::{Hands, ReducedCell};
+use crate::reduced_state::{ReducedCell, StateOwner};
 use crate::robot::RobotModel;
 
 /// Advances a cell in one fidelity. Follows from robot, cell and fidelity alone; what changes from
-/// tick to tick is the engine's world and the [`Hands`] beside it.
+/// tick to tick is the engine's world and the [`StateOwner`] beside it.
 pub struct Stepper {
     fidelity: Fidelity,
     cell: Option<ReducedCell>,
@@ -39,7 +39,7 @@ impl Stepper {
     /// rested in this tick.
     pub fn tick(
         &self,
-        hands: &mut Hands,
+        hands: &mut StateOwner,
         physics: &mut PhysicsWorld,
         handles: &Handles,
         drives: &Drives,
@@ -78,7 +78,7 @@ impl Stepper {
     }
 
     /// Gives the state back to the engine, if it rests.
-    pub fn wake(&self, hands: &mut Hands, physics: &mut PhysicsWorld, handles: &Handles) {
+    pub fn wake(&self, hands: &mut StateOwner, physics: &mut PhysicsWorld, handles: &Handles) {
         if let (Some(cell), Some(state)) = (&self.cell, hands.own.take()) {
             cell.leave(&state, physics, handles);
         }

@@ -49,7 +49,7 @@ impl Bounds {
 }
 
 /// A collision shape of the robot.
-struct Part {
+struct RobotPart {
     /// The degree of freedom that moves its link.
     link: usize,
     local: Transform,
@@ -61,14 +61,14 @@ struct Part {
 
 /// A ball around all shapes of a link.
 #[derive(Clone, Copy)]
-struct Cover {
+struct BoundingBall {
     centre: Vector3<f64>,
     radius: f64,
     any: bool,
 }
 
 /// Something that stands.
-struct Fixture {
+struct FixedObstacle {
     bounds: Bounds,
     pose: RapierPose,
     shape: SharedShape,
@@ -78,9 +78,9 @@ struct Fixture {
 /// The shapes of a cell.
 pub struct Surveyor {
     joints: usize,
-    parts: Vec<Part>,
-    covers: [Cover; DOFS_MAX],
-    fixtures: Vec<Fixture>,
+    parts: Vec<RobotPart>,
+    covers: [BoundingBall; DOFS_MAX],
+    fixtures: Vec<FixedObstacle>,
     object: Option<(SharedShape, Vector3<f64>, InteractionGroups)>,
     self_contacts: bool,
 }
@@ -138,14 +138,16 @@ impl Surveyor {
                 | ColliderKind::Table
                 | ColliderKind::Tray
                 | ColliderKind::Clutter(_) => {
-                    fixtures.push(Fixture::new(collider));
+                    fixtures.push(FixedObstacle::new(collider));
                 }
-                ColliderKind::Link(index) => parts.push(Part::new(usize::from(*index) - 1, collider, false)),
+                ColliderKind::Link(index) => {
+                    parts.push(RobotPart::new(usize::from(*index) - 1, collider, false))
+                }
                 ColliderKind::Finger(side) => {
-                    parts.push(Part::new(joints + usize::from(*side), collider, false));
+                    parts.push(RobotPart::new(joints + usize::from(*side), collider, false));
                 }
                 ColliderKind::Pad(side) => {
-                    parts.push(Part::new(joints + usize::from(*side), collider, true));
+                    parts.push(RobotPart::new(joints + usize::from(*side), collider, true));
                 }
                 ColliderKind::Object => {
                     let shape = collider.shared_shape().clone();
@@ -153,12 +155,12 @@ impl Surveyor {
                 }
             }
         }
-        let covers = core::array::from_fn(|link| Cover::new(&parts, link));
+        let covers = core::array::from_fn(|link| BoundingBall::new(&parts, link));
         Self { joints, parts, covers, fixtures, object, self_contacts }
     }
 
-    /// Lower bound of every distance that counts: the robot to what stands and to itself; the
-    /// object to what stands where it is held, to the whole robot where it stands.
+    /// Lower bound of every relevant distance: the robot to fixed bodies and to itself; the object to fixed bodies
+    /// while gripped, and to the whole robot while not.
     pub fn survey(&self, q: &Dofs, place: &Placement, object: &FreeBody, held: bool) -> Survey {
         let balls: [(Vector3<f64>, f64); DOFS_MAX] = core::array::from_fn(|link| {
             (place.frames[link].point(&self.covers[link].centre), self.covers[link].radius)
@@ -234,7 +236,13 @@ impl Surveyor {
         cuboid.unwrap_or(Vector::ZERO)
     }
 
-    fn link_to_fixture(&self, place: &Placement, link: usize, fixture: &Fixture, mut least: f64) -> f64 {
+    fn link_to_fixture(
+        &self,
+        place: &Placement,
+        link: usize,
+        fixture: &FixedObstacle,
+        mut least: f64,
+    ) -> f64 {
         for part in self.parts.iter().filter(|part| part.link == link && meet(&part.groups, &fixture.groups))
         {
             let at = place.frames[link].then(&part.local);
@@ -250,7 +258,7 @@ impl Surveyor {
     fn to_itself(&self, place: &Placement, balls: &[(Vector3<f64>, f64); DOFS_MAX], mut least: f64) -> f64 {
         for (i, a) in self.parts.iter().enumerate() {
             for b in &self.parts[i + 1..] {
-                let apart = |other: &Part| balls[other.link];
+                let apart = |other: &RobotPart| balls[other.link];
                 let ((at, r), (to, s)) = (apart(a), apart(b));
                 if !meet(&a.groups, &b.groups) || (at - to).norm() - r - s >= least {
                     continue;
@@ -292,7 +300,7 @@ impl Surveyor {
     }
 }
 
-impl Fixture {
+impl FixedObstacle {
     fn new(collider: &Collider) -> Self {
         let at = from_rapier(collider.position());
         let turn = at.rotation.to_rotation_matrix().into_inner();
@@ -306,7 +314,7 @@ impl Fixture {
     }
 }
 
-impl Part {
+impl RobotPart {
     fn new(link: usize, collider: &Collider, pad: bool) -> Self {
         let local = collider.position_wrt_parent().map(from_rapier).unwrap_or_default();
         Self {
@@ -320,8 +328,8 @@ impl Part {
     }
 }
 
-impl Cover {
-    fn new(parts: &[Part], link: usize) -> Self {
+impl BoundingBall {
+    fn new(parts: &[RobotPart], link: usize) -> Self {
         let own = || parts.iter().filter(|part| part.link == link);
         let count = own().count();
         if count == 0 {
@@ -338,7 +346,7 @@ fn pose_of(at: &Transform) -> RapierPose {
     to_rapier(&at.isometry())
 }
 
-/// Distance of two shapes, 0 where they meet or where it cannot be told, m.
+/// Distance of two shapes, 0 where they meet or the distance is unknown, m.
 fn distance(at: &RapierPose, a: &SharedShape, to: &RapierPose, b: &SharedShape) -> f64 {
     query::distance(at, &**a, to, &**b).map_or(0.0, |found| f64::from(found.distance))
 }

@@ -42,7 +42,7 @@ pub struct Tree {
 
 /// The rigid piece a URDF link belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Piece {
+enum RigidPiece {
     /// Base (0) or the link moved by arm joint `i - 1`.
     Arm(usize),
     Finger(usize),
@@ -50,8 +50,8 @@ enum Piece {
 
 /// Where a URDF link sits: its piece, and its frame in the piece's canonical frame.
 #[derive(Clone, Copy)]
-struct Seat {
-    piece: Piece,
+struct LinkPlacement {
+    piece: RigidPiece,
     pose: Isometry3<f64>,
 }
 
@@ -72,10 +72,10 @@ pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Resu
     let last = config.joints.len();
     let mut links = Vec::with_capacity(last + 1);
     for piece in 0..=last {
-        links.push(reader.piece(Piece::Arm(piece), &seats)?);
+        links.push(reader.piece(RigidPiece::Arm(piece), &seats)?);
     }
     let fingers = [reader.finger(0, &seats, &origins)?, reader.finger(1, &seats, &origins)?];
-    let tool_seat = seats.get(config.tool.link.as_str()).filter(|seat| seat.piece == Piece::Arm(last));
+    let tool_seat = seats.get(config.tool.link.as_str()).filter(|seat| seat.piece == RigidPiece::Arm(last));
     let Some(tool_seat) = tool_seat else {
         let problem = format!("link \"{}\" is not fixed to the last arm joint's link", config.tool.link);
         return Err(SimError::file(toml_file, "tool.link", problem));
@@ -160,8 +160,8 @@ fn check_config(file: &str, config: &RobotFile) -> Result<(), SimError> {
     Ok(())
 }
 
-type Seats<'a> = BTreeMap<&'a str, Seat>;
-type Walked<'a> = (Seats<'a>, Vec<JointSpec>, [Option<(Transform, f64)>; 2]);
+type LinkPlacements<'a> = BTreeMap<&'a str, LinkPlacement>;
+type LinkWalk<'a> = (LinkPlacements<'a>, Vec<JointSpec>, [Option<(Transform, f64)>; 2]);
 
 impl<'a> UrdfReader<'a> {
     fn error(&self, element: String, problem: impl Into<String>) -> SimError {
@@ -184,7 +184,7 @@ impl<'a> UrdfReader<'a> {
     }
 
     /// Visits the tree from its root and seats every link.
-    fn walk(&self) -> Result<Walked<'a>, SimError> {
+    fn walk(&self) -> Result<LinkWalk<'a>, SimError> {
         let mut roots = self
             .robot
             .links
@@ -193,8 +193,8 @@ impl<'a> UrdfReader<'a> {
         let (Some(root), None) = (roots.next(), roots.next()) else {
             return Err(self.error("robot".into(), "the links do not form one tree with one root"));
         };
-        let mut seats = Seats::new();
-        seats.insert(&root.name, Seat { piece: Piece::Arm(0), pose: Isometry3::identity() });
+        let mut seats = LinkPlacements::new();
+        seats.insert(&root.name, LinkPlacement { piece: RigidPiece::Arm(0), pose: Isometry3::identity() });
         let mut joints: Vec<Option<JointSpec>> = vec![None; self.config.joints.len()];
         let mut fingers = [None, None];
         let mut open = vec![root.name.as_str()];
@@ -207,13 +207,19 @@ impl<'a> UrdfReader<'a> {
                 let finger = self.config.gripper.joints.iter().position(|name| *name == joint.name);
                 let child = match (arm, finger) {
                     (Some(i), _) => {
-                        self.expect(&here, &seat, Piece::Arm(i), &joint.joint_type, &JointType::Revolute)?;
+                        self.expect(
+                            &here,
+                            &seat,
+                            RigidPiece::Arm(i),
+                            &joint.joint_type,
+                            &JointType::Revolute,
+                        )?;
                         let align = self.align(&here, &joint.axis)?;
                         joints[i] = Some(self.arm_joint(&here, i, joint, &(at * align))?);
-                        Seat { piece: Piece::Arm(i + 1), pose: align.inverse() }
+                        LinkPlacement { piece: RigidPiece::Arm(i + 1), pose: align.inverse() }
                     }
                     (None, Some(i)) => {
-                        let hand = Piece::Arm(self.config.joints.len());
+                        let hand = RigidPiece::Arm(self.config.joints.len());
                         self.expect(&here, &seat, hand, &joint.joint_type, &JointType::Prismatic)?;
                         let align = self.align(&here, &joint.axis)?;
                         let (lower, upper) = (joint.limit.lower, joint.limit.upper);
@@ -224,10 +230,10 @@ impl<'a> UrdfReader<'a> {
                             return Err(self.error(here, problem));
                         }
                         fingers[i] = Some((Transform::new(&(at * align)), upper));
-                        Seat { piece: Piece::Finger(i), pose: align.inverse() }
+                        LinkPlacement { piece: RigidPiece::Finger(i), pose: align.inverse() }
                     }
                     (None, None) if joint.joint_type == JointType::Fixed => {
-                        Seat { piece: seat.piece, pose: at }
+                        LinkPlacement { piece: seat.piece, pose: at }
                     }
                     (None, None) => {
                         let problem = format!(
@@ -252,8 +258,8 @@ impl<'a> UrdfReader<'a> {
     fn expect(
         &self,
         here: &str,
-        seat: &Seat,
-        piece: Piece,
+        seat: &LinkPlacement,
+        piece: RigidPiece,
         kind: &JointType,
         wanted: &JointType,
     ) -> Result<(), SimError> {
@@ -335,7 +341,7 @@ impl<'a> UrdfReader<'a> {
     }
 
     /// Everything that belongs to one rigid piece.
-    fn piece(&self, piece: Piece, seats: &Seats<'_>) -> Result<LinkSpec, SimError> {
+    fn piece(&self, piece: RigidPiece, seats: &LinkPlacements<'_>) -> Result<LinkSpec, SimError> {
         let mut spec = LinkSpec { name: String::new(), inertial: None, shapes: Vec::new() };
         for link in &self.robot.links {
             let Some(seat) = seats.get(link.name.as_str()).filter(|seat| seat.piece == piece) else {
@@ -350,7 +356,7 @@ impl<'a> UrdfReader<'a> {
             }
             let pad_name = &self.config.gripper.pad;
             for collision in &link.collision {
-                let is_finger = matches!(piece, Piece::Finger(_));
+                let is_finger = matches!(piece, RigidPiece::Finger(_));
                 let named = pad_name.is_none() || (collision.name.is_some() && collision.name == *pad_name);
                 spec.shapes.push(LinkShape {
                     pose: seat.pose * self.origin(&here, &collision.origin)?,
@@ -359,7 +365,7 @@ impl<'a> UrdfReader<'a> {
                 });
             }
         }
-        if spec.inertial.is_none() && piece != Piece::Arm(0) {
+        if spec.inertial.is_none() && piece != RigidPiece::Arm(0) {
             return Err(self.error(format!("link \"{}\"", spec.name), "moves but has no mass"));
         }
         Ok(spec)
@@ -368,14 +374,14 @@ impl<'a> UrdfReader<'a> {
     fn finger(
         &self,
         i: usize,
-        seats: &Seats<'_>,
+        seats: &LinkPlacements<'_>,
         origins: &[Option<(Transform, f64)>; 2],
     ) -> Result<FingerSpec, SimError> {
         let joint = &self.config.gripper.joints[i];
         let Some((origin, stroke_m)) = origins[i] else {
             return Err(self.error(format!("joint \"{joint}\""), "hangs on no link of the tree"));
         };
-        let link = self.piece(Piece::Finger(i), seats)?;
+        let link = self.piece(RigidPiece::Finger(i), seats)?;
         if !link.shapes.iter().any(|shape| shape.pad) {
             let wanted = self.config.gripper.pad.as_deref().unwrap_or("");
             return Err(self.error(

@@ -17,13 +17,13 @@ use serde::{Deserialize, Serialize};
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
 use crate::fault::InjectedFault;
-use crate::film::Film;
+use crate::film::EpisodeFilm;
 use crate::perception::sensor_errors;
 use crate::readout::{self, ContactForces, JointState};
-use crate::reduced::Reduced;
+use crate::reduced_state::ReducedState;
 use crate::robot::RobotModel;
 use crate::scene::Scene;
-use crate::state::{UnderWay, WorldState, check_command};
+use crate::state::{InFlightCommand, WorldState, check_command};
 use crate::stepper::Stepper;
 use holdpoint_body::{
     Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose,
@@ -50,13 +50,13 @@ pub struct World {
     stepper: Stepper,
     state: WorldState,
     observation: Observation,
-    /// What it shows, while somebody films it.
-    pub(crate) film: Option<Box<Film>>,
+    /// The recorded film, while one is being recorded.
+    pub(crate) film: Option<Box<EpisodeFilm>>,
 }
 
 /// True state, for drawing, inspection and tests. Neither skill nor governance sees it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Truth {
+pub struct WorldTruth {
     /// World tick.
     pub tick: u64,
     /// True joint positions, rad.
@@ -224,7 +224,7 @@ impl World {
         let delay = libm::round(s.setup.action.latency_ticks + jitter) as u64;
         s.last_due = s.last_due.max(s.tick + delay);
         if !matches!(command, Command::Hold) && s.queue.len() < QUEUE_MAX {
-            s.queue.push_back(UnderWay { due: s.last_due, command: command.clone() });
+            s.queue.push_back(InFlightCommand { due: s.last_due, command: command.clone() });
         }
         if matches!(command, Command::Fail { .. }) {
             // From here on the robot is expected to stand still, until released.
@@ -278,7 +278,7 @@ impl World {
 
     /// True state.
     #[must_use]
-    pub fn truth(&self) -> Truth {
+    pub fn truth(&self) -> WorldTruth {
         let s = &self.state;
         let frames = self.robot.geometry.chain.frames(&s.joints.q);
         let twist = self.robot.geometry.chain.jacobian(&frames).twist(&s.joints.dq);
@@ -288,7 +288,7 @@ impl World {
             let last = frames.links[frames.count.saturating_sub(1)].isometry();
             Pose::from(&(last * self.robot.gripper.fingers[i].origin.isometry() * slide))
         };
-        Truth {
+        WorldTruth {
             tick: s.tick,
             q: s.joints.q.clone(),
             dq: s.joints.dq.clone(),
@@ -445,8 +445,12 @@ impl World {
             p.into_iter().chain(r).chain(v).chain(w).flat_map(|value| value.to_bits().to_le_bytes())
         });
         let servo = s.servo.q.iter().chain(&s.servo.dq).flat_map(|value| value.to_bits().to_le_bytes());
-        let reduced =
-            s.hands.own.iter().flat_map(Reduced::numbers).flat_map(|value| value.to_bits().to_le_bytes());
+        let reduced = s
+            .hands
+            .own
+            .iter()
+            .flat_map(ReducedState::numbers)
+            .flat_map(|value| value.to_bits().to_le_bytes());
         crate::robot::fnv1a(bodies.chain(servo).chain(reduced).chain(s.tick.to_le_bytes()))
     }
 

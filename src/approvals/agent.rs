@@ -1,8 +1,8 @@
-//! Keys that an ssh-agent holds: which there are, and its signature with one of them.
+//! Keys of an ssh-agent: their list, and signatures with one of them.
 //!
 //! Speaks two messages of the agent's protocol (draft-miller-ssh-agent, `SSH_AGENTC_REQUEST_IDENTITIES` and
-//! `SSH_AGENTC_SIGN_REQUEST`) and knows ed25519 alone: its signature over our bytes is a plain ed25519 signature, so
-//! nobody sees from a record where the key lies. Every length is bounded and every wait ends.
+//! `SSH_AGENTC_SIGN_REQUEST`) and only ed25519. Its signature over our bytes is a plain ed25519 signature, so a record
+//! does not show where the key lies. Every length is bounded and every wait ends.
 
 use std::borrow::Cow;
 use std::io::{self, Read, Write};
@@ -15,17 +15,17 @@ use holdpoint_text::{Hint, Untrusted};
 
 use super::keyfile::public_of;
 
-/// Names the agent's socket.
+/// The variable that names the agent's socket.
 pub const SOCKET_VARIABLE: &str = "SSH_AUTH_SOCK";
-/// The longest message that is read, bytes; OpenSSH's agent sends no longer one.
+/// The longest message, bytes; the limit of OpenSSH's agent.
 const MESSAGE_BYTES_MAX: usize = 256 * 1024;
-/// The most keys that are looked at.
+/// The most keys considered.
 const KEYS_MAX: u32 = 1000;
-/// How long an agent may take to say which keys it has.
+/// How long an agent may take to list its keys.
 const LIST_PATIENCE: Duration = Duration::from_secs(5);
-/// How long a signature may take: it may wait for somebody to confirm it, or to touch a device.
+/// How long a signature may take: the user may have to confirm it or touch a device.
 const SIGN_PATIENCE: Duration = Duration::from_mins(1);
-/// The longest comment that is kept of a key, bytes.
+/// The longest stored comment of a key, bytes.
 const COMMENT_BYTES_MAX: usize = 256;
 
 const FAILURE: u8 = 5;
@@ -35,7 +35,7 @@ const SIGN_REQUEST: u8 = 13;
 const SIGN_RESPONSE: u8 = 14;
 const ED25519: &[u8] = b"ssh-ed25519";
 
-/// What went wrong with an agent.
+/// An error of an agent.
 #[derive(Debug, thiserror::Error)]
 pub enum AgentError {
     #[error("{SOCKET_VARIABLE} names no ssh-agent")]
@@ -44,17 +44,17 @@ pub enum AgentError {
     Io { what: &'static str, path: PathBuf, source: io::Error },
     #[error("the ssh-agent at {path:?} did not answer within {secs} s")]
     Silent { path: PathBuf, secs: u64 },
-    /// What it sent is no answer of the protocol, or too long.
+    /// Its answer violates the protocol or is too long.
     #[error("the ssh-agent at {path:?} answered something else than expected: {problem}")]
     Answer { path: PathBuf, problem: &'static str },
-    /// It does not hold the key, somebody said no, or it is locked.
+    /// The agent does not hold the key, its user declined, or it is locked.
     #[error("the ssh-agent at {0:?} refused to sign")]
     Refused(PathBuf),
     #[error("the ssh-agent at {path:?} holds no ed25519 key {named}")]
     NoKey { path: PathBuf, named: String },
     #[error("the ssh-agent at {path:?} holds {count} ed25519 keys {named}")]
     SeveralKeys { path: PathBuf, named: String, count: usize },
-    /// The signature is by another key than was asked for.
+    /// The signature is by another key than requested.
     #[error("the ssh-agent at {0:?} signed with another key, or something else")]
     Signature(PathBuf),
 }
@@ -82,20 +82,20 @@ impl Hint for AgentError {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AgentKey {
     pub public_key: VerifyingKey,
-    /// As it was given to the agent; text of somebody else's.
+    /// The comment given to the agent; foreign text.
     pub comment: String,
 }
 
-/// Where an agent listens.
+/// The address of an agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Agent {
+pub struct SshAgent {
     path: PathBuf,
     list_patience: Duration,
     sign_patience: Duration,
 }
 
-impl Agent {
-    /// The one that the environment names.
+impl SshAgent {
+    /// The agent that the environment names.
     ///
     /// # Errors
     /// [`AgentError::NotNamed`].
@@ -104,19 +104,19 @@ impl Agent {
         path.map(|path| Self::at(Path::new(&path))).ok_or(AgentError::NotNamed)
     }
 
-    /// The one that listens there.
+    /// The agent at this path.
     #[must_use]
     pub fn at(path: &Path) -> Self {
         Self { path: path.to_owned(), list_patience: LIST_PATIENCE, sign_patience: SIGN_PATIENCE }
     }
 
-    /// Its ed25519 keys; others are passed over.
+    /// Its ed25519 keys; others are skipped.
     ///
     /// # Errors
     /// [`AgentError`].
     pub fn keys(&self) -> Result<Vec<AgentKey>, AgentError> {
         let answer = self.ask(&[REQUEST_IDENTITIES], self.list_patience)?;
-        let mut rest = Fields { agent: self, rest: &answer };
+        let mut rest = ReplyFields { agent: self, rest: &answer };
         match rest.byte()? {
             IDENTITIES_ANSWER => {}
             FAILURE => return Err(self.wrong("it lists no keys")),
@@ -138,10 +138,10 @@ impl Agent {
         Ok(keys)
     }
 
-    /// The one key that is meant: by comment, by fingerprint, or the only one there is.
+    /// The selected key: by comment, by fingerprint, or the only one there is.
     ///
     /// # Errors
-    /// [`AgentError`]; where it is not clear which, the key is not guessed.
+    /// [`AgentError`]; an ambiguous selection is an error, never a guess.
     pub fn key(&self, named: Option<&str>) -> Result<AgentKey, AgentError> {
         let is_meant = |key: &AgentKey| {
             named.is_none_or(|named| key.comment == named || fingerprint(&key.public_key) == named)
@@ -156,7 +156,7 @@ impl Agent {
         }
     }
 
-    /// Its signature with this key over these bytes, held against the key.
+    /// The agent's signature with this key over these bytes, verified with the key.
     ///
     /// # Errors
     /// [`AgentError`].
@@ -166,13 +166,13 @@ impl Agent {
         push(&mut message, bytes);
         message.extend(0_u32.to_be_bytes());
         let answer = self.ask(&message, self.sign_patience)?;
-        let mut rest = Fields { agent: self, rest: &answer };
+        let mut rest = ReplyFields { agent: self, rest: &answer };
         match rest.byte()? {
             SIGN_RESPONSE => {}
             FAILURE => return Err(AgentError::Refused(self.path.clone())),
             _ => return Err(self.wrong("no signature")),
         }
-        let mut inner = Fields { agent: self, rest: rest.string()? };
+        let mut inner = ReplyFields { agent: self, rest: rest.string()? };
         if inner.string()? != ED25519 {
             return Err(self.wrong("a signature of another kind"));
         }
@@ -184,7 +184,7 @@ impl Agent {
         }
     }
 
-    /// One message, and its answer without the length before it.
+    /// Sends one message and returns the answer without its length prefix.
     fn ask(&self, message: &[u8], patience: Duration) -> Result<Vec<u8>, AgentError> {
         let io = |what, source: io::Error| AgentError::Io { what, path: self.path.clone(), source };
         let until = Instant::now() + patience;
@@ -204,7 +204,7 @@ impl Agent {
         Ok(answer)
     }
 
-    /// Fills `into`; an agent that sends a byte now and then is waited for no longer than a silent one.
+    /// Fills `into` before the deadline, which a slowly sending agent does not extend.
     fn read(
         &self,
         stream: &mut UnixStream,
@@ -240,12 +240,12 @@ impl Agent {
 }
 
 /// The rest of an answer.
-struct Fields<'a> {
-    agent: &'a Agent,
+struct ReplyFields<'a> {
+    agent: &'a SshAgent,
     rest: &'a [u8],
 }
 
-impl<'a> Fields<'a> {
+impl<'a> ReplyFields<'a> {
     fn take(&mut self, count: usize) -> Result<&'a [u8], AgentError> {
         let (taken, rest) =
             self.rest.split_at_checked(count).ok_or_else(|| self.agent.wrong("a field without its end"))?;
@@ -319,8 +319,8 @@ mod tests {
     use holdpoint_governance::approval::Role;
     use holdpoint_governance::ids::Digest;
 
-    /// An agent that reads each message and sends what it is told, in this order, one connection each.
-    fn says(folder: &Path, answers: Vec<Vec<u8>>) -> (Agent, JoinHandle<Vec<Vec<u8>>>) {
+    /// An agent that reads each message and sends `answers` in this order, one connection each.
+    fn says(folder: &Path, answers: Vec<Vec<u8>>) -> (SshAgent, JoinHandle<Vec<Vec<u8>>>) {
         let path = folder.join("agent");
         drop(std::fs::remove_file(&path));
         let listener = UnixListener::bind(&path).unwrap();
@@ -335,14 +335,14 @@ mod tests {
                 heard.push(message);
                 stream.write_all(&answer).unwrap();
                 if answer.is_empty() {
-                    // Silence, until the other side has gone.
+                    // Sends nothing until the other side closes.
                     drop(stream.read(&mut length));
                 }
             }
             heard
         });
         let short = Duration::from_millis(200);
-        (Agent { list_patience: short, sign_patience: short, ..Agent::at(&path) }, thread)
+        (SshAgent { list_patience: short, sign_patience: short, ..SshAgent::at(&path) }, thread)
     }
 
     fn framed(kind: u8, rest: &[u8]) -> Vec<u8> {
@@ -353,7 +353,7 @@ mod tests {
 
     fn listed(keys: &[(&SigningKey, &str)]) -> Vec<u8> {
         let mut rest = u32::try_from(keys.len() + 1).unwrap().to_be_bytes().to_vec();
-        // A key of another kind is passed over.
+        // A key of another kind is skipped.
         push(&mut rest, b"\0\0\0\x07ssh-rsa\0\0\0\x01\x03");
         push(&mut rest, b"old");
         for (key, comment) in keys {
@@ -438,7 +438,7 @@ mod tests {
         let info =
             IdentityInfo { name: "ada".to_owned(), role: Role::Safety, public_key: ada.verifying_key() };
         Identity::note_agent(folder.path(), &info).unwrap();
-        // Noted once, for one key under one name; a key that lies here is not passed over.
+        // Noted once, for one key under one name; an existing key file takes precedence.
         Identity::note_agent(folder.path(), &info).unwrap();
         let other = IdentityInfo { name: "eve".to_owned(), ..info.clone() };
         assert!(matches!(Identity::note_agent(folder.path(), &other), Err(IdentityError::KeyTaken { .. })));
@@ -451,9 +451,9 @@ mod tests {
     }
 
     /// The agent of OpenSSH, where it is installed; it ends with the test.
-    struct RealAgent(std::process::Child);
+    struct OpenSshAgent(std::process::Child);
 
-    impl Drop for RealAgent {
+    impl Drop for OpenSshAgent {
         fn drop(&mut self) {
             drop(self.0.kill());
             drop(self.0.wait());
@@ -465,7 +465,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (socket, file) = (folder.path().join("real"), folder.path().join("key"));
         let started = Command::new("ssh-agent").arg("-D").arg("-a").arg(&socket).spawn();
-        let Ok(_agent) = started.map(RealAgent) else {
+        let Ok(_agent) = started.map(OpenSshAgent) else {
             println!("not looked at: there is no ssh-agent on this machine");
             return;
         };
@@ -481,7 +481,7 @@ mod tests {
         while !socket.exists() && Instant::now() < until {
             std::thread::yield_now();
         }
-        let agent = Agent::at(&socket);
+        let agent = SshAgent::at(&socket);
         assert_eq!(agent.keys().unwrap(), []);
         let added =
             Command::new("ssh-add").env(SOCKET_VARIABLE, &socket).arg("-q").arg(&file).output().unwrap();
@@ -502,7 +502,7 @@ mod tests {
             not_after_ms: 1000,
         };
         ada.sign_call(claim.clone()).unwrap().verify(ada.info()).unwrap();
-        // Once it is taken from the agent, nothing is signed.
+        // Without the key in the agent, nothing is signed.
         let gone =
             Command::new("ssh-add").env(SOCKET_VARIABLE, &socket).arg("-q").arg("-D").output().unwrap();
         assert!(gone.status.success());

@@ -1,16 +1,16 @@
 //! An author's signature under a version: an enrolled person's, or an organization's whose key is enrolled.
 //!
-//! It is over the candidate's digest and the text of its submission, so that neither code nor author, parent and estimated
-//! risk can be exchanged under it. It says who wrote the version and gives it no authority.
+//! It covers the candidate's digest and the text of its submission, so that code, author, parent and estimated risk
+//! cannot be exchanged under it. It names the author of the version and gives it no authority.
 
 use serde::{Deserialize, Serialize};
 
 use super::identity::Identity;
 use super::keyfile::hex;
-use super::signed::{ApprovalError, holds};
+use super::signed_approval::{ApprovalError, holds};
 use holdpoint_governance::ids::Digest;
 
-/// Separates these bytes from everything else that is ever signed.
+/// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/authorship/v1";
 
 /// The author's signature, as the file `author.sig` beside a manifest has it.
@@ -19,7 +19,7 @@ const DOMAIN: &str = "holdpoint/authorship/v1";
 pub struct SignedAuthorship {
     /// Name of the identity; the submission names the same author.
     pub author: String,
-    /// The key that is to have signed, 64 hexadecimal digits.
+    /// The claimed key, 64 hexadecimal digits.
     pub public_key: String,
     /// The signature, 128 hexadecimal digits.
     pub signature: String,
@@ -29,14 +29,14 @@ impl SignedAuthorship {
     /// Signs a version as its author.
     ///
     /// # Errors
-    /// If the agent that holds the key signs nothing.
+    /// If the key's agent refuses to sign.
     pub fn by(who: &Identity, candidate: &Digest, submission: &str) -> Result<Self, ApprovalError> {
         let author = who.info().name.clone();
         let signature = who.signature(&digest(&author, candidate, submission))?;
         Ok(Self { author, public_key: hex(who.info().public_key.as_bytes()), signature })
     }
 
-    /// Whether the key that it names made it, over this version (strict ed25519).
+    /// Whether the named key signed this version (strict ed25519).
     #[must_use]
     pub fn holds(&self, candidate: &Digest, submission: &str) -> bool {
         let signed = digest(&self.author, candidate, submission);

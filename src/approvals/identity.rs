@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 
-use super::agent::{Agent, AgentError, fingerprint};
-use super::call::{CallClaim, SignedCall};
-use super::keyfile::{self, Keep, KeptKey, KeyError, Protection};
+use super::agent::{AgentError, SshAgent, fingerprint};
+use super::keyfile::{self, KeyEncoding, KeyError, Protection, StoredKey};
 use super::passphrase::Passphrase;
-use super::signed::{Approval, ApprovalError, SignedApproval};
+use super::signed_approval::{Approval, ApprovalError, SignedApproval};
+use super::signed_call::{CallClaim, SignedCall};
 use holdpoint_governance::approval::Role;
+use holdpoint_governance::closed_set::ClosedSetError;
 use holdpoint_governance::ids::{Digest, is_name};
-use holdpoint_governance::words::WordError;
 use holdpoint_text::Hint;
 
 /// The longest identity or role name, bytes.
@@ -33,24 +33,24 @@ pub enum IdentityError {
     #[error("the identity {name:?} cannot decide anything: {source}")]
     Role {
         name: String,
-        /// Which role, and which there are.
-        source: WordError,
+        /// The unknown role and the valid ones.
+        source: ClosedSetError,
     },
-    /// There is one of that name.
+    /// The name is taken.
     #[error("there is an identity {0:?} already")]
     Exists(String),
-    /// There is none of that name.
+    /// The name is unknown.
     #[error("there is no identity {name:?} in {folder:?}")]
     Unknown {
         name: String,
-        /// Where it was looked for.
+        /// The folder searched.
         folder: PathBuf,
     },
     /// Another name has this key: one key is one person.
     #[error("the key of {name:?} is that of {other:?} already; one key is one person")]
     KeyTaken {
         name: String,
-        /// Whose it is.
+        /// The name with this key.
         other: String,
     },
     /// The secret and the public key do not belong together.
@@ -59,7 +59,7 @@ pub enum IdentityError {
     /// There are too many.
     #[error("{0:?} holds more than 1000 identities")]
     TooMany(PathBuf),
-    /// The agent has the say over its passphrase.
+    /// The key is in an agent, which manages its passphrase.
     #[error("the key of {0:?} is with an ssh-agent, and has no passphrase here")]
     WithAgent(String),
     /// The agent does not hold it now.
@@ -93,7 +93,7 @@ impl Hint for IdentityError {
     }
 }
 
-/// Who someone is, without the secret.
+/// An identity without its secret.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IdentityInfo {
     pub name: String,
@@ -103,27 +103,27 @@ pub struct IdentityInfo {
 
 /// The identities of a store.
 #[derive(Debug, Default)]
-pub struct People {
-    /// Who may decide, by name.
+pub struct IdentityFolder {
+    /// The valid identities, by name.
     pub known: Vec<IdentityInfo>,
-    /// Those whose role does not exist (older versions took any word): they can decide nothing.
+    /// Identities with an unknown role (older versions took any word): they can decide nothing.
     pub without_role: Vec<IdentityError>,
 }
 
-/// Someone who can sign. The secret is wiped from memory when this is dropped and never shown.
+/// An identity that can sign. The secret is never shown, and wiped from memory on drop.
 pub struct Identity {
     info: IdentityInfo,
     secret: Secret,
-    /// What protected the secret when it was opened or made.
+    /// The protection of the secret when it was opened or made.
     protection: Protection,
 }
 
-/// Where a secret is.
+/// The place of a secret.
 enum Secret {
-    /// Here, opened.
+    /// In memory, opened.
     Here(Box<SigningKey>),
-    /// With an ssh-agent, which signs.
-    Agent(Agent),
+    /// In an ssh-agent, which signs.
+    Agent(SshAgent),
 }
 
 impl std::fmt::Debug for Identity {
@@ -135,39 +135,39 @@ impl std::fmt::Debug for Identity {
     }
 }
 
-/// Someone whose secret is still as it is kept.
+/// An identity with its stored, unopened secret.
 #[derive(Debug)]
-pub struct KeptIdentity {
+pub struct LockedIdentity {
     info: IdentityInfo,
     path: PathBuf,
-    key: KeptSecret,
+    key: StoredSecret,
 }
 
-/// A secret as it is kept.
+/// A stored secret.
 #[derive(Debug)]
-enum KeptSecret {
+enum StoredSecret {
     /// In its file.
-    File(Box<KeptKey>),
-    /// With an ssh-agent; a file says so.
+    File(Box<StoredKey>),
+    /// In an ssh-agent, as a note file states.
     Agent,
 }
 
-impl KeptIdentity {
+impl LockedIdentity {
     #[must_use]
     pub const fn info(&self) -> &IdentityInfo {
         &self.info
     }
 
-    /// What protects the secret.
+    /// The protection of the secret.
     #[must_use]
     pub const fn protection(&self) -> Protection {
         match &self.key {
-            KeptSecret::File(key) => key.protection(),
-            KeptSecret::Agent => Protection::Elsewhere,
+            StoredSecret::File(key) => key.protection(),
+            StoredSecret::Agent => Protection::Elsewhere,
         }
     }
 
-    /// Someone who can sign.
+    /// Opens the secret for signing.
     ///
     /// # Errors
     /// If the passphrase is wrong, missing or superfluous, or the two files do not belong together.
@@ -175,8 +175,8 @@ impl KeptIdentity {
         let protection = self.protection();
         let Self { info, path, key } = self;
         let secret = match key {
-            KeptSecret::File(key) => key.unlock(&path, passphrase)?,
-            KeptSecret::Agent => return Identity::of_agent(info, Agent::named()?),
+            StoredSecret::File(key) => key.unlock(&path, passphrase)?,
+            StoredSecret::Agent => return Identity::of_agent(info, SshAgent::named()?),
         };
         if secret.verifying_key() != info.public_key {
             return Err(IdentityError::Mismatch(info.name));
@@ -186,19 +186,24 @@ impl KeptIdentity {
 }
 
 impl Identity {
-    /// Makes an identity with a fresh key that has no passphrase, and writes it into `folder`.
+    /// Makes an identity with a new unencrypted key and writes it into `folder`.
     ///
     /// # Errors
     /// If the name is not allowed or taken, or the files cannot be written.
     pub fn create(folder: &Path, name: &str, role: Role) -> Result<Self, IdentityError> {
-        Self::create_kept(folder, name, role, Keep::Plain)
+        Self::create_kept(folder, name, role, KeyEncoding::Plain)
     }
 
-    /// Makes an identity with a fresh key and writes it into `folder`, under a passphrase or not.
+    /// Makes an identity with a new key and writes it into `folder`, with or without a passphrase.
     ///
     /// # Errors
     /// If the name is not allowed or taken, or the files cannot be written.
-    pub fn create_kept(folder: &Path, name: &str, role: Role, keep: Keep<'_>) -> Result<Self, IdentityError> {
+    pub fn create_kept(
+        folder: &Path,
+        name: &str,
+        role: Role,
+        keep: KeyEncoding<'_>,
+    ) -> Result<Self, IdentityError> {
         Self::create_with(folder, name, role, keyfile::generate()?, keep)
     }
 
@@ -207,7 +212,7 @@ impl Identity {
         name: &str,
         role: Role,
         secret: SigningKey,
-        keep: Keep<'_>,
+        keep: KeyEncoding<'_>,
     ) -> Result<Self, IdentityError> {
         let (secret_path, public_path) = paths(folder, name)?;
         if fs::symlink_metadata(&secret_path).is_ok() || fs::symlink_metadata(&public_path).is_ok() {
@@ -217,12 +222,12 @@ impl Identity {
             return Err(IdentityError::KeyTaken { name: name.to_owned(), other });
         }
         let protection = match keep {
-            Keep::Plain => Protection::None,
-            Keep::Sealed(..) => Protection::Passphrase,
+            KeyEncoding::Plain => Protection::None,
+            KeyEncoding::Sealed(..) => Protection::Passphrase,
         };
         keyfile::write_kept(&secret_path, &secret, keep)?;
         if let Err(error) = keyfile::write_public(&public_path, &secret.verifying_key(), role.name()) {
-            // Half an identity would only keep the name from the next try.
+            // Half an identity would block the name.
             drop(fs::remove_file(&secret_path));
             return Err(error.into());
         }
@@ -233,7 +238,7 @@ impl Identity {
         })
     }
 
-    /// Reads an identity with its secret, which has no passphrase.
+    /// Reads an identity with its unencrypted secret.
     ///
     /// # Errors
     /// If there is none, others can read the secret, it has a passphrase, or the two files do not belong together.
@@ -241,26 +246,26 @@ impl Identity {
         Self::open(folder, name)?.unlock(None)
     }
 
-    /// Reads an identity with its secret as it is kept.
+    /// Reads an identity with its stored, unopened secret.
     ///
     /// # Errors
     /// If there is none, or others can read the secret.
-    pub fn open(folder: &Path, name: &str) -> Result<KeptIdentity, IdentityError> {
+    pub fn open(folder: &Path, name: &str) -> Result<LockedIdentity, IdentityError> {
         let info = Self::find(folder, name)?;
         let path = paths(folder, name)?.0;
         let key = if fs::symlink_metadata(&path).is_err() && fs::symlink_metadata(agent_file(&path)).is_ok() {
-            KeptSecret::Agent
+            StoredSecret::Agent
         } else {
-            KeptSecret::File(Box::new(keyfile::read_kept(&path)?))
+            StoredSecret::File(Box::new(keyfile::read_kept(&path)?))
         };
-        Ok(KeptIdentity { info, path, key })
+        Ok(LockedIdentity { info, path, key })
     }
 
-    /// Somebody whose key an agent holds now.
+    /// An identity whose key an agent holds now.
     ///
     /// # Errors
-    /// [`IdentityError::NotWithAgent`], or what is wrong with the agent.
-    pub fn of_agent(info: IdentityInfo, agent: Agent) -> Result<Self, IdentityError> {
+    /// [`IdentityError::NotWithAgent`], or the error of the agent.
+    pub fn of_agent(info: IdentityInfo, agent: SshAgent) -> Result<Self, IdentityError> {
         let holds = agent.keys()?.iter().any(|key| key.public_key == info.public_key);
         if !holds {
             return Err(IdentityError::NotWithAgent {
@@ -271,7 +276,7 @@ impl Identity {
         Ok(Self { info, secret: Secret::Agent(agent), protection: Protection::Elsewhere })
     }
 
-    /// Notes that an ssh-agent holds somebody's key: who signs as them asks it.
+    /// Notes that an ssh-agent holds the key of an identity: signing as this identity asks the agent.
     ///
     /// # Errors
     /// If there is a key of that name already, or the files cannot be written.
@@ -293,10 +298,10 @@ impl Identity {
         Ok(keyfile::write_public(&public_path, &who.public_key, who.role.name())?)
     }
 
-    /// What protects somebody's secret, as far as this folder tells: whoever has the secret may have a copy elsewhere.
+    /// The protection of an identity's secret in this folder; copies elsewhere may be unprotected.
     ///
     /// # Errors
-    /// If the key file is there and is none, or others can read it.
+    /// If the key file is damaged, or others can read it.
     pub fn protection(folder: &Path, name: &str) -> Result<Protection, IdentityError> {
         let path = paths(folder, name)?.0;
         match fs::symlink_metadata(&path) {
@@ -305,11 +310,11 @@ impl Identity {
         }
     }
 
-    /// Writes somebody's secret anew, under another passphrase or none; the old form stands until the new one is whole.
+    /// Rewrites a secret under another passphrase or none; the old file stays until the new one is complete.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep(&self, folder: &Path, keep: Keep<'_>) -> Result<(), IdentityError> {
+    pub fn keep(&self, folder: &Path, keep: KeyEncoding<'_>) -> Result<(), IdentityError> {
         match &self.secret {
             Secret::Here(secret) => {
                 Ok(keyfile::replace_secret(&paths(folder, &self.info.name)?.0, secret, keep)?)
@@ -318,7 +323,7 @@ impl Identity {
         }
     }
 
-    /// Takes the files of a key away that was just made and is nobody's: the name is free again.
+    /// Removes the files of a new key that no store uses, so that the name is free again.
     ///
     /// # Errors
     /// If they cannot be removed.
@@ -330,7 +335,7 @@ impl Identity {
         Ok(())
     }
 
-    /// Everybody who has this key, by name, whatever their role: the same person under each of these names.
+    /// All identities with this key, by name and whatever their role: they are the same person.
     ///
     /// # Errors
     /// If the folder cannot be read, a file in it is damaged, or there are more than 1000.
@@ -344,7 +349,7 @@ impl Identity {
         Ok(names)
     }
 
-    /// Reads who someone is, without the secret.
+    /// Reads an identity without its secret.
     ///
     /// # Errors
     /// If there is no such identity or its public file is damaged.
@@ -361,12 +366,12 @@ impl Identity {
         })
     }
 
-    /// Everyone known, by name.
+    /// All identities, by name.
     ///
     /// # Errors
     /// If the folder cannot be read, a file in it is damaged, or there are more than 1000.
-    pub fn list(folder: &Path) -> Result<People, IdentityError> {
-        let mut people = People::default();
+    pub fn list(folder: &Path) -> Result<IdentityFolder, IdentityError> {
+        let mut people = IdentityFolder::default();
         for name in names_in(folder)? {
             match Self::find(folder, &name) {
                 Ok(info) => people.known.push(info),
@@ -382,7 +387,7 @@ impl Identity {
         &self.info
     }
 
-    /// Whether reading a file of the store was not enough to sign as this person when the secret was opened or made.
+    /// Whether signing as this identity took more than reading a file of the store, when the secret was opened or made.
     pub(super) const fn is_guarded(&self) -> bool {
         match self.protection {
             Protection::Passphrase | Protection::Elsewhere => true,
@@ -422,7 +427,7 @@ impl Identity {
     }
 }
 
-/// Whose public files there are, by name.
+/// The names that have a public file.
 fn names_in(folder: &Path) -> Result<Vec<String>, IdentityError> {
     let unreadable = |source| KeyError::Io { what: "list", path: folder.to_owned(), source };
     let mut names = Vec::new();
@@ -439,7 +444,7 @@ fn names_in(folder: &Path) -> Result<Vec<String>, IdentityError> {
     Ok(names)
 }
 
-/// Beside the key's file: says that an agent holds the key.
+/// The note beside the key file that an agent holds the key.
 fn agent_file(secret_path: &Path) -> PathBuf {
     secret_path.with_extension("agent")
 }
@@ -456,7 +461,7 @@ mod tests {
     use std::os::unix::fs::PermissionsExt;
 
     use super::*;
-    use crate::Cost;
+    use crate::KdfCost;
 
     #[test]
     fn made_listed_and_loaded() {
@@ -481,18 +486,19 @@ mod tests {
         let (old, new) = (passphrase("under the oak"), passphrase("over the hill"));
         let open = |words: Option<&Passphrase>| Identity::open(folder, "ada").unwrap().unlock(words);
         let ada =
-            Identity::create_kept(folder, "ada", Role::Operator, Keep::Sealed(&old, Cost::LEAST)).unwrap();
+            Identity::create_kept(folder, "ada", Role::Operator, KeyEncoding::Sealed(&old, KdfCost::LEAST))
+                .unwrap();
         assert_eq!(Identity::protection(folder, "ada").unwrap(), Protection::Passphrase);
         assert_eq!(open(Some(&old)).unwrap().info(), ada.info());
         let wrong = open(Some(&new)).unwrap_err();
         assert!(wrong.to_string().contains("the passphrase is wrong"), "{wrong}");
         assert!(Identity::load(folder, "ada").unwrap_err().hint().unwrap().contains("--passphrase-file"));
-        // What a sudden death left of another change is in nobody's way.
+        // The remains of an interrupted change do not block this one.
         std::fs::write(folder.join("ada.key.new"), "holdpoint-key 1\nkdf").unwrap();
         assert_eq!(open(Some(&old)).unwrap().info(), ada.info());
-        open(Some(&old)).unwrap().keep(folder, Keep::Sealed(&new, Cost::LEAST)).unwrap();
+        open(Some(&old)).unwrap().keep(folder, KeyEncoding::Sealed(&new, KdfCost::LEAST)).unwrap();
         assert!(open(Some(&old)).is_err());
-        open(Some(&new)).unwrap().keep(folder, Keep::Plain).unwrap();
+        open(Some(&new)).unwrap().keep(folder, KeyEncoding::Plain).unwrap();
         assert_eq!(Identity::protection(folder, "ada").unwrap(), Protection::None);
         assert!(open(Some(&new)).unwrap_err().to_string().contains("has no passphrase"));
         assert_eq!(Identity::load(folder, "ada").unwrap().info(), ada.info());
@@ -508,10 +514,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
         let before = std::fs::read(folder.path().join("ada.key")).unwrap();
-        // Nothing can be written aside.
+        // The folder is read-only.
         std::fs::create_dir(folder.path().join("ada.key.new")).unwrap();
         let words = passphrase("under the oak");
-        assert!(ada.keep(folder.path(), Keep::Sealed(&words, Cost::LEAST)).is_err());
+        assert!(ada.keep(folder.path(), KeyEncoding::Sealed(&words, KdfCost::LEAST)).is_err());
         assert_eq!(std::fs::read(folder.path().join("ada.key")).unwrap(), before);
     }
 
@@ -522,10 +528,10 @@ mod tests {
         let Secret::Here(again) = &ada.secret else { panic!("it is here") };
         let again = SigningKey::from_bytes(&again.to_bytes());
         let error =
-            Identity::create_with(folder.path(), "eve", Role::Safety, again, Keep::Plain).unwrap_err();
+            Identity::create_with(folder.path(), "eve", Role::Safety, again, KeyEncoding::Plain).unwrap_err();
         assert!(matches!(&error, IdentityError::KeyTaken { other, .. } if other == "ada"), "{error}");
         assert!(!folder.path().join("eve.key").exists());
-        // Older stores may have it under two names, one of them with a role that is none any more.
+        // Older stores may have it under two names, one of them with a role that no longer exists.
         keyfile::write_public(&folder.path().join("eve.pub"), &ada.info().public_key, "boss").unwrap();
         assert_eq!(Identity::names_of(folder.path(), &ada.info().public_key).unwrap(), ["ada", "eve"]);
     }
@@ -563,7 +569,7 @@ mod tests {
         }
         std::fs::write(folder.path().join("ada.pub"), [0xff, 0xfe]).unwrap();
         assert!(Identity::list(folder.path()).is_err());
-        // A pipe is refused and not waited for.
+        // A pipe is refused without waiting.
         std::fs::remove_file(folder.path().join("ada.pub")).unwrap();
         let (kind, mode) = (rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR);
         rustix::fs::mknodat(rustix::fs::CWD, folder.path().join("ada.pub"), kind, mode, 0).unwrap();

@@ -1,6 +1,6 @@
 //! Key files: a secret ed25519 key in a file only its owner can read, the public one beside it.
 //!
-//! The secret is 64 hexadecimal digits and a line feed, or sealed under a passphrase (`sealed.rs` has the form); it is
+//! The secret is 64 hexadecimal digits and a line feed, or encrypted under a passphrase (`encrypted_key.rs`); it is
 //! wiped from memory after use.
 
 use std::borrow::Cow;
@@ -13,8 +13,8 @@ use ed25519_dalek::{SigningKey, VerifyingKey};
 use holdpoint_text::Hint;
 use zeroize::Zeroizing;
 
+use super::encrypted_key::{EncryptedKey, EncryptedKeyError, KdfCost, MAGIC};
 use super::passphrase::{Passphrase, open_plainly};
-use super::sealed::{Cost, MAGIC, SealedError, SealedKey};
 
 /// A key that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -25,20 +25,20 @@ pub enum KeyError {
     /// Others can read the secret.
     #[error("the key {path:?} has mode {mode:04o}; others must have no access")]
     Permissions { path: PathBuf, mode: u32 },
-    /// A link, a pipe, a folder or a device lies in its place: what that leads to is not looked at.
+    /// A link, a pipe, a folder or a device is in its place; its target is not read.
     #[error("{path:?} is {found}; a key is a regular file of its own")]
     NotAFile { path: PathBuf, found: &'static str },
     #[error("{path:?} is not a key: 64 hexadecimal digits are needed")]
     Malformed { path: PathBuf },
-    #[error("{path:?} is not a key: it has more than {FILE_BYTES_MAX} bytes, and so many are allowed")]
+    #[error("{path:?} is not a key: it has more than the allowed {FILE_BYTES_MAX} bytes")]
     TooLarge { path: PathBuf },
     /// The system gave no random numbers.
     #[error("the system gave no random numbers for a key: {0}")]
     Random(getrandom::Error),
-    /// It is sealed, and cannot be used so.
+    /// It is encrypted, and cannot be opened.
     #[error("the key {path:?}: {problem}")]
-    Sealed { path: PathBuf, problem: SealedError },
-    /// It is sealed, and no passphrase was given.
+    Sealed { path: PathBuf, problem: EncryptedKeyError },
+    /// It is encrypted, and no passphrase was given.
     #[error("the key {path:?} has a passphrase, and none was given")]
     Locked { path: PathBuf },
     /// A passphrase was given for a key that has none.
@@ -46,29 +46,29 @@ pub enum KeyError {
     Open { path: PathBuf },
 }
 
-holdpoint_governance::words! {
-    /// What keeps a secret key from who can read its file.
+holdpoint_governance::closed_set! {
+    /// The protection of a secret key against readers of its file.
     Protection, "protection", {
-        /// Nothing: who can read the file can sign.
+        /// None: a reader of the file can sign.
         None = "unprotected",
         /// A passphrase.
         Passphrase = "passphrase",
-        /// There is no secret beside the public key: it is kept elsewhere, and nothing is known of how.
+        /// The secret lies elsewhere, with an unknown protection.
         Elsewhere = "elsewhere",
     }
 }
 
-/// A secret key as its file has it.
+/// A secret key as stored in its file.
 #[derive(Debug)]
-pub enum KeptKey {
+pub enum StoredKey {
     /// As it is.
     Plain(SigningKey),
     /// Under a passphrase.
-    Sealed(SealedKey),
+    Sealed(EncryptedKey),
 }
 
-impl KeptKey {
-    /// What protects it.
+impl StoredKey {
+    /// Its protection.
     #[must_use]
     pub const fn protection(&self) -> Protection {
         match self {
@@ -77,7 +77,7 @@ impl KeptKey {
         }
     }
 
-    /// The secret; `path` is named where it cannot be had.
+    /// The secret; errors name `path`.
     ///
     /// # Errors
     /// [`KeyError::Locked`], [`KeyError::Open`], [`KeyError::Sealed`].
@@ -91,16 +91,16 @@ impl KeptKey {
     }
 }
 
-/// How a secret key is to be written.
+/// How to write a secret key.
 #[derive(Clone, Copy, Debug)]
-pub enum Keep<'a> {
+pub enum KeyEncoding<'a> {
     /// As it is.
     Plain,
-    /// Under a passphrase, at this cost of trying one.
-    Sealed(&'a Passphrase, Cost),
+    /// Under a passphrase, at this cost per try.
+    Sealed(&'a Passphrase, KdfCost),
 }
 
-impl Keep<'_> {
+impl KeyEncoding<'_> {
     fn text(self, path: &Path, key: &SigningKey) -> Result<Zeroizing<String>, KeyError> {
         match self {
             Self::Plain => {
@@ -113,14 +113,14 @@ impl Keep<'_> {
                 Ok(text)
             }
             Self::Sealed(passphrase, cost) => {
-                let key = SealedKey::seal(key, passphrase, cost).map_err(sealed(path))?;
+                let key = EncryptedKey::seal(key, passphrase, cost).map_err(sealed(path))?;
                 Ok(Zeroizing::new(key.text()))
             }
         }
     }
 }
 
-fn sealed(path: &Path) -> impl FnOnce(SealedError) -> KeyError {
+fn sealed(path: &Path) -> impl FnOnce(EncryptedKeyError) -> KeyError {
     let path = path.to_owned();
     move |problem| KeyError::Sealed { path, problem }
 }
@@ -132,8 +132,8 @@ impl Hint for KeyError {
                 Some(format!("`chmod 600 {}` ends that; others may have read it", path.display()).into())
             }
             Self::NotAFile { .. } => Some("put the key's own file in its place".into()),
-            Self::Sealed { problem: SealedError::Passphrase, .. } => {
-                Some("nothing was done; try again, nobody can recover a passphrase".into())
+            Self::Sealed { problem: EncryptedKeyError::Passphrase, .. } => {
+                Some("nothing was done; try again: a passphrase cannot be recovered".into())
             }
             Self::Locked { .. } => {
                 Some("type it at a terminal, or name a file that has it: --passphrase-file FILE".into())
@@ -155,7 +155,7 @@ fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> KeyErro
     move |source| KeyError::Io { what, path, source }
 }
 
-/// Makes a fresh key from the system's random numbers.
+/// Makes a new key from the system's random numbers.
 ///
 /// # Errors
 /// [`KeyError::Random`].
@@ -170,19 +170,19 @@ pub fn generate() -> Result<SigningKey, KeyError> {
 /// # Errors
 /// If the file exists or cannot be written.
 pub fn write_secret(path: &Path, key: &SigningKey) -> Result<(), KeyError> {
-    write_kept(path, key, Keep::Plain)
+    write_kept(path, key, KeyEncoding::Plain)
 }
 
 /// Writes a secret key to a new file with mode 0600, under a passphrase or not.
 ///
 /// # Errors
-/// If the file exists or cannot be written, or the key cannot be sealed.
-pub(super) fn write_kept(path: &Path, key: &SigningKey, keep: Keep<'_>) -> Result<(), KeyError> {
+/// If the file exists or cannot be written, or the key cannot be encrypted.
+pub(super) fn write_kept(path: &Path, key: &SigningKey, keep: KeyEncoding<'_>) -> Result<(), KeyError> {
     let text = keep.text(path, key)?;
     put(path, text.as_bytes(), 0o600)
 }
 
-/// Puts a whole new file there, or none: half a key would be taken for one that somebody damaged.
+/// Writes a complete new file or none: half a key would look like a damaged one.
 fn put(path: &Path, bytes: &[u8], mode: u32) -> Result<(), KeyError> {
     let mut part = path.as_os_str().to_owned();
     part.push(".part");
@@ -194,29 +194,29 @@ fn put(path: &Path, bytes: &[u8], mode: u32) -> Result<(), KeyError> {
     let mut file =
         OpenOptions::new().write(true).create_new(true).mode(mode).open(&part).map_err(io("create", path))?;
     let written = file.write_all(bytes).and_then(|()| file.sync_all()).map_err(io("write", path));
-    // Unlike a renamed file, a linked one replaces nothing.
+    // Unlike a rename, a hard link replaces nothing.
     let placed = written.and_then(|()| fs::hard_link(&part, path).map_err(io("create", path)));
     drop(fs::remove_file(&part));
     placed.and_then(|()| force_folder(path))
 }
 
-/// Takes a key's file away, for good.
+/// Removes a key file durably.
 pub(super) fn remove(path: &Path) -> Result<(), KeyError> {
     fs::remove_file(path).map_err(io("remove", path)).and_then(|()| force_folder(path))
 }
 
-/// Forces to disk which files a file's folder has: without it a power cut may take the name of a file that was forced.
+/// Syncs the folder of a file: without it, a power cut may lose the name of a synced file.
 fn force_folder(path: &Path) -> Result<(), KeyError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     File::open(folder).and_then(|folder| folder.sync_all()).map_err(io("write the folder of", path))
 }
 
-/// Writes a secret key over the one there, in one step: after a sudden death the file has the old form or the new one,
-/// whole. What an earlier death left half done is overwritten.
+/// Replaces a secret key atomically: after a crash the file has the old or the new form, complete. Remains of an
+/// earlier crash are overwritten.
 ///
 /// # Errors
-/// If it cannot be written; the old form stands then.
-pub(super) fn replace_secret(path: &Path, key: &SigningKey, keep: Keep<'_>) -> Result<(), KeyError> {
+/// If it cannot be written; the old form stays.
+pub(super) fn replace_secret(path: &Path, key: &SigningKey, keep: KeyEncoding<'_>) -> Result<(), KeyError> {
     let aside = path.with_extension("key.new");
     match fs::remove_file(&aside) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -237,13 +237,13 @@ pub fn read_secret(path: &Path) -> Result<SigningKey, KeyError> {
     read_kept(path)?.unlock(path, None)
 }
 
-/// Reads a secret key as it is kept; refuses a link and a file that others can read or write.
+/// Reads a stored secret key, unopened; refuses a link and a file that others can read or write.
 ///
 /// # Errors
 /// [`KeyError`].
-pub(super) fn read_kept(path: &Path) -> Result<KeptKey, KeyError> {
+pub(super) fn read_kept(path: &Path) -> Result<StoredKey, KeyError> {
     let file = match open_plainly(path) {
-        // So a link is answered.
+        // The kernel reports a link so.
         Err(rustix::io::Errno::LOOP) => {
             return Err(KeyError::NotAFile { path: path.to_owned(), found: "a link" });
         }
@@ -265,11 +265,11 @@ pub(super) fn read_kept(path: &Path) -> Result<KeptKey, KeyError> {
     }
     let text = read_text(path, file)?;
     if text.starts_with(MAGIC) {
-        return SealedKey::parse(&text).map(KeptKey::Sealed).map_err(sealed(path));
+        return EncryptedKey::parse(&text).map(StoredKey::Sealed).map_err(sealed(path));
     }
     let bytes = unhex(text.trim_end()).map(Zeroizing::new);
     let bytes = bytes.ok_or_else(|| KeyError::Malformed { path: path.to_owned() })?;
-    Ok(KeptKey::Plain(SigningKey::from_bytes(&bytes)))
+    Ok(StoredKey::Plain(SigningKey::from_bytes(&bytes)))
 }
 
 /// Writes a public key to a new file: 64 hexadecimal digits, then `note` (a role) on the same line.
@@ -294,7 +294,7 @@ pub(super) fn write_note(path: &Path, text: &str) -> Result<(), KeyError> {
 /// # Errors
 /// [`KeyError`].
 pub fn read_public(path: &Path) -> Result<(VerifyingKey, String), KeyError> {
-    // Nobody is waited for: a pipe in the place of a key is none.
+    // Opening does not wait for a writer: a pipe in the place of a key is an error.
     let file = match holdpoint_text::file::open(path) {
         Err(error) if error.kind() == ErrorKind::InvalidInput => {
             return Err(KeyError::Malformed { path: path.to_owned() });
@@ -312,8 +312,8 @@ pub fn parse_public(text: &str) -> Option<VerifyingKey> {
     public_of(&unhex(text)?)
 }
 
-/// A public key from its 32 bytes: of the full order, and in the one way in which it is written. A key of small order signs
-/// whatever one likes, and one with a part of small order is another key for some who check.
+/// A public key from its 32 bytes: of full order and in canonical form. A key of small order verifies forged signatures,
+/// and one with a small-order component is another key for some verifiers.
 #[must_use]
 pub(super) fn public_of(bytes: &[u8; 32]) -> Option<VerifyingKey> {
     let key = VerifyingKey::from_bytes(bytes).ok()?;
@@ -378,10 +378,10 @@ mod tests {
         fs::set_permissions(path("store.key"), fs::Permissions::from_mode(0o640)).unwrap();
         let error = read_secret(&path("store.key")).unwrap_err();
         assert!(error.to_string().contains("mode 0640"), "{error}");
-        assert!(!error.hint().unwrap().contains("new key"), "a store's own key cannot be made anew");
+        assert!(!error.hint().unwrap().contains("new key"), "a store's own key cannot be replaced");
     }
 
-    /// The points of small order, in every way in which they can be written.
+    /// The points of small order, in all encodings.
     const SMALL: [&str; 14] = [
         "0100000000000000000000000000000000000000000000000000000000000000",
         "0100000000000000000000000000000000000000000000000000000000000080",
@@ -405,7 +405,7 @@ mod tests {
         assert_eq!(parse_public(&hex(good.as_bytes())), Some(good));
         for small in SMALL {
             assert_eq!(parse_public(small), None, "{small}");
-            // The same key for who multiplies by eight, another for who does not.
+            // The same key for a verifier that multiplies by eight, another one otherwise.
             let small = VerifyingKey::from_bytes(&unhex(small).unwrap()).unwrap().to_edwards();
             let mixed = (good.to_edwards() + small).compress();
             let is_good = mixed.as_bytes() == good.as_bytes();

@@ -1,4 +1,4 @@
-//! A passphrase: where it comes from a file, and that it is wiped and never shown.
+//! A passphrase: read from a file, wiped after use, never shown.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -12,7 +12,7 @@ use zeroize::Zeroizing;
 
 /// The longest passphrase, bytes.
 pub const PASSPHRASE_BYTES_MAX: usize = 1024;
-/// The shortest that a key is put under, characters.
+/// The shortest for a new key, characters.
 pub const PASSPHRASE_CHARS_MIN: usize = 8;
 
 /// A passphrase that cannot be used.
@@ -20,10 +20,10 @@ pub const PASSPHRASE_CHARS_MIN: usize = 8;
 pub enum PassphraseError {
     #[error("the passphrase is empty")]
     Empty,
-    /// Longer than anybody types.
+    /// Longer than a person types.
     #[error("the passphrase has more than {PASSPHRASE_BYTES_MAX} bytes")]
     TooLong,
-    /// Too short to put a key under.
+    /// Too short for a new key.
     #[error("the passphrase has {0} characters; at least {PASSPHRASE_CHARS_MIN} are needed")]
     TooShort(usize),
     /// It has a line end or another control character, which cannot be typed at a terminal.
@@ -34,7 +34,7 @@ pub enum PassphraseError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// It is a link, a folder, a pipe or a device.
@@ -48,12 +48,12 @@ pub enum PassphraseError {
         /// Its mode.
         mode: u32,
     },
-    /// What stands in it is no passphrase.
+    /// Its content is not a passphrase.
     #[error("the passphrase file {path:?} cannot be used: {problem}")]
     Content {
         /// The file.
         path: PathBuf,
-        /// What is wrong with its text, which is not shown.
+        /// The problem with its text, which is not shown.
         problem: Box<Self>,
     },
 }
@@ -70,7 +70,7 @@ impl Hint for PassphraseError {
     }
 }
 
-/// What opens a key. Wiped from memory when it is dropped, and never shown.
+/// The passphrase of a key. Never shown, and wiped from memory on drop.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Passphrase(Zeroizing<String>);
 
@@ -81,7 +81,7 @@ impl std::fmt::Debug for Passphrase {
 }
 
 impl Passphrase {
-    /// A passphrase to open something with.
+    /// A passphrase for an existing key.
     ///
     /// # Errors
     /// If it is empty, too long, or has control characters.
@@ -98,7 +98,7 @@ impl Passphrase {
         Ok(Self(text))
     }
 
-    /// The same, if a key may be put under it.
+    /// A passphrase for a new key.
     ///
     /// # Errors
     /// [`PassphraseError::TooShort`].
@@ -114,7 +114,7 @@ impl Passphrase {
     pub fn read(path: &Path) -> Result<Self, PassphraseError> {
         let io = |source| PassphraseError::Io { path: path.to_owned(), source };
         let file = match open_plainly(path) {
-            // So a link is answered.
+            // The kernel reports a link so.
             Err(rustix::io::Errno::LOOP) => return Err(PassphraseError::Kind(path.to_owned())),
             opened => opened.map_err(|error| io(error.into()))?,
         };
@@ -131,7 +131,7 @@ impl Passphrase {
         if found.size() > PASSPHRASE_BYTES_MAX as u64 + 2 {
             return Err(content(PassphraseError::TooLong));
         }
-        // Room from the start, so that no copy is left behind by growing.
+        // Full capacity from the start, because growing would leave a copy behind.
         let mut text = Zeroizing::new(String::with_capacity(PASSPHRASE_BYTES_MAX + 2));
         match file.take(PASSPHRASE_BYTES_MAX as u64 + 2).read_to_string(&mut text) {
             Ok(_) => {}
@@ -151,7 +151,7 @@ impl Passphrase {
     }
 }
 
-/// Opens a file to read it: no link is followed, and no pipe is waited for.
+/// Opens a file for reading; follows no link and waits for no pipe.
 pub(super) fn open_plainly(path: &Path) -> rustix::io::Result<File> {
     let how = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
     rustix::fs::open(path, how, Mode::empty()).map(File::from)

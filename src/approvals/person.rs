@@ -1,14 +1,14 @@
-//! Persons: whose keys may decide in a store. A key is enrolled, and revoked, by a signed act of an administrator.
+//! Persons: the keys that may decide in a store. An administrator's signed act enrolls or revokes a key.
 //!
-//! Every act follows from the one before it in its store, so that none can be left out, put in another order or carried
-//! to another store. The first enrols the store's first administrator and is signed by that key itself; who comes later
-//! is somebody only through an administrator who is enrolled at that moment. One key is one person: a name and a key are
-//! used once, also after they were revoked.
+//! Every act follows from the one before it in its store, so that none can be left out, reordered or carried to
+//! another store. The first act adds the store's first administrator and is signed by that key itself. Every later
+//! person needs an administrator who is enrolled at that moment. One key is one person: a name and a key are used
+//! once, also after they were revoked.
 //!
-//! Whoever can read a key without a passphrase enrols whom they like. So a person is *confirmed* apart from being enrolled:
-//! by an act, the enrolment or a later one, that a confirmed administrator signed with a protected key. The first
-//! administrator is where this begins, and what its key signed while it lay open confirms nobody. Nothing that comes later
-//! changes what an earlier act was worth.
+//! A reader of an unencrypted key can enroll anyone. So *verified* is separate from enrolled: a verified
+//! administrator signs the enrollment or a later act with a passphrase-protected key. Trust begins with the first
+//! administrator, and what its key signed while unencrypted verifies no person. The validity of an act is fixed when
+//! it is signed.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -19,53 +19,53 @@ use serde::{Deserialize, Serialize};
 
 use super::identity::{Identity, IdentityInfo};
 use super::keyfile::{hex, parse_public};
-use super::signed::{ApprovalError, Nonce, REASON_ALLOWED, holds, is_reason};
+use super::signed_approval::{ApprovalError, Nonce, REASON_ALLOWED, holds, is_reason};
 use holdpoint_governance::approval::Role;
+use holdpoint_governance::closed_set;
 use holdpoint_governance::ids::{Digest, is_name};
-use holdpoint_governance::words;
 use holdpoint_text::{Hint, is_visible};
 
-/// Separates these bytes from everything else that is ever signed.
+/// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/person-act/v1";
 /// What the first act of a store follows from.
 const FIRST: &str = "holdpoint/persons/v1";
 /// The most persons of a store, revoked ones included.
 pub const PERSONS_MAX: usize = 1000;
 
-words! {
+closed_set! {
     /// What an administrator does with a person's key.
     PersonActKind, "act about a person", {
-        /// What the key signs from now on may count.
+        /// From now on, signatures of the key may count.
         Enrol = "enrol",
-        /// An administrator vouches for somebody who was enrolled by a key that others could have used.
+        /// An administrator attests a person whose enrolling key others could have used.
         Confirm = "confirm",
-        /// Nothing that the key signed, or will sign, counts any more.
+        /// No signature of the key counts any more, past or future.
         Revoke = "revoke",
     }
 }
 
-words! {
-    /// How a person stands in a store.
+closed_set! {
+    /// The state of a person in a store.
     PersonState, "state of a person", {
         Enrolled = "enrolled",
-        /// For good: neither the name nor the key is used again.
+        /// Final: neither the name nor the key is used again.
         Revoked = "revoked",
     }
 }
 
-/// What an administrator does with a person's key, and everything that is bound to.
+/// An administrator's act on a person's key, and everything it is bound to.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PersonAct {
     pub act: PersonActKind,
-    /// Whom it is about.
+    /// The person it is about.
     pub name: String,
     pub role: Role,
     /// The person's public key, 64 hexadecimal digits.
     pub key: String,
     /// Whether the key had no passphrase when it was enrolled, as far as that could be seen.
     pub unprotected: bool,
-    /// Name of the administrator; the first one's own for the first act of a store.
+    /// Name of the administrator; in a store's first act, the name of the first administrator.
     pub by: String,
     /// Why, in the administrator's own words.
     pub reason: String,
@@ -74,15 +74,15 @@ pub struct PersonAct {
     /// Digest of the act before it in that store.
     pub follows: Digest,
     pub nonce: Nonce,
-    /// Whether the key that signs lay under a passphrase or elsewhere, as far as that could be seen. Not in the acts of
-    /// earlier versions, of which nobody knows.
+    /// Whether the signing key had a passphrase or lay elsewhere, as far as the program could see. False in the acts
+    /// of earlier versions, which do not record it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub guarded: bool,
 }
 
 impl PersonAct {
     /// The digest that is signed, and that the next act follows from: every field with its length, behind a domain tag,
-    /// and one part more where the key was guarded.
+    /// and one part more if the key had a passphrase.
     #[must_use]
     pub fn digest(&self) -> Digest {
         let Self { act, name, role, key, unprotected, by, reason, store_id, follows, nonce, guarded } = self;
@@ -115,7 +115,7 @@ pub struct SignedPersonAct {
 }
 
 impl SignedPersonAct {
-    /// Signed by somebody.
+    /// Signs an act.
     fn by(who: &Identity, act: PersonAct) -> Result<Self, ApprovalError> {
         let public_key = hex(who.info().public_key.as_bytes());
         let signature = who.signature(&act.digest())?;
@@ -126,14 +126,14 @@ impl SignedPersonAct {
         Self { act, public_key, signature }
     }
 
-    /// What was done. Trust it only after [`Persons::check`].
+    /// The act. Trust it only after [`PersonDirectory::check`].
     #[must_use]
     pub const fn act(&self) -> &PersonAct {
         &self.act
     }
 }
 
-/// An act about a person that does not hold.
+/// Why an act about a person is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PersonError {
     /// A field that is not allowed.
@@ -147,10 +147,10 @@ pub enum PersonError {
     /// Another act came between, or it was used before.
     #[error("the act about {0:?} does not follow from the last one about people in this store")]
     DoesNotFollow(String),
-    /// Something came between, it was used before, or it is of something else.
-    #[error("the word about {0:?} is none for this end of the record, or is about something else")]
-    WordDoesNotFollow(String),
-    /// The signer is nobody, somebody else, or somebody who is revoked.
+    /// Another record came between, it was used before, or it is about something else.
+    #[error("the authorization about {0:?} is for another end of the record, or about something else")]
+    AuthorizationDoesNotFollow(String),
+    /// The signer is unknown, another person, or revoked.
     #[error(
         "{0:?} is not enrolled in this store with the key that signed, and signs for no person, witness or profile"
     )]
@@ -159,22 +159,22 @@ pub enum PersonError {
         "{name:?} is enrolled as {role}, and only an administrator signs for people, witnesses and profiles"
     )]
     NoAdministrator { name: String, role: Role },
-    /// The first act of a store enrols the administrator who signs it.
-    #[error("the first person of a store is an administrator who enrols their own key; {0:?} is not")]
+    /// The first act of a store must enroll the administrator who signs it.
+    #[error("the first person of a store is an administrator who enrolls their own key; {0:?} is not")]
     NotTheFirst(String),
     #[error("the name {name:?} is {state} in this store already; a name stands for one key")]
     NameTaken { name: String, state: PersonState },
     #[error("the key of {name:?} is that of {other:?} already ({state}); one key is one person")]
     KeyTaken { name: String, other: String, state: PersonState },
-    /// Who could read the signer's key could have signed.
-    #[error(
-        "the key of {0:?} had no passphrase when it signed, and nothing counts here that such a key signed"
-    )]
+    /// Any reader of the signer's key could have signed.
+    #[error("the key of {0:?} had no passphrase when it signed; signatures of such keys do not count here")]
     Unguarded(String),
-    /// No act of a confirmed administrator stands behind the signer.
-    #[error("{0:?} is enrolled by a key that others could have used, and not confirmed: they confirm nobody")]
+    /// No verified administrator attested the signer.
+    #[error(
+        "{0:?} is not verified, because others could have used the enrolling key, and verifies no one else"
+    )]
     SignerUnconfirmed(String),
-    #[error("{name:?} is confirmed already, by {by:?}")]
+    #[error("{name:?} is verified already, by {by:?}")]
     Confirmed { name: String, by: String },
     #[error("{0:?} is not enrolled in this store")]
     NotEnrolled(String),
@@ -187,7 +187,7 @@ pub enum PersonError {
 impl Hint for PersonError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::DoesNotFollow(_) | Self::WordDoesNotFollow(_) => {
+            Self::DoesNotFollow(_) | Self::AuthorizationDoesNotFollow(_) => {
                 Some("sign it again over the store as it is now".into())
             }
             Self::SignerUnknown(_) | Self::NoAdministrator { .. } => {
@@ -197,11 +197,12 @@ impl Hint for PersonError {
                 Some(format!("`holdpoint identity passphrase {by}` sets one and keeps the key").into())
             }
             Self::SignerUnconfirmed(by) => Some(
-                format!("an administrator whom `holdpoint identity list` calls confirmed has to confirm {by} first").into(),
+                format!("first run `holdpoint identity confirm {by} --by NAME` as a verified administrator")
+                    .into(),
             ),
             Self::NameTaken { .. } => Some("choose another name".into()),
             Self::KeyTaken { .. } => Some("make another key with `holdpoint identity new`".into()),
-            Self::LastAdministrator(_) => Some("enrol another administrator first".into()),
+            Self::LastAdministrator(_) => Some("enroll another administrator first".into()),
             Self::NotEnrolled(_) => Some("see `holdpoint identity list`".into()),
             Self::Field { .. }
             | Self::Signature(_)
@@ -213,7 +214,7 @@ impl Hint for PersonError {
     }
 }
 
-/// Somebody of a store, as the acts about them have it.
+/// A person of a store, as the acts about the person state it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Person {
     pub name: String,
@@ -223,15 +224,15 @@ pub struct Person {
     /// Whether the key had no passphrase when it was enrolled.
     pub unprotected: bool,
     pub enrolled_by: String,
-    /// Whose act, with a protected key, stands behind this person; the first administrator's own name for itself. Absent
-    /// where none does: `human` does not count what such a person signs.
+    /// The administrator who verified this person; the first administrator's own name for itself. If absent,
+    /// `human` does not count what this person signs.
     pub confirmed_by: Option<String>,
     /// Absent while enrolled.
     pub revoked_by: Option<String>,
 }
 
 impl Person {
-    /// Who this is to a signature.
+    /// The name and role that a signature carries.
     #[must_use]
     pub fn info(&self) -> IdentityInfo {
         IdentityInfo { name: self.name.clone(), role: self.role, public_key: self.public_key }
@@ -244,57 +245,57 @@ impl Person {
     }
 }
 
-/// Everybody of a store, enrolled or revoked: what its acts come to, one after the other.
+/// All persons of a store, enrolled or revoked: the result of its acts in order.
 #[derive(Clone, Debug)]
-pub struct Persons {
+pub struct PersonDirectory {
     store_id: String,
     follows: Digest,
     by_name: BTreeMap<String, Person>,
 }
 
-impl Persons {
-    /// Of a store without an act.
+impl PersonDirectory {
+    /// The directory of a store without acts.
     #[must_use]
     pub fn none(store_id: &str) -> Self {
         let follows = Digest::of_parts(FIRST, &[store_id.as_bytes()]);
         Self { store_id: store_id.to_owned(), follows, by_name: BTreeMap::new() }
     }
 
-    /// The store that they are of.
+    /// Their store.
     #[must_use]
     pub fn store_id(&self) -> &str {
         &self.store_id
     }
 
-    /// Everybody, by name.
+    /// All persons, by name.
     pub fn all(&self) -> impl Iterator<Item = &Person> {
         self.by_name.values()
     }
 
-    /// Whether nobody was ever enrolled.
+    /// Whether the store has never had a person.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.by_name.is_empty()
     }
 
-    /// Somebody by name, enrolled or revoked.
+    /// The person of this name, enrolled or revoked.
     #[must_use]
     pub fn named(&self, name: &str) -> Option<&Person> {
         self.by_name.get(name)
     }
 
-    /// Whoever has this key, enrolled or revoked.
+    /// The person with this key, enrolled or revoked.
     #[must_use]
     pub fn with_key(&self, key: &VerifyingKey) -> Option<&Person> {
         self.all().find(|person| person.public_key == *key)
     }
 
-    /// Those for whom a confirmed administrator vouches, enrolled or revoked.
+    /// The verified persons, enrolled or revoked.
     pub fn confirmed(&self) -> impl Iterator<Item = &Person> {
         self.all().filter(|person| person.confirmed_by.is_some())
     }
 
-    /// The same persons as they stood when these were enrolled, and the others were not.
+    /// The same persons as of the time when only these were enrolled.
     #[must_use]
     pub fn at_a_time(&self, enrolled: impl Fn(&Person) -> bool) -> Self {
         let mut then = self.clone();
@@ -304,25 +305,25 @@ impl Persons {
         then
     }
 
-    /// Those who may decide.
+    /// The approvers.
     pub fn enrolled(&self) -> impl Iterator<Item = &Person> {
         self.all().filter(|person| person.state == PersonState::Enrolled)
     }
 
-    /// Those who may enrol and revoke.
+    /// The administrators.
     pub fn administrators(&self) -> impl Iterator<Item = &Person> {
         self.enrolled().filter(|person| person.role == Role::Admin)
     }
 
-    /// An administrator whose key lies in this folder without a passphrase, so that nobody need be asked for one.
+    /// An administrator whose key lies in this folder without a passphrase, so that signing needs no prompt.
     #[must_use]
-    pub fn unasked(&self, folder: &Path) -> Option<Identity> {
+    pub fn unprotected_administrator(&self, folder: &Path) -> Option<Identity> {
         let load = |admin: &Person| Identity::load(folder, &admin.name).ok();
         let is_theirs = |admin: &Person, key: &Identity| *key.info() == admin.info();
         self.administrators().find_map(|admin| load(admin).filter(|key| is_theirs(admin, key)))
     }
 
-    /// An act that enrols `who`, signed by an administrator.
+    /// An act, signed by an administrator, that adds `who` to the store.
     ///
     /// # Errors
     /// If the machine gives no random number for the nonce, or the agent that holds the key signs nothing.
@@ -336,7 +337,7 @@ impl Persons {
         self.act(PersonActKind::Enrol, who, unprotected, (by, reason))
     }
 
-    /// An act that confirms `who`, signed by an administrator who is confirmed.
+    /// An act that verifies `who`, signed by a verified administrator.
     ///
     /// # Errors
     /// If the machine gives no random number for the nonce, or the agent that holds the key signs nothing.
@@ -349,7 +350,7 @@ impl Persons {
         self.act(PersonActKind::Confirm, &who.info(), who.unprotected, (by, reason))
     }
 
-    /// An administrator who can confirm others, by name.
+    /// An administrator who can verify others, by name.
     #[must_use]
     pub fn confirmer(&self) -> Option<&Person> {
         self.administrators().find(|admin| admin.confirmed_by.is_some())
@@ -391,7 +392,7 @@ impl Persons {
         SignedPersonAct::by(by, act)
     }
 
-    /// Whether an act is allowed now: one that holds, with a reason that can be read.
+    /// Whether an act is allowed now: valid, with a readable reason.
     ///
     /// # Errors
     /// [`PersonError`], the first thing that is wrong.
@@ -403,8 +404,8 @@ impl Persons {
         Err(PersonError::Field { name, field: "reason", allowed })
     }
 
-    /// Whether an act on record holds: signed by an administrator who is enrolled, over this store as it stands. What of a
-    /// reason can be read depends on tables that grow from year to year; what is on record does not.
+    /// Whether a recorded act is valid: signed by an enrolled administrator, over this store in its present state. It
+    /// ignores whether the reason is readable, because that depends on Unicode tables, which change.
     ///
     /// # Errors
     /// [`PersonError`], the first thing that is wrong.
@@ -437,13 +438,13 @@ impl Persons {
         }
         self.check_signer(&act.by, &signed.public_key)?;
         match act.act {
-            PersonActKind::Enrol => self.check_enrolment(act, &key),
+            PersonActKind::Enrol => self.check_enrollment(act, &key),
             PersonActKind::Confirm => self.check_confirmation(act, &key),
             PersonActKind::Revoke => self.check_revocation(act, &key),
         }
     }
 
-    /// Whether an administrator who is enrolled has that key.
+    /// Whether an enrolled administrator has that key.
     pub(super) fn check_signer(&self, by: &str, public_key: &str) -> Result<(), PersonError> {
         let is_signer = |person: &&Person| {
             person.state == PersonState::Enrolled && hex(person.public_key.as_bytes()) == public_key
@@ -458,7 +459,7 @@ impl Persons {
         }
     }
 
-    fn check_enrolment(&self, act: &PersonAct, key: &VerifyingKey) -> Result<(), PersonError> {
+    fn check_enrollment(&self, act: &PersonAct, key: &VerifyingKey) -> Result<(), PersonError> {
         let name = act.name.clone();
         if let Some(other) = self.with_key(key).filter(|other| other.name != act.name) {
             return Err(PersonError::KeyTaken { name, other: other.name.clone(), state: other.state });
@@ -469,7 +470,7 @@ impl Persons {
         if self.by_name.len() >= PERSONS_MAX { Err(PersonError::TooMany) } else { Ok(()) }
     }
 
-    /// Whom an act is about that is about somebody enrolled.
+    /// The enrolled person that an act names.
     fn enrolled_of(&self, act: &PersonAct, key: &VerifyingKey) -> Result<&Person, PersonError> {
         let enrolled = |person: &&Person| {
             person.state == PersonState::Enrolled && (person.public_key, person.role) == (*key, act.role)
@@ -500,10 +501,10 @@ impl Persons {
         Ok(())
     }
 
-    /// Takes an act that holds.
+    /// Applies a valid act.
     ///
     /// # Errors
-    /// As [`Persons::judge`]; nothing has changed then.
+    /// As [`PersonDirectory::judge`]; nothing has changed then.
     pub fn push(&mut self, signed: &SignedPersonAct) -> Result<(), PersonError> {
         self.judge(signed)?;
         let act = &signed.act;
@@ -512,7 +513,7 @@ impl Persons {
                 let Some(public_key) = parse_public(&act.key) else {
                     return Err(PersonError::Signature(act.by.clone()));
                 };
-                // The first administrator is where trust begins, and others begin with an act that nobody else could sign.
+                // Trust starts at the first administrator and passes on by acts of passphrase-protected keys only.
                 let is_confirmed = self.is_empty() || (act.guarded && self.is_confirmed(&act.by));
                 let person = Person {
                     name: act.name.clone(),

@@ -1,20 +1,20 @@
 //! An administrator's signed authorization of a change of the profile that a store is used under.
 //!
-//! It is for one store, one end of its chain and one change with the fields that get looser, so that it can be used once, at
-//! once, and nowhere else.
+//! It is for one store, one end of its chain and one change, with the fields that become less strict. So it can be
+//! used only once, only there and before anything else is recorded.
 
 use serde::{Deserialize, Serialize};
 
+use super::admin_authorization::AdminAuthorization;
 use super::identity::Identity;
 use super::keyfile::hex;
-use super::person::{PersonError, Persons};
-use super::signed::ApprovalError;
-use super::word::Word;
+use super::person::{PersonDirectory, PersonError};
+use super::signed_approval::ApprovalError;
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::loosened::Loosened;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile_downgrade::DowngradedField;
 
-/// Separates these bytes from everything else that is ever signed.
+/// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/profile-act/v2";
 /// As [`DOMAIN`], of acts of earlier versions, which authorized a class of profile and named no rules.
 const DOMAIN_OF_CLASS: &str = "holdpoint/profile-act/v1";
@@ -26,13 +26,13 @@ pub struct RulesChange {
     /// Digest of the rules in force; absent where there are none, or an earlier version did not put it on record.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<Digest>,
-    /// The fields that get looser, as the administrator was shown them.
-    pub loosened: Vec<Loosened>,
+    /// The fields that become less strict, as shown to the administrator.
+    pub loosened: Vec<DowngradedField>,
     /// Digest of the rules that come into force.
     pub to: Digest,
 }
 
-/// What is signed of a profile.
+/// The signed content of an authorization of a profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProfileAct {
@@ -45,7 +45,7 @@ pub struct ProfileAct {
     pub store_id: String,
     /// Hash of the record that this one follows.
     pub after: Digest,
-    /// Whether the key that signs lay under a passphrase or elsewhere, as far as that could be seen.
+    /// Whether the signing key had a passphrase or lay elsewhere, as far as the program could see.
     pub guarded: bool,
     /// What changes; absent in acts of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -69,14 +69,14 @@ impl ProfileAct {
         };
         parts.push(from.as_ref().map_or(&[], |from| from.bytes().as_slice()));
         parts.push(to.bytes());
-        for Loosened { before, field, now, shipped } in loosened {
+        for DowngradedField { before, field, now, shipped } in loosened {
             parts.extend([field.as_bytes(), before.as_bytes(), shipped.as_bytes(), now.as_bytes()]);
         }
         Digest::of_parts(DOMAIN, &parts)
     }
 }
 
-/// The word with its signature and the key that is to have made it.
+/// The authorization with its signature and the claimed key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignedProfileAct {
@@ -86,7 +86,7 @@ pub struct SignedProfileAct {
 }
 
 impl SignedProfileAct {
-    /// Signed by an administrator, for the store and the end of its chain that they are told.
+    /// Signed by an administrator, for a store and the end of its chain.
     ///
     /// # Errors
     /// If the agent that holds the key signs nothing.
@@ -109,15 +109,15 @@ impl SignedProfileAct {
         Ok(Self { act, public_key: hex(who.info().public_key.as_bytes()), signature })
     }
 
-    /// What was signed. Trust it only after [`SignedProfileAct::check`].
+    /// The signed content. Trust it only after [`SignedProfileAct::check`].
     #[must_use]
     pub const fn act(&self) -> &ProfileAct {
         &self.act
     }
 
-    fn word(&self, profile: ProfileName, after: Digest) -> Word<'_> {
+    fn authorization(&self, profile: ProfileName, after: Digest) -> AdminAuthorization<'_> {
         let act = &self.act;
-        Word {
+        AdminAuthorization {
             about: act.profile.name(),
             by: &act.by,
             reason: &act.reason,
@@ -130,28 +130,38 @@ impl SignedProfileAct {
         }
     }
 
-    /// Whether this may be done: the word holds, with a reason that can be read.
+    /// Whether it permits the act: valid, with a readable reason.
     ///
     /// # Errors
     /// [`PersonError`], the first thing that is wrong.
-    pub fn check(&self, persons: &Persons, profile: ProfileName, after: Digest) -> Result<(), PersonError> {
-        self.word(profile, after).check(persons)
+    pub fn check(
+        &self,
+        persons: &PersonDirectory,
+        profile: ProfileName,
+        after: Digest,
+    ) -> Result<(), PersonError> {
+        self.authorization(profile, after).check(persons)
     }
 
-    /// Whether a word on record holds: an administrator who is enrolled signed it, of this profile and over this end of the
-    /// chain.
+    /// Whether a recorded authorization is valid: an enrolled administrator signed it, for this profile and this end of
+    /// the chain.
     ///
     /// # Errors
     /// [`PersonError`], the first thing that is wrong.
-    pub fn judge(&self, persons: &Persons, profile: ProfileName, after: Digest) -> Result<(), PersonError> {
-        self.word(profile, after).judge(persons)
+    pub fn judge(
+        &self,
+        persons: &PersonDirectory,
+        profile: ProfileName,
+        after: Digest,
+    ) -> Result<(), PersonError> {
+        self.authorization(profile, after).judge(persons)
     }
 
-    /// Whether the signature is one that only the administrator could have made, as far as is on record.
+    /// Whether, by the record, only the administrator could have signed it.
     ///
     /// # Errors
     /// [`PersonError::Unguarded`] or [`PersonError::SignerUnconfirmed`].
-    pub fn check_guarded(&self, persons: &Persons) -> Result<(), PersonError> {
-        self.word(self.act.profile, self.act.after).check_guarded(persons)
+    pub fn check_guarded(&self, persons: &PersonDirectory) -> Result<(), PersonError> {
+        self.authorization(self.act.profile, self.act.after).check_guarded(persons)
     }
 }

@@ -1,26 +1,26 @@
-//! An administrator's signed word on a witness of a store: a folder elsewhere that gets every checkpoint, or no more.
+//! An administrator's authorization that adds or removes a witness of a store: a folder elsewhere for its checkpoints.
 //!
 //! It is for one store and one end of its chain, so that it can be used once and nowhere else.
 
 use serde::{Deserialize, Serialize};
 
+use super::admin_authorization::AdminAuthorization;
 use super::identity::Identity;
 use super::keyfile::hex;
-use super::person::{PersonError, Persons};
-use super::signed::ApprovalError;
-use super::word::Word;
+use super::person::{PersonDirectory, PersonError};
+use super::signed_approval::ApprovalError;
 use holdpoint_governance::ids::Digest;
 
-/// Separates these bytes from everything else that is ever signed.
+/// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/witness-act/v1";
 
-/// What is signed of a witness.
+/// The signed content of an authorization of a witness.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WitnessAct {
     /// Absolute.
     pub folder: String,
-    /// Whether it gets every checkpoint from now on, or no more.
+    /// Whether it gets every checkpoint from now on, or none any more.
     pub present: bool,
     /// Name of the administrator.
     pub by: String,
@@ -29,7 +29,7 @@ pub struct WitnessAct {
     pub store_id: String,
     /// Hash of the record that this one follows.
     pub after: Digest,
-    /// Whether the key that signs lay under a passphrase or elsewhere, as far as that could be seen.
+    /// Whether the signing key had a passphrase or lay elsewhere, as far as the program could see.
     pub guarded: bool,
 }
 
@@ -50,7 +50,7 @@ impl WitnessAct {
     }
 }
 
-/// The word with its signature and the key that is to have made it.
+/// The authorization with its signature and the claimed key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignedWitnessAct {
@@ -60,7 +60,7 @@ pub struct SignedWitnessAct {
 }
 
 impl SignedWitnessAct {
-    /// Signed by an administrator, for the store and the end of its chain that they are told.
+    /// Signed by an administrator, for a store and the end of its chain.
     ///
     /// # Errors
     /// If the agent that holds the key signs nothing.
@@ -83,15 +83,15 @@ impl SignedWitnessAct {
         Ok(Self { act, public_key: hex(who.info().public_key.as_bytes()), signature })
     }
 
-    /// What was signed. Trust it only after [`SignedWitnessAct::check`].
+    /// The signed content. Trust it only after [`SignedWitnessAct::check`].
     #[must_use]
     pub const fn act(&self) -> &WitnessAct {
         &self.act
     }
 
-    fn word(&self, (folder, present): (&str, bool), after: Digest) -> Word<'_> {
+    fn authorization(&self, (folder, present): (&str, bool), after: Digest) -> AdminAuthorization<'_> {
         let act = &self.act;
-        Word {
+        AdminAuthorization {
             about: &act.folder,
             by: &act.by,
             reason: &act.reason,
@@ -104,28 +104,38 @@ impl SignedWitnessAct {
         }
     }
 
-    /// Whether this may be done: the word holds, with a reason that can be read.
+    /// Whether it permits the act: valid, with a readable reason.
     ///
     /// # Errors
     /// [`PersonError`], the first thing that is wrong.
-    pub fn check(&self, persons: &Persons, of: (&str, bool), after: Digest) -> Result<(), PersonError> {
-        self.word(of, after).check(persons)
+    pub fn check(
+        &self,
+        persons: &PersonDirectory,
+        of: (&str, bool),
+        after: Digest,
+    ) -> Result<(), PersonError> {
+        self.authorization(of, after).check(persons)
     }
 
-    /// Whether a word on record holds: an administrator who is enrolled signed it, of this witness and over this end of the
-    /// chain.
+    /// Whether a recorded authorization is valid: an enrolled administrator signed it, for this witness and this end of
+    /// the chain.
     ///
     /// # Errors
     /// [`PersonError`], the first thing that is wrong.
-    pub fn judge(&self, persons: &Persons, of: (&str, bool), after: Digest) -> Result<(), PersonError> {
-        self.word(of, after).judge(persons)
+    pub fn judge(
+        &self,
+        persons: &PersonDirectory,
+        of: (&str, bool),
+        after: Digest,
+    ) -> Result<(), PersonError> {
+        self.authorization(of, after).judge(persons)
     }
 
-    /// Whether the signature is one that only the administrator could have made, as far as is on record.
+    /// Whether, by the record, only the administrator could have signed it.
     ///
     /// # Errors
     /// [`PersonError::Unguarded`] or [`PersonError::SignerUnconfirmed`].
-    pub fn check_guarded(&self, persons: &Persons) -> Result<(), PersonError> {
-        self.word((&self.act.folder, self.act.present), self.act.after).check_guarded(persons)
+    pub fn check_guarded(&self, persons: &PersonDirectory) -> Result<(), PersonError> {
+        self.authorization((&self.act.folder, self.act.present), self.act.after).check_guarded(persons)
     }
 }

@@ -20,7 +20,7 @@ pub struct Clearance {
 
 /// A capsule on a piece of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Cover {
+struct CoverCapsule {
     /// 0 is the base, `i` the link of joint `i - 1`.
     link: usize,
     a: Vector3<f64>,
@@ -31,7 +31,7 @@ struct Cover {
 /// The capsules that cover a robot, and the pairs of them that may meet.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClearanceModel {
-    covers: Vec<Cover>,
+    covers: Vec<CoverCapsule>,
     /// Pairs that may meet, as indices into `covers`.
     pairs: Vec<(usize, usize)>,
     /// Covers that can come near the table: those of the third link and beyond.
@@ -100,7 +100,7 @@ impl ClearanceModel {
 
 /// The capsule around a shape: along its longest side, with the half diagonal of the other two as
 /// radius, shortened so that the round ends stay within the corners' reach.
-fn cover(link: usize, at: &Transform, shape: &Shape) -> Cover {
+fn cover(link: usize, at: &Transform, shape: &Shape) -> CoverCapsule {
     let (axis, half, radius) = match *shape {
         Shape::Capsule { half_length_m, radius_m } => (2, half_length_m, radius_m),
         Shape::Cylinder { half_length_m, radius_m } => (2, half_length_m, radius_m),
@@ -114,10 +114,10 @@ fn cover(link: usize, at: &Transform, shape: &Shape) -> Cover {
     };
     let mut along = Vector3::zeros();
     along[axis] = half;
-    Cover { link, a: at.point(&-along), b: at.point(&along), radius }
+    CoverCapsule { link, a: at.point(&-along), b: at.point(&along), radius }
 }
 
-fn place(cover: &Cover, frames: &Frames) -> (Vector3<f64>, Vector3<f64>) {
+fn place(cover: &CoverCapsule, frames: &Frames) -> (Vector3<f64>, Vector3<f64>) {
     match cover.link.checked_sub(1).and_then(|i| frames.links.get(i)) {
         None => (cover.a, cover.b),
         Some(frame) => (frame.point(&cover.a), frame.point(&cover.b)),
@@ -126,7 +126,7 @@ fn place(cover: &Cover, frames: &Frames) -> (Vector3<f64>, Vector3<f64>) {
 
 type Segment = (Vector3<f64>, Vector3<f64>);
 
-fn distance(p: &Segment, q: &Segment, a: &Cover, b: &Cover) -> f64 {
+fn distance(p: &Segment, q: &Segment, a: &CoverCapsule, b: &CoverCapsule) -> f64 {
     libm::sqrt(segment_distance2(p, q)) - a.radius - b.radius
 }
 

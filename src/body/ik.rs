@@ -1,7 +1,7 @@
 //! Inverse kinematics: damped least squares, limit-clamped, warm-started.
 //!
-//! Each iteration solves `dq = J^T (J J^T + l^2 I)^-1 e` (Nakamura and Hanafusa 1986; Wampler 1986)
-//! with damping scaled by the error, plus a null-space pull towards a rest posture.
+//! Each iteration solves `dq = J^T (J J^T + l^2 I)^-1 e` (Nakamura and Hanafusa 1986; Wampler 1986) with damping
+//! scaled by the error, plus a null-space pull toward a rest posture.
 
 use nalgebra::{Isometry3, Matrix6, Rotation3, Vector3, Vector6};
 

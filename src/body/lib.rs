@@ -7,11 +7,11 @@
 
 pub mod chain;
 pub mod clearance;
+pub mod disturbance;
 pub mod geometry;
 pub mod ik;
 mod messages;
 pub mod number;
-pub mod rehearsal;
 pub mod shape;
 pub mod zone;
 

@@ -5,8 +5,8 @@
 //! see) and an [`Interrupt`]. They are plain serde values so that a skill can run behind a
 //! process or a WebAssembly boundary and an episode can be logged and replayed.
 //!
-//! Units are SI: metres, radians, newtons, seconds; ticks are [`RATE_HZ`] per second. Poses are
-//! expressed in the world frame, z up, the robot's base at the origin.
+//! Units are SI: meters, radians, newtons, seconds; ticks are [`RATE_HZ`] per second. Poses are expressed in the
+//! world frame, z up, the robot's base at the origin.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
@@ -24,7 +24,7 @@ pub const MAX_JOINTS: usize = 8;
 /// One value per arm joint, base to tool, without allocation.
 pub type JointVec = ArrayVec<f64, MAX_JOINTS>;
 
-/// A rigid pose in the world frame: position in metres and a unit quaternion (x, y, z, w).
+/// A rigid pose in the world frame: position in meters and a unit quaternion (x, y, z, w).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pose {
@@ -55,7 +55,7 @@ impl Pose {
         self.position.iter().all(|v| v.is_finite()) && (norm2 - 1.0).abs() < 1e-6
     }
 
-    /// Distance between the two origins in metres.
+    /// Distance between the two origins in meters.
     #[must_use]
     pub fn distance_m(&self, other: &Self) -> f64 {
         let [a, b] = [self.position, other.position];
@@ -127,9 +127,9 @@ impl std::fmt::Display for TaskKind {
 pub struct Estimate {
     /// Perceived pose, with noise and bias.
     pub pose: Pose,
-    /// Ticks since the picture was taken.
+    /// Ticks since the camera frame was taken.
     pub age_ticks: u32,
-    /// Counts the pictures: a new number is a new measurement.
+    /// Number of the camera frame: a new number is a new measurement.
     pub sequence: u32,
 }
 
@@ -167,9 +167,9 @@ pub struct Observation {
     pub gripper_force_n: f64,
     /// Contact force sensed at the wrist, without the payload's weight, N.
     pub wrist_force_n: f64,
-    /// Where the object was last seen; absent when the picture was dropped.
+    /// Where the object was last seen; absent when the camera frame was dropped.
     pub object: Option<Estimate>,
-    /// Where the tray (target) was last seen; absent when the picture was dropped.
+    /// Where the tray (target) was last seen; absent when the camera frame was dropped.
     pub target: Option<Estimate>,
     /// Whether the gripper answers at the moment.
     pub tool_available: bool,
@@ -180,7 +180,9 @@ pub struct Observation {
 }
 
 /// Why a skill gave up. Manifests list the ones a version may raise.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum FailureSignal {
     /// The object or the target was not seen.
@@ -197,7 +199,7 @@ pub enum FailureSignal {
     PlacementMissed,
     /// The gripper does not answer.
     ToolUnavailable,
-    /// The pictures are too old to act on.
+    /// The camera frames are too old to act on.
     InputStale,
     /// The work took longer than the skill allows itself.
     TimedOut,
@@ -232,7 +234,7 @@ pub enum CodeFault {
     Memory,
     /// It refused to start, or what it answered is no command.
     Answer,
-    /// It was computing for so long that the machine must be what stalls: nothing is said of the code.
+    /// The call took so long that the machine must have stalled; this is no fault of the code.
     Machine,
 }
 
@@ -329,7 +331,7 @@ pub struct Telemetry {
     pub tracking_error_rad: f64,
     /// Tool pose from the measured joints.
     pub tool: Pose,
-    /// Speed of the tool's centre point, m/s.
+    /// Speed of the tool's center point, m/s.
     pub tool_speed_m_s: f64,
     /// Distance between the finger pads, m.
     pub gripper_width_m: f64,
@@ -341,7 +343,7 @@ pub struct Telemetry {
     pub contacts: Contacts,
     /// How far the object has moved in the hand since the grip closed, m; absent without a grip.
     pub slip_m: Option<f64>,
-    /// Age of the picture the skill acts on, ticks; absent when nothing was seen yet.
+    /// Age of the camera frame the skill acts on, ticks; absent before the first frame.
     pub picture_age_ticks: Option<u32>,
     /// Whether the gripper answers.
     pub tool_available: bool,

@@ -1,4 +1,4 @@
-//! From what a compiler made to a component.
+//! Turns a compiled module into a component.
 
 use std::fmt::Display;
 
@@ -8,10 +8,10 @@ use wit_parser::Resolve;
 /// The contract.
 const WIT: &str = include_str!("../sdk/wit/skill.wit");
 
-/// The first part of the name of a section that says which world a module is of.
+/// The name prefix of the section that names a module's world.
 const WORLD_SECTION: &[u8] = b"component-type";
 
-/// Why no component can be made.
+/// Why a module cannot become a component.
 #[derive(Debug, thiserror::Error)]
 pub enum EncodeError {
     /// It is neither a module nor a component.
@@ -22,7 +22,7 @@ pub enum EncodeError {
     Module(String),
 }
 
-/// A component of a core module; a component as it is.
+/// Makes a component from a core module; returns a component unchanged.
 ///
 /// # Errors
 /// If it is neither, or does not fit the contract: a missing export, one of another type, or an import.
@@ -42,7 +42,7 @@ pub fn encode(built: Vec<u8>) -> Result<Vec<u8>, EncodeError> {
     ComponentEncoder::default().validate(true).module(&module).and_then(|mut it| it.encode()).map_err(refused)
 }
 
-/// What the encoder says, with its reasons.
+/// The encoder's error with its causes.
 fn refused(error: impl Display) -> EncodeError {
     EncodeError::Module(format!("{error:#}"))
 }

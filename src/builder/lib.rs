@@ -1,29 +1,29 @@
-//! From nothing to a skill's component: a folder to begin with, the toolchain that builds it, and the component.
+//! Builds a skill's component: the starting folder, the toolchain, and the component.
 //!
-//! Carries the kit (`src/sdk`) with it, so that a new folder has all that it is built from. Writes into that folder alone; runs
-//! cargo or clang and nothing else. Knows nothing of how a component is run.
+//! Embeds the kit (`src/sdk`), so that a new folder has everything for its build. Writes only into that folder and runs
+//! only cargo or clang. Does not run components.
 
 mod encode;
 mod scaffold;
 mod toolchain;
 
 pub use encode::{EncodeError, encode};
-pub use scaffold::{Name, NameError, ScaffoldError, scaffold};
-pub use toolchain::{BuildError, Built, build};
+pub use scaffold::{CrateName, CrateNameError, ScaffoldError, scaffold};
+pub use toolchain::{BuildError, BuildOutput, build};
 
-/// What a skill is written in.
+/// The language of a skill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lang {
-    /// With the crate `holdpoint-sdk`.
+    /// Rust, with the crate `holdpoint-sdk`.
     Rust,
-    /// With the header `holdpoint_skill.h`.
+    /// C, with the header `holdpoint_skill.h`.
     C,
 }
 
-/// What a skill is built for.
+/// The target of a build.
 pub mod target {
-    /// In Rust, unless another is named: a core module without imports.
+    /// The default in Rust: a core module without imports.
     pub const RUST: &str = "wasm32-unknown-unknown";
-    /// In C.
+    /// The target in C.
     pub const C: &str = "wasm32";
 }

@@ -1,4 +1,4 @@
-//! A folder to begin with: a grasp that works, its manifest, and the kit it is built from.
+//! The starting folder: a working grasp, its manifest, and the kit.
 
 use std::fmt;
 use std::fs;
@@ -11,7 +11,7 @@ use crate::Lang;
 /// The longest name.
 const NAME_BYTES_MAX: usize = 64;
 
-/// What stands for the name in the files of a new folder.
+/// The placeholder of the name in the templates.
 const PLACEHOLDER: &str = "NAME";
 
 /// Files under `src/sdk`, by their paths there.
@@ -19,7 +19,7 @@ macro_rules! files {
     ($($path:literal),* $(,)?) => { &[$(($path, include_str!(concat!("../sdk/", $path)))),*] };
 }
 
-/// What every folder has.
+/// The files of every folder.
 const COMMON: &[(&str, &str)] = files![
     "templates/common/manifest.toml",
     "templates/common/params.toml",
@@ -47,7 +47,7 @@ const RUST_KIT: &[(&str, &str)] = files![
     "body/lib.rs",
     "body/messages.rs",
     "body/number.rs",
-    "body/rehearsal.rs",
+    "body/disturbance.rs",
     "body/shape.rs",
     "body/zone.rs",
     "rust/Cargo.toml",
@@ -72,32 +72,32 @@ const LOCK: &str = include_str!("../sdk/Cargo.lock");
 
 /// A name that a file and a crate can have.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Name(String);
+pub struct CrateName(String);
 
-/// Why a name is none.
+/// Why a name is invalid.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "{name:?} is no name: lower-case letters, digits and hyphens, a letter first, at most {NAME_BYTES_MAX}"
 )]
-pub struct NameError {
+pub struct CrateNameError {
     name: String,
 }
 
-impl FromStr for Name {
-    type Err = NameError;
+impl FromStr for CrateName {
+    type Err = CrateNameError;
 
-    fn from_str(name: &str) -> Result<Self, NameError> {
+    fn from_str(name: &str) -> Result<Self, CrateNameError> {
         let first = name.bytes().next().is_some_and(|byte| byte.is_ascii_lowercase());
         let all = name.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-');
         if first && all && name.len() <= NAME_BYTES_MAX {
             Ok(Self(name.to_owned()))
         } else {
-            Err(NameError { name: name.to_owned() })
+            Err(CrateNameError { name: name.to_owned() })
         }
     }
 }
 
-impl fmt::Display for Name {
+impl fmt::Display for CrateName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.0)
     }
@@ -106,23 +106,23 @@ impl fmt::Display for Name {
 /// Why a folder was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum ScaffoldError {
-    /// There is something in it.
+    /// The folder is not empty.
     #[error("{0:?} is there and not empty")]
     NotEmpty(PathBuf),
     /// It cannot be written.
     #[error("cannot write {path:?}: {source}")]
     Write {
-        /// What could not be written.
+        /// The path that could not be written.
         path: PathBuf,
         source: io::Error,
     },
 }
 
-/// Writes a folder that builds to a component, and is a candidate with it.
+/// Writes a folder that builds a component and forms a candidate with it.
 ///
 /// # Errors
 /// If the folder is not empty, or cannot be written.
-pub fn scaffold(folder: &Path, name: &Name, lang: Lang) -> Result<(), ScaffoldError> {
+pub fn scaffold(folder: &Path, name: &CrateName, lang: Lang) -> Result<(), ScaffoldError> {
     let failed = |source| ScaffoldError::Write { path: folder.to_owned(), source };
     fs::create_dir_all(folder).map_err(failed)?;
     if fs::read_dir(folder).map_err(failed)?.next().is_some() {
@@ -133,7 +133,7 @@ pub fn scaffold(folder: &Path, name: &Name, lang: Lang) -> Result<(), ScaffoldEr
         Lang::C => (C, C_KIT),
     };
     for (path, text) in COMMON.iter().chain(own) {
-        // Below the folder of their kind: templates/rust/src/lib.rs is src/lib.rs here.
+        // Relative to the folder of their kind: templates/rust/src/lib.rs is src/lib.rs here.
         let path: PathBuf = Path::new(path).components().skip(2).collect();
         write(&folder.join(path), &text.replace(PLACEHOLDER, &name.0))?;
     }
@@ -151,7 +151,7 @@ pub fn scaffold(folder: &Path, name: &Name, lang: Lang) -> Result<(), ScaffoldEr
     write(&folder.join(".gitignore"), "/target\n*.core.wasm\n")
 }
 
-/// The kit's workspace without what it is tested with.
+/// The kit's workspace without its tests.
 fn of_the_kit_alone(text: &str) -> String {
     let members = r#"members = ["body", "rust", "skill"]"#;
     let lines = text.lines().filter(|line| !line.starts_with('#'));
@@ -214,7 +214,7 @@ mod tests {
             );
         }
         assert_eq!(kit["workspace"]["lints"], main["workspace"]["lints"]);
-        // The kit's own crate has a list of its own: `unsafe` is let where it is generated, and nothing else is let that is not.
+        // The kit's crate has its own list, which permits `unsafe` in generated code and nothing else.
         let own = read(sdk().join("rust/Cargo.toml"));
         assert_eq!(own["lints"]["rust"]["unsafe_code"].as_str(), Some("deny"));
         let (own, main) = (&own["lints"]["clippy"], &main["workspace"]["lints"]["clippy"]);
@@ -228,10 +228,10 @@ mod tests {
     #[test]
     fn a_name_is_one_of_a_file_and_a_crate() {
         for name in ["grasp", "my-grasp-2"] {
-            assert_eq!(name.parse::<Name>().unwrap().to_string(), name);
+            assert_eq!(name.parse::<CrateName>().unwrap().to_string(), name);
         }
         for name in ["", "2nd", "My", "a b", "../up", "a.b", "-a", &"a".repeat(65)] {
-            assert!(name.parse::<Name>().is_err(), "{name}");
+            assert!(name.parse::<CrateName>().is_err(), "{name}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! The toolchains, what is missing of them, and how to get it.
+//! The toolchains, their missing parts, and how to install them.
 
 use std::borrow::Cow;
 use std::env;
@@ -12,10 +12,10 @@ use holdpoint_text::Hint;
 use crate::encode::{EncodeError, encode};
 use crate::{Lang, target};
 
-/// How clang and its linker are got.
+/// How to install clang and its linker.
 const GET_CLANG: &str = "`apt install clang lld`, `dnf install clang lld` or `brew install llvm lld`";
 
-/// With this, cargo builds the standard library along: a compiler needs no target then.
+/// With this, cargo also builds the standard library, so the compiler needs no installed target.
 const BUILD_STD: &str = "CARGO_UNSTABLE_BUILD_STD";
 
 /// Why nothing was built.
@@ -24,39 +24,39 @@ pub enum BuildError {
     /// The folder has nothing to build.
     #[error("{0:?} has neither Cargo.toml nor compile_flags.txt")]
     NoSource(PathBuf),
-    /// A program is not there.
+    /// A program is missing.
     #[error("the program {program:?} is not there")]
     Missing {
         /// Its name.
         program: String,
-        /// How to get it.
+        /// How to install it.
         get: &'static str,
     },
     /// The compiler cannot build for it.
     #[error("the compiler {compiler:?} cannot build for {target}")]
     NoTarget {
-        /// Which compiler.
+        /// The compiler.
         compiler: String,
-        /// What it cannot build for.
+        /// The missing target.
         target: String,
-        /// How it comes to.
+        /// How to install the target.
         get: String,
     },
-    /// The compiler refused; it has said why.
+    /// The compiler failed and has reported why.
     #[error("{program} ended with {status}; what it said stands above")]
     Refused {
-        /// What was run.
+        /// The command.
         program: &'static str,
-        /// How it ended.
+        /// Its exit status.
         status: ExitStatus,
     },
-    /// What the compiler made is no component.
+    /// The compiled module cannot become a component.
     #[error(transparent)]
     Encode(#[from] EncodeError),
     /// A file cannot be read or written.
     #[error("cannot read or write {path:?}: {source}")]
     File {
-        /// Which one.
+        /// Its path.
         path: PathBuf,
         source: io::Error,
     },
@@ -83,9 +83,9 @@ impl Hint for BuildError {
     }
 }
 
-/// What was built.
+/// The result of a build.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Built {
+pub struct BuildOutput {
     pub lang: Lang,
     /// The component.
     pub path: PathBuf,
@@ -93,11 +93,11 @@ pub struct Built {
     pub bytes: usize,
 }
 
-/// Builds what is in a folder, and writes the component into it under a name.
+/// Builds a folder and writes the component into it under a name.
 ///
 /// # Errors
-/// [`BuildError`]; what a compiler has to say it says on standard error itself.
-pub fn build(folder: &Path, component: &Path, target: &str) -> Result<Built, BuildError> {
+/// [`BuildError`]; a compiler reports on standard error itself.
+pub fn build(folder: &Path, component: &Path, target: &str) -> Result<BuildOutput, BuildError> {
     let (lang, made) = if folder.join("Cargo.toml").is_file() {
         (Lang::Rust, rust(folder, target)?)
     } else if folder.join("compile_flags.txt").is_file() {
@@ -108,7 +108,7 @@ pub fn build(folder: &Path, component: &Path, target: &str) -> Result<Built, Bui
     let bytes = encode(fs::read(&made).map_err(file(&made))?)?;
     let path = folder.join(component);
     fs::write(&path, &bytes).map_err(file(&path))?;
-    Ok(Built { lang, path, bytes: bytes.len() })
+    Ok(BuildOutput { lang, path, bytes: bytes.len() })
 }
 
 fn file(path: &Path) -> impl FnOnce(io::Error) -> BuildError + use<> {
@@ -120,9 +120,9 @@ fn rust(folder: &Path, target: &str) -> Result<PathBuf, BuildError> {
     let cargo = env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let rustc = env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
     let from = "https://rustup.rs";
-    said(Command::new(&cargo).arg("--version"), &cargo, from)?;
+    program_output(Command::new(&cargo).arg("--version"), &cargo, from)?;
     if env::var_os(BUILD_STD).is_none() {
-        let libraries = said(
+        let libraries = program_output(
             Command::new(&rustc).args(["--print", "target-libdir", "--target", target]).current_dir(folder),
             &rustc,
             from,
@@ -151,15 +151,18 @@ fn rust(folder: &Path, target: &str) -> Result<PathBuf, BuildError> {
 
 fn c(folder: &Path) -> Result<PathBuf, BuildError> {
     let clang = env::var("CLANG").unwrap_or_else(|_| "clang".to_owned());
-    let targets = said(Command::new(&clang).arg("--print-targets"), &clang, GET_CLANG)?;
+    let targets = program_output(Command::new(&clang).arg("--print-targets"), &clang, GET_CLANG)?;
     if !targets.is_some_and(|targets| targets.contains("wasm32")) {
         let get = format!("take another clang, e.g. {GET_CLANG}, and name it in the variable CLANG");
         return Err(BuildError::NoTarget { compiler: clang, target: target::C.to_owned(), get });
     }
-    let linker =
-        said(Command::new(&clang).args(["--target=wasm32", "--print-prog-name=wasm-ld"]), &clang, GET_CLANG)?;
+    let linker = program_output(
+        Command::new(&clang).args(["--target=wasm32", "--print-prog-name=wasm-ld"]),
+        &clang,
+        GET_CLANG,
+    )?;
     let linker = linker.as_deref().map_or("wasm-ld", str::trim);
-    said(Command::new(linker).arg("--version"), "wasm-ld", GET_CLANG)?;
+    program_output(Command::new(linker).arg("--version"), "wasm-ld", GET_CLANG)?;
     let built = folder.join("target");
     fs::create_dir_all(&built).map_err(file(&built))?;
     let mut sources = Vec::new();
@@ -171,7 +174,7 @@ fn c(folder: &Path) -> Result<PathBuf, BuildError> {
             }
         }
     }
-    // The order of a folder is the file system's.
+    // The file system decides the order of a folder.
     sources.sort();
     let mut command = Command::new(&clang);
     command
@@ -182,8 +185,12 @@ fn c(folder: &Path) -> Result<PathBuf, BuildError> {
     Ok(built.join("skill.wasm"))
 }
 
-/// What a program prints; `None` if it refuses.
-fn said(command: &mut Command, program: &str, get: &'static str) -> Result<Option<String>, BuildError> {
+/// The output of a program; `None` if it fails.
+fn program_output(
+    command: &mut Command,
+    program: &str,
+    get: &'static str,
+) -> Result<Option<String>, BuildError> {
     match command.stderr(Stdio::null()).output() {
         Ok(output) if output.status.success() => {
             Ok(Some(String::from_utf8_lossy(&output.stdout).into_owned()))
@@ -197,7 +204,7 @@ fn said(command: &mut Command, program: &str, get: &'static str) -> Result<Optio
 }
 
 fn done(program: &'static str, command: &mut Command) -> Result<(), BuildError> {
-    // Standard output is for the answer of whoever asked.
+    // Standard output belongs to the caller's result.
     let status = command.stdout(Stdio::null()).status().map_err(file(Path::new(program)))?;
     if status.success() { Ok(()) } else { Err(BuildError::Refused { program, status }) }
 }

@@ -1,18 +1,18 @@
 //! `holdpoint alarms`: the alarms of a store, open ones or their whole history.
 //!
-//! Reads the store alone, so that it answers with and without an engine. Changes nothing.
+//! Reads only the store, so it answers with and without an engine. Changes nothing.
 
 use clap::Args;
 use serde::Serialize;
 
 use super::data;
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::health_series::{HealthError, HealthReader};
 use holdpoint_governance::alarms::{Alarm, AlarmState, Priority};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_protocol::health::{AlarmSpell, BUCKET_MS_MAX, BUCKETS_MAX, HealthAsked, HealthClock};
+use holdpoint_protocol::health::{AlarmEpisode, BUCKET_MS_MAX, BUCKETS_MAX, HealthClock, HealthQuery};
 use holdpoint_registry::{AuditFilter, Layout, Views};
 use holdpoint_text::Untrusted;
 
@@ -25,16 +25,16 @@ Examples:
   holdpoint alarms --history --courses
   holdpoint alarms --history --alarm degraded:grasp@1.0.0")]
 pub struct AlarmsArgs {
-    /// Every change of every alarm, the newest first, instead of what is open now.
+    /// Shows every change of every alarm, newest first, instead of the open alarms.
     #[arg(long)]
     pub history: bool,
-    /// With --history: each alarm once for each time it was raised, with who did what and how long it stood.
+    /// With --history: shows each raising of an alarm once, with the people who acted and its duration.
     #[arg(long, requires = "history")]
     pub courses: bool,
-    /// Only this alarm.
+    /// Shows only this alarm.
     #[arg(long, value_name = "NAME")]
     pub alarm: Option<String>,
-    /// At most so many lines.
+    /// Shows at most N lines.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub limit: u16,
 }
@@ -47,7 +47,7 @@ struct AlarmLine {
     alarm: String,
     priority: Priority,
     state: AlarmState,
-    /// What was said of it last; absent for one that the store no longer has.
+    /// The latest text of the alarm; absent if the store no longer has it.
     text: Option<Untrusted>,
 }
 
@@ -62,11 +62,15 @@ impl AlarmLine {
     }
 }
 
-/// Shows them.
+/// Prints the alarms.
 ///
 /// # Errors
 /// [`CliError`] if the store cannot be read.
-pub(super) fn run(context: &CliContext, args: &AlarmsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub(super) fn run(
+    context: &CliContext,
+    args: &AlarmsArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
     let views = data::open_checked(&context.data)?;
     if args.courses {
         return courses(views, context, args, out);
@@ -107,28 +111,28 @@ pub(super) fn run(context: &CliContext, args: &AlarmsArgs, out: &mut Output<'_>)
     Ok(Exit::Confirmed)
 }
 
-/// The whole record's course of each alarm, the newest first.
+/// The course of each alarm in the whole history, newest first.
 fn courses(
     views: Views,
     context: &CliContext,
     args: &AlarmsArgs,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let reader = HealthReader::new(views, &Layout::new(&context.data)).map_err(CliError::usage)?;
     let end = reader.end().map_err(CliError::usage)?;
-    // By the engine's clock every record has its place.
-    let asked = HealthAsked {
+    // Records are ordered by the engine's clock.
+    let asked = HealthQuery {
         clock: Some(HealthClock::Virtual),
         only_alarms: true,
         bucket_ms: BUCKET_MS_MAX,
         buckets: BUCKETS_MAX,
-        ..HealthAsked::default()
+        ..HealthQuery::default()
     };
     let series = reader.read(&asked, Some(end)).map_err(|error| match error {
         HealthError::Store(error) => CliError::usage(error),
         HealthError::Asked(text) => CliError::usage(text),
     })?;
-    let wanted = |spell: &&AlarmSpell| args.alarm.as_ref().is_none_or(|alarm| *alarm == spell.alarm);
+    let wanted = |spell: &&AlarmEpisode| args.alarm.as_ref().is_none_or(|alarm| *alarm == spell.alarm);
     let mut count = 0;
     for spell in series.alarms.iter().filter(wanted).take(usize::from(args.limit)) {
         count += 1;
@@ -145,7 +149,7 @@ fn courses(
     Ok(Exit::Confirmed)
 }
 
-/// A change of an alarm, as the record of the chain has it.
+/// A change of an alarm, from its record in the chain.
 fn changed(at_ms: u64, body: &str, text_of: &dyn Fn(&str) -> Option<Untrusted>) -> Option<AlarmLine> {
     let body: serde_json::Value = serde_json::from_str(body).ok()?;
     let field = |name: &str| body.get("change")?.get(name)?.as_str();

@@ -1,18 +1,18 @@
-//! `holdpoint audit`: lists, verifies and exports the chain, proves things of it, and names its witnesses. All but the
-//! last read only; an engine may have the store open meanwhile.
+//! `holdpoint audit`: lists, verifies and exports the chain, writes proofs, and manages witnesses. Only the witness
+//! verbs write; an engine may have the store open meanwhile.
 
 use std::fs::OpenOptions;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::audit_proof::{self, CheckProofArgs, ConsistencyArgs, ProofArgs};
 use super::data;
-use super::output::Table;
-use super::proof::{self, CheckProofArgs, ConsistencyArgs, ProofArgs};
+use super::output::TextTable;
 use super::verify::{self, VerifyArgs};
 use super::witness::{self, WitnessArgs};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{AuditFilter, ExportError, Views};
@@ -31,39 +31,39 @@ Examples:
   holdpoint audit witness add /mnt/witness
   holdpoint audit export --out audit.jsonl")]
 pub struct AuditArgs {
-    /// The verb that was given, with its arguments.
+    /// The verb with its arguments.
     #[command(subcommand)]
     pub verb: AuditVerb,
 }
 
-/// What can be done with the audit log.
+/// The verbs of `audit`.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum AuditVerb {
-    /// Lists records, the newest first: all but the seals of telemetry, which are the most by far.
+    /// Lists records, newest first. Omits telemetry digests, which are most of the records, unless --all is given.
     #[command(after_help = "\
 Examples:
   holdpoint audit list --subject grasp@1.3.0 --limit 20
   holdpoint audit list --kind shift-note
   holdpoint audit list --all")]
     List {
-        /// About exactly this family or version only.
+        /// Only records about exactly this family or version.
         #[arg(long, value_name = "FAMILY[@VERSION]")]
         subject: Option<String>,
-        /// Of this kind only.
+        /// Only records of this kind.
         #[arg(long)]
         kind: Option<RecordKind>,
-        /// The seals of telemetry as well.
+        /// Includes telemetry digests.
         #[arg(long, conflicts_with = "kind")]
         all: bool,
-        /// How many at most.
+        /// The largest number of records.
         #[arg(long, value_name = "N", default_value_t = 50,
               value_parser = clap::value_parser!(u32).range(1..=i64::from(LIST_MAX)))]
         limit: u32,
     },
-    /// Verifies the whole history and names the first thing that is bad. Ends with 1 if there is one.
+    /// Verifies the whole history and reports the first error. Exits with 1 if there is one.
     #[command(after_help = "\
-Without a copy kept elsewhere nobody can tell that a whole store was put back to an earlier state: --against
-takes such copies, and the store's witnesses are asked by themselves.
+Only a copy kept elsewhere can show that the whole store was restored from an older copy.
+--against names such copies; the store's witnesses are always read.
 
 Examples:
   holdpoint audit verify --all
@@ -71,50 +71,50 @@ Examples:
   holdpoint audit verify --file copy/holdpoint.db --key store.pub
   holdpoint audit verify --file store.jsonl --key store.pub")]
     Verify(VerifyArgs),
-    /// Proves that a record is in the chain, by a file that is checked without the store.
+    /// Writes a proof that a record is in the chain; it can be checked without the store.
     #[command(after_help = "\
 Example:
   holdpoint audit proof 120 --out record-120.json")]
     Proof(ProofArgs),
-    /// Proves that the chain goes on from an earlier checkpoint, by a file that is checked without the store.
+    /// Writes a proof that the chain extends an earlier checkpoint; it can be checked without the store.
     #[command(after_help = "\
 Examples:
   holdpoint audit consistency --from 256
   holdpoint audit consistency --against kept/000000000256.json --out consistency.json")]
     Consistency(ConsistencyArgs),
-    /// Checks a proof with the store's public key alone. Ends with 1 if it does not hold.
+    /// Checks a proof with only the store's public key. Exits with 1 if the proof fails.
     #[command(after_help = "\
 Example:
   holdpoint audit check-proof record-120.json --public-key store.pub")]
     CheckProof(CheckProofArgs),
-    /// Adds, lists and removes witnesses: folders elsewhere that get every checkpoint.
+    /// Adds, lists and removes witnesses: folders elsewhere that receive each checkpoint.
     #[command(after_help = "\
 Examples:
   holdpoint audit witness add /mnt/witness
   holdpoint audit witness list")]
     Witness(WitnessArgs),
-    /// Writes the records as JSON lines, if they are what was signed.
+    /// Writes the records as JSON lines after it verifies them.
     #[command(after_help = "\
 Example:
   holdpoint audit export --from 100 --out audit.jsonl")]
     Export {
-        /// From this record on.
+        /// The first record to write.
         #[arg(long, value_name = "SEQ", default_value_t = 1)]
         from: u64,
-        /// Also where they are not what was signed: as they lie there, for whoever looks into a damaged store.
+        /// Writes records that fail verification, too, unchanged, to inspect a damaged store.
         #[arg(long)]
         unchecked: bool,
-        /// A new file [default: the standard output].
+        /// The file to create [default: the standard output].
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &AuditArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     match &args.verb {
         AuditVerb::List { subject, kind, all, limit } => {
             let seals = RecordKind::SEALS.into_iter().filter(|_| kind.is_none() && !all);
@@ -130,9 +130,9 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
             list(&data::open(&context.data)?, &filter, out)?;
         }
         AuditVerb::Verify(args) => return verify::run(context, args, out),
-        AuditVerb::Proof(args) => return proof::record(context, args, out),
-        AuditVerb::Consistency(args) => return proof::consistency(context, args, out),
-        AuditVerb::CheckProof(args) => return proof::check(context, args, out),
+        AuditVerb::Proof(args) => return audit_proof::record(context, args, out),
+        AuditVerb::Consistency(args) => return audit_proof::consistency(context, args, out),
+        AuditVerb::CheckProof(args) => return audit_proof::check(context, args, out),
         AuditVerb::Witness(args) => return witness::run(context, args, out),
         AuditVerb::Export { from, unchecked, out: None } => {
             export_to(&records_of(context, *unchecked)?, *from, out.sink())?;
@@ -152,34 +152,34 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
     Ok(Exit::Confirmed)
 }
 
-/// Where records are read from to be written out.
+/// The source of the exported records.
 fn records_of(context: &CliContext, unchecked: bool) -> Result<Views, CliError> {
     if unchecked {
         return data::open(&context.data);
     }
     data::open_records(&context.data).map_err(|error| {
         error.with_hint(
-            "`holdpoint audit verify` says what is wrong; --unchecked writes the records as they lie there",
+            "`holdpoint audit verify` shows the error; --unchecked writes the records without verification",
         )
     })
 }
 
-fn list(views: &Views, filter: &AuditFilter, out: &mut Output<'_>) -> Result<(), CliError> {
+fn list(views: &Views, filter: &AuditFilter, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let records = views.audit(filter).map_err(CliError::usage)?;
     if out.is_json() {
         return records.iter().try_for_each(|record| out.json(record));
     }
-    let rest = |out: &mut Output<'_>| {
+    let rest = |out: &mut CommandOutput<'_>| {
         if filter.without.is_empty() {
             return Ok(());
         }
-        out.line("seals of telemetry are left out; --all lists them too")
+        out.line("telemetry digests are omitted; --all includes them")
     };
     if records.is_empty() {
         out.line("no records")?;
         return rest(out);
     }
-    let mut table = Table::new(&["seq", "time", "kind", "subject", "hash"]);
+    let mut table = TextTable::new(&["seq", "time", "kind", "subject", "hash"]);
     for record in &records {
         let time = format!("{:.3} s", record.at_ms as f64 / 1_000.0);
         table.row([

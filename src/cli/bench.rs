@@ -1,17 +1,17 @@
 //! `holdpoint bench`: arguments and the printed report.
 //!
-//! Prints what [`holdpoint_lab::bench`] measured; must not measure or round away anything itself (JSON has every digit).
+//! Prints the results of [`holdpoint_lab::bench`]; measures nothing, and rounds nothing in JSON.
 
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use indicatif::ProgressBar;
 
-use super::output::Table;
-use crate::cli::output::Output;
+use super::output::TextTable;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_lab::bench::peers::{self, PeerError, PeerReport, PeerSettings};
-use holdpoint_lab::bench::stats::{self, Stated};
+use holdpoint_lab::bench::stats::{self, StatedBound};
 use holdpoint_lab::bench::{self, BenchReport};
 use holdpoint_text::Hint;
 
@@ -25,22 +25,22 @@ Examples:
   holdpoint bench peers --python .peers/venv/bin/python --scripts bench/peers")]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct BenchArgs {
-    /// What to measure instead of times.
+    /// Measures this instead of times.
     #[command(subcommand)]
     pub what: Option<BenchStudy>,
-    /// Fewer repetitions; the numbers are then rougher.
+    /// Fewer repetitions, so less precise numbers.
     #[arg(long)]
     pub quick: bool,
 }
 
-/// What `bench` can measure beside times.
+/// What `bench` can measure besides times.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum BenchStudy {
-    /// Simulates how often the rules err, and holds it against what the profiles say.
+    /// Simulates the error rates of the rules and compares them with those the profiles state.
     ///
-    /// Ends with the code of an internal fault if a stated rate is refuted.
+    /// Exits with the code of an internal fault if a stated rate is refuted.
     Stats(StatsArgs),
-    /// Times the grasp-and-place episode beside other physics engines, round by round.
+    /// Times the grasp-and-place episode in Holdpoint and in other physics engines, in interleaved rounds.
     Peers(PeersArgs),
 }
 
@@ -51,7 +51,7 @@ Examples:
   holdpoint bench stats
   holdpoint bench stats --runs 2000 --json")]
 pub struct StatsArgs {
-    /// Runs of each figure.
+    /// Runs for each figure.
     #[arg(long, default_value_t = stats::RUNS, value_parser = clap::value_parser!(u32).range(i64::from(stats::RUNS_MIN)..=i64::from(stats::RUNS_MAX)))]
     pub runs: u32,
 }
@@ -60,7 +60,7 @@ pub struct StatsArgs {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 The scripts are pybullet_grasp.py and mujoco_grasp.py with their folder models; each prints one JSON line of figures.
-What is missing of them is named and left out.
+Missing scripts and engines are named and left out.
 
 Examples:
   holdpoint bench peers --python .peers/venv/bin/python --scripts bench/peers
@@ -69,16 +69,16 @@ pub struct PeersArgs {
     /// The interpreter that has the peers installed.
     #[arg(long, value_name = "PROGRAM")]
     pub python: PathBuf,
-    /// The folder of the peers' scripts.
+    /// The folder with the peers' scripts.
     #[arg(long, value_name = "DIR")]
     pub scripts: PathBuf,
-    /// The peer in C.
+    /// The compiled peer, in C.
     #[arg(long, value_name = "PROGRAM")]
     pub native: Option<PathBuf>,
-    /// Rounds; every engine works once in each.
+    /// Rounds; every engine runs once in each.
     #[arg(long, default_value_t = peers::ROUNDS, value_parser = clap::value_parser!(u32).range(1..=i64::from(peers::ROUNDS_MAX)))]
     pub rounds: u32,
-    /// Episodes of a round in this cell.
+    /// Episodes for each round in this cell.
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub episodes: u64,
 }
@@ -87,7 +87,7 @@ pub struct PeersArgs {
 ///
 /// # Errors
 /// If the engine could not be measured, or the output cannot be written.
-pub fn run(args: &BenchArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(args: &BenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     if let Some(BenchStudy::Peers(args)) = &args.what {
         let report = compare(args)?;
         out.answer(&report, |out| show_peers(&report, out))?;
@@ -103,11 +103,11 @@ pub fn run(args: &BenchArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     Ok(Exit::Confirmed)
 }
 
-fn show(report: &BenchReport, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(report: &BenchReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let BenchReport { version, build, physics, .. } = report;
     out.line(&format!("holdpoint {version}, {build} build, physics {physics}, rules f64, one worker"))?;
     out.line("")?;
-    let mut table = Table::new(&["what", "median", "p90", "unit", "n", "clock", "a sample is"]);
+    let mut table = TextTable::new(&["what", "median", "p90", "unit", "n", "clock", "a sample is"]);
     for entry in &report.entries {
         table.row([
             entry.name.clone(),
@@ -121,7 +121,8 @@ fn show(report: &BenchReport, out: &mut Output<'_>) -> Result<(), CliError> {
     }
     out.table(&table)?;
     out.line("")?;
-    let mut table = Table::new(&["peer episode", "lift", "place", "per cpu-s", "median ms", "p90 ms", "n"]);
+    let mut table =
+        TextTable::new(&["peer episode", "lift", "place", "per cpu-s", "median ms", "p90 ms", "n"]);
     for peer in &report.peer {
         table.row([
             format!("{:?}", peer.mode).to_lowercase(),
@@ -137,9 +138,9 @@ fn show(report: &BenchReport, out: &mut Output<'_>) -> Result<(), CliError> {
 }
 
 fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
-    // The peers run in the scripts' folder; what is named here lies where this program was called.
+    // Peers run in the scripts' folder; relative paths refer to the caller's folder.
     let full = |path: &Path| std::path::absolute(path).map_err(CliError::internal);
-    // A bare name is looked for along PATH.
+    // A bare name is searched in PATH.
     let program = |path: &Path| match path.components().count() {
         1 => Ok(path.to_owned()),
         _ => full(path),
@@ -164,7 +165,7 @@ fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
     })
 }
 
-fn show_peers(report: &PeerReport, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show_peers(report: &PeerReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     out.line(&format!(
         "grasp and place, 960 ticks; {} interleaved rounds, medians; this cell {}, peers f64",
         report.rounds, report.physics
@@ -181,7 +182,7 @@ fn show_peers(report: &PeerReport, out: &mut Output<'_>) -> Result<(), CliError>
         "place",
         "n a round",
     ];
-    let mut table = Table::new(&header);
+    let mut table = TextTable::new(&header);
     let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".to_owned(), number);
     for row in &report.rows {
         let end = |pick: fn(f64, f64) -> f64| {
@@ -206,18 +207,18 @@ fn show_peers(report: &PeerReport, out: &mut Output<'_>) -> Result<(), CliError>
     Ok(())
 }
 
-fn show_study(report: &stats::StudyReport, out: &mut Output<'_>) -> Result<(), CliError> {
-    out.line(&format!("holdpoint {}, {} runs of each figure, drawn from", report.version, report.runs))?;
+fn show_study(report: &stats::StudyReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    out.line(&format!("holdpoint {}, {} runs of each figure, sampled from", report.version, report.runs))?;
     for table in &report.tables {
         out.line(&format!("  {table}"))?;
     }
     out.line("")?;
-    let mut table = Table::new(&["rule", "what", "under", "found", "unit", "stated", ""]);
+    let mut table = TextTable::new(&["rule", "what", "under", "found", "unit", "stated", ""]);
     for finding in &report.findings {
         let stated = match finding.stated {
             None => String::new(),
-            Some(Stated::AtMost(rate)) => format!("<= {rate}"),
-            Some(Stated::AtLeast(rate)) => format!(">= {rate}"),
+            Some(StatedBound::AtMost(rate)) => format!("<= {rate}"),
+            Some(StatedBound::AtLeast(rate)) => format!(">= {rate}"),
         };
         table.row([
             finding.rule.to_owned(),

@@ -8,24 +8,24 @@ use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::chosen::{AskedProfile, AskedProfileParser, chosen, last};
 use super::data;
-use super::output::Table;
+use super::output::TextTable;
+use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen, last};
 use crate::cli::context::CliContext;
 use crate::cli::engine_verbs::EngineVerbs;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::SignedAuthorship;
-use holdpoint_engine::check::{self, Standing, StaticFindings};
+use holdpoint_engine::check::{self, RegisteredVersions, StaticFindings};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome};
-use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::profile::{Profile, ProfileName, titled};
 use holdpoint_governance::risk::RiskClass;
+use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_registry::Layout;
-use holdpoint_runtime::capability::{self, Capability, PackageError, Parsed};
+use holdpoint_runtime::capability::{self, Capability, PackageError, ParsedPackage};
 use holdpoint_text::Untrusted;
 
 /// The arguments of `candidate`.
@@ -35,38 +35,38 @@ Examples:
   holdpoint candidate check manifests/candidates/grasp-improved
   holdpoint candidate diff manifests/grasp/1.0.0 manifests/candidates/grasp-improved")]
 pub struct CandidateArgs {
-    /// The verb that was given, with its arguments.
+    /// The verb with its arguments.
     #[command(subcommand)]
     pub verb: CandidateVerb,
 }
 
-/// What can be done with candidates.
+/// The verbs of `candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum CandidateVerb {
     /// Registers a candidate's folder with the engine.
     Register(RegisterArgs),
     /// Prints a candidate's manifest in its canonical form.
     Show(FolderArgs),
-    /// Checks a candidate's folder without registering it; says nothing about its compatibility.
+    /// Checks a candidate's folder without registering it; measures no compatibility.
     Check(CheckArgs),
     /// Signs a candidate's folder as its author: writes author.sig beside the manifest.
     Sign(SignArgs),
     /// Compares two candidates' manifests and parameters field by field.
     Diff(DiffArgs),
-    /// Runs the compatibility checks of a registered candidate, and no other stage.
+    /// Runs only the compatibility checks of a registered candidate.
     Compat(StageArgs),
-    /// Runs the sandbox of a validated candidate, and no other stage.
+    /// Runs only the sandbox of a validated candidate.
     Sandbox(StageArgs),
-    /// Runs the shadow of a sandboxed candidate, and no other stage.
+    /// Runs only the shadow of a sandboxed candidate.
     Shadow(StageArgs),
 }
 
 /// The arguments of `candidate compat`, `candidate sandbox` and `candidate shadow`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-The stage is the pipeline's own, on record like any other; the next one is
-not begun. It exits with 0 if the stage is passed, 1 if the candidate is
-rejected, 3 if it is held.
+The engine runs and records the stage as in the pipeline, and does not begin the
+next one. It exits with 0 if the candidate passes the stage, 1 if the candidate
+is rejected, 3 if the candidate is on hold.
 
 Examples:
   holdpoint candidate compat grasp@1.1.0
@@ -76,7 +76,7 @@ pub struct StageArgs {
     /// The registered candidate, e.g. grasp@1.1.0.
     #[arg(value_name = "FAMILY@VERSION")]
     pub version: CapabilityId,
-    /// Seed of the episodes: the one that the store was begun with.
+    /// Seed of the episodes: the seed the store was created with.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Episodes evaluated at once [default: one per core].
@@ -87,21 +87,21 @@ pub struct StageArgs {
 /// The arguments of `candidate register`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Under the profiles real and human an enrolled person signs for it: --as.
+Under the profiles real and human an enrolled person signs the registration: --as.
 
 Examples:
   holdpoint candidate register manifests/candidates/grasp-improved
   holdpoint candidate register manifests/candidates/grasp-improved --as mara")]
 pub struct RegisterArgs {
-    /// The folder with manifest.toml and submission.toml, or the name of an embedded candidate. Whoever its
-    /// submission names as author cannot approve it later.
+    /// The folder with manifest.toml and submission.toml, or the name of an embedded candidate. The author that its
+    /// submission names cannot approve it later.
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
     /// The identity that signs (see `holdpoint identity`).
     #[arg(long = "as", value_name = "IDENTITY", value_parser = super::decide::parse_identity)]
     pub identity: Option<String>,
-    /// Takes the passphrase of the identity's key from this file (mode 0600) and not from the terminal. The variable
-    /// `HOLDPOINT_PASSPHRASE_FILE` names one as well.
+    /// Reads the passphrase of the identity's key from this file (mode 0600) instead of the terminal. The variable
+    /// `HOLDPOINT_PASSPHRASE_FILE` can name the file, too.
     #[arg(long, value_name = "FILE", requires = "identity")]
     pub passphrase_file: Option<PathBuf>,
 }
@@ -109,7 +109,7 @@ pub struct RegisterArgs {
 /// The arguments of `candidate sign`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-An organization signs by an identity of its own. Any later change of the
+An organization signs with an identity of its own. Any later change of the
 folder voids the signature.
 
 Example:
@@ -121,7 +121,7 @@ pub struct SignArgs {
     /// The identity that signs; the submission names it as the author.
     #[arg(long = "as", value_name = "IDENTITY", value_parser = super::decide::parse_identity)]
     pub identity: String,
-    /// Takes the passphrase of the identity's key from this file (mode 0600) and not from the terminal.
+    /// Reads the passphrase of the identity's key from this file (mode 0600) instead of the terminal.
     #[arg(long, value_name = "FILE")]
     pub passphrase_file: Option<PathBuf>,
 }
@@ -136,10 +136,10 @@ pub struct CheckArgs {
     /// The folder with manifest.toml and submission.toml.
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
-    /// The one profile to judge it under [default: those that come with the program, and the site's own that the store
-    /// was last used with].
-    #[arg(long, value_name = "NAME|FILE", value_parser = AskedProfileParser, hide_possible_values = true)]
-    pub profile: Option<AskedProfile>,
+    /// The one profile to check under [default: the built-in profiles, and the site's profile that the store was
+    /// last used with].
+    #[arg(long, value_name = "NAME|FILE", value_parser = RequestedProfileParser, hide_possible_values = true)]
+    pub profile: Option<RequestedProfile>,
 }
 
 /// The arguments of `candidate show`.
@@ -159,7 +159,7 @@ pub struct FolderArgs {
 Example:
   holdpoint candidate diff manifests/grasp/1.0.0 manifests/candidates/grasp-improved")]
 pub struct DiffArgs {
-    /// The folder to compare with, e.g. of the active version.
+    /// The folder to compare with, such as that of the active version.
     #[arg(value_name = "OLD")]
     pub old: PathBuf,
     /// The folder to compare.
@@ -175,14 +175,14 @@ struct CandidateReport {
     author: String,
     provenance: &'static str,
     estimated_risk: &'static str,
-    /// The risk class that it would get, by an author of whom nothing is known yet.
+    /// The risk class it would get from an author without a history.
     risk: RiskClass,
     summary: Untrusted,
-    /// Whom it is compared with.
+    /// What it is compared with.
     against: String,
-    /// Profile by profile; a site's own by class and name.
+    /// The result for each profile; a site profile by class and name.
     verdicts: Vec<CheckVerdict>,
-    /// What is declared of recovery and cannot be had, whatever the profile.
+    /// Declared recovery that is unavailable under every profile.
     recovery: Vec<String>,
 }
 
@@ -195,7 +195,7 @@ struct CheckVerdict {
     reasons: Vec<String>,
 }
 
-/// Does what was asked for; `register` goes to the engine.
+/// Runs the verb; `register` goes to the engine.
 ///
 /// # Errors
 /// [`CliError`].
@@ -203,7 +203,7 @@ pub fn run(
     context: &CliContext,
     args: &CandidateArgs,
     engine: &mut dyn EngineVerbs,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     match &args.verb {
         CandidateVerb::Register(args) => return engine.register(context, args, out),
@@ -214,7 +214,7 @@ pub fn run(
         CandidateVerb::Show(args) => show(&read(&args.folder)?.0, out)?,
         CandidateVerb::Check(args) => {
             let (parsed, _) = read(&args.folder)?;
-            // The controller knows its parameters; what it would refuse at registration is said here too.
+            // The controller checks its parameters, as it does at registration.
             let name = capability::shown(&args.folder);
             let candidate = Capability::of(&name, parsed).map_err(CliError::usage)?;
             if let Some(unknown) =
@@ -222,22 +222,22 @@ pub fn run(
             {
                 return Err(CliError::usage(unknown));
             }
-            let profiles = judged_under(&context.data, args.profile.as_ref())?;
-            return check(&candidate, &standing(&context.data)?, &profiles, out);
+            let profiles = check_profiles(&context.data, args.profile.as_ref())?;
+            return check(&candidate, &comparison_versions(&context.data)?, &profiles, out);
         }
         CandidateVerb::Diff(args) => diff(&read(&args.old)?, &read(&args.new)?, out)?,
     }
     Ok(Exit::Confirmed)
 }
 
-/// A candidate's folder, and its parameters whatever their fields are. Files are named as they are in the folder.
-fn read(folder: &Path) -> Result<(Parsed, Value), CliError> {
-    let parsed = Parsed::read("", folder).map_err(|error| unreadable(folder, error))?;
+/// The candidate's folder, and its parameters with any fields. Errors name files as they are in the folder.
+fn read(folder: &Path) -> Result<(ParsedPackage, Value), CliError> {
+    let parsed = ParsedPackage::read("", folder).map_err(|error| unreadable(folder, error))?;
     let params = parsed.params().map_err(CliError::usage)?;
     Ok((parsed, params))
 }
 
-/// Says which path cannot be read. Nothing is submitted here, so there is no advice on what a submission needs.
+/// Names the path that cannot be read. Nothing is submitted here, so the advice on submissions is left out.
 fn unreadable(folder: &Path, error: PackageError) -> CliError {
     let cannot_read = |file: &str, problem: &dyn std::fmt::Display| {
         CliError::usage(format!("cannot read {:?}: {problem}", folder.join(file)))
@@ -253,7 +253,7 @@ fn unreadable(folder: &Path, error: PackageError) -> CliError {
     }
 }
 
-fn show(parsed: &Parsed, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(parsed: &ParsedPackage, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     out.answer(&parsed.manifest, |out| {
         let value = serde_json::to_value(&parsed.manifest).map_err(CliError::internal)?;
         super::profile::print_fields(&value, out)
@@ -267,14 +267,13 @@ impl CheckVerdict {
             admitted: found.admits(),
             interface: found.interface.outcome,
             policy: found.policy.outcome,
-            reasons: found.reasons().map(ToString::to_string).collect(),
+            reasons: found.reasons().map(holdpoint_wording::line).collect(),
         }
     }
 }
 
-/// The profiles a folder is judged under: the one that was asked for, else those that come with the program and the
-/// site's own that the store goes on under.
-fn judged_under(data: &Path, asked: Option<&AskedProfile>) -> Result<Vec<ChosenProfile>, CliError> {
+/// The profiles to check the folder under: the requested one, else the built-in ones and the store's site profile.
+fn check_profiles(data: &Path, asked: Option<&RequestedProfile>) -> Result<Vec<ChosenProfile>, CliError> {
     if asked.is_some() {
         return Ok(vec![chosen(data, asked)?]);
     }
@@ -282,36 +281,38 @@ fn judged_under(data: &Path, asked: Option<&AskedProfile>) -> Result<Vec<ChosenP
     Ok(ProfileName::ALL.into_iter().map(ChosenProfile::from).chain(own).collect())
 }
 
-/// What a folder is compared with: the store's versions, or, where there is no store yet, those it would begin with.
-fn standing(data: &Path) -> Result<Standing, CliError> {
+/// The versions to compare with: the store's, or without a store the baselines.
+fn comparison_versions(data: &Path) -> Result<RegisteredVersions, CliError> {
     let standing = if Layout::new(data).database().exists() {
-        Standing::of(&data::open(data)?).map_err(|error| {
+        RegisteredVersions::of(&data::open(data)?).map_err(|error| {
             CliError::usage(error.to_string())
-                .with_hint("`holdpoint audit verify` says what is wrong with the store")
+                .with_hint("`holdpoint audit verify` shows the error in the store")
         })
     } else {
-        Standing::commissioned().map_err(CliError::internal)
+        RegisteredVersions::commissioned().map_err(CliError::internal)
     };
-    // A store that no engine has set up yet begins with the same.
+    // A new store begins with the same versions.
     match standing {
-        Ok(standing) if standing.is_empty() => Standing::commissioned().map_err(CliError::internal),
+        Ok(standing) if standing.is_empty() => RegisteredVersions::commissioned().map_err(CliError::internal),
         other => other,
     }
 }
 
 /// Signs a folder as its author.
-fn sign(context: &CliContext, args: &SignArgs, out: &mut Output<'_>) -> Result<(), CliError> {
+fn sign(context: &CliContext, args: &SignArgs, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let (parsed, _) = read(&args.folder)?;
     let name = capability::shown(&args.folder);
     let candidate = Capability::of(&name, parsed).map_err(CliError::usage)?;
     let author = &candidate.submission.author;
     if *author != args.identity {
-        let text = format!("submission.toml names the author {author:?}, and {:?} is to sign", args.identity);
-        return Err(CliError::usage(text)
-            .with_hint("the author signs: `--as` with that name, or another author in the file"));
+        let text =
+            format!("submission.toml names the author {author:?}, and {:?} is asked to sign", args.identity);
+        return Err(CliError::usage(text).with_hint(
+            "only the author can sign: use `--as` with that name, or change the author in the file",
+        ));
     }
     let who = super::passphrase::unlock(
-        super::passphrase::kept(context, &args.identity)?,
+        super::passphrase::stored_identity(context, &args.identity)?,
         args.passphrase_file.as_deref(),
     )?;
     let signed = SignedAuthorship::by(&who, &candidate.digest(), &candidate.package.submission)
@@ -325,12 +326,12 @@ fn sign(context: &CliContext, args: &SignArgs, out: &mut Output<'_>) -> Result<(
     })
 }
 
-/// Well formed, and what the static checks say under each profile. The rest is measured, not read.
+/// The format, and the static checks under each profile. The other stages measure.
 fn check(
     candidate: &Capability,
-    standing: &Standing,
+    standing: &RegisteredVersions,
     profiles: &[ChosenProfile],
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let Capability { manifest, submission, .. } = candidate;
     let judged = standing.judge(candidate, profiles).map_err(CliError::internal)?;
@@ -348,7 +349,7 @@ fn check(
         summary: submission.summary.as_str().into(),
         against: standing.described(&candidate.id().family),
         verdicts,
-        recovery: standing.recovery(candidate).iter().map(ToString::to_string).collect(),
+        recovery: standing.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
     };
     out.answer(&checked, |out| {
         out.line(&format!("{} is well formed", checked.id))?;
@@ -356,7 +357,7 @@ fn check(
         out.line(&format!("bundle     {}", checked.bundle))?;
         out.line(&format!("submitted  by {} ({})", checked.author, checked.provenance))?;
         let estimate = checked.estimated_risk;
-        out.line(&format!("risk       {}; its author estimates {estimate}", checked.risk.in_words()))?;
+        out.line(&format!("risk       {}; its author estimates {estimate}", checked.risk.label()))?;
         if !checked.summary.is_blank() {
             out.line(&format!("summary    {}", checked.summary.line()))?;
         }
@@ -376,8 +377,12 @@ fn check(
     Ok(if admitted { Exit::Confirmed } else { Exit::Rejected })
 }
 
-fn diff(old: &(Parsed, Value), new: &(Parsed, Value), out: &mut Output<'_>) -> Result<(), CliError> {
-    let value = |(parsed, params): &(Parsed, Value)| {
+fn diff(
+    old: &(ParsedPackage, Value),
+    new: &(ParsedPackage, Value),
+    out: &mut CommandOutput<'_>,
+) -> Result<(), CliError> {
+    let value = |(parsed, params): &(ParsedPackage, Value)| {
         let manifest = serde_json::to_value(&parsed.manifest).map_err(CliError::internal)?;
         Ok::<Value, CliError>(serde_json::json!({ "manifest": manifest, "params": params }))
     };
@@ -386,7 +391,7 @@ fn diff(old: &(Parsed, Value), new: &(Parsed, Value), out: &mut Output<'_>) -> R
         if differences.is_empty() {
             return out.line("no differences");
         }
-        let mut table = Table::new(&["field", "old", "new"]);
+        let mut table = TextTable::new(&["field", "old", "new"]);
         let text =
             |value: &Option<Value>| value.as_ref().map_or_else(|| "-".to_owned(), super::profile::plain);
         for difference in &differences {
@@ -416,7 +421,7 @@ mod tests {
             );
         }
         assert!(seen >= 4, "{seen}");
-        // What changes in the parameters alone is shown too.
+        // A change of the parameters alone is shown, too.
         let value = |name: &str| read(&manifests.join(name)).unwrap().1;
         let changed = differences(&value("grasp/1.0.0"), &value("candidates/grasp-hard-grip"));
         assert!(changed.iter().any(|difference| difference.field == "pregrasp_check"), "{changed:?}");

@@ -1,7 +1,7 @@
 //! `holdpoint completions`: prints a completion script, which completes the store's versions and families too.
 //!
-//! clap writes the scripts from the command line's definition. Where an argument is the name of a version or a
-//! family the script asks this program at each tab: `completions --list versions`.
+//! clap writes the scripts from the command line's definition. For the name of a version or a family, the script
+//! runs `completions --list versions` at each tab.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use clap_complete::Shell;
 use serde::Serialize;
 
 use super::data;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::Family;
 use holdpoint_registry::{Layout, Views};
@@ -24,20 +24,20 @@ Examples:
   holdpoint completions zsh > ~/.zfunc/_holdpoint
   holdpoint completions fish > ~/.config/fish/completions/holdpoint.fish
 
-In bash, zsh and fish the versions and families of the store are completed too, of the one named with --data DIR
-if it stands on the line.")]
+In bash, zsh and fish the script also completes versions and families of the store, or of the
+one that --data DIR on the line names.")]
 pub struct CompletionsArgs {
     /// The shell to write the script for.
     #[arg(value_enum, required_unless_present = "list")]
     pub shell: Option<Shell>,
-    /// What a script asks for at a tab: names in the store, one a line; none if there is no store.
+    /// Names that a script asks for at a tab: names in the store, one a line; none without a store.
     #[arg(long, hide = true, value_enum, value_name = "NAMES", conflicts_with = "shell")]
-    pub list: Option<Names>,
+    pub list: Option<StoredNames>,
 }
 
-/// Names in the store that a script can ask for.
+/// The kinds of names that a script can ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Names {
+pub enum StoredNames {
     /// Every version, as in `align@1.1.0`.
     Versions,
     /// Every family, as in `align`.
@@ -46,8 +46,8 @@ pub enum Names {
     Subjects,
 }
 
-impl Names {
-    /// What an argument takes, by the name of its value in the help.
+impl StoredNames {
+    /// The kind of name an argument takes, by its value name in the help.
     fn of(arg: &Arg) -> Option<Self> {
         if !arg.get_possible_values().is_empty() {
             return None;
@@ -68,7 +68,7 @@ impl Names {
         }
     }
 
-    /// Stands in clap's script where the names belong, until [`script`] puts the call in its place.
+    /// The placeholder in clap's script that [`script`] replaces with the call.
     const fn marker(self) -> &'static str {
         match self {
             Self::Versions => "holdpoint_stored_versions",
@@ -84,19 +84,19 @@ struct ShellScript {
     script: String,
 }
 
-/// Prints the script, or the names one asks for.
+/// Prints the script, or the names that a script asks for.
 ///
 /// # Errors
-/// If the output cannot be written, or no folder of a store is known.
+/// If the output cannot be written, or the store's folder is unknown.
 pub fn run(
     program: Command,
     data: Option<&Path>,
     args: &CompletionsArgs,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     if let Some(shell) = args.shell {
         let answer = ShellScript { shell: shell.to_string(), script: script(program, shell)? };
-        // The script is this program's own text and must keep its lines.
+        // The script is this program's own text and keeps its lines.
         out.answer(&answer, |out| Ok(out.sink().write_all(answer.script.as_bytes())?))?;
     } else if let Some(names) = args.list {
         let names = stored(&data::folder(data)?, names);
@@ -105,13 +105,13 @@ pub fn run(
     Ok(Exit::Confirmed)
 }
 
-/// The names in a store; none if it cannot be read, for a tab has nowhere to say so.
-fn stored(data: &Path, names: Names) -> Vec<String> {
+/// The names in a store; none if it cannot be read, because a tab cannot show an error.
+fn stored(data: &Path, names: StoredNames) -> Vec<String> {
     let database = Layout::new(data).database();
-    // Opening makes no store.
+    // Opening creates no store.
     let views = database.is_file().then(|| Views::open(&database).ok()).flatten();
     let Some(views) = views else { return Vec::new() };
-    // A shell expands what it completes, so what is not a family's name is left out, whatever stands in the file.
+    // A shell expands completions, so anything but a valid family name is left out.
     let families: Vec<Family> = views
         .families()
         .unwrap_or_default()
@@ -124,9 +124,9 @@ fn stored(data: &Path, names: Names) -> Vec<String> {
     };
     let families = || families.iter().map(ToString::to_string);
     match names {
-        Names::Versions => versions().collect(),
-        Names::Families => families().collect(),
-        Names::Subjects => families().chain(versions()).collect(),
+        StoredNames::Versions => versions().collect(),
+        StoredNames::Families => families().collect(),
+        StoredNames::Subjects => families().chain(versions()).collect(),
     }
 }
 
@@ -136,7 +136,7 @@ fn script(program: Command, shell: Shell) -> Result<String, CliError> {
     let mut command = program;
     match shell {
         Shell::Bash | Shell::Zsh | Shell::Fish => command = marked(command),
-        // Elvish, PowerShell: what is fixed alone.
+        // Elvish and PowerShell complete only fixed words.
         _ => {}
     }
     let mut script = Vec::new();
@@ -153,39 +153,42 @@ fn script(program: Command, shell: Shell) -> Result<String, CliError> {
 /// The command with a marker as the only value of each argument that takes a stored name.
 fn marked(command: Command) -> Command {
     command
-        .mut_args(|arg| match Names::of(&arg) {
+        .mut_args(|arg| match StoredNames::of(&arg) {
             Some(names) => arg.value_parser(PossibleValuesParser::new([names.marker()])),
             None => arg,
         })
         .mut_subcommands(marked)
 }
 
-fn with_calls(script: String, of: impl Fn(Names) -> (String, String)) -> String {
-    Names::value_variants().iter().fold(script, |script, names| {
+fn with_calls(script: String, of: impl Fn(StoredNames) -> (String, String)) -> String {
+    StoredNames::value_variants().iter().fold(script, |script, names| {
         let (marker, call) = of(*names);
         script.replace(&marker, &call)
     })
 }
 
 fn bash(script: String) -> String {
-    let called = |names: Names| (names.marker().to_owned(), format!("$(_holdpoint_stored {})", names.name()));
+    let called =
+        |names: StoredNames| (names.marker().to_owned(), format!("$(_holdpoint_stored {})", names.name()));
     let script =
         with_calls(script, called).replace("complete -F _holdpoint ", "complete -F _holdpoint_whole ");
     format!("{}\n{script}", include_str!("completions/stored.bash"))
 }
 
 fn zsh(script: String) -> String {
-    let called = |names: Names| (format!("({})", names.marker()), format!("_holdpoint_{}", names.name()));
-    // The first line says what the file completes, and must stay the first.
+    let called =
+        |names: StoredNames| (format!("({})", names.marker()), format!("_holdpoint_{}", names.name()));
+    // The first line names the command that the file completes, and must stay first.
     let (first, rest) = script.split_once('\n').unwrap_or((&script, ""));
     let helpers = include_str!("completions/stored.zsh");
     with_calls(format!("{first}\n\n{helpers}{rest}"), called)
 }
 
-/// clap's script for fish knows the values of options alone; those of positional arguments are added.
+/// clap's script for fish completes only the values of options; this adds the positional arguments.
 fn fish(script: String, places: Vec<NameArgument>) -> String {
-    let called =
-        |names: Names| (format!("{}\\t''", names.marker()), format!("(__holdpoint_stored {})", names.name()));
+    let called = |names: StoredNames| {
+        (format!("{}\\t''", names.marker()), format!("(__holdpoint_stored {})", names.name()))
+    };
     let mut script = format!("{}\n{}", include_str!("completions/stored.fish"), with_calls(script, called));
     for NameArgument { verbs, option, names, or_path } in places {
         let seen = match verbs.as_slice() {
@@ -206,12 +209,12 @@ fn fish(script: String, places: Vec<NameArgument>) -> String {
 struct NameArgument {
     verbs: Vec<String>,
     option: Option<String>,
-    names: Names,
-    /// A folder or a file may stand there as well.
+    names: StoredNames,
+    /// The argument may be a folder or a file, too.
     or_path: bool,
 }
 
-/// Every such argument, verb by verb.
+/// All such arguments, verb by verb.
 fn places(command: &Command) -> Vec<NameArgument> {
     fn walk(command: &Command, verbs: &[String], found: &mut Vec<NameArgument>) {
         for arg in command.get_arguments() {
@@ -219,7 +222,7 @@ fn places(command: &Command) -> Vec<NameArgument> {
             let named =
                 |name: &str| arg.get_value_names().is_some_and(|names| names.iter().any(|one| one == name));
             let or_path = named("VERSION|FOLDER") || named("UPGRADE");
-            found.extend(Names::of(arg).map(|names| NameArgument {
+            found.extend(StoredNames::of(arg).map(|names| NameArgument {
                 verbs: verbs.to_vec(),
                 option,
                 names,

@@ -1,53 +1,59 @@
-//! The console as a front end of `run`: whether it fits here, its files, and how it ended.
+//! The console as a front end of `run`: whether it can open, its files, and how it ended.
 //!
-//! Must not draw or read keys; what is wrong with a file is said before the terminal is touched.
+//! Draws nothing and reads no keys. Errors in files are reported before the terminal changes.
 
 use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::own_service::OwnService;
+use super::console_engine::ConsoleEngine;
 use super::run::{LivePace, RunArgs};
 use super::settings::{self, file, themes};
 use super::{data, identity};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_console::effects::{MakeIdentity, OwnFiles, ReadOwnFiles, Services};
+use holdpoint_console::effects::{MakeIdentity, OperatorFiles, ReadOperatorFiles, Services};
 use holdpoint_console::keymap::{self, Keymap};
 use holdpoint_console::options::{self, Options, SettingsFile};
-use holdpoint_console::run::{Cause, Console, ConsoleError, EngineAt};
-use holdpoint_engine::door::{Client, DoorError, SHOWN_TO_NOBODY};
+use holdpoint_console::run::{ConsoleError, ConsoleSetup, EngineLocation, ExitCause};
+use holdpoint_engine::control_socket::{Client, ControlSocketError, SHOWN_TO_NOBODY};
 use holdpoint_engine::embedded;
-use holdpoint_engine::host::{EndFault, Host, HostConfig};
+use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
-use holdpoint_protocol::seat::Sitting;
+use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::{Hint as _, Problem};
 
-/// Whether `run` opens the console: nothing else was asked for, and there is a terminal on both sides.
+/// Whether `run` opens the console: no option excludes it, and input and output are terminals.
 pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
     let terminal = std::io::stdin().is_terminal() && std::io::stdout().is_terminal();
     let dumb = std::env::var_os("TERM").is_none_or(|term| term.is_empty() || term == "dumb");
     !args.plain && !args.headless && !json && terminal && !dumb
 }
 
-/// Opens the console and says how things were left.
+/// Opens the console, and prints the state at its end.
 ///
 /// # Errors
-/// [`CliError`] with exit code 2 for what is wrong with files, theme or terminal, 70 for a fault of the console.
-pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// [`CliError`] with exit code 2 for an error in files, theme or terminal, 70 for a fault of the console.
+pub(super) fn run(
+    context: &CliContext,
+    args: &RunArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
     let options = Options::new(args.console.flags(), settings()?);
     let keymap = Arc::new(keymap()?);
     let layout = Layout::new(&context.data);
     let engine = match at_work(&layout, args, &options)? {
-        AtWork::Seat(host) => EngineAt::Elsewhere(host),
-        AtWork::Silent(why) => EngineAt::Begun(Box::new(Host::coming(layout)), Box::new(|_| Err(why))),
-        AtWork::Nobody => {
-            let here = HostConfig {
+        ExistingEngine::Attached(host) => EngineLocation::Elsewhere(host),
+        ExistingEngine::Silent(why) => {
+            EngineLocation::Begun(Box::new(EngineHandle::starting(layout)), Box::new(|_| Err(why)))
+        }
+        ExistingEngine::NoEngine => {
+            let here = LaunchConfig {
                 data: context.data.clone(),
                 profile: args.engine.profile(&context.data)?,
                 seed: args.engine.seed(&context.data)?,
@@ -56,18 +62,18 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
                 pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
                 sinks: args.scenes.options(true).sinks()?,
                 alone_max: None,
-                seats: None,
+                console_folder: None,
             };
             if args.in_process {
-                EngineAt::Here(here)
+                EngineLocation::Here(here)
             } else {
-                let service = OwnService::new(&context.data, args);
-                let begin = move |sitting: Sitting| service.begin(sitting, here);
-                EngineAt::Begun(Box::new(Host::coming(layout)), Box::new(begin))
+                let service = ConsoleEngine::new(&context.data, args);
+                let begin = move |sitting: ConsolePresence| service.begin(sitting, here);
+                EngineLocation::Begun(Box::new(EngineHandle::starting(layout)), Box::new(begin))
             }
         }
     };
-    let console = Console {
+    let console = ConsoleSetup {
         engine,
         view: args.scenes.view,
         options,
@@ -75,7 +81,7 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
         keymap,
         themes: themes()?,
         services: Services {
-            read_candidate: Box::new(Candidates::default().reader()),
+            read_candidate: Box::new(CandidateSource::default().reader()),
             read_own_files: own_files(),
             make_identity: make_identity(context.clone()),
         },
@@ -84,18 +90,18 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
         ConsoleError::Failed => CliError::internal(error),
         ConsoleError::Theme(_) | ConsoleError::Terminal(_) => CliError::usage(error),
     })?;
-    if left.cause != Cause::Gone {
+    if left.cause != ExitCause::TerminalLost {
         out.line(&left.text)?;
     }
     Ok(match (left.cause, left.in_order) {
-        (Cause::Asked, true) => Exit::Confirmed,
-        // As for every verb: the store, or what was asked for, is not as it must be.
-        (Cause::Asked, false) if !left.came_up => Exit::Usage,
-        (Cause::Asked, false) | (Cause::Told | Cause::Gone, _) => Exit::Held,
+        (ExitCause::Requested, true) => Exit::Confirmed,
+        // As for every verb: the store or a request is not as required.
+        (ExitCause::Requested, false) if !left.engine_started => Exit::Usage,
+        (ExitCause::Requested, false) | (ExitCause::Signalled | ExitCause::TerminalLost, _) => Exit::Held,
     })
 }
 
-/// How another shell names this store; absent where it takes it without a word. From any folder, and as one word.
+/// The `--data` value for another shell, absolute and quoted; absent if that shell uses this store by default.
 fn named(context: &CliContext) -> Option<String> {
     let real = |path: &Path| std::fs::canonicalize(path).ok();
     let is_ours =
@@ -113,50 +119,50 @@ fn named(context: &CliContext) -> Option<String> {
     })
 }
 
-/// What is at work on the store already.
-enum AtWork {
-    /// An engine, with a seat at it.
-    Seat(Box<Host>),
+/// The engine that runs on the store already.
+enum ExistingEngine {
+    /// A running engine with a console attached to it.
+    Attached(Box<EngineHandle>),
     /// One that does not answer: which, and why.
-    Silent(EndFault),
-    /// None, or none that shows itself.
-    Nobody,
+    Silent(EngineEndError),
+    /// None, or none that is visible.
+    NoEngine,
 }
 
-/// The engine that is at work on the store already.
+/// The engine that runs on the store already.
 ///
 /// # Errors
-/// If the arguments are for the start of an engine: the one at work goes by its own.
-fn at_work(layout: &Layout, args: &RunArgs, options: &Options) -> Result<AtWork, CliError> {
+/// If the arguments configure the start of an engine: a running engine keeps its own.
+fn at_work(layout: &Layout, args: &RunArgs, options: &Options) -> Result<ExistingEngine, CliError> {
     let client = match Client::connect(layout) {
         Ok(Some(client)) => client,
-        Err(error @ DoorError::Silent { .. }) => {
-            return Ok(AtWork::Silent(EndFault::in_use(error.sentence())));
+        Err(error @ ControlSocketError::Silent { .. }) => {
+            return Ok(ExistingEngine::Silent(EngineEndError::in_use(error.sentence())));
         }
-        // One of another version is told by the start of an own one, which fails for it.
-        Ok(None) | Err(_) => return Ok(AtWork::Nobody),
+        // For an engine of another version, the start of a new one fails and reports it.
+        Ok(None) | Err(_) => return Ok(ExistingEngine::NoEngine),
     };
     let beginning = args.for_a_start();
     if !beginning.is_empty() {
         let problem = format!(
-            "an engine is at work on this store, and {} is for the start of one",
+            "an engine is already running on this store, and {} applies only when one starts",
             beginning.join(", ")
         );
         let hint = "leave it out to attach, or choose another store with `--data`";
         return Err(CliError::usage(Problem::new(problem).with_hint(hint)));
     }
-    let sitting = Sitting { read_only: options.read_only, ..Sitting::default() };
-    match Host::attach(layout.clone(), client, sitting) {
-        Ok(host) => Ok(AtWork::Seat(Box::new(host))),
-        // Every seat may be taken: that is what has to be said, and not that no engine is at work.
-        Err(DoorError::Closed { path, text }) if text != SHOWN_TO_NOBODY => {
-            Err(CliError::usage(DoorError::Closed { path, text }))
+    let sitting = ConsolePresence { read_only: options.read_only, ..ConsolePresence::default() };
+    match EngineHandle::attach(layout.clone(), client, sitting) {
+        Ok(host) => Ok(ExistingEngine::Attached(Box::new(host))),
+        // If all attached consoles are in use, the error says so and not that no engine runs.
+        Err(ControlSocketError::Closed { path, text }) if text != SHOWN_TO_NOBODY => {
+            Err(CliError::usage(ControlSocketError::Closed { path, text }))
         }
-        Err(_) => Ok(AtWork::Nobody),
+        Err(_) => Ok(ExistingEngine::NoEngine),
     }
 }
 
-/// The keys: the defaults and what the operator's file adds.
+/// The keys: the defaults and the operator's file.
 ///
 /// # Errors
 /// Every problem of the file.
@@ -181,12 +187,12 @@ pub(super) fn settings() -> Result<SettingsFile, CliError> {
     }
 }
 
-/// Looks whether keys or themes changed since the last look, and reads both anew if so.
+/// Reads keys and themes again if they changed since the last check.
 fn make_identity(context: CliContext) -> MakeIdentity {
     Arc::new(move |name| identity::make_unprotected(&context, name).map_err(CliError::into_problem))
 }
 
-fn own_files() -> ReadOwnFiles {
+fn own_files() -> ReadOperatorFiles {
     let mut seen = settings::stamp();
     Box::new(move || {
         let now = settings::stamp();
@@ -194,19 +200,20 @@ fn own_files() -> ReadOwnFiles {
             return None;
         }
         seen = now;
-        let read = keymap().and_then(|keymap| Ok(OwnFiles { keymap: Arc::new(keymap), themes: themes()? }));
+        let read =
+            keymap().and_then(|keymap| Ok(OperatorFiles { keymap: Arc::new(keymap), themes: themes()? }));
         Some(read.map_err(|error| Problem::new(error.to_string())))
     })
 }
 
-/// Candidates for the console's `register`: folders, and the demonstration's in their order.
+/// Candidates for the console's `register`: folders, and those of the demonstration in order.
 #[derive(Default)]
-struct Candidates {
-    /// Embedded ones that were submitted from this console: a rejected one may not be listed any more.
+struct CandidateSource {
+    /// Embedded candidates that this console submitted: the list may omit a rejected one.
     submitted: Vec<&'static str>,
 }
 
-impl Candidates {
+impl CandidateSource {
     fn reader(mut self) -> impl FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, Problem> {
         move |folder, known| match folder {
             Some(folder) => register(folder),
@@ -225,7 +232,7 @@ impl Candidates {
     }
 }
 
-/// What is wrong with a folder is said before the engine is asked.
+/// Reports errors in a folder before the request reaches the engine.
 fn register(folder: &str) -> Result<Command, Problem> {
     let folder = Path::new(folder);
     let candidate = embedded::read(folder).map_err(|error| Problem::of(&error))?;
@@ -237,7 +244,7 @@ mod tests {
     use super::*;
     use holdpoint_runtime::capability::Capability;
 
-    /// What was said to stop the arm addressed another store's.
+    /// The printed stop command once named another store.
     #[test]
     fn a_store_that_is_not_the_default_one_is_named_for_a_shell() {
         let of = |data: &str| named(&CliContext { data: data.into(), data_given: true, json: false });
@@ -251,7 +258,7 @@ mod tests {
 
     #[test]
     fn the_demonstration_goes_through_its_candidates_once() {
-        let mut read = Candidates::default().reader();
+        let mut read = CandidateSource::default().reader();
         let count = embedded::names().count();
         let mut seen = std::collections::BTreeSet::new();
         for _ in 0..count {
@@ -271,7 +278,7 @@ mod tests {
     fn versions_that_are_known_are_skipped() {
         let first = embedded::names().next().unwrap();
         let id = Capability::load(first, embedded::package(first).unwrap()).unwrap().id();
-        let mut read = Candidates::default().reader();
+        let mut read = CandidateSource::default().reader();
         let Ok(Command::Register { name, .. }) = read(None, &[id]) else { panic!("others are left") };
         assert_ne!(name, first);
     }

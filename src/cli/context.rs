@@ -1,13 +1,13 @@
-//! What the command line as a whole tells every verb.
+//! The global options, for every verb.
 
 use std::path::PathBuf;
 
-/// What every verb is given beside its own arguments.
+/// The global options, which every verb gets beside its own arguments.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CliContext {
     /// The store's folder; it may not exist yet.
     pub data: PathBuf,
-    /// Whether that folder was asked for; a scenario keeps away from the default one.
+    /// Whether `--data` named the folder; a scenario never uses the default one.
     pub data_given: bool,
     /// Whether answers are JSON.
     pub json: bool,

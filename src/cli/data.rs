@@ -1,4 +1,4 @@
-//! Where the store is.
+//! The location of the store.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,16 +9,16 @@ use holdpoint_registry::{Layout, Views};
 /// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.
 ///
 /// # Errors
-/// If none is given and the environment names no home.
+/// If none is given and the environment has no home folder.
 pub fn folder(given: Option<&Path>) -> Result<PathBuf, CliError> {
     let variable = |name| std::env::var_os(name).map(PathBuf::from);
     folder_from(given, variable("XDG_DATA_HOME"), variable("HOME")).ok_or_else(|| {
-        CliError::usage("there is no place for the store: neither XDG_DATA_HOME nor HOME is set")
-            .with_hint("name one with --data DIR")
+        CliError::usage("no folder for the store: neither XDG_DATA_HOME nor HOME is set")
+            .with_hint("name one with `--data DIR`")
     })
 }
 
-/// Relative paths in the environment are ignored, as the XDG base directory specification demands.
+/// Relative paths in the environment are ignored, as the XDG base directory specification requires.
 fn folder_from(given: Option<&Path>, xdg: Option<PathBuf>, home: Option<PathBuf>) -> Option<PathBuf> {
     let absolute = |path: Option<PathBuf>| path.filter(|path| path.is_absolute());
     given.map(Path::to_owned).or_else(|| {
@@ -33,15 +33,15 @@ fn folder_from(given: Option<&Path>, xdg: Option<PathBuf>, home: Option<PathBuf>
 /// [`CliError::Usage`] if there is none.
 pub(super) fn database(data: &Path) -> Result<PathBuf, CliError> {
     let database = Layout::new(data).database();
-    // What else may lie there, whoever opens it says.
+    // Opening it reports what else is wrong.
     if fs::symlink_metadata(&database).is_ok() {
         return Ok(database);
     }
     Err(CliError::usage(format!("there is no store in {data:?}"))
-        .with_hint("`holdpoint run` makes one; --data DIR names another"))
+        .with_hint("`holdpoint run` creates one; --data DIR names another"))
 }
 
-/// Opens the store's views for reading the chain, for judging evidence, or where an engine checks them before it acts.
+/// Opens the store's views to read the chain or evidence, or for a request that an engine checks itself.
 ///
 /// # Errors
 /// [`CliError::Usage`] if there is no store, or it cannot be read.
@@ -49,7 +49,7 @@ pub(super) fn open(data: &Path) -> Result<Views, CliError> {
     Views::open(&database(data)?).map_err(CliError::usage)
 }
 
-/// Opens the store's views for showing what the tables hold: they are what the chain says.
+/// Opens the store's views to show the tables, after checking that they match the chain.
 ///
 /// # Errors
 /// [`CliError::Usage`] if there is no store, or its tables are not what its chain says.
@@ -57,7 +57,7 @@ pub(super) fn open_checked(data: &Path) -> Result<Views, CliError> {
     Views::open_checked(&database(data)?).map_err(CliError::usage)
 }
 
-/// Opens the store's views for writing its records out, or counting what they tell; they are what was signed.
+/// Opens the store's views to export or count records, after verifying them.
 ///
 /// # Errors
 /// [`CliError::Usage`] if there is no store, or its records are not what was signed.

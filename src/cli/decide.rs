@@ -1,62 +1,61 @@
-//! `holdpoint approve | reject | rollback | demote | pause | resume`, what leads on from there (`onward.rs`), and what
-//! `stop | go` come to.
+//! `holdpoint approve | reject | rollback | demote | pause | resume`; `lifecycle.rs` has the
+//! other verbs about versions, and `stop.rs` has `stop | go`.
 //!
-//! Approvals and refusals of what waits are signed with the identity's key; the verbs that stop something name who
-//! asked and need no key, because stopping must never be harder than going on. The engine re-validates every one of
-//! these and may refuse it; nothing here confers a right.
+//! Approvals and refusals are signed with the identity's key. Verbs that stop something name the requester and need
+//! no key: stopping must never be harder than continuing. The engine checks each request again and may refuse it.
 
-mod onward;
-mod shown;
+mod lifecycle;
+mod request_text;
 
 use std::path::PathBuf;
 
 use clap::Args;
 
-pub use onward::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
+pub use lifecycle::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
 
 use super::confirm_time::{self, ConfirmTimeArgs};
 use super::data;
 use super::passphrase;
-use super::side::{Side, known_engine, running, told};
 use super::stop::{self, GoArgs, GoalArgs, NoteArgs, StopArgs};
+use super::verb_executor::{VerbExecutor, print_action_reply, require_verified_engine, running};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile::Protection;
-use holdpoint_approvals::{BoundFacts, Identity, KeptIdentity};
-use holdpoint_governance::approval::Answer;
+use holdpoint_approvals::{Identity, LockedIdentity, SignedFacts};
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, Family, is_name};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
-use holdpoint_protocol::question::live_lines;
-use holdpoint_protocol::snapshot::{PromptView, Purpose, Snapshot};
+use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_registry::Views;
 use holdpoint_text::{Untrusted, is_visible};
+use holdpoint_wording::live::live_lines;
 
 /// The longest reason, in bytes.
 pub const REASON_BYTES_MAX: usize = 1_000;
 
-/// What the help of verbs that take authority away says of who asks: nobody must look for an identity first.
-pub(super) const ANY_NAME: &str = "Who asks for it; it takes authority away, so any name will do";
+/// Help for verbs that take authority away: an operator needs no enrolled identity to stop something.
+pub(super) const ANY_NAME: &str = "Your name; the verb takes authority away, so any name is accepted";
 
-/// One decision that was asked for.
+/// A requested decision.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum AskedDecision {
+pub enum RequestedDecision {
     /// To approve a candidate that waits for approval.
     Approve(ApproveArgs),
-    /// To reject a candidate for good.
+    /// To reject a candidate finally.
     Reject(VersionArgs),
-    /// To take a family's active version off.
+    /// To roll a family back, or to deactivate its last version.
     Rollback(FamilyArgs),
-    /// To send a version back to evaluation, or to close profiles to it.
+    /// To return a version to evaluation, or to block it under profiles.
     Demote(DemoteArgs),
-    /// To take up no further stage.
+    /// To pause: no further stage begins.
     Pause(PauseArgs),
-    /// To take up stages again.
+    /// To resume stages.
     Resume(PauseArgs),
     /// To stop the cell.
     Stop(StopArgs),
-    /// To let the stopped cell work again.
+    /// To start the stopped cell.
     Go(GoArgs),
     /// To give the agent a goal.
     Goal(GoalArgs),
@@ -66,29 +65,29 @@ pub enum AskedDecision {
     Note(NoteArgs),
     /// To evaluate a version again.
     Repeat(RepeatArgs),
-    /// To lift a restriction, or to open a profile again.
+    /// To lift a restriction, or to unblock a version under profiles.
     Release(ReleaseArgs),
     /// To tighten the envelope of an active version.
     Restrict(VersionArgs),
-    /// To answer a monitor's question with "go on".
+    /// To answer an escalation: the version continues.
     Continue(VersionArgs),
-    /// To let a version in alone, in an emergency.
+    /// To activate a version by break-glass.
     BreakGlass(BreakGlassArgs),
-    /// To make a superseded version of a stopped family active again.
+    /// To reactivate a superseded version of a safe-stopped family.
     Rearm(VersionArgs),
 }
 
-/// Who decides, and why.
+/// The identity and the reason of a decision.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct SigningArgs {
-    /// The identity that answers for it and signs (see `holdpoint identity`).
+    /// The identity that signs (see `holdpoint identity`).
     #[arg(long = "as", value_name = "IDENTITY", value_parser = parse_identity)]
     pub identity: String,
-    /// Why; goes into the audit log.
+    /// The reason; stored in the audit log.
     #[arg(long, value_name = "TEXT", value_parser = parse_reason)]
     pub reason: Untrusted,
-    /// Takes the passphrase of the identity's key from this file (mode 0600) and not from the terminal. The variable
-    /// `HOLDPOINT_PASSPHRASE_FILE` names one as well.
+    /// Reads the passphrase of the identity's key from this file (mode 0600) instead of the terminal. The variable
+    /// `HOLDPOINT_PASSPHRASE_FILE` can name the file, too.
     #[arg(long, value_name = "FILE")]
     pub passphrase_file: Option<PathBuf>,
 }
@@ -97,7 +96,7 @@ pub struct SigningArgs {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 The short digest binds the approval to the evidence you have read;
-`holdpoint status` prints it. The profile `human` demands it.
+`holdpoint status` prints it. The profile `human` requires it.
 
 Example:
   holdpoint approve grasp@1.3.0 --digest 9f3c2a10 --as mara --reason 'drills and shadow read'")]
@@ -105,10 +104,10 @@ pub struct ApproveArgs {
     /// The candidate, e.g. grasp@1.3.0.
     #[arg(value_name = "FAMILY@VERSION")]
     pub version: CapabilityId,
-    /// The first eight digits of the evidence digest that was read.
+    /// The first eight digits of the digest of the evidence that you read.
     #[arg(long, value_name = "DIGITS", value_parser = parse_short_digest)]
     pub digest: Option<String>,
-    /// Who signs, and the reason that is kept.
+    /// The identity that signs, and its reason.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -120,12 +119,12 @@ Examples:
   holdpoint reject grasp@1.3.0 --as mara --reason 'grip force too high for this part'
   holdpoint restrict grasp@1.3.0 --as mara --reason 'a visitor is in the hall'
   holdpoint continue grasp@1.3.0 --as mara --reason 'the link is known to be slow'
-  holdpoint rearm grasp@1.0.0 --as mara --reason 'the gripper is mended'")]
+  holdpoint rearm grasp@1.0.0 --as mara --reason 'the gripper is repaired'")]
 pub struct VersionArgs {
     /// The version, e.g. grasp@1.3.0.
     #[arg(value_name = "FAMILY@VERSION")]
     pub version: CapabilityId,
-    /// Who signs, and the reason that is kept.
+    /// The identity that signs, and its reason.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -133,8 +132,8 @@ pub struct VersionArgs {
 /// The arguments of `rollback`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Where nobody would take over, the verb changes nothing and says so;
---stop-family takes the last version off all the same.
+If the family has no rollback target, the verb changes nothing and says so;
+--stop-family then deactivates the last version.
 
 Example:
   holdpoint rollback grasp --as mara --reason 'drops parts since noon'")]
@@ -142,10 +141,10 @@ pub struct FamilyArgs {
     /// The family, e.g. grasp.
     #[arg(value_parser = parse_family)]
     pub family: Family,
-    /// Takes the last version off too: no version of the family acts until somebody re-arms it.
+    /// Deactivates the last version, too: the family is safe-stopped until an operator reactivates a version.
     #[arg(long)]
     pub stop_family: bool,
-    /// Who signs, and the reason that is kept.
+    /// The identity that signs, and its reason.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -157,10 +156,10 @@ Examples:
   holdpoint pause --as mara --reason 'maintenance'
   holdpoint resume grasp --as mara --reason 'maintenance done'")]
 pub struct PauseArgs {
-    /// One family; all if none is named. What is registered later is not paused.
+    /// One family [default: all]. Candidates registered later are not paused.
     #[arg(value_parser = parse_family)]
     pub family: Option<Family>,
-    /// Who signs, and the reason that is kept.
+    /// The identity that signs, and its reason.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -179,7 +178,7 @@ pub(super) fn parse_identity(text: &str) -> Result<String, String> {
 
 pub(super) fn parse_reason(text: &str) -> Result<Untrusted, String> {
     if !is_visible(text) {
-        return Err("a reason is needed, of characters that can be seen".to_owned());
+        return Err("a reason of visible characters is needed".to_owned());
     }
     if text.len() > REASON_BYTES_MAX {
         return Err(format!("{} bytes are too many; up to {REASON_BYTES_MAX} are allowed", text.len()));
@@ -195,44 +194,44 @@ fn parse_short_digest(text: &str) -> Result<String, String> {
     }
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
-/// [`CliError`]; nothing has changed then.
+/// [`CliError`]; then nothing has changed.
 pub(super) fn run(
     context: &CliContext,
-    asked: &AskedDecision,
-    out: &mut Output<'_>,
+    asked: &RequestedDecision,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    // What does not exist is said before an engine is opened, so that the store stays as it was.
+    // An unknown name is reported before an engine opens, so the store stays unchanged.
     let views = || data::open(&context.data);
     match asked {
-        AskedDecision::Approve(args) => approve(context, &views()?, args, out),
-        AskedDecision::Reject(args) => reject(context, &views()?, args, out),
-        AskedDecision::Rollback(args) => rollback(context, &views()?, args, out),
-        AskedDecision::Demote(args) => {
+        RequestedDecision::Approve(args) => approve(context, &views()?, args, out),
+        RequestedDecision::Reject(args) => reject(context, &views()?, args, out),
+        RequestedDecision::Rollback(args) => rollback(context, &views()?, args, out),
+        RequestedDecision::Demote(args) => {
             known_version(&views()?, &args.version)?;
             let operation = operation(&args.version, &args.signature);
             let profiles = args.profile.clone();
-            Side::open(context)?.carry_out(Command::Demote { operation, profiles }, out)
+            VerbExecutor::open(context)?.execute(Command::Demote { operation, profiles }, out)
         }
-        AskedDecision::Repeat(args) => onward::repeat(context, &views()?, args, out),
-        AskedDecision::Release(args) => onward::release(context, &views()?, args, out),
-        AskedDecision::Restrict(args) => onward::restrict(context, &views()?, args, out),
-        AskedDecision::Continue(args) => onward::go_on(context, &views()?, args, out),
-        AskedDecision::BreakGlass(args) => onward::break_glass(context, &views()?, args, out),
-        AskedDecision::Rearm(args) => onward::rearm(context, &views()?, args, out),
-        AskedDecision::Pause(args) => pause(context, &views()?, args, Pausing::Pause, out),
-        AskedDecision::Resume(args) => {
-            // Going on needs somebody who can be named for it.
+        RequestedDecision::Repeat(args) => lifecycle::repeat(context, &views()?, args, out),
+        RequestedDecision::Release(args) => lifecycle::release(context, &views()?, args, out),
+        RequestedDecision::Restrict(args) => lifecycle::restrict(context, &views()?, args, out),
+        RequestedDecision::Continue(args) => lifecycle::go_on(context, &views()?, args, out),
+        RequestedDecision::BreakGlass(args) => lifecycle::break_glass(context, &views()?, args, out),
+        RequestedDecision::Rearm(args) => lifecycle::rearm(context, &views()?, args, out),
+        RequestedDecision::Pause(args) => pause(context, &views()?, args, PauseChange::Pause, out),
+        RequestedDecision::Resume(args) => {
+            // Only an identity of the store may let a version continue.
             let who = identity(context, &args.signature)?;
-            pause(context, &views()?, args, Pausing::Resume(&who), out)
+            pause(context, &views()?, args, PauseChange::Resume(&who), out)
         }
-        AskedDecision::Stop(args) => stop::stop(context, args, out),
-        AskedDecision::Go(args) => stop::go(context, args, out),
-        AskedDecision::Goal(args) => stop::goal(context, args, out),
-        AskedDecision::ConfirmTime(args) => confirm_time::run(context, args, out),
-        AskedDecision::Note(args) => stop::note(context, args, out),
+        RequestedDecision::Stop(args) => stop::stop(context, args, out),
+        RequestedDecision::Go(args) => stop::go(context, args, out),
+        RequestedDecision::Goal(args) => stop::goal(context, args, out),
+        RequestedDecision::ConfirmTime(args) => confirm_time::run(context, args, out),
+        RequestedDecision::Note(args) => stop::note(context, args, out),
     }
 }
 
@@ -240,47 +239,51 @@ fn approve(
     context: &CliContext,
     views: &Views,
     args: &ApproveArgs,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
-    let who = passphrase::kept(context, &args.signature.identity)?;
+    let who = passphrase::stored_identity(context, &args.signature.identity)?;
     let Some(client) = running(context)? else {
         let text = "held: no engine is running on this store, so nothing waits for an approval";
-        return Err(CliError::held(text)
-            .with_hint("start one with `holdpoint run`; it asks again on the evidence as stored"));
+        return Err(CliError::from_engine_fault(text).with_hint(
+            "start one with `holdpoint run`; it requests the approval again, for the stored evidence",
+        ));
     };
-    let mut side = Side::Running(client);
+    let mut side = VerbExecutor::Running(client);
     let snapshot = side.snapshot()?;
-    let Some(prompt) = open_prompt(&snapshot, &args.version) else {
+    let Some(prompt) = open_request(&snapshot, &args.version) else {
         let text = format!("held: nothing waits for a decision on {}", args.version);
-        return Err(CliError::held(text).with_hint(format!("see `holdpoint status {}`", args.version)));
-    };
-    if prompt.purpose == Purpose::Emergency {
-        let text = format!("held: one person would let {} in by the emergency door", args.version);
         return Err(
-            CliError::held(text).with_hint("`holdpoint break-glass` is for that, and nothing else is")
+            CliError::from_engine_fault(text).with_hint(format!("see `holdpoint status {}`", args.version))
+        );
+    };
+    if prompt.purpose == RequestKind::Emergency {
+        let text = format!("held: {} waits for a break-glass activation by one person", args.version);
+        return Err(
+            CliError::from_engine_fault(text).with_hint("`holdpoint break-glass` is the only verb for that")
         );
     }
     let (question, bound) = side.question(prompt, &who.info().name)?;
     check_digest(args.digest.as_deref(), &bound)?;
-    shown::told(&question.lines, &live_lines(prompt, &snapshot), out)?;
+    request_text::print_request(&question.lines, &live_lines(prompt, &snapshot), out)?;
     let who = passphrase::unlock(who, args.signature.passphrase_file.as_deref())?;
-    let command = question.answer(&who, Answer::Approve, args.signature.reason.raw());
-    side.carry_out(command.map_err(CliError::internal)?, out)?;
-    // An approval that is not enough, or does not count, leaves the version held. One that is waits for a sequence at
-    // most.
-    let waits = open_prompt(&side.snapshot()?, &args.version).is_some_and(|prompt| !prompt.granted);
+    let command = question.answer(&who, ApprovalDecision::Approve, args.signature.reason.raw());
+    side.execute(command.map_err(CliError::internal)?, out)?;
+    // An approval that is insufficient or does not count leaves the version on hold. A sufficient one waits for the
+    // end of one sequence at most.
+    let waits = open_request(&side.snapshot()?, &args.version).is_some_and(|prompt| !prompt.granted);
     Ok(if waits { Exit::Held } else { Exit::Confirmed })
 }
 
-/// The approval is bound to the evidence that was read, if it was named; a profile with people nearby asks for it.
-fn check_digest(given: Option<&str>, asked: &BoundFacts) -> Result<(), CliError> {
+/// Binds the approval to the named evidence; a profile with people nearby requires it.
+fn check_digest(given: Option<&str>, asked: &SignedFacts) -> Result<(), CliError> {
     let waits = asked.evidence.short();
     match given {
         Some(given) if given == waits => Ok(()),
         Some(given) => {
             let text = format!("held: {} waits with the evidence {waits}, not {given}", asked.version);
-            Err(CliError::held(text).with_hint("read it again, then approve that"))
+            Err(CliError::from_engine_fault(text)
+                .with_hint("read the evidence again, then approve its digest"))
         }
         None if asked.profile == ProfileName::Human => {
             let text =
@@ -295,16 +298,16 @@ fn reject(
     context: &CliContext,
     views: &Views,
     args: &VersionArgs,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
-    let mut side = Side::open(context)?;
+    let mut side = VerbExecutor::open(context)?;
     let snapshot = side.snapshot()?;
     let signature = &args.signature;
-    let who = passphrase::kept(context, &signature.identity).ok();
-    if let (Some(prompt), Some(who)) = (open_prompt(&snapshot, &args.version), who) {
-        // Stopping must never be harder than going on: whose passphrase cannot be asked for, or whose key nobody
-        // enrolled, rejects by name.
+    let who = passphrase::stored_identity(context, &signature.identity).ok();
+    if let (Some(prompt), Some(who)) = (open_request(&snapshot, &args.version), who) {
+        // Stopping must never be harder than continuing: without a passphrase prompt or an enrolled key, the
+        // rejection goes by name.
         let can_ask = who.protection() != Protection::Passphrase
             || passphrase::can_ask(signature.passphrase_file.as_deref());
         if can_ask {
@@ -315,82 +318,88 @@ fn reject(
             }
         }
     }
-    side.carry_out(Command::Reject(operation(&args.version, &args.signature)), out)
+    side.execute(Command::Reject(operation(&args.version, &args.signature)), out)
 }
 
-/// Refuses over what is shown of the question. Where it cannot be had, or is another one meanwhile, the refusal is signed
-/// over nothing that was shown: it counts all the same.
+/// Signs the refusal of the displayed request. If the request is unavailable or has changed, the signature covers
+/// no displayed text; the refusal still counts.
 fn refuse(
-    side: &mut Side,
-    prompt: &PromptView,
+    side: &mut VerbExecutor,
+    prompt: &ApprovalRequestView,
     snapshot: &Snapshot,
-    (who, signature): (KeptIdentity, &SigningArgs),
-    out: &mut Output<'_>,
+    (who, signature): (LockedIdentity, &SigningArgs),
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let question = side.question(prompt, &who.info().name).ok();
     if let Some((question, _)) = &question {
-        shown::told(&question.lines, &live_lines(prompt, snapshot), out)?;
+        request_text::print_request(&question.lines, &live_lines(prompt, snapshot), out)?;
     }
     let who = passphrase::unlock(who, signature.passphrase_file.as_deref())?;
     let reason = signature.reason.raw();
     if let Some((question, _)) = question {
-        let command = question.answer(&who, Answer::Reject, reason).map_err(CliError::internal)?;
-        let reply = side.ask(command)?;
+        let command = question.answer(&who, ApprovalDecision::Reject, reason).map_err(CliError::internal)?;
+        let reply = side.send(command)?;
         if !matches!(reply, Reply::Refused { code: Refusal::Stale, .. }) {
-            return told(&reply, out);
+            return print_action_reply(&reply, out);
         }
     }
-    side.carry_out(prompt.refuse(&who, reason).map_err(CliError::internal)?, out)
+    side.execute(prompt.refuse(&who, reason).map_err(CliError::internal)?, out)
 }
 
 fn rollback(
     context: &CliContext,
     views: &Views,
     args: &FamilyArgs,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     known_family(views, &args.family)?;
-    let mut side = Side::open(context)?;
+    let mut side = VerbExecutor::open(context)?;
     let snapshot = side.snapshot()?;
     let family = snapshot.families.iter().find(|view| view.family == args.family);
     let Some(active) = family.and_then(|view| view.active.clone()) else {
-        return Err(CliError::held(format!("held: {} is safe-stopped, no version is active", args.family)));
+        return Err(CliError::from_engine_fault(format!(
+            "held: {} is safe-stopped, no version is active",
+            args.family
+        )));
     };
     let operation = operation(&active, &args.signature);
     let command = if args.stop_family { Command::Vacate(operation) } else { Command::Rollback(operation) };
-    let exit = side.carry_out(command, out)?;
+    let exit = side.execute(command, out)?;
     let family = side.snapshot()?.families.into_iter().find(|view| view.family == args.family);
     if family.is_none_or(|view| view.active.is_none()) {
-        // Taken off, and nobody took over: that is a stop, not a rollback.
-        return Err(CliError::held(format!("held: safe-stopped, no version of {} is active", args.family)));
+        // Deactivated without a successor: a stop, not a rollback.
+        return Err(CliError::from_engine_fault(format!(
+            "held: safe-stopped, no version of {} is active",
+            args.family
+        )));
     }
     Ok(exit)
 }
 
 #[derive(Clone, Copy)]
-enum Pausing<'a> {
+enum PauseChange<'a> {
     Pause,
-    /// And who answers for it.
+    /// The identity that answers for it.
     Resume(&'a Identity),
 }
 
-/// Pauses what is on its way, or resumes what is paused: of one family, or of all.
+/// Pauses or resumes candidates of one family, or of all.
 fn pause(
     context: &CliContext,
     views: &Views,
     args: &PauseArgs,
-    pausing: Pausing<'_>,
-    out: &mut Output<'_>,
+    pausing: PauseChange<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     if let Some(family) = &args.family {
         known_family(views, family)?;
     }
-    let mut side = Side::open(context)?;
+    let mut side = VerbExecutor::open(context)?;
     let fits = |view: &&holdpoint_protocol::snapshot::CandidateView| {
         let of_family = args.family.as_ref().is_none_or(|family| view.version.family == *family);
         let stands = match pausing {
-            Pausing::Pause => view.state.may_pause(&view.flags),
-            Pausing::Resume(_) => view.state.may_resume(&view.flags, view.held),
+            PauseChange::Pause => view.state.may_pause(&view.flags),
+            PauseChange::Resume(_) => view.state.may_resume(&view.flags, view.held),
         };
         of_family && stands
     };
@@ -398,25 +407,25 @@ fn pause(
         side.snapshot()?.candidates.iter().filter(fits).map(|view| view.version.clone()).collect();
     if versions.is_empty() {
         let of = args.family.as_ref().map_or_else(String::new, |family| format!(" of {family}"));
-        return Err(CliError::held(match pausing {
-            Pausing::Pause => format!("nothing was paused: no version{of} is on its way"),
-            Pausing::Resume(_) => format!("nothing was resumed: no version{of} is paused or held"),
+        return Err(CliError::from_engine_fault(match pausing {
+            PauseChange::Pause => format!("nothing was paused: no version{of} is advancing"),
+            PauseChange::Resume(_) => format!("nothing was resumed: no version{of} is paused or on hold"),
         }));
     }
     for version in versions {
         let operation = operation(&version, &args.signature);
         match pausing {
-            Pausing::Pause => side.carry_out(Command::Pause(operation), out)?,
-            Pausing::Resume(who) => side.carry_out_as(context, who, Command::Resume(operation), out)?,
+            PauseChange::Pause => side.execute(Command::Pause(operation), out)?,
+            PauseChange::Resume(who) => side.execute_as(context, who, Command::Resume(operation), out)?,
         };
     }
     Ok(Exit::Confirmed)
 }
 
-/// Somebody of the store, whose key opens, for something that is asked of the engine.
+/// An identity of the store, with its opened key, for a request to the engine.
 pub(super) fn identity(context: &CliContext, signature: &SigningArgs) -> Result<Identity, CliError> {
-    known_engine(context)?;
-    let kept = passphrase::kept(context, &signature.identity)?;
+    require_verified_engine(context)?;
+    let kept = passphrase::stored_identity(context, &signature.identity)?;
     passphrase::unlock(kept, signature.passphrase_file.as_deref())
 }
 
@@ -428,7 +437,7 @@ fn operation(version: &CapabilityId, signature: &SigningArgs) -> Operation {
     }
 }
 
-fn open_prompt<'a>(snapshot: &'a Snapshot, version: &CapabilityId) -> Option<&'a PromptView> {
+fn open_request<'a>(snapshot: &'a Snapshot, version: &CapabilityId) -> Option<&'a ApprovalRequestView> {
     snapshot.prompts.iter().find(|prompt| prompt.version == *version)
 }
 

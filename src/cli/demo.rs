@@ -12,10 +12,10 @@ Examples:
   holdpoint demo --seed 7 --json
   holdpoint --data try-out demo")]
 pub struct DemoArgs {
-    /// What the engine is started with.
+    /// The options of the engine.
     #[command(flatten)]
     pub engine: EngineArgs,
-    /// Simulated seconds of the live cell in a second, or `max` [default: max].
+    /// Simulated seconds of the live cell in each second, or `max` [default: max].
     #[arg(long, value_name = "N|max", value_parser = parse_pace)]
     pub pace: Option<LivePace>,
 }

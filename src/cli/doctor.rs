@@ -1,4 +1,4 @@
-//! `holdpoint doctor`: whether this machine and terminal have what is needed. Looks only; installs nothing.
+//! `holdpoint doctor`: whether this machine and terminal have what Holdpoint needs. Changes nothing.
 
 use std::io::IsTerminal;
 use std::path::Path;
@@ -6,52 +6,52 @@ use std::path::Path;
 use clap::Args;
 use serde::Serialize;
 
-use super::output::Table;
+use super::output::TextTable;
 use super::recordings::{counted, size};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_recordings::{folder, viewer};
-use holdpoint_registry::{Layout, look_at_witness, store_info};
+use holdpoint_recordings::{recording_folder, viewer};
+use holdpoint_registry::{Layout, check_witness, store_info};
 use holdpoint_text::Hint;
 
 /// The oldest SQLite without the WAL-reset defect.
 const SQLITE_MIN: (u32, u32, u32) = (3, 51, 3);
 
-/// The smallest terminal with more than alarms and approvals on it, columns and rows.
+/// The smallest terminal that shows more than alarms and approvals, columns and rows.
 const TERMINAL_MIN: (u16, u16) = (60, 16);
 
 /// The terminal that shows everything, columns and rows.
 const TERMINAL_FULL: (u16, u16) = (100, 30);
 
-/// The libraries whose versions are named.
+/// The libraries whose versions are reported.
 const LIBRARIES: [&str; 7] =
     ["rapier3d", "nalgebra", "rusqlite", "cedar-policy", "ed25519-dalek", "sha2", "tokio"];
 
 /// The arguments of `doctor`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Ends with 2 where something needed is missing.
+Exits with 2 if something required is missing.
 
 Examples:
   holdpoint doctor
   holdpoint doctor --data /tmp/try --json")]
 pub struct DoctorArgs {}
 
-/// How a finding stands.
+/// The status of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FindingStatus {
-    /// As it should be, or for information.
+    /// As required, or for information.
     Ok,
-    /// Works, but less than all.
+    /// Works in part.
     Limited,
-    /// Does not work at all.
+    /// Does not work.
     Missing,
 }
 
 impl FindingStatus {
-    const fn word(self) -> &'static str {
+    const fn label(self) -> &'static str {
         match self {
             Self::Ok => "ok",
             Self::Limited => "limited",
@@ -60,26 +60,26 @@ impl FindingStatus {
     }
 }
 
-/// One thing that was looked at.
+/// One finding.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Finding {
-    /// What was looked at.
+pub struct DoctorFinding {
+    /// The item.
     pub item: String,
     /// Whether it works.
     pub standing: FindingStatus,
-    /// What was found, and what to do.
+    /// The result, and the remedy.
     pub detail: String,
 }
 
-fn finding(item: &str, standing: FindingStatus, detail: impl Into<String>) -> Finding {
-    Finding { item: item.to_owned(), standing, detail: detail.into() }
+fn finding(item: &str, standing: FindingStatus, detail: impl Into<String>) -> DoctorFinding {
+    DoctorFinding { item: item.to_owned(), standing, detail: detail.into() }
 }
 
-/// Looks and prints.
+/// Checks and prints.
 ///
 /// # Errors
 /// If the output cannot be written.
-pub fn run(context: &CliContext, _args: &DoctorArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, _args: &DoctorArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let variable = |name: &str| std::env::var(name).ok();
     let size = terminal_size::terminal_size().map(|(width, height)| (width.0, height.0));
     let mut findings = vec![finding("holdpoint", FindingStatus::Ok, env!("CARGO_PKG_VERSION"))];
@@ -91,9 +91,9 @@ pub fn run(context: &CliContext, _args: &DoctorArgs, out: &mut Output<'_>) -> Re
     findings.push(viewer(viewer::path().as_deref()));
     findings.extend(libraries(include_str!("../../Cargo.lock")));
     out.answer(&findings, |out| {
-        let mut table = Table::new(&["item", "standing", "detail"]);
+        let mut table = TextTable::new(&["item", "standing", "detail"]);
         for finding in &findings {
-            table.row([finding.item.as_str(), finding.standing.word(), &finding.detail]);
+            table.row([finding.item.as_str(), finding.standing.label(), &finding.detail]);
         }
         out.table(&table)
     })?;
@@ -105,16 +105,17 @@ fn terminal(
     is_terminal: bool,
     size: Option<(u16, u16)>,
     variable: impl Fn(&str) -> Option<String>,
-) -> Vec<Finding> {
+) -> Vec<DoctorFinding> {
     let set = |name: &str| variable(name).filter(|value| !value.is_empty());
     let term = set("TERM").unwrap_or_else(|| "not set".to_owned());
     let screen = match (is_terminal, size) {
         _ if term == "dumb" => {
             (FindingStatus::Limited, "TERM is dumb: output is plain, without the console".to_owned())
         }
-        (false, _) | (true, None) => {
-            (FindingStatus::Limited, "the output is no terminal: it is plain, without the console".to_owned())
-        }
+        (false, _) | (true, None) => (
+            FindingStatus::Limited,
+            "the output is not a terminal: it is plain, without the console".to_owned(),
+        ),
         (true, Some((width, height))) => {
             let fits = |(w, h): (u16, u16)| width >= w && height >= h;
             let what = match (fits(TERMINAL_FULL), fits(TERMINAL_MIN)) {
@@ -141,7 +142,7 @@ fn terminal(
     let unicode = locale.to_lowercase().replace('-', "").contains("utf8");
     vec![
         finding("terminal", screen.0, screen.1),
-        finding("colours", FindingStatus::Ok, format!("{color} (TERM {term})")),
+        finding("colors", FindingStatus::Ok, format!("{color} (TERM {term})")),
         finding(
             "characters",
             if unicode { FindingStatus::Ok } else { FindingStatus::Limited },
@@ -150,15 +151,11 @@ fn terminal(
     ]
 }
 
-/// Whether the store's folder, or the nearest one above it that exists, may be written to.
-fn store(data: &Path) -> Finding {
+/// Whether the store's folder, or its nearest existing ancestor, is writable.
+fn store(data: &Path) -> DoctorFinding {
     let exists = data.exists();
     let Some(nearest) = data.ancestors().find(|path| path.is_dir() || path.as_os_str().is_empty()) else {
-        return finding(
-            "store",
-            FindingStatus::Missing,
-            format!("{} has no folder above it", data.display()),
-        );
+        return finding("store", FindingStatus::Missing, format!("{} has no parent folder", data.display()));
     };
     let nearest = if nearest.as_os_str().is_empty() { Path::new(".") } else { nearest };
     let shown = data.display();
@@ -166,24 +163,26 @@ fn store(data: &Path) -> Finding {
         return finding(
             "store",
             FindingStatus::Missing,
-            format!("{shown} is not a folder; name one with --data DIR"),
+            format!("{shown} is not a folder; name one with `--data DIR`"),
         );
     }
     match rustix::fs::access(nearest, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK) {
         Err(error) => {
-            let detail =
-                format!("{} cannot be written to: {error}; name another with --data DIR", nearest.display());
+            let detail = format!(
+                "{} cannot be written to: {error}; name another with `--data DIR`",
+                nearest.display()
+            );
             finding("store", FindingStatus::Missing, detail)
         }
         Ok(()) if Layout::new(data).database().is_file() => {
             finding("store", FindingStatus::Ok, format!("in {shown}"))
         }
-        Ok(()) => finding("store", FindingStatus::Ok, format!("will be made in {shown}")),
+        Ok(()) => finding("store", FindingStatus::Ok, format!("will be created in {shown}")),
     }
 }
 
-/// Whether the store's witnesses can be written.
-fn witnesses(data: &Path) -> Vec<Finding> {
+/// Whether the store's witnesses are writable.
+fn witnesses(data: &Path) -> Vec<DoctorFinding> {
     let database = Layout::new(data).database();
     if !database.is_file() {
         return Vec::new();
@@ -193,7 +192,7 @@ fn witnesses(data: &Path) -> Vec<Finding> {
         Ok(known) => known,
         Err(error) => return vec![finding("witnesses", FindingStatus::Limited, error.sentence())],
     };
-    let look = |folder: String| match look_at_witness(&folder, &store_id) {
+    let look = |folder: String| match check_witness(&folder, &store_id) {
         Ok(heads) => {
             let detail = format!("{folder} has {}", counted(usize::try_from(heads).unwrap_or(0), "head"));
             finding("witness", FindingStatus::Ok, detail)
@@ -203,7 +202,7 @@ fn witnesses(data: &Path) -> Vec<Finding> {
     folders.into_iter().map(look).collect()
 }
 
-fn sqlite(version: &str) -> Finding {
+fn sqlite(version: &str) -> DoctorFinding {
     let mut parts = version.split('.').map(|part| part.parse::<u32>().ok());
     let mut next = || parts.next().flatten();
     let (major, minor, patch) = SQLITE_MIN;
@@ -219,8 +218,8 @@ fn sqlite(version: &str) -> Finding {
     }
 }
 
-/// Whether there is a scene viewer that can be started, and which.
-fn viewer(path: Option<&std::ffi::OsStr>) -> Finding {
+/// Whether a scene viewer is available, and which.
+fn viewer(path: Option<&std::ffi::OsStr>) -> DoctorFinding {
     match viewer::find(path) {
         Ok(found) => finding(
             "viewer",
@@ -231,10 +230,10 @@ fn viewer(path: Option<&std::ffi::OsStr>) -> Finding {
     }
 }
 
-/// How much the recordings of a store take.
-fn recordings(data: &Path) -> Finding {
+/// The size of the store's recordings.
+fn recordings(data: &Path) -> DoctorFinding {
     let folder = Layout::new(data).recordings();
-    match folder::list(&folder) {
+    match recording_folder::list(&folder) {
         Ok(files) => {
             let bytes = files.iter().map(|filed| filed.bytes).sum();
             let detail = format!("{}, {} in {}", counted(files.len(), "file"), size(bytes), folder.display());
@@ -248,8 +247,8 @@ fn recordings(data: &Path) -> Finding {
 }
 
 /// The versions this program was built with, from its lock file.
-fn libraries(lock: &str) -> Vec<Finding> {
-    // Where there are several versions, those that use one name it with its version; ours use the newest.
+fn libraries(lock: &str) -> Vec<DoctorFinding> {
+    // If the lock file has several versions, dependents name the version they use; ours use the newest.
     let packages = || lock.split("[[package]]").map(str::trim_start);
     let own = || packages().filter(|package| package.starts_with("name = \"holdpoint"));
     let version_of = |library: &str| {
@@ -309,7 +308,7 @@ mod tests {
         {
             assert_eq!(store(&root.path().join(path)).standing, expected, "{path}");
         }
-        assert!(!root.path().join("deep").exists(), "looking must not make folders");
+        assert!(!root.path().join("deep").exists(), "a check must not create folders");
         for (version, expected) in [
             ("3.51.3", FindingStatus::Ok),
             ("4.0.0", FindingStatus::Ok),
@@ -325,7 +324,7 @@ mod tests {
     fn every_library_is_in_the_lock_file() {
         let found = libraries(include_str!("../../Cargo.lock"));
         assert_eq!(found.iter().map(|finding| finding.item.as_str()).collect::<Vec<_>>(), LIBRARIES);
-        // The one that this program uses, not the one that another dependency brings.
+        // The one that this program uses, not another dependency's.
         let sha2 = found.iter().find(|finding| finding.item == "sha2").unwrap();
         assert!(sha2.detail.starts_with("0.11."), "{}", sha2.detail);
     }

@@ -1,24 +1,25 @@
 //! The verbs that need the engine, and the real engine that carries them out.
 //!
-//! Chooses between an engine that runs on the store and one that is opened for the verb; must not decide
-//! anything itself.
+//! Chooses between a running engine and one opened for the verb; decides nothing itself.
 
 use std::time::Duration;
 
-use super::side::{Side, last_cell, running};
-use super::{bench, candidate, chosen, data, decide, demo, run, serve, status};
+use super::verb_executor::{VerbExecutor, last_cell, running};
+use super::{bench, candidate, data, decide, demo, profile_choice, run, serve, status};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use crate::headless::{PlainWork, RunPlain, RunScript, RunStage, Service, run_plain, run_script, run_stage};
+use crate::headless::{
+    PlainWork, RunPlain, RunScript, RunStage, ServiceSetup, run_plain, run_script, run_stage,
+};
 use holdpoint_engine::embedded;
-use holdpoint_engine::host::HostConfig;
+use holdpoint_engine::engine_handle::LaunchConfig;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
 use holdpoint_runtime::capability::shown;
 
-/// The verbs that need the engine. Each prints its answer and says how it ended.
+/// The verbs that need the engine. Each prints its answer and returns the exit code.
 pub trait EngineVerbs {
     /// Runs upgrades; `args.headless`, `args.plain` or the lack of a terminal choose the front end.
     ///
@@ -28,16 +29,16 @@ pub trait EngineVerbs {
         &mut self,
         context: &CliContext,
         args: &run::RunArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 
-    /// What is run without a verb: the console, or the demonstration where there is no terminal for it.
+    /// Runs without a verb: opens the console, or without a terminal runs the demonstration.
     ///
     /// # Errors
     /// As [`EngineVerbs::run`].
-    fn without_verb(&mut self, context: &CliContext, out: &mut Output<'_>) -> Result<Exit, CliError>;
+    fn without_verb(&mut self, context: &CliContext, out: &mut CommandOutput<'_>) -> Result<Exit, CliError>;
 
-    /// Works on the store until it is told to end.
+    /// Runs the engine on the store until a signal ends it.
     ///
     /// # Errors
     /// As [`EngineVerbs::run`].
@@ -45,7 +46,7 @@ pub trait EngineVerbs {
         &mut self,
         context: &CliContext,
         args: &serve::ServeArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 
     /// Takes a demonstration candidate through the stages.
@@ -56,7 +57,7 @@ pub trait EngineVerbs {
         &mut self,
         context: &CliContext,
         args: &demo::DemoArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 
     /// Registers a candidate's folder.
@@ -67,10 +68,10 @@ pub trait EngineVerbs {
         &mut self,
         context: &CliContext,
         args: &candidate::RegisterArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 
-    /// Runs one stage of one candidate by itself.
+    /// Runs one stage of one candidate.
     ///
     /// # Errors
     /// As [`EngineVerbs::run`].
@@ -79,7 +80,7 @@ pub trait EngineVerbs {
         context: &CliContext,
         args: &candidate::StageArgs,
         stage: Stage,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 
     /// Shows, watches or awaits states.
@@ -90,21 +91,21 @@ pub trait EngineVerbs {
         &mut self,
         context: &CliContext,
         args: &status::StatusArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 
-    /// Takes an operator's decision to the engine, which may refuse it.
+    /// Sends an operator's decision to the engine, which may refuse it.
     ///
     /// # Errors
     /// As [`EngineVerbs::run`].
     fn decide(
         &mut self,
         context: &CliContext,
-        asked: &decide::AskedDecision,
-        out: &mut Output<'_>,
+        asked: &decide::RequestedDecision,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 
-    /// Measures.
+    /// Measures the engine.
     ///
     /// # Errors
     /// As [`EngineVerbs::run`].
@@ -112,7 +113,7 @@ pub trait EngineVerbs {
         &mut self,
         context: &CliContext,
         args: &bench::BenchArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 }
 
@@ -125,7 +126,7 @@ impl EngineVerbs for RealEngine {
         &mut self,
         context: &CliContext,
         args: &run::RunArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         let json = context.json;
         let robot = args.engine.robot.as_deref();
@@ -157,7 +158,7 @@ impl EngineVerbs for RealEngine {
                     json,
                     pace: args.pace.and_then(run::LivePace::times),
                     sinks: args.scenes.options(true).sinks()?,
-                    // Where it was chosen for want of a terminal, the input is somebody else's.
+                    // The front end was chosen for lack of a terminal, so the input belongs to another program.
                     commands: args.plain,
                 };
                 run_plain(run, out.sink())
@@ -165,7 +166,7 @@ impl EngineVerbs for RealEngine {
         }
     }
 
-    fn without_verb(&mut self, context: &CliContext, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn without_verb(&mut self, context: &CliContext, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
         #[cfg(feature = "console")]
         {
             let args = run::RunArgs::default();
@@ -174,8 +175,8 @@ impl EngineVerbs for RealEngine {
             }
         }
         if context.data_given {
-            let text = "without a terminal and without a verb the demonstration runs in a store of its own";
-            let hint = "`holdpoint demo` submits it to the store named with --data; `holdpoint serve` works on that one";
+            let text = "without a terminal and without a verb, the demonstration runs in a temporary store";
+            let hint = "`holdpoint demo` submits it to this store; `holdpoint serve` runs an engine on it";
             return Err(CliError::usage(text).with_hint(hint));
         }
         self.demo(context, &demo::DemoArgs::default(), out)
@@ -185,9 +186,9 @@ impl EngineVerbs for RealEngine {
         &mut self,
         context: &CliContext,
         args: &serve::ServeArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        let host = HostConfig {
+        let host = LaunchConfig {
             data: context.data.clone(),
             profile: args.engine.profile(&context.data)?,
             seed: args.engine.seed(&context.data)?,
@@ -196,13 +197,14 @@ impl EngineVerbs for RealEngine {
             pace: args.pace(),
             sinks: args.scenes.options(true).sinks()?,
             alone_max: args.attended.map(|secs| Duration::from_secs(u64::from(secs))),
-            seats: args.seats.clone(),
+            console_folder: args.seats.clone(),
         };
         if args.own_session {
-            // One that leads its session already has left the terminal, too.
+            // The leader of a session has left the terminal already.
             let _ = rustix::process::setsid();
         }
-        let service = Service { host, json: context.json, quiet: args.quiet, only_faults: args.own_session };
+        let service =
+            ServiceSetup { host, json: context.json, quiet: args.quiet, only_faults: args.own_session };
         crate::headless::serve(service, out.sink())
     }
 
@@ -210,7 +212,7 @@ impl EngineVerbs for RealEngine {
         &mut self,
         context: &CliContext,
         args: &demo::DemoArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         let fresh = if context.data_given { None } else { Some(crate::headless::fresh_store()?) };
         let data = fresh.as_ref().map_or(context.data.as_path(), tempfile::TempDir::path);
@@ -233,23 +235,23 @@ impl EngineVerbs for RealEngine {
         &mut self,
         context: &CliContext,
         args: &candidate::RegisterArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        // What is wrong with the folder is said before an engine is opened, so that the store stays as it was.
+        // Errors in the folder are reported before an engine opens, so the store stays unchanged.
         let candidate = embedded::read(&args.folder).map_err(CliError::usage)?;
         let (package, name) = (Package::clone(&candidate.package), shown(&args.folder));
         let who = match &args.identity {
             Some(name) => Some(super::passphrase::unlock(
-                super::passphrase::kept(context, name)?,
+                super::passphrase::stored_identity(context, name)?,
                 args.passphrase_file.as_deref(),
             )?),
             None => None,
         };
-        let mut side = Side::open(context)?;
+        let mut side = VerbExecutor::open(context)?;
         let command = Command::Register { package, name, by: None };
         let exit = match &who {
-            Some(who) => side.carry_out_as(context, who, command, out)?,
-            None => side.carry_out(command, out)?,
+            Some(who) => side.execute_as(context, who, command, out)?,
+            None => side.execute(command, out)?,
         };
         if side.is_own() && !out.is_json() {
             out.line(
@@ -264,19 +266,18 @@ impl EngineVerbs for RealEngine {
         context: &CliContext,
         args: &candidate::StageArgs,
         stage: Stage,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        // What does not exist is said before an engine is opened, so that the store stays as it was.
+        // An unknown name is reported before an engine opens, so the store stays unchanged.
         decide::known_version(&data::open(&context.data)?, &args.version)?;
         if running(context)?.is_some() {
-            let text =
-                "held: an engine is running on this store, which takes candidates through their stages";
+            let text = "held: the running engine of this store takes candidates through their stages";
             let hint = format!("`holdpoint status {} --watch` shows it", args.version);
-            return Err(CliError::held(text).with_hint(hint));
+            return Err(CliError::from_engine_fault(text).with_hint(hint));
         }
         let run = RunStage {
             data: &context.data,
-            profile: chosen::last(&context.data)?,
+            profile: profile_choice::last(&context.data)?,
             cell: last_cell(context)?,
             seed: run::EngineArgs { seed: args.seed, ..run::EngineArgs::default() }.seed(&context.data)?,
             jobs: run::jobs(args.jobs),
@@ -291,7 +292,7 @@ impl EngineVerbs for RealEngine {
         &mut self,
         context: &CliContext,
         args: &status::StatusArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         status::run(context, args, out)
     }
@@ -299,8 +300,8 @@ impl EngineVerbs for RealEngine {
     fn decide(
         &mut self,
         context: &CliContext,
-        asked: &decide::AskedDecision,
-        out: &mut Output<'_>,
+        asked: &decide::RequestedDecision,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         decide::run(context, asked, out)
     }
@@ -309,7 +310,7 @@ impl EngineVerbs for RealEngine {
         &mut self,
         _context: &CliContext,
         args: &bench::BenchArgs,
-        out: &mut Output<'_>,
+        out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         bench::run(args, out)
     }

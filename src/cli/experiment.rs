@@ -1,25 +1,25 @@
 //! `holdpoint experiment`: arguments, progress lines and the printed report.
 //!
-//! Prints what [`holdpoint_lab::experiment`] measured; must not measure or judge anything itself.
+//! Prints the results of [`holdpoint_lab::experiment`]; measures and judges nothing.
 
 use std::io::Write;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::kept::CacheKeyArgs;
-use super::output::Table;
+use super::output::TextTable;
 use super::paper::{self, PaperArgs, ReportArgs};
 use super::per_candidate::{self, PerCandidateArgs};
+use super::result_cache::CacheKeyArgs;
 use super::run::JOBS_MAX;
 use super::truth::{self, TruthArgs};
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
-use holdpoint_lab::experiment::ExperimentError;
-use holdpoint_lab::experiment::drift::{self, DriftCell, DriftOptions, DriftReport, Spread};
-use holdpoint_lab::paper::run::Part;
-use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
+use holdpoint_lab::paper_reproduction::run::ExperimentPart;
+use holdpoint_lab::pipeline_experiments::ExperimentError;
+use holdpoint_lab::pipeline_experiments::drift::{self, DriftCell, DriftOptions, DriftReport, Quantiles};
+use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -31,41 +31,41 @@ Examples:
   holdpoint experiment truth --pool mutants --out truth
   holdpoint experiment all --preset paper-e2 --out paper")]
 pub struct ExperimentArgs {
-    /// The experiment that was chosen, with its arguments.
+    /// The chosen experiment with its arguments.
     #[command(subcommand)]
-    pub which: Which,
+    pub which: ExperimentVerb,
 }
 
-/// The experiments that can be run.
+/// The experiments.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
-pub enum Which {
-    /// Rollback under drift: four drifts in three magnitudes set in after an activation.
+pub enum ExperimentVerb {
+    /// Rollback under drift: four drifts at three magnitudes begin after an activation.
     Drift(DriftArgs),
-    /// Every candidate of a pool through the seven stages, scored against its truth file afterwards.
+    /// Takes every candidate of a pool through the seven stages, then scores it against the truth file.
     PerCandidate(PerCandidateArgs),
     /// The paper's screening: a pool's candidates through the stages, by class and dimension.
     E1(PaperArgs),
-    /// The paper's rounds of upgrades, by arms that decide about them.
+    /// The paper's rounds of upgrades, for each arm that decides about them.
     E2(PaperArgs),
-    /// The paper's shadow: what it finds that the sandbox does not, and what it spares.
+    /// The paper's shadow: what it detects beyond the sandbox, and what it saves.
     E3(PaperArgs),
-    /// The paper's rollback under drift, beside its table 8.
+    /// The paper's rollback under drift, compared with its table 8.
     E4(PaperArgs),
     /// The paper's profiles: the same pool under sim, real and human.
     E5(PaperArgs),
-    /// The paper's sensitivity: the thresholds a tenth lower and a tenth higher.
+    /// The paper's sensitivity: the thresholds 10 % lower and 10 % higher.
     Sensitivity(PaperArgs),
-    /// Failures of the governance layer itself, injected: what gets through then.
+    /// Injects failures into the governance layer itself and measures what passes then.
     MetaFaults(PaperArgs),
-    /// The paper's overhead: what a candidate costs, stage by stage, against episodes and candidates.
+    /// The paper's overhead: the cost of a candidate, stage by stage, over episodes and candidates.
     Overhead(PaperArgs),
-    /// The paper's ablation: rounds and pools with parts of the way left out.
+    /// The paper's ablation: rounds and pools with parts of the pipeline left out.
     Ablation(PaperArgs),
-    /// All of the paper's experiments, one after the other.
+    /// All of the paper's experiments in sequence.
     All(PaperArgs),
-    /// Writes a report again from its raw rows alone; nothing is worked.
+    /// Writes a report again from its raw rows; runs no episode.
     Report(ReportArgs),
-    /// What candidates really are, by what the referee sees of them, and how decisions stand to it.
+    /// Measures the ground truth of candidates with the referee, and compares decisions with it.
     Truth(TruthArgs),
 }
 
@@ -76,25 +76,25 @@ Examples:
   holdpoint experiment drift --runs 30 --out results/drift
   holdpoint experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20")]
 pub struct DriftArgs {
-    /// Independent runs; each has a seed and a candidate of its own.
+    /// Independent runs; each has its own seed and candidate.
     #[arg(long, value_name = "N", default_value_t = 30)]
     pub runs: u64,
-    /// Seed of the first run; the others follow it.
+    /// Seed of the first run; the others follow.
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub seed: u64,
-    /// How many runs at once [default: one per core].
+    /// Runs at once [default: one per core].
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
-    /// The folder of cells and report; finished cells in it are not run again.
+    /// The folder for cells and report; finished cells in it are not run again.
     #[arg(long, value_name = "DIR", default_value = "experiment-drift")]
     pub out: PathBuf,
-    /// What finished cells are authenticated with.
+    /// The key that authenticates finished cells.
     #[command(flatten)]
     pub cache_key: CacheKeyArgs,
-    /// Live sequences until a version that is not taken off is left.
+    /// Live sequences after which a run ends without a rollback.
     #[arg(long, value_name = "N", default_value_t = 200)]
     pub horizon: u32,
-    /// Sequences of the twins that tell whether a drift worsens a version.
+    /// Sequences of the twins that determine whether a drift worsens a version.
     #[arg(long, value_name = "N", default_value_t = 60)]
     pub pairs: u32,
 }
@@ -103,26 +103,26 @@ pub struct DriftArgs {
 ///
 /// # Errors
 /// If the options are not allowed, a file cannot be used, or the pipeline fails.
-pub fn run(args: &ExperimentArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(args: &ExperimentArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     match &args.which {
-        Which::Drift(args) => run_drift(args, out),
-        Which::PerCandidate(args) => per_candidate::run(args, out),
-        Which::E1(args) => paper::run(args, Part::E1, out),
-        Which::E2(args) => paper::run(args, Part::E2, out),
-        Which::E3(args) => paper::run(args, Part::E3, out),
-        Which::E4(args) => paper::run(args, Part::E4, out),
-        Which::E5(args) => paper::run(args, Part::E5, out),
-        Which::Sensitivity(args) => paper::run(args, Part::Sensitivity, out),
-        Which::MetaFaults(args) => paper::run(args, Part::MetaFaults, out),
-        Which::Overhead(args) => paper::run(args, Part::Overhead, out),
-        Which::Ablation(args) => paper::run(args, Part::Ablation, out),
-        Which::All(args) => paper::run(args, Part::All, out),
-        Which::Report(args) => paper::write_again(args, out),
-        Which::Truth(args) => truth::run(args, out),
+        ExperimentVerb::Drift(args) => run_drift(args, out),
+        ExperimentVerb::PerCandidate(args) => per_candidate::run(args, out),
+        ExperimentVerb::E1(args) => paper::run(args, ExperimentPart::E1, out),
+        ExperimentVerb::E2(args) => paper::run(args, ExperimentPart::E2, out),
+        ExperimentVerb::E3(args) => paper::run(args, ExperimentPart::E3, out),
+        ExperimentVerb::E4(args) => paper::run(args, ExperimentPart::E4, out),
+        ExperimentVerb::E5(args) => paper::run(args, ExperimentPart::E5, out),
+        ExperimentVerb::Sensitivity(args) => paper::run(args, ExperimentPart::Sensitivity, out),
+        ExperimentVerb::MetaFaults(args) => paper::run(args, ExperimentPart::MetaFaults, out),
+        ExperimentVerb::Overhead(args) => paper::run(args, ExperimentPart::Overhead, out),
+        ExperimentVerb::Ablation(args) => paper::run(args, ExperimentPart::Ablation, out),
+        ExperimentVerb::All(args) => paper::run(args, ExperimentPart::All, out),
+        ExperimentVerb::Report(args) => paper::regenerate_report(args, out),
+        ExperimentVerb::Truth(args) => truth::run(args, out),
     }
 }
 
-fn run_drift(args: &DriftArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+fn run_drift(args: &DriftArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let options = DriftOptions {
         runs: args.runs,
@@ -134,8 +134,8 @@ fn run_drift(args: &DriftArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
         pairs: args.pairs,
     };
     let tell = |line: &str| {
-        // Progress that cannot be shown is no reason to stop measuring.
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));
+        // Progress that cannot be shown does not stop the measurement.
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
     };
     let report = drift::run(&options, &tell).map_err(|error| match error {
         error @ (ExperimentError::Option { .. } | ExperimentError::File { .. }) => CliError::usage(error),
@@ -145,13 +145,13 @@ fn run_drift(args: &DriftArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     Ok(Exit::Confirmed)
 }
 
-fn show(report: &DriftReport, options: &DriftOptions, out: &mut Output<'_>) -> Result<(), CliError> {
-    let mut table = Table::new(&[
+fn show(report: &DriftReport, options: &DriftOptions, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let mut table = TextTable::new(&[
         "drift",
         "magnitude",
         "n",
         "worsened",
-        "came off",
+        "rolled back",
         "recovered",
         "end to end",
         "lower 95 %",
@@ -165,14 +165,14 @@ fn show(report: &DriftReport, options: &DriftOptions, out: &mut Output<'_>) -> R
     out.table(&table)?;
     let left = report.not_activated;
     if left > 0 {
-        out.line(&format!("{left} of {} runs had no activated candidate and count nowhere", report.runs))?;
+        out.line(&format!("{left} of {} runs had no activated candidate and are excluded", report.runs))?;
     }
     out.line(&format!("drift.md, drift.csv, drift.json and drift.svg are in {}", options.out.display()))
 }
 
 fn row(cell: &DriftCell) -> Vec<String> {
     let count = |share: &Proportion| format!("{}/{}", share.count, share.total);
-    let median = |spread: Option<Spread>| {
+    let median = |spread: Option<Quantiles>| {
         spread.map_or_else(|| "-".to_owned(), |spread| format!("{:.0}", spread.median))
     };
     let lower = cell.end_to_end.interval.map_or_else(|| "-".to_owned(), |ends| format!("{:.2}", ends.lower));

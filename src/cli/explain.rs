@@ -1,7 +1,7 @@
-//! `holdpoint explain`: why a version stands where it stands, from the store alone.
+//! `holdpoint explain`: why a version is in its state, from the store alone.
 //!
-//! Prints what [`holdpoint_engine::explain`] reads; must not judge. Lines are wrapped to the terminal, and nothing of it is
-//! left off in JSON.
+//! Prints the result of [`holdpoint_engine::explain`]; judges nothing. Wraps lines to the terminal; JSON has
+//! everything.
 
 use std::path::Path;
 
@@ -9,15 +9,14 @@ use clap::Args;
 
 use super::data;
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::explain;
+use holdpoint_governance::cached_result::CachedResultUse;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::permission::PermissionUse;
-use holdpoint_governance::words::Word;
-use holdpoint_protocol::explained::{Explained, Explanation};
+use holdpoint_protocol::explanation::{DecisionExplanation, Explanation};
 use holdpoint_runtime::capability::PackageError;
 
 /// The arguments of `explain`.
@@ -27,7 +26,7 @@ Examples:
   holdpoint explain align@1.1.0
   holdpoint explain grasp-improved --json")]
 pub struct ExplainArgs {
-    /// The version, or the folder of a candidate that was registered.
+    /// The version, or the folder of a registered candidate.
     #[arg(value_name = "VERSION|FOLDER")]
     pub subject: String,
 }
@@ -36,14 +35,14 @@ pub struct ExplainArgs {
 ///
 /// # Errors
 /// If there is no store, or no such version in it.
-pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let views = data::open_checked(&context.data)?;
     let id = version(&args.subject)?;
     let Some(explanation) = explain::explain(&views, &id).map_err(CliError::usage)? else {
         let text = format!("{id} is not in the store {:?}", context.data);
         return Err(CliError::usage(text).with_hint("see `holdpoint registry list`"));
     };
-    let missing = super::profile_on_record::missing(&views);
+    let missing = super::profile_authorization::missing(&views);
     out.answer(&explanation, |out| {
         show(&explanation, out)?;
         missing.map_or(Ok(()), |why| out.line(&format!("profile: gate-profile-unauthorized: {why}")))
@@ -51,12 +50,12 @@ pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut Output<'_>) -> Re
     Ok(Exit::Confirmed)
 }
 
-/// A version by its name, or by the folder it was submitted from.
+/// A version by name, or by the folder it was submitted from.
 fn version(subject: &str) -> Result<CapabilityId, CliError> {
     if let Ok(id) = subject.parse() {
         return Ok(id);
     }
-    // What cannot be read is no candidate's folder; what is wrong in one that can is said.
+    // An unreadable path is not a candidate's folder; errors in a readable one are reported.
     let known = |path: &Path| match embedded::read(path) {
         Err(PackageError::Folder { .. } | PackageError::Read { .. } | PackageError::NotText { .. }) => None,
         read => Some(read),
@@ -69,7 +68,7 @@ fn version(subject: &str) -> Result<CapabilityId, CliError> {
     read.map(|candidate| candidate.id()).map_err(CliError::usage)
 }
 
-fn show(explanation: &Explanation, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(explanation: &Explanation, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let Explanation { version, state, author, decisions } = explanation;
     out.paragraph("", &format!("{version} by {author} is {state}"))?;
     if decisions.is_empty() {
@@ -82,8 +81,9 @@ fn show(explanation: &Explanation, out: &mut Output<'_>) -> Result<(), CliError>
     Ok(())
 }
 
-fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
-    let Explained { record, at_ms, ruling, rule, said, reasons, change, permissions, kept, then } = decision;
+fn one(decision: &DecisionExplanation, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let DecisionExplanation { record, at_ms, ruling, rule, said, reasons, change, permissions, kept, then } =
+        decision;
     let (stage, outcome) = (ruling.stage(), ruling.outcome());
     out.paragraph("", &format!("{stage}: {outcome} (record {record}, {:.3} s)", *at_ms as f64 / 1000.0))?;
     out.paragraph("  ", &format!("rule  {}: {}", rule.name(), rule.source()))?;
@@ -101,11 +101,7 @@ fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
             (Some(found), Some(limit)) => format!(" [{found:.3} against {limit:.3}]"),
             _ => String::new(),
         };
-        let text = reason
-            .code
-            .as_ref()
-            .and_then(Word::known)
-            .map_or_else(|| reason.text.as_str().into(), |code| code.told(&reason.text));
+        let text = &reason.text;
         out.paragraph("  ", &format!("{mark} {code}{text}{numbers}"))?;
         if let Some(measured) = &reason.measured {
             out.paragraph("      ", measured)?;
@@ -120,7 +116,7 @@ fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
     for text in permissions.iter().flat_map(PermissionUse::lines) {
         out.paragraph("  ", &format!("permissions  {text}"))?;
     }
-    for text in kept.iter().flat_map(KeptUse::lines) {
+    for text in kept.iter().flat_map(CachedResultUse::lines) {
         out.paragraph("  ", &format!("kept  {text}"))?;
     }
     for text in then {

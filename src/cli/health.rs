@@ -1,7 +1,7 @@
-//! `holdpoint health`: whether the live cell is better or worse than it was, from the record alone.
+//! `holdpoint health`: whether the live cell is better or worse than before, from the store alone.
 //!
-//! Prints what [`holdpoint_engine::health_series`] computes; an engine may have the store open meanwhile. Judges nothing,
-//! and prints no share where nothing was counted.
+//! Prints the result of [`holdpoint_engine::health_series`]; an engine may have the store open meanwhile. Judges
+//! nothing, and prints no rate without a count.
 
 use std::fs::OpenOptions;
 use std::io::Write as _;
@@ -13,27 +13,27 @@ use serde::Serialize;
 
 use super::data;
 use super::metrics::span_ms;
-use super::output::Table;
-use super::when::Moment;
+use super::output::TextTable;
+use super::time_arg::TimeArg;
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::health_series::{HealthError, HealthReader, Present, csv, svg};
+use holdpoint_engine::health_series::{HealthError, HealthReader, PresentTime, csv, svg};
 use holdpoint_governance::ids::Family;
+use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::health::{
-    BUCKET_MS_MAX, BUCKET_MS_MIN, BUCKET_WIDTHS_MS, BUCKETS_MAX, HealthAsked, HealthClock, HealthSeries,
-    Verdict, together,
+    BUCKET_MS_MAX, BUCKET_MS_MIN, BUCKET_WIDTHS_MS, BUCKETS_MAX, HealthClock, HealthQuery, HealthSeries,
+    HealthVerdict, together,
 };
-use holdpoint_protocol::words::clock_time;
 use holdpoint_registry::Layout;
 
-/// The span that is looked at where none is named, ms: a day.
+/// The default span, ms: a day.
 const SPAN_MS: i64 = 86_400_000;
 
-/// Buckets that are aimed at where no width is named, on each side of the moment.
+/// The number of buckets on each side of the moment without --bucket, approximately.
 const BUCKETS_AIM: i64 = 24;
 
-/// Marks that are printed at most; files and JSON have all.
+/// The most marks that are printed; files and JSON have all.
 const MARKS_PRINTED: usize = 30;
 
 /// Eighths of a line's height.
@@ -42,12 +42,12 @@ const LEVELS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█
 /// The arguments of `health`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-The verdict compares what came since WHEN with as long a time before it.
+The verdict compares the time since WHEN with an equal time before it.
 
 WHEN is one of
   a span back from the end of the record: 30m, 24h, 2d
   yesterday, or a weekday: its last beginning, UTC
-  a moment by the machine's clock, UTC where nothing else is said: 2026-11-17, 2026-11-17T08:00, 2026-11-17T08:00:00+01:00
+  a moment by the machine's clock, UTC by default: 2026-11-17, 2026-11-17T08:00, 2026-11-17T08:00:00+01:00
   seconds of the engine's own clock: @3600
 
 Examples:
@@ -58,33 +58,34 @@ pub struct HealthArgs {
     /// Only this family.
     #[arg(long, value_name = "NAME")]
     pub family: Option<String>,
-    /// The moment that before and since are compared at [default: 24h, or half of a shorter record].
+    /// The moment that separates before and since [default: 24h, or the middle of a shorter history].
     #[arg(long, value_name = "WHEN")]
-    pub since: Option<Moment>,
-    /// The end of what is looked at [default: the end of the record].
+    pub since: Option<TimeArg>,
+    /// The end of the span [default: the end of the history].
     #[arg(long, value_name = "WHEN")]
-    pub until: Option<Moment>,
-    /// Width of a bucket, a minute to a day: 5m, 1h, 1d [default: about 24 on each side].
+    pub until: Option<TimeArg>,
+    /// Width of a bucket, a minute to a day: 5m, 1h, 1d [default: about 24 buckets on each side].
     #[arg(long, value_name = "SPAN")]
     pub bucket: Option<String>,
-    /// Reads every task there is, however long it takes, in place of a sample of a long span.
+    /// Reads every task of a long span, instead of a sample.
     #[arg(long)]
     pub every_task: bool,
     /// Writes the series into a new file as CSV.
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
-    /// Writes a picture of one family into a new file as SVG; with several families each name is put before the ending.
+    /// Writes a chart of one family into a new file as SVG; with several families, each file name gets the family's
+    /// name.
     #[arg(long, value_name = "FILE")]
     pub svg: Option<PathBuf>,
 }
 
-/// What is printed as JSON.
+/// The JSON document.
 #[derive(Serialize)]
 struct HealthAnswer<'a> {
     #[serde(flatten)]
     series: &'a HealthSeries,
     /// One for each family.
-    verdicts: &'a [Verdict],
+    verdicts: &'a [HealthVerdict],
     /// The verdicts in words.
     sentences: Vec<String>,
 }
@@ -92,12 +93,12 @@ struct HealthAnswer<'a> {
 /// Reads and prints.
 ///
 /// # Errors
-/// If there is no store, it cannot be read, or what is asked for makes no sense.
-pub fn run(context: &CliContext, args: &HealthArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// If there is no store, it cannot be read, or the options contradict each other.
+pub fn run(context: &CliContext, args: &HealthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let views = data::open_checked(&context.data)?;
     let reader = HealthReader::new(views, &Layout::new(&context.data)).map_err(CliError::usage)?;
     let end = reader.end().map_err(CliError::usage)?;
-    let (asked, moment_ms) = asked(args, end)?;
+    let (asked, moment_ms) = health_query(args, end)?;
     let read = if args.every_task {
         reader.read_every_task(&asked, Some(end))
     } else {
@@ -109,7 +110,7 @@ pub fn run(context: &CliContext, args: &HealthArgs, out: &mut Output<'_>) -> Res
     })?;
     let families = chosen(&mut series, args)?;
     let split = series.bucket_of(moment_ms).unwrap_or(series.buckets / 2);
-    let verdicts: Vec<Verdict> = families.iter().map(|family| series.verdict(family, split)).collect();
+    let verdicts: Vec<HealthVerdict> = families.iter().map(|family| series.verdict(family, split)).collect();
     let mut written = Vec::new();
     if let Some(path) = &args.csv {
         write_new(path, &csv(&series))?;
@@ -125,7 +126,7 @@ pub fn run(context: &CliContext, args: &HealthArgs, out: &mut Output<'_>) -> Res
             written.push(path);
         }
     }
-    let sentences = verdicts.iter().map(Verdict::sentence).collect();
+    let sentences = verdicts.iter().map(HealthVerdict::sentence).collect();
     let answer = HealthAnswer { series: &series, verdicts: &verdicts, sentences };
     out.answer(&answer, |out| show(&series, &families, &verdicts, split, out))?;
     if !out.is_json() {
@@ -136,14 +137,14 @@ pub fn run(context: &CliContext, args: &HealthArgs, out: &mut Output<'_>) -> Res
     Ok(Exit::Confirmed)
 }
 
-/// What is asked of the record, and the moment of the verdict on its clock, ms.
-fn asked(args: &HealthArgs, end: Present) -> Result<(HealthAsked, i64), CliError> {
-    let said = [&args.since, &args.until].into_iter().flatten().find_map(Moment::clock);
+/// The query, and the moment of the verdict on its clock, ms.
+fn health_query(args: &HealthArgs, end: PresentTime) -> Result<(HealthQuery, i64), CliError> {
+    let said = [&args.since, &args.until].into_iter().flatten().find_map(TimeArg::clock);
     let default = if end.wall_ms.is_some() { HealthClock::Wall } else { HealthClock::Virtual };
     let clock = said.unwrap_or(default);
-    let place = |moment: &Moment| moment.on(clock, end).map_err(CliError::usage);
-    let until_ms = place(args.until.as_ref().unwrap_or(&Moment::Back(0)))?;
-    // A record that is shorter than the default is cut in its middle.
+    let place = |moment: &TimeArg| moment.on(clock, end).map_err(CliError::usage);
+    let until_ms = place(args.until.as_ref().unwrap_or(&TimeArg::Back(0)))?;
+    // A history shorter than the default span is divided in the middle.
     let shorter = if clock == HealthClock::Virtual { until_ms / 2 } else { SPAN_MS };
     let moment_ms = match &args.since {
         Some(since) => place(since)?,
@@ -151,7 +152,7 @@ fn asked(args: &HealthArgs, end: Present) -> Result<(HealthAsked, i64), CliError
     };
     let since_ms = until_ms.saturating_sub(moment_ms);
     if since_ms <= 0 {
-        let text = "there is no time between --since and --until";
+        let text = "the span from --since to --until is empty";
         return Err(
             CliError::usage(text).with_hint("--since comes before --until, and before the end of the record")
         );
@@ -161,7 +162,7 @@ fn asked(args: &HealthArgs, end: Present) -> Result<(HealthAsked, i64), CliError
             let ms = span_ms(text).filter(|ms| (BUCKET_MS_MIN..=BUCKET_MS_MAX).contains(ms));
             ms.ok_or_else(|| {
                 CliError::usage(format!(
-                    "{text:?} is no width of a bucket; allowed: 1m to 1d, such as 5m, 1h"
+                    "{text:?} is not a width of a bucket; allowed: 1m to 1d, such as 5m, 1h"
                 ))
             })?
         }
@@ -170,22 +171,22 @@ fn asked(args: &HealthArgs, end: Present) -> Result<(HealthAsked, i64), CliError
             BUCKET_WIDTHS_MS.into_iter().find(|width| *width >= aim).unwrap_or(BUCKET_MS_MAX)
         }
     };
-    // An edge lies at the moment, so that before and since are counted to the task.
+    // A bucket edge lies at the moment, so no task counts on both sides.
     let width = i64::try_from(bucket_ms).unwrap_or(i64::MAX);
     let each = since_ms.div_euclid(width) + i64::from(since_ms.rem_euclid(width) > 0);
     let buckets = u16::try_from(each.saturating_mul(2)).ok().filter(|buckets| *buckets <= BUCKETS_MAX);
     let buckets = buckets.ok_or_else(|| {
-        CliError::usage(format!("that makes more than {BUCKETS_MAX} buckets"))
+        CliError::usage(format!("the span has more than {BUCKETS_MAX} buckets"))
             .with_hint("name a wider --bucket, or a later --since")
     })?;
     let until_ms = moment_ms.saturating_add(each.saturating_mul(width));
     Ok((
-        HealthAsked { clock: Some(clock), until_ms: Some(until_ms), only_alarms: false, bucket_ms, buckets },
+        HealthQuery { clock: Some(clock), until_ms: Some(until_ms), only_alarms: false, bucket_ms, buckets },
         moment_ms,
     ))
 }
 
-/// The families that are told of; of others nothing stays in the series.
+/// The families to report; the series drops the others.
 fn chosen(series: &mut HealthSeries, args: &HealthArgs) -> Result<Vec<Family>, CliError> {
     let all = series.families();
     let Some(name) = &args.family else { return Ok(all) };
@@ -203,21 +204,20 @@ fn named(path: &Path, family: &Family) -> PathBuf {
     path.with_file_name(format!("{stem}-{family}.{ending}"))
 }
 
-/// A file is new: none is ever written over.
+/// Creates the file; never overwrites one.
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
     let file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path);
     file.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|error| {
-        CliError::usage(format!("cannot write {path:?}: {error}"))
-            .with_hint("name a file that is not there yet")
+        CliError::usage(format!("cannot write {path:?}: {error}")).with_hint("name a new file")
     })
 }
 
 fn show(
     series: &HealthSeries,
     families: &[Family],
-    verdicts: &[Verdict],
+    verdicts: &[HealthVerdict],
     split: u32,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<(), CliError> {
     let by = match series.clock {
         HealthClock::Wall => "UTC",
@@ -230,17 +230,17 @@ fn show(
             series.moment(series.from_ms),
             series.moment(series.until_ms()),
             series.bucket_ms / 60_000,
-            ends(series)
+            session_ends(series)
         ),
     )?;
     if families.is_empty() {
         out.paragraph(
             "",
-            "no live task of this span is on record: tasks are kept of versions that came in through the gate, from then \
-             on, and not of a family's first version",
+            "no live task of this span is on record: only tasks of versions that passed the gate are kept, \
+             and none of a family's baseline",
         )?;
     }
-    let mut table = Table::new(&[
+    let mut table = TextTable::new(&[
         "family", "version", "tasks", "success", "95 %", "violated", "near", "time s", "p95", "force N",
         "p95",
     ]);
@@ -267,7 +267,7 @@ fn show(
     Ok(())
 }
 
-fn ends(series: &HealthSeries) -> String {
+fn session_ends(series: &HealthSeries) -> String {
     let engine = clock_time(series.last_at_ms);
     match (series.clock, series.last_wall_ms) {
         (HealthClock::Wall, Some(wall_ms)) => {
@@ -277,7 +277,7 @@ fn ends(series: &HealthSeries) -> String {
     }
 }
 
-/// A row a version over the whole span. Medians of buckets have no median: the widest of them are told.
+/// One row for each version over the whole span. Medians of buckets cannot be combined, so their range is shown.
 fn by_version(series: &HealthSeries, family: &Family) -> Vec<Vec<String>> {
     let mut versions: Vec<_> = series
         .points
@@ -318,8 +318,13 @@ fn by_version(series: &HealthSeries, family: &Family) -> Vec<Vec<String>> {
         .collect()
 }
 
-/// Success in a line of blocks, with the moment and the marks below it. A blank is a bucket without a task.
-fn chart(series: &HealthSeries, family: &Family, split: u32, out: &mut Output<'_>) -> Result<(), CliError> {
+/// Success as a line of blocks, with the moment and the marks below it. A blank is a bucket without a task.
+fn chart(
+    series: &HealthSeries,
+    family: &Family,
+    split: u32,
+    out: &mut CommandOutput<'_>,
+) -> Result<(), CliError> {
     let shares: Vec<Option<f64>> = (0..series.buckets)
         .map(|bucket| together(series.at(family, bucket)).map(|(tasks, done, _)| done as f64 / tasks as f64))
         .collect();
@@ -346,7 +351,7 @@ fn chart(series: &HealthSeries, family: &Family, split: u32, out: &mut Output<'_
             (*place, *known) = (mark.kind.letter(), mark.kind.weight());
         }
     }
-    // A line of blocks is at most so wide; the rest goes on below.
+    // A line of blocks has a limited width; the rest follows below.
     let (line, below): (Vec<char>, Vec<char>) = (line.chars().collect(), below);
     out.line(&format!("{family}: success by bucket, from {:.0} % to 100 %", 100.0 * low))?;
     for (blocks, signs) in line.chunks(96).zip(below.chunks(96)) {
@@ -357,7 +362,7 @@ fn chart(series: &HealthSeries, family: &Family, split: u32, out: &mut Output<'_
     Ok(())
 }
 
-fn marks(series: &HealthSeries, out: &mut Output<'_>) -> Result<(), CliError> {
+fn marks(series: &HealthSeries, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     if series.marks.is_empty() {
         return Ok(());
     }
@@ -371,7 +376,7 @@ fn marks(series: &HealthSeries, out: &mut Output<'_>) -> Result<(), CliError> {
             HealthClock::Wall => series.moment(mark.on_clock_ms - mark.on_clock_ms.rem_euclid(1_000)),
             HealthClock::Virtual => series.moment(mark.on_clock_ms),
         };
-        let (letter, what) = (mark.kind.letter(), mark.kind.words());
+        let (letter, what) = (mark.kind.letter(), mark.kind.label());
         out.paragraph("", &format!("{letter} {when}  {what}: {}", mark.text))?;
     }
     Ok(())

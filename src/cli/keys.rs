@@ -1,13 +1,13 @@
 //! `holdpoint keys`: the console's keys, as text, as JSON, or as the guide's table.
 //!
-//! Everything is generated from the actions and the keymap in force, so that it cannot differ from what the keys do.
+//! Generated from the actions and the keymap in force, so it always matches the keys.
 
 use clap::Args;
 use serde::Serialize;
 
 use super::console;
-use super::output::Table;
-use crate::cli::output::Output;
+use super::output::TextTable;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_console::action::{Action, Scope};
 use holdpoint_console::keymap::Keymap;
@@ -19,12 +19,12 @@ Examples:
   holdpoint keys
   holdpoint keys --markdown
 
-Keys are added in $XDG_CONFIG_HOME/holdpoint/keys.toml (else ~/.config/holdpoint/keys.toml):
+To change keys, edit $XDG_CONFIG_HOME/holdpoint/keys.toml (else ~/.config/holdpoint/keys.toml):
   unbind = [\"T\"]
   [keys]
   quit = [\"ctrl-q\"]")]
 pub struct KeysArgs {
-    /// Prints a Markdown table of the default keys, as the guide has it.
+    /// Prints the default keys as the Markdown table of the guide.
     #[arg(long)]
     pub markdown: bool,
 }
@@ -54,7 +54,7 @@ fn rows(keymap: &Keymap) -> Vec<KeyRow> {
 pub fn markdown() -> String {
     let mut text = "| where | keys | action | what it does |\n| --- | --- | --- | --- |\n".to_owned();
     for row in rows(&Keymap::default()) {
-        // A bar would end the cell; no default key is one, and a backquote would end the code.
+        // A bar would end the cell, and a backquote the code; no default key is either.
         let keys: Vec<String> = row.keys.iter().map(|key| format!("`{key}`")).collect();
         let keys = if keys.is_empty() { format!("`:{}`", row.action) } else { keys.join(" ") };
         text.push_str(&format!("| {} | {keys} | {} | {} |\n", row.scope, row.action, row.help));
@@ -66,16 +66,16 @@ pub fn markdown() -> String {
 ///
 /// # Errors
 /// Every problem of the operator's keymap file; if the output cannot be written.
-pub fn run(args: &KeysArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(args: &KeysArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     if args.markdown {
         let text = markdown();
-        // The table is this program's own text and must keep its lines.
+        // The table is this program's own text and keeps its lines.
         out.answer(&text, |out| Ok(out.sink().write_all(text.as_bytes())?))?;
         return Ok(Exit::Confirmed);
     }
     let rows = rows(&console::keymap()?);
     out.answer(&rows, |out| {
-        let mut table = Table::new(&["where", "keys", "action", "what it does"]);
+        let mut table = TextTable::new(&["where", "keys", "action", "what it does"]);
         for row in &rows {
             let keys = if row.keys.is_empty() { format!(":{}", row.action) } else { row.keys.join(" ") };
             table.row([row.scope, &keys, row.action, row.help]);

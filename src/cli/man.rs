@@ -1,4 +1,4 @@
-//! `holdpoint man`: the manual pages, made from the command line's own definition.
+//! `holdpoint man`: the manual pages, generated from the command line's definition.
 
 use std::fs::{self, File};
 use std::io::Write as _;
@@ -8,7 +8,7 @@ use clap::{Args, Command};
 use clap_mangen::Man;
 use serde::Serialize;
 
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 
 /// The arguments of `man`.
@@ -18,8 +18,8 @@ Examples:
   holdpoint man > holdpoint.1
   holdpoint man --out ~/.local/share/man/man1")]
 pub struct ManArgs {
-    /// Writes a page for the program and one for each verb into this folder, which is made if there is none. Without
-    /// it the program's page goes to the standard output.
+    /// Writes one page for the program and one for each verb into this folder, and creates the folder if necessary
+    /// [default: prints the program's page].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
@@ -34,11 +34,11 @@ struct ManPage {
 ///
 /// # Errors
 /// If the folder or the output cannot be written.
-pub fn run(program: Command, args: &ManArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(program: Command, args: &ManArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     match &args.out {
         None => {
             let page = page(&built(program))?;
-            // The page is this program's own text and must keep its lines.
+            // The page is this program's own text and keeps its lines.
             out.answer(&page, |out| Ok(out.sink().write_all(page.roff.as_bytes())?))?;
         }
         Some(folder) => {
@@ -66,7 +66,7 @@ fn page(command: &Command) -> Result<ManPage, CliError> {
     Ok(ManPage { name: man.get_filename(), roff: String::from_utf8(roff).map_err(CliError::internal)? })
 }
 
-/// Writes every page; their names.
+/// Writes all pages; returns their names.
 fn write(program: Command, folder: &Path) -> Result<Vec<String>, CliError> {
     fn walk(command: &Command, pages: &mut Vec<ManPage>) -> Result<(), CliError> {
         pages.push(page(command)?);
@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn a_page_has_every_section_and_verb() {
         let mut bytes = Vec::new();
-        run(Cli::command(), &ManArgs::default(), &mut Output::to(&mut bytes, false)).unwrap();
+        run(Cli::command(), &ManArgs::default(), &mut CommandOutput::to(&mut bytes, false)).unwrap();
         let text = String::from_utf8(bytes).unwrap();
         for heading in ["NAME", "SYNOPSIS", "OPTIONS", "SUBCOMMANDS", "VERSION"] {
             assert!(text.contains(&format!(".SH {heading}\n")), "{heading}");
@@ -123,7 +123,7 @@ mod tests {
             );
         }
         assert_eq!(fs::read_dir(&folder).unwrap().count(), names.len());
-        // Once more over what is there; but not into a file.
+        // Again over the existing pages, but not into a file.
         assert_eq!(write(Cli::command(), &folder).unwrap(), names);
         assert_eq!(write(Cli::command(), &folder.join("holdpoint.1")).unwrap_err().exit(), Exit::Usage);
     }

@@ -1,26 +1,26 @@
-//! `holdpoint metrics`: what telemetry and record say of the paper's metrics, without ground truth.
+//! `holdpoint metrics`: the paper's metrics from telemetry and audit log, without ground truth.
 //!
-//! Prints what [`holdpoint_engine::observed`] computes; an engine may have the store open meanwhile. Without a case it
-//! prints no rate.
+//! Prints the result of [`holdpoint_engine::observed`]; an engine may have the store open meanwhile. Prints no rate
+//! without a case.
 
 use std::str::FromStr;
 
 use clap::Args;
 
 use super::data;
-use super::output::Table;
+use super::output::TextTable;
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::bound;
 use holdpoint_engine::cell::Cell;
-use holdpoint_engine::observed::{self, Coverage, Since, StoreMetrics};
+use holdpoint_engine::store_identity;
+use holdpoint_engine::store_metrics::{self, Coverage, Since, StoreMetrics};
 use holdpoint_governance::calendar;
 use holdpoint_governance::metrics::Proportion;
-use holdpoint_governance::metrics::observed::{ObservedMetrics, Replay, Spread};
+use holdpoint_governance::metrics::store_metrics::{MeanWithStdDev, ObservedMetrics, ReplayOutcome};
 use holdpoint_registry::{Layout, TelemetryViews};
 
-/// Days of the longest span that can be asked for.
+/// The longest span, days.
 const DAYS_MAX: u64 = 36_500;
 
 /// The arguments of `metrics`.
@@ -35,16 +35,16 @@ Examples:
   holdpoint metrics
   holdpoint metrics --since 24h --json")]
 pub struct MetricsArgs {
-    /// Counts what is on record since then [default: all].
+    /// Counts records since then [default: all].
     #[arg(long, value_name = "WHEN")]
-    pub since: Option<When>,
+    pub since: Option<SinceArg>,
 }
 
-/// From when on something counts, as it is written.
+/// The first moment that counts, as written.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct When(Since);
+pub struct SinceArg(Since);
 
-impl FromStr for When {
+impl FromStr for SinceArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -55,7 +55,7 @@ impl FromStr for When {
         };
         found.map(Self).ok_or_else(|| {
             format!(
-                "{text:?} is no time; allowed: a span (30s, 90m, 24h, 7d, at most {DAYS_MAX}d), a day or a moment \
+                "{text:?} is not a time; allowed: a span (30s, 90m, 24h, 7d, at most {DAYS_MAX}d), a day or a moment \
                  in UTC (2026-11-22, 2026-11-22T10:30), a record (#120)"
             )
         })
@@ -81,27 +81,28 @@ pub(super) fn span_ms(text: &str) -> Option<u64> {
 ///
 /// # Errors
 /// If there is no store, or it cannot be read.
-pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let views = data::open_records(&context.data)?;
     let file = Layout::new(&context.data).telemetry();
     let telemetry =
         file.is_file().then(|| TelemetryViews::open(&file)).transpose().map_err(CliError::usage)?;
-    let robot = bound::robot(&views).map_err(CliError::usage)?;
-    // A robot whose description is gone has no digest any more: what was decided for it is another build's then.
+    let robot = store_identity::robot(&views).map_err(CliError::usage)?;
+    // A robot without a description has no digest, so its decisions belong to another build.
     let cell = robot.and_then(|robot| robot.cell().ok()).map_or_else(Cell::builtin, Ok);
     let environment = cell.map_err(CliError::internal)?.digest();
     let since = args.since.as_ref().map_or(Since::Record(1), |when| when.0);
-    let found = observed::observe(&views, telemetry.as_ref(), since, environment).map_err(CliError::usage)?;
+    let found =
+        store_metrics::observe(&views, telemetry.as_ref(), since, environment).map_err(CliError::usage)?;
     out.answer(&found, |out| show(&found, out))?;
     Ok(Exit::Confirmed)
 }
 
-fn show(found: &StoreMetrics, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(found: &StoreMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let StoreMetrics { coverage, metrics, unequal } = found;
     covered(coverage, out)?;
-    let mut table = Table::new(&["metric", "count", "share", "95 % interval"]);
+    let mut table = TextTable::new(&["metric", "count", "share", "95 % interval"]);
     for (name, rate) in rates(metrics) {
-        let (share, interval) = match (rate.share(), rate.interval) {
+        let (share, interval) = match (rate.rate(), rate.interval) {
             (Some(share), Some(interval)) => {
                 (format!("{share:.3}"), format!("{:.3} to {:.3}", interval.lower, interval.upper))
             }
@@ -111,7 +112,7 @@ fn show(found: &StoreMetrics, out: &mut Output<'_>) -> Result<(), CliError> {
     }
     out.table(&table)?;
     out.line("")?;
-    let mut table = Table::new(&["metric", "n", "mean", "SD"]);
+    let mut table = TextTable::new(&["metric", "n", "mean", "SD"]);
     for (name, spread) in spreads(metrics) {
         let number = |value: Option<f64>| value.map_or_else(|| "no data".to_owned(), |v| format!("{v:.3}"));
         table.row([name.to_owned(), spread.n.to_string(), number(spread.mean), number(spread.deviation)]);
@@ -119,7 +120,7 @@ fn show(found: &StoreMetrics, out: &mut Output<'_>) -> Result<(), CliError> {
     out.table(&table)?;
     for round in &metrics.uar_rounds_observed {
         let (now, all) = (round.in_round, round.cumulative);
-        let kept = if round.live_unsafe { "; what is kept has been seen unsafe" } else { "" };
+        let kept = if round.live_unsafe { "; the version that stays active was seen unsafe" } else { "" };
         let text = format!(
             "round {}: {} of {} activations unsafe, {} of {} up to here ({} under a drift){kept}",
             round.round, now.count, now.total, all.count, all.total, round.drift_origin,
@@ -128,17 +129,18 @@ fn show(found: &StoreMetrics, out: &mut Output<'_>) -> Result<(), CliError> {
     }
     screened(metrics, out)?;
     replayed(found, out)?;
-    if unequal.len() == observed::UNEQUAL_MAX {
-        out.line(&format!("(only the first {} decisions are named)", observed::UNEQUAL_MAX))?;
+    if unequal.len() == store_metrics::UNEQUAL_MAX {
+        out.line(&format!("(only the first {} decisions are named)", store_metrics::UNEQUAL_MAX))?;
     }
     out.paragraph(
         "",
-        "Not here, because they ask which candidates really were faulty: bad-upgrade detection, false accept and false \
-         reject rate, trigger recall. `holdpoint experiment` measures them on pools whose truth is known.",
+        "Not shown, because they depend on which candidates are really faulty: bad-upgrade detection, \
+         false accept and false reject rate, trigger recall. `holdpoint experiment` measures them on \
+         pools with a known ground truth.",
     )
 }
 
-fn covered(coverage: &Coverage, out: &mut Output<'_>) -> Result<(), CliError> {
+fn covered(coverage: &Coverage, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let Coverage {
         from_record,
         to_record,
@@ -158,7 +160,7 @@ fn covered(coverage: &Coverage, out: &mut Output<'_>) -> Result<(), CliError> {
     let mut text = format!("{span}; live tasks of upgrades: {live_tasks}");
     for (count, what) in [
         (other_tasks, "of other versions"),
-        (invalid_tasks, "that came to nothing"),
+        (invalid_tasks, "that were invalid"),
         (stopped_tasks, "that a person stopped"),
     ] {
         if *count > 0 {
@@ -169,16 +171,16 @@ fn covered(coverage: &Coverage, out: &mut Output<'_>) -> Result<(), CliError> {
     for (count, what) in [
         (
             removed_batches,
-            "batches of telemetry are not there, removed for age or missing: what they held is in no number",
+            "batches of telemetry are missing or were removed for age: no number includes them",
         ),
         (
             late_batches,
-            "batches of live tasks were sealed only after their engine had ended: they are in no number",
+            "batches of live tasks got their digest only after their engine had ended: no number includes them",
         ),
         (
             damaged_batches,
-            "batches of telemetry are not what the audit chain seals: somebody edited them, or the disk did; they are in \
-             no number",
+            "batches of telemetry do not match their digest in the audit chain, so the file or the disk \
+             changed; no number includes them",
         ),
     ] {
         if *count > 0 {
@@ -188,7 +190,7 @@ fn covered(coverage: &Coverage, out: &mut Output<'_>) -> Result<(), CliError> {
     Ok(())
 }
 
-/// The rates in the order they are printed.
+/// The rates, in printing order.
 fn rates(metrics: &ObservedMetrics) -> Vec<(&'static str, Proportion)> {
     vec![
         ("uar_observed", metrics.uar_observed),
@@ -211,7 +213,7 @@ fn rates(metrics: &ObservedMetrics) -> Vec<(&'static str, Proportion)> {
     ]
 }
 
-const fn spreads(metrics: &ObservedMetrics) -> [(&'static str, Spread); 4] {
+const fn spreads(metrics: &ObservedMetrics) -> [(&'static str, MeanWithStdDev); 4] {
     [
         ("time_s_observed", metrics.time_s_observed),
         ("retries_observed", metrics.retries_observed),
@@ -220,7 +222,7 @@ const fn spreads(metrics: &ObservedMetrics) -> [(&'static str, Spread); 4] {
     ]
 }
 
-fn screened(metrics: &ObservedMetrics, out: &mut Output<'_>) -> Result<(), CliError> {
+fn screened(metrics: &ObservedMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let screened = &metrics.screening_observed;
     let mut parts: Vec<String> =
         screened.blocked.iter().map(|(stage, count)| format!("stopped in {stage} {count}")).collect();
@@ -235,22 +237,22 @@ fn screened(metrics: &ObservedMetrics, out: &mut Output<'_>) -> Result<(), CliEr
     out.paragraph("", &format!("candidates registered: {} ({})", screened.candidates, parts.join(", ")))
 }
 
-fn replayed(found: &StoreMetrics, out: &mut Output<'_>) -> Result<(), CliError> {
+fn replayed(found: &StoreMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let replays = &found.metrics.replays;
     let not: Vec<String> = replays.not_replayed.iter().map(|(why, count)| format!("{count} {why}")).collect();
     let not = if not.is_empty() { "0".to_owned() } else { not.join(", ") };
     out.paragraph(
         "",
         &format!(
-            "decisions replayed: {} come out equal, {} differ; not replayed: {not}",
+            "decisions replayed: {} match, {} differ; not replayed: {not}",
             replays.equal, replays.differs
         ),
     )?;
     for one in &found.unequal {
         let said = match &one.replay {
-            Replay::Equal => continue,
-            Replay::Differs { what } => what.clone(),
-            Replay::NotReplayed { why } => format!("not replayed: {why}"),
+            ReplayOutcome::Equal => continue,
+            ReplayOutcome::Differs { what } => what.clone(),
+            ReplayOutcome::NotReplayed { why } => format!("not replayed: {why}"),
         };
         out.paragraph("  ", &format!("record {}, {}: {said}", one.record, one.version))?;
     }
@@ -283,7 +285,7 @@ mod tests {
             ("yesterday", None),
             ("", None),
         ] {
-            let found = text.parse::<When>();
+            let found = text.parse::<SinceArg>();
             assert_eq!(found.clone().ok().map(|when| when.0), expected, "{text:?}: {found:?}");
         }
     }

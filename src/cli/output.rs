@@ -1,7 +1,7 @@
 //! Printing: tables and lines for people, JSON lines for programs.
 //!
-//! Everything passes the sanitiser here, so a caller may hand foreign text over as it is. A reader that goes
-//! away (`| head`) ends the program cleanly through [`CliError::ReaderGone`].
+//! Sanitizes all text, so a caller may pass foreign text unchanged. A reader that goes away (`| head`) ends the
+//! program cleanly through [`CliError::ReaderGone`].
 
 use std::io::{self, IsTerminal, Write};
 
@@ -9,18 +9,18 @@ use comfy_table::{ContentArrangement, presets};
 use serde::Serialize;
 
 use crate::error::CliError;
-use holdpoint_text::{WIDTH_MAX, escape_json, sanitise};
+use holdpoint_text::{WIDTH_MAX, escape_json, sanitize};
 
 /// The widest cell of a table, in columns.
 const CELL_WIDTH_MAX: usize = 160;
 
-/// The narrowest terminal a table is fitted into; below it lines are left to wrap.
+/// The narrowest terminal that a table is fitted into; below it lines wrap.
 const TABLE_WIDTH_MIN: u16 = 40;
 
 /// The width of text if there is no terminal.
 const WRAP_WIDTH: u16 = 80;
 
-/// Characters that are made harmless at a time; even as escapes they stay below the sanitiser's width.
+/// Characters sanitized at a time; even as escapes they stay below the sanitizer's width.
 const PIECE_CHARS: usize = 64;
 
 /// A text in parts of at most [`PIECE_CHARS`] characters.
@@ -34,7 +34,7 @@ fn pieces(text: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-pub struct Output<'a> {
+pub struct CommandOutput<'a> {
     sink: Box<dyn Write + 'a>,
     json: bool,
     width: Option<u16>,
@@ -42,19 +42,19 @@ pub struct Output<'a> {
 
 /// Rows under a header, all of the same length.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Table {
+pub struct TextTable {
     header: Vec<&'static str>,
     rows: Vec<Vec<String>>,
 }
 
-impl Table {
+impl TextTable {
     /// A table without rows.
     #[must_use]
     pub fn new(header: &[&'static str]) -> Self {
         Self { header: header.to_vec(), rows: Vec::new() }
     }
 
-    /// Adds a row; missing cells are empty, and cells beyond the header are left off.
+    /// Adds a row; missing cells are empty, and cells beyond the header are dropped.
     pub fn row<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = T>) {
         let mut row: Vec<String> = cells.into_iter().map(Into::into).take(self.header.len()).collect();
         row.resize(self.header.len(), String::new());
@@ -68,10 +68,10 @@ impl Table {
     }
 }
 
-impl Output<'static> {
+impl CommandOutput<'static> {
     /// The standard output, locked for each line; tables fit the terminal, if it is one.
     ///
-    /// The lock is not kept between lines: the console draws from a thread of its own and would wait for ever.
+    /// The lock is not kept between lines: the console draws from another thread and would deadlock.
     #[must_use]
     pub fn stdout(json: bool) -> Self {
         let stdout = io::stdout();
@@ -84,8 +84,8 @@ impl Output<'static> {
     }
 }
 
-impl<'a> Output<'a> {
-    /// Any other place, without a width.
+impl<'a> CommandOutput<'a> {
+    /// Any other writer, without a width.
     #[must_use]
     pub fn to(sink: impl Write + 'a, json: bool) -> Self {
         Self { sink: Box::new(sink), json, width: None }
@@ -102,11 +102,11 @@ impl<'a> Output<'a> {
     /// # Errors
     /// [`CliError::ReaderGone`] or [`CliError::Output`].
     pub fn line(&mut self, text: &str) -> Result<(), CliError> {
-        Ok(writeln!(self.sink, "{}", sanitise(text, WIDTH_MAX))?)
+        Ok(writeln!(self.sink, "{}", sanitize(text, WIDTH_MAX))?)
     }
 
     /// Text for people, indented and wrapped to the terminal, or to 80 columns if there is none. Lines after the
-    /// first stand four columns further in. Nothing is left off.
+    /// first are indented by four more columns. Nothing is left out.
     ///
     /// # Errors
     /// As [`Output::line`].
@@ -114,15 +114,15 @@ impl<'a> Output<'a> {
         let width = usize::from(self.width.unwrap_or(WRAP_WIDTH).max(TABLE_WIDTH_MIN));
         let further = format!("{indent}    ");
         let options = textwrap::Options::new(width).initial_indent(indent).subsequent_indent(&further);
-        // What is foreign is made harmless before it is measured; a part at a time, so that no length is cut.
-        let safe: String = pieces(text).map(|piece| sanitise(piece, WIDTH_MAX).into_string()).collect();
+        // Foreign text is sanitized before it is measured, in pieces, so that no limit cuts it.
+        let safe: String = pieces(text).map(|piece| sanitize(piece, WIDTH_MAX).into_string()).collect();
         for line in textwrap::wrap(&safe, options) {
             writeln!(self.sink, "{}", line.trim_end())?;
         }
         Ok(())
     }
 
-    /// One JSON document on one line, with nothing in it that a terminal would act on.
+    /// One JSON document on one line, without terminal control characters.
     ///
     /// # Errors
     /// As [`Output::line`], or [`CliError::Internal`] if the value has no JSON form.
@@ -135,7 +135,7 @@ impl<'a> Output<'a> {
     ///
     /// # Errors
     /// As [`Output::line`].
-    pub fn table(&mut self, table: &Table) -> Result<(), CliError> {
+    pub fn table(&mut self, table: &TextTable) -> Result<(), CliError> {
         let mut drawn = comfy_table::Table::new();
         drawn.load_preset(presets::NOTHING);
         match self.width {
@@ -148,7 +148,7 @@ impl<'a> Output<'a> {
         }
         drawn.set_header(table.header.iter().map(|title| title.to_uppercase()));
         for row in &table.rows {
-            drawn.add_row(row.iter().map(|cell| sanitise(cell, CELL_WIDTH_MAX).into_string()));
+            drawn.add_row(row.iter().map(|cell| sanitize(cell, CELL_WIDTH_MAX).into_string()));
         }
         for column in drawn.column_iter_mut() {
             column.set_padding((0, 2));
@@ -159,7 +159,7 @@ impl<'a> Output<'a> {
         Ok(())
     }
 
-    /// Either of both: JSON if it was asked for, else what `show` prints.
+    /// JSON if it was requested, else the output of `show`.
     ///
     /// # Errors
     /// As [`Output::json`].
@@ -171,12 +171,12 @@ impl<'a> Output<'a> {
         if self.json { self.json(value) } else { show(self) }
     }
 
-    /// The place itself, for writers that make their own safe text (completion scripts, exports).
+    /// The writer itself, for writers of safe text (completion scripts, exports).
     pub fn sink(&mut self) -> &mut dyn Write {
         &mut self.sink
     }
 
-    /// Writes out what is buffered.
+    /// Writes the buffered output.
     ///
     /// # Errors
     /// As [`Output::line`].
@@ -189,15 +189,15 @@ impl<'a> Output<'a> {
 mod tests {
     use super::*;
 
-    fn printed(json: bool, print: impl FnOnce(&mut Output<'_>) -> Result<(), CliError>) -> String {
+    fn printed(json: bool, print: impl FnOnce(&mut CommandOutput<'_>) -> Result<(), CliError>) -> String {
         let mut bytes = Vec::new();
-        print(&mut Output::to(&mut bytes, json)).unwrap();
+        print(&mut CommandOutput::to(&mut bytes, json)).unwrap();
         String::from_utf8(bytes).unwrap()
     }
 
     #[test]
-    fn tables_are_aligned_and_sanitised() {
-        let mut table = Table::new(&["name", "state"]);
+    fn tables_are_aligned_and_sanitized() {
+        let mut table = TextTable::new(&["name", "state"]);
         table.row(["grasp@1.0.0", "active"]);
         table.row(["漢字\u{202e}\u{1b}[2J", "hidden\nline", "left off"]);
         table.row(["short"]);
@@ -229,8 +229,8 @@ mod tests {
 
     #[test]
     fn a_reader_that_leaves_is_a_clean_end() {
-        struct Gone;
-        impl Write for Gone {
+        struct ClosedPipe;
+        impl Write for ClosedPipe {
             fn write(&mut self, _: &[u8]) -> io::Result<usize> {
                 Err(io::ErrorKind::BrokenPipe.into())
             }
@@ -238,7 +238,7 @@ mod tests {
                 Ok(())
             }
         }
-        let error = Output::to(Gone, false).line("text").unwrap_err();
+        let error = CommandOutput::to(ClosedPipe, false).line("text").unwrap_err();
         assert_eq!(error.exit(), crate::error::Exit::Confirmed);
     }
 }

@@ -1,32 +1,32 @@
 //! `holdpoint experiment e1|e2|e3|e4|e5|sensitivity|meta-faults|overhead|ablation|all`: arguments and the printed report.
 //!
-//! Prints what [`holdpoint_lab::paper`] measured; must not measure or judge anything itself.
+//! Prints the results of [`holdpoint_lab::paper`]; measures and judges nothing.
 
 use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::kept::CacheKeyArgs;
+use super::result_cache::CacheKeyArgs;
 use super::run::JOBS_MAX;
 use super::truth::shard;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_lab::experiment::ExperimentError;
-use holdpoint_lab::paper::run::{self, Outcome, Part, Plan};
-use holdpoint_lab::paper::{Ground, Preset, report};
-use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
+use holdpoint_lab::paper_reproduction::run::{self, ExperimentPart, PaperOutcome, PaperPlan};
+use holdpoint_lab::paper_reproduction::{PaperSetup, Preset, report};
+use holdpoint_lab::pipeline_experiments::ExperimentError;
+use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 
-/// How much is worked.
+/// The number of runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PresetArg {
-    /// One seed of calibration and one round: a quick look that shows nothing.
+    /// One seed of calibration and one round: a quick check without statistical weight.
     Smoke,
-    /// Five seeds, as the paper's figure 4.
+    /// Five seeds, as in the paper's figure 4.
     PaperFig4,
-    /// Fifteen seeds, as the paper's table 7.
+    /// Fifteen seeds, as in the paper's table 7.
     PaperE2,
-    /// Five seeds and eight rounds, as the paper's section 7.8.
+    /// Five seeds and eight rounds, as in the paper's section 7.8.
     Protocol,
     /// Forty seeds.
     Claims,
@@ -52,34 +52,34 @@ Examples:
   holdpoint experiment all --preset paper-e2 --out paper
   holdpoint experiment e2 --preset claims --out paper --shard 1/8")]
 pub struct PaperArgs {
-    /// How much is worked.
+    /// The number of runs.
     #[arg(long, value_name = "NAME", value_enum, default_value = "smoke")]
     pub preset: PresetArg,
-    /// The first seed that is worked, of those that the preset has [default: its first].
+    /// The first seed to run, of those in the preset [default: its first].
     #[arg(long, value_name = "SEED")]
     pub first_seed: Option<u64>,
-    /// Fewer seeds than the preset has.
+    /// Fewer seeds than in the preset.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
     pub seeds: Option<u64>,
-    /// Seeds whose pools are taken through the stages under each profile, 0 for rounds alone [default: the preset's].
+    /// Seeds whose pools pass through the stages under each profile, 0 for rounds alone [default: the preset's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=60))]
     pub pools: Option<u64>,
-    /// Of those, seeds whose pools go through with parts of the way left out, too [default: the preset's].
+    /// Of those, seeds whose pools also pass through with parts of the pipeline left out [default: the preset's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=60))]
     pub ablated: Option<u64>,
     /// Runs of the drift experiment [default: the preset's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
     pub drifts: Option<u64>,
-    /// Pieces of work at once [default: the number of cores].
+    /// Jobs at once [default: the number of cores].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
-    /// One part of the work, counted from 1; the report is written by a run of all of it, which works nothing twice.
+    /// One shard, counted from 1; a run without it writes the report and reuses all finished cells.
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
     pub shard: (usize, usize),
-    /// The folder of cells and report; what is finished in it is not worked again.
+    /// The folder for cells and report; finished cells in it are not run again.
     #[arg(long, value_name = "DIR", default_value = "experiment-paper")]
     pub out: PathBuf,
-    /// What finished cells are authenticated with.
+    /// The key that authenticates finished cells.
     #[command(flatten)]
     pub cache_key: CacheKeyArgs,
 }
@@ -90,24 +90,24 @@ pub struct PaperArgs {
 Example:
   holdpoint experiment report --out recordings/reports/claims-rounds")]
 pub struct ReportArgs {
-    /// The report's folder: report.toml and the rows that it names; the report beside them is written anew.
+    /// The report's folder with report.toml and the rows it names; the report beside them is rewritten.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
 }
 
-/// Writes a report again from its raw rows and says what came out.
+/// Writes a report again from its raw rows and prints the results.
 ///
 /// # Errors
 /// If a file cannot be used, or has a line that is not allowed.
-pub fn write_again(args: &ReportArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    said(&Outcome { summary: report::write(&args.out).map_err(failed)? }, out)
+pub fn regenerate_report(args: &ReportArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+    print_outcome(&PaperOutcome { summary: report::write(&args.out).map_err(failed)? }, out)
 }
 
-/// Runs the experiments and says what came out.
+/// Runs the experiments and prints the results.
 ///
 /// # Errors
-/// If the folder cannot be used, or a candidate does not come to an end.
-pub fn run(args: &PaperArgs, part: Part, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// If the folder cannot be used, or a candidate does not reach an end.
+pub fn run(args: &PaperArgs, part: ExperimentPart, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let preset = Preset::from(args.preset);
     let mut size = preset.size();
@@ -131,19 +131,19 @@ pub fn run(args: &PaperArgs, part: Part, out: &mut Output<'_>) -> Result<Exit, C
         size.seeds = seeds;
     }
     let cells = args.cache_key.cells(&args.out.join("kept"))?;
-    let ground = Ground::new(cells, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
+    let ground = PaperSetup::new(cells, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
     size.pools = args.pools.unwrap_or(size.pools).min(size.seeds);
     size.ablated = args.ablated.unwrap_or(size.ablated).min(size.pools);
     size.drifts = args.drifts.unwrap_or(size.drifts).min(size.seeds);
-    let plan = Plan { part, preset, size, out: args.out.clone() };
-    // Progress is for whoever waits; losing it loses nothing.
+    let plan = PaperPlan { part, preset, size, out: args.out.clone() };
+    // Progress is only information; losing it loses no result.
     let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
     };
-    said(&run::run(&ground, &plan, &tell).map_err(failed)?, out)
+    print_outcome(&run::run(&ground, &plan, &tell).map_err(failed)?, out)
 }
 
-fn said(outcome: &Outcome, out: &mut Output<'_>) -> Result<Exit, CliError> {
+fn print_outcome(outcome: &PaperOutcome, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     if out.is_json() {
         out.json(outcome)?;
         return Ok(Exit::Confirmed);

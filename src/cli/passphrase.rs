@@ -1,4 +1,4 @@
-//! A passphrase for the command line: from a file, or typed at the terminal without being shown.
+//! Passphrases for the command line: from a file, or entered at the terminal without echo.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -10,36 +10,39 @@ use crate::cli::context::CliContext;
 use crate::error::CliError;
 use holdpoint_approvals::keyfile::{KeyError, Protection};
 use holdpoint_approvals::{
-    Identity, IdentityError, KeptIdentity, PASSPHRASE_BYTES_MAX, Passphrase, SealedError,
+    EncryptedKeyError, Identity, IdentityError, LockedIdentity, PASSPHRASE_BYTES_MAX, Passphrase,
 };
 use holdpoint_registry::Layout;
 
-/// Names the file for verbs that are not told one.
+/// Names the file for verbs without the option.
 pub const FILE_VARIABLE: &str = "HOLDPOINT_PASSPHRASE_FILE";
 
-/// The option that names the file of who signs.
+/// The option that names the signer's passphrase file.
 pub(super) const FILE_OPTION: &str = "--passphrase-file";
 
-/// Somebody's identity with the secret as it is kept; the passphrase is asked for when it is known that there is
-/// something to sign.
-pub(super) fn kept(context: &CliContext, name: &str) -> Result<KeptIdentity, CliError> {
+/// An identity with its stored secret; the passphrase is requested only when there is something to sign.
+pub(super) fn stored_identity(context: &CliContext, name: &str) -> Result<LockedIdentity, CliError> {
     Identity::open(&Layout::new(&context.data).identities(), name).map_err(CliError::usage)
 }
 
-/// Somebody who can sign. A file that is named is for a key with a passphrase; the variable may name one for keys that
-/// have none as well.
-pub(super) fn unlock(kept: KeptIdentity, file: Option<&Path>) -> Result<Identity, CliError> {
+/// Unlocks a signer's key. A file named by option must match a key with a passphrase; the variable may be set for
+/// keys without one.
+pub(super) fn unlock(kept: LockedIdentity, file: Option<&Path>) -> Result<Identity, CliError> {
     unlock_by(kept, file, FILE_OPTION)
 }
 
-/// As [`unlock`], where another option names the file.
-pub(super) fn unlock_by(kept: KeptIdentity, file: Option<&Path>, option: &str) -> Result<Identity, CliError> {
+/// As [`unlock`], with another option for the file.
+pub(super) fn unlock_by(
+    kept: LockedIdentity,
+    file: Option<&Path>,
+    option: &str,
+) -> Result<Identity, CliError> {
     let passphrase = match (kept.protection(), file) {
         (_, Some(file)) => Some(Passphrase::read(file).map_err(CliError::usage)?),
         (Protection::None | Protection::Elsewhere, None) => None,
         (Protection::Passphrase, None) => {
             let name = &kept.info().name;
-            Some(asked(
+            Some(existing_passphrase(
                 &format!("Passphrase of {name}: "),
                 &format!("the key of {name} has a passphrase"),
                 option,
@@ -48,16 +51,16 @@ pub(super) fn unlock_by(kept: KeptIdentity, file: Option<&Path>, option: &str) -
     };
     let name = kept.info().name.clone();
     kept.unlock(passphrase.as_ref()).map_err(|error| match error {
-        IdentityError::Key(KeyError::Sealed { problem: SealedError::Passphrase, .. }) => {
+        IdentityError::Key(KeyError::Sealed { problem: EncryptedKeyError::Passphrase, .. }) => {
             CliError::usage(error).with_hint(format!(
-                "nothing was done; try again with that of {name}, of which {option} names the file; nobody can recover it"
+                "nothing was done; try again with the passphrase of {name} ({option} names its file)"
             ))
         }
         error => CliError::usage(error),
     })
 }
 
-/// Whether there is somebody or something to ask for a passphrase.
+/// Whether a file or a terminal can supply a passphrase.
 pub(super) fn can_ask(file: Option<&Path>) -> bool {
     file.is_some() || variable().is_some() || io::stdin().is_terminal()
 }
@@ -66,19 +69,19 @@ fn variable() -> Option<PathBuf> {
     std::env::var_os(FILE_VARIABLE).filter(|path| !path.is_empty()).map(PathBuf::from)
 }
 
-/// A passphrase that exists, of which no option named the file: from the one that the variable names, or the terminal.
-fn asked(ask: &str, why: &str, option: &str) -> Result<Passphrase, CliError> {
+/// An existing passphrase without an option for its file: from the variable's file, or the terminal.
+fn existing_passphrase(ask: &str, why: &str, option: &str) -> Result<Passphrase, CliError> {
     if let Some(file) = variable() {
         return Passphrase::read(&file).map_err(CliError::usage);
     }
     if !io::stdin().is_terminal() {
-        let hint = format!("{option} FILE, or {FILE_VARIABLE}, names a file that has it");
-        return Err(CliError::usage(format!("{why}, and there is no terminal to type it at")).with_hint(hint));
+        let hint = format!("{option} FILE, or {FILE_VARIABLE}, names a file that contains it");
+        return Err(CliError::usage(format!("{why}, and there is no terminal to enter it")).with_hint(hint));
     }
     Passphrase::new(typed(ask)?).map_err(CliError::usage)
 }
 
-/// A passphrase that a key is to be put under: from the file, or typed twice. Absent if there is neither.
+/// A new passphrase for a key: from the file, or entered twice. Absent if there is neither.
 pub(super) fn fresh(file: Option<&Path>) -> Result<Option<Passphrase>, CliError> {
     if let Some(file) = file {
         let read = Passphrase::read(file).map_err(CliError::usage)?;
@@ -89,22 +92,22 @@ pub(super) fn fresh(file: Option<&Path>) -> Result<Option<Passphrase>, CliError>
     }
     let first = Passphrase::new(typed("New passphrase: ")?).and_then(Passphrase::strong_enough);
     let first = first.map_err(CliError::usage)?;
-    if Passphrase::new(typed("The same again: ")?).map_err(CliError::usage)? != first {
+    if Passphrase::new(typed("Repeat it:  ")?).map_err(CliError::usage)? != first {
         return Err(CliError::usage("the two passphrases differ; nothing was done"));
     }
     Ok(Some(first))
 }
 
-/// The terminal, as long as it shows nothing of what is typed.
-struct Unshown {
+/// The terminal, without echo.
+struct EchoOff {
     before: Termios,
 }
 
-impl Unshown {
+impl EchoOff {
     fn begin() -> io::Result<Self> {
         let before = tcgetattr(io::stdin())?;
         let mut quiet = before.clone();
-        // Keys that would stop or end the program are read like others, so that it ends with the terminal as it was.
+        // The keys that interrupt the program are read like others, so the terminal is restored before it ends.
         quiet.local_modes.remove(LocalModes::ECHO | LocalModes::ICANON | LocalModes::ISIG);
         quiet.special_codes[SpecialCodeIndex::VMIN] = 1;
         quiet.special_codes[SpecialCodeIndex::VTIME] = 0;
@@ -113,21 +116,21 @@ impl Unshown {
     }
 }
 
-impl Drop for Unshown {
+impl Drop for EchoOff {
     fn drop(&mut self) {
-        // A terminal that is gone needs nothing.
+        // A terminal that is gone needs no restoring.
         let _ = tcsetattr(io::stdin(), OptionalActions::Flush, &self.before);
     }
 }
 
-/// One line from the terminal, of which nothing is shown.
+/// One line from the terminal, without echo.
 fn typed(ask: &str) -> Result<Zeroizing<String>, CliError> {
     let cannot =
         |error: io::Error| CliError::usage(format!("cannot read a passphrase from the terminal: {error}"));
     let mut stderr = io::stderr();
     let read = {
-        // First, so that nothing is shown of who types as soon as it is asked.
-        let _unshown = Unshown::begin().map_err(cannot)?;
+        // Echo is off before the prompt, so that early typing stays hidden.
+        let _unshown = EchoOff::begin().map_err(cannot)?;
         stderr.write_all(ask.as_bytes()).and_then(|()| stderr.flush()).map_err(cannot)?;
         line(&mut || {
             let mut byte = [0];
@@ -137,48 +140,48 @@ fn typed(ask: &str) -> Result<Zeroizing<String>, CliError> {
             }
         })
     };
-    // What was typed has left no line end on the screen.
+    // The input left no line end on the screen.
     stderr.write_all(b"\n").map_err(cannot)?;
     match read.map_err(cannot)? {
-        Line::Typed(text) => Ok(text),
-        Line::GivenUp => Err(CliError::usage("given up; nothing was done")),
-        Line::TooLong => Err(CliError::usage(format!(
+        PassphraseInput::Typed(text) => Ok(text),
+        PassphraseInput::Cancelled => Err(CliError::usage("canceled; nothing was done")),
+        PassphraseInput::TooLong => Err(CliError::usage(format!(
             "the passphrase has more than {PASSPHRASE_BYTES_MAX} bytes; nothing was done"
         ))),
-        Line::NoText => Err(CliError::usage("what was typed is no text in UTF-8; nothing was done")),
+        PassphraseInput::NoText => Err(CliError::usage("the input is not UTF-8 text; nothing was done")),
     }
 }
 
-/// What was typed before Enter.
+/// The input before Enter.
 #[derive(Debug, PartialEq, Eq)]
-enum Line {
+enum PassphraseInput {
     Typed(Zeroizing<String>),
     /// Ctrl-C, Ctrl-D at the start, Escape, or the end of the input.
-    GivenUp,
+    Cancelled,
     TooLong,
     NoText,
 }
 
-fn line(next: &mut dyn FnMut() -> io::Result<Option<u8>>) -> io::Result<Line> {
-    // Room from the start, so that no copy is left behind by growing.
+fn line(next: &mut dyn FnMut() -> io::Result<Option<u8>>) -> io::Result<PassphraseInput> {
+    // Allocated in full at the start, so that growing leaves no copy behind.
     let mut typed: Zeroizing<Vec<u8>> = Zeroizing::new(Vec::with_capacity(PASSPHRASE_BYTES_MAX));
     loop {
         match next()? {
             Some(b'\r' | b'\n') => break,
-            None | Some(0x03 | 0x1b) => return Ok(Line::GivenUp),
-            Some(0x04) if typed.is_empty() => return Ok(Line::GivenUp),
+            None | Some(0x03 | 0x1b) => return Ok(PassphraseInput::Cancelled),
+            Some(0x04) if typed.is_empty() => return Ok(PassphraseInput::Cancelled),
             Some(0x15) => typed.clear(),
             Some(0x08 | 0x7f) => {
-                // A character, which is one byte or several.
+                // A character of one or several bytes.
                 while typed.pop().is_some_and(|byte| byte & 0xc0 == 0x80) {}
             }
-            Some(_) if typed.len() == PASSPHRASE_BYTES_MAX => return Ok(Line::TooLong),
+            Some(_) if typed.len() == PASSPHRASE_BYTES_MAX => return Ok(PassphraseInput::TooLong),
             Some(byte) => typed.push(byte),
         }
     }
     Ok(match std::str::from_utf8(&typed) {
-        Ok(text) => Line::Typed(Zeroizing::new(text.to_owned())),
-        Err(_) => Line::NoText,
+        Ok(text) => PassphraseInput::Typed(Zeroizing::new(text.to_owned())),
+        Err(_) => PassphraseInput::NoText,
     })
 }
 
@@ -192,16 +195,16 @@ mod tests {
             let mut keys = keys.iter().copied();
             line(&mut || Ok(keys.next())).unwrap()
         };
-        let typed = |text: &str| Line::Typed(Zeroizing::new(text.to_owned()));
+        let typed = |text: &str| PassphraseInput::Typed(Zeroizing::new(text.to_owned()));
         assert_eq!(of(b"under the oak\n"), typed("under the oak"));
         assert_eq!(of(b"undex\x7fr\r"), typed("under"));
         assert_eq!(of("z\u{e4}\x7fa\n".as_bytes()), typed("za"));
         assert_eq!(of(b"\x7f\x7fa\n"), typed("a"));
         assert_eq!(of(b"wrong\x15right\n"), typed("right"));
         for keys in [b"abc\x03".as_slice(), b"abc\x1b", b"\x04", b"abc"] {
-            assert_eq!(of(keys), Line::GivenUp, "{keys:?}");
+            assert_eq!(of(keys), PassphraseInput::Cancelled, "{keys:?}");
         }
-        assert_eq!(of(&vec![b'a'; PASSPHRASE_BYTES_MAX + 1]), Line::TooLong);
-        assert_eq!(of(b"\xff\n"), Line::NoText);
+        assert_eq!(of(&vec![b'a'; PASSPHRASE_BYTES_MAX + 1]), PassphraseInput::TooLong);
+        assert_eq!(of(b"\xff\n"), PassphraseInput::NoText);
     }
 }

@@ -1,53 +1,53 @@
 //! `holdpoint experiment per-candidate`: arguments and the printed report.
 //!
-//! Prints what [`holdpoint_lab::experiment::per_candidate`] measured; must not measure or leave anything out (JSON has
-//! every digit).
+//! Prints the results of [`holdpoint_lab::experiment::per_candidate`]; measures nothing and leaves nothing out
+//! (JSON has every digit).
 
 use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
 
-use super::kept::CacheKeyArgs;
-use super::output::Table;
+use super::output::TextTable;
+use super::result_cache::CacheKeyArgs;
 use super::run::{JOBS_MAX, ProfileArg};
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
-use holdpoint_lab::experiment::ExperimentError;
-use holdpoint_lab::experiment::per_candidate::{self, PerCandidateReport};
-use holdpoint_lab::experiment::verdict::{Demonstrated, Summary};
-use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
+use holdpoint_lab::pipeline_experiments::ExperimentError;
+use holdpoint_lab::pipeline_experiments::claims::{ClaimVerdict, Summary};
+use holdpoint_lab::pipeline_experiments::per_candidate::{self, PerCandidateReport};
+use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment per-candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Exit codes: 0 nothing is refuted, 1 something is.
+Exits with 0 if no claim is refuted, with 1 if one is.
 
 Examples:
   holdpoint pool generate --seed 7 --out pool-7
   holdpoint experiment per-candidate --pool pool-7
   holdpoint experiment per-candidate --pool pool-7 --profile sim --profile real --profile human --json")]
 pub struct PerCandidateArgs {
-    /// The pool's folder; its truth file stands beside it.
+    /// The pool's folder; its truth file is beside it.
     #[arg(long, value_name = "DIR")]
     pub pool: PathBuf,
-    /// A profile, from the loosest to the strictest; may be given several times.
+    /// A profile, from the least strict to the strictest; can be given several times.
     #[arg(long = "profile", value_name = "NAME", value_enum, default_value = "sim")]
     pub profiles: Vec<ProfileArg>,
     /// The first run seed. Below 100 its episodes were never used for tuning.
     #[arg(long, default_value_t = 30, value_name = "N")]
     pub seed: u64,
-    /// Run seeds that the candidates are spread over, 1 to 100.
+    /// Run seeds that the candidates are distributed over, 1 to 100.
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
     pub blocks: u64,
     /// Candidates at once [default: the number of cores].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
-    /// Keeps finished candidates here; a run that was cut off goes on from them.
+    /// Caches finished candidates here; an interrupted run continues from them.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// What they are authenticated with.
+    /// The key that authenticates them.
     #[command(flatten)]
     pub cache_key: CacheKeyArgs,
 }
@@ -55,8 +55,8 @@ pub struct PerCandidateArgs {
 /// Runs the experiment and prints its report.
 ///
 /// # Errors
-/// If the pool or the folder cannot be used, or a candidate does not come to an end.
-pub fn run(args: &PerCandidateArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// If the pool or the folder cannot be used, or a candidate does not reach an end.
+pub fn run(args: &PerCandidateArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = per_candidate::RunPlan {
         pool: args.pool.clone(),
@@ -66,9 +66,9 @@ pub fn run(args: &PerCandidateArgs, out: &mut Output<'_>) -> Result<Exit, CliErr
         jobs: args.jobs.map_or(cores, usize::from),
         kept: args.cache_key.cells_in(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
     };
-    // Progress is for whoever waits; losing it loses nothing.
+    // Progress is only information; losing it loses no result.
     let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
     };
     let report = per_candidate::run(&plan, &tell).map_err(failed)?;
     if out.is_json() {
@@ -79,7 +79,7 @@ pub fn run(args: &PerCandidateArgs, out: &mut Output<'_>) -> Result<Exit, CliErr
     } else {
         show(&report, out)?;
     }
-    let refuted = report.claims.iter().any(|claim| claim.verdict == Demonstrated::Refuted);
+    let refuted = report.claims.iter().any(|claim| claim.verdict == ClaimVerdict::Refuted);
     Ok(if refuted { Exit::Rejected } else { Exit::Confirmed })
 }
 
@@ -90,12 +90,12 @@ fn failed(error: ExperimentError) -> CliError {
     }
 }
 
-fn show(report: &PerCandidateReport, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(report: &PerCandidateReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     for summary in &report.summaries {
         out.line(&format!("profile {}", summary.profile.name()))?;
         let header =
-            ["class", "kind", "all", "valid", "sandb", "shadow", "gate", "taken off", "kept", "episodes"];
-        let mut table = Table::new(&header);
+            ["class", "kind", "all", "valid", "sandb", "shadow", "gate", "rolled back", "kept", "episodes"];
+        let mut table = TextTable::new(&header);
         for kind in &summary.kinds {
             let mut row = vec![kind.class.name().to_owned(), kind.kind.clone(), kind.all.to_string()];
             row.extend(kind.stopped.iter().map(u64::to_string));
@@ -107,15 +107,15 @@ fn show(report: &PerCandidateReport, out: &mut Output<'_>) -> Result<(), CliErro
         rates(summary, out)?;
         out.line("")?;
     }
-    let mut table = Table::new(&["claim", "verdict", "because"]);
+    let mut table = TextTable::new(&["claim", "verdict", "because"]);
     for claim in &report.claims {
         table.row([claim.claim.as_str(), claim.verdict.name(), claim.because.as_str()]);
     }
     out.table(&table)
 }
 
-fn rates(summary: &Summary, out: &mut Output<'_>) -> Result<(), CliError> {
-    let mut table = Table::new(&["rate", "share", "count", "95 % interval"]);
+fn rates(summary: &Summary, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let mut table = TextTable::new(&["rate", "share", "count", "95 % interval"]);
     let (overt, marginal) = (&summary.overt, &summary.marginal);
     for (name, rate) in [
         ("badr_screen", &overt.badr_screen),
@@ -130,7 +130,7 @@ fn rates(summary: &Summary, out: &mut Output<'_>) -> Result<(), CliError> {
         let Proportion { count, total, interval } = rate;
         table.row([
             name.to_owned(),
-            rate.share().map_or_else(|| "-".to_owned(), |share| format!("{share:.3}")),
+            rate.rate().map_or_else(|| "-".to_owned(), |share| format!("{share:.3}")),
             format!("{count} of {total}"),
             interval.map_or_else(|| "-".to_owned(), |ends| format!("{:.3} to {:.3}", ends.lower, ends.upper)),
         ]);

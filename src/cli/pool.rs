@@ -1,17 +1,17 @@
 //! `holdpoint pool generate | show`: pools of candidates for experiments.
 //!
-//! Prints what stands in the index. Must not open the truth, or print anything of it.
+//! Prints the index. Never opens or prints the hidden ground truth.
 
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
-use super::output::Table;
-use crate::cli::output::Output;
+use super::output::TextTable;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_lab::pool::generate::{self, Order, SETS_MAX};
-use holdpoint_lab::pool::{Pool, PoolError, PoolIndex, Preset, shown, truth_path};
+use holdpoint_lab::candidate_pool::generate::{self, PoolSpec, SETS_MAX};
+use holdpoint_lab::candidate_pool::{Pool, PoolError, PoolIndex, Preset, display_path, truth_path};
 
 /// The arguments of `pool`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -21,17 +21,17 @@ Examples:
   holdpoint pool generate --seed 7 --out pool-7 --sets 3 --preset paper-8 --json
   holdpoint pool show manifests/pool")]
 pub struct PoolArgs {
-    /// The verb that was given, with its arguments.
+    /// The verb with its arguments.
     #[command(subcommand)]
     pub verb: PoolVerb,
 }
 
-/// What can be done with pools.
+/// The verbs of `pool`.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum PoolVerb {
-    /// Draws a pool and writes it; what its candidates really are goes to a file beside the folder.
+    /// Samples a pool and writes it; the true classes of its candidates go to a file beside the folder.
     Generate(GenerateArgs),
-    /// Prints what a pool holds.
+    /// Prints the candidates of a pool.
     #[command(after_help = "\
 Example:
   holdpoint pool show manifests/pool --json")]
@@ -48,52 +48,52 @@ Example:
 Example:
   holdpoint pool generate --seed 1 --out pool-1 --sets 2")]
 pub struct GenerateArgs {
-    /// What it is drawn from; from 100 on for calibration.
+    /// The seed of the pool; from 100 on for calibration.
     #[arg(long)]
     pub seed: u64,
-    /// Where to; the folder must not be there yet.
+    /// The folder to create.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// How many times each kind occurs in a family.
+    /// How often each kind occurs in a family.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=i64::from(SETS_MAX)))]
     pub sets: u32,
-    /// Which kinds: all sixteen, or the paper's eight faulty ones.
+    /// The kinds: all sixteen, or the paper's eight faulty ones.
     #[arg(long, default_value_t = Preset::Full10, value_parser = presets())]
     pub preset: Preset,
 }
 
-/// The presets there are, each with what it holds.
+/// The presets with their content.
 fn presets() -> impl TypedValueParser<Value = Preset> {
     let described = |preset: Preset| {
         PossibleValue::new(preset.name()).help(match preset {
             Preset::Full10 => {
-                "Six benign, two overt faulty ones of each dimension, two marginal ones: 16 a family"
+                "Six benign, two with obvious faults in each dimension, two with borderline faults: 16 a family"
             }
             Preset::Paper8 => "The paper's eight faulty ones alone: I I P P B B M1 M2",
             Preset::AppendixC => {
-                "The sixteen, and the kinds of the paper's appendix C that they leave out: 23 a family"
+                "The sixteen, and the other kinds of the paper's appendix C: 23 a family"
             }
-            Preset::Mutants => "One blindly damaged version: as many a family as there are sets",
+            Preset::Mutants => "One mutant for each family and set",
             Preset::Components => {
-                "The controllers as components, once with each fault that code can have, and without one: 15 a family"
+                "The controllers as components, with each fault that code can have and without a fault: 15 a family"
             }
         })
     };
     PossibleValuesParser::new(Preset::ALL.map(described)).try_map(|name| name.parse::<Preset>())
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
-/// [`CliError`]: a place that is taken or cannot be written, an index that is none.
-pub fn run(args: &PoolArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// [`CliError`]: a folder that exists or cannot be written, or a file that is not an index.
+pub fn run(args: &PoolArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     match &args.verb {
         PoolVerb::Generate(args) => {
-            let order = Order { seed: args.seed, sets: args.sets, preset: args.preset };
+            let order = PoolSpec { seed: args.seed, sets: args.sets, preset: args.preset };
             let index = generate::write(order, &args.out).map_err(error)?;
             out.answer(&index, |out| {
-                out.line(&format!("{} candidates in {}", index.candidates.len(), shown(&args.out)))?;
-                out.line(&format!("sealed in {}", shown(&truth_path(&args.out))))?;
+                out.line(&format!("{} candidates in {}", index.candidates.len(), display_path(&args.out)))?;
+                out.line(&format!("hidden ground truth in {}", display_path(&truth_path(&args.out))))?;
                 out.line(&format!("truth     sha256 {}", index.truth_digest))
             })?;
         }
@@ -105,19 +105,19 @@ pub fn run(args: &PoolArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     Ok(Exit::Confirmed)
 }
 
-fn show(index: &PoolIndex, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(index: &PoolIndex, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     out.line(&format!(
         "seed {}, {} sets, made by holdpoint {}; truth sha256 {}",
         index.seed, index.sets, index.generator, index.truth_digest
     ))?;
-    let mut table = Table::new(&["name", "family", "version"]);
+    let mut table = TextTable::new(&["name", "family", "version"]);
     for candidate in &index.candidates {
         table.row([candidate.name.clone(), candidate.family.to_string(), candidate.version.to_string()]);
     }
     out.table(&table)
 }
 
-/// What the asker can mend is usage; a fault of the generator is the program's own.
+/// Errors that the caller can correct are usage errors; others are internal.
 fn error(error: PoolError) -> CliError {
     match error {
         PoolError::Generated { .. } => CliError::internal(error),

@@ -1,5 +1,5 @@
-//! `holdpoint profile show | check | allow`: the numbers a profile holds candidates to and why, and an administrator's
-//! authorization of a change of the profile that a store is used under.
+//! `holdpoint profile show | check | allow`: a profile's limits with their reasons, and an administrator's
+//! authorization of a change of the store's profile.
 
 use std::path::PathBuf;
 
@@ -7,21 +7,23 @@ use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::chosen::{AskedProfile, AskedProfileParser, chosen, read};
 use super::decide::{parse_identity, parse_reason};
-use super::output::Table;
+use super::output::TextTable;
 use super::passphrase;
+use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen, read};
 use super::prune::{take_store, wall_ms};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::{RulesChange, SignedProfileAct};
 use holdpoint_engine::caller;
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::loosened::{Before, Loosened, Rules, told};
-use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName, ReasonedNumber, SiteName, titled};
+use holdpoint_governance::profile_downgrade::{
+    DowngradedField, PreviousProfile, ProfileRules, downgrade_summary,
+};
+use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_registry::allow_profile;
 use holdpoint_text::Untrusted;
 
@@ -33,12 +35,12 @@ Examples:
   holdpoint profile check profiles/human.toml
   holdpoint profile allow sim --by admin --reason 'the cell is taken apart'")]
 pub struct ProfileArgs {
-    /// The verb that was given, with its arguments.
+    /// The verb with its arguments.
     #[command(subcommand)]
     pub verb: ProfileVerb,
 }
 
-/// What can be done with profiles.
+/// The verbs of `profile`.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum ProfileVerb {
     /// Prints every number of a profile.
@@ -46,11 +48,11 @@ pub enum ProfileVerb {
 Example:
   holdpoint profile show human --json")]
     Show {
-        /// The profile to print: one that comes with the program, one of the store's, or a file.
-        #[arg(value_name = "NAME|FILE", value_parser = AskedProfileParser, hide_possible_values = true)]
-        profile: AskedProfile,
+        /// The profile to print: a built-in one, one of the store's, or a file.
+        #[arg(value_name = "NAME|FILE", value_parser = RequestedProfileParser, hide_possible_values = true)]
+        profile: RequestedProfile,
     },
-    /// Says whether a profile and the policies beside it can be meant, and why each number is what it is.
+    /// Validates a profile and its policies, and prints the reason for each number.
     #[command(after_help = "\
 Example:
   holdpoint profile check profiles/real.toml")]
@@ -58,17 +60,17 @@ Example:
         /// The profile file to check.
         file: PathBuf,
     },
-    /// Has an administrator sign that the next engine may use the store under a changed profile.
+    /// Signs, as an administrator, that the next engine may use the store under a changed profile.
     #[command(after_help = "\
-Under `real` and `human` no profile comes into force by an option alone where
-the store was used under another one, or where a field is looser than in the
-profile of that class that comes with the program. Shows the fields that get
-looser, then signs; the authorization is on record with them, and counts for
-the start right after it. No engine may have the store meanwhile. Where it is,
-or was, used under `human` the administrator's key needs a passphrase.
+Under `real` and `human` an option alone does not change the profile: if the
+store was used under another profile, or if a field is less strict than in the
+built-in profile of that class, the start needs an authorization. The verb
+shows the fields that get less strict, signs, and records the authorization.
+It counts only for the next start. No engine may have the store open. If the
+store is or was used under `human`, the administrator's key needs a passphrase.
 
-Without PROFILE it is the one that the store was last used under, as this
-program has it: an update of the program may change it.
+Without PROFILE the verb authorizes the profile that the store was last used
+under, as this program has it: an update of the program may change it.
 
 Examples:
   holdpoint profile allow --by admin --reason 'version 0.2, read and tried'
@@ -80,17 +82,17 @@ Examples:
 /// The arguments of `profile allow`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct AllowArgs {
-    /// The profile: one that comes with the program, one of the store's, or a file [default: the last one].
-    #[arg(value_name = "NAME|FILE", value_parser = AskedProfileParser, hide_possible_values = true)]
-    profile: Option<AskedProfile>,
+    /// The profile: a built-in one, one of the store's, or a file [default: the last one].
+    #[arg(value_name = "NAME|FILE", value_parser = RequestedProfileParser, hide_possible_values = true)]
+    profile: Option<RequestedProfile>,
     /// The administrator who signs.
     #[arg(long, value_name = "ADMIN", value_parser = parse_identity)]
     by: String,
-    /// Why; goes into the audit log.
+    /// The reason; stored in the audit log.
     #[arg(long, value_name = "TEXT", value_parser = parse_reason)]
     reason: Untrusted,
-    /// Takes the passphrase of the administrator's key from this file (mode 0600) and not from the terminal. The
-    /// variable `HOLDPOINT_PASSPHRASE_FILE` names one as well.
+    /// Reads the passphrase of the administrator's key from this file (mode 0600) instead of the terminal. The
+    /// variable `HOLDPOINT_PASSPHRASE_FILE` can name the file, too.
     #[arg(long, value_name = "FILE")]
     passphrase_file: Option<PathBuf>,
 }
@@ -99,13 +101,13 @@ pub struct AllowArgs {
 struct ProfileCheck {
     /// Its class.
     name: ProfileName,
-    /// Its own name; absent for a profile that comes with the program.
+    /// Its own name; absent for a built-in profile.
     site: Option<SiteName>,
     digest: Digest,
     policy: Digest,
     numbers: Vec<ReasonedNumber>,
-    /// What is looser than in the profile of its class that comes with the program, and takes an authorization.
-    loosened: Vec<Loosened>,
+    /// Fields that are less strict than in the built-in profile of the class, and need an authorization.
+    loosened: Vec<DowngradedField>,
 }
 
 #[derive(Serialize)]
@@ -114,11 +116,11 @@ struct ProfileRow<'a> {
     profile: &'a Profile,
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     match &args.verb {
         ProfileVerb::Show { profile } => {
             let (profile, _) = rules(&chosen(&context.data, Some(profile))?)?;
@@ -133,7 +135,9 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut Output<'_>) -> Re
             let (profile, table) = rules(&chosen)?;
             let digest = profile.digest().map_err(CliError::internal)?;
             let numbers = chosen.numbers().map_err(CliError::internal)?;
-            let loosened = Rules::of(&profile, &table).map_err(CliError::internal)?.loosened(Before::Nothing);
+            let loosened = ProfileRules::of(&profile, &table)
+                .map_err(CliError::internal)?
+                .downgraded_fields(PreviousProfile::Nothing);
             let checked = ProfileCheck {
                 name: profile.name,
                 site: profile.site,
@@ -149,26 +153,26 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut Output<'_>) -> Re
     Ok(Exit::Confirmed)
 }
 
-/// An authorization that was put on record.
+/// A recorded authorization.
 #[derive(Serialize)]
-struct Authorization<'a> {
+struct ProfileAuthorization<'a> {
     allowed: ProfileName,
     site: Option<SiteName>,
     by: &'a str,
     from: Option<Digest>,
     to: Digest,
-    loosened: &'a [Loosened],
+    loosened: &'a [DowngradedField],
 }
 
-/// Shows what gets looser under a profile, and puts an administrator's authorization of it on record.
-fn allow(context: &CliContext, args: &AllowArgs, out: &mut Output<'_>) -> Result<(), CliError> {
+/// Shows the fields that get less strict under a profile, and records an administrator's authorization.
+fn allow(context: &CliContext, args: &AllowArgs, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let (profile, table) = rules(&chosen(&context.data, args.profile.as_ref())?)?;
     let (class, title) = (profile.name, titled(profile.name, profile.site.as_ref()));
     let store = take_store(&context.data)?;
     let course = &store.opening().profiles;
-    let rules = course.next(&Rules::of(&profile, &table).map_err(CliError::internal)?, false);
+    let rules = course.next(&ProfileRules::of(&profile, &table).map_err(CliError::internal)?, false);
     if !course.needs(class, &rules) {
-        return Err(CliError::usage(format!("the profile {title} takes no authorization here"))
+        return Err(CliError::usage(format!("the profile {title} needs no authorization here"))
             .with_hint("start with it: `--profile` is enough"));
     }
     // A store of an earlier version gets its first administrator, as at a start.
@@ -180,35 +184,34 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut Output<'_>) -> Result
     if !out.is_json() {
         show_change(&title, &change, out)?;
     }
-    let signer = passphrase::unlock(passphrase::kept(context, &args.by)?, args.passphrase_file.as_deref())?;
+    let signer =
+        passphrase::unlock(passphrase::stored_identity(context, &args.by)?, args.passphrase_file.as_deref())?;
     let end = (store.store_id(), head.hash);
     let signed = SignedProfileAct::by(&signer, (class, change.clone()), end, args.reason.raw())
         .map_err(CliError::internal)?;
-    signed.check(&persons, class, head.hash).map_err(CliError::held)?;
+    signed.check(&persons, class, head.hash).map_err(CliError::from_engine_fault)?;
     if [Some(class), course.last().map(|last| last.class)].contains(&Some(ProfileName::Human)) {
-        signed.check_guarded(&persons).map_err(CliError::held)?;
+        signed.check_guarded(&persons).map_err(CliError::from_engine_fault)?;
     }
     let asks = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
     allow_profile(&store, class, (asks, signed), wall_ms()).map_err(CliError::usage)?;
     let RulesChange { from, loosened, to } = &change;
     let (by, from, to) = (args.by.as_str(), *from, *to);
-    let allowed = Authorization { allowed: class, site: profile.site, by, from, to, loosened };
-    out.answer(&allowed, |out| {
-        out.line(&format!("the profile {title} is allowed by {by} for the start that is next"))
-    })
+    let allowed = ProfileAuthorization { allowed: class, site: profile.site, by, from, to, loosened };
+    out.answer(&allowed, |out| out.line(&format!("{by} allows the profile {title} for the next start")))
 }
 
-/// What an administrator is about to sign.
-fn show_change(title: &str, change: &RulesChange, out: &mut Output<'_>) -> Result<(), CliError> {
+/// The content of the authorization.
+fn show_change(title: &str, change: &RulesChange, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let RulesChange { from, loosened, to } = change;
     let from = from.map_or_else(|| "none on record".to_owned(), |from| from.to_string());
     out.line(&format!("profile {title}, rules {to}, before {from}"))?;
     if loosened.is_empty() {
-        return out.line("no field is looser");
+        return out.line("no field is less strict");
     }
-    out.line(&format!("looser: {}", loosened.len()))?;
-    let mut table = Table::new(&["field", "before", "shipped", "now"]);
-    for Loosened { before, field, now, shipped } in loosened {
+    out.line(&format!("less strict: {}", loosened.len()))?;
+    let mut table = TextTable::new(&["field", "before", "shipped", "now"]);
+    for DowngradedField { before, field, now, shipped } in loosened {
         table
             .row([field, before, shipped, now].map(|text| Untrusted::new(text.clone()).line().into_string()));
     }
@@ -219,15 +222,15 @@ fn rules(chosen: &ChosenProfile) -> Result<(Profile, PolicyTable), CliError> {
     chosen.rules().map_err(CliError::internal)
 }
 
-fn print_check(checked: &ProfileCheck, out: &mut Output<'_>) -> Result<(), CliError> {
+fn print_check(checked: &ProfileCheck, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let title = titled(checked.name, checked.site.as_ref());
     out.line(&format!("the profile {title} is well formed, digest {}", checked.digest))?;
     out.line(&format!("its policies compile, digest {}", checked.policy))?;
     if !checked.loosened.is_empty() {
-        let told = told(&checked.loosened);
-        out.line(&format!("{told}; an administrator has to sign that: `holdpoint profile allow`"))?;
+        let told = downgrade_summary(&checked.loosened);
+        out.line(&format!("{told}; an administrator must sign that: `holdpoint profile allow`"))?;
     }
-    let mut table = Table::new(&["field", "value", "shipped", "reason"]);
+    let mut table = TextTable::new(&["field", "value", "shipped", "reason"]);
     for number in &checked.numbers {
         let shipped = number.shipped.map_or_else(String::new, |shipped| shipped.to_string());
         let reason = number.reason.clone().unwrap_or_else(|| "none given".to_owned());
@@ -237,8 +240,8 @@ fn print_check(checked: &ProfileCheck, out: &mut Output<'_>) -> Result<(), CliEr
 }
 
 /// Prints the leaves of a value, one `path value` a row.
-pub(super) fn print_fields(value: &Value, out: &mut Output<'_>) -> Result<(), CliError> {
-    fn walk(path: &str, value: &Value, table: &mut Table) {
+pub(super) fn print_fields(value: &Value, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    fn walk(path: &str, value: &Value, table: &mut TextTable) {
         let join = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
         match value {
             Value::Object(map) if !map.is_empty() => {
@@ -250,12 +253,12 @@ pub(super) fn print_fields(value: &Value, out: &mut Output<'_>) -> Result<(), Cl
             value => table.row([path.to_owned(), plain(value)]),
         }
     }
-    let mut table = Table::new(&["field", "value"]);
+    let mut table = TextTable::new(&["field", "value"]);
     walk("", value, &mut table);
     out.table(&table)
 }
 
-/// A value for people: words without quotes, lists with commas.
+/// A value for people: strings without quotes, lists with commas.
 pub(super) fn plain(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),

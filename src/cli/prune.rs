@@ -1,5 +1,5 @@
-//! What `recordings prune` removes, and how: the choice is pure, a removal is on the audit record before the file is
-//! gone. Must not touch a recording of an upgrade that is still open.
+//! What `recordings prune` removes, and how. The choice is a pure function; each removal is recorded before the
+//! file is removed. Never touches a recording of an open upgrade.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,31 +9,31 @@ use crate::error::CliError;
 use holdpoint_approvals::Nonce;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_recordings::folder::{self, Filed};
-use holdpoint_recordings::record::{REMOVED_KIND, Removed};
+use holdpoint_recordings::audit_record::{REMOVED_KIND, RecordingRemoval};
+use holdpoint_recordings::recording_folder::{self, RecordingFile};
 use holdpoint_registry::{AuditBody, Store, Transaction, VersionDetail, Views};
 
-/// What is to remain.
+/// The recordings to keep.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Limits {
-    /// The upgrades written last.
+pub(super) struct PruneLimits {
+    /// The number of newest upgrades to keep.
     pub(super) keep: Option<usize>,
-    /// What was written longer ago goes.
+    /// The age limit.
     pub(super) older_than_secs: Option<u64>,
     pub(super) bytes_max: Option<u64>,
 }
 
-/// All recordings of one upgrade: they are kept or removed together.
+/// All recordings of one upgrade, kept or removed together.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Upgrade {
+pub(super) struct UpgradeRecordings {
     pub(super) version: CapabilityId,
     /// Its files, in order.
-    pub(super) files: Vec<Filed>,
-    /// Whether it may still be written to, or nothing is known of it: then it stays.
+    pub(super) files: Vec<RecordingFile>,
+    /// Whether it may still be written to, or is unknown: then it stays.
     pub(super) open: bool,
 }
 
-impl Upgrade {
+impl UpgradeRecordings {
     fn bytes(&self) -> u64 {
         self.files.iter().map(|filed| filed.bytes).sum()
     }
@@ -43,16 +43,16 @@ impl Upgrade {
     }
 }
 
-/// Recordings by upgrade, with whether the store says that it is over.
-pub(super) fn upgrades(files: Vec<Filed>, views: &Views) -> Result<Vec<Upgrade>, CliError> {
-    let mut by_version: BTreeMap<CapabilityId, Vec<Filed>> = BTreeMap::new();
+/// Recordings by upgrade, and whether the upgrade is over according to the store.
+pub(super) fn upgrades(files: Vec<RecordingFile>, views: &Views) -> Result<Vec<UpgradeRecordings>, CliError> {
+    let mut by_version: BTreeMap<CapabilityId, Vec<RecordingFile>> = BTreeMap::new();
     for filed in files {
         by_version.entry(filed.name.version.clone()).or_default().push(filed);
     }
     let upgrade = |(version, files)| {
         let detail = views.version(&version).map_err(CliError::usage)?;
         let open = detail.is_none_or(|detail| is_open(&detail));
-        Ok(Upgrade { version, files, open })
+        Ok(UpgradeRecordings { version, files, open })
     };
     by_version.into_iter().map(upgrade).collect()
 }
@@ -67,11 +67,15 @@ fn is_open(detail: &VersionDetail) -> bool {
     }
 }
 
-/// The upgrades that go, each with the reason, oldest first. Open ones count and stay.
-pub(super) fn choose(mut upgrades: Vec<Upgrade>, limits: Limits, now_secs: u64) -> Vec<(Upgrade, String)> {
-    // The newest first; equal times by name, so that the choice does not hang on the order of a folder.
+/// The upgrades to remove, each with the reason, oldest first. Open ones count toward the limits and stay.
+pub(super) fn choose(
+    mut upgrades: Vec<UpgradeRecordings>,
+    limits: PruneLimits,
+    now_secs: u64,
+) -> Vec<(UpgradeRecordings, String)> {
+    // Newest first; equal times by name, so the choice does not depend on the folder's order.
     upgrades.sort_by(|a, b| (b.written_secs(), &b.version).cmp(&(a.written_secs(), &a.version)));
-    let mut total: u64 = upgrades.iter().map(Upgrade::bytes).sum();
+    let mut total: u64 = upgrades.iter().map(UpgradeRecordings::bytes).sum();
     let mut chosen = Vec::new();
     for (place, upgrade) in upgrades.into_iter().enumerate().rev() {
         if upgrade.open {
@@ -79,16 +83,16 @@ pub(super) fn choose(mut upgrades: Vec<Upgrade>, limits: Limits, now_secs: u64) 
         }
         let age_secs = now_secs.saturating_sub(upgrade.written_secs());
         let reason = match limits {
-            Limits { keep: Some(keep), .. } if place >= keep => {
-                format!("the {keep} written last are kept")
+            PruneLimits { keep: Some(keep), .. } if place >= keep => {
+                format!("only the {keep} newest are kept")
             }
-            Limits { older_than_secs: Some(limit), .. } if age_secs > limit => {
+            PruneLimits { older_than_secs: Some(limit), .. } if age_secs > limit => {
                 format!("written more than {} days ago", limit / 86_400)
             }
-            Limits { bytes_max: Some(limit), .. } if total > limit => {
-                format!("all together may have {} MiB", limit >> 20)
+            PruneLimits { bytes_max: Some(limit), .. } if total > limit => {
+                format!("all together are limited to {} MiB", limit >> 20)
             }
-            Limits { .. } => continue,
+            PruneLimits { .. } => continue,
         };
         total = total.saturating_sub(upgrade.bytes());
         chosen.push((upgrade, reason));
@@ -96,7 +100,7 @@ pub(super) fn choose(mut upgrades: Vec<Upgrade>, limits: Limits, now_secs: u64) 
     chosen
 }
 
-/// Takes the store for this verb alone.
+/// Opens the store for this verb alone.
 ///
 /// # Errors
 /// If an engine runs on it, or it cannot be opened.
@@ -104,21 +108,21 @@ pub(super) fn take_store(data: &Path) -> Result<Store, CliError> {
     Store::open(data).map_err(CliError::usage)
 }
 
-/// Writes down that a recording goes and why, then removes it. Where this ends in between, the file is left, and the
-/// next prune finds it again.
+/// Records the removal and its reason, then removes the file. After an interruption the file remains, and the next
+/// prune finds it again.
 ///
 /// # Errors
-/// If the record cannot be written: then the file is still there. Where the file cannot be removed.
+/// If the record cannot be written (the file then remains), or the file cannot be removed.
 pub(super) fn remove(
     store: &Store,
     version: &CapabilityId,
-    filed: &Filed,
+    filed: &RecordingFile,
     reason: &str,
 ) -> Result<(), CliError> {
     let cannot = |error: std::io::Error| CliError::usage(format!("cannot remove {:?}: {error}", filed.path));
-    let removed = Removed {
+    let removed = RecordingRemoval {
         file: filed.file.clone(),
-        sha256: folder::digest(&filed.path).map_err(cannot)?,
+        sha256: recording_folder::digest(&filed.path).map_err(cannot)?,
         bytes: filed.bytes,
         reason: reason.to_owned(),
     };
@@ -145,7 +149,7 @@ pub(super) fn now_secs() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
 }
 
-/// The machine's time as a transaction keeps it, ms since 1970; 0 where the machine has none.
+/// The wall time for a transaction, ms since 1970; 0 if the machine has none.
 pub(super) fn wall_ms() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0)
@@ -157,16 +161,16 @@ mod tests {
 
     const DAY: u64 = 86_400;
 
-    fn upgrade(version: &str, day: u64, mib: u64, open: bool) -> Upgrade {
+    fn upgrade(version: &str, day: u64, mib: u64, open: bool) -> UpgradeRecordings {
         let file = format!("{}-0123abcd.rrd", version.replace('@', "-"));
-        let filed = Filed {
-            name: folder::Name::parse(&file).unwrap(),
+        let filed = RecordingFile {
+            name: recording_folder::RecordingName::parse(&file).unwrap(),
             path: file.clone().into(),
             file,
             bytes: mib << 20,
             written_secs: day * DAY,
         };
-        Upgrade { version: version.parse().unwrap(), files: vec![filed], open }
+        UpgradeRecordings { version: version.parse().unwrap(), files: vec![filed], open }
     }
 
     #[test]
@@ -179,7 +183,7 @@ mod tests {
                 upgrade("a@1.3.0", 40, 8, false),
             ]
         };
-        let limits = |keep, days: Option<u64>, mib: Option<u64>| Limits {
+        let limits = |keep, days: Option<u64>, mib: Option<u64>| PruneLimits {
             keep,
             older_than_secs: days.map(|days| days * DAY),
             bytes_max: mib.map(|mib| mib << 20),

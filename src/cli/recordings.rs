@@ -1,5 +1,5 @@
-//! `holdpoint recordings list | verify | prune`: the kept recordings of upgrades. Listing and verifying read; an
-//! engine may have the store open meanwhile. Pruning writes down what it removes and takes the store for itself.
+//! `holdpoint recordings list | verify | prune`: the recordings of upgrades. `list` and `verify` only read, and an
+//! engine may have the store open. `prune` records each removal and needs the store for itself.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -7,14 +7,14 @@ use std::path::Path;
 use clap::{ArgGroup, Args, Subcommand};
 use serde_json::{Value, json};
 
-use super::output::Table;
-use super::prune::{self, Limits, Upgrade};
+use super::output::TextTable;
+use super::prune::{self, PruneLimits, UpgradeRecordings};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::recordings;
-use holdpoint_recordings::folder::{self, Filed, NoFile, Shelf};
-use holdpoint_recordings::record::{FileCheck, OnRecord};
+use holdpoint_recordings::audit_record::{FileCheck, RecordedFiles};
+use holdpoint_recordings::recording_folder::{self, IrregularFile, RecordingFile, RecordingFolder};
 pub(super) use holdpoint_registry::size;
 use holdpoint_registry::{Layout, Views};
 
@@ -29,12 +29,12 @@ Examples:
   holdpoint recordings verify
   holdpoint recordings prune --keep 50 --dry-run")]
 pub struct RecordingsArgs {
-    /// The verb that was given, with its arguments.
+    /// The verb with its arguments.
     #[command(subcommand)]
     pub verb: RecordingsVerb,
 }
 
-/// What can be done with recordings.
+/// The verbs of `recordings`.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum RecordingsVerb {
     /// Lists the recordings, by version.
@@ -42,17 +42,17 @@ pub enum RecordingsVerb {
 Example:
   holdpoint recordings list --json")]
     List,
-    /// Compares every recording with the digest on the audit record. Ends with 1 if one differs or is missing.
+    /// Compares every recording with its digest in the audit log. Exits with 1 if one differs or is missing.
     #[command(after_help = "\
-Whether the audit chain itself is sound, `holdpoint audit verify` says.
+To check the audit chain itself, run `holdpoint audit verify`.
 
 Example:
   holdpoint recordings verify")]
     Verify,
-    /// Removes recordings that are too many, too old or too large together, each with an audit record of why.
+    /// Removes recordings beyond a number, an age or a total size, each with an audit record of the reason.
     #[command(
         after_help = "\
-An upgrade that is still open keeps its recordings, and so does one whose recording is not what was recorded.
+An open upgrade keeps its recordings, and so does one whose recording differs from its digest.
 At least one limit is needed.
 
 Examples:
@@ -66,25 +66,29 @@ Examples:
 /// The arguments of `recordings prune`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct PruneArgs {
-    /// Keeps the recordings of the N upgrades that were written last.
+    /// Keeps the recordings of the N newest upgrades.
     #[arg(long, value_name = "N", group = "limit")]
     pub keep: Option<usize>,
-    /// Removes what was last written more than DAYS ago.
+    /// Removes recordings last written more than DAYS days ago.
     #[arg(long, value_name = "DAYS", group = "limit", value_parser = clap::value_parser!(u32).range(1..))]
     pub older_than: Option<u32>,
-    /// Removes the oldest until all together have at most N MiB.
+    /// Removes the oldest recordings until the total is at most N MiB.
     #[arg(long, value_name = "N", group = "limit")]
     pub max_mib: Option<u32>,
-    /// Says what would be removed, and removes nothing.
+    /// Prints the recordings to remove, and removes nothing.
     #[arg(long)]
     pub dry_run: bool,
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &CliContext, args: &RecordingsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(
+    context: &CliContext,
+    args: &RecordingsArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
     let views = super::data::open(&context.data)?;
     let folder = Layout::new(&context.data).recordings();
     match &args.verb {
@@ -95,29 +99,33 @@ pub fn run(context: &CliContext, args: &RecordingsArgs, out: &mut Output<'_>) ->
 }
 
 /// The recordings in a folder.
-pub(super) fn shelved(folder: &Path) -> Result<Vec<Filed>, CliError> {
+pub(super) fn shelved(folder: &Path) -> Result<Vec<RecordingFile>, CliError> {
     Ok(look(folder)?.files)
 }
 
-/// What lies in a folder under names of recordings.
-fn look(folder: &Path) -> Result<Shelf, CliError> {
-    folder::look(folder)
+/// The entries of a folder that have names of recordings.
+fn look(folder: &Path) -> Result<RecordingFolder, CliError> {
+    recording_folder::look(folder)
         .map_err(|error| CliError::usage(format!("cannot read the recordings in {folder:?}: {error}")))
 }
 
-/// What the audit chain says of recordings.
-pub(super) fn on_record(views: &Views) -> Result<OnRecord, CliError> {
+/// The audit chain's records of recordings.
+pub(super) fn on_record(views: &Views) -> Result<RecordedFiles, CliError> {
     recordings::on_record(views).map_err(CliError::usage)
 }
 
-/// How a file stands to what is on record of it.
-pub(super) fn check(filed: &Filed, record: &OnRecord) -> Result<FileCheck, CliError> {
+/// How a file compares with its record.
+pub(super) fn check(filed: &RecordingFile, record: &RecordedFiles) -> Result<FileCheck, CliError> {
     record.check(filed).map_err(|error| CliError::usage(format!("cannot read {:?}: {error}", filed.path)))
 }
 
-fn list(shelf: &Shelf, record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let Shelf { files, no_files } = shelf;
-    let row = |filed: &Filed| {
+fn list(
+    shelf: &RecordingFolder,
+    record: &RecordedFiles,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    let RecordingFolder { files, no_files } = shelf;
+    let row = |filed: &RecordingFile| {
         let recorded = record.recorded(&filed.file);
         json!({
             "version": filed.name.version,
@@ -131,16 +139,16 @@ fn list(shelf: &Shelf, record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, 
     };
     if out.is_json() {
         files.iter().try_for_each(|filed| out.json(&row(filed)))?;
-        for NoFile { name, what } in no_files {
+        for IrregularFile { name, what } in no_files {
             out.json(&json!({ "file": name, "no_file": what }))?;
         }
         return Ok(Exit::Confirmed);
     }
     if files.is_empty() {
         out.line("no recordings")?;
-        return passed_over(no_files, out);
+        return print_skipped(no_files, out);
     }
-    let mut table = Table::new(&["version", "outcome", "size", "written (UTC)", "on record", "file"]);
+    let mut table = TextTable::new(&["version", "outcome", "size", "written (UTC)", "on record", "file"]);
     for filed in files {
         let recorded = record.recorded(&filed.file);
         table.row([
@@ -158,18 +166,18 @@ fn list(shelf: &Shelf, record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, 
         counted(files.len(), "file"),
         size(files.iter().map(|filed| filed.bytes).sum())
     ))?;
-    passed_over(no_files, out)
+    print_skipped(no_files, out)
 }
 
-/// Says what has a recording's name and is none.
-fn passed_over(no_files: &[NoFile], out: &mut Output<'_>) -> Result<Exit, CliError> {
-    for NoFile { name, what } in no_files {
-        out.line(&format!("passed over: {name} is {what}, and no recording"))?;
+/// Reports an entry that has a recording's name and is not a recording.
+fn print_skipped(no_files: &[IrregularFile], out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+    for IrregularFile { name, what } in no_files {
+        out.line(&format!("skipped: {name} is {what}, not a recording"))?;
     }
     Ok(Exit::Confirmed)
 }
 
-/// What was found of one recording, as it is printed.
+/// The result for one recording, as printed.
 struct RecordingFindings {
     file: String,
     word: &'static str,
@@ -177,11 +185,15 @@ struct RecordingFindings {
     detail: String,
 }
 
-/// A file that the chain has no digest of.
+/// A file without a digest in the chain.
 const NOT_ON_RECORD: &str = "not on record";
 
-fn verify(shelf: &Shelf, record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let Shelf { files, no_files } = shelf;
+fn verify(
+    shelf: &RecordingFolder,
+    record: &RecordedFiles,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    let RecordingFolder { files, no_files } = shelf;
     let mut found = Vec::new();
     for filed in files {
         let checked = check(filed, record)?;
@@ -191,25 +203,25 @@ fn verify(shelf: &Shelf, record: &OnRecord, out: &mut Output<'_>) -> Result<Exit
                 ("DIFFERS", true, checked.difference().unwrap_or_default())
             }
             FileCheck::NotOnRecord => {
-                (NOT_ON_RECORD, false, "its upgrade was not closed, or closed without it".to_owned())
+                (NOT_ON_RECORD, false, "its upgrade is open, or was closed without it".to_owned())
             }
         };
         found.push(RecordingFindings { file: filed.file.clone(), word, bad, detail });
     }
     let there: BTreeSet<&str> = files.iter().map(|filed| filed.file.as_str()).collect();
-    for recorded in record.kept().filter(|recorded| !there.contains(recorded.file.as_str())) {
+    for recorded in record.present().filter(|recorded| !there.contains(recorded.file.as_str())) {
         let mut detail = "it was recorded at closure, and no removal is on record".to_owned();
-        if let Some(NoFile { what, .. }) = no_files.iter().find(|one| one.name == recorded.file) {
+        if let Some(IrregularFile { what, .. }) = no_files.iter().find(|one| one.name == recorded.file) {
             detail.push_str(&format!("; {what} has its name"));
         }
         found.push(RecordingFindings { file: recorded.file.clone(), word: "MISSING", bad: true, detail });
     }
     let bad = found.iter().filter(|one| one.bad).count();
     let unknown = found.iter().filter(|one| one.word == NOT_ON_RECORD).count();
-    let of_others = |one: &&NoFile| record.kept().all(|recorded| recorded.file != one.name);
-    for NoFile { name, what } in no_files.iter().filter(of_others) {
+    let of_others = |one: &&IrregularFile| record.present().all(|recorded| recorded.file != one.name);
+    for IrregularFile { name, what } in no_files.iter().filter(of_others) {
         let value = json!({ "file": name, "standing": "no file", "detail": what });
-        out.answer(&value, |out| out.line(&format!("{name}  passed over: it is {what}, and no recording")))?;
+        out.answer(&value, |out| out.line(&format!("{name}  skipped: it is {what}, not a recording")))?;
     }
     for one in &found {
         let value = json!({ "file": one.file, "standing": one.word.to_lowercase(), "detail": one.detail });
@@ -220,8 +232,7 @@ fn verify(shelf: &Shelf, record: &OnRecord, out: &mut Output<'_>) -> Result<Exit
         json!({ "sound": bad == 0, "recordings": found.len(), "bad": bad, "not_on_record": unknown });
     out.answer(&summary, |out| {
         let word = if bad == 0 { "sound" } else { "not sound" };
-        let rest =
-            if unknown > 0 { format!(", {unknown} that nothing on record speaks of") } else { String::new() };
+        let rest = if unknown > 0 { format!(", {unknown} not on record") } else { String::new() };
         out.line(&format!("{word}: {}, {bad} not as recorded{rest}", counted(found.len(), "recording")))
     })?;
     Ok(if bad == 0 { Exit::Confirmed } else { Exit::Rejected })
@@ -232,25 +243,25 @@ fn remove(
     views: &Views,
     folder: &Path,
     args: &PruneArgs,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    let limits = Limits {
+    let limits = PruneLimits {
         keep: args.keep,
         older_than_secs: args.older_than.map(|days| u64::from(days) * 86_400),
         bytes_max: args.max_mib.map(|mib| u64::from(mib) * MIB),
     };
-    // The store is taken before anything is looked at, so that no engine opens or closes an upgrade meanwhile.
+    // The verb opens the store first, so that no engine opens or closes an upgrade meanwhile.
     let store = if args.dry_run { None } else { Some(prune::take_store(&context.data)?) };
     let record = on_record(views)?;
     let chosen = prune::choose(prune::upgrades(shelved(folder)?, views)?, limits, prune::now_secs());
     let (mut removed, mut kept, mut bytes) = (0_usize, 0_u64, 0_u64);
-    for (Upgrade { files, version, .. }, reason) in &chosen {
+    for (UpgradeRecordings { files, version, .. }, reason) in &chosen {
         for filed in files {
             if check(filed, &record)?.difference().is_some() {
                 kept += 1;
-                let value = json!({ "kept": filed.file, "reason": "differs from what was recorded" });
+                let value = json!({ "kept": filed.file, "reason": "differs from its recorded digest" });
                 out.answer(&value, |out| {
-                    out.line(&format!("kept {}: it is not what was recorded at closure", filed.file))
+                    out.line(&format!("kept {}: it differs from the digest recorded at closure", filed.file))
                 })?;
                 continue;
             }
@@ -275,7 +286,7 @@ fn remove(
     Ok(if kept == 0 { Exit::Confirmed } else { Exit::Rejected })
 }
 
-/// How many of something, in words.
+/// A count with its noun.
 pub(super) fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }

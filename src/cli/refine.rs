@@ -1,7 +1,7 @@
 //! `holdpoint refine`: arguments, progress on the standard error, and the printed report.
 //!
-//! Must not search or judge: [`holdpoint_lab::refine`] does the one, and the pipeline does the other once the candidate is
-//! registered.
+//! Searches and judges nothing: [`holdpoint_lab::refine`] searches, and the pipeline judges the registered
+//! candidate.
 
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
@@ -16,48 +16,48 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 
-use super::output::Table;
+use super::output::TextTable;
 use super::run::JOBS_MAX;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_lab::refine::objective::ObjectivePair;
-use holdpoint_lab::refine::search::SearchProgress;
-use holdpoint_lab::refine::settings::{EPISODES_MAX, GENERATIONS_MAX, RefineError, Settings};
-use holdpoint_lab::refine::{RefineReport, refine};
+use holdpoint_lab::parameter_search::objective::ObjectivePair;
+use holdpoint_lab::parameter_search::search::SearchProgress;
+use holdpoint_lab::parameter_search::settings::{EPISODES_MAX, GENERATIONS_MAX, RefineError, SearchSettings};
+use holdpoint_lab::parameter_search::{RefineReport, refine};
 use holdpoint_text::Hint;
 
-/// How often the bar is drawn between two evaluations.
+/// The interval between updates of the bar.
 const DRAW_EVERY: Duration = Duration::from_millis(200);
 
 /// The arguments of `refine`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-The search sees whether the work was done in unperturbed episodes, and how long it took. It sees no
-violation, no anomaly, no recovery: whether the result may act is for the pipeline to find out.
-Interrupted, it goes on where it was when the same command is given again.
+The search sees whether undisturbed episodes succeed, and how long they take. It sees no
+violation, no anomaly and no recovery; the pipeline measures those.
+To continue an interrupted search, give the same command again.
 
 Examples:
   holdpoint refine grasp
   holdpoint refine align --generations 20 --episodes 16 --seed 3 --out candidates --json")]
 pub struct RefineArgs {
-    /// The family whose baseline is improved.
+    /// The family whose baseline the search improves.
     #[arg(value_enum)]
     pub family: FamilyArg,
     /// Generations of the search.
     #[arg(long, value_name = "N", default_value_t = 20,
           value_parser = clap::value_parser!(u32).range(1..=i64::from(GENERATIONS_MAX)))]
     pub generations: u32,
-    /// Episodes per set of parameters.
+    /// Episodes for each set of parameters.
     #[arg(long, value_name = "N", default_value_t = 12,
           value_parser = clap::value_parser!(u32).range(1..=i64::from(EPISODES_MAX)))]
     pub episodes: u32,
-    /// Same arguments and same seed give the same candidate.
+    /// Seed; the same arguments and the same seed give the same candidate.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u32,
-    /// How many episodes to simulate at once [default: one per core]; the candidate is the same for any number.
+    /// Episodes simulated at once [default: one per core]; the candidate is the same for any number.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
-    /// The folder in which FAMILY-refined is made; nothing is overwritten.
+    /// The folder that gets FAMILY-refined; nothing is overwritten.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
     /// The candidate's version [default: the baseline's next minor one].
@@ -86,13 +86,13 @@ impl From<FamilyArg> for TaskKind {
     }
 }
 
-/// Searches, tells how far it is, and prints what came of it.
+/// Searches, shows the progress, and prints the result.
 ///
 /// # Errors
-/// [`CliError`]: 2 for what is wrong with arguments or files, 3 if it was interrupted or found nothing better.
-pub fn run(args: &RefineArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// [`CliError`]: 2 for an error in arguments or files, 3 if it was interrupted or found nothing better.
+pub fn run(args: &RefineArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    let settings = Settings {
+    let settings = SearchSettings {
         task: args.family.into(),
         generations: args.generations,
         episodes: args.episodes,
@@ -102,8 +102,8 @@ pub fn run(args: &RefineArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
         version: args.version.clone(),
     };
     let interrupts = Interrupts::take()?;
-    let mut teller = Teller::new();
-    let report = refine(&settings, &interrupts.raised, &mut |progress| teller.tell(progress));
+    let mut teller = ProgressReporter::new();
+    let report = refine(&settings, &interrupts.raised, &mut |progress| teller.report(progress));
     teller.finish();
     let report = report.map_err(error)?;
     out.answer(&report, |out| show(&report, out))?;
@@ -112,7 +112,9 @@ pub fn run(args: &RefineArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
 
 fn error(error: RefineError) -> CliError {
     match error {
-        RefineError::Interrupted { .. } | RefineError::NothingBetter { .. } => CliError::held(error),
+        RefineError::Interrupted { .. } | RefineError::NothingBetter { .. } => {
+            CliError::from_engine_fault(error)
+        }
         RefineError::Setting { .. }
         | RefineError::Exists(_)
         | RefineError::Io { .. }
@@ -129,7 +131,7 @@ fn error(error: RefineError) -> CliError {
     }
 }
 
-fn show(report: &RefineReport, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(report: &RefineReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     out.line(&format!("{} is in {}", report.id, report.folder.display()))?;
     out.line(&format!(
         "from {} in {} evaluations, {} generations, seed {}; declares {} m/s and {} N",
@@ -141,31 +143,31 @@ fn show(report: &RefineReport, out: &mut Output<'_>) -> Result<(), CliError> {
         report.max_force_n
     ))?;
     for (what, ObjectivePair { before, after }) in
-        [("practised episodes", &report.practised), ("fresh episodes", &report.fresh)]
+        [("trained episodes", &report.practised), ("fresh episodes", &report.fresh)]
     {
         out.line(&format!("{what:<19} {before} before, {after} after"))?;
     }
     out.line("")?;
-    let mut table = Table::new(&["parameter", "before", "after"]);
+    let mut table = TextTable::new(&["parameter", "before", "after"]);
     for change in &report.changes {
         table.row([change.parameter.to_owned(), change.before.to_string(), change.after.to_string()]);
     }
     out.table(&table)?;
     out.line("")?;
-    out.line(&format!("the evaluations are kept in {}", report.kept.display()))?;
+    out.line(&format!("the cached evaluations are in {}", report.kept.display()))?;
     out.line(&format!(
-        "only success and time were looked at; next: holdpoint candidate check {}",
+        "the search used only success and time; next: holdpoint candidate check {}",
         report.folder.display()
     ))
 }
 
-/// Tells on the standard error how far the search is: a bar on a terminal, a line a generation otherwise.
-struct Teller {
+/// Shows the progress on standard error: a bar on a terminal, else a line for each generation.
+struct ProgressReporter {
     bar: Option<ProgressBar>,
     began: Instant,
 }
 
-impl Teller {
+impl ProgressReporter {
     fn new() -> Self {
         let began = Instant::now();
         let bar = std::io::stderr().is_terminal().then(|| {
@@ -179,7 +181,7 @@ impl Teller {
         Self { bar, began }
     }
 
-    fn tell(&mut self, progress: &SearchProgress) {
+    fn report(&mut self, progress: &SearchProgress) {
         let line = line(progress, self.began.elapsed());
         match &self.bar {
             Some(bar) => {
@@ -188,7 +190,7 @@ impl Teller {
                 bar.set_message(line);
             }
             None if progress.generation_ended => {
-                // Whoever does not read how far it is is not told; the search goes on.
+                // A closed progress stream does not stop the search.
                 drop(writeln!(std::io::stderr().lock(), "{line}"));
             }
             None => {}
@@ -202,7 +204,7 @@ impl Teller {
     }
 }
 
-/// How far a search is, in a line.
+/// The progress of a search in a line.
 fn line(progress: &SearchProgress, elapsed: Duration) -> String {
     let SearchProgress {
         generation,
@@ -214,7 +216,7 @@ fn line(progress: &SearchProgress, elapsed: Duration) -> String {
         ..
     } = progress;
     let left = episodes_total.saturating_sub(*episodes_done);
-    // What was kept cost nothing, so only simulated episodes tell how long the rest takes.
+    // Cached episodes cost nothing, so only simulated ones predict the remaining time.
     let expected = (*episodes_simulated > 0)
         .then(|| elapsed.as_secs_f64() * left as f64 / *episodes_simulated as f64)
         .map_or_else(String::new, |secs| format!(", at most {secs:.0} s left"));
@@ -224,7 +226,7 @@ fn line(progress: &SearchProgress, elapsed: Duration) -> String {
     )
 }
 
-/// Takes the signals to end while it lives: the search then ends between two episodes.
+/// Handles the signals to end: the search then ends between two episodes.
 struct Interrupts {
     raised: Arc<AtomicBool>,
     stop: CancellationToken,
@@ -236,7 +238,7 @@ impl Interrupts {
         let raised = Arc::new(AtomicBool::new(false));
         let stop = CancellationToken::new();
         let thread = Self::listen(&raised, &stop)
-            .map_err(|error| CliError::usage(format!("cannot take the signals to end: {error}")))?;
+            .map_err(|error| CliError::usage(format!("cannot handle the signals to end: {error}")))?;
         Ok(Self { raised, stop, thread: Some(thread) })
     }
 
@@ -272,7 +274,7 @@ impl Drop for Interrupts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_lab::refine::objective::Score;
+    use holdpoint_lab::parameter_search::objective::Score;
 
     #[test]
     fn a_line_says_how_far_it_is_and_what_is_left() {

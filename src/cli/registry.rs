@@ -3,9 +3,9 @@
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
-use super::output::Table;
+use super::output::TextTable;
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
@@ -22,12 +22,12 @@ Examples:
   holdpoint registry show grasp@1.3.0
   holdpoint registry history grasp --json")]
 pub struct RegistryArgs {
-    /// The verb that was given, with its arguments.
+    /// The verb with its arguments.
     #[command(subcommand)]
     pub verb: RegistryVerb,
 }
 
-/// What can be asked of the registry.
+/// The verbs of `registry`.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum RegistryVerb {
     /// Lists versions.
@@ -35,13 +35,13 @@ pub enum RegistryVerb {
 Example:
   holdpoint registry list --family grasp --view candidates")]
     List {
-        /// Of one family only.
+        /// Only versions of this family.
         #[arg(long, value_parser = super::decide::parse_family)]
         family: Option<Family>,
-        /// Which versions to list.
+        /// The versions to list.
         #[arg(long, value_enum, default_value_t = ViewArg::All)]
         view: ViewArg,
-        /// How many at most.
+        /// The largest number of versions.
         #[arg(long, value_name = "N", default_value_t = 1_000,
               value_parser = clap::value_parser!(u32).range(1..=i64::from(LIST_MAX)))]
         limit: u32,
@@ -55,25 +55,25 @@ Example:
         #[arg(value_name = "FAMILY@VERSION")]
         version: CapabilityId,
     },
-    /// Shows how a family's active version changed.
+    /// Shows the history of a family's active version.
     #[command(after_help = "\
 Example:
   holdpoint registry history grasp")]
     History {
-        /// The family whose history is shown, e.g. grasp.
+        /// The family, e.g. grasp.
         #[arg(value_parser = super::decide::parse_family)]
         family: Family,
     },
 }
 
-/// The three views of the registry, and all of it.
+/// The views of the registry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ViewArg {
     /// Every version.
     All,
     /// The version in control of each family.
     Active,
-    /// Versions on their way to activation.
+    /// Versions that may still be activated.
     Candidates,
     /// Superseded, rolled back, rejected.
     History,
@@ -90,11 +90,11 @@ impl From<ViewArg> for VersionGroup {
     }
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &CliContext, args: &RegistryArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &RegistryArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let views = super::data::open_checked(&context.data)?;
     match &args.verb {
         RegistryVerb::List { family, view, limit } => {
@@ -118,7 +118,7 @@ pub fn run(context: &CliContext, args: &RegistryArgs, out: &mut Output<'_>) -> R
     Ok(Exit::Confirmed)
 }
 
-fn list(views: &Views, filter: &VersionFilter, out: &mut Output<'_>) -> Result<(), CliError> {
+fn list(views: &Views, filter: &VersionFilter, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let (versions, total) = views.versions(filter).map_err(CliError::usage)?;
     let answer = json!({ "total": total, "versions": versions.iter().map(summary_json).collect::<Vec<_>>() });
     out.answer(&answer, |out| {
@@ -126,7 +126,7 @@ fn list(views: &Views, filter: &VersionFilter, out: &mut Output<'_>) -> Result<(
             return out.line("no versions");
         }
         let mut table =
-            Table::new(&["version", "state", "flags", "κI", "κP", "κB", "κR", "author", "changed"]);
+            TextTable::new(&["version", "state", "flags", "κI", "κP", "κB", "κR", "author", "changed"]);
         for version in &versions {
             let [interface, policy, behavior, recovery] = version.kappas.map(kappa);
             table.row([
@@ -147,7 +147,7 @@ fn list(views: &Views, filter: &VersionFilter, out: &mut Output<'_>) -> Result<(
     })
 }
 
-fn show(detail: &VersionDetail, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let summary = &detail.summary;
     out.line(&format!("{}  {}  {}", summary.version, summary.state, flags(summary)))?;
     let [interface, policy, behavior, recovery] = summary.kappas.map(kappa);
@@ -165,7 +165,7 @@ fn show(detail: &VersionDetail, out: &mut Output<'_>) -> Result<(), CliError> {
         out.line(&format!("{name}  {digest}"))?;
     }
     if !detail.evidence.is_empty() {
-        let mut table = Table::new(&["record", "evidence", "profile", "digest", "time", "current"]);
+        let mut table = TextTable::new(&["record", "evidence", "profile", "digest", "time", "current"]);
         for entry in &detail.evidence {
             table.row([
                 entry.seq.to_string(),
@@ -189,8 +189,8 @@ fn show(detail: &VersionDetail, out: &mut Output<'_>) -> Result<(), CliError> {
     out.line(&format!("audit records: {}", detail.audit_links.len()))
 }
 
-/// Every version of the family that ever was active, with each move of the pointer, oldest first.
-fn history(views: &Views, family: &Family, out: &mut Output<'_>) -> Result<(), CliError> {
+/// Every version of the family that was ever active, with each move of the pointer, oldest first.
+fn history(views: &Views, family: &Family, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let status =
         views.families().map_err(CliError::usage)?.into_iter().find(|status| status.name == family.as_str());
     let Some(status) = status else {
@@ -202,7 +202,7 @@ fn history(views: &Views, family: &Family, out: &mut Output<'_>) -> Result<(), C
     let mut moves = std::collections::BTreeMap::new();
     for version in &versions {
         let detail = views.version(&version.version).map_err(CliError::usage)?;
-        // A move that replaces one version by another is listed with both of them.
+        // A move that replaces one version by another belongs to both.
         moves
             .extend(detail.into_iter().flat_map(|detail| detail.activations).map(|entry| (entry.seq, entry)));
     }
@@ -230,7 +230,7 @@ fn history(views: &Views, family: &Family, out: &mut Output<'_>) -> Result<(), C
         if moves.is_empty() {
             return out.line("no version was active yet");
         }
-        let mut table = Table::new(&["record", "time", "cause", "active", "rollback target"]);
+        let mut table = TextTable::new(&["record", "time", "cause", "active", "rollback target"]);
         for entry in moves.values() {
             table.row([
                 entry.seq.to_string(),
@@ -255,7 +255,7 @@ fn seconds(at_ms: u64) -> String {
 fn flags(version: &VersionSummary) -> String {
     let flags = &version.flags;
     let words = [
-        (flags.paused, version.state.paused_word()),
+        (flags.paused, version.state.paused_label()),
         (flags.awaiting_approval, "awaiting-approval"),
         (flags.provisional, "provisional"),
         (flags.restricted, "restricted"),
@@ -290,7 +290,7 @@ fn summary_json(version: &VersionSummary) -> Value {
 }
 
 fn detail_json(detail: &VersionDetail) -> Value {
-    // The store keeps bodies as JSON text; text that is none is shown as the text it is.
+    // The store keeps bodies as JSON text; other text is shown unchanged.
     let body = |text: &str| serde_json::from_str(text).unwrap_or_else(|_| Value::from(text));
     json!({
         "summary": summary_json(&detail.summary),

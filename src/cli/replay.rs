@@ -1,11 +1,10 @@
-//! `holdpoint replay`: shows what was recorded of an upgrade, in the viewer, in the terminal, or as lines.
+//! `holdpoint replay`: shows the recording of an upgrade, in the viewer, in the terminal, or as lines.
 //!
-//! Finds the files, checks them against the audit record before they are opened, and hands them on. Must not change a
-//! recording or a store.
+//! Finds the files and checks them against the audit log before it opens them. Changes no recording and no store.
 
-mod cut;
 pub(super) mod episode;
 mod segments;
+mod truncated_copies;
 
 use std::ffi::OsString;
 use std::io::IsTerminal as _;
@@ -15,11 +14,11 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
-use self::episode::Which;
+use self::episode::EpisodeSelector;
 use super::recordings::{check, on_record};
 use super::run::ColorArg;
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::hint_line;
 use crate::error::{CliError, Exit};
 use holdpoint_console::options::{CommandLineFlags, Options};
@@ -27,20 +26,20 @@ use holdpoint_console::replay::speed::Speed;
 use holdpoint_console::replay::{ReplayError, ReplayOptions, print, run as run_in_terminal};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
-use holdpoint_recordings::folder::{self, Filed};
 use holdpoint_recordings::recording::Recording;
+use holdpoint_recordings::recording_folder::{self, RecordingFile};
 use holdpoint_recordings::viewer;
 use holdpoint_registry::Layout;
 use holdpoint_text::Hint;
 
-/// How long a viewer is watched after its start: one that cannot draw ends within this time.
+/// How long the verb watches a new viewer: one that cannot draw ends within this time.
 const WATCHED: Duration = Duration::from_millis(1_500);
 
 /// The arguments of `replay`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Opens the installed rerun viewer (pip install rerun-sdk==0.36.3); --terminal needs none. A recording that is not what
-the audit record says is not opened: then this ends with 1.
+Opens the installed rerun viewer (pip install rerun-sdk==0.36.3); --terminal needs no viewer. A
+recording that does not match its digest in the audit log is not opened, and the verb exits with 1.
 
 Examples:
   holdpoint replay grasp@1.1.0
@@ -53,76 +52,76 @@ Examples:
 pub struct ReplayArgs {
     /// A version, e.g. grasp@1.1.0, or a recording's file.
     #[arg(value_name = "UPGRADE", value_parser = parse_upgrade)]
-    pub upgrade: Wanted,
-    /// A paired episode of its sandbox, by its number or the worst, worked again beside the active version.
+    pub upgrade: ReplaySubject,
+    /// Re-runs a paired episode of its sandbox beside the active version: its number, or the worst one.
     #[arg(long, value_name = "N|worst", value_parser = episode::parse_which, conflicts_with_all = ["to", "out"])]
-    pub episode: Option<Which>,
-    /// As --episode, of the drills that it failed.
+    pub episode: Option<EpisodeSelector>,
+    /// Re-runs one of the drills that it failed, as --episode does.
     #[arg(long, value_name = "N|worst", value_parser = episode::parse_which,
         conflicts_with_all = ["to", "out", "episode"])]
-    pub drill: Option<Which>,
-    /// As --episode, of those that it worked alone before it was compared.
+    pub drill: Option<EpisodeSelector>,
+    /// Re-runs an episode that it ran alone before the pairs, as --episode does.
     #[arg(long, value_name = "N|worst", value_parser = episode::parse_which,
         conflicts_with_all = ["to", "out", "episode", "drill"])]
-    pub alone: Option<Which>,
-    /// As --episode, of its confirmation.
+    pub alone: Option<EpisodeSelector>,
+    /// Re-runs an episode of its confirmation, as --episode does.
     #[arg(long, value_name = "N|worst", value_parser = episode::parse_which,
         conflicts_with_all = ["to", "out", "episode", "drill", "alone"])]
-    pub confirmation: Option<Which>,
-    /// Writes that piece of work to a file for the viewer, with joint angles and torques as columns.
+    pub confirmation: Option<EpisodeSelector>,
+    /// Writes that episode to a file for the viewer, with joint angles and torques as columns.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["terminal", "plain"])]
     pub rrd: Option<PathBuf>,
-    /// Up to this moment: 240 ticks are a second of virtual time. The terminal begins there.
+    /// Replays up to this tick; 240 ticks are a second of virtual time. The terminal begins there.
     #[arg(long, value_name = "TICK")]
     pub to: Option<u64>,
-    /// Writes the recording up to that moment to a new file, and opens nothing.
+    /// Writes the recording up to that tick to a new file, and opens nothing.
     #[arg(long, value_name = "FILE", requires = "to", conflicts_with_all = ["terminal", "plain"])]
     pub out: Option<PathBuf>,
-    /// Replays in this terminal; if there is none it prints the events.
+    /// Replays in this terminal; prints the events if the output is not a terminal.
     #[arg(long)]
     pub terminal: bool,
     /// Prints the events, one a line.
     #[arg(long)]
     pub plain: bool,
-    /// Opens a recording that is not what the audit record says, too.
+    /// Opens a recording that does not match the audit log, too.
     #[arg(long)]
     pub force: bool,
-    /// How many times as fast the terminal plays: .25, .5, 1, 2, 4, ... 64.
+    /// Playing speed in the terminal: .25, .5, 1, 2, 4, ... 64.
     #[arg(long, value_name = "N", value_parser = parse_speed, default_value = "1")]
     pub speed: Speed,
     /// The theme [default: by the terminal's background].
     #[arg(long, value_name = "NAME")]
     pub theme: Option<String>,
-    /// Whether colours are used; wins over `NO_COLOR`.
+    /// Whether to use colors; overrides `NO_COLOR`.
     #[arg(long, value_enum, value_name = "WHEN")]
     pub color: Option<ColorArg>,
-    /// Draws with ASCII alone.
+    /// Draws with ASCII only.
     #[arg(long)]
     pub ascii: bool,
 }
 
-/// What is to be replayed.
+/// The subject of the replay.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Wanted {
+pub enum ReplaySubject {
     /// All recordings of a version in the store.
     Version(CapabilityId),
-    /// One recording file, wherever it lies.
+    /// One recording file, in any folder.
     File(PathBuf),
 }
 
-/// What is around this program; a test brings its own.
-struct Surroundings {
+/// The environment of this program; a test has its own.
+struct ProcessEnvironment {
     path: Option<OsString>,
     has_screen: bool,
     has_terminal: bool,
 }
 
-fn parse_upgrade(text: &str) -> Result<Wanted, String> {
-    if text.ends_with(folder::ENDING) {
-        return Ok(Wanted::File(PathBuf::from(text)));
+fn parse_upgrade(text: &str) -> Result<ReplaySubject, String> {
+    if text.ends_with(recording_folder::ENDING) {
+        return Ok(ReplaySubject::File(PathBuf::from(text)));
     }
     text.parse()
-        .map(Wanted::Version)
+        .map(ReplaySubject::Version)
         .map_err(|_| "a version like grasp@1.1.0 is allowed, or a file whose name ends in .rrd".to_owned())
 }
 
@@ -131,13 +130,13 @@ fn parse_speed(text: &str) -> Result<Speed, String> {
     speed.ok_or_else(|| ".25, .5, 1, 2, 4, 8, 16, 32 and 64 are allowed".to_owned())
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(context: &CliContext, args: &ReplayArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(context: &CliContext, args: &ReplayArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let dumb = std::env::var_os("TERM").is_none_or(|term| term.is_empty() || term == "dumb");
-    let surroundings = Surroundings {
+    let surroundings = ProcessEnvironment {
         path: viewer::path(),
         has_screen: viewer::has_screen(),
         has_terminal: std::io::stdin().is_terminal() && std::io::stdout().is_terminal() && !dumb,
@@ -148,31 +147,31 @@ pub fn run(context: &CliContext, args: &ReplayArgs, out: &mut Output<'_>) -> Res
 fn replay(
     context: &CliContext,
     args: &ReplayArgs,
-    around: &Surroundings,
-    out: &mut Output<'_>,
+    around: &ProcessEnvironment,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    if let Some(asked) = episode::asked(args) {
+    if let Some(asked) = episode::film_request(args) {
         return episode::run(context, args, asked, around.has_terminal, out);
     }
     if args.rrd.is_some() {
-        return Err(CliError::usage("--rrd writes a piece of an evaluation")
-            .with_hint("name it: --episode, --drill, --alone or --confirmation"));
+        return Err(CliError::usage("--rrd writes an episode of an evaluation")
+            .with_hint("name the episode: --episode, --drill, --alone or --confirmation"));
     }
     let files = files(context, &args.upgrade)?;
     let problems = problems(&files)?;
     for problem in &problems {
         let value = json!({ "sound": false, "problem": problem });
-        out.answer(&value, |out| out.line(&format!("NOT WHAT WAS RECORDED: {problem}")))?;
+        out.answer(&value, |out| out.line(&format!("DIFFERS FROM ITS RECORD: {problem}")))?;
     }
     if !problems.is_empty() && !args.force {
         if !out.is_json() {
-            let hint = "`holdpoint audit verify` checks the record; --force opens it all the same";
+            let hint = "`holdpoint audit verify` checks the audit log; --force opens the recording anyway";
             out.line(&hint_line(&hint.into()))?;
         }
         return Ok(Exit::Rejected);
     }
     if let (Some(path), Some(tick)) = (&args.out, args.to) {
-        cut::write(&files, tick, path)?;
+        truncated_copies::write(&files, tick, path)?;
         let value = json!({ "file": path.display().to_string(), "tick": tick });
         out.answer(&value, |out| out.line(&format!("wrote {}", path.display())))?;
         return Ok(Exit::Confirmed);
@@ -188,14 +187,14 @@ fn replay(
     Ok(Exit::Confirmed)
 }
 
-/// The files that are wanted, in order; at least one.
-fn files(context: &CliContext, wanted: &Wanted) -> Result<Vec<PathBuf>, CliError> {
+/// The files to show, in order; at least one.
+fn files(context: &CliContext, wanted: &ReplaySubject) -> Result<Vec<PathBuf>, CliError> {
     match wanted {
-        Wanted::File(path) if path.is_file() => Ok(vec![path.clone()]),
-        Wanted::File(path) => Err(CliError::usage(format!("there is no recording {path:?}"))),
-        Wanted::Version(version) => {
+        ReplaySubject::File(path) if path.is_file() => Ok(vec![path.clone()]),
+        ReplaySubject::File(path) => Err(CliError::usage(format!("there is no recording {path:?}"))),
+        ReplaySubject::Version(version) => {
             let folder = Layout::new(&context.data).recordings();
-            let found = folder::of(&folder, version).map_err(|error| {
+            let found = recording_folder::of(&folder, version).map_err(|error| {
                 CliError::usage(format!("cannot read the recordings in {folder:?}: {error}"))
             })?;
             if found.is_empty() {
@@ -207,22 +206,21 @@ fn files(context: &CliContext, wanted: &Wanted) -> Result<Vec<PathBuf>, CliError
     }
 }
 
-/// What does not match the audit record, for those files that lie in a store and are on its record.
+/// The differences from the audit log, for files that lie in a store and are on record.
 fn problems(files: &[PathBuf]) -> Result<Vec<String>, CliError> {
     let mut problems = Vec::new();
     for path in files {
         let Some((store, filed)) = in_store(path) else { continue };
         let record = on_record(&super::data::open(&store)?)?;
         if let Some(difference) = check(&filed, &record)?.difference() {
-            problems
-                .push(format!("{} does not match what was recorded at closure: {difference}", filed.file));
+            problems.push(format!("{} does not match its digest at closure: {difference}", filed.file));
         }
     }
     Ok(problems)
 }
 
-/// The store whose folder of recordings a file lies in, and the file; `None` if it lies elsewhere.
-fn in_store(path: &Path) -> Option<(PathBuf, Filed)> {
+/// The store whose folder of recordings contains a file, and the file; `None` for other folders.
+fn in_store(path: &Path) -> Option<(PathBuf, RecordingFile)> {
     let path = path.canonicalize().ok()?;
     let folder = path.parent()?;
     let store = folder.parent()?;
@@ -230,7 +228,7 @@ fn in_store(path: &Path) -> Option<(PathBuf, Filed)> {
     if layout.recordings() != folder || !layout.database().is_file() {
         return None;
     }
-    let filed = folder::list(folder).ok()?.into_iter().find(|filed| filed.path == path)?;
+    let filed = recording_folder::list(folder).ok()?.into_iter().find(|filed| filed.path == path)?;
     Some((store.to_owned(), filed))
 }
 
@@ -239,7 +237,7 @@ fn end_of_tick_ms(tick: u64) -> u64 {
     tick.saturating_add(1).saturating_mul(1_000).saturating_sub(1) / TICKS_PER_SECOND
 }
 
-fn lines(files: &[PathBuf], to: Option<u64>, out: &mut Output<'_>) -> Result<(), CliError> {
+fn lines(files: &[PathBuf], to: Option<u64>, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let recording = segments::read(files)?;
     let to_ms = to.map(end_of_tick_ms);
     if !out.is_json() {
@@ -261,11 +259,11 @@ fn play(recording: Recording, args: &ReplayArgs) -> Result<(), CliError> {
         ascii: args.ascii,
         ..CommandLineFlags::default()
     };
-    run_in_terminal(recording, shown(flags, args.to, args.speed)?).map_err(not_shown)
+    run_in_terminal(recording, replay_options(flags, args.to, args.speed)?).map_err(replay_failed)
 }
 
-/// How a replay is shown, by flags and the settings there are.
-pub(super) fn shown(
+/// How a replay looks, by flags and settings.
+pub(super) fn replay_options(
     flags: CommandLineFlags,
     start_tick: Option<u64>,
     speed: Speed,
@@ -274,7 +272,7 @@ pub(super) fn shown(
     Ok(ReplayOptions { start_tick, speed, console, themes: super::settings::themes()? })
 }
 
-pub(super) fn not_shown(error: ReplayError) -> CliError {
+pub(super) fn replay_failed(error: ReplayError) -> CliError {
     match &error {
         ReplayError::Failed => CliError::internal(error),
         ReplayError::Theme(_) | ReplayError::Empty(_) | ReplayError::Terminal(_) => CliError::usage(error),
@@ -285,8 +283,8 @@ fn in_viewer(
     context: &CliContext,
     files: &[PathBuf],
     to: Option<u64>,
-    around: &Surroundings,
-    out: &mut Output<'_>,
+    around: &ProcessEnvironment,
+    out: &mut CommandOutput<'_>,
 ) -> Result<(), CliError> {
     let with_way_out = |error: viewer::ViewerError| {
         let install = error.hint().map_or_else(String::new, |hint| format!("{hint}; "));
@@ -297,22 +295,22 @@ fn in_viewer(
         return Err(with_way_out(viewer::ViewerError::NoScreen));
     }
     let logs = Layout::new(&context.data).logs();
-    let scratch = if to.is_some() || !logs.is_dir() { Some(cut::scratch()?) } else { None };
+    let scratch = if to.is_some() || !logs.is_dir() { Some(truncated_copies::scratch()?) } else { None };
     let shown = match (to, &scratch) {
-        (Some(tick), Some(scratch)) => cut::cut(files, tick, scratch)?,
+        (Some(tick), Some(scratch)) => truncated_copies::cut(files, tick, scratch)?,
         _ => absolute(files)?,
     };
     let logs = if logs.is_dir() { logs } else { scratch.unwrap_or(logs) };
     let opened = viewer.open(&shown, &logs).map_err(with_way_out)?;
     if opened.ended_within(WATCHED) == Some(false) {
-        let text = format!("the scene viewer {:?} ended at once; {:?} says why", viewer.program, opened.log);
+        let text = format!("the scene viewer {:?} ended at once; see {:?}", viewer.program, opened.log);
         return Err(CliError::usage(text).with_hint("--terminal shows it here"));
     }
     let count = if shown.len() == 1 { String::new() } else { format!(", {} files", shown.len()) };
     out.line(&format!("opened in rerun {}{count} (process {})", viewer.version, opened.process))
 }
 
-/// The viewer is started from here, but a relative path is not left to it.
+/// The viewer may run in another folder, so paths are made absolute.
 fn absolute(files: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
     let one = |path: &PathBuf| {
         path.canonicalize().map_err(|error| CliError::usage(format!("cannot open {path:?}: {error}")))

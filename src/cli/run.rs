@@ -1,36 +1,36 @@
-//! `holdpoint run`: arguments of the main job.
+//! `holdpoint run`: its arguments.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
-use super::chosen::{AskedProfile, AskedProfileParser, chosen};
 use super::data;
-use super::kept::CacheKeyArgs;
-use super::profile_on_record;
+use super::profile_authorization;
+use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen};
+use super::result_cache::CacheKeyArgs;
 use crate::error::CliError;
 use crate::scenes::{self, SceneOptions};
 #[cfg(feature = "console")]
 use holdpoint_console::look::ColorChoice;
 #[cfg(feature = "console")]
 use holdpoint_console::options::CommandLineFlags;
-use holdpoint_engine::bound;
-use holdpoint_governance::own_profile::ChosenProfile;
+use holdpoint_engine::store_identity;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::PACE_ALLOWED;
 use holdpoint_registry::StoreError;
 
-/// The seed of a run that names none.
+/// The default seed.
 const SEED_DEFAULT: u64 = 1;
 
-/// The longest time an engine goes on with nobody, s: a day. One that is to go on for ever is `holdpoint serve`.
+/// The longest time an engine runs without an attached console, s: a day. `holdpoint serve` has no limit.
 pub(super) const LINGER_SECS_MAX: i64 = 24 * 60 * 60;
 
 /// The most evaluation workers.
 pub const JOBS_MAX: u16 = 64;
 
-/// The arguments of `run`. `default()` is what `holdpoint` without a command runs on a terminal.
+/// The arguments of `run`. `default()` is `holdpoint` without a command on a terminal.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
@@ -43,41 +43,41 @@ pub struct RunArgs {
     /// Runs a scenario without a screen on a virtual clock; the scenario names the profile.
     #[arg(long, requires = "script", conflicts_with = "profile")]
     pub headless: bool,
-    /// What is to happen, as a scenario file; needs --headless. Its store is a fresh one that is removed
-    /// afterwards, unless --data names one.
+    /// The scenario file; needs --headless. Its store is temporary, unless --data names one.
     #[arg(long, value_name = "FILE", requires = "headless")]
     pub script: Option<PathBuf>,
-    /// Prints one event a line in place of the screen, until every version that waits is settled; also chosen if
-    /// there is no terminal. Asked for by name it takes commands on its input, a verb a line; on a terminal it stays
-    /// until `quit`.
+    /// Prints one event a line instead of the screen, until every waiting version is settled; also the default
+    /// without a terminal. With this option the verb reads commands on its input, a verb a line; on a terminal it
+    /// runs until `quit`.
     #[arg(long, conflicts_with = "headless")]
     pub plain: bool,
-    /// What the engine is started with.
+    /// The options of the engine.
     #[command(flatten)]
     pub engine: EngineArgs,
-    /// A folder of episodes already simulated, for runs to share; needs --headless.
+    /// A folder of cached episodes that runs share; needs --headless.
     #[arg(long, value_name = "DIR", requires = "headless")]
     pub cache: Option<PathBuf>,
-    /// Whose folder it is.
+    /// The key of the folder.
     #[command(flatten)]
     pub cache_key: CacheKeyArgs,
-    /// Simulated seconds of the live cell in a second, or `max` [default: 1 in the console, max without it].
+    /// Simulated seconds of the live cell in each second, or `max` [default: 1 in the console, max without it].
     #[arg(long, value_name = "N|max", value_parser = parse_pace, conflicts_with = "headless")]
     pub pace: Option<LivePace>,
     /// Recordings and the live viewer.
     #[command(flatten)]
     pub scenes: SceneArgs,
-    /// Has the console's engine in the console's own process: it ends with the console, whoever else sits at it.
+    /// Runs the engine inside the console's process: it ends with this console, even if other consoles are
+    /// attached.
     #[cfg(feature = "console")]
     #[arg(long, conflicts_with_all = ["headless", "plain"])]
     pub in_process: bool,
-    /// For how many seconds an engine that this console starts goes on with nobody at it, before it ends in good order
-    /// [default: 60].
+    /// Seconds that an engine started by this console keeps running without an attached console before it ends
+    /// cleanly [default: 60].
     #[cfg(feature = "console")]
     #[arg(long, value_name = "SECS", value_parser = clap::value_parser!(u32).range(1..=LINGER_SECS_MAX),
         conflicts_with_all = ["headless", "plain", "in_process"])]
     pub linger: Option<u32>,
-    /// How the console looks and who sits at it.
+    /// The look of the console and its operator.
     #[cfg(feature = "console")]
     #[command(flatten)]
     pub console: ConsoleArgs,
@@ -85,7 +85,7 @@ pub struct RunArgs {
 
 #[cfg(feature = "console")]
 impl RunArgs {
-    /// The arguments given that mean something at the start of an engine alone.
+    /// The given arguments that apply only at the start of an engine.
     #[must_use]
     pub fn for_a_start(&self) -> Vec<&'static str> {
         let given = [
@@ -103,42 +103,43 @@ impl RunArgs {
     }
 }
 
-/// What an engine is started with, whoever its front end is.
+/// The options of an engine, for every front end.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct EngineArgs {
-    /// Same script and same seed give the same log [default: the scenario's, else 1]; a store keeps the one it was begun with.
+    /// Seed; the same script and the same seed give the same log [default: the scenario's, else 1]. A store keeps
+    /// its first seed.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// The deployment profile: one that comes with the program, the name of one in the store's folder `profiles`, or
-    /// a file [default: the one the store was last used with, else sim].
-    #[arg(long, value_name = "NAME|FILE", value_parser = AskedProfileParser, hide_possible_values = true)]
-    pub profile: Option<AskedProfile>,
+    /// The deployment profile: a built-in one, the name of one in the store's folder `profiles`, or a file
+    /// [default: the one the store was last used with, else sim].
+    #[arg(long, value_name = "NAME|FILE", value_parser = RequestedProfileParser, hide_possible_values = true)]
+    pub profile: Option<RequestedProfile>,
     /// The robot: a URDF file [default: the built-in arm].
     #[arg(long, value_name = "FILE")]
     pub robot: Option<PathBuf>,
-    /// How many episodes to evaluate at once [default: one per core]; the log is the same for any number.
+    /// Episodes evaluated at once [default: one per core]; the log is the same for any number.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
 }
 
-/// The address at which a viewer may connect, if none is named: the viewer's own default.
+/// The default address for viewers: the viewer's own default.
 pub const VIEW_DEFAULT: &str = "127.0.0.1:9876";
 
-/// What is kept and shown of the live cell.
+/// Recording and display of the live cell.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(next_help_heading = "Scenes")]
 pub struct SceneArgs {
-    /// Serves the live scene to rerun viewers at this address, of this machine only unless another is named
-    /// [default without a value: 127.0.0.1:9876].
+    /// Serves the live scene to rerun viewers at this address; without a value only to this machine [default
+    /// without a value: 127.0.0.1:9876].
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = VIEW_DEFAULT)]
     pub view: Option<SocketAddr>,
-    /// Keeps no recordings; a script whose store is removed afterwards keeps none anyway.
+    /// Keeps no recordings; a script with a temporary store keeps none anyway.
     #[arg(long)]
     pub no_recording: bool,
 }
 
 impl SceneArgs {
-    /// What is wanted, for a store that stays or one that does not.
+    /// The scenes to produce, for a permanent or a temporary store.
     #[must_use]
     pub const fn options(&self, store_stays: bool) -> SceneOptions {
         SceneOptions { record: scenes::BUILT_IN && store_stays && !self.no_recording, view: self.view }
@@ -146,29 +147,29 @@ impl SceneArgs {
 }
 
 #[cfg(feature = "console")]
-/// The console's own arguments; they win over its settings file.
+/// The console's options; they override its settings file.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(next_help_heading = "Console")]
 pub struct ConsoleArgs {
-    /// Refuses everything that would change something.
+    /// Refuses all changes.
     #[arg(long)]
     pub read_only: bool,
-    /// Who sits here: the name of an identity.
+    /// The name of the operator's identity.
     #[arg(long = "as", value_name = "NAME", value_parser = super::decide::parse_identity)]
     pub operator: Option<String>,
     /// The theme [default: by the terminal's background].
     #[arg(long, value_name = "NAME")]
     pub theme: Option<String>,
-    /// Whether colours are used; wins over `NO_COLOR`.
+    /// Whether to use colors; overrides `NO_COLOR`.
     #[arg(long, value_enum, value_name = "WHEN")]
     pub color: Option<ColorArg>,
-    /// Draws with ASCII alone.
+    /// Draws with ASCII only.
     #[arg(long)]
     pub ascii: bool,
-    /// Takes the mouse for scrolling; the terminal's own selection is off then.
+    /// Uses the mouse for scrolling; the terminal's own selection is then off.
     #[arg(long)]
     pub mouse: bool,
-    /// Begins without the tour.
+    /// Starts without the tour.
     #[arg(long)]
     pub no_tour: bool,
 }
@@ -191,14 +192,14 @@ impl ConsoleArgs {
 }
 
 #[cfg(feature = "console")]
-/// When colours are used, on the command line.
+/// When to use colors, on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ColorArg {
-    /// As `NO_COLOR` and the terminal say.
+    /// As `NO_COLOR` and the terminal indicate.
     Auto,
-    /// Colours, whatever the terminal says.
+    /// Always colors.
     Always,
-    /// No colours at all.
+    /// No colors.
     Never,
 }
 
@@ -213,23 +214,23 @@ impl From<ColorArg> for ColorChoice {
     }
 }
 
-/// How fast the live cell works.
+/// The speed of the live cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LivePace {
-    /// Simulated seconds in a second.
+    /// Simulated seconds in each second.
     Times(f64),
     /// As fast as it computes.
     Max,
 }
 
-// A pace is never a number that is none.
+// A pace is never NaN.
 impl Eq for LivePace {}
 
 impl LivePace {
-    /// The pace of the clock: people can follow it.
+    /// The clock's default pace: people can follow it.
     pub const CLOCK: Self = Self::Times(1.0);
 
-    /// Simulated seconds in a second; absent for as fast as it computes.
+    /// Simulated seconds in each second; absent for as fast as it computes.
     #[must_use]
     pub const fn times(self) -> Option<f64> {
         match self {
@@ -249,7 +250,7 @@ pub(super) fn parse_pace(text: &str) -> Result<LivePace, String> {
     times.map(LivePace::Times).ok_or_else(allowed)
 }
 
-/// How many episodes to evaluate at once: what was asked for, else one per core.
+/// Episodes evaluated at once: the requested number, else one per core.
 #[must_use]
 pub fn jobs(asked: Option<u16>) -> usize {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
@@ -257,25 +258,25 @@ pub fn jobs(asked: Option<u16>) -> usize {
 }
 
 impl EngineArgs {
-    /// How many episodes to evaluate at once: what was asked for, else one per core.
+    /// Episodes evaluated at once: the requested number, else one per core.
     #[must_use]
     pub fn jobs(&self) -> usize {
         jobs(self.jobs)
     }
 
-    /// Workers beside a front end on a thread of its own: what was asked for, else 0, which leaves it a core.
+    /// Workers beside a front end with its own thread: the requested number, else 0, which leaves it a core.
     #[must_use]
     pub fn spare_jobs(&self) -> usize {
         self.jobs.map_or(0, usize::from)
     }
 
-    /// The seed of an engine's life on the store in this folder: the one it was begun with.
+    /// The seed of an engine's session on the store in this folder: the store's first seed.
     ///
     /// # Errors
-    /// If another one is asked for.
+    /// If another seed is requested.
     pub fn seed(&self, data: &Path) -> Result<u64, CliError> {
         let Ok(views) = data::open(data) else { return Ok(self.seed.unwrap_or(SEED_DEFAULT)) };
-        let recorded = bound::seed(&views).map_err(CliError::usage)?;
+        let recorded = store_identity::seed(&views).map_err(CliError::usage)?;
         let was_used = views.profiles().map_err(CliError::usage)?.was_used();
         match (self.seed, recorded) {
             (Some(asked), recorded) if was_used && recorded != Some(asked) => {
@@ -293,22 +294,22 @@ impl EngineArgs {
     /// The profile of a run without a scenario, on the store in this folder.
     ///
     /// # Errors
-    /// If there is none of that name, or what is in its files cannot be meant, or if it takes an administrator's authorization that
-    /// nobody gave: before the terminal, a process or the store is touched.
+    /// If there is no such profile, its files are invalid, or it needs an administrator's authorization that is
+    /// missing. Checked before the terminal, a process or the store is touched.
     pub fn profile(&self, data: &Path) -> Result<ChosenProfile, CliError> {
         let chosen = chosen(data, self.profile.as_ref())?;
-        // What cannot be read the engine tells that starts on it.
-        match profile_on_record::may_begin(data, &chosen) {
-            Err(error @ StoreError::UnauthorizedProfile { .. }) => Err(CliError::held(error)),
+        // The engine that starts on it reports unreadable files.
+        match profile_authorization::may_begin(data, &chosen) {
+            Err(error @ StoreError::UnauthorizedProfile { .. }) => Err(CliError::from_engine_fault(error)),
             Ok(_) | Err(_) => Ok(chosen),
         }
     }
 }
 
-/// The name of a profile that comes with the program, on the command line.
+/// The name of a built-in profile, on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ProfileArg {
-    /// Simulation only: nobody is asked.
+    /// Simulation only: no approvals.
     Sim,
     /// A real cell, no people inside.
     Real,

@@ -1,11 +1,11 @@
-//! `holdpoint schema`: the JSON schemas of what goes over the socket, made from the types that are sent.
+//! `holdpoint schema`: the JSON schemas of the socket's messages, generated from the types.
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use holdpoint_protocol::schema;
 use serde_json::{Map, Value};
 
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 
 /// The arguments of `schema`.
@@ -15,7 +15,7 @@ Examples:
   holdpoint schema event
   holdpoint schema > holdpoint-schemas.json")]
 pub struct SchemaArgs {
-    /// The document to print. Without it all of them are, each under its name.
+    /// The document to print [default: all, each under its name].
     #[arg(value_parser = PossibleValuesParser::new(schema::NAMES))]
     pub document: Option<String>,
 }
@@ -24,7 +24,7 @@ pub struct SchemaArgs {
 ///
 /// # Errors
 /// If the output cannot be written.
-pub fn run(args: &SchemaArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(args: &SchemaArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let documents =
         schema::documents().into_iter().map(|(name, schema)| (name.to_owned(), schema.to_value()));
     let mut documents: Map<String, Value> = documents.collect();
@@ -34,7 +34,7 @@ pub fn run(args: &SchemaArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     };
     out.answer(&answer, |out| {
         let text = serde_json::to_string_pretty(&answer).map_err(CliError::internal)?;
-        // JSON has no control characters outside its own line ends, which must stay.
+        // JSON has no control characters but its own line ends, which stay.
         Ok(writeln!(out.sink(), "{text}")?)
     })?;
     Ok(Exit::Confirmed)

@@ -1,4 +1,4 @@
-//! `holdpoint serve`: arguments of the engine as a service.
+//! `holdpoint serve`: its arguments.
 
 use std::path::PathBuf;
 
@@ -9,8 +9,9 @@ use super::run::{EngineArgs, LINGER_SECS_MAX, LivePace, SceneArgs, parse_pace};
 /// The arguments of `serve`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Ends with 0 on SIGTERM or SIGINT, in good order, and with 3 if the engine held because of a fault of its own. Tells a
-service manager when it is ready, that it is alive and that it stops (NOTIFY_SOCKET, WATCHDOG_USEC).
+Exits with 0 after SIGTERM or SIGINT, and with 3 if the engine halted because of a fault of its
+own. Notifies a service manager of its start, its health and its end (NOTIFY_SOCKET,
+WATCHDOG_USEC).
 
 Examples:
   holdpoint serve --data /var/lib/holdpoint --profile real
@@ -18,22 +19,22 @@ Examples:
   holdpoint serve --quiet --view
   holdpoint serve --json --pace 10")]
 pub struct ServeArgs {
-    /// What the engine is started with.
+    /// The options of the engine.
     #[command(flatten)]
     pub engine: EngineArgs,
-    /// Simulated seconds of the live cell in a second, or `max` [default: 1].
+    /// Simulated seconds of the live cell in each second, or `max` [default: 1].
     #[arg(long, value_name = "N|max", value_parser = parse_pace)]
     pub pace: Option<LivePace>,
-    /// Does not print the sequences of the live cell, which are most of what happens.
+    /// Omits the sequences of the live cell, which are most events.
     #[arg(long)]
     pub quiet: bool,
-    /// Ends in good order once nobody has sat at it, from a console, for so many seconds; `:detach` there lifts that.
+    /// Ends cleanly after this many seconds without an attached console; `:detach` in a console removes the limit.
     #[arg(long, value_name = "SECS", value_parser = clap::value_parser!(u32).range(1..=LINGER_SECS_MAX))]
     pub attended: Option<u32>,
-    /// Listens in this folder as well, for the accounts of its group: see the guide's page `security`.
+    /// Listens in this folder, too, for the accounts of its group: see the guide's page `security`.
     #[arg(long, value_name = "DIR")]
     pub seats: Option<PathBuf>,
-    /// Leaves the terminal that started it, for a session of its own, and prints faults alone.
+    /// Leaves the terminal for a new process session, and prints only faults.
     #[arg(long, hide = true)]
     pub own_session: bool,
     /// Recordings and the live viewer.
@@ -42,7 +43,7 @@ pub struct ServeArgs {
 }
 
 impl ServeArgs {
-    /// Simulated seconds of the live cell in a second; absent for as fast as it computes.
+    /// Simulated seconds of the live cell in each second; absent for as fast as it computes.
     #[must_use]
     pub fn pace(&self) -> Option<f64> {
         self.pace.unwrap_or(LivePace::CLOCK).times()

@@ -1,17 +1,17 @@
-//! The operator's own files: `$XDG_CONFIG_HOME/holdpoint`, read with a limit, named in every error.
+//! The operator's files in `$XDG_CONFIG_HOME/holdpoint`: read with a size limit, and named in every error.
 //!
-//! Must not judge what is in them: that is for who asked for the file.
+//! The caller checks their content.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use super::own_folder::own_folder;
+use super::operator_folder::own_folder;
 use crate::error::CliError;
 use holdpoint_console::theme::{FILE_BYTES_MAX, OWN_MAX, Themes};
 use holdpoint_text::Untrusted;
 use holdpoint_text::file::read_text;
 
-/// A file of the operator's settings: its path for messages, and its text. Absent if there is none.
+/// A settings file of the operator: its path for messages, and its text. Absent if there is none.
 pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, String)>, CliError> {
     let Some(folder) = own_folder() else { return Ok(None) };
     let path = folder.join(name);
@@ -26,8 +26,8 @@ pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, Strin
     Ok(Some((shown, text)))
 }
 
-/// Name, length and last change of each file of keys and themes: another one after any of them changed. Cheap enough to
-/// be taken every few seconds.
+/// Name, length and last change of each file of keys and themes; equal if none changed. Cheap enough for every few
+/// seconds.
 pub(super) fn stamp() -> Vec<(PathBuf, u64, Option<SystemTime>)> {
     let Some(folder) = own_folder() else { return Vec::new() };
     let themes = std::fs::read_dir(folder.join("themes")).into_iter().flatten().flatten();
@@ -43,10 +43,10 @@ pub(super) fn stamp() -> Vec<(PathBuf, u64, Option<SystemTime>)> {
     stamps
 }
 
-/// The themes there are: the built-in ones and those in the folder `themes`.
+/// The themes: the built-in ones and those in the folder `themes`.
 ///
 /// # Errors
-/// What is wrong with one of the files.
+/// The errors in one of the files.
 pub(super) fn themes() -> Result<Themes, CliError> {
     let Some(folder) = own_folder() else { return Ok(Themes::default()) };
     let Ok(entries) = std::fs::read_dir(folder.join("themes")) else { return Ok(Themes::default()) };

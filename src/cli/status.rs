@@ -1,20 +1,20 @@
 //! `holdpoint status`: shows, watches, and waits for a state.
 
+mod pending_approval;
 pub(super) mod report;
-mod waiting;
 
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 
-use self::report::{DoubtRow, StatusReport, VersionRow};
+use self::report::{StatusReport, UnverifiedAnswerRow, VersionRow};
 use super::data;
 use super::decide::{known_family, known_version};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::door::{Client, DoorError, Doubt, Subscription};
+use holdpoint_engine::control_socket::{Client, ControlSocketError, Subscription, UnverifiedOrigin};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::command::Reply;
@@ -24,35 +24,35 @@ use holdpoint_registry::{Layout, Views};
 /// The longest wait, in seconds: one day.
 pub const TIMEOUT_MAX_S: u32 = 86_400;
 
-/// How long an engine has to say that it is there. A thread of its own does, whatever it is at.
+/// The time limit for an engine's sign of life, which comes from a thread of its own.
 const HELLO_PATIENCE: Duration = Duration::from_millis(700);
 
-/// How long it has to say how things stand, between two slices of its work.
+/// The time limit for its snapshot, which comes between two slices of its work.
 const LOOK_PATIENCE: Duration = Duration::from_secs(5);
 
-/// How often the store is read if nothing tells of a change.
+/// The interval between reads of the store without a notification.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
 /// The arguments of `status`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Ends with 0 where the awaited state is reached, 1 rejected, 3 where the time was up, 4 rolled back.
+Exits with 0 if the state is reached, 1 if rejected, 3 after the time limit, 4 if rolled back.
 
 Examples:
   holdpoint status
   holdpoint status --watch --json
   holdpoint status grasp@1.3.0 --until confirmed --timeout 600")]
 pub struct StatusArgs {
-    /// One version or family; all if none is named.
+    /// A version or a family [default: all].
     #[arg(value_name = "FAMILY[@VERSION]", value_parser = parse_subject)]
     pub subject: Option<StatusSubject>,
-    /// Goes on printing what changes.
+    /// Keeps printing changes.
     #[arg(long)]
     pub watch: bool,
     /// Waits for a state.
     #[arg(long, value_enum, value_name = "STATE", requires = "subject")]
-    pub until: Option<Until>,
-    /// How long to wait, in seconds.
+    pub until: Option<AwaitedState>,
+    /// The time limit of the wait, in seconds.
     #[arg(
         long,
         value_name = "S",
@@ -63,7 +63,7 @@ pub struct StatusArgs {
     pub timeout: u32,
 }
 
-/// What is asked about.
+/// The subject of the report.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StatusSubject {
     /// All of a family.
@@ -74,31 +74,31 @@ pub enum StatusSubject {
 
 /// A state to wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Until {
+pub enum AwaitedState {
     /// Passed stage 2, the static checks.
     Validated,
     /// Passed stage 3, the sandbox.
     Sandboxed,
     /// Passed stage 4, shadow.
     Shadowed,
-    /// Waits for people's approval.
+    /// Awaits approval.
     AwaitingApproval,
-    /// In control, still provisional or not.
+    /// Active, provisional or confirmed.
     Active,
-    /// In control and past its provisional window.
+    /// Active and past its provisional window.
     Confirmed,
-    /// Sent back to evaluation.
+    /// Returned to evaluation.
     Demoted,
-    /// Rejected for good.
+    /// Rejected.
     Rejected,
-    /// Rolled back for good.
+    /// Rolled back.
     RolledBack,
     /// Replaced by a newer version.
     Superseded,
 }
 
-impl Until {
-    /// Its name, as the command line writes it.
+impl AwaitedState {
+    /// The name on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -126,29 +126,43 @@ fn parse_subject(text: &str) -> Result<StatusSubject, String> {
     }
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
 /// [`CliError`].
-pub(super) fn run(context: &CliContext, args: &StatusArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    // An engine that answers has checked the tables, and holds if somebody changes them, or says that it has not yet.
+pub(super) fn run(
+    context: &CliContext,
+    args: &StatusArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    // An engine that answers has checked the tables and halts if they change, or reports that it has not checked
+    // yet.
     let views = match Client::connect_within(&Layout::new(&context.data), HELLO_PATIENCE) {
         Ok(Some(_)) => data::open(&context.data)?,
-        Ok(None) | Err(DoorError::Silent { .. }) => data::open_checked(&context.data)?,
-        Err(error) => return Err(super::side::door_error(error)),
+        Ok(None) | Err(ControlSocketError::Silent { .. }) => data::open_checked(&context.data)?,
+        Err(error) => return Err(super::verb_executor::door_error(error)),
     };
     match &args.subject {
         None => {}
         Some(StatusSubject::Family(family)) => known_family(&views, family)?,
         Some(StatusSubject::Version(version)) => known_version(&views, version)?,
     }
-    let mut source =
-        Source { context, subject: args.subject.as_ref(), views, events: None, silent: None, doubt: None };
+    let mut source = ReportSource {
+        context,
+        subject: args.subject.as_ref(),
+        views,
+        events: None,
+        silent: None,
+        doubt: None,
+    };
     match &args.until {
         None if !args.watch => {
             let report = source.read()?;
             print(&report, &mut BTreeSet::new(), out)?;
-            source.silent.take().map_or(Ok(Exit::Confirmed), |error| Err(super::side::door_error(error)))
+            source
+                .silent
+                .take()
+                .map_or(Ok(Exit::Confirmed), |error| Err(super::verb_executor::door_error(error)))
         }
         None => watch(&mut source, out),
         Some(until) => {
@@ -158,7 +172,7 @@ pub(super) fn run(context: &CliContext, args: &StatusArgs, out: &mut Output<'_>)
     }
 }
 
-/// The version that is waited for: the one named, else the family's newest.
+/// The version to wait for: the named one, else the family's newest.
 fn target(views: &Views, subject: Option<&StatusSubject>) -> Result<CapabilityId, CliError> {
     match subject {
         Some(StatusSubject::Version(version)) => Ok(version.clone()),
@@ -170,8 +184,8 @@ fn target(views: &Views, subject: Option<&StatusSubject>) -> Result<CapabilityId
     }
 }
 
-/// Prints what changes until the reader goes away.
-fn watch(source: &mut Source<'_>, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// Prints changes until the reader is gone.
+fn watch(source: &mut ReportSource<'_>, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let mut last = None;
     let mut printed = BTreeSet::new();
     loop {
@@ -185,11 +199,11 @@ fn watch(source: &mut Source<'_>, out: &mut Output<'_>) -> Result<Exit, CliError
 }
 
 fn wait(
-    source: &mut Source<'_>,
+    source: &mut ReportSource<'_>,
     args: &StatusArgs,
     target: &CapabilityId,
-    until: Until,
-    out: &mut Output<'_>,
+    until: AwaitedState,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let deadline = Instant::now() + Duration::from_secs(u64::from(args.timeout));
     let mut last = None;
@@ -210,7 +224,7 @@ fn wait(
         match ended {
             Some(exit) => return Ok(exit),
             None if late => {
-                return Err(CliError::held(format!(
+                return Err(CliError::from_engine_fault(format!(
                     "held: {target} is {state} after {} s, and not yet {}",
                     args.timeout,
                     until.name()
@@ -221,8 +235,8 @@ fn wait(
     }
 }
 
-/// How waiting ended, if it did.
-fn end(until: Until, row: &VersionRow) -> Option<Exit> {
+/// The result of the wait, if it is over.
+fn end(until: AwaitedState, row: &VersionRow) -> Option<Exit> {
     if is_reached(until, row) {
         return Some(Exit::Confirmed);
     }
@@ -239,8 +253,8 @@ fn end(until: Until, row: &VersionRow) -> Option<Exit> {
     }
 }
 
-/// Whether a state is reached, or was passed on the way up.
-fn is_reached(until: Until, row: &VersionRow) -> bool {
+/// Whether a state is reached, or was passed.
+fn is_reached(until: AwaitedState, row: &VersionRow) -> bool {
     use State as S;
     let up = |least: u8| {
         let height = match row.state {
@@ -253,24 +267,24 @@ fn is_reached(until: Until, row: &VersionRow) -> bool {
         height >= least
     };
     match until {
-        Until::Validated => up(1),
-        Until::Sandboxed => up(2),
-        Until::Shadowed => up(3),
-        Until::AwaitingApproval => row.awaiting_approval || up(4),
-        Until::Active => up(4),
-        Until::Confirmed => row.state == S::Active && !row.provisional && !row.rollback_pending,
-        Until::Demoted => row.state == S::Demoted,
-        Until::Rejected => row.state == S::Rejected,
-        Until::RolledBack => row.state == S::RolledBack,
-        Until::Superseded => row.state == S::Superseded,
+        AwaitedState::Validated => up(1),
+        AwaitedState::Sandboxed => up(2),
+        AwaitedState::Shadowed => up(3),
+        AwaitedState::AwaitingApproval => row.awaiting_approval || up(4),
+        AwaitedState::Active => up(4),
+        AwaitedState::Confirmed => row.state == S::Active && !row.provisional && !row.rollback_pending,
+        AwaitedState::Demoted => row.state == S::Demoted,
+        AwaitedState::Rejected => row.state == S::Rejected,
+        AwaitedState::RolledBack => row.state == S::RolledBack,
+        AwaitedState::Superseded => row.state == S::Superseded,
     }
 }
 
-/// Prints a report: all of it as JSON, or the lines that were not printed in the report before.
+/// Prints a report: all of it as JSON, or the lines that changed since the last report.
 fn print(
     report: &StatusReport,
     printed: &mut BTreeSet<String>,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<(), CliError> {
     let lines = report.lines();
     out.answer(report, |out| {
@@ -280,42 +294,42 @@ fn print(
     out.flush()
 }
 
-/// Where reports come from: the store, and the engine that runs on it while one does.
-struct Source<'a> {
+/// The source of reports: the store, and its engine while one runs.
+struct ReportSource<'a> {
     context: &'a CliContext,
     subject: Option<&'a StatusSubject>,
     views: Views,
     events: Option<Subscription>,
-    /// Why the engine that is there said nothing when it was asked last.
-    silent: Option<DoorError>,
-    /// Why what was answered last is not known to come from the engine.
-    doubt: Option<Doubt>,
+    /// Why the running engine did not answer last time.
+    silent: Option<ControlSocketError>,
+    /// Why the last answer is not known to come from the engine.
+    doubt: Option<UnverifiedOrigin>,
 }
 
-impl Source<'_> {
+impl ReportSource<'_> {
     fn read(&mut self) -> Result<StatusReport, CliError> {
         let snapshot = match self.snapshot() {
-            Err(error @ DoorError::Silent { .. }) => {
+            Err(error @ ControlSocketError::Silent { .. }) => {
                 self.silent = Some(error);
                 None
             }
             answer => {
                 self.silent = None;
-                answer.map_err(super::side::door_error)?
+                answer.map_err(super::verb_executor::door_error)?
             }
         };
         let report = StatusReport::new(&self.views, snapshot.as_ref(), self.silent.as_ref(), self.subject)?;
-        Ok(StatusReport { unverified: self.doubt.map(DoubtRow::from), ..report })
+        Ok(StatusReport { unverified: self.doubt.map(UnverifiedAnswerRow::from), ..report })
     }
 
-    /// The engine's picture. An engine that comes, goes, or says nothing leaves what the store says.
-    fn snapshot(&mut self) -> Result<Option<Snapshot>, DoorError> {
+    /// The engine's snapshot. If the engine starts, ends or is silent, the store's data remain.
+    fn snapshot(&mut self) -> Result<Option<Snapshot>, ControlSocketError> {
         let layout = Layout::new(&self.context.data);
         let Some(mut client) = Client::connect_within(&layout, HELLO_PATIENCE)? else {
             (self.events, self.doubt) = (None, None);
             return Ok(None);
         };
-        self.doubt = client.doubt();
+        self.doubt = client.unverified_origin();
         match client.look(LOOK_PATIENCE) {
             Ok(Reply::Snapshot { snapshot }) => {
                 if self.events.is_none() {
@@ -335,15 +349,15 @@ impl Source<'_> {
                 | Reply::Health { .. }
                 | Reply::Verified { .. },
             )
-            | Err(DoorError::NoAnswer { .. } | DoorError::Ended { .. }) => Ok(None),
+            | Err(ControlSocketError::NoAnswer { .. } | ControlSocketError::Ended { .. }) => Ok(None),
             Err(error) => Err(error),
         }
     }
 
-    /// Until the engine tells of something, or for a while.
+    /// Waits for a notification of the engine, or for a while.
     fn pause(&mut self) {
         match self.events.as_mut().map(|events| events.next(LOOK_EVERY)) {
-            // Nothing was told, or something that a look at the store will show.
+            // No notification, or one that the next read of the store will show.
             Some(Ok(_)) => {}
             Some(Err(_)) => self.events = None,
             None => std::thread::sleep(LOOK_EVERY),
@@ -417,24 +431,24 @@ mod tests {
     fn waiting_ends_by_the_state() {
         use State as S;
         for (until, state, provisional, expected) in [
-            (Until::Validated, S::Registered, false, None),
-            (Until::Validated, S::Validated, false, Some(Exit::Confirmed)),
-            (Until::Validated, S::Shadowed, false, Some(Exit::Confirmed)),
-            (Until::Sandboxed, S::Demoted, false, None),
-            (Until::Active, S::Active, true, Some(Exit::Confirmed)),
-            (Until::Active, S::Rejected, false, Some(Exit::Rejected)),
-            (Until::Active, S::RolledBack, false, Some(Exit::RolledBack)),
-            (Until::Confirmed, S::Active, true, None),
-            (Until::Confirmed, S::Active, false, Some(Exit::Confirmed)),
-            (Until::Confirmed, S::Superseded, false, None),
-            (Until::Rejected, S::Rejected, false, Some(Exit::Confirmed)),
-            (Until::RolledBack, S::RolledBack, false, Some(Exit::Confirmed)),
-            (Until::RolledBack, S::Rejected, false, Some(Exit::Rejected)),
+            (AwaitedState::Validated, S::Registered, false, None),
+            (AwaitedState::Validated, S::Validated, false, Some(Exit::Confirmed)),
+            (AwaitedState::Validated, S::Shadowed, false, Some(Exit::Confirmed)),
+            (AwaitedState::Sandboxed, S::Demoted, false, None),
+            (AwaitedState::Active, S::Active, true, Some(Exit::Confirmed)),
+            (AwaitedState::Active, S::Rejected, false, Some(Exit::Rejected)),
+            (AwaitedState::Active, S::RolledBack, false, Some(Exit::RolledBack)),
+            (AwaitedState::Confirmed, S::Active, true, None),
+            (AwaitedState::Confirmed, S::Active, false, Some(Exit::Confirmed)),
+            (AwaitedState::Confirmed, S::Superseded, false, None),
+            (AwaitedState::Rejected, S::Rejected, false, Some(Exit::Confirmed)),
+            (AwaitedState::RolledBack, S::RolledBack, false, Some(Exit::Confirmed)),
+            (AwaitedState::RolledBack, S::Rejected, false, Some(Exit::Rejected)),
         ] {
             assert_eq!(end(until, &row(state, provisional)), expected, "{until:?} {state:?}");
         }
         let asked = VersionRow { awaiting_approval: true, ..row(S::Shadowed, false) };
-        assert_eq!(end(Until::AwaitingApproval, &asked), Some(Exit::Confirmed));
-        assert_eq!(end(Until::AwaitingApproval, &row(S::Shadowed, false)), None);
+        assert_eq!(end(AwaitedState::AwaitingApproval, &asked), Some(Exit::Confirmed));
+        assert_eq!(end(AwaitedState::AwaitingApproval, &row(S::Shadowed, false)), None);
     }
 }

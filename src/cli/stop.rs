@@ -1,39 +1,40 @@
-//! `holdpoint stop | go | goal`: stops the cell, at any time and without ceremony, lets it work again, and says what it
-//! works towards.
+//! `holdpoint stop | go | goal | note`: stops the cell at any time, starts it again, and sets its goal.
 //!
-//! Stopping needs no identity, no key and no reason. Going on is a person's word: an identity of the store, and why.
+//! A stop needs no identity, no key and no reason. A start needs an identity of the store and a reason.
 
 use clap::Args;
 
 use super::decide::{REASON_BYTES_MAX, SigningArgs, identity, parse_identity};
-use super::side::{Side, told};
 use super::status::report::stopped_line;
+use super::verb_executor::{VerbExecutor, print_action_reply};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::door::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark};
+use holdpoint_engine::control_socket::{
+    NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark,
+};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::command::{Command, Reply, StopKept};
+use holdpoint_protocol::command::{Command, Reply, StopPersistence};
 use holdpoint_registry::Layout;
 use holdpoint_text::Untrusted;
 
 /// The arguments of `stop`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-The arm is stopped in the tick that runs, whatever is under way, and stays stopped, over restarts
-as well, until `holdpoint go`. This is no certified emergency stop.
+The arm stops in the current tick and stays stopped until `holdpoint go`, even after a restart
+of the engine. This is not a certified emergency stop.
 
-Exit code 0 says that the process that has the store stopped it; 6 that nobody confirmed it: press
-the emergency stop of the cell.
+Exit code 0 means that the process that has the store confirmed the stop. With 6 the stop is not
+confirmed: press the emergency stop of the cell.
 
 Examples:
   holdpoint stop
-  holdpoint stop --as mara --reason 'somebody is in the cell'")]
+  holdpoint stop --as mara --reason 'a person is in the cell'")]
 pub struct StopArgs {
-    /// Who stops it; any name will do, and none as well.
+    /// The name of the person who stops; optional, any name is accepted.
     #[arg(long = "as", value_name = "NAME", value_parser = parse_identity)]
     pub who: Option<String>,
-    /// Why; goes into the audit log.
+    /// The reason; stored in the audit log.
     #[arg(long, value_name = "TEXT", value_parser = parse_why)]
     pub reason: Option<Untrusted>,
 }
@@ -41,18 +42,19 @@ pub struct StopArgs {
 /// The arguments of `go`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Whoever lets go has to know of every stop. One of your own is let go at once; of any other who did
-and why is printed, and --stops says how many are known. A stop that comes meanwhile is not let go.
+Before you start the cell you must know of every stop. Under `sim`, a single stop of your own
+needs no --stops. Otherwise the verb prints persons and reasons; give their number with --stops.
+A later stop keeps the cell stopped.
 
 Examples:
   holdpoint go --as mara --reason 'the cell is empty, the fence is closed'
   holdpoint go --as mara --stops 1 --reason 'the operator of the night is out of the cell'
   holdpoint go --as mara --stops 2 --reason 'both are out of the cell'")]
 pub struct GoArgs {
-    /// How many stops of this standstill are known; needed where not one alone stopped it, of the same name.
+    /// The number of stops that you know of; required unless, under `sim`, the only stop is yours.
     #[arg(long, value_name = "N")]
     pub stops: Option<u64>,
-    /// Who answers for it, and why.
+    /// The identity that starts the cell, and its reason.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -60,17 +62,17 @@ pub struct GoArgs {
 /// The arguments of `goal`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-A goal is pick-align-place, or the last primitive to work: grasp, align, place. It holds from the
-next sequence on, over restarts as well. A candidate of a family that the goal leaves out meets no
-task in shadow.
+A goal is pick-align-place, or the last primitive to run: grasp, align, place. It applies from
+the next sequence on, even after a restart of the engine. A candidate of a family outside the
+goal gets no task in shadow.
 
 Examples:
   holdpoint goal align --as mara --reason 'the tray is being cleaned'
   holdpoint goal pick-align-place --as mara --reason 'the tray is back'")]
 pub struct GoalArgs {
-    /// What the agent works towards.
+    /// The goal of the agent.
     pub goal: String,
-    /// Who sets it, and why.
+    /// The identity that sets it, and its reason.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -78,12 +80,12 @@ pub struct GoalArgs {
 /// The arguments of `note`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-The reason is the note: it stays on record, stands in the log and is a mark in `health`.
+The reason is the note: it is stored in the audit log, shown in the log and marked in `health`.
 
 Example:
   holdpoint note --as mara --reason 'the tray was changed at six; first blocks stuck'")]
 pub struct NoteArgs {
-    /// Whose it is, and what it says.
+    /// The author's identity, and the text.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
@@ -95,8 +97,12 @@ fn parse_why(text: &str) -> Result<Untrusted, String> {
     Ok(text.into())
 }
 
-/// Stops the cell. Nothing is looked up before; nothing counts but what the process says that has the store.
-pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// Stops the cell without any check before. Only the answer of the process that has the store counts.
+pub(super) fn stop(
+    context: &CliContext,
+    args: &StopArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
     let by = args.who.clone().unwrap_or_default();
     let reason = args.reason.as_ref().map_or_else(String::new, |reason| reason.raw().to_owned());
     let call = StopCall::new(by, reason).map_err(CliError::internal)?;
@@ -107,18 +113,18 @@ pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) 
             call.withdraw(&layout);
             return Err(no_engine(context, "there is no store either"));
         }
-        match Side::own(context) {
+        match VerbExecutor::own(context) {
             Ok(mut side) => {
-                let kept = match side.ask_request(call.request()) {
-                    Ok(Reply::Stopped { kept, .. }) if kept != StopKept::InMemory => {
-                        "the next engine there comes up stopped".to_owned()
+                let kept = match side.send_request(call.request()) {
+                    Ok(Reply::Stopped { kept, .. }) if kept != StopPersistence::InMemory => {
+                        "the next engine there starts stopped".to_owned()
                     }
-                    Ok(_) => "the stop could not be kept".to_owned(),
-                    Err(error) => format!("the stop could not be kept: {error}"),
+                    Ok(_) => "the stop could not be stored".to_owned(),
+                    Err(error) => format!("the stop could not be stored: {error}"),
                 };
                 return Err(no_engine(context, &kept));
             }
-            // One may have come up meanwhile; it takes the mark.
+            // An engine may have started meanwhile; it reads the mark.
             Err(error) => match call.ask(&layout) {
                 StopOutcome::NoEngine => return Err(no_engine(context, &error.to_string())),
                 other => outcome = other,
@@ -126,10 +132,11 @@ pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) 
         }
     }
     match outcome {
-        StopOutcome::Answered(reply) => told(&reply, out),
-        StopOutcome::Marked(instead) => {
-            told(&Reply::Stopped { text: stopped_by_mark(&instead), kept: StopKept::InMark }, out)
-        }
+        StopOutcome::Answered(reply) => print_action_reply(&reply, out),
+        StopOutcome::Marked(instead) => print_action_reply(
+            &Reply::Stopped { text: stopped_by_mark(&instead), kept: StopPersistence::InMark },
+            out,
+        ),
         StopOutcome::NoEngine => Err(CliError::internal("no engine, and none could be opened")),
         StopOutcome::NotConfirmed(why) => {
             Err(CliError::not_confirmed(not_confirmed(&why)).with_hint(NOT_CONFIRMED_HINT))
@@ -137,25 +144,25 @@ pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) 
     }
 }
 
-/// Whoever names another folder than that of the cell's engine, or whose engine is gone, has stopped no arm.
+/// The named folder is not that of the cell's engine, or its engine is gone: no arm was stopped.
 fn no_engine(context: &CliContext, and: &str) -> CliError {
-    let text = format!("no engine is at work on {:?}, so this stopped no arm; {and}", context.data);
+    let text = format!("no engine runs on {:?}, so no arm was stopped; {and}", context.data);
     CliError::not_confirmed(text).with_hint(
-        "press the emergency stop of the cell; if its engine works on another folder, name that: `holdpoint stop --data DIR`",
+        "press the emergency stop of the cell; if its engine uses another folder, run `holdpoint stop --data DIR`",
     )
 }
 
-/// Lets the stopped cell work again.
-pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// Starts the stopped cell.
+pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let signature = &args.signature;
-    // Going on needs somebody who can be named for it.
+    // Only an identity of the store may start the cell.
     let who = identity(context, signature)?;
     let by = signature.identity.clone();
     let reason = signature.reason.raw().to_owned();
-    let mut side = Side::open(context)?;
+    let mut side = VerbExecutor::open(context)?;
     let snapshot = side.snapshot()?;
     let stopped = snapshot.stopped;
-    // Whoever stopped a cell says any name: near people the stops that are known are counted by whoever lets it go.
+    // A stop accepts any name, so under `human` the start must state the number of known stops.
     let is_own = stopped.as_ref().is_some_and(|stopped| stopped.stops == 1 && stopped.by == by)
         && snapshot.profile == ProfileName::Sim;
     let stops = args.stops.unwrap_or(u64::from(is_own));
@@ -164,27 +171,35 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> R
             out.line(&stopped_line(stopped))?;
         }
         for prompt in snapshot.prompts.iter().filter(|prompt| prompt.granted) {
-            out.line(&format!("{} is approved and takes control once the cell works", prompt.version))?;
+            out.line(&format!("{} is approved and takes control once the cell runs", prompt.version))?;
         }
     }
-    // What comes after this look is not known, and the engine refuses.
+    // The engine refuses if another stop arrives after this check.
     let since_ms = stopped.map_or(0, |stopped| stopped.since_ms);
-    side.carry_out_as(context, &who, Command::Go { by, reason, since_ms, stops }, out)
+    side.execute_as(context, &who, Command::Go { by, reason, since_ms, stops }, out)
 }
 
-/// Leaves a note for those who come after.
-pub(super) fn note(context: &CliContext, args: &NoteArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// Leaves a note for the next shift.
+pub(super) fn note(
+    context: &CliContext,
+    args: &NoteArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
     let signature = &args.signature;
     let who = identity(context, signature)?;
     let (by, text) = (signature.identity.clone(), signature.reason.raw().to_owned());
-    Side::open(context)?.carry_out_as(context, &who, Command::Note { by, text }, out)
+    VerbExecutor::open(context)?.execute_as(context, &who, Command::Note { by, text }, out)
 }
 
-/// Gives the agent of the live cell a goal.
-pub(super) fn goal(context: &CliContext, args: &GoalArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// Sets the goal of the agent in the live cell.
+pub(super) fn goal(
+    context: &CliContext,
+    args: &GoalArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
     let signature = &args.signature;
     let who = identity(context, signature)?;
     let (by, reason) = (signature.identity.clone(), signature.reason.raw().to_owned());
     let command = Command::Goal { goal: args.goal.clone(), by, reason };
-    Side::open(context)?.carry_out_as(context, &who, command, out)
+    VerbExecutor::open(context)?.execute_as(context, &who, command, out)
 }

@@ -1,5 +1,5 @@
-//! `holdpoint store rebuild | backup | check | info | export`: mends a store that no engine has open, copies it, looks
-//! at it, and writes its history out.
+//! `holdpoint store rebuild | backup | check | info | export`: repairs a store that no engine has open, copies it,
+//! inspects it, and exports its history.
 
 use std::fs::OpenOptions;
 use std::io::{BufWriter, Write};
@@ -8,18 +8,18 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::data;
-use super::output::Table;
+use super::output::TextTable;
 use super::recordings::{counted, size};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_engine::caller;
-use holdpoint_engine::recordings::{self, OnRecordError};
-use holdpoint_recordings::record::Recorded;
+use holdpoint_engine::recordings::{self, RecordListError};
+use holdpoint_recordings::audit_record::RecordingClosure;
 use holdpoint_registry::{
-    BackupParts, Exporting, Layout, LeftOut, Rebuilt, RecordingOnRecord, RecordingsOf, StoreError, StoreInfo,
-    UnsignedRecords, Views, backup, check_store, export_store, rebuild, store_info,
+    BackupParts, ExportScope, Layout, ListRecordings, OmittedFile, RebuildReport, RetainedRecording,
+    StoreError, StoreInfo, UnsignedRecords, Views, backup, check_store, export_store, rebuild, store_info,
 };
 use serde_json::json;
 
@@ -32,37 +32,37 @@ Examples:
   holdpoint store export store.jsonl
   holdpoint store rebuild --from-chain")]
 pub struct StoreArgs {
-    /// The verb that was given, with its arguments.
+    /// The verb with its arguments.
     #[command(subcommand)]
     pub verb: StoreVerb,
 }
 
-/// What can be done with a store.
+/// The verbs of `store`.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum StoreVerb {
-    /// Makes the tables anew, keeps the damaged file beside them, and puts both on record.
+    /// Rebuilds the tables, keeps the damaged file beside them, and records both.
     #[command(after_help = "\
-What the chain cannot tell is refused by name, and nothing is changed then. Evidence and signatures that are \
-lost are named; a version that rests on them has to be evaluated or approved again.
+If the chain lacks data, the verb names it and changes nothing. Evidence and signatures that are \
+lost are named; a version that depends on them must be evaluated or approved again.
 
 Example:
   holdpoint store rebuild --from-chain")]
     Rebuild {
-        /// From the audit log, which has to be whole: there is no other source.
+        /// Rebuilds from the audit log, which must be complete; there is no other source.
         #[arg(long, required = true)]
         from_chain: bool,
-        /// With records at its end that nobody signed; without this, they are named and nothing is changed.
+        /// Accepts unsigned records at its end; without this option, the verb names them and changes nothing.
         #[arg(long)]
         take_unsigned: bool,
     },
-    /// Copies the store, also while an engine works on it; the copy is verified, and there whole or not at all.
+    /// Copies the store, even while an engine runs on it; verifies the copy, which is complete or absent.
     #[command(after_help = "\
-The copy has the database, checkpoints, telemetry, the site's profiles and all public keys. A name that ends \
-with .db gets the database alone. Nothing is ever overwritten, and no copy is made in the store's own folder. It is \
-made in a folder of the same name with .part at its end, which must not be there either.
+The copy has the database, checkpoints, telemetry, the site profiles and all public keys. A name that ends \
+with .db gets only the database. Nothing is overwritten, and the store's own folder takes no copy. The copy is \
+made in a folder of the same name with .part at its end, which must not exist either.
 
-With recordings, each is copied only if it is what was recorded at closure. What is left out is named; if that was on \
-record, the verb ends with 1.
+With --with-recordings, each recording is copied only if it matches its digest at closure. Omissions are \
+named; if one was on record, the verb exits with 1.
 
 Examples:
   holdpoint store backup /mnt/backup/2026-11-22
@@ -71,33 +71,33 @@ Examples:
         /// A new folder, or a new file that ends with .db.
         #[arg(value_name = "DIR|FILE")]
         to: PathBuf,
-        /// With the secret keys: whoever has the copy can sign as this store, and with every key without a passphrase.
+        /// Copies the secret keys: the holder of the copy can sign as this store, and with every unencrypted key.
         #[arg(long)]
         with_keys: bool,
-        /// With the recordings of scenes.
+        /// Copies the recordings.
         #[arg(long)]
         with_recordings: bool,
     },
-    /// Looks at the store quickly and says in sentences what it found. Ends with 1 if something is wrong.
+    /// Checks the store quickly and prints the findings. Exits with 1 if something is wrong.
     #[command(after_help = "\
-Nothing is written. `holdpoint audit verify` reads the whole history.
+The verb writes nothing. `holdpoint audit verify` reads the whole history.
 
 Example:
   holdpoint store check")]
     Check,
-    /// What the store is: id, schema, records, sizes, head, who has it.
+    /// Prints the store's id, schema, records, sizes, checkpoint and user.
     #[command(after_help = "\
 Example:
   holdpoint store info --json")]
     Info,
-    /// Writes the whole history into one file that another program can verify: heads, records and approvals.
+    /// Writes the whole history into one file that another program can verify: checkpoints, records and approvals.
     #[command(after_help = "\
-`holdpoint audit verify --file FILE` verifies it, and so does the script in the guide, without this program.
+`holdpoint audit verify --file FILE` verifies it; the script in the guide does so without this program.
 
 Example:
   holdpoint store export store.jsonl")]
     Export {
-        /// Also where its records are not what was signed: as they lie there, for whoever looks into a damaged store.
+        /// Writes records that fail verification, too, unchanged, to inspect a damaged store.
         #[arg(long)]
         unchecked: bool,
         /// A new file.
@@ -106,11 +106,11 @@ Example:
     },
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
-/// [`CliError`]; the store is as it was then.
-pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// [`CliError`]; the store is then unchanged.
+pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     match &args.verb {
         StoreVerb::Rebuild { from_chain: _, take_unsigned } => {
             data::database(&context.data)?;
@@ -119,12 +119,14 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
             let wall_ms = since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0);
             let unsigned = if *take_unsigned { UnsignedRecords::Take } else { UnsignedRecords::Refuse };
             let rebuilt = rebuild(&context.data, unsigned, &by, wall_ms).map_err(CliError::usage)?;
-            out.answer(&serde_json::json!({ "rebuilt": rebuilt }), |out| tell(rebuilt.as_ref(), out))?;
+            out.answer(&serde_json::json!({ "rebuilt": rebuilt }), |out| {
+                print_rebuild(rebuilt.as_ref(), out)
+            })?;
             Ok(Exit::Confirmed)
         }
         StoreVerb::Backup { to, with_keys, with_recordings } => {
             data::database(&context.data)?;
-            let recordings = with_recordings.then_some(&recordings_of as &RecordingsOf<'_>);
+            let recordings = with_recordings.then_some(&recordings_of as &ListRecordings<'_>);
             let parts = BackupParts { keys: *with_keys, recordings };
             let report = backup(&context.data, to, parts).map_err(CliError::usage)?;
             let value = json!({ "copied": to.display().to_string(), "report": report });
@@ -138,9 +140,12 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
                 ))?;
                 if *with_recordings {
                     let recordings = usize::try_from(report.recordings).unwrap_or(usize::MAX);
-                    out.line(&format!("with {}, each as recorded", counted(recordings, "recording")))?;
+                    out.line(&format!(
+                        "with {}, each with its recorded digest",
+                        counted(recordings, "recording")
+                    ))?;
                 }
-                report.left_out.iter().try_for_each(|LeftOut { file, why, bad }| {
+                report.left_out.iter().try_for_each(|OmittedFile { file, why, bad }| {
                     let word = if *bad { "LEFT OUT" } else { "left out" };
                     out.line(&format!("{word}  {file}: {why}"))
                 })
@@ -163,11 +168,11 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
         StoreVerb::Info => {
             data::database(&context.data)?;
             let info = store_info(&context.data).map_err(CliError::usage)?;
-            out.answer(&info, |out| told(&info, out))?;
+            out.answer(&info, |out| print_info(&info, out))?;
             Ok(Exit::Confirmed)
         }
         StoreVerb::Export { unchecked, file } => {
-            let exporting = if *unchecked { Exporting::Unchecked } else { Exporting::Signed };
+            let exporting = if *unchecked { ExportScope::Unchecked } else { ExportScope::Signed };
             let database = data::database(&context.data)?;
             let key = keyfile::read_public(&Layout::new(&context.data).store_public_key()).ok();
             let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {file:?}: {error}"));
@@ -184,27 +189,27 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
     }
 }
 
-/// What the record of a store says of its recordings.
-fn recordings_of(views: &Views) -> Result<Vec<RecordingOnRecord>, StoreError> {
+/// The records of the store's recordings.
+fn recordings_of(views: &Views) -> Result<Vec<RetainedRecording>, StoreError> {
     let on_record = recordings::on_record(views).map_err(|error| match error {
-        OnRecordError::Store(error) => error,
-        OnRecordError::Form(error) => StoreError::Invalid {
+        RecordListError::Store(error) => error,
+        RecordListError::Form(error) => StoreError::Invalid {
             what: "record of a recording",
             value: error.to_string(),
             allowed: "one in the form of this program".to_owned(),
         },
     })?;
-    let of = |recorded: &Recorded| RecordingOnRecord {
+    let of = |recorded: &RecordingClosure| RetainedRecording {
         file: recorded.file.clone(),
         sha256: recorded.sha256,
         bytes: recorded.bytes,
     };
-    Ok(on_record.kept().map(of).collect())
+    Ok(on_record.present().map(of).collect())
 }
 
-fn told(info: &StoreInfo, out: &mut Output<'_>) -> Result<(), CliError> {
-    let mut table = Table::new(&["what", "is"]);
-    // Scripts note no wall time.
+fn print_info(info: &StoreInfo, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let mut table = TextTable::new(&["what", "is"]);
+    // Scripts record no wall time.
     let wall = |ms: Option<i64>| {
         let ms = ms.filter(|ms| *ms != 0);
         let secs = ms.and_then(|ms| u64::try_from(ms / 1_000).ok());
@@ -228,19 +233,19 @@ fn told(info: &StoreInfo, out: &mut Output<'_>) -> Result<(), CliError> {
     for witness in &info.witnesses {
         table.row(["witness", witness.as_str()]);
     }
-    table.row(["in use by", info.in_use_by.as_deref().unwrap_or("nobody")]);
+    table.row(["in use by", info.in_use_by.as_deref().unwrap_or("no process")]);
     out.table(&table)
 }
 
-fn tell(rebuilt: Option<&Rebuilt>, out: &mut Output<'_>) -> Result<(), CliError> {
+fn print_rebuild(rebuilt: Option<&RebuildReport>, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let Some(rebuilt) = rebuilt else {
-        return out.line("the tables are what the audit log says; nothing was done");
+        return out.line("the tables match the audit log; nothing was done");
     };
     out.line(&format!("rebuilt from {} records; the damaged file is {}", rebuilt.from_seq, rebuilt.kept_as))?;
     out.line(&format!("first found: {}", rebuilt.problem))?;
     if rebuilt.unsigned > 0 {
         out.line(&format!(
-            "taken   {} to {} although nobody had signed them: nothing speaks for these records",
+            "taken   {} to {} although they are unsigned: nothing vouches for these records",
             (rebuilt.from_seq + 1).saturating_sub(rebuilt.unsigned),
             rebuilt.from_seq
         ))?;
@@ -248,10 +253,10 @@ fn tell(rebuilt: Option<&Rebuilt>, out: &mut Output<'_>) -> Result<(), CliError>
     for row in &rebuilt.differed {
         let columns =
             if row.columns.is_empty() { String::new() } else { format!(" ({})", row.columns.join(", ")) };
-        out.line(&format!("mended  {} {:?}: {}{columns}", row.table, row.key, row.problem))?;
+        out.line(&format!("repaired  {} {:?}: {}{columns}", row.table, row.key, row.problem))?;
     }
     for (table, key) in &rebuilt.lost {
-        out.line(&format!("lost    a text of {table} {key:?}; a mark stands for it"))?;
+        out.line(&format!("lost    a text of {table} {key:?}; a mark replaces it"))?;
     }
     Ok(())
 }

@@ -1,19 +1,24 @@
-//! The command line as a whole: every verb has an example that parses, and verbs reach who answers for them.
+//! The command line as a whole: every verb has an example that parses, and each verb reaches its code.
 
 use clap::CommandFactory;
 
 use super::*;
 
-/// Remembers what reached the engine.
+/// Records the requests that reach the engine.
 #[derive(Default)]
 struct Recorder(Vec<String>);
 
 impl EngineVerbs for Recorder {
-    fn run(&mut self, _: &CliContext, args: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn run(
+        &mut self,
+        _: &CliContext,
+        args: &run::RunArgs,
+        _: &mut CommandOutput<'_>,
+    ) -> Result<Exit, CliError> {
         self.0.push(format!("run {:?} {:?}", args.engine.profile, args.engine.seed));
         Ok(Exit::RolledBack)
     }
-    fn without_verb(&mut self, _: &CliContext, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn without_verb(&mut self, _: &CliContext, _: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
         self.0.push("no verb".to_owned());
         Ok(Exit::NothingJudged)
     }
@@ -21,12 +26,17 @@ impl EngineVerbs for Recorder {
         &mut self,
         _: &CliContext,
         args: &serve::ServeArgs,
-        _: &mut Output<'_>,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         self.0.push(format!("serve {:?} {:?}", args.engine.profile, args.pace()));
         Ok(Exit::Confirmed)
     }
-    fn demo(&mut self, _: &CliContext, args: &demo::DemoArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn demo(
+        &mut self,
+        _: &CliContext,
+        args: &demo::DemoArgs,
+        _: &mut CommandOutput<'_>,
+    ) -> Result<Exit, CliError> {
         self.0.push(format!("demo {:?}", args.engine.seed));
         Ok(Exit::Confirmed)
     }
@@ -34,7 +44,7 @@ impl EngineVerbs for Recorder {
         &mut self,
         _: &CliContext,
         args: &candidate::RegisterArgs,
-        _: &mut Output<'_>,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         self.0.push(format!("register {}", args.folder.display()));
         Ok(Exit::Confirmed)
@@ -44,7 +54,7 @@ impl EngineVerbs for Recorder {
         _: &CliContext,
         args: &candidate::StageArgs,
         stage: holdpoint_governance::lifecycle::Stage,
-        _: &mut Output<'_>,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         self.0.push(format!("stage {stage} {}", args.version));
         Ok(Exit::Held)
@@ -53,7 +63,7 @@ impl EngineVerbs for Recorder {
         &mut self,
         _: &CliContext,
         args: &status::StatusArgs,
-        _: &mut Output<'_>,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         self.0.push(format!("status {:?} {}", args.until, args.timeout));
         Ok(Exit::Held)
@@ -61,28 +71,28 @@ impl EngineVerbs for Recorder {
     fn decide(
         &mut self,
         _: &CliContext,
-        asked: &decide::AskedDecision,
-        _: &mut Output<'_>,
+        asked: &decide::RequestedDecision,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        use decide::AskedDecision;
+        use decide::RequestedDecision;
         self.0.push(match asked {
-            AskedDecision::Approve(args) => format!("approve {} {:?}", args.version, args.digest),
-            AskedDecision::Reject(args) => format!("reject {}", args.version),
-            AskedDecision::Rollback(args) => format!("rollback {} {}", args.family, args.stop_family),
-            AskedDecision::Demote(args) => format!("demote {} {:?}", args.version, args.profile),
-            AskedDecision::Pause(args) => format!("pause {:?}", args.family),
-            AskedDecision::Resume(args) => format!("resume {}", args.signature.identity),
-            AskedDecision::Stop(args) => format!("stop {:?}", args.who),
-            AskedDecision::Go(args) => format!("go {}", args.signature.identity),
-            AskedDecision::Goal(args) => format!("goal {} {}", args.goal, args.signature.identity),
-            AskedDecision::ConfirmTime(args) => format!("confirm-time {}", args.signature.identity),
-            AskedDecision::Note(args) => format!("note {}", args.signature.identity),
-            AskedDecision::Repeat(args) => format!("repeat {} {}", args.version, args.stage),
-            AskedDecision::Release(args) => format!("release {} {:?}", args.version, args.profile),
-            AskedDecision::Restrict(args) => format!("restrict {}", args.version),
-            AskedDecision::Continue(args) => format!("continue {}", args.version),
-            AskedDecision::BreakGlass(args) => format!("break-glass {}", args.version),
-            AskedDecision::Rearm(args) => format!("rearm {}", args.version),
+            RequestedDecision::Approve(args) => format!("approve {} {:?}", args.version, args.digest),
+            RequestedDecision::Reject(args) => format!("reject {}", args.version),
+            RequestedDecision::Rollback(args) => format!("rollback {} {}", args.family, args.stop_family),
+            RequestedDecision::Demote(args) => format!("demote {} {:?}", args.version, args.profile),
+            RequestedDecision::Pause(args) => format!("pause {:?}", args.family),
+            RequestedDecision::Resume(args) => format!("resume {}", args.signature.identity),
+            RequestedDecision::Stop(args) => format!("stop {:?}", args.who),
+            RequestedDecision::Go(args) => format!("go {}", args.signature.identity),
+            RequestedDecision::Goal(args) => format!("goal {} {}", args.goal, args.signature.identity),
+            RequestedDecision::ConfirmTime(args) => format!("confirm-time {}", args.signature.identity),
+            RequestedDecision::Note(args) => format!("note {}", args.signature.identity),
+            RequestedDecision::Repeat(args) => format!("repeat {} {}", args.version, args.stage),
+            RequestedDecision::Release(args) => format!("release {} {:?}", args.version, args.profile),
+            RequestedDecision::Restrict(args) => format!("restrict {}", args.version),
+            RequestedDecision::Continue(args) => format!("continue {}", args.version),
+            RequestedDecision::BreakGlass(args) => format!("break-glass {}", args.version),
+            RequestedDecision::Rearm(args) => format!("rearm {}", args.version),
         });
         Ok(Exit::Rejected)
     }
@@ -90,18 +100,18 @@ impl EngineVerbs for Recorder {
         &mut self,
         _: &CliContext,
         args: &bench::BenchArgs,
-        _: &mut Output<'_>,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         self.0.push(format!("bench {}", args.quick));
         Ok(Exit::Confirmed)
     }
 }
 
-/// Runs a command line; answers how it ended, what was printed and what reached the engine.
+/// Runs a command line; returns its exit code, its output and the requests to the engine.
 fn ask(line: &[&str]) -> (Result<Exit, CliError>, String, Vec<String>) {
     let cli = Cli::try_parse_from(std::iter::once("holdpoint").chain(line.iter().copied())).unwrap();
     let (mut engine, mut printed) = (Recorder::default(), Vec::new());
-    let ended = dispatch(&cli, &mut engine, &mut Output::to(&mut printed, cli.json));
+    let ended = dispatch(&cli, &mut engine, &mut CommandOutput::to(&mut printed, cli.json));
     (ended, String::from_utf8(printed).unwrap(), engine.0)
 }
 
@@ -248,7 +258,7 @@ fn verbs_without_an_engine_answer_in_both_forms() {
     let listed: serde_json::Value = serde_json::from_str(&text).unwrap();
     let mara = listed.as_array().unwrap().iter().find(|one| one["name"] == "mara").unwrap();
     assert_eq!(mara["role"], "safety");
-    // Where there is no store, reading makes none.
+    // Reading creates no store.
     let root = tempfile::tempdir().unwrap();
     let data = root.path().to_str().unwrap();
     for line in [&["registry", "list"][..], &["audit", "list"], &["audit", "verify"], &["audit", "export"]] {
@@ -350,7 +360,7 @@ fn a_history_is_proved_copied_witnessed_and_looked_at() {
     let other_key = path("other/keys/store.pub");
     let told = said(&["audit", "check-proof", &proof, "--public-key", &other_key], Exit::Rejected);
     assert!(told.contains("does not sign with this key"), "{told}");
-    assert!(said(&["audit", "check-proof", &key], Exit::Usage).contains("is no proof"));
+    assert!(said(&["audit", "check-proof", &key], Exit::Usage).contains("is not a proof"));
     assert!(said(&["audit", "witness", "list"], Exit::Confirmed).contains(&witness));
     assert!(said(&["audit", "witness", "add", "https://a/b"], Exit::Usage).contains("no network"));
     assert!(said(&["doctor"], Exit::Confirmed).contains(&witness));
@@ -365,7 +375,7 @@ fn a_history_is_proved_copied_witnessed_and_looked_at() {
     for against in [&copy, &lines, &witness] {
         said(&["audit", "verify", "--against", against], Exit::Confirmed);
     }
-    assert!(said(&["audit", "verify", "--file", &lines], Exit::Confirmed).contains("the file names itself"));
+    assert!(said(&["audit", "verify", "--file", &lines], Exit::Confirmed).contains("the file itself names"));
     let told = said(&["audit", "verify", "--file", &lines, "--key", &other_key], Exit::Rejected);
     assert!(told.contains("another public key"), "{told}");
     assert!(said(&["store", "check"], Exit::Confirmed).contains("none is missing"));
@@ -373,7 +383,7 @@ fn a_history_is_proved_copied_witnessed_and_looked_at() {
         serde_json::from_str(&said(&["store", "info", "--json"], Exit::Confirmed)).unwrap();
     assert_eq!((&info["records"], &info["signed_at"]), (&10.into(), &10.into()));
     said(&["audit", "witness", "remove", &witness], Exit::Confirmed);
-    // Without a key nothing is called sound; a copy says what was not looked at.
+    // Without a key the result is not "sound"; for a copy the report names the omitted checks.
     let alone = path("alone.db");
     said(&["store", "backup", &alone], Exit::Confirmed);
     let told = said(&["audit", "verify", "--file", &alone], Exit::Confirmed);
@@ -387,7 +397,7 @@ fn a_history_is_proved_copied_witnessed_and_looked_at() {
     assert!(said(&["audit", "witness", "list"], Exit::Confirmed).contains("no witnesses"));
     let told = said(&["audit", "verify", "--file", &lines, "--key", &key, "--json"], Exit::Confirmed);
     assert!(told.contains("\"sound\":true"), "{told}");
-    // What the export said is less than the chain by now, and its beginning.
+    // The export is by now a beginning of the chain.
     said(&["audit", "verify", "--against", &lines], Exit::Confirmed);
 }
 
@@ -421,7 +431,7 @@ fn has_option(command: &clap::Command, name: &str) -> bool {
         || command.get_subcommands().any(|verb| has_option(verb, name))
 }
 
-/// What is wrong with a command line that a text names: a verb or an option that does not exist.
+/// The error in a command line that a text names: an unknown verb or option.
 fn problem(words: &str) -> Option<String> {
     let root = Cli::command();
     let (mut command, mut verbs) = (&root, 0);
@@ -458,7 +468,8 @@ fn what_a_text_tells_people_to_type_exists() {
                 let (before, after) = (&line[..at], &line[at + 2..]);
                 let name: String =
                     after.chars().take_while(|ch| ch.is_ascii_lowercase() || *ch == '-').collect();
-                // A string that is nothing but an option, or one with its value, is handed to some program, not told to people.
+                // A string of only an option, or an option with its value, is an argument for a program, not a
+                // text.
                 let is_told = before.ends_with([' ', '`'])
                     || before.ends_with('"') && !after[name.len()..].starts_with(['"', '=']);
                 if is_told && name.starts_with(|ch: char| ch.is_ascii_lowercase()) {

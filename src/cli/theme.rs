@@ -1,7 +1,7 @@
-//! `holdpoint theme list | preview`: the themes there are, role by role and state by state.
+//! `holdpoint theme list | preview`: the themes, role by role and state by state.
 //!
-//! Needs no terminal. Styles are written if colours are asked for or the answer goes to a terminal; without
-//! them every state still has its sign and its word.
+//! Needs no terminal. Prints styles on request or to a terminal; without them every state still has its sign and
+//! word.
 
 use std::fmt::Write as _;
 use std::io::IsTerminal as _;
@@ -10,10 +10,10 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
 
 use super::settings::themes;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_console::look::{ColorChoice, Depth, Look, LookOptions, ThemeRole};
-use holdpoint_console::theme::{Mark, Themes, escape};
+use holdpoint_console::look::{ColorChoice, ColorDepth, Look, LookOptions, ThemeRole};
+use holdpoint_console::theme::{StateMark, Themes, escape};
 
 /// The arguments of `theme`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -23,15 +23,15 @@ Examples:
   holdpoint theme preview deuteranopia
   holdpoint theme preview --all --color always")]
 pub struct ThemeArgs {
-    /// The verb that was given, with its arguments.
+    /// The verb with its arguments.
     #[command(subcommand)]
     pub verb: ThemeVerb,
 }
 
-/// What can be done with themes.
+/// The verbs of `theme`.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum ThemeVerb {
-    /// Lists the themes: those that come with the program, and your own.
+    /// Lists the built-in themes and your own.
     #[command(after_help = "\
 Example:
   holdpoint theme list")]
@@ -42,42 +42,42 @@ Examples:
   holdpoint theme preview high-contrast
   holdpoint theme preview --all --color always")]
     Preview {
-        /// Which theme [default: the one that fits this terminal].
+        /// The theme [default: the one that fits this terminal].
         name: Option<String>,
-        /// Shows every theme, one after another.
+        /// Shows all themes.
         #[arg(long, conflicts_with = "name")]
         all: bool,
-        /// Whether to use colours.
+        /// Whether to use colors.
         #[arg(long, value_enum, default_value_t = Color::Auto)]
         color: Color,
-        /// Uses ASCII signs alone.
+        /// Uses ASCII signs only.
         #[arg(long)]
         ascii: bool,
     },
 }
 
-/// Whether to use colours.
+/// Whether to use colors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Color {
-    /// As the terminal and `NO_COLOR` say.
+    /// As the terminal and `NO_COLOR` indicate.
     Auto,
-    /// Colours, whatever the terminal says.
+    /// Always colors.
     Always,
-    /// No colours at all.
+    /// No colors.
     Never,
 }
 
 #[derive(Serialize)]
-struct Listed {
+struct ThemeRow {
     name: String,
     default: bool,
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
 /// [`CliError`] with exit 2 for a theme that does not exist.
-pub fn run(args: &ThemeArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub fn run(args: &ThemeArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let themes = themes()?;
     match &args.verb {
         ThemeVerb::List => list(&themes, out)?,
@@ -93,10 +93,10 @@ pub fn run(args: &ThemeArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     Ok(Exit::Confirmed)
 }
 
-fn list(themes: &Themes, out: &mut Output<'_>) -> Result<(), CliError> {
+fn list(themes: &Themes, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     for (place, name) in themes.names().into_iter().enumerate() {
         let default = place == 0;
-        out.answer(&Listed { name: name.clone(), default }, |out| {
+        out.answer(&ThemeRow { name: name.clone(), default }, |out| {
             out.line(&if default { format!("{name} (default)") } else { name.clone() })
         })?;
     }
@@ -125,23 +125,23 @@ fn look(theme: Option<String>, themes: &Themes, color: Color, ascii: bool) -> Re
     Ok(chosen.map_or(look.clone(), |theme| look.with_theme(theme)))
 }
 
-fn preview(look: &Look, out: &mut Output<'_>) -> Result<(), CliError> {
+fn preview(look: &Look, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     if out.is_json() {
         let roles: Vec<_> = ThemeRole::ALL.iter().map(|role| (role.word(), role.help())).collect();
         return out.json(&serde_json::json!({ "theme": look.theme().name(), "roles": roles }));
     }
     let mut text = format!("{} ({})\n", look.theme().name(), look.depth().word());
-    let plain = look.depth() == Depth::Mono && !std::io::stdout().is_terminal();
+    let plain = look.depth() == ColorDepth::Mono && !std::io::stdout().is_terminal();
     let sample = |role: ThemeRole, words: &str| {
         if plain { words.to_owned() } else { format!("{}{words}\u{1b}[0m", escape(look.style(role))) }
     };
     for role in ThemeRole::ALL {
         let padded = format!("{:<14}", role.word());
-        // Writing into a text cannot fail.
+        // Writing into a string cannot fail.
         let _ = writeln!(text, "  {}  {}", sample(*role, &padded), role.help());
     }
-    for (kind, mark) in Mark::samples() {
-        let _ = writeln!(text, "  {kind:<12} {}", sample(mark.role, &look.words(mark)));
+    for (kind, mark) in StateMark::samples() {
+        let _ = writeln!(text, "  {kind:<12} {}", sample(mark.role, &look.mark_label(mark)));
     }
     text.push('\n');
     Ok(out.sink().write_all(text.as_bytes())?)
@@ -154,7 +154,7 @@ mod tests {
 
     fn printed(verb: ThemeVerb) -> String {
         let mut bytes = Vec::new();
-        run(&ThemeArgs { verb }, &mut Output::to(&mut bytes, false)).unwrap();
+        run(&ThemeArgs { verb }, &mut CommandOutput::to(&mut bytes, false)).unwrap();
         String::from_utf8(bytes).unwrap()
     }
 
@@ -173,13 +173,13 @@ mod tests {
         for role in ThemeRole::ALL {
             assert!(text.contains(role.word()) && text.contains(role.help()), "{role:?}");
         }
-        for (_, mark) in Mark::samples() {
+        for (_, mark) in StateMark::samples() {
             assert!(text.contains(mark.word), "{mark:?}");
         }
     }
 
     #[test]
-    fn colours_are_written_where_they_are_asked_for_alone() {
+    fn colors_are_written_where_they_are_asked_for_alone() {
         assert!(preview_of(false, Color::Always).contains("\u{1b}["));
         let never = printed(ThemeVerb::Preview {
             name: Some("high-contrast".to_owned()),
@@ -198,7 +198,7 @@ mod tests {
             color: Color::Auto,
             ascii: false,
         };
-        let error = run(&ThemeArgs { verb }, &mut Output::to(Vec::new(), false)).unwrap_err();
+        let error = run(&ThemeArgs { verb }, &mut CommandOutput::to(Vec::new(), false)).unwrap_err();
         assert_eq!(error.exit(), Exit::Usage);
         assert!(error.to_string().contains("\"loud\"; allowed are calm-dark"), "{error}");
     }

@@ -1,26 +1,26 @@
 //! `holdpoint experiment truth`: arguments and the printed report.
 //!
-//! Prints what [`holdpoint_lab::truth`] measured; must not measure or leave anything out (JSON has every digit).
+//! Prints the results of [`holdpoint_lab::truth`]; measures nothing and leaves nothing out (JSON has every digit).
 
 use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
 
-use super::kept::CacheKeyArgs;
-use super::output::Table;
+use super::output::TextTable;
+use super::result_cache::CacheKeyArgs;
 use super::run::{JOBS_MAX, ProfileArg};
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_lab::experiment::ExperimentError;
-use holdpoint_lab::experiment::verdict::Demonstrated;
-use holdpoint_lab::truth::{self, LOOKS, TruthPlan, TruthReport};
-use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
+use holdpoint_lab::ground_truth::{self, LOOKS, TruthPlan, TruthReport};
+use holdpoint_lab::pipeline_experiments::ExperimentError;
+use holdpoint_lab::pipeline_experiments::claims::ClaimVerdict;
+use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment truth`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Exit codes: 0 no aim is missed, 1 one is.
+Exits with 0 if every aim is met, with 1 if one is missed.
 
 Examples:
   holdpoint pool generate --preset mutants --sets 100 --seed 11 --out mutants
@@ -30,28 +30,28 @@ pub struct TruthArgs {
     /// The pool's folder.
     #[arg(long, value_name = "DIR")]
     pub pool: PathBuf,
-    /// A profile whose decisions are scored; may be given several times.
+    /// A profile whose decisions are scored; can be given several times.
     #[arg(long = "profile", value_name = "NAME", value_enum, default_value = "sim")]
     pub profiles: Vec<ProfileArg>,
-    /// The most pairs of episodes of a candidate: 200, 600 or 2000.
+    /// The most pairs of episodes for a candidate: 200, 600 or 2000.
     #[arg(long, value_name = "N", default_value_t = 2_000, value_parser = looks)]
     pub most: u64,
     /// The first run seed of the decisions. Below 100 its episodes were never used for tuning.
     #[arg(long, default_value_t = 30, value_name = "N")]
     pub seed: u64,
-    /// Run seeds that the decisions are spread over, 1 to 100.
+    /// Run seeds that the decisions are distributed over, 1 to 100.
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
     pub blocks: u64,
     /// Candidates at once [default: the number of cores].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
-    /// One part of the candidates, counted from 1.
+    /// One shard of the candidates, counted from 1.
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
     pub shard: (usize, usize),
-    /// Keeps what is finished here; a run that was cut off goes on from it, and parts find each other's.
+    /// Caches finished results here; an interrupted run continues from them, and shards share them.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// What it is authenticated with.
+    /// The key that authenticates them.
     #[command(flatten)]
     pub cache_key: CacheKeyArgs,
 }
@@ -73,8 +73,8 @@ pub(super) fn shard(text: &str) -> Result<(usize, usize), String> {
 /// Runs the experiment and prints its report.
 ///
 /// # Errors
-/// If the pool or the folder cannot be used, or a candidate does not come to an end.
-pub fn run(args: &TruthArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+/// If the pool or the folder cannot be used, or a candidate does not reach an end.
+pub fn run(args: &TruthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = TruthPlan {
         pool: args.pool.clone(),
@@ -86,11 +86,11 @@ pub fn run(args: &TruthArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
         shard: args.shard,
         kept: args.cache_key.cells_in(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
     };
-    // Progress is for whoever waits; losing it loses nothing.
+    // Progress is only information; losing it loses no result.
     let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
     };
-    let report = truth::run(&plan, &tell).map_err(|error| match error {
+    let report = ground_truth::run(&plan, &tell).map_err(|error| match error {
         error @ (ExperimentError::Pool(_) | ExperimentError::File { .. }) => CliError::usage(error),
         error => CliError::internal(error.sentence()),
     })?;
@@ -103,15 +103,24 @@ pub fn run(args: &TruthArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
         show(&report, out)?;
     }
     let mut aims = report.scores.iter().flat_map(|score| &score.classes).map(|class| class.aim.verdict);
-    Ok(if aims.any(|verdict| verdict == Demonstrated::Refuted) { Exit::Rejected } else { Exit::Confirmed })
+    Ok(if aims.any(|verdict| verdict == ClaimVerdict::Refuted) { Exit::Rejected } else { Exit::Confirmed })
 }
 
-fn show(report: &TruthReport, out: &mut Output<'_>) -> Result<(), CliError> {
+fn show(report: &TruthReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     for score in &report.scores {
         out.line(&format!("profile {}", score.profile.name()))?;
-        let header =
-            ["harm by truth", "all", "blocked", "taken off", "wrong", "at most", "bound", "aim", "episodes"];
-        let mut table = Table::new(&header);
+        let header = [
+            "harm by truth",
+            "all",
+            "blocked",
+            "rolled back",
+            "wrong",
+            "at most",
+            "bound",
+            "aim",
+            "episodes",
+        ];
+        let mut table = TextTable::new(&header);
         for class in &score.classes {
             table.row([
                 class.class.to_string(),
@@ -136,9 +145,7 @@ fn show(report: &TruthReport, out: &mut Output<'_>) -> Result<(), CliError> {
         }
         let worse: u64 = score.classes.iter().map(|class| class.lost_worse).sum();
         if worse > 0 {
-            out.line(&format!(
-                "{worse} of the harmless ones that were lost are established to be worse all the same"
-            ))?;
+            out.line(&format!("{worse} of the lost harmless ones are nevertheless significantly worse"))?;
         }
         if score.open > 0 {
             out.line(&format!("{} candidates may be worse than they are counted here", score.open))?;

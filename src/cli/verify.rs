@@ -1,4 +1,4 @@
-//! `holdpoint audit verify`: the whole history, against copies of it, with what belongs to it.
+//! `holdpoint audit verify`: verifies the whole history, its copies, and the files that belong to it.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,20 +6,20 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use super::bar::LateBar;
+use super::progress_bar::DelayedProgressBar;
 use super::recordings;
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
-use holdpoint_recordings::record::FileCheck;
+use holdpoint_recordings::audit_record::FileCheck;
 use holdpoint_registry::{
-    ExportReport, JudgedBy, Layout, MissingBatches, Place, VerifyError, VerifyReport, is_exported,
-    verify_against, verify_export,
+    DatabaseLocation, ExportReport, Layout, MissingBatches, VerifyError, VerifyOptions, VerifyReport,
+    is_exported, verify_against, verify_export,
 };
 use holdpoint_text::file::kind_of;
 
-/// The most copies that are named at once.
+/// The most copies in one command.
 const COPIES_MAX: usize = 64;
 
 /// The arguments of `audit verify`.
@@ -31,32 +31,36 @@ pub struct VerifyArgs {
     /// The store's public key [default: the one in the store].
     #[arg(long)]
     pub key: Option<PathBuf>,
-    /// Signed heads that were kept elsewhere: a checkpoint, an exported store, a proof, a database, or a folder of
-    /// checkpoints, of a store or of a witness. May be given more than once.
+    /// Signed checkpoints from elsewhere: a checkpoint, an exported store, a proof, a database, or a folder of
+    /// checkpoints of a store or a witness. Can be given several times.
     #[arg(long, value_name = "FILE|DIR")]
     pub against: Vec<PathBuf>,
-    /// The recordings of scenes as well.
+    /// Verifies the recordings, too.
     #[arg(long, conflicts_with = "file")]
     pub all: bool,
 }
 
-/// Verifies, and names the first thing that is bad.
+/// Verifies, and reports the first error.
 ///
 /// # Errors
 /// [`CliError`] if something cannot be read.
-pub(super) fn run(context: &CliContext, args: &VerifyArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub(super) fn run(
+    context: &CliContext,
+    args: &VerifyArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
     let layout = Layout::new(&context.data);
     let database = args.file.clone().unwrap_or_else(|| layout.database());
     if !database.is_file() {
         return Err(CliError::usage(match fs::symlink_metadata(&database) {
-            Ok(found) => format!("{database:?} is no database: it is {}", kind_of(&found)),
+            Ok(found) => format!("{database:?} is not a database: it is {}", kind_of(&found)),
             Err(_) => format!("there is no database {database:?}"),
         }));
     }
     if args.against.len() > COPIES_MAX {
         return Err(CliError::usage(format!("--against can be given {COPIES_MAX} times at most")));
     }
-    // Beside a copied file the store's own key would be a guess, so it is used for the store alone.
+    // The store's own key verifies only the store; for a copied file it would be a guess.
     let own_key =
         (args.file.is_none() && layout.store_public_key().is_file()).then(|| layout.store_public_key());
     let key = args.key.clone().or(own_key);
@@ -70,19 +74,19 @@ pub(super) fn run(context: &CliContext, args: &VerifyArgs, out: &mut Output<'_>)
         }
         return answer(verify_export(&database, key.as_ref()), exported, out);
     }
-    let bar = LateBar::new();
-    let tell = |what: &'static str, done: u64, total: u64| bar.tell(what, done, total);
-    let place = if args.file.is_some() { Place::Copy } else { Place::Store };
-    if place == Place::Store && key.is_none() {
-        // A history that anybody could have written anew is not called sound.
+    let bar = DelayedProgressBar::new();
+    let tell = |what: &'static str, done: u64, total: u64| bar.update(what, done, total);
+    let place = if args.file.is_some() { DatabaseLocation::Copy } else { DatabaseLocation::Store };
+    if place == DatabaseLocation::Store && key.is_none() {
+        // A history that any process could have rewritten is not "sound".
         let problem = format!(
-            "the store's public key {:?} is missing, so that no signature can be checked; put it back from a backup, or \
-             name one that was kept elsewhere with --key",
+            "the store's public key {:?} is missing, so no signature can be checked; restore it from a backup, or \
+             name a copy with --key",
             layout.store_public_key()
         );
         return not_sound(&problem, None, out);
     }
-    let judged = JudgedBy { key: key.as_ref(), against: &args.against, place, tell: &tell };
+    let judged = VerifyOptions { key: key.as_ref(), against: &args.against, place, tell: &tell };
     let found = verify_against(&database, &judged);
     if !args.all || found.is_err() {
         drop(bar);
@@ -104,14 +108,15 @@ pub(super) fn run(context: &CliContext, args: &VerifyArgs, out: &mut Output<'_>)
     }
 }
 
-/// Every recording is what its record says, and every one on record is there. Tells how many, or what is wrong.
-fn check_recordings(context: &CliContext, bar: &LateBar) -> Result<Result<u64, String>, CliError> {
+/// Checks that every recording matches its record, and that every one on record exists. Returns the count, or the
+/// error.
+fn check_recordings(context: &CliContext, bar: &DelayedProgressBar) -> Result<Result<u64, String>, CliError> {
     let record = recordings::on_record(&super::data::open(&context.data)?)?;
     let files = recordings::shelved(&Layout::new(&context.data).recordings())?;
     let bytes = files.iter().map(|filed| filed.bytes).sum();
     let (mut read, mut good) = (0, 0);
     for filed in &files {
-        bar.tell("bytes of recordings", read, bytes);
+        bar.update("bytes of recordings", read, bytes);
         let checked = recordings::check(filed, &record)?;
         match checked {
             FileCheck::Matches => good += 1,
@@ -123,7 +128,7 @@ fn check_recordings(context: &CliContext, bar: &LateBar) -> Result<Result<u64, S
         }
         read += filed.bytes;
     }
-    let missing = record.kept().find(|recorded| files.iter().all(|filed| filed.file != recorded.file));
+    let missing = record.present().find(|recorded| files.iter().all(|filed| filed.file != recorded.file));
     Ok(match missing {
         Some(recorded) => Err(format!(
             "the recording {:?} is missing: it was recorded at closure, and no removal is on record",
@@ -135,8 +140,8 @@ fn check_recordings(context: &CliContext, bar: &LateBar) -> Result<Result<u64, S
 
 fn answer<T: serde::Serialize>(
     found: Result<T, VerifyError>,
-    show: impl FnOnce(&T, &mut Output<'_>) -> Result<(), CliError>,
-    out: &mut Output<'_>,
+    show: impl FnOnce(&T, &mut CommandOutput<'_>) -> Result<(), CliError>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     match found {
         Ok(report) => {
@@ -148,7 +153,7 @@ fn answer<T: serde::Serialize>(
     }
 }
 
-fn not_sound(problem: &str, record: Option<u64>, out: &mut Output<'_>) -> Result<Exit, CliError> {
+fn not_sound(problem: &str, record: Option<u64>, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let mut value = json!({ "sound": false, "problem": problem });
     if let (Some(fields), Some(record)) = (value.as_object_mut(), record) {
         fields.insert("record".to_owned(), record.into());
@@ -157,7 +162,7 @@ fn not_sound(problem: &str, record: Option<u64>, out: &mut Output<'_>) -> Result
     Ok(Exit::Rejected)
 }
 
-fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
+fn sound(report: &VerifyReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let (unless, signatures) = if report.key_given {
         ("", "signatures checked")
     } else {
@@ -169,11 +174,11 @@ fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
         out.line(&format!("heads elsewhere    {} of this chain", report.copies))?;
     }
     for silent in &report.witnesses_silent {
-        out.line(&format!("no testimony       {silent}"))?;
+        out.line(&format!("no statement       {silent}"))?;
     }
     for (first, last) in &report.taken_unsigned {
         out.line(&format!(
-            "signed by nobody   {first} to {last}, until a rebuild took them: nothing speaks for these records"
+            "unsigned           {first} to {last}, accepted by a rebuild: nothing vouches for these records"
         ))?;
     }
     out.line(&format!("approvals          {}", report.approvals))?;
@@ -186,7 +191,7 @@ fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
     ))?;
     if report.batches_missed > 0 {
         out.line(&format!(
-            "missing batches    {}: which ones is on record (telemetry-missed)",
+            "missing batches    {}: the records telemetry-missed name them",
             report.batches_missed
         ))?;
     }
@@ -197,22 +202,22 @@ fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
     ))
 }
 
-fn exported(report: &ExportReport, out: &mut Output<'_>) -> Result<(), CliError> {
+fn exported(report: &ExportReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     out.line(&format!("sound: {} records, head {}", report.records, report.head))?;
-    let by = if report.key_given { "the key that was given" } else { "the key that the file names itself" };
+    let by = if report.key_given { "the given key" } else { "the key that the file itself names" };
     out.line(&format!("signed heads       {} (checked with {by})", report.heads))?;
     out.line(&format!("root of the tree   {}", report.root))?;
     out.line(&format!("approvals          {}", report.approvals))?;
     out.line(&format!("persons            {}, {} of them confirmed", report.persons, report.confirmed))
 }
 
-/// The folder of a witness as it goes on record.
+/// The folder of a witness, as recorded.
 ///
 /// # Errors
-/// If it is not there.
+/// If it does not exist.
 pub(super) fn absolute(path: &Path) -> Result<String, CliError> {
     let text = path.to_str().ok_or_else(|| CliError::usage(format!("{path:?} is not UTF-8")))?;
-    // An address is for the store to refuse, with what helps.
+    // The store refuses addresses, with a hint.
     if text.contains("://") || text.contains('@') {
         return Ok(text.to_owned());
     }

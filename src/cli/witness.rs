@@ -1,4 +1,4 @@
-//! `holdpoint audit witness add | list | remove`: folders elsewhere that get every checkpoint.
+//! `holdpoint audit witness add | list | remove`: folders elsewhere that receive each checkpoint.
 
 use std::path::PathBuf;
 
@@ -7,18 +7,18 @@ use serde_json::json;
 
 use super::data::database;
 use super::decide::{parse_identity, parse_reason};
-use super::output::Table;
+use super::output::TextTable;
 use super::passphrase;
 use super::prune::{take_store, wall_ms};
 use super::verify::absolute;
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
+use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::SignedWitnessAct;
 use holdpoint_engine::caller;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{
-    Store, WitnessedBy, add_witness, look_at_witness, remove_witness, store_info, witnesses,
+    Store, WitnessRequester, add_witness, check_witness, remove_witness, store_info, witnesses,
     witnesses_are_signed,
 };
 use holdpoint_text::Untrusted;
@@ -26,67 +26,71 @@ use holdpoint_text::Untrusted;
 /// The arguments of `audit witness`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct WitnessArgs {
-    /// The verb that was given, with its arguments.
+    /// The verb with its arguments.
     #[command(subcommand)]
     pub verb: WitnessVerb,
 }
 
-/// The administrator who answers for a witness.
+/// The administrator who signs the change of a witness.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
-pub struct WitnessSigns {
-    /// The administrator who signs; one has to where the store was last used under `real` or `human`.
+pub struct WitnessSigningArgs {
+    /// The administrator who signs; required if the store was last used under `real` or `human`.
     #[arg(long, value_name = "ADMIN", requires = "reason", value_parser = parse_identity)]
     by: Option<String>,
-    /// Why; goes into the audit log.
+    /// The reason; stored in the audit log.
     #[arg(long, value_name = "TEXT", requires = "by", value_parser = parse_reason)]
     reason: Option<Untrusted>,
-    /// Takes the passphrase of the administrator's key from this file (mode 0600) and not from the terminal. The
-    /// variable `HOLDPOINT_PASSPHRASE_FILE` names one as well.
+    /// Reads the passphrase of the administrator's key from this file (mode 0600) instead of the terminal. The
+    /// variable `HOLDPOINT_PASSPHRASE_FILE` can name the file, too.
     #[arg(long, value_name = "FILE", requires = "by")]
     passphrase_file: Option<PathBuf>,
 }
 
-/// What can be done with witnesses.
+/// The verbs of `witness`.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum WitnessVerb {
-    /// Adds a folder, on record. Every checkpoint goes there from then on; no engine may have the store meanwhile.
+    /// Adds a folder and records it. It receives each later checkpoint; no engine may have the store open.
     #[command(after_help = "\
-Name a folder that this machine's users cannot write at will: a mount of NFS or sshfs from another machine, a
-folder that is synchronised there, or a clone that git pushes. This program speaks to no network itself.
+Name a folder that this machine's users cannot write at will: an NFS or sshfs mount of another
+machine, a synchronized folder, or a clone that git pushes. This program itself uses no network.
 
 Example:
   holdpoint audit witness add /mnt/witness
   holdpoint audit witness add /mnt/witness --by admin --reason 'the safe in building 2'")]
     Add {
-        /// A folder that is there.
+        /// An existing folder.
         #[arg(value_name = "DIR")]
         folder: PathBuf,
         #[command(flatten)]
-        signs: WitnessSigns,
+        signs: WitnessSigningArgs,
     },
-    /// Lists the folders, and whether they can be written.
+    /// Lists the folders, and whether they are writable.
     #[command(after_help = "\
 Example:
   holdpoint audit witness list --json")]
     List,
-    /// Removes a folder, on record. What it has stays there.
+    /// Removes a folder from the witnesses and records it. The folder keeps its files.
     #[command(after_help = "\
 Example:
   holdpoint audit witness remove /mnt/witness")]
     Remove {
-        /// As `list` names it.
+        /// The folder, as `list` prints it.
         #[arg(value_name = "DIR")]
         folder: PathBuf,
         #[command(flatten)]
-        signs: WitnessSigns,
+        signs: WitnessSigningArgs,
     },
 }
 
-/// Does what was asked for.
+/// Runs the verb.
 ///
 /// # Errors
 /// [`CliError`].
-pub(super) fn run(context: &CliContext, args: &WitnessArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub(super) fn run(
+    context: &CliContext,
+    args: &WitnessArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
     let database = database(&context.data)?;
     let (word, folder) = match &args.verb {
         WitnessVerb::Add { folder, signs } => {
@@ -105,9 +109,9 @@ pub(super) fn run(context: &CliContext, args: &WitnessArgs, out: &mut Output<'_>
         }
         WitnessVerb::List => {
             let store_id = store_info(&context.data).map_err(CliError::usage)?.store_id;
-            let mut table = Table::new(&["folder", "heads", "standing"]);
+            let mut table = TextTable::new(&["folder", "heads", "standing"]);
             for folder in witnesses(&database).map_err(CliError::usage)? {
-                let (heads, standing) = match look_at_witness(&folder, &store_id) {
+                let (heads, standing) = match check_witness(&folder, &store_id) {
                     Ok(heads) => (Some(heads), "ok".to_owned()),
                     Err(problem) => (None, problem),
                 };
@@ -128,13 +132,13 @@ pub(super) fn run(context: &CliContext, args: &WitnessArgs, out: &mut Output<'_>
     Ok(Exit::Confirmed)
 }
 
-/// Who asks for it as the system says, and the administrator's signed word where one is named or needed.
+/// The requester according to the system, and the administrator's signature if it is requested or required.
 fn witnessed_by(
     context: &CliContext,
     store: &Store,
     (folder, present): (&str, bool),
-    signs: &WitnessSigns,
-) -> Result<WitnessedBy, CliError> {
+    signs: &WitnessSigningArgs,
+) -> Result<WitnessRequester, CliError> {
     let asks = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
     let views = store.views().map_err(CliError::usage)?;
     let profile = views.context().map_err(CliError::usage)?.map(|(profile, _, _)| profile);
@@ -146,20 +150,20 @@ fn witnessed_by(
         };
         let admin = persons.administrators().next().map_or("ADMIN", |admin| admin.name.as_str());
         let text = format!(
-            "the store was last used under {profile}, where an administrator signs which witnesses it has"
+            "the store was last used under {profile}, so an administrator must sign a change of its witnesses"
         );
-        let hint = format!(
-            "--by {admin} --reason TEXT has it signed; `holdpoint identity list` names the administrators"
-        );
-        return Err(CliError::held(text).with_hint(hint));
+        let hint =
+            format!("add `--by {admin} --reason TEXT`; `holdpoint identity list` names the administrators");
+        return Err(CliError::from_engine_fault(text).with_hint(hint));
     };
-    let signer = passphrase::unlock(passphrase::kept(context, by)?, signs.passphrase_file.as_deref())?;
+    let signer =
+        passphrase::unlock(passphrase::stored_identity(context, by)?, signs.passphrase_file.as_deref())?;
     let end = (store.store_id(), head.hash);
     let signed =
         SignedWitnessAct::by(&signer, (folder, present), end, reason.raw()).map_err(CliError::internal)?;
-    signed.check(&persons, (folder, present), head.hash).map_err(CliError::held)?;
+    signed.check(&persons, (folder, present), head.hash).map_err(CliError::from_engine_fault)?;
     if profile == Some(ProfileName::Human) {
-        signed.check_guarded(&persons).map_err(CliError::held)?;
+        signed.check_guarded(&persons).map_err(CliError::from_engine_fault)?;
     }
     Ok((asks, Some(Box::new(signed))))
 }

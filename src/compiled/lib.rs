@@ -1,15 +1,15 @@
 //! Compiled forms of components: kept in a folder, authenticated, loaded.
 //!
-//! A compiled form is machine code, and loading one is running whatever it says. So a form counts only with the message
-//! authentication code (HMAC-SHA-256) of its key and its bytes under a secret that lies apart from the folder. Its key
-//! names all that it depends on: source, compiler, settings and machine. What is not authentic is never loaded: it is compiled anew
-//! and replaced, and whoever asked is told.
+//! A compiled form is machine code, and loading one runs whatever it contains. So a form counts only with the MAC
+//! (HMAC-SHA-256) of its key and its bytes, under a secret stored apart from the folder. Its key names all that it
+//! depends on: source, compiler, settings and machine. A form that is not authentic is never loaded: the component is
+//! compiled again, the form is replaced, and the caller gets [`CodeOrigin::Refused`].
 //!
 //! # Why this crate may be `unsafe`
 //!
-//! [`Component::deserialize`] is `unsafe` because it trusts its bytes. This crate is the only one of the workspace that
-//! calls it, in one place (`CompiledForms::load`), and on nothing but a buffer that nobody else has and that it verified
-//! itself just before: no mapped file, no second reading, no other way in. All else is safe Rust, and every other crate forbids `unsafe`.
+//! [`Component::deserialize`] is `unsafe` because it trusts its bytes. This crate is the only one of the workspace
+//! that calls it, in one place (`CompiledForms::load`), and only on a private buffer that it has just verified: no
+//! mapped file, no second read. All else is safe Rust, and every other crate forbids `unsafe`.
 
 use std::fmt;
 use std::fs::{self, DirBuilder, File, OpenOptions};
@@ -38,8 +38,8 @@ pub const FOLDER_BYTES_MAX: u64 = 512 << 20;
 /// What codes are computed under.
 const FORM: &[u8] = b"holdpoint.compiled-form.v1";
 
-/// The version of wasmtime in use, to the last number: its own check of a form looks at the first alone, and a later
-/// compiler may have mended what this one got wrong.
+/// The exact version of wasmtime: its own check of a form compares the major version alone, and a later patch release
+/// may have fixed a compiler bug.
 const WASMTIME: &str = "48.0.8";
 
 /// Bytes of a code.
@@ -50,12 +50,12 @@ const PART_AGE_MAX: Duration = Duration::from_hours(1);
 
 /// Where a component's code came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Origin {
+pub enum CodeOrigin {
     /// Compiled now; nothing was kept.
     Compiled,
     /// An authentic compiled form was loaded.
-    Kept,
-    /// Something else lay in a compiled form's place. It was not loaded; the component was compiled anew.
+    Cached,
+    /// The file in a compiled form's place was not authentic. It was not loaded; the component was compiled again.
     Refused,
 }
 
@@ -73,9 +73,9 @@ impl fmt::Debug for CompiledForms {
 }
 
 /// Takes what is hashed as it is.
-struct Sha(Sha256);
+struct Sha256Writer(Sha256);
 
-impl Hasher for Sha {
+impl Hasher for Sha256Writer {
     fn finish(&self) -> u64 {
         let hash = self.0.clone().finalize();
         hash.iter().take(8).fold(0, |number, byte| (number << 8) | u64::from(*byte))
@@ -88,7 +88,7 @@ impl Hasher for Sha {
 
 /// The digest of all that a compiled form depends on.
 fn key(engine: &Engine, source: &[u8]) -> Digest {
-    let mut settings = Sha(Sha256::new());
+    let mut settings = Sha256Writer(Sha256::new());
     engine.precompile_compatibility_hash().hash(&mut settings);
     let target = [std::env::consts::ARCH, std::env::consts::OS].join("-");
     let settings = settings.0.finalize();
@@ -110,16 +110,16 @@ impl CompiledForms {
     ///
     /// # Errors
     /// If the source is no valid component.
-    pub fn component(&self, engine: &Engine, source: &[u8]) -> wasmtime::Result<(Component, Origin)> {
+    pub fn component(&self, engine: &Engine, source: &[u8]) -> wasmtime::Result<(Component, CodeOrigin)> {
         let key = key(engine, source);
         let file = self.folder.join(key.to_string());
         let origin = match read(&file) {
             Ok(whole) => match self.load(engine, &key, &whole) {
-                Some(component) => return Ok((component, Origin::Kept)),
-                None => Origin::Refused,
+                Some(component) => return Ok((component, CodeOrigin::Cached)),
+                None => CodeOrigin::Refused,
             },
-            Err(error) if error.kind() == ErrorKind::NotFound => Origin::Compiled,
-            Err(_) => Origin::Refused,
+            Err(error) if error.kind() == ErrorKind::NotFound => CodeOrigin::Compiled,
+            Err(_) => CodeOrigin::Refused,
         };
         let component = Component::from_binary(engine, source)?;
         // What is not kept is compiled again: only time is lost.
@@ -139,9 +139,9 @@ impl CompiledForms {
     fn load(&self, engine: &Engine, key: &Digest, whole: &[u8]) -> Option<Component> {
         let (code, form) = whole.split_first_chunk::<CODE_BYTES>()?;
         self.mac(key, form)?.verify_slice(code).ok()?;
-        // SAFETY: `deserialize` asks that the bytes were made by `serialize` of this version and not changed since. The code
-        // just verified says so of `form` itself, which is memory of this process that nobody else has; only `keep`
-        // makes codes, of what `serialize` gave, and the key names version and settings.
+        // SAFETY: `deserialize` requires bytes that `serialize` of this version made and that did not change since.
+        // The MAC just verified proves this for `form`, which is private memory of this process; only `keep` makes
+        // MACs, over output of `serialize`, and the key names version and settings.
         unsafe { Component::deserialize(engine, form) }.ok()
     }
 
@@ -177,8 +177,8 @@ impl CompiledForms {
         written
     }
 
-    /// Removes the oldest forms until so many more bytes fit, and the parts that nobody writes any more. What has another name
-    /// is not this crate's and is left alone.
+    /// Removes the oldest forms until `bytes` more fit, and the abandoned part files. Files with other names do not
+    /// belong to this crate and stay.
     fn make_room(&self, bytes: u64) -> io::Result<()> {
         let now = SystemTime::now();
         let mut forms: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
@@ -262,7 +262,7 @@ mod tests {
     }
 
     /// Asks for the component of source 1, holds it to do what it should, and says where it came from.
-    fn origin(forms: &CompiledForms, engine: &Engine) -> Origin {
+    fn origin(forms: &CompiledForms, engine: &Engine) -> CodeOrigin {
         let (component, origin) = forms.component(engine, &source(1)).unwrap();
         assert_eq!(run(engine, &component), 1);
         origin
@@ -281,12 +281,12 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let folder = root.path().join("compiled");
         let engine = Engine::default();
-        assert_eq!(origin(&forms(&folder, SECRET), &engine), Origin::Compiled);
-        assert_eq!(origin(&forms(&folder, SECRET), &engine), Origin::Kept);
+        assert_eq!(origin(&forms(&folder, SECRET), &engine), CodeOrigin::Compiled);
+        assert_eq!(origin(&forms(&folder, SECRET), &engine), CodeOrigin::Cached);
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
         assert_eq!((mode(&folder), mode(&only(&folder))), (0o700, 0o600));
         // Another source, other settings: other keys.
-        assert_eq!(forms(&folder, SECRET).component(&engine, &source(2)).unwrap().1, Origin::Compiled);
+        assert_eq!(forms(&folder, SECRET).component(&engine, &source(2)).unwrap().1, CodeOrigin::Compiled);
         let mut settings = wasmtime::Config::new();
         settings.consume_fuel(true);
         assert_ne!(key(&engine, &source(1)), key(&Engine::new(&settings).unwrap(), &source(1)));
@@ -296,7 +296,7 @@ mod tests {
     fn what_is_not_authentic_is_never_loaded() {
         let folder = tempfile::tempdir().unwrap();
         let (engine, forms) = (Engine::default(), forms(folder.path(), SECRET));
-        assert_eq!(origin(&forms, &engine), Origin::Compiled);
+        assert_eq!(origin(&forms, &engine), CodeOrigin::Compiled);
         let file = only(folder.path());
         let whole = fs::read(&file).unwrap();
         // Loading is what a flipped byte must not reach; the whole way is gone for some of them.
@@ -311,9 +311,9 @@ mod tests {
         }
         assert!(forms.load(&engine, &key, &bytes).is_some(), "as it was");
         let replaced = |what: &str| {
-            assert_eq!(origin(&forms, &engine), Origin::Refused, "{what}");
+            assert_eq!(origin(&forms, &engine), CodeOrigin::Refused, "{what}");
             assert_eq!(fs::read(only(folder.path())).unwrap().len(), whole.len(), "{what}");
-            assert_eq!(origin(&forms, &engine), Origin::Kept, "{what}");
+            assert_eq!(origin(&forms, &engine), CodeOrigin::Cached, "{what}");
         };
         for flipped in [0, 31, 32, 33, whole.len() / 2, whole.len() - 1] {
             let mut bytes = whole.clone();
@@ -367,7 +367,7 @@ mod tests {
         let forms = self::forms(root.path(), SECRET);
         fs::create_dir(root.path().join(key(&engine, &source(1)).to_string())).unwrap();
         for _ in 0..2 {
-            assert_eq!(origin(&forms, &engine), Origin::Refused);
+            assert_eq!(origin(&forms, &engine), CodeOrigin::Refused);
         }
         assert!(self::forms(root.path(), SECRET).component(&engine, b"\0asm no").is_err());
     }
@@ -393,7 +393,7 @@ mod tests {
             forms.component(&engine, &source(number)).unwrap();
             age(&path(number), 12 - u64::from(number));
         }
-        assert!(left.exists(), "somebody may be writing it");
+        assert!(left.exists(), "another process may be writing it");
         age(&left, 2);
         forms.component(&engine, &source(3)).unwrap();
         let there: Vec<bool> = (0..4).map(|number| path(number).exists()).collect();
@@ -401,6 +401,6 @@ mod tests {
         assert!(!left.exists() && folder.path().join("notes").exists());
         forms.bytes_max = bytes / 2;
         let (component, origin) = forms.component(&engine, &source(4)).unwrap();
-        assert_eq!((run(&engine, &component), origin, path(4).exists()), (4, Origin::Compiled, false));
+        assert_eq!((run(&engine, &component), origin, path(4).exists()), (4, CodeOrigin::Compiled, false));
     }
 }

@@ -8,14 +8,14 @@ use crate::{COMPONENT_BYTES_MAX, INTERFACE_BYTES_MAX, PARAMETERS_MAX, SKILL};
 
 /// Which call into a component an error is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Call {
+pub enum ComponentCall {
     /// Its instance is made; a start function of its modules runs.
     Instantiate,
     /// It says what it offers and needs.
     Describe,
 }
 
-impl std::fmt::Display for Call {
+impl std::fmt::Display for ComponentCall {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Instantiate => "its instance is made",
@@ -72,7 +72,7 @@ pub enum ComponentError {
     Limit {
         /// Which one.
         field: &'static str,
-        /// What it says.
+        /// Its message.
         value: u64,
         /// The most.
         max: u64,
@@ -134,7 +134,7 @@ pub enum ComponentError {
     #[error("the component trapped while {call}: {reason}")]
     Trapped {
         /// In which call.
-        call: Call,
+        call: ComponentCall,
         /// What the trap was.
         reason: String,
     },
@@ -142,7 +142,7 @@ pub enum ComponentError {
     #[error("the component needs more than its budget while {call}: {fuel} of fuel, {ticks} times a tick's")]
     Fuel {
         /// In which call.
-        call: Call,
+        call: ComponentCall,
         /// The budget.
         fuel: u64,
         /// How many ticks' budgets that is.
@@ -154,7 +154,7 @@ pub enum ComponentError {
     )]
     Memory {
         /// In which call.
-        call: Call,
+        call: ComponentCall,
         /// What is declared.
         memory_bytes: u64,
     },
@@ -167,7 +167,7 @@ pub enum ComponentError {
     /// `describe` gave an error.
     #[error("the component's `describe` refuses its parameters: {reason}")]
     Refused {
-        /// What it says.
+        /// Its message.
         reason: String,
     },
     /// The interface is too long.
@@ -188,7 +188,7 @@ pub enum ComponentError {
     #[error("the machine took too long while {call}: nothing is known of the component")]
     Machine {
         /// In which call.
-        call: Call,
+        call: ComponentCall,
     },
     /// This process cannot run components.
     #[error("components cannot be run here: {reason}")]

@@ -1,9 +1,9 @@
 //! What a run's code is given: memory up to a limit, and WASI 0.2 in a deterministic, empty form.
 //!
-//! Ordinary toolchains link their libraries against WASI, whatever the code does. So its interfaces are there, and give
-//! nothing that another run would not get: the wall clock stands still, the monotonic one counts the tick, random numbers come
-//! from the run's seed, there are no files, no arguments, no environment and no input, nothing is ever waited for, and
-//! output goes into a bounded log. What can only be reached through a file or a socket that nobody has traps.
+//! Ordinary toolchains link their libraries against WASI, whatever the code does. So its interfaces exist, and give
+//! the same results in every run: the wall clock is fixed, the monotonic clock counts ticks, and random numbers come
+//! from the run's seed. There are no files, arguments, environment or input; no call waits; output goes into a
+//! bounded log. A call that needs a file or a socket traps, because no component has one.
 
 use wasmtime::component::types::ComponentItem;
 use wasmtime::component::{
@@ -42,9 +42,9 @@ fn trap<T>(text: impl Into<String>) -> wasmtime::Result<T> {
 
 /// A SplitMix64 stream.
 #[derive(Clone, Copy)]
-struct Random(u64);
+struct SplitMix(u64);
 
-impl Random {
+impl SplitMix {
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -56,8 +56,8 @@ impl Random {
 
 /// What a run's code can change outside its own memory.
 #[derive(Clone)]
-pub struct Outside {
-    random: Random,
+pub struct HostState {
+    random: SplitMix,
     log: Vec<u8>,
     /// Ticks since the task started.
     pub tick: u64,
@@ -65,7 +65,7 @@ pub struct Outside {
 
 /// The host's side of one instance.
 pub struct Host {
-    pub outside: Outside,
+    pub outside: HostState,
     handles: u32,
     memory_max: usize,
     memory: usize,
@@ -76,9 +76,9 @@ pub struct Host {
     pub refused: bool,
 }
 
-impl Outside {
+impl HostState {
     pub const fn new(seed: u64) -> Self {
-        Self { random: Random(seed), log: Vec::new(), tick: 0 }
+        Self { random: SplitMix(seed), log: Vec::new(), tick: 0 }
     }
 
     /// What the code wrote to its output, up to [`LOG_BYTES_MAX`].
@@ -88,7 +88,7 @@ impl Outside {
 }
 
 impl Host {
-    pub fn new(outside: Outside, memory_bytes: u64) -> Self {
+    pub fn new(outside: HostState, memory_bytes: u64) -> Self {
         Self {
             outside,
             handles: 0,
@@ -160,8 +160,8 @@ struct IoError;
 struct Pollable;
 struct InputStream;
 struct OutputStream;
-/// Every other resource; nobody ever has one.
-struct Nobodys;
+/// Every other resource; no component ever has one.
+struct UnsupportedResource;
 
 #[derive(ComponentType, Lift, Lower)]
 #[component(variant)]
@@ -179,10 +179,10 @@ struct Datetime {
     nanoseconds: u32,
 }
 
-type Context<'a> = StoreContextMut<'a, Host>;
+type HostContext<'a> = StoreContextMut<'a, Host>;
 
 /// Takes the fuel of a call that moves so many bytes.
-fn charge(cx: &mut Context, bytes: usize) -> wasmtime::Result<()> {
+fn charge(cx: &mut HostContext, bytes: usize) -> wasmtime::Result<()> {
     let left = cx.get_fuel()?;
     match left.checked_sub(CALL_FUEL + bytes as u64) {
         Some(left) => cx.set_fuel(left),
@@ -191,7 +191,7 @@ fn charge(cx: &mut Context, bytes: usize) -> wasmtime::Result<()> {
 }
 
 /// Random bytes of the run's seed.
-fn random(cx: &mut Context, wanted: u64) -> wasmtime::Result<Vec<u8>> {
+fn random(cx: &mut HostContext, wanted: u64) -> wasmtime::Result<Vec<u8>> {
     let Some(wanted) = usize::try_from(wanted).ok().filter(|wanted| *wanted <= CALL_BYTES_MAX) else {
         return trap(format!("{wanted} random bytes in one call, and {CALL_BYTES_MAX} are allowed"));
     };
@@ -206,7 +206,7 @@ fn random(cx: &mut Context, wanted: u64) -> wasmtime::Result<Vec<u8>> {
 }
 
 /// Takes what is written; what does not fit into the log is dropped.
-fn write(cx: &mut Context, bytes: &WasmList<u8>) -> wasmtime::Result<Result<(), StreamError>> {
+fn write(cx: &mut HostContext, bytes: &WasmList<u8>) -> wasmtime::Result<Result<(), StreamError>> {
     if bytes.len() > CALL_BYTES_MAX {
         return trap(format!("{} bytes in one write, and {CALL_BYTES_MAX} are allowed", bytes.len()));
     }
@@ -218,51 +218,54 @@ fn write(cx: &mut Context, bytes: &WasmList<u8>) -> wasmtime::Result<Result<(), 
 }
 
 /// A result of WASI itself, e.g. of an end with success or without.
-type Ended = Result<(), ()>;
+type ExitStatusResult = Result<(), ()>;
 
 /// Defines a function of an interface if it is one that this host has; `false` if not.
 fn known(linker: &mut LinkerInstance<'_, Host>, interface: &str, name: &str) -> wasmtime::Result<bool> {
-    type In = (Resource<InputStream>,);
-    type Out = (Resource<OutputStream>,);
-    type Bytes = (Result<Vec<u8>, StreamError>,);
-    type Count = (Result<u64, StreamError>,);
-    type Unit = (Result<(), StreamError>,);
+    type InputArgs = (Resource<InputStream>,);
+    type OutputArgs = (Resource<OutputStream>,);
+    type BytesResult = (Result<Vec<u8>, StreamError>,);
+    type CountResult = (Result<u64, StreamError>,);
+    type UnitResult = (Result<(), StreamError>,);
     // Time in ns since the task started: every tick the same for every run.
-    let now = |cx: &Context| -> u64 {
+    let now = |cx: &HostContext| -> u64 {
         let nanos = u128::from(cx.data().outside.tick) * 1_000_000_000 / u128::from(RATE_HZ);
         u64::try_from(nanos).unwrap_or(u64::MAX)
     };
-    let pollable = |mut cx: Context| -> wasmtime::Result<(Resource<Pollable>,)> {
+    let pollable = |mut cx: HostContext| -> wasmtime::Result<(Resource<Pollable>,)> {
         charge(&mut cx, 0)?;
         Ok((cx.data_mut().handle(0)?,))
     };
     match (interface, name) {
-        ("wasi:cli/environment", "get-environment") => linker.func_wrap(name, |mut cx: Context, (): ()| {
-            charge(&mut cx, 0)?;
-            Ok((Vec::<(String, String)>::new(),))
-        }),
-        ("wasi:cli/environment", "get-arguments") => linker.func_wrap(name, |mut cx: Context, (): ()| {
+        ("wasi:cli/environment", "get-environment") => {
+            linker.func_wrap(name, |mut cx: HostContext, (): ()| {
+                charge(&mut cx, 0)?;
+                Ok((Vec::<(String, String)>::new(),))
+            })
+        }
+        ("wasi:cli/environment", "get-arguments") => linker.func_wrap(name, |mut cx: HostContext, (): ()| {
             charge(&mut cx, 0)?;
             Ok((Vec::<String>::new(),))
         }),
-        ("wasi:cli/environment", "initial-cwd") => linker.func_wrap(name, |mut cx: Context, (): ()| {
+        ("wasi:cli/environment", "initial-cwd") => linker.func_wrap(name, |mut cx: HostContext, (): ()| {
             charge(&mut cx, 0)?;
             Ok((None::<String>,))
         }),
-        ("wasi:cli/exit", "exit") => linker
-            .func_wrap(name, |_: Context, (_,): (Ended,)| -> wasmtime::Result<()> {
+        ("wasi:cli/exit", "exit") => {
+            linker.func_wrap(name, |_: HostContext, (_,): (ExitStatusResult,)| -> wasmtime::Result<()> {
                 trap("the code called `exit`")
-            }),
+            })
+        }
         ("wasi:cli/exit", "exit-with-code") => linker
-            .func_wrap(name, |_: Context, (_,): (u8,)| -> wasmtime::Result<()> {
+            .func_wrap(name, |_: HostContext, (_,): (u8,)| -> wasmtime::Result<()> {
                 trap("the code called `exit`")
             }),
-        ("wasi:cli/stdin", "get-stdin") => linker.func_wrap(name, |mut cx: Context, (): ()| {
+        ("wasi:cli/stdin", "get-stdin") => linker.func_wrap(name, |mut cx: HostContext, (): ()| {
             charge(&mut cx, 0)?;
             Ok((cx.data_mut().handle::<InputStream>(0)?,))
         }),
         ("wasi:cli/stdout", "get-stdout") | ("wasi:cli/stderr", "get-stderr") => {
-            linker.func_wrap(name, |mut cx: Context, (): ()| {
+            linker.func_wrap(name, |mut cx: HostContext, (): ()| {
                 charge(&mut cx, 0)?;
                 Ok((cx.data_mut().handle::<OutputStream>(0)?,))
             })
@@ -270,65 +273,69 @@ fn known(linker: &mut LinkerInstance<'_, Host>, interface: &str, name: &str) -> 
         ("wasi:cli/terminal-stdin", "get-terminal-stdin")
         | ("wasi:cli/terminal-stdout", "get-terminal-stdout")
         | ("wasi:cli/terminal-stderr", "get-terminal-stderr") => {
-            linker.func_wrap(name, |mut cx: Context, (): ()| {
+            linker.func_wrap(name, |mut cx: HostContext, (): ()| {
                 charge(&mut cx, 0)?;
-                Ok((None::<Resource<Nobodys>>,))
+                Ok((None::<Resource<UnsupportedResource>>,))
             })
         }
-        ("wasi:clocks/monotonic-clock", "now") => linker.func_wrap(name, move |mut cx: Context, (): ()| {
-            charge(&mut cx, 0)?;
-            Ok((now(&cx),))
-        }),
-        ("wasi:clocks/monotonic-clock", "resolution") => linker.func_wrap(name, |mut cx: Context, (): ()| {
-            charge(&mut cx, 0)?;
-            Ok((1_000_000_000 / u64::from(RATE_HZ),))
-        }),
-        ("wasi:clocks/monotonic-clock", "subscribe-instant" | "subscribe-duration") => {
-            linker.func_wrap(name, move |cx: Context, (_,): (u64,)| pollable(cx))
+        ("wasi:clocks/monotonic-clock", "now") => {
+            linker.func_wrap(name, move |mut cx: HostContext, (): ()| {
+                charge(&mut cx, 0)?;
+                Ok((now(&cx),))
+            })
         }
-        ("wasi:clocks/wall-clock", "now") => linker.func_wrap(name, |mut cx: Context, (): ()| {
+        ("wasi:clocks/monotonic-clock", "resolution") => {
+            linker.func_wrap(name, |mut cx: HostContext, (): ()| {
+                charge(&mut cx, 0)?;
+                Ok((1_000_000_000 / u64::from(RATE_HZ),))
+            })
+        }
+        ("wasi:clocks/monotonic-clock", "subscribe-instant" | "subscribe-duration") => {
+            linker.func_wrap(name, move |cx: HostContext, (_,): (u64,)| pollable(cx))
+        }
+        ("wasi:clocks/wall-clock", "now") => linker.func_wrap(name, |mut cx: HostContext, (): ()| {
             charge(&mut cx, 0)?;
             Ok((Datetime { seconds: WALL_SECS, nanoseconds: 0 },))
         }),
-        ("wasi:clocks/wall-clock", "resolution") => linker.func_wrap(name, |mut cx: Context, (): ()| {
+        ("wasi:clocks/wall-clock", "resolution") => linker.func_wrap(name, |mut cx: HostContext, (): ()| {
             charge(&mut cx, 0)?;
             Ok((Datetime { seconds: 1, nanoseconds: 0 },))
         }),
         ("wasi:random/random", "get-random-bytes")
         | ("wasi:random/insecure", "get-insecure-random-bytes") => {
-            linker.func_wrap(name, |mut cx: Context, (wanted,): (u64,)| Ok((random(&mut cx, wanted)?,)))
+            linker.func_wrap(name, |mut cx: HostContext, (wanted,): (u64,)| Ok((random(&mut cx, wanted)?,)))
         }
         ("wasi:random/random", "get-random-u64") | ("wasi:random/insecure", "get-insecure-random-u64") => {
-            linker.func_wrap(name, |mut cx: Context, (): ()| {
+            linker.func_wrap(name, |mut cx: HostContext, (): ()| {
                 charge(&mut cx, 0)?;
                 Ok((cx.data_mut().outside.random.next(),))
             })
         }
         ("wasi:random/insecure-seed", "insecure-seed") => {
-            linker.func_wrap(name, |mut cx: Context, (): ()| {
+            linker.func_wrap(name, |mut cx: HostContext, (): ()| {
                 charge(&mut cx, 0)?;
                 let stream = &mut cx.data_mut().outside.random;
                 Ok(((stream.next(), stream.next()),))
             })
         }
         ("wasi:filesystem/preopens", "get-directories") => {
-            linker.func_wrap(name, |mut cx: Context, (): ()| {
+            linker.func_wrap(name, |mut cx: HostContext, (): ()| {
                 charge(&mut cx, 0)?;
-                Ok((Vec::<(Resource<Nobodys>, String)>::new(),))
+                Ok((Vec::<(Resource<UnsupportedResource>, String)>::new(),))
             })
         }
         ("wasi:io/poll", "[method]pollable.ready") => {
-            linker.func_wrap(name, |mut cx: Context, (_,): (Resource<Pollable>,)| {
+            linker.func_wrap(name, |mut cx: HostContext, (_,): (Resource<Pollable>,)| {
                 charge(&mut cx, 0)?;
                 Ok((true,))
             })
         }
         ("wasi:io/poll", "[method]pollable.block") => {
-            linker.func_wrap(name, |mut cx: Context, (_,): (Resource<Pollable>,)| charge(&mut cx, 0))
+            linker.func_wrap(name, |mut cx: HostContext, (_,): (Resource<Pollable>,)| charge(&mut cx, 0))
         }
         ("wasi:io/poll", "poll") => {
             // Borrowed handles are given back by being lifted, so they are lifted one and all.
-            linker.func_wrap(name, |mut cx: Context, (asked,): (Vec<Resource<Pollable>>,)| {
+            linker.func_wrap(name, |mut cx: HostContext, (asked,): (Vec<Resource<Pollable>>,)| {
                 charge(&mut cx, 8 * asked.len())?;
                 if asked.is_empty() {
                     return trap("`poll` of nothing");
@@ -337,29 +344,35 @@ fn known(linker: &mut LinkerInstance<'_, Host>, interface: &str, name: &str) -> 
             })
         }
         ("wasi:io/error", "[method]error.to-debug-string") => {
-            linker.func_wrap(name, |mut cx: Context, (_,): (Resource<IoError>,)| {
+            linker.func_wrap(name, |mut cx: HostContext, (_,): (Resource<IoError>,)| {
                 charge(&mut cx, 0)?;
                 Ok((String::new(),))
             })
         }
         ("wasi:io/streams", "[method]input-stream.read" | "[method]input-stream.blocking-read") => linker
-            .func_wrap(name, |mut cx: Context, _: (Resource<InputStream>, u64)| -> wasmtime::Result<Bytes> {
-                charge(&mut cx, 0)?;
-                Ok((Err(StreamError::Closed),))
-            }),
+            .func_wrap(
+                name,
+                |mut cx: HostContext, _: (Resource<InputStream>, u64)| -> wasmtime::Result<BytesResult> {
+                    charge(&mut cx, 0)?;
+                    Ok((Err(StreamError::Closed),))
+                },
+            ),
         ("wasi:io/streams", "[method]input-stream.skip" | "[method]input-stream.blocking-skip") => linker
-            .func_wrap(name, |mut cx: Context, _: (Resource<InputStream>, u64)| -> wasmtime::Result<Count> {
-                charge(&mut cx, 0)?;
-                Ok((Err(StreamError::Closed),))
-            }),
+            .func_wrap(
+                name,
+                |mut cx: HostContext, _: (Resource<InputStream>, u64)| -> wasmtime::Result<CountResult> {
+                    charge(&mut cx, 0)?;
+                    Ok((Err(StreamError::Closed),))
+                },
+            ),
         ("wasi:io/streams", "[method]input-stream.subscribe") => {
-            linker.func_wrap(name, move |cx: Context, _: In| pollable(cx))
+            linker.func_wrap(name, move |cx: HostContext, _: InputArgs| pollable(cx))
         }
         ("wasi:io/streams", "[method]output-stream.subscribe") => {
-            linker.func_wrap(name, move |cx: Context, _: Out| pollable(cx))
+            linker.func_wrap(name, move |cx: HostContext, _: OutputArgs| pollable(cx))
         }
         ("wasi:io/streams", "[method]output-stream.check-write") => {
-            linker.func_wrap(name, |mut cx: Context, _: Out| -> wasmtime::Result<Count> {
+            linker.func_wrap(name, |mut cx: HostContext, _: OutputArgs| -> wasmtime::Result<CountResult> {
                 charge(&mut cx, 0)?;
                 Ok((Ok(CALL_BYTES_MAX as u64),))
             })
@@ -369,12 +382,12 @@ fn known(linker: &mut LinkerInstance<'_, Host>, interface: &str, name: &str) -> 
             "[method]output-stream.write" | "[method]output-stream.blocking-write-and-flush",
         ) => linker.func_wrap(
             name,
-            |mut cx: Context, (_, bytes): (Resource<OutputStream>, WasmList<u8>)| -> wasmtime::Result<Unit> {
-                Ok((write(&mut cx, &bytes)?,))
-            },
+            |mut cx: HostContext,
+             (_, bytes): (Resource<OutputStream>, WasmList<u8>)|
+             -> wasmtime::Result<UnitResult> { Ok((write(&mut cx, &bytes)?,)) },
         ),
         ("wasi:io/streams", "[method]output-stream.flush" | "[method]output-stream.blocking-flush") => linker
-            .func_wrap(name, |mut cx: Context, _: Out| -> wasmtime::Result<Unit> {
+            .func_wrap(name, |mut cx: HostContext, _: OutputArgs| -> wasmtime::Result<UnitResult> {
                 charge(&mut cx, 0)?;
                 Ok((Ok(()),))
             }),
@@ -390,7 +403,7 @@ fn resource(linker: &mut LinkerInstance<'_, Host>, name: &str) -> wasmtime::Resu
         "pollable" => ResourceType::host::<Pollable>(),
         "input-stream" => ResourceType::host::<InputStream>(),
         "output-stream" => ResourceType::host::<OutputStream>(),
-        _ => ResourceType::host::<Nobodys>(),
+        _ => ResourceType::host::<UnsupportedResource>(),
     };
     linker.resource(name, ty, |mut cx, _| {
         let handles = &mut cx.data_mut().handles;

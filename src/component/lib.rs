@@ -6,23 +6,23 @@
 //!
 //! What bounds a run:
 //!
-//! - **Fuel** decides, and equal runs burn equal fuel: a tick has the budget of its manifest, set anew each time. The calls around a
-//!   task have a multiple of it, [`START_TICKS`] and [`ENTER_TICKS`].
-//! - **A clock** of seconds beside it: a call that meets it was held up by the machine. It voids the episode and says nothing of
-//!   the code.
-//! - **Memory** as the manifest declares it, of all memories of the instance together; asking for more ends the run.
-//! - **The world outside** is WASI 0.2 in an empty form that is the same for every run of one seed (`host.rs`).
+//! - **Fuel** decides, and equal runs burn equal fuel: each tick gets the whole budget of the manifest. The calls
+//!   around a task get a multiple of it, [`START_TICKS`] and [`ENTER_TICKS`].
+//! - **A wall-clock limit** of seconds beside it: if a call reaches it, the machine stalled. The episode is void and
+//!   says nothing about the code.
+//! - **Memory** as the manifest declares it, over all memories of the instance; a larger request ends the run.
+//! - **The outside world** is WASI 0.2 in an empty form that is the same for every run of one seed (`host.rs`).
 //!
-//! After a fault the code is not called again and the run answers [`holdpoint_body::Command::Hold`]: whoever works it sees the fault
-//! in `confined()` and brings the arm to a stop by itself.
+//! After a fault the code is not called again and the run answers [`holdpoint_body::Command::Hold`]: its caller reads
+//! the fault from `confined()` and stops the arm.
 
 mod error;
 mod host;
 mod load;
-mod machine;
 mod parameters;
 mod run;
 mod scan;
+mod wasm_runtime;
 mod wit;
 
 // The guests of the tests beside this crate name it as everyone does.
@@ -35,13 +35,13 @@ mod guest;
 
 use holdpoint_governance::manifest::{FUEL_PER_US, Resources};
 
-pub use error::{Call, ComponentError};
-pub use holdpoint_compiled::Origin;
+pub use error::{ComponentCall, ComponentError};
+pub use holdpoint_compiled::CodeOrigin;
 pub use host::LOG_BYTES_MAX;
 pub use load::Component;
-pub use machine::keep_compiled_in;
 pub use parameters::PARAMETERS_MAX;
-pub use run::Run;
+pub use run::ComponentRun;
+pub use wasm_runtime::keep_compiled_in;
 
 pub use holdpoint_governance::component::COMPONENT_BYTES_MAX;
 

@@ -9,17 +9,17 @@ use wasmtime::component::types::{ComponentFunc, ComponentItem};
 use wasmtime::component::{InstancePre, types::Component as ComponentType};
 
 use holdpoint_body::{CodeFault, TaskKind};
-use holdpoint_compiled::Origin;
+use holdpoint_compiled::CodeOrigin;
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_skill::Skill;
 
-use crate::error::{Call, ComponentError, line, reason};
-use crate::host::{self, Host, Outside};
-use crate::machine::Machine;
+use crate::error::{ComponentCall, ComponentError, line, reason};
+use crate::host::{self, Host, HostState};
 use crate::parameters;
-use crate::run::{Ended, Live, Run};
+use crate::run::{CallEnd, ComponentRun, LiveInstance};
 use crate::scan::scan;
+use crate::wasm_runtime::WasmRuntime;
 use crate::wit::{self, skill, types};
 use crate::{
     COMPONENT_BYTES_MAX, ComponentLimits, DESCRIBE_FUEL_PER_TICK, INTERFACE_BYTES_MAX, SKILL, START_TICKS,
@@ -27,16 +27,16 @@ use crate::{
 };
 
 /// What a source compiles to, whatever its parameters and limits.
-pub struct Compiled {
+pub struct CompiledComponent {
     pub pre: InstancePre<Host>,
     pub skill: skill::GuestIndices,
     imports: BTreeSet<String>,
-    origin: Origin,
+    origin: CodeOrigin,
 }
 
 /// What is the same for every run.
-pub struct Loaded {
-    pub compiled: Arc<Compiled>,
+pub struct LoadedComponent {
+    pub compiled: Arc<CompiledComponent>,
     pub parameters: Vec<types::Parameter>,
     pub limits: ComponentLimits,
     digest: Digest,
@@ -44,9 +44,9 @@ pub struct Loaded {
     task: TaskKind,
 }
 
-/// A skill that is a WebAssembly component: loaded, held against the contract, and running nowhere. Copies are one.
+/// A skill that is a WebAssembly component: loaded, checked against the contract, not running. Copies share the code.
 #[derive(Clone)]
-pub struct Component(Arc<Loaded>);
+pub struct Component(Arc<LoadedComponent>);
 
 impl std::fmt::Debug for Component {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -65,12 +65,12 @@ fn is_wasi(name: &str) -> bool {
         && name.split_once('@').is_some_and(|(_, version)| version == "0.2" || version.starts_with("0.2."))
 }
 
-impl Compiled {
+impl CompiledComponent {
     /// Holds what a component imports and exports against the contract.
     pub(crate) fn new(
         engine: &Engine,
         component: &wasmtime::component::Component,
-        origin: Origin,
+        origin: CodeOrigin,
     ) -> Result<Self, ComponentError> {
         let ty = component.component_type();
         exported(engine, &ty)?;
@@ -108,10 +108,10 @@ fn imported(engine: &Engine, ty: &ComponentType) -> Result<BTreeSet<String>, Com
 
 /// Holds the exports against the contract, one by one, so that the first that is not so is named.
 fn exported(engine: &Engine, ty: &ComponentType) -> Result<(), ComponentError> {
-    type Check =
+    type ExportCheck =
         fn(&ComponentFunc, &wasmtime::component::__internal::InstanceType<'_>) -> wasmtime::Result<()>;
     let cx = ty.instance_type();
-    let hold = |interface: &str, functions: &[(&str, Check)]| {
+    let hold = |interface: &str, functions: &[(&str, ExportCheck)]| {
         let missing = |name: String| ComponentError::NoExport { name };
         let Some(export) = ty.get_export(engine, interface) else {
             return Err(missing(interface.to_owned()));
@@ -160,7 +160,7 @@ fn begins(bytes: &[u8]) -> Result<(), ComponentError> {
 }
 
 impl Component {
-    /// Loads a component and asks it what it offers and needs. `parameters` is the value of its parameter file, null if it has none;
+    /// Loads a component and asks it for its offer and its needs. `parameters` is the value of its parameter file, null if it has none;
     /// `imports` are the packages that its manifest lets it import, e.g. `wasi:clocks`.
     ///
     /// # Errors
@@ -190,7 +190,7 @@ impl Component {
         let canonical = canonical_json(parameters)
             .map_err(|error| ComponentError::Canonical { reason: line(error.to_string()) })?;
         let parameters = parameters::flat(parameters)?;
-        let compiled = Machine::get()?.compiled(bytes)?;
+        let compiled = WasmRuntime::get()?.compiled(bytes)?;
         let undeclared = compiled.imports.iter().find(|name| !imports.contains(package(name)));
         if let Some(name) = undeclared {
             return Err(ComponentError::Undeclared {
@@ -208,12 +208,12 @@ impl Component {
             ],
         );
         let (task, interface) = describe(&compiled, &parameters, limits)?;
-        Ok(Self(Arc::new(Loaded { compiled, parameters, limits, digest, interface, task })))
+        Ok(Self(Arc::new(LoadedComponent { compiled, parameters, limits, digest, interface, task })))
     }
 }
 
 impl Component {
-    /// Over all that determines the behaviour: source, parameters and limits.
+    /// Over all that determines the behavior: source, parameters and limits.
     #[must_use]
     pub fn digest(&self) -> Digest {
         self.0.digest
@@ -239,17 +239,17 @@ impl Component {
 
     /// Where its compiled form came from when this process first needed it.
     #[must_use]
-    pub fn origin(&self) -> Origin {
+    pub fn origin(&self) -> CodeOrigin {
         self.0.compiled.origin
     }
 
     /// Begins a run. What fails in its beginning is a fault of the run.
     #[must_use]
-    pub fn run(&self, seed: u64) -> Run {
-        Run::start(self.0.clone(), seed)
+    pub fn run(&self, seed: u64) -> ComponentRun {
+        ComponentRun::start(self.0.clone(), seed)
     }
 
-    /// As [`Self::run`], for whoever works with any skill.
+    /// As [`Self::run`], for callers that handle any skill.
     #[must_use]
     pub fn start(&self, seed: u64) -> Box<dyn Skill> {
         Box::new(self.run(seed))
@@ -258,16 +258,16 @@ impl Component {
 
 /// Asks the code what it offers and needs, in an instance of its own.
 fn describe(
-    compiled: &Compiled,
+    compiled: &CompiledComponent,
     parameters: &[types::Parameter],
     limits: ComponentLimits,
 ) -> Result<(TaskKind, Interface), ComponentError> {
-    // Nobody has looked at what it declares: until then it has what an interface takes to say, and no more.
+    // The declaration is not checked yet: until then the code gets only what a description needs.
     let limits =
         ComponentLimits { fuel_per_tick: limits.fuel_per_tick.min(DESCRIBE_FUEL_PER_TICK), ..limits };
     let fuel = limits.fuel_per_tick.saturating_mul(START_TICKS);
-    let failed = |call: Call| {
-        move |Ended { fault, error }: Ended| match fault {
+    let failed = |call: ComponentCall| {
+        move |CallEnd { fault, error }: CallEnd| match fault {
             CodeFault::Trap => ComponentError::Trapped { call, reason: reason(&error) },
             CodeFault::Fuel => ComponentError::Fuel { call, fuel, ticks: START_TICKS },
             CodeFault::Memory => ComponentError::Memory { call, memory_bytes: limits.memory_bytes },
@@ -275,10 +275,10 @@ fn describe(
             CodeFault::Machine => ComponentError::Machine { call },
         }
     };
-    let mut live = Live::new(compiled, limits, Outside::new(0))
-        .map_err(|(ended, _, _)| failed(Call::Instantiate)(ended))?;
+    let mut live = LiveInstance::new(compiled, limits, HostState::new(0))
+        .map_err(|(ended, _, _)| failed(ComponentCall::Instantiate)(ended))?;
     let (answer, _) = live.call(fuel, |store, skill| skill.call_describe(store, parameters));
-    let said = answer.map_err(failed(Call::Describe))?;
+    let said = answer.map_err(failed(ComponentCall::Describe))?;
     let said = said.map_err(|text| ComponentError::Refused { reason: line(text) })?;
     if said.interface.len() > INTERFACE_BYTES_MAX {
         return Err(ComponentError::InterfaceSize { bytes: said.interface.len() });

@@ -5,12 +5,12 @@ use std::sync::Arc;
 use wasmtime::{Store, Trap};
 
 use holdpoint_body::{CodeFault, Command, Observation};
-use holdpoint_skill::{Confined, Hook, Skill};
+use holdpoint_skill::{ConfinementReport, Hook, Skill};
 use holdpoint_text::Untrusted;
 
-use crate::host::{Host, HostTrap, Outside};
-use crate::load::{Compiled, Loaded};
-use crate::machine::DEADLINE_EPOCHS;
+use crate::host::{Host, HostState, HostTrap};
+use crate::load::{CompiledComponent, LoadedComponent};
+use crate::wasm_runtime::DEADLINE_EPOCHS;
 use crate::wit::{self, skill};
 use crate::{ComponentLimits, ENTER_TICKS, INTERFACE_BYTES_MAX, START_TICKS};
 
@@ -18,24 +18,24 @@ use crate::{ComponentLimits, ENTER_TICKS, INTERFACE_BYTES_MAX, START_TICKS};
 const HANDED_BYTES_MAX: usize = 2 * INTERFACE_BYTES_MAX;
 
 /// What is there as long as the code did nothing wrong.
-pub struct Live {
+pub struct LiveInstance {
     store: Store<Host>,
     skill: skill::Guest,
 }
 
 /// What ended a call.
-pub struct Ended {
+pub struct CallEnd {
     pub fault: CodeFault,
     pub error: wasmtime::Error,
 }
 
-impl Live {
+impl LiveInstance {
     /// A fresh instance. The error comes with what the store came to.
     pub fn new(
-        compiled: &Compiled,
+        compiled: &CompiledComponent,
         limits: ComponentLimits,
-        outside: Outside,
-    ) -> Result<Self, (Ended, Outside, u64)> {
+        outside: HostState,
+    ) -> Result<Self, (CallEnd, HostState, u64)> {
         let mut store = Store::new(compiled.pre.engine(), Host::new(outside, limits.memory_bytes));
         store.limiter(|host| host);
         store.set_hostcall_fuel(HANDED_BYTES_MAX);
@@ -62,7 +62,7 @@ impl Live {
         &mut self,
         fuel: u64,
         call: impl FnOnce(&mut Store<Host>, &skill::Guest) -> wasmtime::Result<T>,
-    ) -> (Result<T, Ended>, u64) {
+    ) -> (Result<T, CallEnd>, u64) {
         self.store.set_epoch_deadline(DEADLINE_EPOCHS);
         let answer = match self.store.set_fuel(fuel) {
             Ok(()) => call(&mut self.store, &self.skill),
@@ -77,7 +77,7 @@ impl Live {
     }
 }
 
-fn ended(host: &Host, error: wasmtime::Error) -> Ended {
+fn ended(host: &Host, error: wasmtime::Error) -> CallEnd {
     let fault = if host.refused {
         CodeFault::Memory
     } else if let Some(trap) = error.downcast_ref::<Trap>() {
@@ -92,27 +92,27 @@ fn ended(host: &Host, error: wasmtime::Error) -> Ended {
         // It came to an end, and what it gave cannot be read.
         CodeFault::Answer
     };
-    Ended { fault, error }
+    CallEnd { fault, error }
 }
 
-struct Inner {
+struct RunState {
     /// `None` after a fault: what is wrong once is not called again.
-    live: Option<Live>,
+    live: Option<LiveInstance>,
     fault: Option<CodeFault>,
     fuel_tick_max: u64,
     /// Of a run whose store is gone.
     memory_largest: u64,
-    outside: Option<Outside>,
+    outside: Option<HostState>,
 }
 
-/// One run of a component. It cannot fail: what its code does wrong is its [`Confined::fault`], and from there on it holds.
-pub struct Run {
-    loaded: Arc<Loaded>,
-    inner: Inner,
+/// One run of a component. It cannot fail: what its code does wrong is its [`ConfinementReport::fault`], and from there on it holds.
+pub struct ComponentRun {
+    loaded: Arc<LoadedComponent>,
+    inner: RunState,
 }
 
-impl Inner {
-    fn failed(ended: Ended, outside: Outside, memory_largest: u64) -> Self {
+impl RunState {
+    fn failed(ended: CallEnd, outside: HostState, memory_largest: u64) -> Self {
         Self {
             live: None,
             fault: Some(ended.fault),
@@ -122,8 +122,8 @@ impl Inner {
         }
     }
 
-    fn instance(loaded: &Loaded, outside: Outside) -> Self {
-        match Live::new(&loaded.compiled, loaded.limits, outside) {
+    fn instance(loaded: &LoadedComponent, outside: HostState) -> Self {
+        match LiveInstance::new(&loaded.compiled, loaded.limits, outside) {
             Ok(live) => {
                 Self { live: Some(live), fault: None, fuel_tick_max: 0, memory_largest: 0, outside: None }
             }
@@ -163,10 +163,10 @@ impl Inner {
     }
 }
 
-impl Run {
+impl ComponentRun {
     /// A run that has begun: an instance, and `start`.
-    pub(crate) fn start(loaded: Arc<Loaded>, seed: u64) -> Self {
-        let mut inner = Inner::instance(&loaded, Outside::new(seed));
+    pub(crate) fn start(loaded: Arc<LoadedComponent>, seed: u64) -> Self {
+        let mut inner = RunState::instance(&loaded, HostState::new(seed));
         let fuel = loaded.limits.fuel_per_tick.saturating_mul(START_TICKS);
         let begun = inner.call(fuel, false, |store, skill| skill.call_start(store, seed, &loaded.parameters));
         if let Some(Err(_)) = begun {
@@ -180,11 +180,11 @@ impl Run {
     pub fn log(&self) -> Untrusted {
         let inner = &self.inner;
         let outside = inner.live.as_ref().map(|live| &live.host().outside).or(inner.outside.as_ref());
-        Untrusted::new(String::from_utf8_lossy(outside.map_or(&[], Outside::log)))
+        Untrusted::new(String::from_utf8_lossy(outside.map_or(&[], HostState::log)))
     }
 }
 
-impl Skill for Run {
+impl Skill for ComponentRun {
     fn tick(&mut self, seen: &Observation) -> Command {
         let fuel = self.loaded.limits.fuel_per_tick;
         let inner = &mut self.inner;
@@ -207,17 +207,17 @@ impl Skill for Run {
         self.inner.call(fuel, false, |store, skill| skill.call_enter(store, wit::hook(hook)));
     }
 
-    /// None: code that is asked for its state, and is given it back, knows that it is rehearsed, and its hooks could behave for as
-    /// long as they are. What begins in the middle of the work is worked again from the start.
+    /// None: code that can save and restore its state knows that it is in a drill, and its hooks could behave well
+    /// for just as long. An evaluation that begins in mid-task re-runs it from the start.
     fn fork(&self) -> Option<Box<dyn Skill>> {
         None
     }
 
-    fn confined(&self) -> Confined {
+    fn confined(&self) -> ConfinementReport {
         let inner = &self.inner;
         let memory_bytes =
             inner.live.as_ref().map_or(inner.memory_largest, |live| live.host().memory_largest);
-        Confined { fuel_tick_max: inner.fuel_tick_max, memory_bytes, fault: inner.fault }
+        ConfinementReport { fuel_tick_max: inner.fuel_tick_max, memory_bytes, fault: inner.fault }
     }
 }
 
@@ -227,7 +227,7 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
 
     use crate::guest::{Guest, seen};
-    use crate::machine::Machine;
+    use crate::wasm_runtime::WasmRuntime;
     use crate::{Component, ComponentLimits};
 
     use super::*;
@@ -245,7 +245,7 @@ mod tests {
             // Seconds that pass in no time.
             scope.spawn(|| {
                 while !over.load(Ordering::Acquire) {
-                    Machine::get().unwrap().engine.increment_epoch();
+                    WasmRuntime::get().unwrap().engine.increment_epoch();
                     std::thread::yield_now();
                 }
             });

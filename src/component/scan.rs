@@ -39,7 +39,7 @@ const CARRIED_MAX: usize = 200_000;
 pub(crate) fn scan(bytes: &[u8]) -> Result<(), ComponentError> {
     let (mut functions, mut nested, mut carried) = (0, 0, 0);
     // Where in the nesting this is, and the types of each module that is open.
-    let mut types: Vec<Vec<Values>> = Vec::new();
+    let mut types: Vec<Vec<BlockArity>> = Vec::new();
     for payload in Parser::new(0).parse_all(bytes) {
         match payload.map_err(|error| invalid(&error))? {
             Payload::Version { .. } => types.push(Vec::new()),
@@ -101,20 +101,20 @@ pub(crate) fn scan(bytes: &[u8]) -> Result<(), ComponentError> {
 
 /// How many values a function or block takes and gives.
 #[derive(Clone, Copy, Default)]
-struct Values {
+struct BlockArity {
     taken: usize,
     given: usize,
 }
 
-fn values(ty: &CompositeInnerType) -> Values {
+fn values(ty: &CompositeInnerType) -> BlockArity {
     match ty {
-        CompositeInnerType::Func(ty) => Values { taken: ty.params().len(), given: ty.results().len() },
-        _ => Values::default(),
+        CompositeInnerType::Func(ty) => BlockArity { taken: ty.params().len(), given: ty.results().len() },
+        _ => BlockArity::default(),
     }
 }
 
 /// What the blocks of a function hand over, and its loops may change.
-fn blocks(body: &FunctionBody, types: &[Values], locals: usize) -> Result<usize, ComponentError> {
+fn blocks(body: &FunctionBody, types: &[BlockArity], locals: usize) -> Result<usize, ComponentError> {
     let (mut depth, mut carried) = (0_usize, 0_usize);
     let operators = body.get_operators_reader().map_err(|error| invalid(&error))?;
     for operator in operators {
@@ -130,8 +130,8 @@ fn blocks(body: &FunctionBody, types: &[Values], locals: usize) -> Result<usize,
         depth += 1;
         within("blocks within each other", depth, DEPTH_MAX)?;
         let values = match ty {
-            BlockType::Empty => Values::default(),
-            BlockType::Type(_) => Values { taken: 0, given: 1 },
+            BlockType::Empty => BlockArity::default(),
+            BlockType::Type(_) => BlockArity { taken: 0, given: 1 },
             BlockType::FuncType(index) => {
                 let index = usize::try_from(index).unwrap_or(usize::MAX);
                 types.get(index).copied().unwrap_or_default()

@@ -116,7 +116,7 @@ const fn signal(failure: types::Failure) -> FailureSignal {
     }
 }
 
-/// A number as it is. One that is none has a single form: its bits are nobody's message.
+/// A number as it is. A NaN has a single form, so its bits carry no message.
 const fn number(number: f64) -> f64 {
     if number.is_nan() { f64::NAN } else { number }
 }

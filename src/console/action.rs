@@ -1,12 +1,11 @@
-//! Everything the keyboard can ask for: one table that makes the help, the palette, the README's keys and the
-//! default keymap.
+//! All actions of the keyboard: one table that makes the help, the palette, the guide's keys and the default keymap.
 //!
-//! An action says what is wanted; what it does, and whether it may, is `update`'s. Adding an action without a
-//! help line or without deciding its keys does not compile.
+//! An action names a wish; `update` decides whether it is possible and what it does. An action without a help line or
+//! without a decision about its keys does not compile.
 
 use serde::{Deserialize, Serialize};
 
-/// Where an action means something.
+/// Where an action applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Scope {
     /// Everywhere but in text fields.
@@ -19,7 +18,7 @@ pub enum Scope {
     Alarms,
     /// In shadow's charts and the overview.
     Charts,
-    /// In an open approval prompt alone.
+    /// Only in an open approval prompt.
     Prompt,
 }
 
@@ -44,7 +43,7 @@ impl Scope {
 
 macro_rules! actions {
     ($($(#[doc = $help:literal])+ $name:ident = $word:literal, $scope:ident, [$($key:literal),*];)*) => {
-        /// What can be asked for.
+        /// The actions.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
         pub enum Action {
             $($(#[doc = $help])+ #[serde(rename = $word)] $name,)*
@@ -66,7 +65,7 @@ macro_rules! actions {
                 match self { $(Self::$name => concat!($($help),+).trim(),)* }
             }
 
-            /// Where it means something.
+            /// Where it applies.
             #[must_use]
             pub const fn scope(self) -> Scope {
                 match self { $(Self::$name => Scope::$scope,)* }
@@ -100,11 +99,11 @@ actions! {
     ShowHealth = "health", Everywhere, ["8"];
     /// Stop the arm at once, whatever is under way; no question is asked
     Stop = "stop", Everywhere, ["X", "f9"];
-    /// Let the stopped cell work again, reason required
+    /// Start the stopped cell, reason required
     Go = "go", Everywhere, ["W"];
-    /// Abort: end what is evaluated or provisional, confirmed by one more key
+    /// Abort an evaluation or a provisional version, confirmed by one more key
     Abort = "abort", Everywhere, ["x", "ctrl-x"];
-    /// Go to the highest alarm nobody has acknowledged
+    /// Go to the highest unacknowledged alarm
     JumpToAlarm = "jump-to-alarm", Everywhere, ["!"];
     /// Keys of this view; type to filter, Enter runs one
     Help = "help", Everywhere, ["?", "f1"];
@@ -126,7 +125,7 @@ actions! {
     Copy = "copy", Everywhere, ["y"];
     /// Export this view as text and JSON
     Export = "export", Everywhere, ["ctrl-s"];
-    /// Leave the engine at work and end the console alone
+    /// Leave the engine running and end only the console
     Detach = "detach", Everywhere, [];
     /// Leave this view; from the overview, end the program
     Quit = "quit", Everywhere, ["q", "ctrl-c"];
@@ -154,11 +153,11 @@ actions! {
     PreviousPane = "previous-pane", Lists, ["backtab"];
     /// Sort by the next column
     Sort = "sort", Lists, ["s"];
-    /// Turn the order round
+    /// Reverse the order
     SortReverse = "sort-reverse", Lists, ["S"];
-    /// Mark this alarm or version, or take its mark away; what acknowledges, rejects, holds or copies takes all that are marked
+    /// Mark or unmark this alarm or version; acknowledge, reject, hold and copy take all marked ones
     Mark = "mark", Lists, ["m"];
-    /// Find the next place of what was searched for
+    /// Find the next match
     FindNext = "find-next", Lists, ["n"];
     /// Open what is under the cursor; never a side effect
     Open = "open", Lists, ["enter"];
@@ -168,11 +167,11 @@ actions! {
     OpenLive = "open-live", Lists, ["O"];
     /// Hold this candidate, or the promotion of a provisional version; reason required
     Pause = "pause", Version, ["p"];
-    /// Let what is held go on, reason required
+    /// Resume what is on hold, reason required
     Resume = "resume", Version, ["u"];
-    /// Reject this candidate for good, reason required
+    /// Reject this candidate finally, reason required
     Refuse = "refuse", Version, ["F"];
-    /// Send this version back to evaluation, reason required
+    /// Return this version to evaluation, reason required
     Demote = "demote", Version, ["D"];
     /// Roll this active version back, reason required
     Rollback = "rollback", Version, ["B"];
@@ -182,11 +181,11 @@ actions! {
     Repeat = "repeat", Version, ["e"];
     /// Lift the restriction of this active version, reason required
     Release = "release", Version, ["w"];
-    /// Emergency: let this version in alone; two people review it
+    /// Break-glass: activate this version alone; two people review it
     BreakGlass = "break-glass", Version, ["E"];
-    /// Answer a monitor's question: go on, reason required
+    /// Answer a monitor's question: continue, reason required
     Continue = "continue", Version, ["c"];
-    /// Make a superseded version of a stopped family active again, reason required
+    /// Reactivate a superseded version of a stopped family, reason required
     Rearm = "rearm", Version, ["A"];
     /// Check the whole audit chain
     Verify = "verify", Everywhere, ["v"];
@@ -198,7 +197,7 @@ actions! {
     Unshelve = "unshelve", Alarms, ["Z"];
     /// Close a latched alarm, reason required
     ResetAlarm = "reset-alarm", Alarms, ["R"];
-    /// Freeze charts and story, or let them run; the arm, alarms and questions stay live
+    /// Freeze charts and events, or let them run; the arm, alarms and questions stay live
     Freeze = "freeze", Charts, ["f"];
     /// Zoom in
     ZoomIn = "zoom-in", Charts, ["+", "="];
@@ -227,7 +226,7 @@ impl Action {
         matches!(self, Self::Approve | Self::Reject)
     }
 
-    /// Whether it does something to what lies under the cursor.
+    /// Whether it changes the item under the cursor.
     #[must_use]
     pub const fn aims_at_item(self) -> bool {
         matches!(
@@ -278,7 +277,7 @@ impl Action {
             | Self::ResetAlarm
             | Self::Approve
             | Self::Reject => true,
-            // Stopping is for everybody who sees the screen.
+            // Every user who sees the screen may stop.
             Self::Stop
             | Self::ShowOverview
             | Self::ShowRegistry

@@ -1,22 +1,21 @@
-//! The audit log as an operator reads it: which records a pane shows, runs of telemetry as one row, and what a record says
-//! in a sentence.
+//! The audit log for operators: the records of a pane, telemetry runs as one row, and a sentence for each record.
 //!
-//! Reads a record's content as plain JSON: a record of another build is told as far as its words are known. The record
-//! itself is what counts; a sentence only helps to find it.
+//! Reads a record's content as plain JSON and describes the fields that this build knows. Only the record itself
+//! counts; the sentence helps to find it.
 
 use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use super::words::seconds;
+use super::formatters::seconds;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::wall_time::WallTime;
 
-/// Content that a sentence is made from, bytes; a longer one is named by its kind.
+/// The largest content that gets a sentence, bytes; a larger one is named by its kind.
 const BODY_BYTES_MAX: usize = 64 * 1024;
 
-/// Values of a record that are looked at for one.
+/// The most values of a record that are searched.
 const LOOKED_AT_MAX: usize = 400;
 
 /// Characters of one quoted value.
@@ -25,13 +24,13 @@ const VALUE_CHARS: usize = 160;
 /// Which records a pane shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AuditGroup {
-    /// What happened: without the book-keeping that every change brings along.
-    Told,
-    /// What people did and were asked.
+    /// Changes, without the bookkeeping records that come with each.
+    Events,
+    /// Requests to people and their actions.
     People,
     Alarms,
-    /// The store itself: context, recordings, witnesses, telemetry that went. Its seals are so many that nothing else would
-    /// be reached.
+    /// The store itself: context, recordings, witnesses, pruned telemetry. Without seals, which would crowd out the
+    /// rest.
     Store,
     /// Every record; runs of seals are one row.
     All,
@@ -39,7 +38,7 @@ pub enum AuditGroup {
 
 impl AuditGroup {
     /// In the order of the view's panes.
-    pub const ALL: [Self; 5] = [Self::Told, Self::People, Self::Alarms, Self::Store, Self::All];
+    pub const ALL: [Self; 5] = [Self::Events, Self::People, Self::Alarms, Self::Store, Self::All];
 
     /// Of a pane of the view.
     #[must_use]
@@ -47,20 +46,20 @@ impl AuditGroup {
         Self::ALL.get(pane).copied().unwrap_or(Self::All)
     }
 
-    /// The kinds that it does not show: what a pane is filled with is read for it, for the newest records of a store that has
-    /// worked for long are seals of telemetry alone.
+    /// The kinds that it does not show. They are excluded while reading, because the newest records of an old store
+    /// are only telemetry digests.
     #[must_use]
     pub fn leaves_out(self) -> BTreeSet<RecordKind> {
         RecordKind::ALL.into_iter().filter(|kind| !self.shows(Some(kind))).collect()
     }
 
-    /// Whether it shows a kind; a kind of another build is shown everywhere but among people and alarms.
+    /// Whether it shows a kind; an unknown kind appears everywhere but among people and alarms.
     #[must_use]
     pub const fn shows(self, kind: Option<&RecordKind>) -> bool {
-        let Some(kind) = kind else { return matches!(self, Self::Told | Self::All) };
+        let Some(kind) = kind else { return matches!(self, Self::Events | Self::All) };
         match self {
             Self::All => true,
-            Self::Told => !is_bookkeeping(*kind),
+            Self::Events => !is_bookkeeping(*kind),
             Self::People => is_of_people(*kind),
             Self::Alarms => matches!(kind, RecordKind::AlarmChanged | RecordKind::AlarmReset),
             Self::Store => is_of_store(*kind),
@@ -134,11 +133,11 @@ const fn is_of_store(kind: RecordKind) -> bool {
 pub struct AuditItem<'a> {
     /// The record, the newest of a run.
     pub record: &'a AuditRecord,
-    /// How many records of telemetry in a run it stands for; 1 for any other.
+    /// How many records of telemetry in a run it represents; 1 for any other.
     pub count: usize,
 }
 
-/// The records as rows: runs of sealed telemetry are one each.
+/// The records as rows: each run of sealed telemetry is one row.
 #[must_use]
 pub fn rows<'a>(records: impl Iterator<Item = &'a AuditRecord>) -> Vec<AuditItem<'a>> {
     let mut rows: Vec<AuditItem<'a>> = Vec::new();
@@ -153,30 +152,30 @@ pub fn rows<'a>(records: impl Iterator<Item = &'a AuditRecord>) -> Vec<AuditItem
     rows
 }
 
-/// What a record says, in a sentence without a full stop.
+/// A record as a sentence, without a period.
 #[must_use]
 pub fn sentence(record: &AuditRecord) -> String {
     let value = (record.body.len() <= BODY_BYTES_MAX).then(|| serde_json::from_str::<Value>(&record.body));
     let Some(Ok(value)) = value else {
         return format!("{}, {} bytes of content", record.kind, record.body.len());
     };
-    let told = record.kind.known().and_then(|kind| known(*kind, &Told { root: &value }));
+    let told = record.kind.known().and_then(|kind| sentence_of_kind(*kind, &RecordFields { root: &value }));
     told.unwrap_or_else(|| generic(&value))
 }
 
 /// A record's content, looked up by name at any depth, the shallowest first.
-struct Told<'a> {
+struct RecordFields<'a> {
     root: &'a Value,
 }
 
-impl Told<'_> {
+impl RecordFields<'_> {
     fn find(&self, name: &str) -> Option<&Value> {
         self.find_that(name, |value| !value.is_null())
     }
 
     fn find_that(&self, name: &str, fits: impl Fn(&Value) -> bool) -> Option<&Value> {
         let mut open = std::collections::VecDeque::from([self.root]);
-        // What is stored is small; a hostile nesting ends here.
+        // Stored content is small; a hostile nesting ends here.
         for _ in 0..LOOKED_AT_MAX {
             match open.pop_front()? {
                 Value::Object(fields) => {
@@ -192,7 +191,7 @@ impl Told<'_> {
         None
     }
 
-    /// A value as text; absent if there is none that is plain.
+    /// A value as text; absent if it is not a plain value.
     fn text(&self, name: &str) -> Option<String> {
         let plain = |value: &Value| value.is_string() || value.is_number() || value.is_boolean();
         match self.find_that(name, plain)? {
@@ -201,18 +200,18 @@ impl Told<'_> {
         }
     }
 
-    /// `before` and a value, if there is one that says anything.
+    /// `before` and a value, if it is not empty.
     fn with(&self, before: &str, name: &str) -> String {
         let text = self.text(name).filter(|text| !text.trim().is_empty());
         text.map_or_else(String::new, |text| format!("{before}{text}"))
     }
 
-    /// The words of the reason that tells what was found.
+    /// The text of the reason with the finding.
     fn why(&self) -> String {
         let reasons = self.find("reasons").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
         let tells = |reason: &&Value| {
             let code = reason.get("code").and_then(|code| code.as_str()?.parse::<ReasonCode>().ok());
-            code.is_none_or(ReasonCode::tells_what_was_found)
+            code.is_none_or(ReasonCode::is_finding)
         };
         let first = reasons.iter().find(tells).or_else(|| reasons.first());
         let text = first.and_then(|reason| reason.get("text").unwrap_or(reason).as_str());
@@ -226,8 +225,8 @@ impl Told<'_> {
     }
 }
 
-/// The sentence of a known kind; absent if what it needs is not there.
-fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
+/// The sentence of a known kind; absent if a field is missing.
+fn sentence_of_kind(kind: RecordKind, told: &RecordFields<'_>) -> Option<String> {
     let by = || told.text("by").or_else(|| told.text("who")).filter(|by| !by.is_empty());
     let somebody = || by().unwrap_or_else(|| "somebody".to_owned());
     Some(match kind {
@@ -252,9 +251,9 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
             Some(active) => format!(
                 "{active} has the arm{}{}",
                 told.with(" by ", "cause"),
-                told.with("; the way back is ", "pinned")
+                told.with("; the rollback target is ", "pinned")
             ),
-            None => format!("nobody has the arm{}", told.with(": ", "cause")),
+            None => format!("no version has the arm{}", told.with(": ", "cause")),
         },
         RecordKind::FamilySet => {
             let stopped = told.find("safe_stopped")?.as_bool()?;
@@ -262,15 +261,15 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
             format!("{what}{}", told.with(": ", "reason"))
         }
         RecordKind::FamilyVoided => format!("earlier passes are void{}", told.with(": ", "reason")),
-        RecordKind::StandingSet => "how its versions stand, for a restart".to_owned(),
+        RecordKind::StandingSet => "the states of its versions, for a restart".to_owned(),
         RecordKind::EvidencePut => {
             format!("evidence of the {}, digest {}", told.text("kind")?, told.digest("digest"))
         }
         RecordKind::ApprovalRequested => {
             let until = told.find("deadline_ms").and_then(Value::as_u64).map(|ms| {
                 let until = WallTime::from_ms(i64::try_from(ms).unwrap_or(i64::MAX));
-                // Earlier versions counted in the engine's time.
-                if until < WallTime::SCRIPT_EPOCH { seconds(ms) } else { until.spoken() }
+                // Earlier versions used virtual time.
+                if until < WallTime::SCRIPT_EPOCH { seconds(ms) } else { until.label() }
             });
             let until = until.map_or_else(String::new, |until| format!(" by {until}"));
             format!("{} to decide{until}{}", told.text("needed")?, told.with("; now ", "state"))
@@ -280,24 +279,27 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
             let who = by().or_else(|| told.text("identity")).or_else(|| told.text("name"))?;
             format!("{who} says {decision}{}", told.with(": ", "reason"))
         }
-        RecordKind::ApprovalConsumed => "an approval was used; it counts no second time".to_owned(),
-        RecordKind::PersonEnrolled => person("enrolled", told)?,
-        RecordKind::PersonConfirmed => person("confirmed", told)?,
-        RecordKind::PersonRevoked => person("revoked", told)?,
+        RecordKind::ApprovalConsumed => "an approval was used; it counts only once".to_owned(),
+        RecordKind::PersonEnrolled => person_sentence("enrolled", told)?,
+        RecordKind::PersonConfirmed => person_sentence("confirmed", told)?,
+        RecordKind::PersonRevoked => person_sentence("revoked", told)?,
         RecordKind::ContextSet => {
             format!("profile {}, policy {}", told.text("profile")?, told.digest("policy_digest"))
         }
         RecordKind::ProfileLoaded => format!("own profile{}", told.with(" ", "name")),
         RecordKind::TelemetrySealed | RecordKind::TelemetryBlockSealed => telemetry(told)?,
         RecordKind::TelemetryPruned => {
-            format!("batches of telemetry up to {} go, for room", told.text("through")?)
+            format!("telemetry up to batch {} is pruned for space", told.text("through")?)
         }
         RecordKind::TelemetryMissed => "batches of telemetry are missing, and no record says why".to_owned(),
         RecordKind::AlarmChanged => {
             let whole = told.text("json").is_some().then(|| told.find("json")).flatten();
             let inner =
                 whole.and_then(Value::as_str).and_then(|text| serde_json::from_str::<Value>(text).ok());
-            let text = inner.as_ref().and_then(|inner| Told { root: inner }.text("text")).unwrap_or_default();
+            let text = inner
+                .as_ref()
+                .and_then(|inner| RecordFields { root: inner }.text("text"))
+                .unwrap_or_default();
             let gap = if text.is_empty() { "" } else { ": " };
             format!("{}, {}{gap}{text}", told.text("state")?, told.text("priority")?)
         }
@@ -314,29 +316,29 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
         RecordKind::MonitorAnswer => {
             format!("{} answered the monitor{}", somebody(), told.with(": ", "reason"))
         }
-        RecordKind::Resumed => format!("{} let it go on{}", somebody(), told.with(": ", "reason")),
+        RecordKind::Resumed => format!("{} resumed it{}", somebody(), told.with(": ", "reason")),
         RecordKind::BreakGlass => {
-            format!("{} let it in alone, in an emergency{}", somebody(), told.with(": ", "reason"))
+            format!("{} activated it alone, by break-glass{}", somebody(), told.with(": ", "reason"))
         }
         RecordKind::CellStopped => format!("{} stopped the cell{}", somebody(), told.with(": ", "reason")),
-        RecordKind::CellReleased => format!("{} let it work again{}", somebody(), told.with(": ", "reason")),
+        RecordKind::CellReleased => format!("{} started the cell{}", somebody(), told.with(": ", "reason")),
         RecordKind::EngineBegan => {
-            format!("an engine began to work the cell{}", told.with(" under ", "profile"))
+            format!("an engine began to run the cell{}", told.with(" under ", "profile"))
         }
         RecordKind::EngineEnded => match told.find_that("orderly", |_| true)?.as_bool() {
-            Some(true) => "the engine ended in good order".to_owned(),
-            Some(false) | None => "the engine had ended suddenly, as the next one found".to_owned(),
+            Some(true) => "the engine shut down cleanly".to_owned(),
+            Some(false) | None => "the engine ended suddenly; the next one found it".to_owned(),
         },
         RecordKind::GoalSet => {
             format!("{} set the goal {}{}", somebody(), told.text("goal")?, told.with(": ", "reason"))
         }
         RecordKind::PaceSet => match told.find_that("times", |_| true)?.as_f64() {
-            Some(times) => format!("the live cell works {times} simulated seconds in a second"),
-            None => "the live cell works as fast as it computes".to_owned(),
+            Some(times) => format!("the live cell runs {times} simulated seconds a second"),
+            None => "the live cell runs as fast as it computes".to_owned(),
         },
         RecordKind::ShiftNote => format!("{} notes{}", somebody(), told.with(": ", "text")),
         RecordKind::ClockDoubted => {
-            "the machine's clock is not believed until a person confirms the time".to_owned()
+            "the machine's clock is not trusted until a person confirms the time".to_owned()
         }
         RecordKind::ClockConfirmed => {
             format!("{} confirmed the time, {}{}", somebody(), told.text("time")?, told.with(": ", "reason"))
@@ -356,7 +358,7 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
         RecordKind::Commissioned | RecordKind::SensesCommissioned => {
             let tasks = told.text("tasks").or_else(|| told.text("episodes"));
             let tasks = tasks.map_or_else(String::new, |tasks| format!(", over {tasks} tasks"));
-            let what = if kind == RecordKind::Commissioned { "for it" } else { "for the cell's senses" };
+            let what = if kind == RecordKind::Commissioned { "for it" } else { "for the camera check" };
             format!("what is normal {what} was measured{tasks}")
         }
         RecordKind::LiveFault
@@ -372,7 +374,7 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
     })
 }
 
-fn person(what: &str, told: &Told<'_>) -> Option<String> {
+fn person_sentence(what: &str, told: &RecordFields<'_>) -> Option<String> {
     let by = told.with(" by ", "by");
     Some(format!(
         "{} is {what}{}{by}{}",
@@ -382,7 +384,7 @@ fn person(what: &str, told: &Told<'_>) -> Option<String> {
     ))
 }
 
-fn telemetry(told: &Told<'_>) -> Option<String> {
+fn telemetry(told: &RecordFields<'_>) -> Option<String> {
     let Some(batches) = told.find("batches").and_then(Value::as_array) else {
         return Some(format!("a batch of telemetry is sealed, {} rows", told.text("rows")?));
     };
@@ -390,7 +392,7 @@ fn telemetry(told: &Told<'_>) -> Option<String> {
     Some(format!("{} batches of telemetry are sealed, {rows} rows", batches.len()))
 }
 
-/// The flags that stand.
+/// The flags that are set.
 fn flags(flags: &Value) -> String {
     let Some(fields) = flags.as_object() else { return "flags".to_owned() };
     let mut said: Vec<String> = Vec::new();
@@ -404,12 +406,12 @@ fn flags(flags: &Value) -> String {
     if said.is_empty() { "nothing runs and nothing is flagged".to_owned() } else { said.join(", ") }
 }
 
-/// Names and plain values, for whatever has no sentence of its own.
+/// Names and plain values, for kinds without a sentence.
 fn generic(value: &Value) -> String {
     let Some(fields) = value.as_object() else {
         return value.to_string().chars().take(VALUE_CHARS).collect();
     };
-    let told = Told { root: value };
+    let told = RecordFields { root: value };
     let said = fields.keys().filter(|name| *name != "change" && *name != "rows");
     let said: Vec<String> = said
         .filter_map(|name| Some(format!("{} {}", name.replace('_', " "), told.text(name)?)))
@@ -418,7 +420,7 @@ fn generic(value: &Value) -> String {
     if said.is_empty() { value.to_string().chars().take(VALUE_CHARS).collect() } else { said.join(", ") }
 }
 
-/// The raw record, line by line: what was hashed, as it was, and the content set out for reading.
+/// The raw record, line by line: the hashed content as stored, and the same formatted for reading.
 #[must_use]
 pub fn raw(record: &AuditRecord) -> Vec<String> {
     let mut lines = vec![
@@ -446,11 +448,11 @@ const RAW_LINES_MAX: usize = 5_000;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::closed_set::Lenient;
     use holdpoint_governance::ids::Digest;
-    use holdpoint_governance::words::Word;
     use serde_json::json;
 
-    fn record(kind: Word<RecordKind>, body: &Value) -> AuditRecord {
+    fn record(kind: Lenient<RecordKind>, body: &Value) -> AuditRecord {
         let digest = Digest::of_parts("t", &[]);
         let (subject, body) = ("grasp@1.2.0".to_owned(), body.to_string());
         AuditRecord { seq: 7, prev: digest, hash: digest, at_ms: 1_500, kind, subject, body, wall_ms: 0 }
@@ -477,7 +479,7 @@ mod tests {
             (
                 RecordKind::ActiveSet,
                 json!({ "change": { "active": "grasp@1.2.0", "pinned": "grasp@1.1.0", "cause": { "cause": "gate" } } }),
-                "grasp@1.2.0 has the arm by gate; the way back is grasp@1.1.0",
+                "grasp@1.2.0 has the arm by gate; the rollback target is grasp@1.1.0",
             ),
             (
                 RecordKind::PersonEnrolled,
@@ -520,16 +522,16 @@ mod tests {
             (
                 RecordKind::PaceSet,
                 json!({ "times": 10.0 }),
-                "the live cell works 10 simulated seconds in a second",
+                "the live cell runs 10 simulated seconds a second",
             ),
-            (RecordKind::PaceSet, json!({ "times": null }), "the live cell works as fast as it computes"),
+            (RecordKind::PaceSet, json!({ "times": null }), "the live cell runs as fast as it computes"),
             (RecordKind::Recording, json!({ "file": "a.rrd", "bytes": 12 }), "file a.rrd, bytes 12"),
         ] {
             assert_eq!(sentence(&record(kind.into(), &body)), said, "{kind}");
         }
-        // What is missing or of another build is told as far as it goes.
-        let other = record(Word::read("of-a-later-build".to_owned()), &json!({ "colour": "red" }));
-        assert_eq!(sentence(&other), "colour red");
+        // Missing fields are left out; unknown records are described as far as possible.
+        let other = record(Lenient::read("of-a-later-build".to_owned()), &json!({ "color": "red" }));
+        assert_eq!(sentence(&other), "color red");
         for kind in RecordKind::ALL {
             for body in [json!({}), json!([]), json!("x"), json!({ "change": 3 })] {
                 assert!(!sentence(&record(kind.into(), &body)).contains("null"), "{kind} {body}");
@@ -556,7 +558,7 @@ mod tests {
         };
         let one = |kind: RecordKind| (kind.name().to_owned(), 1);
         assert_eq!(
-            shown(AuditGroup::Told),
+            shown(AuditGroup::Events),
             [one(RecordKind::StateSet), one(RecordKind::ApprovalPut), one(RecordKind::AlarmChanged)]
         );
         assert_eq!(shown(AuditGroup::People), [one(RecordKind::ApprovalPut)]);

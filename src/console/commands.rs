@@ -2,35 +2,31 @@
 
 use super::action::Action;
 use super::palette::best;
-use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude, UnknownWord};
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude, UnknownName};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::PACE_ALLOWED;
 
 /// A command with an argument: name, argument, help.
 pub const WITH_ARGUMENT: [(&str, &str, &str); 13] = [
-    ("as", "NAME", "Sit down as this identity"),
+    ("as", "NAME", "Use this identity"),
     ("candidate", "VERSION", "Show a version in full"),
-    ("close", "PROFILE", "Close a profile to the version under the cursor, reason required"),
+    ("close", "PROFILE", "Block the version under the cursor for a profile, reason required"),
     ("demo", "[NAME]", "Submit a demonstration candidate: the next one, or this one"),
-    ("drift", "KIND MAGNITUDE | off", "Let a drift set in in the simulated cell, or end it"),
+    ("drift", "KIND MAGNITUDE | off", "Start a drift of the simulated cell, or end it"),
     ("export", "", "Export this view as text and JSON"),
-    ("goal", "GOAL", "Say what the agent of the live cell works towards, reason required"),
-    (
-        "confirm-time",
-        "",
-        "Confirm what the machine's clock says, where it was set; nothing is activated before",
-    ),
-    ("note", "[TEXT]", "Leave a note for those who come after: on record, and marked in Health"),
-    ("open", "PROFILE", "Open a profile to the version under the cursor again, reason required"),
+    ("goal", "GOAL", "Set the goal of the agent of the live cell, reason required"),
+    ("confirm-time", "", "Confirm the machine's time after a clock mismatch; nothing is activated before"),
+    ("note", "[TEXT]", "Leave a note for the next shift: on record, and marked in Health"),
+    ("open", "PROFILE", "Unblock the version under the cursor for a profile, reason required"),
     ("pace", "N | max", "Simulated seconds in a second of the live cell"),
     ("register", "DIR", "Submit a candidate's folder"),
     ("theme", "NAME", "Use this theme"),
 ];
 
-/// What was asked for.
+/// A parsed command line.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Asked {
+pub enum ConsoleCommand {
     /// An action by its name.
     Action(Action),
     Demo(Option<String>),
@@ -39,22 +35,22 @@ pub enum Asked {
     Theme(String),
     /// A pace; absent for as fast as it computes.
     Pace(Option<f64>),
-    /// Which pace is in force.
+    /// Show the current pace.
     PaceNow,
     /// A drift; absent ends it.
     Drift(Option<Drift>),
     Candidate(CapabilityId),
-    /// A profile is closed (or opened) to the version under the cursor.
+    /// Blocks or unblocks the version under the cursor for a profile.
     Profile(ProfileName, bool),
-    /// What the agent works towards, in words for its interpreter.
+    /// The agent's goal, in words for its interpreter.
     Goal(String),
-    /// The machine's clock is to be believed.
+    /// Trust the machine's clock.
     ConfirmTime,
-    /// A note for those who come after.
+    /// A note for the next shift.
     Note(String),
 }
 
-impl Asked {
+impl ConsoleCommand {
     /// Whether a read-only console refuses it.
     #[must_use]
     pub const fn changes_something(&self) -> bool {
@@ -77,7 +73,7 @@ impl Asked {
 ///
 /// # Errors
 /// What is wrong, and what is allowed.
-pub fn parse(text: &str) -> Result<Asked, String> {
+pub fn parse(text: &str) -> Result<ConsoleCommand, String> {
     let text = text.trim().trim_start_matches(':');
     let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     let rest = rest.trim();
@@ -85,28 +81,30 @@ pub fn parse(text: &str) -> Result<Asked, String> {
         if rest.is_empty() { Err(format!(":{word} needs {what}")) } else { Ok(rest.to_owned()) }
     };
     match word {
-        "demo" => Ok(Asked::Demo((!rest.is_empty()).then(|| rest.to_owned()))),
-        "register" => needs("a folder").map(Asked::Register),
-        "as" => needs("the name of an identity; `holdpoint identity list` shows them").map(Asked::As),
-        "theme" => needs("a name; tab shows them").map(Asked::Theme),
-        "pace" if rest.is_empty() => Ok(Asked::PaceNow),
-        "pace" => pace(rest).map(Asked::Pace),
+        "demo" => Ok(ConsoleCommand::Demo((!rest.is_empty()).then(|| rest.to_owned()))),
+        "register" => needs("a folder").map(ConsoleCommand::Register),
+        "as" => {
+            needs("the name of an identity; `holdpoint identity list` shows them").map(ConsoleCommand::As)
+        }
+        "theme" => needs("a name; tab shows them").map(ConsoleCommand::Theme),
+        "pace" if rest.is_empty() => Ok(ConsoleCommand::PaceNow),
+        "pace" => pace(rest).map(ConsoleCommand::Pace),
         "drift" => drift(rest),
-        "goal" => needs("a goal: pick-align-place, grasp, align or place").map(Asked::Goal),
-        "confirm-time" if rest.is_empty() => Ok(Asked::ConfirmTime),
-        "note" => Ok(Asked::Note(rest.to_owned())),
+        "goal" => needs("a goal: pick-align-place, grasp, align or place").map(ConsoleCommand::Goal),
+        "confirm-time" if rest.is_empty() => Ok(ConsoleCommand::ConfirmTime),
+        "note" => Ok(ConsoleCommand::Note(rest.to_owned())),
         "close" => needs("a profile: sim, real or human").and_then(|name| profile(&name, true)),
         "open" if !rest.is_empty() => profile(rest, false),
         "candidate" if !rest.is_empty() => {
             let version = rest.parse::<CapabilityId>();
-            version.map(Asked::Candidate).map_err(|error| format!("{rest:?} is no version: {error}"))
+            version.map(ConsoleCommand::Candidate).map_err(|error| format!("{rest:?} is no version: {error}"))
         }
-        "q" => Ok(Asked::Action(Action::Quit)),
+        "q" => Ok(ConsoleCommand::Action(Action::Quit)),
         _ => {
             let action = Action::parse(word).filter(|action| !action.decides());
             let action = action.ok_or_else(|| format!("there is no command {word:?}; ? lists them"))?;
             if rest.is_empty() {
-                Ok(Asked::Action(action))
+                Ok(ConsoleCommand::Action(action))
             } else {
                 Err(format!(":{word} takes nothing after it"))
             }
@@ -129,23 +127,23 @@ pub fn pace(text: &str) -> Result<Option<f64>, String> {
     })
 }
 
-fn profile(name: &str, close: bool) -> Result<Asked, String> {
+fn profile(name: &str, close: bool) -> Result<ConsoleCommand, String> {
     let known = name.parse::<ProfileName>();
-    known.map(|profile| Asked::Profile(profile, close)).map_err(|error| error.to_string())
+    known.map(|profile| ConsoleCommand::Profile(profile, close)).map_err(|error| error.to_string())
 }
 
-fn drift(text: &str) -> Result<Asked, String> {
+fn drift(text: &str) -> Result<ConsoleCommand, String> {
     if text == "off" {
-        return Ok(Asked::Drift(None));
+        return Ok(ConsoleCommand::Drift(None));
     }
     let Some((kind, magnitude)) = text.split_once(char::is_whitespace) else {
         let kinds = DriftKind::ALL.map(DriftKind::name).join(", ").replace('_', "-");
         let magnitudes = Magnitude::ALL.map(Magnitude::name).join(", ");
         return Err(format!("allowed are `:drift off`, or a kind ({kinds}) and a magnitude ({magnitudes})"));
     };
-    let kind = kind.parse().map_err(|error: UnknownWord| error.to_string())?;
-    let magnitude = magnitude.trim().parse().map_err(|error: UnknownWord| error.to_string())?;
-    Ok(Asked::Drift(Some(Drift { kind, magnitude })))
+    let kind = kind.parse().map_err(|error: UnknownName| error.to_string())?;
+    let magnitude = magnitude.trim().parse().map_err(|error: UnknownName| error.to_string())?;
+    Ok(ConsoleCommand::Drift(Some(Drift { kind, magnitude })))
 }
 
 /// The goals that are offered; the agent's interpreter may know others.
@@ -154,7 +152,7 @@ const GOALS: [&str; 4] = ["pick-align-place", "grasp", "align", "place"];
 /// The paces that are offered.
 const PACES: [&str; 5] = ["1", "2", "5", "10", "max"];
 
-/// Every drift there is, as it is written.
+/// Every drift, as written on the command line.
 fn drifts() -> Vec<String> {
     let kinds = DriftKind::ALL.map(|kind| kind.name().replace('_', "-"));
     let all = kinds
@@ -163,13 +161,13 @@ fn drifts() -> Vec<String> {
     std::iter::once("off".to_owned()).chain(all).collect()
 }
 
-/// What is typed of a path, if the line takes one: its folder has to be read for what it could become.
+/// The typed part of a path, if the line takes one: its folder must be read for completions.
 #[must_use]
 pub fn path_of(typed: &str) -> Option<&str> {
     typed.trim_start().strip_prefix("register ").map(str::trim_start)
 }
 
-/// What can be completed to.
+/// The names for completion.
 #[derive(Clone, Copy, Debug)]
 pub struct KnownNames<'a> {
     /// Versions in the snapshot.
@@ -178,7 +176,7 @@ pub struct KnownNames<'a> {
     pub themes: &'a [String],
 }
 
-/// Lines that what is typed could become, the best first.
+/// Completions of the typed text, the best first.
 #[must_use]
 pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
     let typed = typed.trim_start();
@@ -222,23 +220,23 @@ mod tests {
     fn reads_lines_and_refuses_with_what_is_allowed() {
         let version: CapabilityId = "grasp@1.2.0".parse().unwrap();
         for (text, asked) in [
-            ("alarms", Asked::Action(Action::ShowAlarms)),
-            (":q", Asked::Action(Action::Quit)),
-            ("demo", Asked::Demo(None)),
-            ("demo grasp-improved", Asked::Demo(Some("grasp-improved".to_owned()))),
-            ("pace", Asked::PaceNow),
-            ("pace max", Asked::Pace(None)),
-            ("pace 2.5", Asked::Pace(Some(2.5))),
-            ("candidate grasp@1.2.0", Asked::Candidate(version)),
-            ("candidate", Asked::Action(Action::ShowCandidate)),
-            ("drift off", Asked::Drift(None)),
-            ("goal align", Asked::Goal("align".to_owned())),
-            ("confirm-time", Asked::ConfirmTime),
-            ("note", Asked::Note(String::new())),
-            ("note the tray is new", Asked::Note("the tray is new".to_owned())),
-            ("close human", Asked::Profile(ProfileName::Human, true)),
-            ("open human", Asked::Profile(ProfileName::Human, false)),
-            ("open", Asked::Action(Action::Open)),
+            ("alarms", ConsoleCommand::Action(Action::ShowAlarms)),
+            (":q", ConsoleCommand::Action(Action::Quit)),
+            ("demo", ConsoleCommand::Demo(None)),
+            ("demo grasp-improved", ConsoleCommand::Demo(Some("grasp-improved".to_owned()))),
+            ("pace", ConsoleCommand::PaceNow),
+            ("pace max", ConsoleCommand::Pace(None)),
+            ("pace 2.5", ConsoleCommand::Pace(Some(2.5))),
+            ("candidate grasp@1.2.0", ConsoleCommand::Candidate(version)),
+            ("candidate", ConsoleCommand::Action(Action::ShowCandidate)),
+            ("drift off", ConsoleCommand::Drift(None)),
+            ("goal align", ConsoleCommand::Goal("align".to_owned())),
+            ("confirm-time", ConsoleCommand::ConfirmTime),
+            ("note", ConsoleCommand::Note(String::new())),
+            ("note the tray is new", ConsoleCommand::Note("the tray is new".to_owned())),
+            ("close human", ConsoleCommand::Profile(ProfileName::Human, true)),
+            ("open human", ConsoleCommand::Profile(ProfileName::Human, false)),
+            ("open", ConsoleCommand::Action(Action::Open)),
         ] {
             assert_eq!(parse(text), Ok(asked), "{text}");
         }

@@ -1,40 +1,40 @@
-//! What the reducer wants done. It does none of it itself; the run loop does, and answers with a message.
+//! The effects that the reducer requests. The run loop carries them out and answers with a message.
 //!
-//! Nothing dangerous can be made here: [`Effect::Decide`] takes a [`PromptAnswer`] and [`Effect::Operate`] a
-//! [`Confirmed`], which only an open prompt and a filled form can make.
+//! Nothing dangerous can be made here: [`Effect::Decide`] takes an [`ApprovalAnswer`] and [`Effect::Operate`] a
+//! [`ConfirmedOperation`], which only an open prompt and a filled form can make.
 
+use super::approval_screen::ApprovalAnswer;
 use super::audit::AuditGroup;
-use super::form::Confirmed;
-use super::model::{AskedFor, View};
-use super::prompt::PromptAnswer;
+use super::form::ConfirmedOperation;
+use super::model::{RequestSubject, View};
 use holdpoint_approvals::Passphrase;
-use holdpoint_body::rehearsal::Drift;
+use holdpoint_body::disturbance::Drift;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Command;
-use holdpoint_protocol::film::FilmAsked;
-use holdpoint_protocol::health::HealthAsked;
-use holdpoint_protocol::snapshot::Purpose;
+use holdpoint_protocol::film::FilmRequest;
+use holdpoint_protocol::health::HealthQuery;
+use holdpoint_protocol::snapshot::RequestKind;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
-    /// Ask the engine something that decides nothing.
+    /// Send the engine a query that decides nothing.
     Ask {
         id: String,
-        question: Question,
+        question: EngineQuery,
     },
-    /// Have the engine do what a person confirmed.
+    /// Have the engine carry out a confirmed operation.
     Operate {
         id: String,
-        confirmed: Box<Confirmed>,
-        /// Opens the key of who confirmed it, if it is signed and the key is under one; wiped after the signature.
+        confirmed: Box<ConfirmedOperation>,
+        /// Opens the person's key, if it is signed and the key has a passphrase; wiped after the signature.
         passphrase: Option<Passphrase>,
     },
     /// Sign a decision and hand it to the engine.
     Decide {
         id: String,
-        decision: Box<PromptAnswer>,
-        /// Opens the key of who decides, if it is under one; wiped after the signature.
+        decision: Box<ApprovalAnswer>,
+        /// Opens the person's key, if it has a passphrase; wiped after the signature.
         passphrase: Option<Passphrase>,
     },
     /// Read a candidate's folder, or an embedded one, and submit it.
@@ -45,18 +45,18 @@ pub enum Effect {
         /// As for an operation.
         passphrase: Option<Passphrase>,
     },
-    /// Read who could sit here.
+    /// Read the identities that this console could use.
     ReadIdentities,
-    /// Somebody else sits down; the name is checked against the identities.
+    /// Change the operator; the name is checked against the identities.
     UseIdentity(String),
-    /// Read what a folder holds that a typed path could become.
+    /// Read a folder for completions of a typed path.
     ReadFolder {
         /// The whole line, which the answer names.
         typed: String,
         /// The path as far as it is typed.
         path: String,
     },
-    /// Make an identity without a passphrase, and sit down as it.
+    /// Make an identity without a passphrase, and use it.
     MakeIdentity(String),
     /// Put text on the clipboard (OSC 52).
     Copy(String),
@@ -67,23 +67,23 @@ pub enum Effect {
     /// Show the live scene.
     OpenLive,
     UseTheme(String),
-    /// Look whether the operator's own files, keys and themes, changed.
-    LookAtOwnFiles,
+    /// Check whether the operator's own files, keys and themes, changed.
+    CheckOperatorFiles,
     /// Take the mouse, or give it back.
     TakeMouse(bool),
     /// Call for attention once.
     Bell,
-    /// End the engine in an orderly way, then the program.
+    /// Shut the engine down, then end the program.
     End,
-    /// End the program alone: the engine works on.
+    /// End only the program: the engine keeps running.
     Leave,
-    /// As that, and tell the engine to go on with nobody.
+    /// End the console and tell the engine to keep running without one.
     Detach,
 }
 
-/// What can be asked without a confirmation: it reads, or is undone as easily.
+/// Queries without a confirmation: each reads, or is easily undone.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Question {
+pub enum EngineQuery {
     /// Everything about a version.
     Detail(CapabilityId),
     Registry {
@@ -91,23 +91,23 @@ pub enum Question {
         /// Whose name contains this.
         text: String,
     },
-    /// A question to people, as one of them gets it.
+    /// An approval request, as one person gets it.
     Asked {
         version: CapabilityId,
-        purpose: Purpose,
+        purpose: RequestKind,
         who: String,
     },
-    /// A piece of a version's evaluation, worked again.
+    /// Re-run a part of a version's evaluation with video.
     Film {
         version: CapabilityId,
-        asked: FilmAsked,
+        asked: FilmRequest,
     },
-    /// What a pane of the log shows, the newest first.
+    /// The records of a pane of the log, the newest first.
     Audit(AuditGroup),
-    /// What live tasks came to over time.
-    Health(HealthAsked),
+    /// The results of live tasks over time.
+    Health(HealthQuery),
     /// The course of alarms.
-    AlarmHistory(HealthAsked),
+    AlarmHistory(HealthQuery),
     Verify,
     /// Note that an alarm was seen. Resumes nothing.
     Acknowledge {
@@ -119,11 +119,11 @@ pub enum Question {
         alarm: String,
         by: String,
     },
-    /// Stop the arm; needs no confirmation, because it is always safe to.
+    /// Stop the arm; needs no confirmation, because it is always safe.
     Stop {
         by: String,
     },
-    /// How fast the simulated cell works.
+    /// The speed of the simulated cell.
     Pace(Option<f64>),
     /// Start a drift of the simulated cell, or end it.
     Drift(Option<Drift>),
@@ -135,23 +135,23 @@ const PAGE_ROWS: u64 = 10_000;
 /// Records of the log asked for at once.
 const AUDIT_ROWS: u64 = 1_000;
 
-impl Question {
+impl EngineQuery {
     /// What kind of answer it awaits.
     #[must_use]
-    pub const fn about(&self) -> AskedFor {
+    pub const fn about(&self) -> RequestSubject {
         match self {
-            Self::Detail(_) => AskedFor::Detail,
-            Self::Registry { .. } => AskedFor::Registry,
-            Self::Asked { .. } => AskedFor::Question,
-            Self::Film { .. } => AskedFor::Film,
-            Self::Audit(_) => AskedFor::Audit,
-            Self::Health(_) => AskedFor::Health,
-            Self::AlarmHistory(_) => AskedFor::AlarmHistory,
-            Self::Verify => AskedFor::Verification,
-            Self::Acknowledge { .. } | Self::Unshelve { .. } => AskedFor::Alarm,
-            Self::Stop { .. } => AskedFor::Operation,
-            Self::Pace(_) => AskedFor::Pace,
-            Self::Drift(_) => AskedFor::Drift,
+            Self::Detail(_) => RequestSubject::Detail,
+            Self::Registry { .. } => RequestSubject::Registry,
+            Self::Asked { .. } => RequestSubject::Question,
+            Self::Film { .. } => RequestSubject::Film,
+            Self::Audit(_) => RequestSubject::Audit,
+            Self::Health(_) => RequestSubject::Health,
+            Self::AlarmHistory(_) => RequestSubject::AlarmHistory,
+            Self::Verify => RequestSubject::Verification,
+            Self::Acknowledge { .. } | Self::Unshelve { .. } => RequestSubject::Alarm,
+            Self::Stop { .. } => RequestSubject::Operation,
+            Self::Pace(_) => RequestSubject::Pace,
+            Self::Drift(_) => RequestSubject::Drift,
         }
     }
 

@@ -1,51 +1,51 @@
-//! A form: an operation that needs a confirmation, and mostly a reason, before the engine is asked for it.
+//! A form: an operation that needs a confirmation, and usually a reason, before it goes to the engine.
 //!
-//! [`Confirmed`] has no constructor outside this file. What is highlighted is what fires: one focus drives both the
-//! drawing and [`Form::confirm`].
+//! [`ConfirmedOperation`] has no constructor outside this file. The highlighted button is the one that acts: one
+//! focus drives both the drawing and [`Form::confirm`].
 
+use super::approval_screen::{GUARD_MS, VisibleRows};
 use super::line::EditLine;
 use super::operator::Operator;
-use super::prompt::{GUARD_MS, OnScreen};
 use super::secret::Signing;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::command::{Authority, Command, Operation};
+use holdpoint_protocol::command::{AuthorityEffect, Command, Operation};
 use holdpoint_text::is_visible;
 
 /// The longest shelving a form offers, minutes: one shift.
 pub const SHELVE_MINUTES_MAX: u64 = 8 * 60;
 
-/// What is asked for.
+/// An operation that a form asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Intent {
     /// Stop what runs: the most urgent of the choices below.
     Abort(Abort),
     /// Roll an active version back.
     Rollback(CapabilityId),
-    /// Take a family's last version off: nobody takes over.
+    /// Deactivate a family's last version: no version follows.
     Vacate(CapabilityId),
     /// Run the sandbox of a version again.
     Repeat(CapabilityId),
     /// Lift the restriction of an active version.
     Release(CapabilityId),
-    /// Close a profile to a version, or open it again.
+    /// Block a version under a profile, or unblock it.
     Profile(CapabilityId, ProfileName, bool),
     Pause(CapabilityId),
-    /// Let a held candidate go on.
+    /// Resume a held candidate.
     Resume(CapabilityId),
-    /// Reject a candidate for good.
+    /// Reject a candidate finally.
     Reject(CapabilityId),
-    /// Send a version back to evaluation.
+    /// Return a version to evaluation.
     Demote(CapabilityId),
     /// Tighten the envelope of an active version.
     Restrict(CapabilityId),
-    /// Answer a monitor's question: go on.
+    /// Answer a monitor's question: the version continues.
     Continue(CapabilityId),
-    /// Make a superseded version of a stopped family active again.
+    /// Reactivate a superseded version of a safe-stopped family.
     Rearm(CapabilityId),
-    /// Let the cell work again that was stopped since then, so many times, the last one at this virtual time, ms.
+    /// Start the cell: when it was stopped, how often, and the virtual time of the last stop, ms.
     Go {
         since_ms: u64,
         stops: u64,
@@ -55,9 +55,9 @@ pub enum Intent {
     Goal(String),
     /// Confirm what the machine's clock said when this was read.
     ConfirmTime(WallTime),
-    /// Leave a note for those who come after.
+    /// Leave a note for the next shift.
     Note,
-    /// The same for each of several versions, which it names: what takes a candidate away, or holds it.
+    /// The same operation for several versions, each named: one that removes candidates or holds them.
     Several(Vec<Intent>),
     /// Set an alarm aside.
     Shelve(String),
@@ -65,7 +65,7 @@ pub enum Intent {
     ResetAlarm(String),
     /// Submit a candidate: a folder, or the next demonstration candidate.
     Register(Option<String>),
-    /// Make an identity of this name, without a passphrase, and sit down as it.
+    /// Make an identity of this name, without a passphrase, and use it.
     Identity(String),
     Quit,
 }
@@ -75,14 +75,14 @@ pub enum Intent {
 pub enum Abort {
     /// A version that is active but not settled: rolled back.
     Active(CapabilityId),
-    /// As that, where nobody would take over.
+    /// As that, where no version would take over.
     Last(CapabilityId),
     /// A candidate on its way: held.
     Candidate(CapabilityId),
 }
 
 impl Intent {
-    /// The verb on the button.
+    /// The text on the button.
     #[must_use]
     pub fn verb(&self) -> &'static str {
         match self {
@@ -91,20 +91,20 @@ impl Intent {
             Self::Abort(Abort::Last(_)) => "Abort: stop the family",
             Self::Abort(Abort::Candidate(_)) => "Abort: hold",
             Self::Rollback(_) => "Roll back",
-            Self::Vacate(_) => "Take the last version off",
+            Self::Vacate(_) => "Deactivate the last version",
             Self::Repeat(_) => "Evaluate again",
             Self::Release(_) => "Release",
-            Self::Profile(_, _, true) => "Close a profile to",
-            Self::Profile(_, _, false) => "Open a profile to",
+            Self::Profile(_, _, true) => "Block under a profile",
+            Self::Profile(_, _, false) => "Unblock under a profile",
             Self::Pause(_) => "Hold",
-            Self::Resume(_) => "Let go on",
-            Self::Reject(_) => "Reject for good",
-            Self::Demote(_) => "Send back to evaluation",
+            Self::Resume(_) => "Resume",
+            Self::Reject(_) => "Reject",
+            Self::Demote(_) => "Return to evaluation",
             Self::Restrict(_) => "Restrict",
-            Self::Continue(_) => "Let go on",
-            Self::Rearm(_) => "Make active again",
-            Self::Go { .. } => "Let it work again",
-            Self::Goal(_) => "Work towards",
+            Self::Continue(_) => "Continue",
+            Self::Rearm(_) => "Reactivate",
+            Self::Go { .. } => "Start the cell",
+            Self::Goal(_) => "Set goal",
             Self::ConfirmTime(_) => "Confirm it",
             Self::Note => "Leave it",
             Self::Shelve(_) => "Shelve",
@@ -115,31 +115,31 @@ impl Intent {
         }
     }
 
-    /// What is asked for, as a sentence.
+    /// The operation as a sentence.
     #[must_use]
     pub fn title(&self) -> String {
         match self {
             Self::Several(each) => format!("{}: {} versions", self.verb(), each.len()),
             Self::Abort(Abort::Active(id)) => format!("Abort {id}: roll it back"),
             Self::Abort(Abort::Last(id)) => format!("Abort {id}: stop the family {}", id.family),
-            Self::Abort(Abort::Candidate(id)) => format!("Abort {id}: hold it where it stands"),
+            Self::Abort(Abort::Candidate(id)) => format!("Abort {id}: hold it"),
             Self::Rollback(id) => format!("Roll {id} back"),
-            Self::Vacate(id) => format!("Take {id} off: nobody takes over"),
+            Self::Vacate(id) => format!("Deactivate {id}: no version follows"),
             Self::Repeat(id) => format!("Evaluate {id} again"),
-            Self::Release(id) => format!("Release {id} from its restriction"),
-            Self::Profile(id, profile, true) => format!("Close the profile {} to {id}", profile.name()),
-            Self::Profile(id, profile, false) => format!("Open the profile {} to {id}", profile.name()),
+            Self::Release(id) => format!("Lift the restriction of {id}"),
+            Self::Profile(id, profile, true) => format!("Block {id} under the profile {}", profile.name()),
+            Self::Profile(id, profile, false) => format!("Unblock {id} under the profile {}", profile.name()),
             Self::Pause(id) => format!("Hold {id}"),
-            Self::Resume(id) => format!("Let {id} go on"),
-            Self::Reject(id) => format!("Reject {id} for good"),
-            Self::Demote(id) => format!("Send {id} back to evaluation"),
+            Self::Resume(id) => format!("Resume {id}"),
+            Self::Reject(id) => format!("Reject {id} finally"),
+            Self::Demote(id) => format!("Return {id} to evaluation"),
             Self::Restrict(id) => format!("Restrict {id}"),
-            Self::Continue(id) => format!("Let {id} go on: answer its monitor"),
-            Self::Rearm(id) => format!("Make {id} active again"),
-            Self::Go { .. } => "Let the stopped cell work again".to_owned(),
-            Self::Goal(goal) => format!("Work towards {goal}"),
-            Self::ConfirmTime(time) => format!("Confirm the time: {}", time.spoken()),
-            Self::Note => "Leave a note for those who come after".to_owned(),
+            Self::Continue(id) => format!("Continue with {id}: answer its monitor"),
+            Self::Rearm(id) => format!("Reactivate {id}"),
+            Self::Go { .. } => "Start the stopped cell".to_owned(),
+            Self::Goal(goal) => format!("Set the goal {goal}"),
+            Self::ConfirmTime(time) => format!("Confirm the time: {}", time.label()),
+            Self::Note => "Leave a note for the next shift".to_owned(),
             Self::Shelve(alarm) => format!("Shelve {alarm}"),
             Self::ResetAlarm(alarm) => format!("Reset {alarm}"),
             Self::Register(Some(folder)) => format!("Submit {folder:?}"),
@@ -149,24 +149,24 @@ impl Intent {
         }
     }
 
-    /// What is said where it was left: that it is not so.
+    /// The message after a cancelation: the operation did not happen.
     #[must_use]
-    pub fn left(&self) -> &'static str {
+    pub fn cancelled_text(&self) -> &'static str {
         match self {
-            Self::Several(each) => each.first().map_or("", Self::left),
+            Self::Several(each) => each.first().map_or("", Self::cancelled_text),
             Self::Abort(Abort::Active(_)) | Self::Rollback(_) => "not rolled back",
-            Self::Abort(Abort::Last(_)) | Self::Vacate(_) => "not taken off",
+            Self::Abort(Abort::Last(_)) | Self::Vacate(_) => "not deactivated",
             Self::Abort(Abort::Candidate(_)) | Self::Pause(_) => "not held",
             Self::Repeat(_) => "not evaluated again",
             Self::Release(_) => "not released",
-            Self::Profile(_, _, true) => "not closed",
-            Self::Profile(_, _, false) => "not opened",
-            Self::Resume(_) => "not let go on",
+            Self::Profile(_, _, true) => "not blocked",
+            Self::Profile(_, _, false) => "not unblocked",
+            Self::Resume(_) => "not resumed",
             Self::Reject(_) => "not rejected",
-            Self::Demote(_) => "not sent back",
+            Self::Demote(_) => "not returned",
             Self::Restrict(_) => "not restricted",
             Self::Continue(_) => "its monitor is not answered",
-            Self::Rearm(_) => "not made active",
+            Self::Rearm(_) => "not reactivated",
             Self::Go { .. } => "the cell stays stopped",
             Self::Goal(_) => "the goal is as it was",
             Self::ConfirmTime(_) => "the time is not confirmed",
@@ -175,27 +175,27 @@ impl Intent {
             Self::ResetAlarm(_) => "not reset",
             Self::Register(_) => "not submitted",
             Self::Identity(_) => "no identity is made",
-            Self::Quit => "the engine works on",
+            Self::Quit => "the engine keeps running",
         }
     }
 
-    /// Whether somebody has to answer for it by name: stopping and leaving are for everybody.
+    /// Whether a named person must take responsibility. Every user may stop something or leave.
     #[must_use]
     pub const fn needs_person(&self) -> bool {
         !matches!(self, Self::Abort(_) | Self::Identity(_) | Self::Quit)
     }
 
-    /// Whether it is asked for also of somebody who is not known to be the engine: it takes authority away, or gives none.
+    /// Whether it may go to an unverified engine: it takes authority away, or gives none.
     #[must_use]
-    pub fn needs_no_known_engine(&self) -> bool {
+    pub fn allows_unverified_engine(&self) -> bool {
         match self {
-            Self::Several(each) => each.iter().all(Self::needs_no_known_engine),
+            Self::Several(each) => each.iter().all(Self::allows_unverified_engine),
             Self::Reject(_) | Self::Demote(_) | Self::Note | Self::Identity(_) => true,
             _ => self.stops(),
         }
     }
 
-    /// Whether it stops or tightens what acts, or leaves: what is asked for also where no engine is at work here.
+    /// Whether it stops or tightens an active version, or leaves. An engine elsewhere can serve it, too.
     #[must_use]
     pub fn stops(&self) -> bool {
         match self {
@@ -221,7 +221,7 @@ impl Intent {
     }
 }
 
-/// What has the keys in a form.
+/// The part of a form that has the keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FormFocus {
     Minutes,
@@ -233,55 +233,55 @@ pub enum FormFocus {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Form {
-    /// What is asked for.
+    /// The operation.
     pub intent: Intent,
-    /// What it does, one sentence each.
+    /// Its consequences, one sentence each.
     pub consequences: Vec<String>,
     /// For how long, minutes.
     pub minutes: EditLine,
     pub reason: EditLine,
     /// What has the keys.
     pub focus: FormFocus,
-    /// What is wrong with it, once a confirmation was tried.
+    /// The problem, after a failed confirmation.
     pub problem: Option<String>,
-    /// What was typed to sign for it, while a passphrase is asked for.
+    /// The passphrase field, while one is typed.
     pub signing: Option<Signing<()>>,
     /// Console time at which it was opened, ms.
     pub opened_ms: u64,
-    /// Why it cannot be asked for any more: nothing is asked, and what is typed goes nowhere.
-    pub void: Option<Void>,
-    /// Rows of what it does that are scrolled past; the screen stops at the last.
+    /// Why the form is void: it confirms nothing, and typed text goes nowhere.
+    pub void: Option<DismissedForm>,
+    /// Rows of the consequences scrolled past; the screen stops at the last.
     pub scroll: u16,
-    /// How much of what it does the frames had on the screen.
-    reading: FormReading,
+    /// How many of the consequences were on the screen.
+    reading: FormReadProgress,
 }
 
-/// Rows of what a form does, as the frames had them.
+/// The rows of a form's consequences, as the frames showed them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct FormReading {
-    /// From the first on, so many were there.
+struct FormReadProgress {
+    /// How many rows from the first on were shown.
     read: usize,
     room: usize,
     /// All of them; 0 before the first frame.
     count: usize,
 }
 
-/// What was cut off while somebody may have been typing into it.
+/// A form that became void while the operator may have been typing.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Void {
+pub struct DismissedForm {
     /// Why, one sentence.
     pub why: String,
     /// Console time of the last key that went nowhere, or of the cut, ms.
     last_key_ms: u64,
 }
 
-impl Void {
+impl DismissedForm {
     #[must_use]
     pub const fn new(why: String, now_ms: u64) -> Self {
         Self { why, last_key_ms: now_ms }
     }
 
-    /// Takes a key. Tells whether it may close what was cut off: one that comes with what was being typed does not.
+    /// Takes a key and returns whether it may close the void form: a key from the typing burst may not.
     pub const fn key(&mut self, now_ms: u64) -> bool {
         let is_quiet = now_ms.saturating_sub(self.last_key_ms) >= GUARD_MS;
         self.last_key_ms = now_ms;
@@ -289,17 +289,17 @@ impl Void {
     }
 }
 
-/// What is said where a person's name is missing.
-pub const NOBODY: &str = "say who you are first (`:as NAME`)";
+/// The message if no operator is named.
+pub const NO_IDENTITY_TEXT: &str = "say who you are first (`:as NAME`)";
 
-/// An operation that somebody confirmed. Made by [`Form::confirm`] alone.
+/// An operation that a person confirmed. Only [`Form::confirm`] makes one.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Confirmed {
+pub struct ConfirmedOperation {
     command: Command,
-    said: String,
+    description: String,
 }
 
-impl Confirmed {
+impl ConfirmedOperation {
     /// The engine's command for it.
     #[must_use]
     pub fn into_command(self) -> Command {
@@ -315,16 +315,16 @@ impl Confirmed {
         }
     }
 
-    /// Whether it gives or widens authority, so that somebody signs it where a signature is asked for.
+    /// Whether it gives or widens authority, which requires a signature where the engine asks for one.
     #[must_use]
     pub fn gives_authority(&self) -> bool {
-        self.command.authority() == Authority::Gives
+        self.command.authority_effect() == AuthorityEffect::Gives
     }
 
-    /// What was asked for, in words.
+    /// The operation, in words.
     #[must_use]
-    pub fn said(&self) -> &str {
-        &self.said
+    pub fn description(&self) -> &str {
+        &self.description
     }
 }
 
@@ -351,31 +351,31 @@ impl Form {
             opened_ms: 0,
             void: None,
             scroll: 0,
-            reading: FormReading::default(),
+            reading: FormReadProgress::default(),
         }
     }
 
-    /// Notes what a frame had on the screen of what it does. A row counts as read where none above it was passed over.
-    pub fn saw(&mut self, seen: &OnScreen) {
-        let OnScreen { first, room, count, .. } = *seen;
+    /// Notes the consequences that a frame showed. A row counts as read if no row above it was skipped.
+    pub fn saw(&mut self, seen: &VisibleRows) {
+        let VisibleRows { first, room, count, .. } = *seen;
         if count != self.reading.count {
             self.reading.read = 0;
         }
         let to = first.saturating_add(room).min(count);
         let read = if first <= self.reading.read { self.reading.read.max(to) } else { self.reading.read };
-        self.reading = FormReading { read, room, count };
+        self.reading = FormReadProgress { read, room, count };
         self.scroll = u16::try_from(first).unwrap_or(u16::MAX);
     }
 
-    /// How many rows of what it does were not on the screen yet.
+    /// How many rows of the consequences were not on the screen yet.
     #[must_use]
     pub const fn unread(&self) -> usize {
         self.reading.count.saturating_sub(self.reading.read)
     }
 
-    /// Scrolls what it does by as much as can be seen.
+    /// Scrolls the consequences by one page.
     pub fn scroll_by(&mut self, down: bool) {
-        let FormReading { room, count, .. } = self.reading;
+        let FormReadProgress { room, count, .. } = self.reading;
         let [step, most] = [room.saturating_sub(1).max(1), count.saturating_sub(room)]
             .map(|rows| u16::try_from(rows).unwrap_or(u16::MAX));
         self.scroll =
@@ -389,13 +389,13 @@ impl Form {
         self
     }
 
-    /// Whether it opened a moment ago: the key that confirms may have been typed for something else.
+    /// Whether it opened a moment ago: the confirming key may have been typed for something else.
     #[must_use]
     pub const fn is_guarded(&self, now_ms: u64) -> bool {
         now_ms.saturating_sub(self.opened_ms) < GUARD_MS
     }
 
-    /// What can have the keys, in the order of Tab.
+    /// The parts that can have the keys, in the order of Tab.
     #[must_use]
     pub fn focuses(&self) -> Vec<FormFocus> {
         let mut focuses = Vec::with_capacity(4);
@@ -434,34 +434,34 @@ impl Form {
         }
     }
 
-    /// What it does may have changed while it is open. What was read before is marked as such, and the button that
-    /// confirms loses the keys: what fires is what was read.
+    /// Updates the consequences of an open form. If they changed, the form says so and the confirming button loses
+    /// the keys: only a read text can be confirmed.
     pub fn follow(&mut self, consequences: Vec<String>) {
         if consequences == self.consequences || self.void.is_some() {
             return;
         }
         self.consequences = consequences;
-        (self.scroll, self.reading) = (0, FormReading::default());
-        // What is being typed stays a passphrase, of no more use: it must not become keys.
+        (self.scroll, self.reading) = (0, FormReadProgress::default());
+        // The field stays a passphrase field, without effect, so that typed text does not become keys.
         if let Some(signing) = &mut self.signing {
-            signing.go_stale("what is asked for has just changed: Esc leads back, read it again");
+            signing.go_stale("the operation has just changed: Esc leads back, read it again");
         }
         // Stopping and leaving stay one key.
         if self.is_one_key() {
             return;
         }
-        self.problem = Some("what is said above has just changed: read it again".to_owned());
+        self.problem = Some("the text above has just changed: read it again".to_owned());
         if self.focus == FormFocus::Confirm {
             self.focus = FormFocus::Cancel;
         }
     }
 
-    /// Nothing comes of it any more. It stays, so that what is being typed goes nowhere else, until it is closed.
-    pub fn make_void(&mut self, why: String, now_ms: u64) {
+    /// Makes the form void. It stays open until it is closed, so that typed text goes nowhere else.
+    pub fn dismiss(&mut self, why: String, now_ms: u64) {
         self.signing = None;
         self.problem = None;
         self.focus = FormFocus::Cancel;
-        self.void = Some(Void::new(why, now_ms));
+        self.void = Some(DismissedForm::new(why, now_ms));
     }
 
     /// Whether one key confirms it without a field to fill.
@@ -470,20 +470,20 @@ impl Form {
         !self.intent.needs_reason()
     }
 
-    /// The operations, for `who`. Quitting is none of the engine's, and what is submitted is read when it is: none.
+    /// The operations, for `who`. Quitting gives none, and a submission is read later.
     ///
     /// # Errors
-    /// What is missing or not allowed, with a hint.
-    pub fn confirm(&self, who: Option<&Operator>) -> Result<Vec<Confirmed>, String> {
+    /// The missing or forbidden part, with a hint.
+    pub fn confirm(&self, who: Option<&Operator>) -> Result<Vec<ConfirmedOperation>, String> {
         if self.unread() > 0 && !self.intent.stops() {
-            return Err("read what is said above to its end first (pagedown)".to_owned());
+            return Err("read the text above to its end first (pagedown)".to_owned());
         }
         let by = match (who, &self.intent) {
             (Some(who), _) => who.name.clone(),
-            // Stopping needs no name: nobody must look for an identity first.
+            // Stopping needs no identity, so that no time is lost.
             (None, Intent::Abort(_)) => "console".to_owned(),
             (None, Intent::Identity(_) | Intent::Quit) => return Ok(Vec::new()),
-            (None, _) => return Err(NOBODY.to_owned()),
+            (None, _) => return Err(NO_IDENTITY_TEXT.to_owned()),
         };
         let reason = self.reason.text().trim().to_owned();
         if self.intent.needs_reason() && !is_visible(&reason) {
@@ -496,7 +496,7 @@ impl Form {
         };
         let confirmed = each.iter().filter_map(|intent| {
             let command = intent.command(&by, &reason, minutes)?;
-            Some(Confirmed { command, said: intent.title() })
+            Some(ConfirmedOperation { command, description: intent.title() })
         });
         Ok(confirmed.collect())
     }
@@ -512,7 +512,7 @@ impl Form {
 }
 
 impl Intent {
-    /// The engine's command for it; `None` for what is none of the engine's, and for several.
+    /// The engine's command for it; `None` for several operations, or one that the engine does not take part in.
     fn command(&self, by: &str, reason: &str, minutes: u64) -> Option<Command> {
         let operation = |version: &CapabilityId, reason: &str| Operation {
             version: version.clone(),
@@ -556,7 +556,7 @@ impl Intent {
                 Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason: given }
             }
             Intent::ResetAlarm(alarm) => Command::ResetAlarm { alarm: alarm.clone(), by, reason: given },
-            // What is submitted is read when it is.
+            // A submission is read when it is sent.
             Intent::Register(_) | Intent::Identity(_) | Intent::Quit | Intent::Several(_) => return None,
         })
     }

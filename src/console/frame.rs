@@ -1,26 +1,26 @@
-//! The whole screen: which parts there are at which size, and where.
+//! The whole screen: its parts at each size, and their places.
 //!
 //! ```text
 //! banner     profile, robot, who, doubts
 //! tabs       views and their keys
 //! (tour)     one sentence, until it is dismissed
 //! body       the view, or what lies over it
-//! status     the gravest alarm, counts, what waits: never covered
-//! hints      keys, answer, or what is typed
+//! status     the most serious alarm, counts, waiting requests
+//! hints      keys, answer, or typed text
 //! ```
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::{Position, Rect};
 
+use super::approval_screen::VisibleRows;
 use super::look::{Look, ThemeRole};
-use super::model::{Model, Overlay, View};
-use super::prompt::OnScreen;
+use super::model::{ConsoleModel, Overlay, View};
 use super::views;
 use super::widgets::pen::{Fit, Hit, Pen, above, below};
 use super::widgets::row::Row;
 
 /// Draws everything into `area`, which may have any size.
-pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
+pub fn draw(model: &ConsoleModel, look: &Look, area: Rect, buf: &mut Buffer) {
     let area = area.intersection(buf.area);
     if area.is_empty() {
         return;
@@ -29,9 +29,9 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
     paint(model, &mut pen, area);
 }
 
-/// What a click at a place of the screen means, as it is drawn now; absent if it means nothing.
+/// The meaning of a click at a place of the current screen; absent if it has none.
 #[must_use]
-pub fn hit(model: &Model, look: &Look, area: Rect, (column, row): (u16, u16)) -> Option<Hit> {
+pub fn hit(model: &ConsoleModel, look: &Look, area: Rect, (column, row): (u16, u16)) -> Option<Hit> {
     let mut buf = Buffer::empty(area);
     let mut pen = Pen::new(look, &mut buf, Fit::of(area.width, area.height));
     if !area.is_empty() {
@@ -41,11 +41,11 @@ pub fn hit(model: &Model, look: &Look, area: Rect, (column, row): (u16, u16)) ->
     pen.hits.iter().rev().find(|(place, _)| place.contains(at)).map(|(_, hit)| *hit)
 }
 
-fn paint(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+fn paint(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     pen.clear(area);
-    let menu = model.entry.menu.as_ref();
+    let menu = model.input.menu.as_ref();
     if pen.fit == Fit::Tiny {
-        views::tiny::draw(model, pen, area);
+        views::small_window::draw(model, pen, area);
         if let Some(menu) = menu {
             views::menu::draw(menu, pen, above(area, area.height - 1));
         }
@@ -57,9 +57,9 @@ fn paint(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     views::status::draw(model, pen, Rect { y: area.y + foot, height: 1, ..area });
     views::hints::draw(model, pen, Rect { y: area.y + foot + 1, height: hints, ..area });
     let body = below(Rect { height: foot, ..area }, 1);
-    match &model.entry.overlay {
-        // The whole decision must be readable: it takes all there is.
-        Some(Overlay::Prompt(prompt)) => views::prompt::draw(model, prompt, pen, body),
+    match &model.input.overlay {
+        // The whole decision must be readable: it takes the whole area.
+        Some(Overlay::Approval(prompt)) => views::approval_screen::draw(model, prompt, pen, body),
         Some(Overlay::Palette(palette)) => {
             let body = under(model, pen, body);
             views::palette::draw(model, palette, pen, body);
@@ -79,25 +79,26 @@ fn paint(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// The rows of an open decision or form that [`draw`] puts on the screen; absent if none is open. Where there is no room for
-/// it, none of them is there.
+/// The rows of an open decision or form that [`draw`] puts on the screen; absent if none is open. Without room for
+/// it, there are no rows.
 #[must_use]
-pub fn decision_on_screen(model: &Model, look: &Look, area: Rect) -> Option<OnScreen> {
-    let open = model.entry.overlay.as_ref()?;
-    if !matches!(open, Overlay::Prompt(_) | Overlay::Form(_)) {
+pub fn decision_on_screen(model: &ConsoleModel, look: &Look, area: Rect) -> Option<VisibleRows> {
+    let open = model.input.overlay.as_ref()?;
+    if !matches!(open, Overlay::Approval(_) | Overlay::Form(_)) {
         return None;
     }
     let fit = Fit::of(area.width, area.height);
     let hints = views::hints::height(model, area);
     let height = area.height.saturating_sub(2 + hints);
     let body = Rect { y: area.y + 1, height, ..area };
-    if height == 0 || (fit == Fit::Tiny && height < views::tiny::OVERLAY_HEIGHT_MIN) {
-        return matches!(open, Overlay::Form(_)).then_some(OnScreen { count: 1, ..OnScreen::default() });
+    if height == 0 || (fit == Fit::Tiny && height < views::small_window::OVERLAY_HEIGHT_MIN) {
+        return matches!(open, Overlay::Form(_))
+            .then_some(VisibleRows { count: 1, ..VisibleRows::default() });
     }
     let mut nowhere = Buffer::empty(Rect::default());
     let pen = Pen::new(look, &mut nowhere, fit);
     match open {
-        Overlay::Prompt(prompt) => Some(views::prompt::on_screen(model, prompt, &pen, body)),
+        Overlay::Approval(prompt) => Some(views::approval_screen::on_screen(model, prompt, &pen, body)),
         Overlay::Form(form) => {
             let area = if fit == Fit::Tiny { body } else { view_area(model, body) };
             Some(views::form::on_screen(model, form, &pen, area))
@@ -106,8 +107,8 @@ pub fn decision_on_screen(model: &Model, look: &Look, area: Rect) -> Option<OnSc
     }
 }
 
-/// Where the view is that a form lies over, as [`under`] tells.
-fn view_area(model: &Model, area: Rect) -> Rect {
+/// The area of the view below a form, as [`under`] returns it.
+fn view_area(model: &ConsoleModel, area: Rect) -> Rect {
     if model.bare_absence().is_some() {
         return area;
     }
@@ -115,23 +116,23 @@ fn view_area(model: &Model, area: Rect) -> Rect {
     if views::tour::sentence(model).is_some() { below(body, 1) } else { body }
 }
 
-/// The view itself with the lines above it; tells where the view is.
-fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
+/// Draws the view with the lines above it; returns the view's area.
+fn under(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     if let Some(absence) = model.bare_absence() {
-        views::alone::draw(model, absence, pen, area);
+        views::no_engine::draw(model, absence, pen, area);
         return area;
     }
     views::tabs::views(model, pen, above(area, 1));
     let body = view_area(model, area);
     if let Some(sentence) = views::tour::sentence(model) {
         let key = model.keymap.key(super::action::Action::Tour);
-        // One line: the key that dismisses it stays where the sentence has to be cut.
+        // The key that dismisses the sentence stays even if the sentence is cut.
         let tail = format!(" ({key} ends the tour)");
         let room = usize::from(area.width).saturating_sub(tail.len());
         let row = Row::of(ThemeRole::Notice, &views::short(sentence, room)).with(ThemeRole::Muted, &tail);
         pen.row(below(area, 1), 0, &row);
     }
-    match model.place.view {
+    match model.view_state.view {
         View::Overview => views::overview::draw(model, pen, body),
         View::Registry => views::registry::draw(model, pen, body),
         View::Candidate => views::candidate::draw(model, pen, body),
@@ -146,14 +147,14 @@ fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
 
 /// The screen as plain text, lines without blanks at their end: for exports and the README.
 #[must_use]
-pub fn text_of(model: &Model, look: &Look, width: u16, height: u16) -> String {
+pub fn text_of(model: &ConsoleModel, look: &Look, width: u16, height: u16) -> String {
     let area = Rect::new(0, 0, width, height);
     let mut buf = Buffer::empty(area);
     draw(model, look, area, &mut buf);
     plain(&buf)
 }
 
-/// What was drawn, as plain text.
+/// The drawn text, without styles.
 pub(crate) fn plain(buf: &Buffer) -> String {
     let area = buf.area;
     let mut text = String::new();

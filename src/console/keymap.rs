@@ -1,4 +1,4 @@
-//! Which key means which action. The file of an operator adds to the defaults; taking a key away is said on purpose.
+//! Which key means which action. An operator's file adds to the defaults; it must name each key that it removes.
 
 use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
@@ -13,19 +13,19 @@ use super::action::{Action, Scope};
 /// The largest keymap file, bytes.
 pub const FILE_BYTES_MAX: usize = 64 * 1024;
 
-/// Keys of an action, added to or taken from.
+/// Keys added to an action or removed from it.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyEdits {
     /// Keys that are added, by action.
     #[serde(default)]
     keys: BTreeMap<Spanned<String>, Vec<Spanned<String>>>,
-    /// Keys that are taken away.
+    /// Keys that are removed.
     #[serde(default)]
     unbind: Vec<Spanned<String>>,
 }
 
-/// What is wrong with a keymap file: where, which key, why.
+/// A problem of a keymap file: place, key, reason.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}:{line}: {what}")]
 pub struct KeymapError {
@@ -36,7 +36,7 @@ pub struct KeymapError {
     pub what: String,
 }
 
-/// Keys and what they mean. Inside a prompt its own keys come first.
+/// The keys and their actions. Inside a prompt its own keys come first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Keymap {
     general: HashMap<KeyCombination, Action>,
@@ -58,10 +58,10 @@ impl Default for Keymap {
 }
 
 impl Keymap {
-    /// The defaults and a file's text on top of them.
+    /// The defaults with a file's text on top.
     ///
     /// # Errors
-    /// Every problem of the file, in its order; nothing of it is used then.
+    /// All problems of the file, in order; the file is then ignored.
     pub fn with_file(name: &str, text: &str) -> Result<Self, Vec<KeymapError>> {
         let at = |range: &Range<usize>, what: String| {
             let before = text.get(..range.start.min(text.len())).unwrap_or("");
@@ -152,7 +152,7 @@ impl Keymap {
         }
     }
 
-    /// What a key means; `in_prompt` says whether a prompt is open.
+    /// The action of a key; `in_prompt` says whether a prompt is open.
     #[must_use]
     pub fn action(&self, key: KeyEvent, in_prompt: bool) -> Option<Action> {
         let key = normal(key);
@@ -160,13 +160,16 @@ impl Keymap {
         prompt.or_else(|| self.general.get(&key)).copied()
     }
 
-    /// The keys of an action as they are written, the default ones first.
+    /// The keys of an action in written form, the default ones first.
     #[must_use]
     pub fn keys(&self, action: Action) -> Vec<String> {
         let map = if action.scope() == Scope::Prompt { &self.prompt } else { &self.general };
         let format = KeyCombinationFormat::default().with_lowercase_modifiers().with_implicit_shift();
-        let mut keys: Vec<String> =
-            map.iter().filter(|(_, bound)| **bound == action).map(|(key, _)| shown(*key, &format)).collect();
+        let mut keys: Vec<String> = map
+            .iter()
+            .filter(|(_, bound)| **bound == action)
+            .map(|(key, _)| key_label(*key, &format))
+            .collect();
         let place = |key: &String| {
             let defaults = action.default_keys();
             defaults
@@ -184,7 +187,7 @@ impl Keymap {
     }
 }
 
-fn shown(key: KeyCombination, format: &KeyCombinationFormat) -> String {
+fn key_label(key: KeyCombination, format: &KeyCombinationFormat) -> String {
     match (key.modifiers, key.codes.first()) {
         (KeyModifiers::SHIFT, KeyCode::Char(letter)) if letter.is_alphabetic() => {
             letter.to_uppercase().to_string()
@@ -224,7 +227,7 @@ fn normal(key: KeyEvent) -> KeyCombination {
     KeyCombination::new(code, modifiers)
 }
 
-/// Whether a key may decide on a candidate: none that is hit by reflex or to move.
+/// Whether a key may decide on a candidate: no key that is hit by reflex or to move.
 fn may_decide(key: KeyCombination) -> bool {
     let moves = Keymap::default();
     let moving = moves.general.iter().any(|(known, action)| {

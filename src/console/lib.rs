@@ -1,15 +1,17 @@
-//! The operator console: a terminal front end of the engine's Command/Event/Snapshot door.
+//! The operator console: a terminal front end of the engine's Command/Event/Snapshot socket.
 //!
-//! `update` is a pure reducer (a [`model::Model`] and a [`msg::Msg`] give effects), views only read, and the run
-//! loop alone touches the terminal, the clock and the engine. What the console must not do: hold authority. The
-//! engine checks every decision again; a console that is gone means hold, never approve.
+//! `update` is a pure reducer: a [`model::ConsoleModel`] and a [`msg::Msg`] give effects. Views only read; only the
+//! run loop touches terminal, clock and engine. The console must hold no authority: the engine checks every decision
+//! again, and losing a console means hold, never approve.
 
 pub mod action;
+pub mod approval_screen;
 pub mod audit;
 pub mod commands;
 pub mod effect;
 pub mod effects;
 pub mod form;
+pub mod formatters;
 pub mod frame;
 pub mod keymap;
 pub mod line;
@@ -20,7 +22,6 @@ pub mod operator;
 pub mod options;
 pub mod palette;
 pub mod player;
-pub mod prompt;
 pub mod replay;
 pub mod rows;
 pub mod run;
@@ -31,4 +32,3 @@ mod trend;
 pub mod update;
 pub mod views;
 pub mod widgets;
-pub mod words;

@@ -35,14 +35,14 @@ impl EditLine {
         self.input.cursor()
     }
 
-    /// Types one character; control characters are no text.
+    /// Types one character; control characters are ignored.
     pub fn insert(&mut self, typed: char) {
         if !typed.is_control() && self.text().chars().count() < LINE_MAX {
             self.input.handle(InputRequest::InsertChar(typed));
         }
     }
 
-    /// Types pasted text; line ends become spaces, what does not fit is left out.
+    /// Types pasted text; line ends become spaces, and text without room is dropped.
     pub fn paste(&mut self, text: &str) {
         for typed in text.trim_end_matches(['\r', '\n']).chars() {
             self.insert(if matches!(typed, '\r' | '\n' | '\t') { ' ' } else { typed });

@@ -1,12 +1,12 @@
-//! How the screen looks here: a theme, a depth of colour and a set of glyphs, chosen from what the caller read.
+//! The look of the screen: theme, color depth and glyphs, chosen from values that the caller read.
 //!
-//! What it must not do: read the environment or ask the terminal.
+//! Must not read the environment or ask the terminal.
 
 use ratatui::style::Style;
 use serde::Deserialize;
 
-use super::theme::{self, Mark};
-pub use super::theme::{Depth, Theme, ThemeError, ThemeRole};
+use super::theme::{self, StateMark};
+pub use super::theme::{ColorDepth, Theme, ThemeError, ThemeRole};
 
 /// Which signs are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,26 +80,26 @@ glyphs! {
     Cursor = "▏" or "_";
 }
 
-/// Whether colour is used.
+/// Whether colors are used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ColorChoice {
     /// As the terminal and `NO_COLOR` say.
     #[default]
     Auto,
-    /// Colours, whatever `NO_COLOR` says.
+    /// Colors, whatever `NO_COLOR` says.
     Always,
     Never,
 }
 
-/// What a look is chosen from.
+/// The inputs for choosing a look.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LookOptions {
-    /// The theme that was asked for.
+    /// The requested theme.
     pub theme: Option<String>,
-    /// Whether colour was asked for.
+    /// The requested use of colors.
     pub color: ColorChoice,
-    /// Whether ASCII was asked for.
+    /// Whether ASCII is requested.
     pub ascii: bool,
     /// Whether `NO_COLOR` is set and not empty.
     pub no_color: bool,
@@ -115,18 +115,18 @@ pub struct LookOptions {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Look {
     theme: Theme,
-    depth: Depth,
+    depth: ColorDepth,
     glyphs: Glyphs,
 }
 
 impl Look {
     /// A look of these parts.
     #[must_use]
-    pub const fn new(theme: Theme, depth: Depth, glyphs: Glyphs) -> Self {
+    pub const fn new(theme: Theme, depth: ColorDepth, glyphs: Glyphs) -> Self {
         Self { theme, depth, glyphs }
     }
 
-    /// The look that fits what was asked for and what the terminal says of itself.
+    /// The look for the requested options and the terminal.
     ///
     /// # Errors
     /// [`ThemeError`] if there is no such built-in theme.
@@ -159,7 +159,7 @@ impl Look {
 
     /// A mark's sign and word, `✔ active`.
     #[must_use]
-    pub fn words(&self, mark: Mark) -> String {
+    pub fn mark_label(&self, mark: StateMark) -> String {
         format!("{} {}", self.glyph(mark.glyph), mark.word)
     }
 
@@ -174,28 +174,28 @@ impl Look {
         &self.theme
     }
 
-    /// The depth of colour.
+    /// The color depth.
     #[must_use]
-    pub const fn depth(&self) -> Depth {
+    pub const fn depth(&self) -> ColorDepth {
         self.depth
     }
 }
 
 impl LookOptions {
-    /// Flags win over `NO_COLOR`, and that over what the terminal says.
-    fn depth(&self) -> Depth {
+    /// Flags win over `NO_COLOR`, and `NO_COLOR` over the terminal's capabilities.
+    fn depth(&self) -> ColorDepth {
         let term = self.term.as_deref().unwrap_or("");
         let told = match self.colorterm.as_deref() {
-            Some("truecolor" | "24bit") => Depth::True,
-            _ if term.ends_with("-direct") => Depth::True,
-            _ if term.contains("256color") => Depth::Indexed256,
-            _ if matches!(term, "" | "dumb" | "vt100" | "vt220") => Depth::Mono,
-            _ => Depth::Ansi16,
+            Some("truecolor" | "24bit") => ColorDepth::True,
+            _ if term.ends_with("-direct") => ColorDepth::True,
+            _ if term.contains("256color") => ColorDepth::Indexed256,
+            _ if matches!(term, "" | "dumb" | "vt100" | "vt220") => ColorDepth::Mono,
+            _ => ColorDepth::Ansi16,
         };
         match self.color {
-            ColorChoice::Never => Depth::Mono,
-            ColorChoice::Always => told.max(Depth::Ansi16),
-            ColorChoice::Auto if self.no_color => Depth::Mono,
+            ColorChoice::Never => ColorDepth::Mono,
+            ColorChoice::Always => told.max(ColorDepth::Ansi16),
+            ColorChoice::Auto if self.no_color => ColorDepth::Mono,
             ColorChoice::Auto => told,
         }
     }
@@ -211,16 +211,16 @@ mod tests {
     fn depth_is_told_by_flags_then_no_color_then_the_terminal() {
         use ColorChoice::{Always, Auto, Never};
         let table = [
-            (Auto, false, "xterm", None, Depth::Ansi16),
-            (Auto, false, "xterm-256color", None, Depth::Indexed256),
-            (Auto, false, "xterm-256color", Some("truecolor"), Depth::True),
-            (Auto, false, "xterm-direct", None, Depth::True),
-            (Auto, false, "dumb", None, Depth::Mono),
-            (Auto, false, "", None, Depth::Mono),
-            (Auto, true, "xterm-256color", Some("24bit"), Depth::Mono),
-            (Always, true, "xterm-256color", None, Depth::Indexed256),
-            (Always, false, "dumb", None, Depth::Ansi16),
-            (Never, false, "xterm-256color", Some("truecolor"), Depth::Mono),
+            (Auto, false, "xterm", None, ColorDepth::Ansi16),
+            (Auto, false, "xterm-256color", None, ColorDepth::Indexed256),
+            (Auto, false, "xterm-256color", Some("truecolor"), ColorDepth::True),
+            (Auto, false, "xterm-direct", None, ColorDepth::True),
+            (Auto, false, "dumb", None, ColorDepth::Mono),
+            (Auto, false, "", None, ColorDepth::Mono),
+            (Auto, true, "xterm-256color", Some("24bit"), ColorDepth::Mono),
+            (Always, true, "xterm-256color", None, ColorDepth::Indexed256),
+            (Always, false, "dumb", None, ColorDepth::Ansi16),
+            (Never, false, "xterm-256color", Some("truecolor"), ColorDepth::Mono),
         ];
         for (color, no_color, term, colorterm, depth) in table {
             let options = LookOptions {

@@ -1,19 +1,19 @@
-//! What can happen to the console: one closed set, so that everything that triggers a change is easy to see.
+//! Everything that can happen to the console: one closed set, so that each cause of a change is easy to see.
 
 use std::sync::Arc;
 
 use ratatui::crossterm::event::KeyEvent;
 
+use super::approval_screen::VisibleRows;
 use super::keymap::Keymap;
-use super::model::Seeking;
+use super::model::ReconnectStatus;
 use super::operator::Operator;
-use super::prompt::OnScreen;
-use holdpoint_engine::door::Doubt;
-use holdpoint_engine::host::EndFault;
+use holdpoint_engine::control_socket::UnverifiedOrigin;
+use holdpoint_engine::engine_handle::EngineEndError;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
-use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_protocol::video_frame::VideoFrame;
 
 /// Something happened, at a moment of the console's own clock.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,55 +37,55 @@ pub enum MsgKind {
     /// The engine is up.
     EngineStarted,
     Events(Vec<Event>),
-    /// What happened before this console came, oldest first, and how many events came before that.
+    /// Events from before this console was attached, oldest first, and the number of still earlier ones.
     Past {
         events: Vec<Event>,
         earlier: u64,
     },
-    /// The console sits down at an engine of this process id, the first one, or another one than before; and why what is
-    /// shown is not known to come from it.
-    Seated(Option<i32>, Option<Doubt>),
-    /// A look for an engine found none.
-    Sought(Seeking),
+    /// The console is attached to the engine with this process id, its first or another one; and why the origin of
+    /// the data is unverified.
+    Attached(Option<i32>, Option<UnverifiedOrigin>),
+    /// A search for an engine found none.
+    ReconnectFailed(ReconnectStatus),
     Answer {
         id: String,
         reply: Box<Reply>,
     },
-    /// The console was too slow for so many events.
+    /// The console was too slow and missed this number of events.
     Lagged(u64),
-    /// How things stand now.
+    /// The current snapshot.
     Snapshot(Arc<Snapshot>),
-    /// What the cell looks like now.
-    Picture(Arc<Picture>),
-    EngineEnded(Result<(), EndFault>),
-    /// Who could sit here.
+    /// The newest camera frame of the cell.
+    Picture(Arc<VideoFrame>),
+    EngineEnded(Result<(), EngineEndError>),
+    /// The identities that this console could use.
     Identities(Vec<Operator>),
-    /// Who sits here from now on.
+    /// The operator from now on.
     Operator(Operator),
-    /// A decision could not be signed with the passphrase that was typed: why.
+    /// A decision could not be signed with the typed passphrase, and why.
     Unsigned {
         id: String,
         text: String,
     },
     /// A frame had these rows of the open decision on the screen.
-    DecisionShown(OnScreen),
-    /// Nobody of this name could sit down here: why.
+    DecisionShown(VisibleRows),
+    /// This name cannot be used here, and why.
     NoIdentity {
         name: String,
         text: String,
     },
-    /// What a typed line could become, by what its folder holds.
+    /// Completions of a typed line, from the contents of its folder.
     Completions {
         typed: String,
         lines: Vec<String>,
     },
-    /// An effect came to this: one sentence, and whether it failed.
+    /// The result of an effect: one sentence, and whether it failed.
     Done {
         text: String,
         bad: bool,
     },
-    /// The operator's own files changed: the keys and the names of the themes there are now.
-    OwnFiles {
+    /// The operator's own files changed: the current keys, and the names of the current themes.
+    OperatorFiles {
         keymap: Arc<Keymap>,
         themes: Vec<String>,
     },

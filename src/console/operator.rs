@@ -1,4 +1,4 @@
-//! Who sits at the console.
+//! The operator at the console.
 
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_governance::approval::Role;
@@ -8,6 +8,6 @@ pub struct Operator {
     /// Name of the identity.
     pub name: String,
     pub role: Role,
-    /// What the key's file is protected by, as it was when this person sat down.
+    /// The protection of the key file at the moment the identity was chosen.
     pub protection: Protection,
 }

@@ -1,7 +1,7 @@
-//! How the console is set: flags before the file, the file before the environment, that before the defaults.
+//! The console's settings: flags before the file, the file before the environment, the environment before the
+//! defaults.
 //!
-//! Owns the settings file and the order of precedence. Must not look at a terminal: what the environment says about
-//! colours is the look's to find out.
+//! Owns the settings file and the order of precedence. Must not look at a terminal.
 
 use serde::Deserialize;
 
@@ -45,11 +45,11 @@ pub struct SettingsFile {
 pub struct Options {
     /// Nothing can be changed from this console.
     pub read_only: bool,
-    /// Who sits here; asked for in the console if absent.
+    /// The operator's name; the console asks for it if absent.
     pub operator: Option<String>,
     /// The theme; by the terminal's background if absent.
     pub theme: Option<String>,
-    /// Colours. Absent if neither flag nor file said, so that `NO_COLOR` counts.
+    /// Colors. Absent if neither flag nor file set them, so that `NO_COLOR` counts.
     pub color: Option<ColorChoice>,
     /// Letters and signs of ASCII alone.
     pub ascii: bool,

@@ -1,4 +1,4 @@
-//! Help that is the palette as well: the actions that mean something here, narrowed by typing.
+//! The help, which is also the palette: the actions that apply here, narrowed by typing.
 
 use nucleo_matcher::pattern::{CaseMatching, Normalization, Pattern};
 use nucleo_matcher::{Config, Matcher};
@@ -11,7 +11,7 @@ pub struct Palette {
     pub line: EditLine,
     /// The row under the cursor.
     pub cursor: usize,
-    /// What means something here, in the table's order.
+    /// The actions that apply here, in the table's order.
     pub actions: Vec<Action>,
 }
 
@@ -22,7 +22,7 @@ impl Palette {
         Self { line: EditLine::default(), cursor: 0, actions }
     }
 
-    /// The actions that match what is typed, the best first; all in order if nothing is typed.
+    /// The actions that match the typed text, the best first; all in order without text.
     #[must_use]
     pub fn rows(&self) -> Vec<Action> {
         let typed = self.line.text().trim();
@@ -45,7 +45,7 @@ impl Palette {
     }
 }
 
-/// What matches `typed`, the best first.
+/// The actions that match `typed`, the best first.
 #[must_use]
 pub fn best<T: Clone>(typed: &str, items: Vec<(String, T)>) -> Vec<T> {
     let mut matcher = Matcher::new(Config::DEFAULT);

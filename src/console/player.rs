@@ -1,6 +1,6 @@
-//! A piece of an evaluation that is watched: where in it, whether it runs, and how fast.
+//! The player of a filmed re-run: position, whether it plays, and speed.
 //!
-//! Pure: the clock is an argument. Computes nothing of the film; it is drawn as it was told.
+//! Pure: the clock is an argument. Computes nothing of the film, and draws only what the engine sent.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::replay::speed::Speed;
 /// Ticks of one step: a frame.
 const STEP_TICKS: u64 = 8;
 
-/// The longest time that passes at once, ms: a terminal that was stopped does not make the film leap.
+/// The longest step, ms: after a pause of the terminal the film does not leap.
 const PASS_MS_MAX: u64 = 1_000;
 
 /// Ticks shown before the moment at which it goes wrong.
@@ -22,15 +22,15 @@ const LEAD_TICKS: u64 = RATE_HZ as u64;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Player {
     pub film: Arc<Film>,
-    /// Where it stands, quarter ticks: the slowest speed moves by a quarter.
+    /// Position, quarter ticks: the slowest speed moves by a quarter.
     at: u64,
-    /// Console time up to which it has run, ms; absent while it stands.
+    /// Console time up to which it has played, ms; absent while it is paused.
     running_ms: Option<u64>,
     pub speed: Speed,
 }
 
 impl Player {
-    /// It begins a second before it goes wrong, or at the start, and runs.
+    /// A film that plays from a second before the failure, or from the start.
     #[must_use]
     pub fn new(film: Arc<Film>, now_ms: u64) -> Self {
         let begin = film.candidate.failed_at().map_or(0, |tick| tick.saturating_sub(LEAD_TICKS));
@@ -39,7 +39,7 @@ impl Player {
         player
     }
 
-    /// Where it stands, ticks.
+    /// Position, ticks.
     #[must_use]
     pub const fn tick(&self) -> u64 {
         self.at / 4
@@ -51,7 +51,7 @@ impl Player {
         self.running_ms.is_some()
     }
 
-    /// Time has passed.
+    /// Advances the film by the time passed.
     pub fn pass(&mut self, now_ms: u64) {
         let Some(until_ms) = self.running_ms else { return };
         let passed_ms = now_ms.saturating_sub(until_ms).min(PASS_MS_MAX);
@@ -68,7 +68,7 @@ impl Player {
         }
     }
 
-    /// Runs, or stands; at the end it begins anew.
+    /// Plays or pauses; at the end it starts over.
     pub fn toggle(&mut self, now_ms: u64) {
         if self.runs() {
             self.running_ms = None;
@@ -80,7 +80,7 @@ impl Player {
         }
     }
 
-    /// One frame on or back; it stands then.
+    /// Pauses and moves by one frame.
     pub fn step(&mut self, forward: bool) {
         let at = self.tick() / STEP_TICKS;
         self.running_ms = None;
@@ -88,7 +88,7 @@ impl Player {
         self.go_to(next * STEP_TICKS);
     }
 
-    /// So many seconds on or back.
+    /// Moves by a number of seconds.
     pub fn skip(&mut self, forward: bool) {
         let second = u64::from(RATE_HZ);
         let tick = self.tick();
@@ -108,7 +108,7 @@ impl Player {
         self.go_to(self.film.end());
     }
 
-    /// To the moment at which the candidate goes wrong; tells whether there is one.
+    /// Moves to the candidate's failure; returns whether there is one.
     pub fn to_failure(&mut self) -> bool {
         let Some(tick) = self.film.candidate.failed_at() else { return false };
         self.running_ms = None;
@@ -116,7 +116,7 @@ impl Player {
         true
     }
 
-    /// To the next thing that happens to either, or the one before.
+    /// Moves to the next mark of either version, or to the one before.
     pub fn to_mark(&mut self, forward: bool) {
         let here = self.tick();
         let ticks = self.marks().map(|(_, mark)| mark.tick);
@@ -131,7 +131,7 @@ impl Player {
         }
     }
 
-    /// What happened to the candidate (`true`) and to the active version.
+    /// The marks of the candidate (`true`) and of the active version.
     pub fn marks(&self) -> impl Iterator<Item = (bool, &FilmMark)> {
         let own = self.film.candidate.marks.iter().map(|mark| (true, mark));
         own.chain(self.film.active.marks.iter().map(|mark| (false, mark)))

@@ -1,26 +1,26 @@
 //! The replay of a recorded upgrade in the terminal: arm and twin, charts, events, a time bar.
 //!
-//! Built as the console is: a pure reducer ([`update::update`]), views that only read, and a run loop that alone
-//! touches the terminal and the clock. What is shown was recorded: between two pictures nothing is made up, and a
-//! picture that is old says so. Must not reach an engine or a store: a replay changes nothing and asks nobody.
+//! Structured like the console: a pure reducer ([`update::update`]), views that only read, and a run loop that alone
+//! touches terminal and clock. It shows only recorded data: nothing is interpolated between two frames, and an old
+//! frame is marked. Must not reach an engine or a store.
 
 pub mod action;
 pub mod charts;
 pub mod frame;
 pub mod jump;
-pub mod mark;
 pub mod model;
-pub mod playing;
+pub mod playback;
 mod print;
 mod run;
 pub mod speed;
-pub mod standing;
+pub mod time_mark;
 pub mod timeline;
 pub mod update;
+pub mod version_status;
 pub mod views;
 
 pub use print::print;
 pub use run::{ReplayError, ReplayOptions, run, still};
 
-/// How old a picture may be before its age is said, ms of virtual time.
+/// The age of a frame from which the view shows it, ms of virtual time.
 pub const FRESH_MS: u64 = 500;

@@ -1,29 +1,31 @@
-//! What each list shows, row by row: the reducer moves over these rows and the views draw them.
+//! The rows of each list: the reducer moves over them and the views draw them.
 
 use std::fmt::Write as _;
 
 use super::audit::{self, AuditGroup, AuditItem};
-use super::model::{HISTORY_PANE, ItemKey, MONITORS_PANE, Model, STORY_PANE, StoryLine, View};
-use super::words::standing;
+use super::formatters::state_label;
+use super::model::{ConsoleModel, EventLogLine, HISTORY_PANE, ItemKey, MONITORS_PANE, STORY_PANE, View};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::behavior::component_of;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
-use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure};
+use holdpoint_protocol::detail::{Detail, DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
-use holdpoint_protocol::explained::Explained;
-use holdpoint_protocol::health::AlarmSpell;
-use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, PromptView, QuestionView};
+use holdpoint_protocol::explanation::DecisionExplanation;
+use holdpoint_protocol::health::AlarmEpisode;
+use holdpoint_protocol::snapshot::{
+    AlarmView, ApprovalRequestView, CandidateView, Disagreement, EscalationView,
+};
 
 /// A row of the registry's tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RegistryItem<'a> {
     Family {
         family: &'a Family,
-        /// How many of its versions the page holds.
+        /// How many of its versions are on the page.
         versions: usize,
         /// Whether its branch is open.
         open: bool,
@@ -38,13 +40,13 @@ pub enum AlarmItem<'a> {
     /// Alarms of one subject in a flood, behind the first of them.
     Group {
         first: &'a AlarmView,
-        /// How many it stands for.
+        /// How many alarms it represents.
         count: usize,
     },
 }
 
 impl<'a> AlarmItem<'a> {
-    /// The alarm it shows.
+    /// The alarm on the row.
     #[must_use]
     pub const fn alarm(self) -> &'a AlarmView {
         match self {
@@ -53,22 +55,22 @@ impl<'a> AlarmItem<'a> {
     }
 }
 
-/// A row of what waits for people.
+/// A row of the requests that wait for people.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum WaitingItem<'a> {
-    /// A monitor asks: rolled back at the deadline. These come first.
-    Question(&'a QuestionView),
-    /// A candidate waits for approval: held at the deadline.
-    Prompt(&'a PromptView),
+pub enum PendingApprovalItem<'a> {
+    /// A drift monitor's question: without an answer, a rollback at the deadline. These come first.
+    MonitorQuestion(&'a EscalationView),
+    /// An approval request: without an answer, the candidate stays on hold.
+    Approval(&'a ApprovalRequestView),
 }
 
-impl WaitingItem<'_> {
-    /// The version it is about.
+impl PendingApprovalItem<'_> {
+    /// Its version.
     #[must_use]
     pub const fn version(&self) -> &CapabilityId {
         match self {
-            Self::Question(question) => &question.version,
-            Self::Prompt(prompt) => &prompt.version,
+            Self::MonitorQuestion(question) => &question.version,
+            Self::Approval(prompt) => &prompt.version,
         }
     }
 }
@@ -77,42 +79,44 @@ impl WaitingItem<'_> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CandidateItem<'a> {
     Dimension(&'a DimensionResult),
-    /// A component of the behavioural comparison: where its worsening lies, against what is tolerated.
-    Worsening(&'a Measure),
+    /// A component of the behavior comparison: its worsening against the margin.
+    Worsening(&'a MeasuredValue),
     /// A measured value with its own interval.
-    Measure(&'a Measure),
+    Measure(&'a MeasuredValue),
     Reason(&'a Reason),
-    /// That a component is better on average, beside an interval that reaches over zero.
-    Unproven(&'a Reason, &'a Measure),
+    /// A component that is better on average, with an interval that includes zero.
+    Unproven(&'a Reason, &'a MeasuredValue),
     /// A condition of use.
     Condition(&'a Condition),
-    /// Something that was not tested.
+    /// An untested property.
     Untested(&'a str),
     /// A field that differs.
-    Difference(&'a Difference),
+    Difference(&'a FieldDiff),
     /// A heading: a sandbox mode.
     Mode(&'a str),
     /// A kind of drill.
     Drill(&'a DrillView),
-    Decision(&'a Explained),
+    Decision(&'a DecisionExplanation),
     /// A record of the log.
     Record(&'a AuditRecord),
 }
 
-impl Model {
+impl ConsoleModel {
     /// The registry's tree under its filter and pane.
     #[must_use]
     pub fn registry_rows(&self) -> Vec<RegistryItem<'_>> {
-        let mut sieve = Sieve::new(if self.place.view == View::Registry { self.filter() } else { "" });
-        let listing = &self.told.registry;
+        let mut sieve =
+            RowFilter::new(if self.view_state.view == View::Registry { self.filter() } else { "" });
+        let listing = &self.engine_data.registry;
         let all = &listing.page.rows;
         let ordered = listing.places.iter().filter_map(|place| all.get(*place));
         let as_it_comes = if listing.places.is_empty() { &all[..] } else { &[] };
         let rows: Vec<&VersionSummary> = ordered
             .chain(as_it_comes)
-            // Words are made for a filter alone: this is asked of every row in every frame.
+            // Words are made only for a filter: each frame asks for every row.
             .filter(|row| {
-                sieve.takes_all() || sieve.fits(&[&row.version, &row.author, &stands(row.state, &row.flags)])
+                sieve.takes_all()
+                    || sieve.fits(&[&row.version, &row.author, &state_text(row.state, &row.flags)])
             })
             .collect();
         if listing.is_flat() {
@@ -122,7 +126,7 @@ impl Model {
         for versions in rows.chunk_by(|a, b| a.version.family == b.version.family) {
             let Some(first) = versions.first() else { continue };
             let family = &first.version.family;
-            let open = !self.told.registry.closed.contains(family);
+            let open = !self.engine_data.registry.closed.contains(family);
             items.push(RegistryItem::Family { family, versions: versions.len(), open });
             if open {
                 items.extend(versions.iter().map(|row| RegistryItem::Version(row)));
@@ -131,11 +135,11 @@ impl Model {
         items
     }
 
-    /// The alarms, in the order of attention; in a flood what belongs together is one row, but never the critical
-    /// ones. A filter does not apply to them.
+    /// The alarms, in the order of attention. In a flood, related alarms share one row, except critical ones. A
+    /// filter does not apply to them.
     #[must_use]
     pub fn alarm_rows(&self) -> Vec<AlarmItem<'_>> {
-        let Some(snapshot) = &self.told.snapshot else { return Vec::new() };
+        let Some(snapshot) = &self.engine_data.snapshot else { return Vec::new() };
         if !snapshot.alarm_summary.flood {
             return snapshot.alarms.iter().map(AlarmItem::Alarm).collect();
         }
@@ -155,7 +159,7 @@ impl Model {
             match grouped.get(&id).filter(|members| groupable(alarm) && members.len() > 1) {
                 None => items.push(AlarmItem::Alarm(alarm)),
                 Some(members) => {
-                    // The first out tells what set off the others.
+                    // The first alarm set off the others.
                     let first = members.iter().min_by_key(|member| member.since_ms);
                     if let Some(first) = first.filter(|_| told.insert(id)) {
                         items.push(AlarmItem::Group { first, count: members.len() });
@@ -166,28 +170,29 @@ impl Model {
         items
     }
 
-    /// What waits for people: monitors' questions first, each the most urgent first.
+    /// The requests that wait for people: monitors' questions first, each kind the most urgent first.
     #[must_use]
-    pub fn waiting_rows(&self) -> Vec<WaitingItem<'_>> {
-        let Some(snapshot) = &self.told.snapshot else { return Vec::new() };
-        let mut questions: Vec<&QuestionView> = snapshot.questions.iter().collect();
+    pub fn waiting_rows(&self) -> Vec<PendingApprovalItem<'_>> {
+        let Some(snapshot) = &self.engine_data.snapshot else { return Vec::new() };
+        let mut questions: Vec<&EscalationView> = snapshot.questions.iter().collect();
         questions.sort_by_key(|question| question.deadline_ms);
-        let mut prompts: Vec<&PromptView> = snapshot.prompts.iter().collect();
+        let mut prompts: Vec<&ApprovalRequestView> = snapshot.prompts.iter().collect();
         prompts.sort_by_key(|prompt| prompt.until);
-        let questions = questions.into_iter().map(WaitingItem::Question);
-        questions.chain(prompts.into_iter().map(WaitingItem::Prompt)).collect()
+        let questions = questions.into_iter().map(PendingApprovalItem::MonitorQuestion);
+        questions.chain(prompts.into_iter().map(PendingApprovalItem::Approval)).collect()
     }
 
-    /// Candidates in the pipeline: what is under way first, then what is settled, each the last of its family first.
+    /// Candidates in the pipeline: running ones first, then finished ones; in a family, the last one first.
     #[must_use]
     pub fn pipeline_rows(&self) -> Vec<&CandidateView> {
-        let Some(snapshot) = &self.told.snapshot else { return Vec::new() };
-        let mut sieve = Sieve::new(if self.place.view == View::Overview { self.filter() } else { "" });
+        let Some(snapshot) = &self.engine_data.snapshot else { return Vec::new() };
+        let mut sieve =
+            RowFilter::new(if self.view_state.view == View::Overview { self.filter() } else { "" });
         let mut rows: Vec<&CandidateView> = snapshot
             .candidates
             .iter()
             .rev()
-            .filter(|row| sieve.fits(&[&row.version, &row.author, &stands(row.state, &row.flags)]))
+            .filter(|row| sieve.fits(&[&row.version, &row.author, &state_text(row.state, &row.flags)]))
             .collect();
         let settled = |candidate: &&CandidateView| {
             let flags = candidate.flags;
@@ -198,38 +203,38 @@ impl Model {
         rows
     }
 
-    /// The log under its filter and pane, the newest first.
+    /// The log under its filter and pane, newest first.
     #[must_use]
     pub fn audit_rows(&self) -> Vec<AuditItem<'_>> {
-        let mut sieve = Sieve::new(if self.place.view == View::Audit { self.filter() } else { "" });
-        let group = AuditGroup::of_pane(self.place.pane_of(View::Audit));
-        let shown = self.told.audit.rows.iter().filter(|row| group.shows(row.kind.known()));
+        let mut sieve = RowFilter::new(if self.view_state.view == View::Audit { self.filter() } else { "" });
+        let group = AuditGroup::of_pane(self.view_state.pane_of(View::Audit));
+        let shown = self.engine_data.audit.rows.iter().filter(|row| group.shows(row.kind.known()));
         audit::rows(shown.filter(|row| {
             sieve.fits(&[&row.kind, &row.subject, &row.body])
-                // What a row says may be in other words than its content.
+                // The sentence of a row may use other words than its content.
                 || sieve.fits(&[&std::fmt::from_fn(|f| f.write_str(&audit::sentence(row)))])
         }))
     }
 
-    /// The record that is shown raw, if it is in what was read last.
+    /// The record on display in raw form, if it was in the last page.
     #[must_use]
     pub fn opened_record(&self) -> Option<&AuditRecord> {
-        let opened = self.place.opened.as_ref().filter(|_| self.place.view == View::Audit)?;
-        self.told.audit.rows.iter().find(|row| row.seq == opened.seq)
+        let opened = self.view_state.opened.as_ref().filter(|_| self.view_state.view == View::Audit)?;
+        self.engine_data.audit.rows.iter().find(|row| row.seq == opened.seq)
     }
 
-    /// Lines of the story under its filter, the newest first.
+    /// Lines of the event log under its filter, newest first.
     #[must_use]
-    pub fn story_rows(&self) -> Vec<&StoryLine> {
-        let mut sieve = Sieve::new(self.story_filter());
+    pub fn story_rows(&self) -> Vec<&EventLogLine> {
+        let mut sieve = RowFilter::new(self.story_filter());
         self.story().iter().rev().filter(|line| sieve.fits(&[&line.text])).collect()
     }
 
-    /// Everything about the subject, if the engine's answer is about it.
+    /// Everything about the subject, if the engine has answered about it.
     #[must_use]
     pub fn subject_detail(&self) -> Option<&Detail> {
         let subject = self.subject()?;
-        self.told.detail.as_deref().filter(|detail| detail.version == subject)
+        self.engine_data.detail.as_deref().filter(|detail| detail.version == subject)
     }
 
     /// The rows of a pane of the candidate view.
@@ -263,7 +268,7 @@ impl Model {
         }
     }
 
-    /// Disagreements of twin and live world, the newest first.
+    /// Disagreements of twin and live world, newest first.
     #[must_use]
     pub fn disagreement_rows(&self) -> Vec<&Disagreement> {
         let subject = self.subject();
@@ -277,7 +282,7 @@ impl Model {
     /// How many rows the present view and pane has.
     #[must_use]
     pub fn row_count(&self) -> usize {
-        match (self.place.view, self.place.pane()) {
+        match (self.view_state.view, self.view_state.pane()) {
             (View::Overview, STORY_PANE) => self.story_rows().len(),
             (View::Overview, _) => self.pipeline_rows().len(),
             (View::Registry, _) => self.registry_rows().len(),
@@ -292,10 +297,10 @@ impl Model {
         }
     }
 
-    /// What a row of the present view and pane is about.
+    /// The subject of a row of the present view and pane.
     #[must_use]
     pub fn item_key(&self, row: usize) -> Option<ItemKey> {
-        match (self.place.view, self.place.pane()) {
+        match (self.view_state.view, self.view_state.pane()) {
             (View::Overview, STORY_PANE) => self.story_rows().get(row).map(|line| ItemKey::Event(line.seq)),
             (View::Overview, _) => {
                 self.pipeline_rows().get(row).map(|row| ItemKey::Version(row.version.clone()))
@@ -304,7 +309,7 @@ impl Model {
                 RegistryItem::Family { family, .. } => ItemKey::Family((*family).clone()),
                 RegistryItem::Version(row) => ItemKey::Version(row.version.clone()),
             }),
-            (View::Candidate, pane) => said_keys(&self.candidate_rows(pane)).into_iter().nth(row),
+            (View::Candidate, pane) => row_keys(&self.candidate_rows(pane)).into_iter().nth(row),
             (View::Shadow, _) => {
                 self.disagreement_rows().get(row).map(|row| ItemKey::Disagreement(row.index))
             }
@@ -316,17 +321,17 @@ impl Model {
                 self.alarm_rows().get(row).map(|row| ItemKey::Alarm(row.alarm().alarm.clone()))
             }
             (View::Approvals, _) => self.waiting_rows().get(row).map(|row| match row {
-                WaitingItem::Question(question) => ItemKey::Question(question.version.clone()),
-                WaitingItem::Prompt(prompt) => ItemKey::Prompt(prompt.id.clone()),
+                PendingApprovalItem::MonitorQuestion(question) => ItemKey::Question(question.version.clone()),
+                PendingApprovalItem::Approval(prompt) => ItemKey::Prompt(prompt.id.clone()),
             }),
             (View::Audit, _) => self.audit_rows().get(row).map(|row| ItemKey::Record(row.record.seq)),
         }
     }
 
-    /// Where an item is now in the present view and pane; absent if it is gone.
+    /// The current place of an item in the present view and pane; absent if it is gone.
     #[must_use]
     pub fn row_of(&self, key: &ItemKey) -> Option<usize> {
-        match (self.place.view, self.place.pane(), key) {
+        match (self.view_state.view, self.view_state.pane(), key) {
             (View::Overview, STORY_PANE, ItemKey::Event(seq)) => {
                 self.story_rows().iter().position(|line| line.seq == *seq)
             }
@@ -339,7 +344,7 @@ impl Model {
                 (RegistryItem::Family { .. } | RegistryItem::Version(_), _) => false,
             }),
             (View::Candidate, pane, key) => {
-                said_keys(&self.candidate_rows(pane)).iter().position(|said| said == key)
+                row_keys(&self.candidate_rows(pane)).iter().position(|said| said == key)
             }
             (View::Shadow, _, ItemKey::Disagreement(index)) => {
                 self.disagreement_rows().iter().position(|row| row.index == *index)
@@ -354,9 +359,11 @@ impl Model {
                 self.alarm_rows().iter().position(|row| row.alarm().alarm == *name)
             }
             (View::Approvals, _, key) => self.waiting_rows().iter().position(|row| match (row, key) {
-                (WaitingItem::Question(question), ItemKey::Question(id)) => question.version == *id,
-                (WaitingItem::Prompt(prompt), ItemKey::Prompt(id)) => prompt.id == *id,
-                (WaitingItem::Question(_) | WaitingItem::Prompt(_), _) => false,
+                (PendingApprovalItem::MonitorQuestion(question), ItemKey::Question(id)) => {
+                    question.version == *id
+                }
+                (PendingApprovalItem::Approval(prompt), ItemKey::Prompt(id)) => prompt.id == *id,
+                (PendingApprovalItem::MonitorQuestion(_) | PendingApprovalItem::Approval(_), _) => false,
             }),
             (View::Audit, _, ItemKey::Record(seq)) => {
                 self.audit_rows().iter().position(|row| row.record.seq == *seq)
@@ -365,38 +372,38 @@ impl Model {
         }
     }
 
-    /// The row under the cursor, within what there is.
+    /// The row under the cursor, within the list.
     #[must_use]
     pub fn row(&self) -> usize {
-        self.place.cursor().min(self.row_count().saturating_sub(1))
+        self.view_state.cursor().min(self.row_count().saturating_sub(1))
     }
 
-    /// How many rows the list has that has the keys, and the version under its cursor: rows may be many, and are made once.
+    /// The length of the list with the keys, and the version under its cursor; the rows are made only once.
     #[must_use]
     pub fn rows_and_version(&self) -> (usize, Option<CapabilityId>) {
-        if self.place.view != View::Registry {
+        if self.view_state.view != View::Registry {
             return (self.row_count(), self.version_here());
         }
         let rows = self.registry_rows();
-        let at = self.place.cursor().min(rows.len().saturating_sub(1));
+        let at = self.view_state.cursor().min(rows.len().saturating_sub(1));
         (rows.len(), rows.get(at).and_then(|item| self.registry_version(item)))
     }
 
     fn registry_version(&self, item: &RegistryItem<'_>) -> Option<CapabilityId> {
         match item {
             RegistryItem::Version(row) => Some(row.version.clone()),
-            // A family stands for its active version.
+            // The row of a family means its active version.
             RegistryItem::Family { family, .. } => {
-                let families = &self.told.snapshot.as_ref()?.families;
+                let families = &self.engine_data.snapshot.as_ref()?.families;
                 families.iter().find(|known| known.family == **family)?.active.clone()
             }
         }
     }
 
-    /// The version under the cursor, or the one the view is about.
+    /// The version under the cursor, or the one of the view.
     #[must_use]
     pub fn version_here(&self) -> Option<CapabilityId> {
-        match (self.place.view, self.place.pane()) {
+        match (self.view_state.view, self.view_state.pane()) {
             (View::Overview, STORY_PANE) => None,
             (View::Overview, _) => self.pipeline_rows().get(self.row()).map(|row| row.version.clone()),
             (View::Registry, _) => self.rows_and_version().1,
@@ -416,19 +423,19 @@ impl Model {
     }
 }
 
-/// What tells one course of an alarm from another.
-fn spell_name(spell: &AlarmSpell) -> String {
+/// Identifies one course of an alarm.
+fn spell_name(spell: &AlarmEpisode) -> String {
     format!("{} {}", spell.alarm, spell.raised.at_ms)
 }
 
-/// What a row of the candidate view says, as far as it identifies the row; headings and values aside.
+/// The identifying text of a row of the candidate view, without headings and values.
 #[must_use]
-pub fn said(item: &CandidateItem<'_>) -> String {
+pub fn row_key_text(item: &CandidateItem<'_>) -> String {
     match item {
-        CandidateItem::Dimension(result) => result.dimension.words().to_owned(),
+        CandidateItem::Dimension(result) => result.dimension.label().to_owned(),
         CandidateItem::Worsening(measure) | CandidateItem::Measure(measure) => measure.name.clone(),
         CandidateItem::Reason(reason) | CandidateItem::Unproven(reason, _) => {
-            format!("{}: {}", reason.code, reason.text)
+            format!("{}: {}", reason.code, holdpoint_wording::reason(reason))
         }
         CandidateItem::Condition(condition) => condition.to_string(),
         CandidateItem::Untested(what) => (*what).to_owned(),
@@ -440,9 +447,9 @@ pub fn said(item: &CandidateItem<'_>) -> String {
     }
 }
 
-/// Everything that a row of the candidate view says, for a search in it.
+/// The whole text of a row of the candidate view, for a search.
 #[must_use]
-pub fn whole(item: &CandidateItem<'_>) -> String {
+pub fn search_text(item: &CandidateItem<'_>) -> String {
     match item {
         CandidateItem::Decision(decision) => {
             let reasons = decision.reasons.iter().map(|reason| {
@@ -451,66 +458,66 @@ pub fn whole(item: &CandidateItem<'_>) -> String {
             });
             let rest = decision.change.iter().chain(&decision.then).cloned();
             let all: Vec<String> = reasons.chain(rest).collect();
-            format!("{} {} {}", said(item), decision.rule.name(), all.join(" "))
+            format!("{} {} {}", row_key_text(item), decision.rule.name(), all.join(" "))
         }
         CandidateItem::Difference(difference) => {
             let value = |value: &Option<serde_json::Value>| {
                 value.as_ref().map(ToString::to_string).unwrap_or_default()
             };
-            format!("{} {} {}", said(item), value(&difference.old), value(&difference.new))
+            format!("{} {} {}", row_key_text(item), value(&difference.old), value(&difference.new))
         }
-        CandidateItem::Dimension(result) => format!("{} {}", said(item), result.outcome.name()),
-        _ => said(item),
+        CandidateItem::Dimension(result) => format!("{} {}", row_key_text(item), result.outcome.name()),
+        _ => row_key_text(item),
     }
 }
 
-/// The component of a reason that calls it better, if its worsening may as well be one: the interval reaches over zero.
-fn unproven<'a>(detail: &'a Detail, reason: &Reason) -> Option<&'a Measure> {
+/// The component that a reason calls better, if its interval includes zero.
+fn unproven<'a>(detail: &'a Detail, reason: &Reason) -> Option<&'a MeasuredValue> {
     if reason.code != ReasonCode::BehaviorImproved {
         return None;
     }
-    let name = component_of(reason.code, &reason.text)?.name();
+    let name = component_of(reason)?.name();
     let measure = detail.behavior.iter().find(|measure| measure.name == name)?;
     measure.interval.filter(|[_, high]| *high >= 0.0).map(|_| measure)
 }
 
-/// The rows by what they say; a measured value by its mode as well.
-fn said_keys(rows: &[CandidateItem<'_>]) -> Vec<ItemKey> {
+/// The rows by their text; a measured value by its mode as well.
+fn row_keys(rows: &[CandidateItem<'_>]) -> Vec<ItemKey> {
     let mut mode = "";
     let mut keys = Vec::with_capacity(rows.len());
     for item in rows {
         if let CandidateItem::Mode(name) = *item {
             mode = name;
         }
-        keys.push(ItemKey::Said(format!("{mode} {}", said(item))));
+        keys.push(ItemKey::Said(format!("{mode} {}", row_key_text(item))));
     }
     keys
 }
 
-/// How a version stands, in words that are made only where a filter asks for them.
-fn stands(state: State, flags: &Flags) -> impl std::fmt::Display {
+/// The state of a version, in words that are made only where a filter asks for them.
+fn state_text(state: State, flags: &VersionFlags) -> impl std::fmt::Display {
     let flags = *flags;
-    std::fmt::from_fn(move |f| f.write_str(&standing(state, &flags)))
+    std::fmt::from_fn(move |f| f.write_str(&state_label(state, &flags)))
 }
 
-/// A filter: letters' case aside, what a text must contain. An empty one fits everything.
-struct Sieve {
+/// A filter: the text that a row must contain, in either case. An empty one matches everything.
+struct RowFilter {
     wanted: String,
-    /// Written anew for each text: lists are long and are drawn often.
+    /// Rewritten for each text: lists are long and are drawn often.
     buffer: String,
 }
 
-impl Sieve {
+impl RowFilter {
     fn new(filter: &str) -> Self {
         Self { wanted: filter.to_lowercase(), buffer: String::new() }
     }
 
-    /// Whether nothing is wanted in particular.
+    /// Whether the filter is empty.
     const fn takes_all(&self) -> bool {
         self.wanted.is_empty()
     }
 
-    /// Whether one of the texts contains what is wanted.
+    /// Whether one of the texts contains the filter's text.
     fn fits(&mut self, texts: &[&dyn std::fmt::Display]) -> bool {
         self.wanted.is_empty()
             || texts.iter().any(|text| {

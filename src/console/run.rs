@@ -1,13 +1,12 @@
-//! The run loop: everything that happens becomes a message, the reducer says what is to be done, and what changed
-//! is drawn at the pace that fits.
+//! The run loop: each event becomes a message, the reducer requests effects, and changes are drawn at a suitable
+//! pace.
 //!
-//! Owns the order of beginning and ending: terminal first and given back last, the first frame before the engine,
-//! the engine's end before the screen's. Must not decide anything: that is the reducer's, and behind it the
-//! engine's.
+//! Owns the order of start and end: the terminal is first and last, the first frame comes before the engine, and the
+//! engine ends before the screen. Must not decide anything: the reducer does, and behind it the engine.
 
-mod farewell;
+mod exit_message;
+pub mod frame_pace;
 pub mod input;
-pub mod pace;
 pub mod screen;
 mod session;
 
@@ -17,43 +16,43 @@ use std::net::SocketAddr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
-pub use self::farewell::{Cause, Left};
+pub use self::exit_message::{ExitCause, ExitReport};
 use self::screen::Screen;
 use self::session::Session;
-pub use super::effects::Begun;
 use super::effects::Services;
+pub use super::effects::StartedEngine;
 use super::keymap::Keymap;
 use super::look::{Look, LookOptions, ThemeError};
-use super::model::{ConsoleSettings, Model};
+use super::model::{ConsoleModel, ConsoleSettings};
 use super::options::Options;
 use super::terminal::guard::RunningGuard;
 use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
 use super::theme::Themes;
-use holdpoint_engine::host::{EndFault, Host, HostConfig};
-use holdpoint_protocol::seat::Sitting;
+use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
+use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_text::Hint;
 
-/// The engine that a console is at.
-pub enum EngineAt {
-    /// One that starts with the console, in its process.
-    Here(HostConfig),
-    /// One that is at work in another process.
-    Elsewhere(Box<Host>),
-    /// One that is started in a process of its own: what waits for it, and how it is started.
-    Begun(Box<Host>, BeginEngine),
+/// The engine of a console.
+pub enum EngineLocation {
+    /// An engine that starts with the console, in its process.
+    Here(LaunchConfig),
+    /// A running engine in another process.
+    Elsewhere(Box<EngineHandle>),
+    /// An engine that is started in a separate process: the channel that waits for it, and how to start it.
+    Begun(Box<EngineHandle>, StartEngine),
 }
 
-/// Starts an engine in a process of its own and sits down at it. Waits for that, so it is called on a thread of its own.
-pub type BeginEngine = Box<dyn FnOnce(Sitting) -> Result<Begun, EndFault> + Send>;
+/// Starts an engine in its own process and attaches to it. It blocks, so the caller uses a separate thread.
+pub type StartEngine = Box<dyn FnOnce(ConsolePresence) -> Result<StartedEngine, EngineEndError> + Send>;
 
-/// What a console is started with.
-pub struct Console {
-    pub engine: EngineAt,
-    /// Where the live scene is served; absent if it is not.
+/// The parameters of a console.
+pub struct ConsoleSetup {
+    pub engine: EngineLocation,
+    /// The address of the live scene; absent if it is not served.
     pub view: Option<SocketAddr>,
     pub options: Options,
-    /// How a shell names the store, where it is not the one that is taken without a word.
+    /// The store as a shell names it; absent if it is the default store.
     pub data: Option<String>,
     pub keymap: Arc<Keymap>,
     /// The themes there are.
@@ -61,7 +60,7 @@ pub struct Console {
     pub services: Services,
 }
 
-/// Why there was no console, or none any more.
+/// Why a console did not start, or ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum ConsoleError {
     /// The theme does not exist.
@@ -70,7 +69,7 @@ pub enum ConsoleError {
     /// The terminal, or what is needed beside it, cannot be used.
     #[error("cannot use this terminal: {0}")]
     Terminal(#[from] io::Error),
-    /// A fault of the console's own; it is in the words that were printed before.
+    /// A fault of the console itself; its message was printed before.
     #[error("the console failed; the engine was left holding")]
     Failed,
 }
@@ -85,12 +84,12 @@ impl Hint for ConsoleError {
     }
 }
 
-/// Runs a console on this terminal to its end. Both standard input and output are a terminal's.
+/// Runs a console on this terminal until it ends. Standard input and output are a terminal.
 ///
 /// # Errors
 /// [`ConsoleError`]; the terminal is as it was.
-pub fn run(console: Console) -> Result<Left, ConsoleError> {
-    // What is wrong with the settings is said on the terminal as it is.
+pub fn run(console: ConsoleSetup) -> Result<ExitReport, ConsoleError> {
+    // Problems of the settings are printed before the screen opens.
     let look = look(&console.options, &console.themes, None)?;
     let guard = RunningGuard::start()?;
     panic::install();
@@ -100,13 +99,13 @@ pub fn run(console: Console) -> Result<Left, ConsoleError> {
 }
 
 /// Everything between taking the terminal and giving it back.
-fn on_screen(console: Console, look: Look, guard: RunningGuard) -> Result<Left, ConsoleError> {
+fn on_screen(console: ConsoleSetup, look: Look, guard: RunningGuard) -> Result<ExitReport, ConsoleError> {
     let state = state_folder();
     // A console without a log is better than none.
     let log = state.as_deref().and_then(|folder| LogFile::open(folder).ok());
     let terminal = TerminalGuard::enter(log, console.options.mouse)?;
-    let look = if console.options.theme.is_none() && look.depth() != super::look::Depth::Mono {
-        // Nothing reads keys yet: the terminal's answer cannot be taken for some.
+    let look = if console.options.theme.is_none() && look.depth() != super::look::ColorDepth::Mono {
+        // No thread reads keys yet, so the terminal's answer cannot be taken for keys.
         self::look(&console.options, &console.themes, background::is_light())?
     } else {
         look
@@ -121,7 +120,7 @@ fn on_screen(console: Console, look: Look, guard: RunningGuard) -> Result<Left, 
     screen.draw(|area, buffer| super::frame::draw(&model, &look, area, buffer))?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
     let exports = state.map(|folder| folder.join("exports"));
-    let parts = session::Parts {
+    let parts = session::SessionParts {
         engine: console.engine,
         view: console.view,
         services: console.services,
@@ -153,12 +152,12 @@ pub(super) fn look(
     Ok(chosen.map_or(fitting.clone(), |theme| fitting.with_theme(theme)))
 }
 
-fn model(options: &Options, keymap: Arc<Keymap>, themes: &Themes, look: &Look) -> Model {
+fn model(options: &Options, keymap: Arc<Keymap>, themes: &Themes, look: &Look) -> ConsoleModel {
     let settings = ConsoleSettings {
         read_only: options.read_only,
         mouse: options.mouse,
         tour: options.tour.then_some(0),
         theme: look.theme().name().to_owned(),
     };
-    Model::new(settings, keymap, themes.names())
+    ConsoleModel::new(settings, keymap, themes.names())
 }

@@ -1,17 +1,17 @@
-//! A passphrase that is being typed: wiped when it is let go of, and never shown.
+//! A passphrase that is being typed: wiped when dropped, and never shown.
 
 use holdpoint_approvals::{PASSPHRASE_BYTES_MAX, Passphrase};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use zeroize::Zeroizing;
 
-/// A line of which the screen shows one mark a character.
+/// A line whose characters appear as marks.
 #[derive(Clone, PartialEq, Eq)]
 pub struct SecretLine {
     text: Zeroizing<String>,
 }
 
 impl Default for SecretLine {
-    /// Empty, with room from the start, so that no copy is left behind by growing.
+    /// Empty, with its full capacity from the start, so that growing leaves no copy behind.
     fn default() -> Self {
         Self { text: Zeroizing::new(String::with_capacity(PASSPHRASE_BYTES_MAX)) }
     }
@@ -24,26 +24,26 @@ impl std::fmt::Debug for SecretLine {
 }
 
 impl SecretLine {
-    /// Types one character; control characters are no text, and what does not fit is left out.
+    /// Types one character; control characters and characters without room are dropped.
     pub fn insert(&mut self, typed: char) {
         if !typed.is_control() && self.text.len() + typed.len_utf8() <= PASSPHRASE_BYTES_MAX {
             self.text.push(typed);
         }
     }
 
-    /// Types what was pasted, as from a store of passphrases, without its line end.
+    /// Types a paste, such as from a password manager, without its line end.
     pub fn paste(&mut self, text: &str) {
         for typed in text.trim_end_matches(['\r', '\n']).chars() {
             self.insert(typed);
         }
     }
 
-    /// Takes the last character back.
+    /// Deletes the last character.
     pub fn erase(&mut self) {
         self.text.pop();
     }
 
-    /// How many characters were typed.
+    /// The number of typed characters.
     #[must_use]
     pub fn len(&self) -> usize {
         self.text.chars().count()
@@ -54,36 +54,36 @@ impl SecretLine {
         self.text.is_empty()
     }
 
-    /// What was typed; the line is empty then.
+    /// Takes the typed text; the line is then empty.
     pub fn take(&mut self) -> Zeroizing<String> {
         std::mem::take(self).text
     }
 }
 
-/// Something that waits for its passphrase. It is made only when the passphrase was typed, of how things stand then.
+/// A decision that waits for its passphrase. It is made only when the passphrase is complete, from the state then.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signing<W> {
-    /// What is about to be signed.
+    /// The decision to sign.
     pub what: W,
     pub secret: SecretLine,
-    /// The request that it was handed over in, until the engine has answered.
+    /// The id of the request that contains it, until the engine has answered.
     pub asked: Option<String>,
-    /// Why the last try signed nothing.
+    /// Why the last attempt did not sign.
     pub problem: Option<String>,
-    /// What was to be signed is something else now: nothing is.
+    /// Why the decision changed: it is not signed.
     is_stale: bool,
 }
 
-/// What a key meant while a passphrase was typed.
+/// The meaning of a key while a passphrase is typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SigningKey {
-    /// Nothing more, or a character of the passphrase.
+    /// None, or a character of the passphrase.
     Typed,
     /// To sign now.
     Sign,
-    /// Back to what is to be signed.
+    /// Back to the decision.
     Back,
-    /// Away, once it was handed over.
+    /// Close, after the request was sent.
     Away,
 }
 
@@ -99,7 +99,7 @@ impl<W> Signing<W> {
         match key.code {
             KeyCode::Esc if self.asked.is_some() => return SigningKey::Away,
             KeyCode::Esc => return SigningKey::Back,
-            // Handed over already.
+            // Already sent.
             _ if self.asked.is_some() || self.is_stale => {}
             KeyCode::Enter if !self.secret.is_empty() => return SigningKey::Sign,
             KeyCode::Enter => self.problem = Some("type the passphrase first, or Esc".to_owned()),
@@ -111,7 +111,7 @@ impl<W> Signing<W> {
         SigningKey::Typed
     }
 
-    /// What was to be signed has changed: what was typed is wiped, what is typed goes nowhere, and only Esc is a key.
+    /// The decision has changed: the typed text is wiped, further typing goes nowhere, and only Esc is a key.
     pub fn go_stale(&mut self, why: &str) {
         if self.asked.is_none() {
             drop(self.secret.take());
@@ -120,21 +120,21 @@ impl<W> Signing<W> {
         }
     }
 
-    /// Types what was pasted, unless it was handed over already.
+    /// Types a paste, unless the request was already sent.
     pub fn paste(&mut self, text: &str) {
         if self.asked.is_none() && !self.is_stale {
             self.secret.paste(text);
         }
     }
 
-    /// What was typed leaves for the request `id`.
-    pub fn hand_over(&mut self, id: &str) -> Option<Passphrase> {
+    /// Takes the typed text for the request `id`.
+    pub fn take_passphrase(&mut self, id: &str) -> Option<Passphrase> {
         self.asked = Some(id.to_owned());
         self.problem = None;
         Passphrase::new(self.secret.take()).ok()
     }
 
-    /// Whether what was typed is being checked: no key is text meanwhile, and what stops has to work.
+    /// Whether the passphrase is being checked: no key is text meanwhile, and stopping must work.
     #[must_use]
     pub const fn is_checked(&self) -> bool {
         self.asked.is_some()
@@ -146,7 +146,7 @@ impl<W> Signing<W> {
         self.asked.as_deref() == Some(id)
     }
 
-    /// What was typed opened no key: it can be typed anew.
+    /// The passphrase opened no key: it can be typed again.
     pub fn failed(&mut self, text: String) {
         self.asked = None;
         self.problem = Some(text);

@@ -1,8 +1,7 @@
 //! The terminal contract: what the console turns on, and that all of it is undone however the console ends.
 //!
-//! Owns the modes of the terminal, where fd 2 goes meanwhile, the panic policy and the guard that watches for
-//! signals and a lost terminal. Must not draw, read keys, or know the engine: a terminal that is gone means that
-//! somebody else holds.
+//! Owns the terminal modes, the redirection of fd 2, the panic policy, and the guard for signals and a lost terminal.
+//! Must not draw, read keys, or know the engine.
 
 pub mod background;
 pub mod guard;
@@ -14,7 +13,7 @@ use std::io;
 
 use self::log::LogFile;
 
-/// The terminal in the console's hands. Undoes on drop what it did, in reverse; so do the panic hook and the guard.
+/// The terminal under the console's control. Dropping it restores the terminal, as the panic hook and the guard do.
 #[derive(Debug)]
 #[must_use = "dropping it gives the terminal back"]
 pub struct TerminalGuard {
@@ -23,10 +22,10 @@ pub struct TerminalGuard {
 
 impl TerminalGuard {
     /// Takes the terminal: fd 2 goes to the log, then raw mode, alternate screen, hidden cursor, bracketed paste,
-    /// focus reports and, if wanted, the mouse. Without a log file fd 2 stays, and nothing is written to it.
+    /// focus reports and, if requested, the mouse. Without a log file fd 2 stays, and nothing is written to it.
     ///
     /// # Errors
-    /// If the terminal takes no settings; it is as it was then.
+    /// If the terminal accepts no settings; it is then as it was.
     pub fn enter(log: Option<LogFile>, mouse: bool) -> io::Result<Self> {
         if let Some(log) = &log {
             log.take_stderr()?;
@@ -37,7 +36,7 @@ impl TerminalGuard {
         Ok(guard)
     }
 
-    /// Where messages go while the screen is up; absent if there is no place for a log.
+    /// The file for messages while the screen is up; absent if there is no log.
     #[must_use]
     pub fn log_path(&self) -> Option<&std::path::Path> {
         self.log.as_ref().map(LogFile::path)

@@ -1,11 +1,11 @@
-//! Colours: the one place that names them. Themes by role, and how each role looks at each depth of colour.
+//! Colors, named only here: themes by role, and the look of each role at each color depth.
 //!
-//! What it must not do: know what is drawn, or read files and the environment; texts are handed in.
+//! Must not know what is drawn, or read files and the environment; the caller passes texts.
 
 mod file;
-pub mod mark;
 mod paint;
 mod role;
+pub mod state_mark;
 mod themes;
 
 use std::collections::BTreeMap;
@@ -13,14 +13,14 @@ use std::collections::BTreeMap;
 use ratatui::style::Style;
 
 pub use file::{FILE_BYTES_MAX, ThemeError};
-pub use mark::Mark;
-pub use paint::{Colour, Paint, escape};
+pub use paint::{Paint, ThemeColor, escape};
 pub use role::ThemeRole;
+pub use state_mark::StateMark;
 pub use themes::{OWN_MAX, Themes};
 
-/// How many colours a terminal shows.
+/// How many colors a terminal shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Depth {
+pub enum ColorDepth {
     /// None: bold, dim, reverse and underline alone.
     Mono,
     /// The sixteen of every terminal.
@@ -30,24 +30,24 @@ pub enum Depth {
     True,
 }
 
-impl Depth {
+impl ColorDepth {
     pub const ALL: [Self; 4] = [Self::Mono, Self::Ansi16, Self::Indexed256, Self::True];
 
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
             Self::Mono => "mono",
-            Self::Ansi16 => "16 colours",
-            Self::Indexed256 => "256 colours",
-            Self::True => "true colour",
+            Self::Ansi16 => "16 colors",
+            Self::Indexed256 => "256 colors",
+            Self::True => "true color",
         }
     }
 }
 
-/// The theme that is used if none is asked for and the background is not known to be light.
+/// The default theme, unless the background is known to be light.
 pub const DEFAULT: &str = "calm-dark";
 
-/// The theme that is used if none is asked for and the background is light.
+/// The default theme on a light background.
 pub const DEFAULT_LIGHT: &str = "calm-light";
 
 const BUILTIN: [(&str, &str); 5] = [
@@ -58,7 +58,7 @@ const BUILTIN: [(&str, &str); 5] = [
     ("deuteranopia", include_str!("../../themes/deuteranopia.toml")),
 ];
 
-/// Names of the themes that come with the program, the default one first.
+/// Names of the built-in themes, the default one first.
 #[must_use]
 pub fn names() -> Vec<&'static str> {
     BUILTIN.iter().map(|(name, _)| *name).collect()
@@ -77,20 +77,20 @@ impl Theme {
         Self { name: name.to_owned(), paints: BTreeMap::new() }
     }
 
-    /// A theme that comes with the program.
+    /// A built-in theme.
     ///
     /// # Errors
-    /// [`ThemeError::Unknown`], or what is wrong with its text.
+    /// [`ThemeError::Unknown`], or the problem of its text.
     pub fn builtin(name: &str) -> Result<Self, ThemeError> {
         let unknown = || ThemeError::Unknown { name: name.to_owned(), allowed: names().join(", ") };
         let (_, text) = BUILTIN.iter().find(|(known, _)| *known == name).ok_or_else(unknown)?;
         file::parse(name, &format!("themes/{name}.toml"), text)
     }
 
-    /// A theme of a file's text; `name` is the file's name, with or without folder and extension.
+    /// A theme from a file's text; `name` is the file's name, with or without folder and extension.
     ///
     /// # Errors
-    /// [`ThemeError::File`] with file, line, key and what is allowed.
+    /// [`ThemeError::File`] with file, line, key and the allowed values.
     pub fn with_file(name: &str, text: &str) -> Result<Self, ThemeError> {
         let stem = std::path::Path::new(name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(name);
         file::parse(stem, name, text)
@@ -107,7 +107,7 @@ impl Theme {
 
     /// How a role looks at a depth.
     #[must_use]
-    pub fn style(&self, role: ThemeRole, depth: Depth) -> Style {
+    pub fn style(&self, role: ThemeRole, depth: ColorDepth) -> Style {
         self.paints.get(&role).copied().unwrap_or_default().style(depth)
     }
 
@@ -144,12 +144,12 @@ mod tests {
             (
                 "[roles]\n\ntext = { fg = \"puce\" }",
                 3,
-                "roles.text.fg: \"puce\" is no colour; allowed are default",
+                "roles.text.fg: \"puce\" is no color; allowed are default",
             ),
-            ("[roles]\ntext = { fg = 256 }", 2, "roles.text.fg: 256 is no colour"),
+            ("[roles]\ntext = { fg = 256 }", 2, "roles.text.fg: 256 is no color"),
             ("[roles]\ntext = { bg = \"red\" }", 2, "roles.text.bg: a background needs a foreground"),
             ("[roles]\ntext = { blink = true }", 2, "unknown field `blink`"),
-            ("colours = 1", 1, "unknown field `colours`"),
+            ("colors = 1", 1, "unknown field `colors`"),
         ];
         for (text, line, what) in table {
             let error = Theme::with_file("/home/x/themes/mine.toml", text).unwrap_err().to_string();
@@ -167,9 +167,12 @@ mod tests {
         let parent = Theme::builtin("calm-dark").unwrap();
         assert_eq!(theme.name(), "mine");
         assert_ne!(
-            theme.style(ThemeRole::Critical, Depth::True),
-            parent.style(ThemeRole::Critical, Depth::True)
+            theme.style(ThemeRole::Critical, ColorDepth::True),
+            parent.style(ThemeRole::Critical, ColorDepth::True)
         );
-        assert_eq!(theme.style(ThemeRole::High, Depth::True), parent.style(ThemeRole::High, Depth::True));
+        assert_eq!(
+            theme.style(ThemeRole::High, ColorDepth::True),
+            parent.style(ThemeRole::High, ColorDepth::True)
+        );
     }
 }

@@ -1,27 +1,27 @@
-//! Health over time as the console looks at it: which series, which family, which bucket, and what follows from them.
+//! The health view's selection: series, family and bucket, and the values derived from them.
 
-use super::model::{HealthPlace, Model};
+use super::model::{ConsoleModel, HealthViewState};
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_protocol::health::{AlarmSpell, HealthSeries, Verdict};
+use holdpoint_protocol::health::{AlarmEpisode, HealthSeries, HealthVerdict};
 
 /// Columns beside a chart: the mark of the cursor's row and the numbers of the axis.
 pub const SCALE: u16 = 7;
 
-impl Model {
-    /// The series as it was last read.
+impl ConsoleModel {
+    /// The series as last read.
     #[must_use]
     pub fn health(&self) -> Option<&HealthSeries> {
-        self.told.health.as_ref().map(|(series, _)| &**series)
+        self.engine_data.health.as_ref().map(|(series, _)| &**series)
     }
 
-    /// Families with a task in the series; where it has none, those that have an active version: they are told of as empty.
+    /// Families with a task in the series. Without tasks, those that have an active version: they are shown as empty.
     #[must_use]
     pub fn health_families(&self) -> Vec<Family> {
         let worked = self.health().map(HealthSeries::families).unwrap_or_default();
         if !worked.is_empty() {
             return worked;
         }
-        let families = self.told.snapshot.iter().flat_map(|snapshot| &snapshot.families);
+        let families = self.engine_data.snapshot.iter().flat_map(|snapshot| &snapshot.families);
         families.map(|family| family.family.clone()).collect()
     }
 
@@ -36,7 +36,7 @@ impl Model {
     pub fn health_bucket(&self) -> Option<u32> {
         let series = self.health()?;
         let last = series.buckets.checked_sub(1)?;
-        let HealthPlace { cursor_ms, .. } = self.place.health;
+        let HealthViewState { cursor_ms, .. } = self.view_state.health;
         Some(match cursor_ms {
             Some(at_ms) if at_ms < series.from_ms => 0,
             Some(at_ms) => series.bucket_of(at_ms).unwrap_or(last),
@@ -46,12 +46,12 @@ impl Model {
 
     /// Better or worse since the cursor, for the family under it.
     #[must_use]
-    pub fn health_verdict(&self) -> Option<Verdict> {
+    pub fn health_verdict(&self) -> Option<HealthVerdict> {
         let (series, family) = (self.health()?, self.health_family()?);
         Some(series.verdict(&family, self.health_bucket()?))
     }
 
-    /// Who worked for the family under the cursor in the bucket under it, last; where nobody did, who is active.
+    /// The last version that ran for the family in the selected bucket; if none ran, the active version.
     #[must_use]
     pub fn health_version(&self) -> Option<CapabilityId> {
         let family = self.health_family()?;
@@ -61,14 +61,18 @@ impl Model {
             last.map(|point| point.version.clone())
         });
         worked.or_else(|| {
-            let families = &self.told.snapshot.as_ref()?.families;
+            let families = &self.engine_data.snapshot.as_ref()?.families;
             families.iter().find(|known| known.family == family)?.active.clone()
         })
     }
 
-    /// The course of every alarm, the newest first.
+    /// The course of every alarm, newest first.
     #[must_use]
-    pub fn alarm_spells(&self) -> Vec<&AlarmSpell> {
-        self.told.alarm_history.as_ref().map(|series| series.alarms.iter().collect()).unwrap_or_default()
+    pub fn alarm_spells(&self) -> Vec<&AlarmEpisode> {
+        self.engine_data
+            .alarm_history
+            .as_ref()
+            .map(|series| series.alarms.iter().collect())
+            .unwrap_or_default()
     }
 }

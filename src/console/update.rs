@@ -1,30 +1,30 @@
-//! The reducer: a model and something that happened give a changed model and what is to be done.
+//! The reducer: a model and a message give a changed model and effects.
 //!
-//! Pure: no clock, no terminal, no engine. Everything an operator can do passes here, so what can never happen
-//! (a reflex key that approves, an approval over stale evidence) is a table test beside it.
+//! Pure: no clock, no terminal, no engine. Each action of an operator passes here, so a table test beside it covers
+//! what must never happen (a reflex key that approves, an approval over stale evidence).
 
-mod asking;
-mod clicking;
-mod engine;
-mod finding;
-mod halted;
+pub mod availability;
+mod cell_restart;
+mod engine_requests;
+mod engine_updates;
+mod find_in_view;
 mod health;
-mod marking;
-mod moving;
-mod operating;
+mod identity_offer;
+mod mouse;
+mod navigation;
+mod operations;
 mod overlays;
-pub mod possible;
-mod seating;
-mod typing;
+mod selection;
+mod text_entry;
 mod why;
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-pub(super) use typing::into_line;
+pub(super) use text_entry::into_line;
 
 use super::action::Action;
 use super::effect::Effect;
-use super::model::{Frozen, Model, NOTICE_BYTE_MS, NOTICE_MS, Notice, Overlay, View};
+use super::model::{ConsoleModel, ConsoleNotice, FrozenView, NOTICE_BYTE_MS, NOTICE_MS, Overlay, View};
 use super::msg::{Msg, MsgKind};
 use super::palette::Palette;
 use holdpoint_text::Hint as _;
@@ -32,29 +32,29 @@ use holdpoint_text::Hint as _;
 /// Halvings of a chart's range at most.
 const ZOOM_MAX: u8 = 6;
 
-/// How often the operator's own files are looked at, ms.
+/// How often the operator's own files are checked, ms.
 const OWN_FILES_MS: u64 = 2_000;
 
-/// Views remembered for the way back.
+/// Views remembered for going back.
 const BACK_MAX: usize = 16;
 
-/// Takes in what happened. The cursor stays on its item, wherever that is afterwards.
-pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
+/// Updates the model with a message. The cursor stays on its item, wherever that moves.
+pub fn update(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
     let by_itself = match &msg.what {
         // These change no list.
         MsgKind::Tick
         | MsgKind::Picture(_)
         | MsgKind::Resize(..)
         | MsgKind::Theme(_)
-        | MsgKind::OwnFiles { .. }
+        | MsgKind::OperatorFiles { .. }
         | MsgKind::Completions { .. }
         | MsgKind::DecisionShown(_) => None,
         MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) | MsgKind::Click(..) => Some(false),
         MsgKind::EngineStarted
         | MsgKind::Events(_)
         | MsgKind::Past { .. }
-        | MsgKind::Seated(..)
-        | MsgKind::Sought(_)
+        | MsgKind::Attached(..)
+        | MsgKind::ReconnectFailed(_)
         | MsgKind::Answer { .. }
         | MsgKind::Lagged(_)
         | MsgKind::Snapshot(_)
@@ -67,14 +67,14 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         | MsgKind::EndAsked => Some(true),
     };
     let mut effects = take_in(model, msg);
-    effects.extend(asking::question(model));
+    effects.extend(engine_requests::request_approval_text(model));
     if let Some(by_itself) = by_itself {
-        moving::follow(model, by_itself);
+        navigation::follow(model, by_itself);
     }
     effects
 }
 
-fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
+fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
     model.now_ms = model.now_ms.max(msg.now_ms);
     if model.notice.as_ref().is_some_and(|notice| notice.until_ms <= model.now_ms) {
         model.notice = None;
@@ -82,51 +82,51 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
     match msg.what {
         MsgKind::Key(key) if key.kind == KeyEventKind::Release => Vec::new(),
         MsgKind::Key(key) => on_key(model, key),
-        MsgKind::Paste(text) => typing::paste(model, &text),
-        MsgKind::Wheel(rows) => moving::wheel(model, rows),
-        MsgKind::Click(column, row) => clicking::click(model, column, row),
+        MsgKind::Paste(text) => text_entry::paste(model, &text),
+        MsgKind::Wheel(rows) => navigation::wheel(model, rows),
+        MsgKind::Click(column, row) => mouse::click(model, column, row),
         MsgKind::Resize(columns, rows) => {
             model.size = (columns, rows);
             Vec::new()
         }
-        MsgKind::EngineStarted => engine::started(model),
-        MsgKind::Events(events) => engine::events(model, events),
-        MsgKind::Past { events, earlier } => engine::past(model, &events, earlier),
-        MsgKind::Seated(process, doubt) => engine::seated(model, process, doubt),
-        MsgKind::Sought(seeking) => {
-            model.told.seeking = Some(seeking);
+        MsgKind::EngineStarted => engine_updates::started(model),
+        MsgKind::Events(events) => engine_updates::events(model, events),
+        MsgKind::Past { events, earlier } => engine_updates::past(model, &events, earlier),
+        MsgKind::Attached(process, doubt) => engine_updates::seated(model, process, doubt),
+        MsgKind::ReconnectFailed(seeking) => {
+            model.engine_data.reconnect = Some(seeking);
             Vec::new()
         }
-        MsgKind::Answer { id, reply } => engine::answer(model, &id, *reply),
+        MsgKind::Answer { id, reply } => engine_updates::answer(model, &id, *reply),
         MsgKind::Lagged(missed) => {
-            model.told.missed = model.told.missed.saturating_add(missed);
-            model.asking.changes += 1;
+            model.engine_data.missed = model.engine_data.missed.saturating_add(missed);
+            model.requests.changes += 1;
             Vec::new()
         }
-        MsgKind::Snapshot(snapshot) => engine::snapshot(model, snapshot),
+        MsgKind::Snapshot(snapshot) => engine_updates::snapshot(model, snapshot),
         MsgKind::Picture(picture) => {
-            model.told.framing.see(&picture);
-            model.told.picture = Some(picture);
+            model.engine_data.framing.see(&picture);
+            model.engine_data.picture = Some(picture);
             Vec::new()
         }
-        MsgKind::EngineEnded(how) => engine::ended(model, how),
+        MsgKind::EngineEnded(how) => engine_updates::ended(model, how),
         MsgKind::Identities(identities) => {
-            model.seat.identities = identities;
+            model.session.identities = identities;
             Vec::new()
         }
         MsgKind::Operator(operator) => {
-            model.seat.wanted = None;
-            tell(model, format!("{} ({}) sits here now", operator.name, operator.role), false);
-            model.seat.operator = Some(operator);
+            model.session.wanted = None;
+            show_message(model, format!("now {} ({})", operator.name, operator.role), false);
+            model.session.operator = Some(operator);
             Vec::new()
         }
         MsgKind::Done { text, bad } => {
-            tell(model, text, bad);
+            show_message(model, text, bad);
             Vec::new()
         }
-        MsgKind::NoIdentity { name, text } => seating::nobody(model, name, text),
+        MsgKind::NoIdentity { name, text } => identity_offer::unknown_identity(model, name, text),
         MsgKind::Completions { typed, lines } => {
-            typing::offer(model, typed, lines);
+            text_entry::offer(model, typed, lines);
             Vec::new()
         }
         MsgKind::Theme(name) => {
@@ -138,43 +138,43 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::DecisionShown(seen) => {
-            match &mut model.entry.overlay {
-                Some(Overlay::Prompt(prompt)) => prompt.saw(&seen),
+            match &mut model.input.overlay {
+                Some(Overlay::Approval(prompt)) => prompt.saw(&seen),
                 Some(Overlay::Form(form)) => form.saw(&seen),
                 Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => {}
             }
             Vec::new()
         }
         MsgKind::EndAsked => vec![Effect::End],
-        MsgKind::OwnFiles { keymap, themes } => {
+        MsgKind::OperatorFiles { keymap, themes } => {
             (model.keymap, model.themes) = (keymap, themes);
-            tell(model, "keys and themes were read anew: their files changed", false);
+            show_message(model, "keys and themes are reloaded: their files changed", false);
             Vec::new()
         }
         MsgKind::Tick => {
             why::pass(model);
-            let mut effects = asking::refresh(model);
-            if model.now_ms.saturating_sub(model.asking.own_files_ms) >= OWN_FILES_MS {
-                model.asking.own_files_ms = model.now_ms;
-                effects.push(Effect::LookAtOwnFiles);
+            let mut effects = engine_requests::refresh(model);
+            if model.now_ms.saturating_sub(model.requests.own_files_ms) >= OWN_FILES_MS {
+                model.requests.own_files_ms = model.now_ms;
+                effects.push(Effect::CheckOperatorFiles);
             }
             effects
         }
     }
 }
 
-/// Puts a sentence into the status line.
-fn tell(model: &mut Model, text: impl Into<String>, bad: bool) {
+/// Shows a sentence in the status line.
+fn show_message(model: &mut ConsoleModel, text: impl Into<String>, bad: bool) {
     let text = text.into();
     // A long answer takes longer to read.
     let reading_ms = u64::try_from(text.len()).unwrap_or(u64::MAX).saturating_mul(NOTICE_BYTE_MS);
     let until_ms = model.now_ms.saturating_add(reading_ms.max(NOTICE_MS));
-    model.notice = Some(Notice { text, bad, until_ms });
+    model.notice = Some(ConsoleNotice { text, bad, until_ms });
 }
 
-/// A key goes to what has the keys: typed text, an overlay, the view.
-fn on_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
-    let in_prompt = matches!(model.entry.overlay, Some(Overlay::Prompt(_)));
+/// Passes a key to typed text, an overlay, or the view.
+fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
+    let in_prompt = matches!(model.input.overlay, Some(Overlay::Approval(_)));
     let action = model.keymap.action(key, in_prompt);
     // Stopping works everywhere, also while text is typed.
     let chord = key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT)
@@ -182,12 +182,12 @@ fn on_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     if let Some(action) = action.filter(|action| chord && action.works_while_typing()) {
         return act(model, action);
     }
-    if model.entry.typing.is_some() {
-        return typing::key(model, key);
+    if model.input.typing.is_some() {
+        return text_entry::key(model, key);
     }
-    match &model.entry.overlay {
+    match &model.input.overlay {
         Some(Overlay::Palette(_)) => overlays::palette_key(model, key),
-        Some(Overlay::Prompt(_)) => overlays::prompt_key(model, key, action),
+        Some(Overlay::Approval(_)) => overlays::approval_key(model, key, action),
         Some(Overlay::Form(_)) => overlays::form_key(model, key, action),
         Some(Overlay::Why(_)) => why::why_key(model, key, action),
         Some(Overlay::Film(_)) => why::film_key(model, key, action),
@@ -195,10 +195,10 @@ fn on_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     }
 }
 
-/// Does what an action means in this view.
-fn act(model: &mut Model, action: Action) -> Vec<Effect> {
+/// Carries out an action in this view.
+fn act(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
     if model.settings.read_only && action.changes_something() {
-        tell(model, format!("{:?} is not possible: this console is read-only", action.word()), true);
+        show_message(model, format!("{:?} is not possible: this console is read-only", action.word()), true);
         return Vec::new();
     }
     let bare = model.bare_absence().is_some();
@@ -207,7 +207,7 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
     {
         return refuse(model, &absence.problem().sentence());
     }
-    if action.aims_at_item() && moving::has_slipped(model) {
+    if action.aims_at_item() && navigation::has_slipped(model) {
         return refuse(
             model,
             "what was under the cursor has just left the list: look again, then press the key",
@@ -222,22 +222,22 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::ShowApprovals => show(model, View::Approvals),
         Action::ShowAudit => show(model, View::Audit),
         Action::ShowHealth => show(model, View::Health),
-        Action::JumpToAlarm => moving::jump_to_alarm(model),
+        Action::JumpToAlarm => navigation::jump_to_alarm(model),
         Action::Help => {
             let bare = model.bare_absence().is_some();
             let actions = Action::ALL.iter().copied().filter(|action| {
-                means_something(model.place.view, *action) && (!bare || works_without_engine(*action))
+                means_something(model.view_state.view, *action) && (!bare || works_without_engine(*action))
             });
-            model.entry.overlay = Some(Overlay::Palette(Palette::new(actions.collect())));
+            model.input.overlay = Some(Overlay::Palette(Palette::new(actions.collect())));
             Vec::new()
         }
-        Action::CommandLine => typing::begin_command(model),
-        Action::Filter => typing::begin_filter(model),
+        Action::CommandLine => text_entry::begin_command(model),
+        Action::Filter => text_entry::begin_filter(model),
         Action::Back => back(model),
-        Action::Detach => operating::detach(model),
-        Action::Quit => operating::quit(model),
+        Action::Detach => operations::detach(model),
+        Action::Quit => operations::quit(model),
         Action::Suspend => {
-            tell(model, "suspending would stop the monitors; `:quit` ends in good order", true);
+            show_message(model, "suspending would stop the monitors; `:quit` shuts down cleanly", true);
             Vec::new()
         }
         Action::Tour => {
@@ -252,23 +252,23 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
             } else {
                 "the mouse is the terminal's again: it marks text there"
             };
-            tell(model, text, false);
+            show_message(model, text, false);
             vec![Effect::TakeMouse(model.settings.mouse)]
         }
-        Action::Copy => match moving::copied(model) {
+        Action::Copy => match navigation::copied(model) {
             Some(text) => vec![Effect::Copy(text)],
             None => refuse(model, "there is nothing under the cursor to copy"),
         },
-        Action::Export => vec![Effect::Export(model.place.view)],
+        Action::Export => vec![Effect::Export(model.view_state.view)],
         Action::OpenRecording => match model.version_here() {
             Some(version) => vec![Effect::OpenRecording(version)],
-            // If nothing is evaluated the cell itself is what there is to look at.
-            None if model.place.view == View::Overview => vec![Effect::OpenLive],
+            // If nothing is evaluated, the cell itself is shown.
+            None if model.view_state.view == View::Overview => vec![Effect::OpenLive],
             None => refuse(model, "there is no version under the cursor"),
         },
         Action::OpenLive => vec![Effect::OpenLive],
-        Action::Verify => asking::verify(model),
-        Action::Demo => asking::register(model, None),
+        Action::Verify => engine_requests::verify(model),
+        Action::Demo => engine_requests::register(model, None),
         Action::Up
         | Action::Down
         | Action::PageUp
@@ -279,12 +279,12 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         | Action::Right
         | Action::NextPane
         | Action::PreviousPane
-        | Action::Open => moving::go(model, action),
-        Action::Sort | Action::SortReverse => moving::sort(model, action),
-        Action::FindNext => finding::next(model),
-        Action::Mark => marking::mark(model),
-        Action::Stop => asking::stop(model),
-        Action::Go => halted::go(model),
+        | Action::Open => navigation::go(model, action),
+        Action::Sort | Action::SortReverse => navigation::sort(model, action),
+        Action::FindNext => find_in_view::next(model),
+        Action::Mark => selection::mark(model),
+        Action::Stop => engine_requests::stop(model),
+        Action::Go => cell_restart::go(model),
         Action::Abort
         | Action::Pause
         | Action::Resume
@@ -295,17 +295,17 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         | Action::Repeat
         | Action::Release
         | Action::Continue
-        | Action::Rearm => operating::on_version(model, action),
-        Action::BreakGlass => operating::break_glass(model),
+        | Action::Rearm => operations::on_version(model, action),
+        Action::BreakGlass => operations::break_glass(model),
         Action::Acknowledge | Action::Shelve | Action::Unshelve | Action::ResetAlarm => {
-            operating::on_alarm(model, action)
+            operations::on_alarm(model, action)
         }
         Action::Freeze => freeze(model),
-        Action::ZoomIn | Action::ZoomOut | Action::ZoomReset if model.place.view == View::Health => {
+        Action::ZoomIn | Action::ZoomOut | Action::ZoomReset if model.view_state.view == View::Health => {
             health::zoom(model, action)
         }
-        Action::ZoomIn => zoom(model, model.place.zoom.saturating_add(1)),
-        Action::ZoomOut => zoom(model, model.place.zoom.saturating_sub(1)),
+        Action::ZoomIn => zoom(model, model.view_state.zoom.saturating_add(1)),
+        Action::ZoomOut => zoom(model, model.view_state.zoom.saturating_sub(1)),
         Action::ZoomReset => zoom(model, 0),
         // Without an open prompt these decide nothing.
         Action::Approve | Action::Reject | Action::Reread => {
@@ -314,7 +314,7 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
     }
 }
 
-/// Whether an action does something where no engine is at work and nothing was ever told.
+/// Whether an action works before any engine has been connected.
 const fn works_without_engine(action: Action) -> bool {
     matches!(
         action,
@@ -330,7 +330,7 @@ const fn works_without_engine(action: Action) -> bool {
     )
 }
 
-/// Whether an action stops or tightens what acts: asked of whatever engine is at work.
+/// Whether an action stops or tightens an active version: it goes to any running engine.
 const fn brakes(action: Action) -> bool {
     matches!(action, Action::Abort | Action::Pause | Action::Rollback | Action::Restrict)
 }
@@ -348,80 +348,80 @@ pub fn means_something(view: View, action: Action) -> bool {
     }
 }
 
-fn refuse(model: &mut Model, why: &str) -> Vec<Effect> {
-    tell(model, why, true);
+fn refuse(model: &mut ConsoleModel, why: &str) -> Vec<Effect> {
+    show_message(model, why, true);
     Vec::new()
 }
 
-/// Goes to a view and asks for what it shows.
-fn show(model: &mut Model, view: View) -> Vec<Effect> {
-    if model.place.view != view {
-        model.place.back.retain(|known| *known != model.place.view);
-        model.place.back.push(model.place.view);
-        if model.place.back.len() > BACK_MAX {
-            model.place.back.remove(0);
+/// Goes to a view and requests its data.
+fn show(model: &mut ConsoleModel, view: View) -> Vec<Effect> {
+    if model.view_state.view != view {
+        model.view_state.back.retain(|known| *known != model.view_state.view);
+        model.view_state.back.push(model.view_state.view);
+        if model.view_state.back.len() > BACK_MAX {
+            model.view_state.back.remove(0);
         }
-        model.place.view = view;
-        model.place.opened = None;
+        model.view_state.view = view;
+        model.view_state.opened = None;
     }
-    asking::refresh_now(model)
+    engine_requests::refresh_now(model)
 }
 
 /// A view of one version: of the one under the cursor, if there is one.
-fn show_about(model: &mut Model, view: View) -> Vec<Effect> {
+fn show_about(model: &mut ConsoleModel, view: View) -> Vec<Effect> {
     if let Some(version) = model.version_here() {
-        model.place.chosen = Some(version);
+        model.view_state.chosen = Some(version);
     }
     show(model, view)
 }
 
-fn back(model: &mut Model) -> Vec<Effect> {
-    if model.place.view == View::Audit && model.place.opened.take().is_some() {
+fn back(model: &mut ConsoleModel) -> Vec<Effect> {
+    if model.view_state.view == View::Audit && model.view_state.opened.take().is_some() {
         return Vec::new();
     }
-    if marking::clear(model) {
-        tell(model, "nothing is marked any more", false);
+    if selection::clear(model) {
+        show_message(model, "nothing is marked any more", false);
         return Vec::new();
     }
-    if model.place.set_filter(String::new()) {
-        return asking::refresh_now(model);
+    if model.view_state.set_filter(String::new()) {
+        return engine_requests::refresh_now(model);
     }
-    match model.place.back.pop() {
+    match model.view_state.back.pop() {
         Some(view) => {
-            model.place.view = view;
-            asking::refresh_now(model)
+            model.view_state.view = view;
+            engine_requests::refresh_now(model)
         }
         None => {
             model.notice = None;
-            // Nobody is kept from going on by a stop that came to nothing, once the engine is heard again.
-            let told = &mut model.told;
+            // Once the engine answers again, a failed stop does not block its restart.
+            let told = &mut model.engine_data;
             let heard_ms = told.snapshot_ms;
-            told.stop_asked.take_if(|asked| asked.why.is_some() && heard_ms > asked.since_ms);
+            told.pending_stop.take_if(|asked| asked.why.is_some() && heard_ms > asked.since_ms);
             Vec::new()
         }
     }
 }
 
-fn next_theme(model: &mut Model) -> Vec<Effect> {
+fn next_theme(model: &mut ConsoleModel) -> Vec<Effect> {
     let at = model.themes.iter().position(|name| *name == model.settings.theme);
     let next = at.map_or(0, |at| at + 1) % model.themes.len().max(1);
     model.themes.get(next).map(|name| Effect::UseTheme(name.clone())).into_iter().collect()
 }
 
-fn freeze(model: &mut Model) -> Vec<Effect> {
-    model.place.frozen = match (&model.place.frozen, &model.told.snapshot) {
-        (None, Some(snapshot)) => Some(Frozen {
+fn freeze(model: &mut ConsoleModel) -> Vec<Effect> {
+    model.view_state.frozen = match (&model.view_state.frozen, &model.engine_data.snapshot) {
+        (None, Some(snapshot)) => Some(FrozenView {
             at_ms: model.engine_ms(),
             snapshot: snapshot.clone(),
-            story: model.told.story.clone(),
+            story: model.engine_data.events.clone(),
         }),
         (Some(_), _) | (None, None) => None,
     };
     Vec::new()
 }
 
-const fn zoom(model: &mut Model, halvings: u8) -> Vec<Effect> {
-    model.place.zoom = if halvings > ZOOM_MAX { ZOOM_MAX } else { halvings };
+const fn zoom(model: &mut ConsoleModel, halvings: u8) -> Vec<Effect> {
+    model.view_state.zoom = if halvings > ZOOM_MAX { ZOOM_MAX } else { halvings };
     Vec::new()
 }
 

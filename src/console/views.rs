@@ -1,44 +1,44 @@
-//! The screens. Each reads the model and draws; none changes anything, and none decides what a key does.
+//! The screens. Each reads the model and draws; none changes anything or decides about keys.
 
 pub mod alarm_history;
 pub mod alarms;
-pub mod alone;
+pub mod approval_screen;
 pub mod approvals;
 pub mod audit;
 pub mod banner;
 pub mod candidate;
 mod candidate_rows;
+pub mod event_log;
 pub mod families;
 pub mod film;
 pub mod form;
 pub mod health;
 pub mod hints;
 pub mod menu;
+pub mod no_engine;
 pub mod overview;
 pub mod palette;
 pub mod pipeline;
-pub mod prompt;
 pub mod registry;
 pub mod robot;
 pub mod shadow;
+pub mod small_window;
 pub mod status;
-pub mod story;
 pub mod tabs;
-pub mod tiny;
 pub mod tour;
 pub mod why;
 
 use ratatui::layout::Rect;
 
 use super::action::Action;
+use super::formatters::seconds;
 use super::look::{Glyph, Look, ThemeRole};
-use super::model::Model;
-use super::theme::Mark;
+use super::model::ConsoleModel;
+use super::theme::StateMark;
 use super::widgets::list::GUTTER;
 use super::widgets::pen::{Pen, below};
 use super::widgets::row::{Row, safe, wrap};
-use super::words::seconds;
-use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::lifecycle::{State, VersionFlags};
 
 /// Foreign text on one line of at most `width` columns.
 #[must_use]
@@ -46,10 +46,9 @@ pub fn short(text: &str, width: usize) -> String {
     safe(text, width)
 }
 
-/// Says that a pane stands still, since when, and the key that lets it run; tells what is left of the area. Nothing is
-/// said while it runs.
-pub fn frozen(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
-    let Some(frozen) = &model.place.frozen else { return area };
+/// Draws a line if the pane is frozen: since when, and the key that lets it run. Returns the rest of the area.
+pub fn frozen(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
+    let Some(frozen) = &model.view_state.frozen else { return area };
     let (glyph, since) = (pen.look.glyph(Glyph::Paused), seconds(frozen.at_ms));
     let text = format!("{glyph} FROZEN since {since}, {} lets it run", model.keymap.key(Action::Freeze));
     let lines = wrap(&text, usize::from(area.width), 2);
@@ -58,30 +57,30 @@ pub fn frozen(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
     below(area, taken)
 }
 
-/// Where a version stands, and what is told beside it; where there is little room, the last word of each.
+/// The state of a version and the mark beside it; in a narrow area, the last word of each.
 #[must_use]
-pub fn stands(state: State, flags: &Flags, room: usize, look: &Look) -> Row {
-    let (mark, beside) = (Mark::version(state, flags), Mark::beside(state, flags));
-    let row = Row::of(mark.role, &look.words(mark));
+pub fn state_row(state: State, flags: &VersionFlags, room: usize, look: &Look) -> Row {
+    let (mark, beside) = (StateMark::version(state, flags), StateMark::secondary(state, flags));
+    let row = Row::of(mark.role, &look.mark_label(mark));
     let Some(beside) = beside else { return row };
-    let row = row.with(beside.role, &format!("  {}", look.words(beside)));
+    let row = row.with(beside.role, &format!("  {}", look.mark_label(beside)));
     if row.width() <= room {
         return row;
     }
-    let last = |mark: Mark| {
+    let last = |mark: StateMark| {
         let word = mark.word.rsplit(' ').next().unwrap_or(mark.word);
         format!("{} {word}", look.glyph(mark.glyph))
     };
     Row::of(mark.role, &last(mark)).with(beside.role, &format!(" {}", last(beside)))
 }
 
-/// An area without the columns that the mark of the cursor takes.
+/// An area without the columns of the cursor's mark.
 const fn indented(area: Rect) -> Rect {
     let taken = if area.width < GUTTER { area.width } else { GUTTER };
     Rect { x: area.x + taken, width: area.width - taken, ..area }
 }
 
-/// A window over a view: frame and title; tells where its inside is. No larger than `area`.
+/// Draws the frame and title of a window over a view; returns its inside. No larger than `area`.
 pub fn window(pen: &mut Pen<'_>, area: Rect, width_max: u16, height: u16, title: &str, right: &str) -> Rect {
     let (width, height) = (area.width.min(width_max), area.height.min(height));
     let left = area.x + (area.width - width) / 2;

@@ -1,4 +1,4 @@
-//! What views are made of: rows, panes, lists, bars, charts, dots. They know roles and shapes and no engine.
+//! The building blocks of views: rows, panes, lists, bars, charts, dots. They know roles and shapes, and no engine.
 
 pub mod bar;
 pub mod chart;

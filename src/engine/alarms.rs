@@ -1,7 +1,7 @@
-//! Alarms as the engine raises them: into the book, into the store, told as events.
+//! Alarms as the engine raises them: into the alarm book, into the store, and published as events.
 
 use crate::monitors::Monitors;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
 use holdpoint_governance::alarms::{
     ALARMS_MAX, Alarm, AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmKey, AlarmState, Priority,
 };
@@ -11,7 +11,7 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
 
-/// The alarms that were raised, and when their conditions are looked at next.
+/// The raised alarms, and when the engine next checks their conditions.
 #[derive(Default)]
 pub(crate) struct RaisedAlarms {
     book: AlarmBook,
@@ -24,7 +24,7 @@ impl RaisedAlarms {
         &self.book
     }
 
-    /// Whether conditions are to be looked at; if so, the next time is one period later.
+    /// Whether a check of the conditions is due; if so, the next one is a period later.
     fn take_due(&mut self, now_ms: u64) -> bool {
         let due = now_ms >= self.due_ms;
         if due {
@@ -34,18 +34,18 @@ impl RaisedAlarms {
     }
 }
 
-impl Record {
-    /// Takes the alarms up as the store has them: what was open before a restart is open, whoever had seen it.
+impl EngineRecorder {
+    /// Restores the alarms from the store: an alarm that was open before a restart is open again, even if acknowledged.
     ///
     /// # Errors
     /// If the store cannot be read.
     pub(crate) fn recall_alarms(&mut self) -> Result<(), StoreError> {
-        let mut kept = self.ledger().store().views()?.alarms()?;
+        let mut kept = self.version_table().store().views()?.alarms()?;
         kept.retain(|entry| entry.state != AlarmState::Normal);
         kept.truncate(ALARMS_MAX);
         let now_ms = self.now_ms();
         for entry in kept {
-            // An alarm of another build that cannot be read is one nobody may lose: it stands as a fault.
+            // An alarm of another build may be unreadable. It must not be lost: it is raised as a fault.
             let Ok(alarm) = serde_json::from_str::<Alarm>(&entry.json) else {
                 let text = format!("the alarm {} of an earlier start cannot be read", entry.alarm);
                 self.raise(AlarmKey::EngineFault, entry.priority, true, &text);
@@ -58,14 +58,14 @@ impl Record {
         Ok(())
     }
 
-    /// Raises an alarm and says so.
+    /// Raises an alarm and publishes it.
     pub(crate) fn raise(&mut self, key: AlarmKey, priority: Priority, latching: bool, text: &str) {
         let text = holdpoint_text::Untrusted::new(text);
         self.alarm_event(&AlarmEvent::Raise { key, priority, latching, text });
     }
 
-    /// Applies an event to the alarm book, keeps it in the store and tells what changed. A book or a
-    /// store that refuses makes the engine hold, without a further alarm.
+    /// Applies an event to the alarm book, stores the changes and publishes them. If the book or the store refuses, the
+    /// engine halts, without a further alarm.
     pub(crate) fn alarm_event(&mut self, event: &AlarmEvent) {
         match holdpoint_governance::alarms::apply(self.alarms(), event, self.now_ms(), self.wall_now()) {
             Ok(changes) => {
@@ -79,8 +79,7 @@ impl Record {
         }
     }
 
-    /// Time went on: shelves and floods end, and conditions that are over are seen to be over. A script's clock
-    /// jumps, so there nothing is done by itself.
+    /// Advances shelves and floods, and clears alarms whose conditions are over. Does nothing in a script, whose clock jumps.
     pub(crate) fn look_at_alarms(&mut self, monitors: &Monitors, works: bool) {
         let now_ms = self.now_ms();
         self.look_at_checkpoints();
@@ -99,7 +98,7 @@ impl Record {
         self.alarm_event(&AlarmEvent::Tick);
     }
 
-    /// A person's event. What is not allowed is refused and changes nothing.
+    /// A person's event. A forbidden one is refused and changes nothing.
     pub(crate) fn alarm_command(
         &mut self,
         event: &AlarmEvent,
@@ -124,8 +123,8 @@ impl Record {
         }
     }
 
-    /// Whether what an alarm was raised for is seen to be over. What took place and is done with is over at once; it
-    /// stays until somebody resets it. `works`: the last live sequence was done.
+    /// Whether the condition of an alarm is over. For a single occurrence it is over at once; the alarm then stays until an
+    /// operator resets it. `works`: the last live sequence completed.
     fn is_over(&self, key: &AlarmKey, monitors: &Monitors, works: bool) -> bool {
         match key {
             AlarmKey::RolledBack(_)
@@ -138,62 +137,64 @@ impl Record {
                 monitors.of(version).is_none_or(|watched| watched.monitor.escalation().is_none())
             }
             AlarmKey::Restricted(version) => !self.is_restricted(version),
-            // Measured by the live tasks of the version (`health.rs`); who no longer works does no more of it.
+            // The live tasks of the version measure it (`health.rs`); an inactive version runs none.
             AlarmKey::Violation(version) | AlarmKey::Degraded(version) | AlarmKey::WeakRecovery(version) => {
                 !self.is_active(version)
             }
-            // Measured to be over by whoever works (`senses.rs`).
+            // The camera check ends it.
             AlarmKey::CellDegraded => false,
             AlarmKey::SafeStopped(family) => self.is_in_control(family),
             AlarmKey::NotRecovered(family) => self.is_in_control(family) && works,
             AlarmKey::Unreviewed(version) => !self.is_unreviewed(version),
-            // Whoever ends the question or the rejection clears it, and the start that is authorized.
+            // The end of the request or rejection clears it, as does an authorized start.
             AlarmKey::Approval(_) | AlarmKey::Rejected(_) | AlarmKey::ProfileUnauthorized => false,
-            AlarmKey::CheckpointFailed => self.ledger().store().checkpoint_problem().is_none(),
-            // Somebody confirms the time.
-            AlarmKey::ClockDoubted => self.ledger().wall().doubt().is_none(),
-            // An engine that holds does so until it comes up again.
+            AlarmKey::CheckpointFailed => self.version_table().store().checkpoint_problem().is_none(),
+            // A person confirms the time.
+            AlarmKey::ClockDoubted => self.version_table().wall().clock_mismatch().is_none(),
+            // A halted engine stays halted until it restarts.
             AlarmKey::EngineFault => self.holding().is_none(),
         }
     }
 
-    /// Whether the newest checkpoint could be written, and sent to the store's witnesses. The store works on without.
+    /// Checks that the newest checkpoint was written, and sent to the store's witnesses. The engine continues without.
     fn look_at_checkpoints(&mut self) {
         let key = AlarmKey::CheckpointFailed;
         let raised = self.alarms().get(&key).is_some_and(|alarm| alarm.condition);
-        match self.ledger().store().checkpoint_problem() {
+        match self.version_table().store().checkpoint_problem() {
             Some(problem) if !raised => {
-                let text = format!("a cut of the audit chain would not be found: {problem}");
+                let text = format!("a truncated audit chain would go undetected: {problem}");
                 self.raise(key, Priority::High, false, &text);
-                self.ledger().store().problems_are_told();
+                self.version_table().store().problems_are_told();
             }
             None if raised => self.alarm_event(&AlarmEvent::Clear { key }),
-            Some(_) => self.ledger().store().problems_are_told(),
+            Some(_) => self.version_table().store().problems_are_told(),
             None => {}
         }
     }
 
     pub(crate) fn is_restricted(&self, version: &CapabilityId) -> bool {
-        self.ledger().version(version).is_ok_and(|(_, standing, _)| standing.flags.restricted)
+        self.version_table().version(version).is_ok_and(|(_, standing, _)| standing.flags.restricted)
     }
 
     fn is_active(&self, version: &CapabilityId) -> bool {
-        self.ledger().version(version).is_ok_and(|(_, standing, _)| standing.state == State::Active)
+        self.version_table().version(version).is_ok_and(|(_, standing, _)| standing.state == State::Active)
     }
 
-    /// Whether people still have to review how a version became active.
+    /// Whether approvers still have to review a version's activation.
     pub(crate) fn is_unreviewed(&self, version: &CapabilityId) -> bool {
-        self.ledger().family(&version.family).is_ok_and(|entry| {
+        self.version_table().family(&version.family).is_ok_and(|entry| {
             entry.find(version).is_some_and(|(number, _, _)| entry.state.is_unreviewed(number))
         })
     }
 
-    /// Whether a family has an active version that may work.
+    /// Whether a family has an active version that may run.
     fn is_in_control(&self, family: &Family) -> bool {
-        self.ledger().family(family).is_ok_and(|entry| !entry.state.safe_stopped && entry.active().is_some())
+        self.version_table()
+            .family(family)
+            .is_ok_and(|entry| !entry.state.safe_stopped && entry.active().is_some())
     }
 
-    /// Into the book and the store, and told. The store comes first: what it did not take did not happen.
+    /// Adds changes to the store, then to the book, then publishes them. A change that the store refuses has no effect.
     fn take_in(&mut self, changes: &[AlarmChange], records: Vec<AuditBody>) -> Result<(), StoreError> {
         let mut stored = Vec::new();
         let mut told = Vec::new();
@@ -218,7 +219,7 @@ impl Record {
             }
         }
         let written = if stored.is_empty() { Ok(()) } else { self.write(stored, records) };
-        // An alarm that cannot be written is shown all the same: nobody is served by not knowing.
+        // An alarm that cannot be written is shown all the same.
         let raised =
             changes.iter().any(|change| matches!(change, AlarmChange::Set { annunciated: true, .. }));
         if written.is_ok() || raised {
@@ -231,10 +232,10 @@ impl Record {
     }
 }
 
-/// How often alarms are looked at, ms.
+/// Interval between checks of the alarms, ms.
 const ALARMS_EVERY_MS: u64 = 1_000;
 
-/// Why somebody holds an alarm to be over; the alarm itself does not keep it.
+/// The reason a person gave for clearing an alarm; the alarm itself does not contain it.
 fn reason_of(event: &AlarmEvent) -> Vec<AuditBody> {
     let AlarmEvent::Reset { key, by, reason } = event else { return Vec::new() };
     let body = serde_json::json!({ "alarm": key, "by": by, "reason": reason.raw() }).to_string();

@@ -1,11 +1,10 @@
 //! Names this build by what computes an episode: the sources of body, simulator, runtime, rules, trials and live
 //! world, the versions of everything they are built with, the compiler and the target.
+//! Evidence and cached results are bound to that name (`COMPUTED_BY` in `cell.rs`), so results of other physics or other
+//! rules do not count. A changed comment changes the name too, which only costs time.
 //!
-//! Evidence and kept episodes are bound to that name (`COMPUTED_BY` in `cell.rs`), so that what another physics or
-//! another rule gave counts for nothing. A changed comment changes the name too: that costs time, never truth.
-//!
-//! A second name (`DECIDED_BY`) is of these and of everything that takes a candidate through the stages: what an
-//! experiment keeps of decisions is bound to it.
+//! A second name (`DECIDED_BY`) covers these and everything that takes a candidate through the stages. Cached decisions
+//! of an experiment are bound to it.
 
 #![allow(clippy::print_stdout, reason = "a build script tells cargo what it found by printing it")]
 
@@ -17,7 +16,7 @@ use std::process::Command;
 
 use sha2::{Digest, Sha256};
 
-/// What computes an episode, from the workspace's root.
+/// Sources that compute an episode, from the workspace's root.
 const COMPUTES: [&str; 13] = [
     "Cargo.lock",
     "sim/assets",
@@ -34,10 +33,10 @@ const COMPUTES: [&str; 13] = [
     "src/skill",
 ];
 
-/// What takes a candidate through the stages besides, from the workspace's root.
+/// Further sources that take a candidate through the stages, from the workspace's root.
 const DECIDES: [&str; 4] = ["profiles", "src/approvals", "src/engine", "src/registry"];
 
-/// Endings of the files that count.
+/// Extensions of the files that count.
 const ENDINGS: [&str; 6] = ["rs", "toml", "urdf", "lock", "cedar", "wit"];
 
 fn main() -> io::Result<()> {
@@ -66,7 +65,7 @@ fn tell(name: &str, digest: Sha256) -> io::Result<()> {
     Ok(())
 }
 
-/// Adds a file, or a folder's files in the order of their names. Tests compute no episode.
+/// Adds a file, or the files of a folder sorted by name, without tests.
 fn add(digest: &mut Sha256, root: &Path, path: &Path) -> io::Result<()> {
     let full = root.join(path);
     if full.is_dir() {
@@ -86,7 +85,7 @@ fn add(digest: &mut Sha256, root: &Path, path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Adds bytes behind their length, so that no two lists of parts read alike.
+/// Adds bytes after their length, so that different lists of parts have different digests.
 fn part(digest: &mut Sha256, bytes: &[u8]) {
     digest.update((bytes.len() as u64).to_le_bytes());
     digest.update(bytes);

@@ -1,11 +1,11 @@
-//! Whose process asks, as the system has it.
+//! The process that makes a request, as the system identifies it.
 
 use std::fs::File;
 use std::io::Read as _;
 
 use holdpoint_protocol::command::Caller;
 
-/// The most of the list of users that is read, bytes.
+/// The most bytes read of the list of users.
 const USERS_BYTES_MAX: u64 = 1 << 20;
 
 /// This process.
@@ -23,7 +23,7 @@ pub(crate) fn named(uid: u32, process: Option<u32>) -> Caller {
     Caller::Process { uid, user, process }
 }
 
-/// The first user of this number in a list of the form of `/etc/passwd` (passwd(5)).
+/// The first user with this number in a list in the format of `/etc/passwd` (passwd(5)).
 fn name_of(users: &str, uid: u32) -> Option<String> {
     users.lines().find_map(|line| {
         let mut fields = line.split(':');

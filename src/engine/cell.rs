@@ -1,4 +1,4 @@
-//! The cell everything is measured in: robot, scene and the published distributions.
+//! The cell of every measurement: robot, scene and the published distributions.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,11 +13,11 @@ use holdpoint_sim::world::World;
 use holdpoint_governance::ids::Digest;
 
 /// Digest of what computes an episode in this build: simulator, controllers, rules, their dependencies, the compiler
-/// and the target (`build.rs`). What another build computed is no evidence here.
+/// and the target (`build.rs`). Results of another build are not evidence here.
 pub const COMPUTED_BY: &str = env!("HOLDPOINT_COMPUTED_BY");
 
-/// Digest of what decides in this build: [`COMPUTED_BY`], the stages, the record and the profiles. What an experiment
-/// keeps of decisions is bound to it.
+/// Digest of what decides in this build: [`COMPUTED_BY`], the stages, the record and the profiles. Cached decisions of
+/// an experiment are bound to it.
 pub const DECIDED_BY: &str = env!("HOLDPOINT_DECIDED_BY");
 
 /// Robot, scene and distributions, shared by every worker.
@@ -28,18 +28,18 @@ pub struct Cell {
     pub robot_file: Option<PathBuf>,
     /// Table, tray, zones, clutter.
     pub scene: Arc<Scene>,
-    /// What a guard knows of the arm.
+    /// The geometry of the arm, for the guard.
     pub geometry: Arc<Geometry>,
-    /// What a guard knows of the scene.
+    /// The zones of the scene, for the guard.
     pub zones: Arc<[Zone]>,
     pub canonical: Arc<Distribution>,
     pub sandbox: Arc<Distribution>,
-    /// The live world's, held out from the sandbox.
+    /// The live cell's distribution, held out from the sandbox.
     pub live: Arc<Distribution>,
     digest: Digest,
 }
 
-/// Which published distribution an episode is drawn from.
+/// The published distribution that an episode is sampled from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Conditions {
@@ -91,7 +91,7 @@ impl Cell {
     pub fn of(robot: Option<&Path>) -> Result<Self, SimError> {
         let Some(file) = robot else { return Self::builtin() };
         let cell = Self::new(RobotModel::load(file)?)?;
-        // The store names it for whoever starts elsewhere.
+        // The store records it for a start from another folder.
         let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
         Ok(Self { robot_file: Some(file), ..cell })
     }
@@ -120,14 +120,14 @@ impl Cell {
         }
     }
 
-    /// The same cell with a part of its sandbox's distribution in place of the whole. Its digest stays that of the whole:
-    /// nothing that is worked in it may be kept under it.
+    /// The same cell with a part of its sandbox's distribution. Its digest is that of the whole cell, so results from it
+    /// must not be cached under that digest.
     #[must_use]
     pub(crate) fn with_sandbox(&self, sandbox: Distribution) -> Self {
         Self { sandbox: Arc::new(sandbox), ..self.clone() }
     }
 
-    /// The same cell with the live world's conditions, as they are at the moment, in its sandbox. It is a cell of its own.
+    /// The same cell with the current conditions of the live cell in its sandbox, and a digest of its own.
     #[must_use]
     pub(crate) fn with_live_sandbox(&self, live: &Arc<Distribution>) -> Self {
         let digest = digest(&self.model, &self.scene, [&self.canonical, live, live], COMPUTED_BY);
@@ -146,7 +146,7 @@ impl Cell {
 fn digest(model: &RobotModel, scene: &Scene, distributions: [&Distribution; 3], computed_by: &str) -> Digest {
     let [canonical, sandbox, live] = distributions;
     let describe = |name: &str, text: String| format!("{name}:{text}");
-    // The debug text names types as the sources do; a build with other names is another build anyway.
+    // The debug text contains type names; a build with other names has another digest in any case.
     let parts = [
         describe("robot", model.digest.to_string()),
         describe("scene", format!("{scene:?}")),
@@ -163,7 +163,7 @@ fn digest(model: &RobotModel, scene: &Scene, distributions: [&Distribution; 3], 
 mod tests {
     use super::*;
 
-    /// Evidence and kept episodes are bound to the digest, so everything that an episode depends on must be in it.
+    /// Evidence and cached results are bound to the digest, so it must cover everything that an episode depends on.
     #[test]
     fn another_robot_or_another_build_is_another_cell() {
         let (seven, six) =

@@ -1,7 +1,7 @@
-//! What can be said of a version without running it: interface and policy, judged by the rules.
+//! Judges interface and policy of a version by the rules, without running it.
 //!
-//! Stage 2 asks it of a candidate in a store, `candidate check` of a folder against what is active in a store, or, without
-//! one, against the versions a cell is commissioned with. Only reads; what follows from the assessments is not decided here.
+//! Stage 2 checks a candidate in a store. `candidate check` compares a folder with the active versions of a store or, without
+//! a store, with the baselines. This module only reads; callers decide on the assessments.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -10,53 +10,53 @@ use holdpoint_body::FailureSignal;
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, admits};
 use holdpoint_governance::decision::{Reason, ReasonCode};
+use holdpoint_governance::finding::EvidenceGap;
 use holdpoint_governance::ids::{Family, NameError};
-use holdpoint_governance::interface::declared::{self, held_against};
-use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+use holdpoint_governance::interface::declared_changes::{self, undeclared_changes};
+use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
 use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
-use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, StaticInput};
 use holdpoint_governance::risk::RiskClass;
-use holdpoint_protocol::detail::Changes;
+use holdpoint_governance::site_profile::{ChosenProfile, SiteProfileError};
+use holdpoint_protocol::detail::VersionDiff;
 use holdpoint_registry::Views;
 use holdpoint_runtime::capability::{Capability, PackageError};
 
-use crate::dossier::StaticAssessment;
 use crate::embedded::baselines;
+use crate::evidence_file::StaticAssessment;
 use crate::explain::difference::version_differences;
-use crate::ledger::{LedgerError, load_member};
-use crate::origin;
+use crate::version_origin;
+use crate::version_table::{VersionTableError, load_member};
 use holdpoint_text::Hint;
 
-/// Why a version could not be checked: something that comes with the program does not load.
+/// Why a version could not be checked: something built into the program does not load.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckError {
     /// A profile does not parse, or its policies do not compile.
     #[error(transparent)]
-    Profile(#[from] OwnProfileError),
+    Profile(#[from] SiteProfileError),
     /// A baseline does not load.
     #[error(transparent)]
     Baseline(#[from] PackageError),
-    /// A version of the store cannot be read, or is not what was registered.
+    /// A version of the store cannot be read, or its digest does not match.
     #[error(transparent)]
-    Ledger(#[from] LedgerError),
-    /// A family of the store has a name that none has.
+    VersionTable(#[from] VersionTableError),
+    /// A family of the store has an invalid name.
     #[error(transparent)]
     Name(#[from] NameError),
 }
 
-/// A version whose family the cell has no task for. Registering it is refused as well: a family begins with a version
-/// that the cell is commissioned with.
+/// A version whose family has no task in this cell. Registration refuses it as well: a family begins with a baseline.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: the field \"name\" has the value {family:?}, which is not allowed; allowed: {allowed}")]
 pub struct UnknownFamily {
     /// Name of the manifest's file.
     pub file: String,
-    /// The family it names.
+    /// The family in the manifest.
     pub family: String,
-    /// The families that there are.
+    /// The families of this cell.
     pub allowed: String,
 }
 
@@ -66,8 +66,7 @@ impl Hint for UnknownFamily {
     }
 }
 
-/// What is wrong with the family of a version, if the cell is not commissioned with it. `file` is the manifest's name
-/// in the error.
+/// The error for a version whose family has no baseline in this cell. `file` is the manifest's name in the error.
 ///
 /// # Errors
 /// [`CheckError`] if a baseline does not load.
@@ -83,33 +82,33 @@ pub fn unknown_family(candidate: &Capability, file: &str) -> Result<Option<Unkno
 /// Interface and policy of a version under one profile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StaticFindings {
-    /// Whether calls that were valid stay valid, and what they need is there.
+    /// Whether earlier calls stay valid, and the required inputs exist.
     pub interface: Assessment<InterfaceOutcome>,
-    /// Whether what it asks for is allowed.
+    /// Whether the requested permissions are allowed.
     pub policy: Assessment<PolicyOutcome>,
-    /// What it asks for beyond the active version.
+    /// The permissions it requests beyond those of the active version.
     pub asks_more: Vec<String>,
 }
 
 impl StaticFindings {
-    /// Whether neither keeps the version out.
+    /// Whether both permit the version.
     #[must_use]
     pub fn admits(&self) -> bool {
         admits(self.interface.outcome, self.policy.outcome)
     }
 
-    /// What was found, of the interface first.
+    /// The reasons, those of the interface first.
     pub fn reasons(&self) -> impl Iterator<Item = &Reason> {
         self.interface.reasons.iter().chain(&self.policy.reasons)
     }
 }
 
-/// Judges a version against the active one it would replace, among the versions its dependencies may resolve to.
+/// Judges a version against the active one it would replace; its dependencies resolve to `registered` versions.
 #[must_use]
 pub fn judge(
     candidate: &Capability,
     active: Option<&Capability>,
-    registered: &[Registered],
+    registered: &[RegisteredVersion],
     profile: &Profile,
     table: &PolicyTable,
 ) -> StaticFindings {
@@ -123,10 +122,10 @@ pub fn judge(
         },
         &profile.thresholds,
     );
-    let changed = declared::changes(active.map(|active| &*active.manifest), &candidate.manifest);
+    let changed = declared_changes::changes(active.map(|active| &*active.manifest), &candidate.manifest);
     let mut interface = interface.assessment;
     if active.is_some() && interface.outcome != InterfaceOutcome::NoData {
-        interface.reasons.extend(held_against(&candidate.submission.interface_changes, &changed));
+        interface.reasons.extend(undeclared_changes(&candidate.submission.interface_changes, &changed));
     }
     let policy = policy::assess(
         &PolicyInput {
@@ -142,41 +141,41 @@ pub fn judge(
     StaticFindings { interface, policy: policy.assessment, asks_more }
 }
 
-/// What a version is checked against, beside the profile.
+/// The inputs of a check, beside the profile.
 #[derive(Clone, Copy)]
-pub(crate) struct Against<'a> {
-    /// The version it would replace; absent if there is none.
+pub(crate) struct CheckInputs<'a> {
+    /// The version it would replace, if any.
     pub(crate) active: Option<&'a Capability>,
     /// The versions its dependencies may resolve to.
-    pub(crate) registered: &'a [Registered],
-    /// Whether there is a version for the fallback it names; absent if it names none.
+    pub(crate) registered: &'a [RegisteredVersion],
+    /// Whether the fallback it names exists; absent if it names none.
     pub(crate) fallback_resolves: Option<bool>,
-    /// Whether the author's key signed it and a version of theirs was confirmed in the store.
+    /// Whether the author's key signed it, and the store has a confirmed version of that author.
     pub(crate) author_known: bool,
 }
 
-/// The four assessments as far as they go without running anything: interface and policy, and behaviour and recovery as
-/// far as they can be told from what is declared.
+/// The four assessments without running anything: interface and policy, and behavior and recovery as far as the manifest
+/// declares them.
 pub(crate) fn assess(
     candidate: &Capability,
-    against: &Against<'_>,
+    against: &CheckInputs<'_>,
     profile: &Profile,
     table: &PolicyTable,
 ) -> StaticAssessment {
-    let Against { active, registered, fallback_resolves, author_known } = *against;
+    let CheckInputs { active, registered, fallback_resolves, author_known } = *against;
     let found = judge(candidate, active, registered, profile, table);
     let declared = candidate.submission.declared_traces.as_ref();
     let parent = active.and_then(|active| active.submission.declared_traces.as_ref());
     let behavior = match (declared, parent) {
         (Some(candidate), Some(active)) => behavior::estimate(candidate, active, profile),
-        _ => behavior::nothing("not measured yet: the sandbox is to come"),
+        _ => behavior::without_value(EvidenceGap::NotMeasured),
     };
     let recovery = declared_recovery(candidate, active.is_some(), fallback_resolves);
     let declared = candidate.submission.interface_changes.clone();
     StaticAssessment {
         asks_more: found.asks_more,
-        changes: Changes { fields: version_differences(active, candidate), declared },
-        risk: origin::risk(candidate, active, author_known),
+        changes: VersionDiff { fields: version_differences(active, candidate), declared },
+        risk: version_origin::risk(candidate, active, author_known),
         kappas: Kappas {
             interface: found.interface,
             policy: found.policy,
@@ -186,7 +185,7 @@ pub(crate) fn assess(
     }
 }
 
-/// What is declared of recovery, as far as it can be told without a drill.
+/// The declared recovery, without a drill.
 fn declared_recovery(
     candidate: &Capability,
     has_active: bool,
@@ -197,7 +196,7 @@ fn declared_recovery(
     recovery::static_part(&StaticInput {
         manifest: &candidate.manifest,
         exports: Some(&exports),
-        // The active version was loaded from the store, its digest compared with the recorded one.
+        // The active version was loaded from the store, and its digest matched the recorded one.
         predecessor_loads: Some(has_active),
         predecessor_digest_true: Some(has_active),
         fallback_resolves,
@@ -205,19 +204,19 @@ fn declared_recovery(
     })
 }
 
-/// The versions that a folder is judged among.
+/// The versions that a folder is checked against.
 #[derive(Clone, Debug)]
-pub struct Standing {
-    /// Those that are active, one a family at most.
+pub struct RegisteredVersions {
+    /// The active ones, at most one per family.
     actives: Vec<Capability>,
     /// The versions that dependencies may resolve to.
-    registered: Vec<Registered>,
-    /// Whether they are a store's.
+    registered: Vec<RegisteredVersion>,
+    /// Whether they are from a store.
     in_store: bool,
 }
 
-impl Standing {
-    /// The versions a cell is commissioned with.
+impl RegisteredVersions {
+    /// The baselines of a cell.
     ///
     /// # Errors
     /// [`CheckError::Baseline`].
@@ -227,16 +226,16 @@ impl Standing {
         Ok(Self { actives, registered, in_store: false })
     }
 
-    /// The versions of a store, as its rows have them.
+    /// The versions of a store, from its rows.
     ///
     /// # Errors
-    /// [`CheckError::Ledger`].
+    /// [`CheckError::VersionTable`].
     pub fn of(views: &Views) -> Result<Self, CheckError> {
         let (mut actives, mut registered) = (Vec::new(), Vec::new());
-        for family in views.families().map_err(LedgerError::from)? {
+        for family in views.families().map_err(VersionTableError::from)? {
             let name = Family::new(family.name)?;
-            for id in views.family_in_order(&name).map_err(LedgerError::from)? {
-                let detail = views.version(&id).map_err(LedgerError::from)?;
+            for id in views.family_in_order(&name).map_err(VersionTableError::from)? {
+                let detail = views.version(&id).map_err(VersionTableError::from)?;
                 let Some(member) = load_member(views, &id)? else { continue };
                 let is_active = family.active.as_ref() == Some(&id);
                 if detail.is_some_and(|detail| !detail.summary.state.is_terminal()) {
@@ -250,7 +249,7 @@ impl Standing {
         Ok(Self { actives, registered, in_store: true })
     }
 
-    /// Whether no version is in control of anything.
+    /// Whether no version is active.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.registered.is_empty()
@@ -262,13 +261,13 @@ impl Standing {
         self.actives.iter().find(|active| active.id().family == *family)
     }
 
-    /// The risk class that a candidate would get here, by an author of whom nothing is known yet.
+    /// The risk class of a candidate here, by an author without a history.
     #[must_use]
     pub fn risk(&self, candidate: &Capability) -> RiskClass {
-        origin::risk(candidate, self.active(&candidate.id().family), false)
+        version_origin::risk(candidate, self.active(&candidate.id().family), false)
     }
 
-    /// Whom a candidate is compared with, in words.
+    /// Describes the version that a candidate is compared with.
     #[must_use]
     pub fn described(&self, family: &Family) -> String {
         match (self.active(family), self.in_store) {
@@ -278,7 +277,7 @@ impl Standing {
         }
     }
 
-    /// What of a version's recovery is declared and cannot be had: every drill of it would fail.
+    /// Declared recovery that is unavailable, so that every drill would fail.
     #[must_use]
     pub fn recovery(&self, candidate: &Capability) -> Vec<Reason> {
         let resolves = candidate.manifest.recovery.fallback.as_ref().map(|binding| {
@@ -313,8 +312,12 @@ impl Standing {
     }
 }
 
-/// A version as others may depend on it.
+/// A version as a possible dependency of others.
 #[must_use]
-pub fn entry(version: &Capability, active: bool) -> Registered {
-    Registered { id: version.id(), active, dependencies: version.manifest.deployment.dependencies.clone() }
+pub fn entry(version: &Capability, active: bool) -> RegisteredVersion {
+    RegisteredVersion {
+        id: version.id(),
+        active,
+        dependencies: version.manifest.deployment.dependencies.clone(),
+    }
 }

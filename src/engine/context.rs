@@ -1,71 +1,70 @@
-//! What everything is judged under in one engine's life: profile, compiled policies, and the cell.
+//! The context of all decisions in one session of the engine: profile, compiled policies, and the cell.
 
 use std::sync::Arc;
 
+use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::omitted::Omitted;
-use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::policy::{PolicyError, PolicySource, PolicyTable};
 use holdpoint_governance::profile::{Profile, SiteName};
+use holdpoint_governance::site_profile::ProfileTexts;
 use holdpoint_runtime::seeds::SeedKey;
 use holdpoint_runtime::terms::SkillTerms;
 use serde::{Deserialize, Serialize};
 
-use crate::bound_robot::BoundRobot;
 use crate::cell::Cell;
+use crate::store_robot::StoreRobot;
 
-/// What a store says it was judged under: the content of its context record. Fields stand in the order of their names.
+/// The content of a store's context record: the digests its decisions were made under. Fields are sorted by name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ContextRecord {
-    /// The agent whose capabilities the store holds; an earlier version names none.
+    /// The agent whose capabilities the store contains; earlier versions name none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<Digest>,
-    /// What computed the evidence ([`crate::cell::COMPUTED_BY`]); an earlier version names nothing.
+    /// The build that computed the evidence ([`crate::cell::COMPUTED_BY`]); earlier versions name none.
     #[serde(default)]
     pub computed_by: String,
-    /// Robot, scene and distributions; an earlier version names none.
+    /// Robot, scene and distributions; earlier versions name none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub environment: Option<Digest>,
-    /// What an experiment leaves out; such a store is good for nothing else.
-    #[serde(default, skip_serializing_if = "Omitted::is_nothing")]
-    pub omitted: Omitted,
-    /// The texts of a profile that does not come with the program, so that an engine can go on under it without them.
+    /// The parts that an experiment omits; such a store serves that experiment only.
+    #[serde(default, skip_serializing_if = "AblatedParts::is_nothing")]
+    pub omitted: AblatedParts,
+    /// The texts of a custom profile, so that an engine can restart without its files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own: Option<ProfileTexts>,
     pub policy: Digest,
     pub profile: Digest,
-    /// The robot that the store was made with; an earlier version names none.
+    /// The robot that the store was made with; earlier versions name none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub robot: Option<BoundRobot>,
-    /// The seed of every life of an engine on the store; absent where only a script was, or an earlier version.
+    pub robot: Option<StoreRobot>,
+    /// The seed of every session on the store; absent in earlier versions and where only a script has run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
-    /// The profile's own name.
+    /// The profile's name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub site: Option<SiteName>,
 }
 
-/// What is judged under, in one digest: of a profile, of its compiled policies, and of a cell (robot, scene,
-/// distributions, and what computes episodes).
+/// The digest of a profile, its compiled policies, and a cell (robot, scene, distributions, and what computes episodes).
 pub(crate) fn digest(profile: &Digest, policy: &Digest, cell: &Digest) -> Digest {
     Digest::of_parts("holdpoint.context.v3", &[profile.bytes(), policy.bytes(), cell.bytes()])
 }
 
-/// The fixed frame of an engine's life. Nothing in it changes after the start.
+/// The fixed context of a session. Nothing in it changes after the start.
 pub struct Context {
     pub profile: Arc<Profile>,
     pub profile_digest: Digest,
     pub table: Arc<PolicyTable>,
-    /// The texts of a profile that does not come with the program.
+    /// The texts of a custom profile.
     pub own: Option<ProfileTexts>,
-    /// Digest of profile, policies, robot, scene and what computes episodes: what prompts and approvals are bound to.
+    /// Digest of profile, policies, robot, scene and what computes episodes. Approval requests and approvals are bound to it.
     pub digest: Digest,
     /// Robot, scene and distributions.
     pub cell: Cell,
-    /// What an experiment leaves out of the way; nothing, outside experiments.
-    pub omitted: Omitted,
-    /// Why nothing may become active under it: no administrator authorized the profile as this program has it. Absent where one
-    /// did, or none has to.
+    /// The parts that an experiment omits; nothing outside experiments.
+    pub omitted: AblatedParts,
+    /// Why no version may be activated: no administrator authorized the profile in its present form. Absent if one did, or if
+    /// none is required.
     pub unauthorized: Option<String>,
     seeds: SeedKey,
 }
@@ -84,13 +83,13 @@ impl Context {
         let profile_digest = profile.digest()?;
         let digest = digest(&profile_digest, &table.digest, &cell.digest());
         let (profile, table, seeds) = (Arc::new(profile), Arc::new(table), SeedKey::of_run(0));
-        let (omitted, unauthorized) = (Omitted::default(), None);
+        let (omitted, unauthorized) = (AblatedParts::default(), None);
         Ok(Self { profile, profile_digest, table, own, digest, cell, omitted, unauthorized, seeds })
     }
 
-    /// The same with these parts of the way left out. What is found so is bound to that: it counts nowhere else.
+    /// The same without these parts. Results are bound to the omission and count nowhere else.
     #[must_use]
-    pub fn without(mut self, omitted: Omitted) -> Self {
+    pub fn without(mut self, omitted: AblatedParts) -> Self {
         if !omitted.is_none() {
             let parts: Vec<&[u8]> = omitted.parts().into_iter().map(|part| part.name().as_bytes()).collect();
             let left_out = Digest::of_parts("holdpoint.left-out.v1", &parts);
@@ -101,17 +100,17 @@ impl Context {
         self
     }
 
-    /// The same with bundles' seeds drawn under this key.
+    /// The same, with the seeds of bundles sampled under this key.
     #[must_use]
     pub fn seeded(mut self, seeds: SeedKey) -> Self {
         self.seeds = seeds;
         self
     }
 
-    /// The policies compiled again from the text in force, to hold the table against.
+    /// Compiles the policies in force again, to compare the result with the table.
     ///
     /// # Errors
-    /// If the text does not compile, which it did once.
+    /// If the text no longer compiles.
     pub fn recompiled(&self) -> Result<PolicyTable, PolicyError> {
         match &self.own {
             None => PolicyTable::builtin(&self.profile),
@@ -122,7 +121,7 @@ impl Context {
         }
     }
 
-    /// The profile's terms, before anything of a version caps them.
+    /// The profile's terms, before any cap of a version.
     #[must_use]
     pub fn terms(&self) -> SkillTerms {
         SkillTerms::new(
@@ -134,13 +133,13 @@ impl Context {
         .seeded(self.seeds.clone())
     }
 
-    /// Whether people have to approve an activation, whatever it is.
+    /// Whether every activation requires approval.
     #[must_use]
     pub fn needs_approval(&self) -> bool {
         self.profile.activation.approval_bound
     }
 
-    /// Whether people are asked about some activations at least, so that it has to be certain who they are.
+    /// Whether some activations require approval, so that identities must be certain.
     #[must_use]
     pub fn asks_people(&self) -> bool {
         self.profile.approval.quorum_high > 0

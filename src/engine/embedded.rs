@@ -1,4 +1,4 @@
-//! The versions that come with the program, baselines and candidates, so that the first run needs no files.
+//! The embedded versions, baselines and candidates, so that the first run needs no files.
 
 use std::path::Path;
 
@@ -33,7 +33,7 @@ macro_rules! candidates {
     };
 }
 
-/// Embedded candidates by folder name. The first that is not registered yet is the demonstration.
+/// Embedded candidates by folder name. The first unregistered one is the demonstration.
 const CANDIDATES: [(&str, [&str; 3]); 8] = candidates![
     "align-improved",
     "grasp-hard-grip",
@@ -45,7 +45,7 @@ const CANDIDATES: [(&str, [&str; 3]); 8] = candidates![
     "place-robust",
 ];
 
-/// The embedded baselines, in the order they are bootstrapped: what others fall back to comes first.
+/// The embedded baselines in bootstrap order: fallbacks come first.
 const BASELINES: [(&str, [&str; 3]); 4] = [
     embedded_baseline!("park"),
     embedded_baseline!("grasp"),
@@ -78,7 +78,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     CANDIDATES.iter().map(|(name, _)| *name)
 }
 
-/// Names of the embedded candidates whose versions are none of these.
+/// Names of the embedded candidates whose versions are not among these.
 pub fn names_beside(known: &[CapabilityId]) -> impl Iterator<Item = &'static str> {
     names().filter(|name| {
         let loaded = package(name).and_then(|package| Capability::load(name, package).ok());
@@ -101,7 +101,7 @@ pub fn package(name: &str) -> Option<Package> {
 /// A candidate's folder, or the embedded one of that name if there is no such folder.
 ///
 /// # Errors
-/// If there is neither, or what there is does not load.
+/// If there is neither, or it does not load.
 pub fn read(path: &Path) -> Result<Capability, PackageError> {
     let name = path.file_name().and_then(|name| name.to_str());
     match name.and_then(package) {

@@ -1,31 +1,34 @@
-//! Why a version stands where it stands: every decision on record, in plain words, with what would have to change.
+//! Why a version is in its state: every decision on record, as sentences, with the changes that would be needed.
 //!
-//! Reads the store's views and nothing else, so it works without an engine and beside a running one. Judges
-//! nothing: what it says is computed from the record, and if the record has no number it says none.
+//! Reads only the store's views, so it works without an engine and beside a running one. It judges nothing: every number is
+//! computed from the record, and a missing number is omitted.
 
 pub mod difference;
-mod on_record;
+mod lenient_bodies;
 mod remedy;
 
-use on_record::{
-    ConfirmationRecord, DecisionRecord, DossierRecord, Monitored, MoveRecord, Noted, StateSetRecord,
+use lenient_bodies::{
+    ConfirmationRecord, DecisionRecord, EvidenceFileRecord, MonitorRecord, MoveRecord, ReasonRecord,
+    StateSetRecord,
 };
-pub use remedy::is_in_favour;
+pub use remedy::is_in_favor;
 
-use crate::dossier::Dossier;
-use crate::doubt::Suspicion;
-use crate::stated;
+use crate::evidence_file::EvidenceFile;
+use crate::recorded_decision;
+use crate::version_concern::VersionConcern;
+use holdpoint_governance::cached_result::{CachedResultMismatch, CachedResultUse, SeedRange};
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::kept::{KeptUse, KeptVoid, SeedRange};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::rollback::{RollbackRecord, RungFailure};
-use holdpoint_governance::words::Word;
-use holdpoint_protocol::explained::{Explained, ExplainedReason, Explanation, PeopleSaid, Rule, Ruling};
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_protocol::explanation::{
+    DecisionExplanation, ExplainedReason, Explanation, PeopleRuling, Rule, Ruling,
+};
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{AuditFilter, EvidenceEntry, StoreError, Views};
 
-/// Reads everything that was decided about a version; `None` if the store does not know it.
+/// Explains every decision about a version; `None` if it is not in the store.
 ///
 /// # Errors
 /// If the store cannot be read.
@@ -33,7 +36,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
     let Some(detail) = views.version(id)? else { return Ok(None) };
     let filter = AuditFilter { subject: Some(id.to_string()), ..AuditFilter::default() };
     let records = views.audit(&filter)?;
-    let mut reader = Reader { evidence: &detail.evidence, decisions: Vec::new() };
+    let mut reader = DecisionReader { evidence: &detail.evidence, decisions: Vec::new() };
     let approvals: Vec<_> = detail.approvals.iter().map(|entry| entry.signed.approval()).collect();
     let mut answers = approvals.into_iter();
     for (index, record) in records.iter().enumerate() {
@@ -50,29 +53,29 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
                 if let Some(said) = answers.next() {
                     let answer = said.decision;
                     let text = format!("{} ({}) says {answer}: {}", said.who, said.role.name(), said.reason);
-                    reader.people(record, PeopleSaid::Answered(answer), text);
+                    reader.people(record, PeopleRuling::Answered(answer), text);
                 }
             }
             RecordKind::ApprovalRequested => {
-                reader.then(format!("people were asked (record {})", record.seq));
+                reader.then(format!("approvers were asked (record {})", record.seq));
             }
-            // What moved with a decision is told with it.
+            // The decision already includes the change of state.
             RecordKind::StateSet if decided_with(records.get(index + 1..).unwrap_or_default(), record) => {}
             RecordKind::StateSet => reader.state(record),
             RecordKind::AuditClosed => {
                 reader.then(format!("the record of the upgrade was closed (record {})", record.seq));
             }
             RecordKind::ProfilesSet => {
-                reader.then(format!("profiles were closed to it, or opened (record {})", record.seq));
+                reader.then(format!("it was blocked or unblocked under profiles (record {})", record.seq));
             }
-            RecordKind::Resumed => reader.then(format!("somebody let it go on (record {})", record.seq)),
+            RecordKind::Resumed => reader.then(format!("an operator resumed it (record {})", record.seq)),
             RecordKind::BreakGlass => {
-                reader.then(format!("one person let it in by the emergency door (record {})", record.seq));
+                reader.then(format!("one person activated it by break-glass (record {})", record.seq));
             }
             RecordKind::BreakGlassReviewed => {
-                reader.then(format!("people reviewed its emergency activation (record {})", record.seq));
+                reader.then(format!("approvers reviewed its break-glass activation (record {})", record.seq));
             }
-            // No decision, and nothing that came of one.
+            // These are neither decisions nor their results.
             RecordKind::VersionRegistered
             | RecordKind::FlagsSet
             | RecordKind::ScoresSet
@@ -120,12 +123,17 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
     Ok(Some(Explanation { version: id.clone(), state: summary.state, author: summary.author, decisions }))
 }
 
-/// What would have to be otherwise for each of these reasons to go away, in their order and each thing once.
-pub(crate) fn changes<'a>(dossier: &Dossier, reasons: impl IntoIterator<Item = &'a Reason>) -> Vec<String> {
+/// The changes that would remove each of these reasons, in their order and without repetition.
+pub(crate) fn changes<'a>(
+    dossier: &EvidenceFile,
+    reasons: impl IntoIterator<Item = &'a Reason>,
+) -> Vec<String> {
     let value = serde_json::to_value(dossier).unwrap_or_default();
-    let measured: DossierRecord = serde_json::from_value(value).unwrap_or_default();
+    let measured: EvidenceFileRecord = serde_json::from_value(value).unwrap_or_default();
     let mut said: Vec<String> = Vec::new();
-    for text in reasons.into_iter().filter_map(|reason| remedy::change(&Noted::from(reason), &measured)) {
+    for text in
+        reasons.into_iter().filter_map(|reason| remedy::change(&ReasonRecord::from(reason), &measured))
+    {
         if !said.contains(&text) {
             said.push(text);
         }
@@ -133,13 +141,13 @@ pub(crate) fn changes<'a>(dossier: &Dossier, reasons: impl IntoIterator<Item = &
     said
 }
 
-/// Reads records in order.
-struct Reader<'a> {
+/// Reads the records in order.
+struct DecisionReader<'a> {
     evidence: &'a [EvidenceEntry],
-    decisions: Vec<Explained>,
+    decisions: Vec<DecisionExplanation>,
 }
 
-impl Reader<'_> {
+impl DecisionReader<'_> {
     /// The decision of a stage. Its evidence was written before it in the same transaction.
     fn decision(&mut self, record: &AuditRecord, before: &[AuditRecord]) {
         let Ok(decision) = serde_json::from_str::<DecisionRecord>(&record.body) else {
@@ -147,25 +155,28 @@ impl Reader<'_> {
             return;
         };
         let entry = self.evidence.iter().rev().find(|entry| entry.seq < record.seq);
-        // The gate keeps its decision as its evidence; what was measured is in the dossier before it.
+        // The gate's evidence is its decision; the measurements are in the evidence file before it.
         let dossier = self
             .evidence
             .iter()
             .rev()
             .filter(|entry| entry.seq < record.seq)
             .find_map(|entry| {
-                serde_json::from_str::<DossierRecord>(&entry.json).ok().filter(DossierRecord::is_one)
+                serde_json::from_str::<EvidenceFileRecord>(&entry.json)
+                    .ok()
+                    .filter(EvidenceFileRecord::is_one)
             })
             .unwrap_or_default();
         let mut reasons = decision.reasons;
-        let mut outcome = on_record::word(&decision.outcome);
+        let mut outcome = lenient_bodies::variant_name(&decision.outcome);
         let kind = entry.map(|entry| entry.kind);
         if kind == Some(EvidenceKind::Shadow)
             && let Some(shadow) = &dossier.shadow
         {
-            // Shadow has a rule of its own beside the composition.
-            reasons = shadow.reasons.iter().map(Noted::from).chain(reasons).collect();
-            outcome = serde_json::to_value(shadow.check).map_or(outcome, |check| on_record::word(&check));
+            // Shadow has a separate rule beside the composition.
+            reasons = shadow.reasons.iter().map(ReasonRecord::from).chain(reasons).collect();
+            outcome = serde_json::to_value(shadow.check)
+                .map_or(outcome, |check| lenient_bodies::variant_name(&check));
         }
         let ruling = ruling(kind, outcome);
         let moved: Vec<String> = before
@@ -182,15 +193,15 @@ impl Reader<'_> {
     }
 
     fn monitor(&mut self, record: &AuditRecord) {
-        match serde_json::from_str::<Monitored>(&record.body) {
-            Ok(Monitored { action, reasons }) => {
-                self.push(record, Ruling::Monitor(action), &reasons, &DossierRecord::default());
+        match serde_json::from_str::<MonitorRecord>(&record.body) {
+            Ok(MonitorRecord { action, reasons }) => {
+                self.push(record, Ruling::Monitor(action), &reasons, &EvidenceFileRecord::default());
             }
             Err(_) => self.unreadable(record),
         }
     }
 
-    /// A rollback; the last record of one tells all of it.
+    /// A rollback; its last record contains all of it.
     fn rollback(&mut self, record: &AuditRecord) {
         let found = self.evidence.iter().find(|entry| entry.seq == record.seq);
         let Some(entry) = found.filter(|entry| entry.kind == EvidenceKind::Rollback) else { return };
@@ -201,7 +212,7 @@ impl Reader<'_> {
         if let Some(last) = self.decisions.last()
             && matches!(last.ruling, Ruling::Rollback(_))
         {
-            // What was known at the swap is in what is known now.
+            // The state at the swap is part of the present state.
             let then = self.decisions.pop().map(|earlier| earlier.then).unwrap_or_default();
             self.decisions.push(climbed(record, &told, then));
             return;
@@ -209,43 +220,45 @@ impl Reader<'_> {
         self.decisions.push(climbed(record, &told, Vec::new()));
     }
 
-    /// What a confirmation took from kept results.
+    /// The cached results that a confirmation used.
     fn confirmation(&mut self, record: &AuditRecord) {
         let found = self.evidence.iter().find(|entry| entry.seq == record.seq);
         let Some(entry) = found.filter(|entry| entry.kind == EvidenceKind::Monitor) else { return };
-        if let Ok(suspicion) = serde_json::from_str::<Suspicion>(&entry.json) {
+        if let Ok(suspicion) = serde_json::from_str::<VersionConcern>(&entry.json) {
             for text in suspicion.lines() {
                 self.then(format!("{text} (record {})", record.seq));
             }
             return;
         }
         let read = serde_json::from_str::<ConfirmationRecord>(&entry.json).unwrap_or_default();
-        for text in read.kept.iter().flat_map(KeptUse::lines) {
+        for text in read.kept.iter().flat_map(CachedResultUse::lines) {
             self.then(format!("confirmation: {text} (record {})", record.seq));
         }
     }
 
     fn voided(&mut self, record: &AuditRecord) {
-        let Ok(KeptVoid { place, rerun, differing, .. }) = serde_json::from_str(&record.body) else {
+        let Ok(CachedResultMismatch { place, rerun, differing, .. }) = serde_json::from_str(&record.body)
+        else {
             self.unreadable(record);
             return;
         };
         let count: u64 = differing.iter().map(|(_, seeds)| SeedRange::count(seeds)).sum();
         self.then(format!(
-            "{count} of {rerun} results kept in the {place} came out otherwise when they were run again; none of them counts, and the comparison began anew (record {})",
+            "{count} of {rerun} results cached in the {place} differed when re-run; none counts, and the comparison \
+             started again (record {})",
             record.seq
         ));
     }
 
-    fn people(&mut self, record: &AuditRecord, what: PeopleSaid, text: String) {
+    fn people(&mut self, record: &AuditRecord, what: PeopleRuling, text: String) {
         let ruling = Ruling::People(what);
-        self.decisions.push(Explained {
+        self.decisions.push(DecisionExplanation {
             record: record.seq,
             at_ms: record.at_ms,
             rule: ruling.rule(),
             ruling,
             said: Vec::new(),
-            reasons: vec![said(text, Dimension::Approval)],
+            reasons: vec![reason(text, Dimension::Approval)],
             change: Vec::new(),
             permissions: None,
             kept: None,
@@ -253,7 +266,7 @@ impl Reader<'_> {
         });
     }
 
-    /// A state that changed. One that no decision goes with was somebody's, or the clock's.
+    /// A changed state. Without a decision, a person or a deadline changed it.
     fn state(&mut self, record: &AuditRecord) {
         let Some(text) = moved(record) else { return };
         let Ok(StateSetRecord { change: MoveRecord { to, reason, .. } }) = serde_json::from_str(&record.body)
@@ -262,15 +275,21 @@ impl Reader<'_> {
         };
         let marks = ["rejected by ", "demoted by ", "approval-refused", "approval-timeout"];
         if marks.iter().any(|mark| reason.starts_with(mark)) {
-            self.people(record, PeopleSaid::Moved(to), reason);
+            self.people(record, PeopleRuling::Moved(to), reason);
         }
         self.then(text);
     }
 
-    fn push(&mut self, record: &AuditRecord, ruling: Ruling, reasons: &[Noted], dossier: &DossierRecord) {
+    fn push(
+        &mut self,
+        record: &AuditRecord,
+        ruling: Ruling,
+        reasons: &[ReasonRecord],
+        dossier: &EvidenceFileRecord,
+    ) {
         let mut seen = std::collections::BTreeSet::new();
-        let reasons: Vec<&Noted> =
-            reasons.iter().filter(|reason| seen.insert((&reason.code, &reason.text))).collect();
+        let reasons: Vec<&ReasonRecord> =
+            reasons.iter().filter(|reason| seen.insert((&reason.code, reason.text()))).collect();
         let mut change: Vec<String> = Vec::new();
         for text in reasons.iter().filter_map(|reason| remedy::change(reason, dossier)) {
             if !change.contains(&text) {
@@ -278,21 +297,21 @@ impl Reader<'_> {
             }
         }
         let is_sandbox = matches!(ruling, Ruling::Sandbox(_));
-        self.decisions.push(Explained {
+        self.decisions.push(DecisionExplanation {
             record: record.seq,
             at_ms: record.at_ms,
             rule: ruling.rule(),
             ruling,
             permissions: dossier.permissions.clone().filter(|_| is_sandbox),
             kept: dossier.kept.clone().filter(|_| is_sandbox),
-            said: stated::sentences(&record.body),
+            said: recorded_decision::sentences(&record.body),
             reasons: reasons
                 .into_iter()
                 .map(|reason| ExplainedReason {
                     code: Some(reason.code.clone()),
                     dimension: reason.dimension.clone(),
-                    in_favour: reason.code.known().is_some_and(|code| is_in_favour(*code)),
-                    text: reason.text.clone(),
+                    in_favour: reason.code.known().is_some_and(|code| is_in_favor(*code)),
+                    text: reason.text(),
                     evidence: reason.evidence,
                     limit: reason.limit,
                     rule: rule_of(reason.dimension.as_ref()),
@@ -315,7 +334,7 @@ impl Reader<'_> {
     }
 }
 
-/// Whether a decision was written in the same transaction: after the changes, before the next of them.
+/// Whether a decision was written in the same transaction: after these changes, before the next ones.
 fn decided_with(after: &[AuditRecord], moved: &AuditRecord) -> bool {
     after
         .iter()
@@ -323,22 +342,22 @@ fn decided_with(after: &[AuditRecord], moved: &AuditRecord) -> bool {
         .any(|later| later.kind == RecordKind::Decision)
 }
 
-/// Who decided, by the evidence that was written with the decision, and what.
+/// The rule that decided, by the evidence written with the decision, and its outcome.
 fn ruling(kind: Option<EvidenceKind>, outcome: String) -> Ruling {
     match kind {
-        None => Ruling::Registration(Word::read(outcome)),
-        Some(EvidenceKind::Compat) => Ruling::Validation(Word::read(outcome)),
-        Some(EvidenceKind::Sandbox | EvidenceKind::Drill) => Ruling::Sandbox(Word::read(outcome)),
-        Some(EvidenceKind::Shadow) => Ruling::Shadow(Word::read(outcome)),
-        Some(EvidenceKind::Gate | EvidenceKind::Activation) => Ruling::Activation(Word::read(outcome)),
-        Some(EvidenceKind::Monitor) => Ruling::Monitor(Word::read(outcome)),
-        Some(EvidenceKind::Rollback) => Ruling::Rollback(Word::read(outcome)),
+        None => Ruling::Registration(Lenient::read(outcome)),
+        Some(EvidenceKind::Compat) => Ruling::Validation(Lenient::read(outcome)),
+        Some(EvidenceKind::Sandbox | EvidenceKind::Drill) => Ruling::Sandbox(Lenient::read(outcome)),
+        Some(EvidenceKind::Shadow) => Ruling::Shadow(Lenient::read(outcome)),
+        Some(EvidenceKind::Gate | EvidenceKind::Activation) => Ruling::Activation(Lenient::read(outcome)),
+        Some(EvidenceKind::Monitor) => Ruling::Monitor(Lenient::read(outcome)),
+        Some(EvidenceKind::Rollback) => Ruling::Rollback(Lenient::read(outcome)),
     }
 }
 
 /// The rule that a reason belongs to.
-fn rule_of(dimension: Option<&Word<Dimension>>) -> Rule {
-    dimension.and_then(Word::known).map_or(Rule::Any, |dimension| Rule::from(*dimension))
+fn rule_of(dimension: Option<&Lenient<Dimension>>) -> Rule {
+    dimension.and_then(Lenient::known).map_or(Rule::Any, |dimension| Rule::from(*dimension))
 }
 
 /// `validated -> rejected (record 36)`.
@@ -347,7 +366,7 @@ fn moved(record: &AuditRecord) -> Option<String> {
     Some(format!("{from} -> {to} (record {})", record.seq))
 }
 
-fn said(text: String, dimension: Dimension) -> ExplainedReason {
+fn reason(text: String, dimension: Dimension) -> ExplainedReason {
     ExplainedReason {
         code: None,
         dimension: Some(dimension.into()),
@@ -360,11 +379,11 @@ fn said(text: String, dimension: Dimension) -> ExplainedReason {
     }
 }
 
-/// A rollback in plain words: trigger, times, rungs.
-fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Explained {
+/// A rollback as sentences: trigger, times, rungs.
+fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> DecisionExplanation {
     let ms = |ms: Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
     let mut reasons = vec![
-        said(
+        reason(
             format!(
                 "trigger {} at tick {}: {}",
                 told.trigger.kind.name(),
@@ -373,9 +392,9 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
             ),
             Dimension::Monitor,
         ),
-        said(
+        reason(
             format!(
-                "every joint stood {}; the predecessor was back {}; the arm moved on for {} ms beyond braking",
+                "every joint was at standstill {}; the rollback target took over {}; it moved {} ms beyond braking",
                 ms(told.time_to_safe_ms),
                 ms(told.time_to_restored_ms),
                 told.unsafe_continuation_ms
@@ -385,7 +404,7 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
     ];
     for rung in &told.rungs {
         let ended = rung.failure.map_or("held", RungFailure::name);
-        reasons.push(said(
+        reasons.push(reason(
             format!("rung {}: {ended} in {} ms: {}", rung.rung.name(), rung.ms, rung.text),
             Dimension::Recovery,
         ));
@@ -398,7 +417,7 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
         .collect();
     let ruling = Ruling::Rollback(told.post_status.into());
     let (record, at_ms, rule) = (record.seq, record.at_ms, ruling.rule());
-    Explained {
+    DecisionExplanation {
         record,
         at_ms,
         rule,

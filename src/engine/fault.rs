@@ -9,15 +9,14 @@ use holdpoint_sim::SimError;
 
 use holdpoint_text::{Hint, Problem};
 
-use crate::ledger::LedgerError;
+use crate::version_table::VersionTableError;
 
-/// What the engine itself failed at; it holds from then on, unless the command was at fault
-/// ([`Fault::refusal`]).
+/// A fault of the engine, which halts it unless the command caused it ([`EngineFault::refusal`]).
 #[derive(Debug, thiserror::Error)]
-pub enum Fault {
+pub enum EngineFault {
     /// A transition could not be written.
     #[error(transparent)]
-    Ledger(#[from] LedgerError),
+    VersionTable(#[from] VersionTableError),
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
@@ -28,18 +27,18 @@ pub enum Fault {
     /// A record has no canonical form.
     #[error("a record has no canonical form: {0}")]
     Canonical(#[from] serde_json::Error),
-    /// Something that cannot be is.
+    /// A state that should be impossible.
     #[error("{0}")]
     Impossible(String),
 }
 
-impl Fault {
-    /// Why the engine holds for it, and what helps from then on: nothing is written any more before it begins anew.
+impl EngineFault {
+    /// Why the engine is halted, with a hint: it writes nothing more until it restarts.
     #[must_use]
     pub fn held(&self) -> Problem {
         match self {
             Self::Store(StoreError::DiskFull { .. })
-            | Self::Ledger(LedgerError::Store(StoreError::DiskFull { .. })) => {
+            | Self::VersionTable(VersionTableError::Store(StoreError::DiskFull { .. })) => {
                 let hint = "free some space, then end the engine and start it again";
                 Problem::new(self.to_string()).with_hint(hint)
             }
@@ -47,31 +46,35 @@ impl Fault {
         }
     }
 
-    /// Why a command is refused that was itself at fault, so that nothing has changed; absent for a fault of the
-    /// engine's own, after which it holds.
+    /// The refusal for a command that caused the fault, so that nothing has changed; absent for a fault of the engine, which
+    /// halts it.
     #[must_use]
     pub const fn refusal(&self) -> Option<Refusal> {
         match self {
-            Self::Ledger(LedgerError::UnknownFamily(_) | LedgerError::UnknownVersion(_)) => {
-                Some(Refusal::NotFound)
-            }
-            Self::Ledger(LedgerError::Exists(_)) => Some(Refusal::Exists),
-            Self::Ledger(LedgerError::Refused(_)) => Some(Refusal::NotNow),
-            Self::Store(error) | Self::Ledger(LedgerError::Store(error)) => match error {
+            Self::VersionTable(
+                VersionTableError::UnknownFamily(_) | VersionTableError::UnknownVersion(_),
+            ) => Some(Refusal::NotFound),
+            Self::VersionTable(VersionTableError::Exists(_)) => Some(Refusal::Exists),
+            Self::VersionTable(VersionTableError::Refused(_)) => Some(Refusal::NotNow),
+            Self::Store(error) | Self::VersionTable(VersionTableError::Store(error)) => match error {
                 StoreError::Invalid { .. } => Some(Refusal::BadInput),
                 StoreError::DiskFull { .. } => Some(Refusal::Store),
                 StoreError::Approval { .. } | StoreError::Person { .. } => Some(Refusal::NotAllowed),
                 _ => None,
             },
-            Self::Ledger(_) | Self::Sim(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => None,
+            Self::VersionTable(_)
+            | Self::Sim(_)
+            | Self::Body(_)
+            | Self::Canonical(_)
+            | Self::Impossible(_) => None,
         }
     }
 }
 
-impl Hint for Fault {
+impl Hint for EngineFault {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::Ledger(error) => error.hint(),
+            Self::VersionTable(error) => error.hint(),
             Self::Store(error) => error.hint(),
             Self::Sim(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => None,
         }
@@ -82,15 +85,22 @@ impl Hint for Fault {
 mod tests {
     use super::*;
 
-    /// What a person is told of an approval that cannot be written: the store's fault is not the person's.
+    /// The text for an approval that cannot be written: the fault is the store's, not the approver's.
     #[test]
     fn only_an_approval_at_fault_is_not_allowed() {
         let approval = StoreError::Approval { nonce: "7".to_owned(), problem: "used".to_owned() };
-        assert_eq!(Fault::Store(approval).refusal(), Some(Refusal::NotAllowed));
-        assert_eq!(Fault::Store(StoreError::DiskFull { what: "write" }).refusal(), Some(Refusal::Store));
-        let held = Fault::Store(StoreError::DiskFull { what: "write" }).held();
+        assert_eq!(EngineFault::Store(approval).refusal(), Some(Refusal::NotAllowed));
+        assert_eq!(
+            EngineFault::Store(StoreError::DiskFull { what: "write" }).refusal(),
+            Some(Refusal::Store)
+        );
+        let held = EngineFault::Store(StoreError::DiskFull { what: "write" }).held();
         let hint = "free some space, then end the engine and start it again";
         assert_eq!(held.hint().as_deref(), Some(hint));
-        assert_eq!(Fault::Store(StoreError::Unknown).refusal(), None, "nobody knows what is written: hold");
+        assert_eq!(
+            EngineFault::Store(StoreError::Unknown).refusal(),
+            None,
+            "it is unknown what is written: halt"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! What the agent of the live cell works towards: given by a person, on record, and remembered over restarts.
+//! The goal of the agent of the live cell: set by a person, recorded, and restored after a restart.
 
 use holdpoint_body::TaskKind;
 use holdpoint_governance::record::RecordKind;
@@ -10,23 +10,23 @@ use holdpoint_text::{Untrusted, is_visible};
 use serde::{Deserialize, Serialize};
 
 use crate::operations::REASON_BYTES_MAX;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
 use crate::world::LiveWorld;
 
-/// A goal, as the chain keeps it.
+/// A goal in the audit chain.
 #[derive(Serialize, Deserialize)]
-struct GoalOnRecord {
+struct GoalRecord {
     goal: String,
     by: String,
     reason: String,
 }
 
-/// The agent works towards `text` from the next sequence on, if its interpreter knows the words.
+/// Sets the goal `text` from the next sequence on, if the agent's interpreter knows it.
 ///
 /// # Errors
-/// If it cannot be written; the goal is as before then.
+/// If it cannot be written; the goal is then unchanged.
 pub(crate) fn set(
-    record: &mut Record,
+    record: &mut EngineRecorder,
     world: &mut LiveWorld,
     text: &str,
     by: String,
@@ -43,18 +43,18 @@ pub(crate) fn set(
             "a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each"
         ));
     }
-    let kept = GoalOnRecord { goal: goal.name().to_owned(), by, reason };
+    let kept = GoalRecord { goal: goal.name().to_owned(), by, reason };
     let body = serde_json::json!(kept).to_string();
     record.note(RecordKind::GoalSet, String::new(), body)?;
     world.cell.set_goal(goal);
-    let GoalOnRecord { goal: name, by, reason } = kept;
+    let GoalRecord { goal: name, by, reason } = kept;
     record.tell(EventKind::GoalSet { goal: name, by, reason });
     let tasks: Vec<&str> = goal.plan().into_iter().map(TaskKind::name).collect();
-    let text = format!("from the next sequence on the agent works {}", tasks.join(", "));
+    let text = format!("from the next sequence on the agent runs {}", tasks.join(", "));
     Ok(Reply::Accepted { text, version: None })
 }
 
-/// The goal that was set last, from the chain; absent if nobody set one, or in words the interpreter has no more.
+/// The newest goal in the chain; absent if there is none, or the interpreter no longer knows it.
 ///
 /// # Errors
 /// If the store cannot be read.
@@ -66,6 +66,6 @@ pub(crate) fn recall(views: &Views) -> Result<Option<Goal>, StoreError> {
         ..AuditFilter::default()
     };
     let found = views.audit(&newest)?.into_iter().next();
-    let kept = found.and_then(|record| serde_json::from_str::<GoalOnRecord>(&record.body).ok());
+    let kept = found.and_then(|record| serde_json::from_str::<GoalRecord>(&record.body).ok());
     Ok(kept.and_then(|kept| Goal::interpret(&kept.goal).ok()))
 }

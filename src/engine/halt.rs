@@ -1,16 +1,18 @@
-//! A person's stop of the cell and its end: on record, told, and remembered over restarts.
+//! A person's stop of the cell and its end: recorded, published, and restored after a restart.
 //!
-//! That the arm stands is the [`Switch`](crate::world::switch::Switch)'s, before anything here runs; a stop that
-//! cannot be written is a stop all the same. Functions over record and live world.
+//! The [`StopSwitch`](crate::world::stop_switch::StopSwitch) stops the arm before any code here runs; a stop that cannot be
+//! written is still a stop. Functions over record and live cell.
 
 use holdpoint_governance::alarms::{AlarmKey, Priority};
-use holdpoint_governance::comes_up::{ComesUpStopped, LastEngine, comes_up_stopped, keeps_its_end};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_protocol::command::{Caller, Refusal, Reply, StopKept};
+use holdpoint_governance::startup_stop::{
+    LastEngineRun, StartStoppedReason, records_run_end, start_stopped_reason,
+};
+use holdpoint_protocol::command::{Caller, Refusal, Reply, StopPersistence};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_protocol::snapshot::{StopAgain, StoppedView};
+use holdpoint_protocol::snapshot::{RepeatedStop, StoppedView};
 use holdpoint_registry::{AuditFilter, Layout, StopMarks, StoreError, Views};
 use holdpoint_text::{Hint, is_visible};
 use serde::{Deserialize, Serialize};
@@ -18,29 +20,29 @@ use std::time::{Duration, Instant};
 
 use crate::caller;
 use crate::operations::REASON_BYTES_MAX;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
 use crate::stop_mark;
 use crate::world::LiveWorld;
-use crate::world::switch::AskedStop;
+use crate::world::stop_switch::StopRequest;
 
-/// A stop or its end, as the chain keeps it.
+/// A stop or its end, in the audit chain.
 #[derive(Serialize, Deserialize)]
-struct StopOnRecord {
+struct StopRecord {
     by: String,
     caller: Caller,
     reason: String,
-    /// Why the cell came up stopped; absent where somebody stopped it at work.
+    /// Why the cell came up stopped; absent for a stop of a running cell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    code: Option<ComesUpStopped>,
+    code: Option<StartStoppedReason>,
 }
 
-/// Whose process the engine's own requests come from: a script is nobody's.
-pub(crate) fn own_caller(record: &Record) -> Caller {
+/// The process of the engine's own requests; a script has none.
+pub(crate) fn own_caller(record: &EngineRecorder) -> Caller {
     if record.clock().is_scripted() { Caller::Script } else { caller::own() }
 }
 
-/// Stops the cell and puts it on record. Who asked through the door or at the console has stopped the arm already.
-pub(crate) fn stop(record: &mut Record, world: &mut LiveWorld, asked: AskedStop) -> Reply {
+/// Stops the cell and records it. The socket or the console has stopped the arm already.
+pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, asked: StopRequest) -> Reply {
     world.switch().halt(asked);
     let written = take_in(record, world);
     let stopped = match &world.halted {
@@ -48,86 +50,88 @@ pub(crate) fn stop(record: &mut Record, world: &mut LiveWorld, asked: AskedStop)
         Some(_) | None => "the cell is stopped".to_owned(),
     };
     let why = written.err().map_or_else(String::new, |error| format!(": {}", error.sentence()));
-    // It may have been tried on another turn of the engine.
-    let kept = world.unwritten.kept();
+    // An earlier turn of the engine may have tried.
+    let kept = world.unwritten.stop_storage();
     let text = match kept {
-        StopKept::OnRecord => format!("{stopped}; `go` lets it work again"),
-        StopKept::InMark => format!("{stopped}; it could not be put on record, and is kept beside it{why}"),
-        StopKept::InMemory => format!("{stopped}; {KEPT_NOWHERE}{why}"),
+        StopPersistence::OnRecord => format!("{stopped}; `go` starts it again"),
+        StopPersistence::InMark => {
+            format!("{stopped}; the engine could not record the stop and keeps it beside the record{why}")
+        }
+        StopPersistence::InMemory => format!("{stopped}; {KEPT_NOWHERE}{why}"),
     };
     Reply::Stopped { text, kept }
 }
 
-/// What is said of a stop that is in no file.
+/// The text for a stop that is in no file.
 pub(crate) const KEPT_NOWHERE: &str =
-    "it could be kept neither on record nor beside it: a sudden end of the engine forgets it";
+    "the engine could store the stop neither on record nor beside it: a sudden end of the engine loses it";
 
-/// The answer to a stop that the engine has not put on record in time: it is kept beside the record meanwhile.
-pub(crate) fn stopped_meanwhile(asked: &AskedStop, marks: &StopMarks, next: &str) -> Reply {
-    match marks.keep(&StopOnRecord::of(asked).text()) {
+/// The answer to a stop that the engine does not record in time: it is stored beside the record meanwhile.
+pub(crate) fn stopped_meanwhile(asked: &StopRequest, marks: &StopMarks, next: &str) -> Reply {
+    match marks.keep(&StopRecord::of(asked).text()) {
         Ok(()) => Reply::Stopped {
-            text: format!("the cell is stopped, which is kept beside the record; {next}"),
-            kept: StopKept::InMark,
+            text: format!("the cell is stopped; the stop is stored beside the record; {next}"),
+            kept: StopPersistence::InMark,
         },
         Err(error) => Reply::Stopped {
             text: format!("the cell is stopped; {next}; until then {KEPT_NOWHERE}: {}", error.sentence()),
-            kept: StopKept::InMemory,
+            kept: StopPersistence::InMemory,
         },
     }
 }
 
-/// How long it is waited until a stop that could not be put on record is tried again.
+/// How long the engine waits before it tries to record a stop again.
 const AGAIN_AFTER: Duration = Duration::from_secs(10);
 
-/// Stops that are in force and not on record, for the store could not be written.
+/// Stops in force that could not be written to the store.
 #[derive(Default)]
 pub(crate) struct UnwrittenStops {
     /// The bodies of their records.
     bodies: Vec<String>,
     tried: Option<Instant>,
-    /// Whether the first of them is kept beside the record.
+    /// Whether the first of them is stored beside the record.
     is_marked: bool,
 }
 
 impl UnwrittenStops {
-    /// Where the stop of the cell is kept.
-    pub(crate) const fn kept(&self) -> StopKept {
+    /// Where the stop of the cell is stored.
+    pub(crate) const fn stop_storage(&self) -> StopPersistence {
         match (self.bodies.is_empty(), self.is_marked) {
-            (true, _) => StopKept::OnRecord,
-            (false, true) => StopKept::InMark,
-            (false, false) => StopKept::InMemory,
+            (true, _) => StopPersistence::OnRecord,
+            (false, true) => StopPersistence::InMark,
+            (false, false) => StopPersistence::InMemory,
         }
     }
 }
 
-/// Puts what could not be put on record there after all. Until then the first of it lies beside the database, where the
-/// next engine finds it.
-pub(crate) fn write_again(record: &mut Record, world: &mut LiveWorld) -> Result<(), StoreError> {
+/// Records stops that could not be written before. Until then the first of them is stored beside the database for the next
+/// engine.
+pub(crate) fn write_again(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
     while let Some(body) = world.unwritten.bodies.first().cloned() {
         world.unwritten.tried = Some(Instant::now());
         record.note(RecordKind::CellStopped, String::new(), body)?;
         world.unwritten.bodies.remove(0);
     }
-    record.ledger().store().layout().stop_marks().remove();
+    record.version_table().store().layout().stop_marks().remove();
     Ok(())
 }
 
-/// A cell that was stopped under an earlier engine stays so. One whose last engine ended suddenly, or that was stopped
-/// without a record, is stopped now, with an alarm.
+/// Keeps a cell stopped that was stopped under an earlier engine. Stops the cell, with an alarm, if the last engine ended
+/// suddenly or a stop is not on record.
 ///
 /// # Errors
 /// If the store cannot be read or written.
-pub(crate) fn come_up(record: &mut Record, world: &mut LiveWorld) -> Result<(), StoreError> {
-    let store = record.ledger().store();
+pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
+    let store = record.version_table().store();
     let layout = store.layout().clone();
     let marks = layout.stop_marks();
     let (stopped, last) = {
         let views = store.views()?;
         (on_record(&views)?, last_engine(&views)?)
     };
-    let is_known = |stop: &StopOnRecord| stopped.as_ref().is_some_and(|stopped| stop.is_among(stopped));
+    let is_known = |stop: &StopRecord| stopped.as_ref().is_some_and(|stopped| stop.is_among(stopped));
     let asked = stop_mark::look(&layout).map(|found| found.asked);
-    let is_settled = |asked: &AskedStop| is_known(&StopOnRecord::of(asked));
+    let is_settled = |asked: &StopRequest| is_known(&StopRecord::of(asked));
     if let Some(asked) = asked.as_ref().filter(|asked| is_settled(asked)) {
         stop_mark::settle(&layout, &asked.id);
     }
@@ -136,73 +140,71 @@ pub(crate) fn come_up(record: &mut Record, world: &mut LiveWorld) -> Result<(), 
         world.switch().halt(asked.clone());
     }
     let mut unrecorded = asked.is_some();
-    let mut marked = marks.found().map(|text| StopOnRecord::read(&text));
+    let mut marked = marks.found().map(|text| StopRecord::read(&text));
     if marked.as_ref().is_some_and(is_known) {
         marks.remove();
         marked = None;
     }
-    // So is who stopped the cell while the record was read.
+    // This includes a stop made while the record was read.
     let waits = world.switch().first_asked();
-    marked =
-        marked.filter(|stop| !waits.as_ref().is_some_and(|asked| stop.is_same(&StopOnRecord::of(asked))));
+    marked = marked.filter(|stop| !waits.as_ref().is_some_and(|asked| stop.is_same(&StopRecord::of(asked))));
     unrecorded |= marked.is_some();
     if let Some(stopped) = stopped {
         world.stay_halted(stopped);
     }
-    let Some(why) = comes_up_stopped(last, unrecorded) else { return Ok(()) };
+    let Some(why) = start_stopped_reason(last, unrecorded) else { return Ok(()) };
     let mut text = match why {
-        ComesUpStopped::UnrecordedStop => "somebody had stopped the cell, and that was not on record",
-        ComesUpStopped::UncleanEnd => UNCLEAN_END,
+        StartStoppedReason::UnrecordedStop => "the cell had been stopped, and the stop was not on record",
+        StartStoppedReason::UncleanEnd => UNCLEAN_END,
     };
     world.switch().latch();
     if let Some(asked) = asked.filter(|asked| world.switch().first_asked().as_ref() == Some(asked)) {
-        take_first(record, world, &asked, Some(ComesUpStopped::UnrecordedStop))?;
+        take_first(record, world, &asked, Some(StartStoppedReason::UnrecordedStop))?;
     }
     if let Some(stop) = marked {
-        note(record, world, stop.because(ComesUpStopped::UnrecordedStop))?;
+        note(record, world, stop.because(StartStoppedReason::UnrecordedStop))?;
     }
-    if last == LastEngine::Began {
+    if last == LastEngineRun::Began {
         text = UNCLEAN_END;
         let (by, caller, reason) = ("the engine".to_owned(), own_caller(record), UNCLEAN_END.to_owned());
-        let stop = StopOnRecord { by, caller, reason, code: None };
-        note(record, world, stop.because(ComesUpStopped::UncleanEnd))?;
+        let stop = StopRecord { by, caller, reason, code: None };
+        note(record, world, stop.because(StartStoppedReason::UncleanEnd))?;
         ended(record, false)?;
     }
     record.raise(AlarmKey::CameUpStopped, Priority::High, true, text);
     Ok(())
 }
 
-/// Why the engine itself stops a cell.
+/// The reason of the engine's own stop.
 const UNCLEAN_END: &str = "the last engine ended suddenly while it worked the cell: look at the cell first";
 
-fn last_engine(views: &Views) -> Result<LastEngine, StoreError> {
+fn last_engine(views: &Views) -> Result<LastEngineRun, StoreError> {
     let newest = |kind| -> Result<u64, StoreError> {
         let one = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
         Ok(views.audit(&one)?.first().map_or(0, |record| record.seq))
     };
     let open = newest(RecordKind::EngineBegan)? > newest(RecordKind::EngineEnded)?;
-    Ok(if open { LastEngine::Began } else { LastEngine::Ended })
+    Ok(if open { LastEngineRun::Began } else { LastEngineRun::Ended })
 }
 
-/// Puts on record, once, that this engine begins to work the cell: a later one sees that it did not end in good order.
+/// Records, once, that this engine begins to run the cell, so that a later one detects an unclean end.
 pub(crate) fn begin_work(
-    record: &mut Record,
+    record: &mut EngineRecorder,
     world: &mut LiveWorld,
     profile: ProfileName,
 ) -> Result<(), StoreError> {
-    if world.at_work || world.is_halted() || record.clock().is_scripted() || !keeps_its_end(profile) {
+    if world.at_work || world.is_halted() || record.clock().is_scripted() || !records_run_end(profile) {
         return Ok(());
     }
-    let clock = record.ledger().wall().reading();
+    let clock = record.version_table().wall().reading();
     let body = serde_json::json!({ "clock": clock, "profile": profile }).to_string();
     record.note(RecordKind::EngineBegan, String::new(), body)?;
     world.at_work = true;
     Ok(())
 }
 
-/// Puts on record that the engine ends in good order, if it worked the cell. One that holds does not: nobody knows what
-/// its fault left.
-pub(crate) fn end_work(record: &mut Record, world: &mut LiveWorld) -> Result<(), StoreError> {
+/// Records a clean end of an engine that ran the cell. A halted engine does not: the effects of its fault are unknown.
+pub(crate) fn end_work(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
     if world.at_work && record.holding().is_none() {
         ended(record, true)?;
         world.at_work = false;
@@ -210,61 +212,61 @@ pub(crate) fn end_work(record: &mut Record, world: &mut LiveWorld) -> Result<(),
     Ok(())
 }
 
-fn ended(record: &mut Record, orderly: bool) -> Result<(), StoreError> {
-    let clock = record.ledger().wall().reading();
+fn ended(record: &mut EngineRecorder, orderly: bool) -> Result<(), StoreError> {
+    let clock = record.version_table().wall().reading();
     let body = serde_json::json!({ "clock": clock, "orderly": orderly }).to_string();
     record.note(RecordKind::EngineEnded, String::new(), body)
 }
 
-/// Puts every stop on record that was asked for on any thread; the first one is who stopped the cell.
-pub(crate) fn take_in(record: &mut Record, world: &mut LiveWorld) -> Result<(), StoreError> {
+/// Records every stop requested on any thread; the first one counts as the stop of the cell.
+pub(crate) fn take_in(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
     let rests = |tried: Instant| tried.elapsed() < AGAIN_AFTER;
     let mut written = Ok(());
     if !world.unwritten.bodies.is_empty() && !world.unwritten.tried.is_some_and(rests) {
         written = write_again(record, world);
     }
-    // One that is being written is still asked for: until then the door says so.
+    // A stop stays requested while it is being written, so that the socket reports it.
     while let Some(asked) = world.switch().first_asked() {
         written = written.and(take_first(record, world, &asked, None));
     }
     written
 }
 
-/// Puts the first stop that is asked for on record, and takes its mark away once it is kept.
+/// Records the first requested stop, and removes its mark once it is stored.
 fn take_first(
-    record: &mut Record,
+    record: &mut EngineRecorder,
     world: &mut LiveWorld,
-    asked: &AskedStop,
-    code: Option<ComesUpStopped>,
+    asked: &StopRequest,
+    code: Option<StartStoppedReason>,
 ) -> Result<(), StoreError> {
-    let written = note(record, world, StopOnRecord { code, ..StopOnRecord::of(asked) });
+    let written = note(record, world, StopRecord { code, ..StopRecord::of(asked) });
     world.switch().took_asked();
-    if world.unwritten.kept() != StopKept::InMemory {
-        stop_mark::settle(record.ledger().store().layout(), &asked.id);
+    if world.unwritten.stop_storage() != StopPersistence::InMemory {
+        stop_mark::settle(record.version_table().store().layout(), &asked.id);
     }
     written
 }
 
-fn note(record: &mut Record, world: &mut LiveWorld, stop: StopOnRecord) -> Result<(), StoreError> {
+fn note(record: &mut EngineRecorder, world: &mut LiveWorld, stop: StopRecord) -> Result<(), StoreError> {
     let body = stop.text();
-    let StopOnRecord { by, caller, reason, code: _ } = stop;
+    let StopRecord { by, caller, reason, code: _ } = stop;
     record.tell(EventKind::CellStopped { by: by.clone(), caller: caller.clone(), reason: reason.clone() });
     let at_ms = record.now_ms();
     match &mut world.halted {
-        Some(halted) => halted.note_again(StopAgain { by, caller, reason, at_ms }),
+        Some(halted) => halted.record_repeat(RepeatedStop { by, caller, reason, at_ms }),
         None => world.halted = Some(StoppedView::first(by, caller, reason, at_ms)),
     }
     let written = if world.unwritten.bodies.is_empty() {
         record.note(RecordKind::CellStopped, String::new(), body.clone())
     } else {
-        // In their order.
+        // Preserves their order.
         Err(StoreError::Unknown)
     };
-    let marks = record.ledger().store().layout().stop_marks();
+    let marks = record.version_table().store().layout().stop_marks();
     match &written {
         Ok(()) => marks.remove(),
         Err(_) => {
-            // Where nothing at all can be written, the arm is stopped as long as this engine lives.
+            // If nothing can be written, the arm stays stopped as long as this engine runs.
             world.unwritten.is_marked = marks.keep(world.unwritten.bodies.first().unwrap_or(&body)).is_ok();
             world.unwritten.bodies.push(body);
             world.unwritten.tried = Some(Instant::now());
@@ -273,10 +275,10 @@ fn note(record: &mut Record, world: &mut LiveWorld, stop: StopOnRecord) -> Resul
     written
 }
 
-/// Tells, once, that the stopped arm stands.
-pub(crate) fn look(record: &mut Record, world: &mut LiveWorld) {
+/// Publishes, once, that the stopped arm is at standstill.
+pub(crate) fn report_standstill(record: &mut EngineRecorder, world: &mut LiveWorld) {
     let at_work = world.is_running();
-    let after = world.switch().stood_after(at_work);
+    let after = world.switch().ticks_to_standstill(at_work);
     let Some(halted) = world.halted.as_mut().filter(|halted| halted.stood_after_ticks.is_none()) else {
         return;
     };
@@ -286,19 +288,18 @@ pub(crate) fn look(record: &mut Record, world: &mut LiveWorld) {
     }
 }
 
-/// The refusal of whatever would make a version active beside the gate while the cell is stopped: the person who lets the
-/// cell go is not told of that version.
+/// Refuses an activation without the gate while the cell is stopped: the person who starts the cell does not see it.
 pub(crate) fn lets_nothing_in(id: &CapabilityId) -> Reply {
     Reply::Refused {
         code: Refusal::NotNow,
-        text: format!("the cell is stopped, and {id} does not become active before it works again"),
-        hint: Some("a person lets it work first: `holdpoint go`".to_owned()),
+        text: format!("the cell is stopped, and {id} does not become active before the cell runs again"),
+        hint: Some("a person starts it first: `holdpoint go`".to_owned()),
     }
 }
 
-/// A person lets the stopped cell work again; `caller` is whose process asks.
+/// A person starts the stopped cell; `caller` is the requesting process.
 pub(crate) fn go(
-    record: &mut Record,
+    record: &mut EngineRecorder,
     world: &mut LiveWorld,
     by: String,
     reason: String,
@@ -310,32 +311,32 @@ pub(crate) fn go(
         return refuse(Refusal::NotNow, "the cell is not stopped");
     };
     if halted.since_ms != since_ms {
-        let text = "it has worked since, and was stopped anew: read who did and why";
+        let text = "the cell has run since, and was stopped again: read who stopped it and why";
         return refuse(Refusal::NotNow, text);
     }
     if halted.stops != known {
         let text = match halted.stops {
-            1 => format!("it was stopped once, and {known} stops are said to be known: read who stopped it"),
+            1 => format!("it was stopped once, and the request names {known} stops: read who stopped it"),
             stops => {
                 format!("it was stopped {stops} times, and {known} of them are known: read who did and why")
             }
         };
         return refuse(Refusal::NotNow, &text);
     }
-    let layout = record.ledger().store().layout();
+    let layout = record.version_table().store().layout();
     if let Some(found) = stop_mark::look(layout)
         && world.switch().knows(&found.asked.id)
         && world.switch().first_asked().is_none()
     {
-        // One of the stops that are let go, whose maker has put it there again.
+        // One of the stops that end here; its maker has created the mark again.
         stop_mark::settle(layout, &found.asked.id);
     }
-    if stop_mark::is_there(record.ledger().store().layout()) {
-        let path = record.ledger().store().layout().stop_asked();
+    if stop_mark::is_there(record.version_table().store().layout()) {
+        let path = record.version_table().store().layout().stop_asked();
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
-            text: format!("a stop is asked for: {path:?} lies in the store's folder"),
-            hint: Some("try again in a moment; what stays there is taken away by hand".to_owned()),
+            text: format!("another stop is requested: {path:?} is in the store's folder"),
+            hint: Some("try again in a moment; remove the file by hand if it stays there".to_owned()),
         });
     }
     let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
@@ -348,18 +349,18 @@ pub(crate) fn go(
     let body = serde_json::json!({ "by": by, "caller": caller, "reason": reason }).to_string();
     record.note(RecordKind::CellReleased, String::new(), body)?;
     if !world.switch().release() {
-        // Somebody stopped it meanwhile; that stop goes on record next, and counts.
+        // The cell was stopped meanwhile; that stop is recorded next, and counts.
         return refuse(Refusal::NotNow, "the cell was stopped again meanwhile");
     }
     world.halted = None;
     record.tell(EventKind::CellReleased { by, caller, reason });
-    Ok(Reply::Accepted { text: "the cell works again".to_owned(), version: None })
+    Ok(Reply::Accepted { text: "the cell runs again".to_owned(), version: None })
 }
 
-/// The most stops of one standstill that are read again; who came later is on record, and not named.
+/// The most stops of one standstill that are read again; later ones are on record, but not named.
 const RECALLED_MAX: usize = 256;
 
-/// A stop that nobody has ended: the first after the last go in the chain, or the one beside it that is on no record.
+/// A stop without an end: the first after the last start in the chain, or the one stored beside the record.
 ///
 /// # Errors
 /// If the store cannot be read.
@@ -369,14 +370,14 @@ pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
     }
     let layout = views.folder().map(Layout::new);
     let marked = layout.as_ref().and_then(|layout| layout.stop_marks().found());
-    let marked = marked.map(|text| StopOnRecord::read(&text));
-    let asked = || layout.as_ref().and_then(stop_mark::look).map(|found| StopOnRecord::of(&found.asked));
-    // When it was asked for is on no record: after the last there is.
+    let marked = marked.map(|text| StopRecord::read(&text));
+    let asked = || layout.as_ref().and_then(stop_mark::look).map(|found| StopRecord::of(&found.asked));
+    // The time of the request is not on record: it is after the last record.
     let since_ms = views.head()?.at_ms;
     Ok(marked.or_else(asked).map(|stop| stop.view(since_ms)))
 }
 
-/// A stop that the chain holds and that nobody has ended.
+/// A stop in the chain without an end.
 fn on_record(views: &Views) -> Result<Option<StoppedView>, StoreError> {
     let newest = AuditFilter {
         kind: Some(RecordKind::CellReleased),
@@ -393,10 +394,10 @@ fn on_record(views: &Views) -> Result<Option<StoppedView>, StoreError> {
     };
     let mut found = views.audit(&since)?.into_iter();
     let Some(first) = found.next() else { return Ok(None) };
-    let mut stopped = StopOnRecord::read(&first.body).view(first.at_ms);
+    let mut stopped = StopRecord::read(&first.body).view(first.at_ms);
     for record in found {
-        let StopOnRecord { by, caller, reason, code: _ } = StopOnRecord::read(&record.body);
-        stopped.note_again(StopAgain { by, caller, reason, at_ms: record.at_ms });
+        let StopRecord { by, caller, reason, code: _ } = StopRecord::read(&record.body);
+        stopped.record_repeat(RepeatedStop { by, caller, reason, at_ms: record.at_ms });
     }
     Ok(Some(stopped))
 }
@@ -408,14 +409,14 @@ const fn user(caller: &Caller) -> Option<u32> {
     }
 }
 
-impl StopOnRecord {
-    fn of(asked: &AskedStop) -> Self {
-        // Nobody is sent back for a long name while an arm moves.
+impl StopRecord {
+    fn of(asked: &StopRequest) -> Self {
+        // A long name must not delay a stop: it is cut.
         let cut = |text: &str| text[..text.floor_char_boundary(REASON_BYTES_MAX)].to_owned();
         Self { by: cut(&asked.by), caller: asked.caller.clone(), reason: cut(&asked.reason), code: None }
     }
 
-    fn because(self, code: ComesUpStopped) -> Self {
+    fn because(self, code: StartStoppedReason) -> Self {
         Self { code: Some(code), ..self }
     }
 
@@ -427,7 +428,7 @@ impl StopOnRecord {
         body.to_string()
     }
 
-    /// Whether it is one of those that keep the cell stopped.
+    /// Whether it is one of the stops that keep the cell stopped.
     fn is_among(&self, stopped: &StoppedView) -> bool {
         let named = stopped.again.iter().map(|one| (&one.by, &one.caller, &one.reason));
         let mut all = named.chain([(&stopped.by, &stopped.caller, &stopped.reason)]);
@@ -436,15 +437,15 @@ impl StopOnRecord {
         })
     }
 
-    /// Whether both tell of one stop; whose process it was is told by one of them alone.
+    /// Whether both are the same stop; only one of them names the process.
     fn is_same(&self, other: &Self) -> bool {
         self.by == other.by && self.reason == other.reason && user(&self.caller) == user(&other.caller)
     }
 
-    /// What cannot be read is a stop by somebody: uncertain means stopped.
+    /// An unreadable text counts as a stop by an unknown person.
     fn read(text: &str) -> Self {
         serde_json::from_str(text).unwrap_or(Self {
-            by: "nobody known".to_owned(),
+            by: "an unknown person".to_owned(),
             caller: Caller::Script,
             reason: "a record of a stop that cannot be read".to_owned(),
             code: None,

@@ -1,16 +1,18 @@
-//! The health of the cell: absolute monitors of every active version and of the cell's own senses, what is normal for
-//! each, their alarms.
+//! The health of the cell: monitors with absolute limits for every active version and for the camera check, the commissioned
+//! baselines, and alarms.
 //!
-//! What is found is the rules' ([`holdpoint_governance::health`], [`holdpoint_governance::senses`]); here it is fed with live tasks, kept in the store,
-//! and raised or cleared as alarms. It takes nobody off: people decide what an alarm is worth.
+//! The rules are in [`holdpoint_governance::health`] and [`holdpoint_governance::sensor_health`]. This module feeds them
+//! live tasks, stores results, and raises or clears alarms. It rolls nothing back: operators decide on an alarm.
 
 use std::collections::BTreeMap;
 
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
-use holdpoint_governance::health::{Commissioned, FamilyHealth, HealthFinding, HealthValues};
+use holdpoint_governance::health::{CommissionedBaseline, FamilyHealth, HealthFinding, HealthValues};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_governance::senses::{CellSenses, NormalSenses, Sense, SensedValues, SensesFinding};
+use holdpoint_governance::sensor_health::{
+    SensorBaseline, SensorFinding, SensorMonitor, SensorReadings, SensorSignal,
+};
 use holdpoint_governance::stats::StatsError;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditFilter;
@@ -18,85 +20,83 @@ use holdpoint_runtime::task::TaskRecord;
 use serde::{Deserialize, Serialize};
 
 use crate::context::Context;
-use crate::fault::Fault;
-use crate::record::Record;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
 
-/// What was normal, as the chain keeps it: of which version, in which cell.
+/// A commissioned baseline in the audit chain, with its version and cell.
 #[derive(Serialize, Deserialize)]
-struct KeptNormal {
+struct NormalRecord {
     version: CapabilityId,
     environment: Digest,
-    normal: Commissioned,
+    normal: CommissionedBaseline,
 }
 
-/// What was normal for the cell's senses, as the chain keeps it.
+/// The commissioned baseline of the camera check, in the audit chain.
 #[derive(Serialize, Deserialize)]
-struct KeptSenses {
+struct NormalSensesRecord {
     environment: Digest,
-    normal: NormalSenses,
+    normal: SensorBaseline,
 }
 
-/// A family's health, and whose tasks it was fed with.
-struct Charted {
+/// A family's health, and the version whose tasks it charts.
+struct ChartedFamily {
     version: CapabilityId,
     health: FamilyHealth,
 }
 
-/// See the module's head.
+/// See the module comment.
 #[derive(Default)]
 pub(crate) struct CellHealth {
-    charted: BTreeMap<Family, Charted>,
-    /// From the store, for families that have not worked since the start.
-    normal: BTreeMap<Family, Commissioned>,
+    charted: BTreeMap<Family, ChartedFamily>,
+    /// From the store, for families without a task since the start.
+    normal: BTreeMap<Family, CommissionedBaseline>,
     /// Absent before the first live task since the start.
-    senses: Option<CellSenses>,
+    senses: Option<SensorMonitor>,
     /// From the store.
-    normal_senses: Option<NormalSenses>,
+    normal_senses: Option<SensorBaseline>,
 }
 
-fn fault(error: StatsError) -> Fault {
-    Fault::Impossible(format!("the cell's health cannot be charted: {error}"))
+fn fault(error: StatsError) -> EngineFault {
+    EngineFault::Impossible(format!("the cell's health cannot be charted: {error}"))
 }
 
 impl CellHealth {
-    /// What was normal when the cell was commissioned, as far as it is on record. What another robot, scene or build
-    /// gave is no measure of this one.
+    /// Restores the baselines on record from commissioning. Those of another robot, scene or build do not count.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub(crate) fn recall(context: &Context, record: &Record) -> Result<Self, Fault> {
-        let views = record.ledger().store().views()?;
+    pub(crate) fn recall(context: &Context, record: &EngineRecorder) -> Result<Self, EngineFault> {
+        let views = record.version_table().store().views()?;
         let environment = context.cell.digest();
-        let bodies = |kind| -> Result<Vec<String>, Fault> {
+        let bodies = |kind| -> Result<Vec<String>, EngineFault> {
             let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
             Ok(views.audit(&filter)?.into_iter().map(|record| record.body).collect())
         };
         let normal = bodies(RecordKind::Commissioned)?
             .iter()
-            .filter_map(|body| serde_json::from_str::<KeptNormal>(body).ok())
+            .filter_map(|body| serde_json::from_str::<NormalRecord>(body).ok())
             .filter(|kept| kept.environment == environment)
             .map(|kept| (kept.version.family, kept.normal))
             .collect();
         let normal_senses = bodies(RecordKind::SensesCommissioned)?
             .iter()
-            .filter_map(|body| serde_json::from_str::<KeptSenses>(body).ok())
+            .filter_map(|body| serde_json::from_str::<NormalSensesRecord>(body).ok())
             .rfind(|kept| kept.environment == environment)
             .map(|kept| kept.normal);
         Ok(Self { normal, normal_senses, ..Self::default() })
     }
 
-    /// Takes in one live task of an active version. One that was refused, or in which the simulator failed, was not
-    /// done.
+    /// Adds one live task of an active version. A refused task, or one with a simulator failure, does not count.
     ///
     /// # Errors
-    /// If what it comes to cannot be written.
+    /// If the result cannot be written.
     pub(crate) fn observe(
         &mut self,
         context: &Context,
-        record: &mut Record,
+        record: &mut EngineRecorder,
         id: &CapabilityId,
         done: &TaskRecord,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         self.sense(context, record, &done.sensed)?;
         self.look_who_works(context, record, id)?;
         let Some(charted) = self.charted.get_mut(&id.family) else { return Ok(()) };
@@ -118,43 +118,48 @@ impl CellHealth {
                 }
                 HealthFinding::Degraded(rate) => {
                     let text =
-                        format!("{id} works worse than when the cell was commissioned: its {rate} rate");
+                        format!("{id} performs worse than when the cell was commissioned: its {rate} rate");
                     record.raise(degraded, priorities.degraded, true, &text);
                 }
                 HealthFinding::ViolationsOver => record.alarm_event(&AlarmEvent::Clear { key: violation }),
                 HealthFinding::DegradedOver => record.alarm_event(&AlarmEvent::Clear { key: degraded }),
-                HealthFinding::Commissioned(normal) => keep(context, record, id, normal)?,
+                HealthFinding::Commissioned(normal) => record_normal(context, record, id, normal)?,
             }
         }
         Ok(())
     }
 
-    /// What a task showed of the cell, whoever worked it.
-    fn sense(&mut self, context: &Context, record: &mut Record, sensed: &SensedValues) -> Result<(), Fault> {
+    /// Adds the camera check of a task, whichever version ran it.
+    fn sense(
+        &mut self,
+        context: &Context,
+        record: &mut EngineRecorder,
+        sensed: &SensorReadings,
+    ) -> Result<(), EngineFault> {
         let senses = match &mut self.senses {
             Some(senses) => senses,
             none @ None => {
                 let present =
                     record.alarms().get(&AlarmKey::CellDegraded).is_some_and(|alarm| alarm.condition);
-                let senses = CellSenses::new(context.profile.health, self.normal_senses, present);
+                let senses = SensorMonitor::new(context.profile.health, self.normal_senses, present);
                 none.insert(senses.map_err(fault)?)
             }
         };
         for finding in senses.observe(sensed).map_err(fault)? {
             match finding {
-                SensesFinding::Degraded(sense) => {
+                SensorFinding::Degraded(sense) => {
                     let priority = context.profile.alarms.degraded;
                     let text = degraded(sense, sensed, senses.limit(sense));
                     record.raise(AlarmKey::CellDegraded, priority, true, &text);
                 }
-                SensesFinding::Over => {
+                SensorFinding::Over => {
                     record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::CellDegraded });
                 }
-                SensesFinding::Commissioned(normal) => {
-                    let kept = KeptSenses { environment: context.cell.digest(), normal };
+                SensorFinding::Commissioned(normal) => {
+                    let kept = NormalSensesRecord { environment: context.cell.digest(), normal };
                     let body = serde_json::to_string(&kept)?;
                     record.note(RecordKind::SensesCommissioned, String::new(), body)?;
-                    let NormalSenses { tasks, picture_jitter_m, pictures_missing } = normal;
+                    let SensorBaseline { tasks, picture_jitter_m, pictures_missing } = normal;
                     record.tell(EventKind::SensesCommissioned { tasks, picture_jitter_m, pictures_missing });
                 }
             }
@@ -162,13 +167,13 @@ impl CellHealth {
         Ok(())
     }
 
-    /// Another version of the family at work begins anew; of the one before nothing is present any more.
+    /// Restarts the charts when another version of the family is active.
     fn look_who_works(
         &mut self,
         context: &Context,
-        record: &mut Record,
+        record: &mut EngineRecorder,
         id: &CapabilityId,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         match self.charted.get_mut(&id.family) {
             Some(charted) if charted.version == *id => Ok(()),
             Some(charted) => {
@@ -179,48 +184,50 @@ impl CellHealth {
                     record.alarm_event(&AlarmEvent::Clear { key });
                 }
                 charted.version = id.clone();
-                charted.health.begin_anew().map_err(fault)
+                charted.health.reset_for_version().map_err(fault)
             }
             None => {
                 let normal = self.normal.get(&id.family).copied();
                 let mut health = FamilyHealth::new(context.profile.health, normal).map_err(fault)?;
                 let present = |key: AlarmKey| record.alarms().get(&key).is_some_and(|alarm| alarm.condition);
-                health
-                    .stays(present(AlarmKey::Violation(id.clone())), present(AlarmKey::Degraded(id.clone())));
-                self.charted.insert(id.family.clone(), Charted { version: id.clone(), health });
+                health.restore_alarms(
+                    present(AlarmKey::Violation(id.clone())),
+                    present(AlarmKey::Degraded(id.clone())),
+                );
+                self.charted.insert(id.family.clone(), ChartedFamily { version: id.clone(), health });
                 Ok(())
             }
         }
     }
 }
 
-/// What an operator reads: which sense, what was measured, from where on it is bad, and what to look at.
-fn degraded(sense: Sense, sensed: &SensedValues, limit: f64) -> String {
+/// The text for operators: the signal, its value, its limit, and the part to inspect.
+fn degraded(sense: SensorSignal, sensed: &SensorReadings, limit: f64) -> String {
     let value = sensed.of(sense).unwrap_or(f64::NAN);
     match sense {
-        Sense::PictureJitter => format!(
-            "the camera shakes: {:.1} mm from picture to picture in the last task, above {:.1} mm; look at its mount",
+        SensorSignal::PictureJitter => format!(
+            "the camera shakes: {:.1} mm from frame to frame in the last task, above {:.1} mm; look at its mount",
             value * 1e3,
             limit * 1e3
         ),
-        Sense::PicturesMissing => format!(
-            "the camera loses pictures: {:.0} % in the last task, above {:.0} %; look at its cable and its load",
+        SensorSignal::PicturesMissing => format!(
+            "the camera loses frames: {:.0} % in the last task, above {:.0} %; look at its cable and its load",
             value * 100.0,
             limit * 100.0
         ),
     }
 }
 
-/// What is normal goes on record and is told.
-fn keep(
+/// Records and publishes a commissioned baseline.
+fn record_normal(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     id: &CapabilityId,
-    normal: Commissioned,
-) -> Result<(), Fault> {
-    let kept = KeptNormal { version: id.clone(), environment: context.cell.digest(), normal };
+    normal: CommissionedBaseline,
+) -> Result<(), EngineFault> {
+    let kept = NormalRecord { version: id.clone(), environment: context.cell.digest(), normal };
     record.note(RecordKind::Commissioned, id.family.to_string(), serde_json::to_string(&kept)?)?;
-    let Commissioned { tasks, failures, timeouts, peak_force_n } = normal;
+    let CommissionedBaseline { tasks, failures, timeouts, peak_force_n } = normal;
     record.tell(EventKind::Commissioned { version: id.clone(), tasks, failures, timeouts, peak_force_n });
     Ok(())
 }

@@ -1,8 +1,8 @@
-//! Health over time: what the record and its telemetry tell of live tasks, laid over time, beside a running engine too.
+//! Health over time: live tasks from record and telemetry as a time series, also beside a running engine.
 //!
-//! Reads and computes; changes nothing and judges nothing. What one question costs is bounded: where a span holds more
-//! telemetry than that, blocks spread evenly over it are read, and the answer says how many of how many. Every batch is
-//! held against the digest that the chain seals; what differs is in no number.
+//! Reads and computes; changes and judges nothing. The cost of a query is bounded: from a span with more telemetry, evenly
+//! spread blocks are read, and the answer contains both counts. Every batch is compared with the digest in the chain; a
+//! differing one counts nowhere.
 
 mod alarms;
 mod clock;
@@ -12,11 +12,11 @@ mod tasks;
 
 use std::borrow::Cow;
 
-use holdpoint_protocol::health::{HealthAsked, HealthClock, HealthCoverage, HealthSeries};
+use holdpoint_protocol::health::{HealthClock, HealthCoverage, HealthQuery, HealthSeries};
 use holdpoint_registry::{Layout, StoreError, TelemetryViews, Views};
 use holdpoint_text::Hint;
 
-use self::clock::Span;
+use self::clock::RecordSpan;
 
 pub use self::export::{csv, svg};
 pub use self::tasks::TASKS_READ;
@@ -27,7 +27,7 @@ pub enum HealthError {
     /// Record or telemetry cannot be read.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// What was asked for is not allowed.
+    /// The query is not valid.
     #[error("{0}")]
     Asked(String),
 }
@@ -41,23 +41,23 @@ impl Hint for HealthError {
     }
 }
 
-/// The present, where an engine is at work: it may be later than the last record.
+/// The present time of a running engine, which may be later than the last record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Present {
+pub struct PresentTime {
     /// Virtual time, ms.
     pub at_ms: u64,
     /// The machine's time, ms since 1970; absent in scripts.
     pub wall_ms: Option<i64>,
 }
 
-/// What a store holds to answer from.
+/// The parts of a store that answers need.
 pub struct HealthReader {
     views: Views,
     telemetry: Option<TelemetryViews>,
 }
 
 impl HealthReader {
-    /// Opens what there is of a store; `views` are its record, opened as the caller needs it.
+    /// Opens the telemetry of a store; `views` are its record, opened as the caller needs it.
     ///
     /// # Errors
     /// If telemetry is there and cannot be read.
@@ -67,7 +67,7 @@ impl HealthReader {
         Ok(Self { views, telemetry })
     }
 
-    /// As [`Self::new`], for a store that an engine at work vouches for.
+    /// As [`Self::new`], for a store that a running engine has verified.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -75,40 +75,44 @@ impl HealthReader {
         Self::new(Views::open(&layout.database())?, layout)
     }
 
-    /// When the record ends: where no engine is at work, that is the end of what can be asked about.
+    /// The end of the record: without a running engine, this is the end of what can be queried.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn end(&self) -> Result<Present, StoreError> {
+    pub fn end(&self) -> Result<PresentTime, StoreError> {
         let head = self.views.head()?;
         let wall_ms = self.views.stamp(head.seq)?.and_then(|stamp| stamp.wall_ms);
-        Ok(Present { at_ms: head.at_ms, wall_ms })
+        Ok(PresentTime { at_ms: head.at_ms, wall_ms })
     }
 
-    /// The answer. `present` is the present of the engine at work; absent where none is.
+    /// The answer. `present` is the present time of the running engine; absent if none runs.
     ///
     /// # Errors
     /// [`HealthError`].
-    pub fn read(&self, asked: &HealthAsked, present: Option<Present>) -> Result<HealthSeries, HealthError> {
+    pub fn read(
+        &self,
+        asked: &HealthQuery,
+        present: Option<PresentTime>,
+    ) -> Result<HealthSeries, HealthError> {
         self.read_bounded(asked, present, TASKS_READ)
     }
 
-    /// As [`Self::read`], with no bound on what is read of telemetry.
+    /// As [`Self::read`], with no bound on the telemetry read.
     ///
     /// # Errors
     /// As [`Self::read`].
     pub fn read_every_task(
         &self,
-        asked: &HealthAsked,
-        present: Option<Present>,
+        asked: &HealthQuery,
+        present: Option<PresentTime>,
     ) -> Result<HealthSeries, HealthError> {
         self.read_bounded(asked, present, u64::MAX)
     }
 
     fn read_bounded(
         &self,
-        asked: &HealthAsked,
-        present: Option<Present>,
+        asked: &HealthQuery,
+        present: Option<PresentTime>,
         tasks_read: u64,
     ) -> Result<HealthSeries, HealthError> {
         if let Some(problem) = asked.problem() {
@@ -147,7 +151,7 @@ impl HealthReader {
             alarms: Vec::new(),
             coverage,
         };
-        let span = Span::find(&self.views, clock, from_ms, until_ms)?;
+        let span = RecordSpan::find(&self.views, clock, from_ms, until_ms)?;
         series.alarms = alarms::read(&self.views, &span, &mut coverage)?;
         if asked.only_alarms {
             series.coverage = coverage;

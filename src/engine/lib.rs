@@ -1,53 +1,52 @@
-//! The one door: commands in, events out, a snapshot for whoever looks.
+//! The engine's single entry point: commands in, events out, and snapshots.
 //!
-//! The engine numbers events, remembers answers so that a retried command is carried out once, and
-//! keeps nothing else: authority lies with the pipeline and the rules behind it. It is synchronous:
-//! who owns it calls [`Engine::submit`] and [`Engine::advance`] in turn.
+//! The engine numbers events, and remembers answers so that a repeated command is carried out once. Authority lies with the
+//! pipeline and the rules behind it. It is synchronous: its owner calls [`Engine::submit`] and [`Engine::advance`] in turn.
 
 mod alarms;
-pub mod anteroom;
-mod binding;
-pub mod bound;
-pub mod bound_robot;
+pub mod bootstrap;
 pub mod caller;
-mod calls;
 pub mod cell;
 pub mod check;
+pub mod clock_mismatch;
 pub mod context;
-pub mod door;
-pub mod dossier;
-pub mod doubt;
-pub mod doubted_clock;
+pub mod control_socket;
 pub mod embedded;
+pub mod engine_handle;
+mod episode_replay;
+mod evidence_binding;
+pub mod evidence_file;
 pub mod explain;
 pub mod fault;
 mod goal;
 pub mod halt;
 mod health;
 pub mod health_series;
-pub mod host;
-mod kept_clock;
-mod kept_task;
-pub mod ledger;
 mod listeners;
+mod live_task_record;
 pub mod monitors;
-pub mod observed;
 mod operations;
-mod origin;
+mod paper_calls;
 pub mod people;
+mod persisted_clock;
 pub mod pipeline;
 pub mod pump;
-mod reading;
-pub mod record;
+mod record_query;
+mod recorded_decision;
+pub mod recorder;
 pub mod recordings;
 mod restart;
-mod retake;
 mod shift_note;
 pub mod stages;
-mod stated;
 mod stop_mark;
+pub mod store_identity;
+pub mod store_metrics;
+pub mod store_robot;
 pub mod trial;
 pub mod tryout;
+pub mod version_concern;
+mod version_origin;
+pub mod version_table;
 mod view;
 pub mod wall_clock;
 pub mod world;
@@ -58,62 +57,57 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::bound::RunSeed;
-use crate::bound_robot::BoundRobot;
 use crate::cell::Cell;
-use crate::door::DoorError;
+use crate::control_socket::ControlSocketError;
 use crate::embedded::baselines;
-use crate::fault::Fault;
-use crate::health_series::Present;
-use crate::kept_clock::KeptClock;
-use crate::ledger::{Ledger, LedgerError};
+use crate::fault::EngineFault;
+use crate::health_series::PresentTime;
 use crate::people::signed_calls::Signer;
-use crate::pipeline::concurrent::Timing;
-use crate::pipeline::{Pipeline, PipelineSettings, Progress};
-use crate::reading::{Asked, Readings};
+use crate::persisted_clock::PersistedClock;
+use crate::pipeline::concurrent::CommandTiming;
+use crate::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
+use crate::record_query::{QueryQueue, RecordQuery};
+use crate::store_identity::RunSeed;
+use crate::store_robot::StoreRobot;
 use crate::trial::cache::EpisodeCache;
-use crate::wall_clock::{MachineClocks, WallClock};
-use crate::world::switch::{AskedStop, Controls, Switch};
+use crate::version_table::{VersionTable, VersionTableError};
+use crate::wall_clock::{SystemClocks, WallClock};
+use crate::world::stop_switch::{Controls, StopRequest, StopSwitch};
+use holdpoint_governance::ablation::{AblatedParts, AblationPart};
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::omitted::{Omitted, Part};
-use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError, ProfileTexts};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
+use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts, SiteProfileError};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::Event;
-use holdpoint_protocol::sink::Pictures;
+use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Store, StoreError};
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::component::keep_compiled_in;
 use holdpoint_text::{Hint, Problem};
 
-/// Answers remembered for retried commands.
 const ANSWERS_KEPT: usize = 1024;
 
-/// A request that was carried out, and what was answered.
-struct Answered {
+struct AnsweredRequest {
     id: String,
     command: Digest,
     reply: Reply,
 }
 
-/// A request that was let in.
-struct Admitted {
+struct QueuedRequest {
     request: Request,
     caller: Caller,
-    /// Who signed it; absent if nobody had to.
+    /// The signer; absent if no signature is required.
     signer: Option<Signer>,
 }
 
-/// What a command is known by, however large it is.
 fn fingerprint(command: &Command) -> Digest {
     Digest::of_parts("holdpoint.command.v1", &[&serde_json::to_vec(command).unwrap_or_default()])
 }
 
-/// The most requests that wait for the end of a sequence.
 const WAITING_MAX: usize = 64;
 
 /// Why an engine could not start.
@@ -124,10 +118,10 @@ pub enum StartError {
     Store(#[from] StoreError),
     /// The registry cannot be read.
     #[error(transparent)]
-    Ledger(#[from] LedgerError),
+    VersionTable(#[from] VersionTableError),
     /// A profile or its policies cannot be used.
     #[error(transparent)]
-    Profile(#[from] OwnProfileError),
+    Profile(#[from] SiteProfileError),
     /// A baseline does not load.
     #[error(transparent)]
     Baseline(#[from] PackageError),
@@ -136,24 +130,19 @@ pub enum StartError {
     Sim(#[from] holdpoint_sim::SimError),
     /// The store is for another robot. Nothing was written.
     #[error("this store is for the robot {recorded}, not for {given}")]
-    OtherRobot {
-        /// The robot the store was made with.
-        recorded: Box<BoundRobot>,
-        /// The robot it was to be opened with.
-        given: Box<BoundRobot>,
-    },
-    /// An experiment leaves parts of the way out, and this is none, or the store is not an experiment's like it.
+    OtherRobot { recorded: Box<StoreRobot>, given: Box<StoreRobot> },
+    /// The start omits parts without being an experiment, or the store belongs to another experiment.
     #[error("{0}")]
-    LeftOut(String),
-    /// Other processes cannot be served.
+    Omitted(String),
+    /// The socket cannot be served.
     #[error(transparent)]
-    Door(#[from] DoorError),
+    Socket(#[from] ControlSocketError),
     /// The system gives no thread to read the record on.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),
     /// The start could not be written.
     #[error(transparent)]
-    Fault(#[from] Fault),
+    Fault(#[from] EngineFault),
 }
 
 impl Hint for StartError {
@@ -164,33 +153,33 @@ impl Hint for StartError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),
-            Self::Ledger(error) => error.hint(),
+            Self::VersionTable(error) => error.hint(),
             Self::Profile(error) => error.hint(),
             Self::Baseline(error) => error.hint(),
             Self::Fault(error) => error.hint(),
-            Self::Door(error) => error.hint(),
+            Self::Socket(error) => error.hint(),
             Self::OtherRobot { recorded, .. } => Some(
                 match &recorded.file {
                     Some(file) => format!(
-                        "start with `--robot {}`, or choose another store with `--data`: what was measured on one \
-                         robot says nothing of another",
+                        "start with `--robot {}`, or choose another store with `--data`: measurements on one robot do \
+                         not apply to another",
                         file.display()
                     ),
-                    None => "start without `--robot`, or choose another store with `--data`: what was measured on \
-                             one robot says nothing of another"
+                    None => "start without `--robot`, or choose another store with `--data`: measurements on one robot \
+                             do not apply to another"
                         .to_owned(),
                 }
                 .into(),
             ),
-            Self::LeftOut(_) => Some(
-                "what was let through with parts of the way left out never gets the arm; take another store".into(),
+            Self::Omitted(_) => Some(
+                "a version that was activated with parts omitted never controls an arm; use another store".into(),
             ),
             Self::Sim(_) | Self::Thread(_) => None,
         }
     }
 }
 
-/// What an engine is started with.
+/// The settings of an engine.
 pub struct Config<'a> {
     pub data: &'a Path,
     pub profile: ChosenProfile,
@@ -199,75 +188,72 @@ pub struct Config<'a> {
     /// Whether time is virtual (a script) or follows the machine's.
     pub scripted: bool,
     pub cell: Cell,
-    /// Where episodes of active versions are kept.
+    /// Where episodes of active versions are cached.
     pub cache: EpisodeCache,
 }
 
-/// What an experiment does otherwise than an engine at work.
+/// The deviations of an experiment from a regular engine.
 #[derive(Clone, Debug, Default)]
 pub struct Experiment {
-    /// The parts of the way that are left out.
-    pub omitted: Omitted,
-    /// First versions in place of the embedded ones of their families.
+    /// The omitted parts.
+    pub omitted: AblatedParts,
+    /// Versions that replace the embedded baselines of their families.
     pub first: Vec<Capability>,
 }
 
-/// What an engine decides by and begins with, read before anything of the store is.
 struct StartRules {
     profile: Profile,
     table: PolicyTable,
     own: Option<ProfileTexts>,
     baselines: Vec<Capability>,
-    omitted: Omitted,
+    omitted: AblatedParts,
 }
 
 impl StartRules {
     fn of(chosen: &ChosenProfile) -> Result<Self, StartError> {
         let (profile, table) = chosen.rules()?;
-        let (own, omitted) = (chosen.texts().cloned(), Omitted::default());
+        let (own, omitted) = (chosen.texts().cloned(), AblatedParts::default());
         Ok(Self { profile, table, own, baselines: baselines()?, omitted })
     }
 }
 
-/// See the module's head.
+/// See the module comment.
 pub struct Engine {
     pipeline: Pipeline,
     next_seq: u64,
-    answers: VecDeque<Answered>,
-    waiting: VecDeque<Admitted>,
-    /// Calls made by the program that holds it.
+    answers: VecDeque<AnsweredRequest>,
+    waiting: VecDeque<QueuedRequest>,
     calls: u64,
-    readings: Readings,
-    kept_clock: KeptClock,
+    readings: QueryQueue,
+    persisted_clock: PersistedClock,
     ended: bool,
 }
 
 impl Engine {
-    /// Opens the store and starts; finishes or undoes what an interrupted engine left.
+    /// Opens the store and starts; finishes or undoes the interrupted work of an earlier engine.
     ///
     /// # Errors
-    /// [`StartError`]; the store is then as it was, but for the recovery that was written.
+    /// [`StartError`]; the store is then unchanged, except for completed recovery.
     pub fn start(config: Config<'_>) -> Result<Self, StartError> {
         let rules = StartRules::of(&config.profile)?;
         let store = Store::open(config.data)?;
         Self::on(config, rules, store, Controls::default())
     }
 
-    /// As [`Engine::start`], for an experiment: on a script's store of its own alone.
+    /// As [`Engine::start`], for an experiment: only in a script, on a store of its own.
     ///
     /// # Errors
-    /// As [`Engine::start`]; [`StartError::LeftOut`] if it is no script that is to leave something out.
+    /// As [`Engine::start`]; [`StartError::Omitted`] if parts are omitted outside a script.
     pub fn start_experiment(config: Config<'_>, experiment: Experiment) -> Result<Self, StartError> {
         let Experiment { omitted, first } = experiment;
         if !omitted.is_none() && !config.scripted {
-            return Err(StartError::LeftOut(
-                "a part of the way can be left out in a script alone".to_owned(),
-            ));
+            return Err(StartError::Omitted("only a script can omit parts".to_owned()));
         }
-        // The gate holds what nobody looked at, and would hold every candidate.
-        if omitted.has(Part::Sandbox) && omitted.has(Part::Shadow) {
-            let text = "sandbox and shadow cannot both be left out: nothing would be found out about how a version works";
-            return Err(StartError::LeftOut(text.to_owned()));
+        // The gate requires at least one of them, and would put every candidate on hold.
+        if omitted.has(AblationPart::Sandbox) && omitted.has(AblationPart::Shadow) {
+            let text =
+                "sandbox and shadow cannot both be omitted: a version would have no behavioral evidence";
+            return Err(StartError::Omitted(text.to_owned()));
         }
         let mut rules = StartRules::of(&config.profile)?;
         for version in first {
@@ -282,7 +268,6 @@ impl Engine {
         Self::on(config, rules, store, Controls::default())
     }
 
-    /// Starts on a store whose record was read.
     fn on(
         config: Config<'_>,
         rules: StartRules,
@@ -293,28 +278,35 @@ impl Engine {
         let opening = store.opening();
         let (clock, kept_clock, wall) = if config.scripted {
             let at_ms = opening.head.at_ms;
-            (Clock::scripted(at_ms), KeptClock::none(), WallClock::scripted(at_ms, opening.newest_record))
+            (
+                Clock::scripted(at_ms),
+                PersistedClock::none(),
+                WallClock::scripted(at_ms, opening.newest_record),
+            )
         } else {
-            let from_ms = kept_clock::resumed_ms(store.layout(), &store.views()?)?;
+            let from_ms = persisted_clock::resumed_ms(store.layout(), &store.views()?)?;
             let (newest, jump_max_s) = (opening.newest_record, profile.clock.jump_max_s);
-            let wall = WallClock::of_machine(Box::new(MachineClocks), newest, jump_max_s);
-            (Clock::real(from_ms), KeptClock::begin(store.layout(), from_ms), wall)
+            let wall = WallClock::of_machine(Box::new(SystemClocks), newest, jump_max_s);
+            (Clock::real(from_ms), PersistedClock::begin(store.layout(), from_ms), wall)
         };
         keep_compiled_in(store.layout().compiled(), store.cells().secret().derived("compiled components")?);
-        let ledger = Ledger::open(store, wall)?;
-        let given = BoundRobot::of(&config.cell);
-        let other = bound::robot(&ledger.store().views()?)?.filter(|recorded| !recorded.is(&given));
+        let version_table = VersionTable::open(store, wall)?;
+        let given = StoreRobot::of(&config.cell);
+        let other =
+            store_identity::robot(&version_table.store().views()?)?.filter(|recorded| !recorded.is(&given));
         if let Some(recorded) = other {
             return Err(StartError::OtherRobot { recorded: Box::new(recorded), given: Box::new(given) });
         }
-        bound::check_pointers(&ledger.store().views()?, &given)?;
+        store_identity::check_pointers(&version_table.store().views()?, &given)?;
         if !config.scripted {
-            RunSeed::OfStore(config.seed).check(bound::seed(&ledger.store().views()?)?)?;
+            RunSeed::OfStore(config.seed).check(store_identity::seed(&version_table.store().views()?)?)?;
         }
-        if let Some(parts) = bound::left_out(&ledger.store().views()?)?.filter(|parts| *parts != omitted) {
-            let parts: Vec<&str> = parts.parts().into_iter().map(Part::name).collect();
+        if let Some(parts) =
+            store_identity::omitted(&version_table.store().views()?)?.filter(|parts| *parts != omitted)
+        {
+            let parts: Vec<&str> = parts.parts().into_iter().map(AblationPart::name).collect();
             let parts = if parts.is_empty() { "nothing".to_owned() } else { parts.join(", ") };
-            return Err(StartError::LeftOut(format!("{parts} was left out in this store")));
+            return Err(StartError::Omitted(format!("{parts} was omitted in this store")));
         }
         let settings = PipelineSettings {
             seed: config.seed,
@@ -327,31 +319,33 @@ impl Engine {
             controls,
             omitted,
         };
-        let pipeline = Pipeline::new(settings, ledger, clock, baselines).map_err(|fault| match fault {
-            Fault::Store(error) | Fault::Ledger(LedgerError::Store(error)) if error.refuses_start() => {
-                error.into()
-            }
-            fault => StartError::Fault(fault),
-        })?;
-        // Much was read since the tables were compared, the profile that is in force for one.
-        pipeline.record().ledger().store().undisturbed()?;
+        let pipeline =
+            Pipeline::new(settings, version_table, clock, baselines).map_err(|fault| match fault {
+                EngineFault::Store(error) | EngineFault::VersionTable(VersionTableError::Store(error))
+                    if error.refuses_start() =>
+                {
+                    error.into()
+                }
+                fault => StartError::Fault(fault),
+            })?;
+        // Covers rows read since the check of the tables.
+        pipeline.record().version_table().store().check_undisturbed()?;
         Ok(Self {
             pipeline,
             next_seq: 1,
             answers: VecDeque::new(),
             waiting: VecDeque::new(),
             calls: 0,
-            readings: Readings::default(),
-            kept_clock,
+            readings: QueryQueue::default(),
+            persisted_clock: kept_clock,
             ended: false,
         })
     }
 
-    /// Carries out one request. The same id again gets the same answer and does nothing. Where the live world works
-    /// on a thread of its own, a request that has to wait for the end of a sequence is waited for.
+    /// Carries out one request, and waits if it has to. A repeated id gets the same answer and has no further effect.
     pub fn submit(&mut self, request: Request) -> Reply {
-        if let Some(asked) = Asked::of(&request.command) {
-            return reading::read(self.layout(), asked, self.present());
+        if let Some(asked) = RecordQuery::of(&request.command) {
+            return record_query::read(self.layout(), asked, self.present());
         }
         let id = request.id.clone();
         if let Some(reply) = self.offer(request) {
@@ -362,34 +356,31 @@ impl Engine {
         self.answer_of(&id).unwrap_or_else(|| refused("the engine is ending"))
     }
 
-    /// As [`Engine::submit`], but never waits: `None` if the request has to wait for the end of a sequence of the
-    /// live world. [`Engine::answer_of`] has its answer after some [`Engine::advance`].
+    /// As [`Engine::submit`], but without waiting: `None` if [`Engine::answer_of`] has the answer only after a live sequence.
     pub fn offer(&mut self, request: Request) -> Option<Reply> {
         let caller = self.pipeline.own_caller();
         self.offer_for(request, caller)
     }
 
-    /// As [`Engine::offer`], for somebody else's process.
+    /// As [`Engine::offer`], for another process.
     pub(crate) fn offer_for(&mut self, request: Request, caller: Caller) -> Option<Reply> {
         let id = request.id.clone();
         let reply = self.take(request, caller);
-        // The arm was stopped for it by now, or works on.
         self.pipeline.switch().taken(&id);
         reply
     }
 
-    /// Whether a request waits until the arm stands.
     pub(crate) fn is_braking(&self) -> bool {
         !self.waiting.is_empty() && self.pipeline.is_stopping()
     }
 
     fn take(&mut self, request: Request, caller: Caller) -> Option<Reply> {
-        if let Some(asked) = Asked::of(&request.command) {
+        if let Some(asked) = RecordQuery::of(&request.command) {
             let (layout, present) = (self.layout().clone(), self.present());
             return self.readings.begin(&request.id, asked, (&layout, present));
         }
         if matches!(request.command, Command::Stop { .. }) {
-            // A stop is carried out whatever its id was used for, or waits under.
+            // A stop is carried out even if its id was used before or waits.
             self.answers.retain(|answer| answer.id != request.id);
         } else if let Some(answer) = self.answers.iter().find(|answer| answer.id == request.id) {
             let same = answer.command == fingerprint(&request.command);
@@ -400,17 +391,16 @@ impl Engine {
         if self.waiting.len() >= WAITING_MAX {
             return Some(refused("too many requests wait for the end of a sequence"));
         }
-        // Before the arm is stopped for it, or anything waits for it.
         let signer = match self.pipeline.admit(&request) {
             Ok(signer) => signer,
             Err(refused) => return Some(refused),
         };
         let timing = self.pipeline.timing(&request.command);
-        let admitted = Admitted { request, caller, signer };
+        let admitted = QueuedRequest { request, caller, signer };
         match timing {
-            Timing::Now => return Some(self.carry_out(admitted)),
-            Timing::Between => {}
-            Timing::Stop => self.pipeline.stop_arm(),
+            CommandTiming::Now => return Some(self.carry_out(admitted)),
+            CommandTiming::Between => {}
+            CommandTiming::Stop => self.pipeline.stop_arm(),
         }
         self.waiting.push_back(admitted);
         None
@@ -423,27 +413,27 @@ impl Engine {
         found.or_else(|| self.readings.answer_of(id))
     }
 
-    fn carry_out(&mut self, admitted: Admitted) -> Reply {
-        let Admitted { request, caller, signer } = admitted;
+    fn carry_out(&mut self, admitted: QueuedRequest) -> Reply {
+        let QueuedRequest { request, caller, signer } = admitted;
         let remembered = (!request.command.only_reads()).then(|| fingerprint(&request.command));
         let reply = match request.command {
             Command::Snapshot => Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
             Command::Shutdown => {
                 self.pipeline.end();
-                self.kept_clock.keep(self.now_ms());
+                self.persisted_clock.keep(self.now_ms());
                 self.ended = true;
                 let text = "the engine ends; nothing was approved or activated by it".to_owned();
                 Reply::Accepted { text, version: None }
             }
             Command::Stop { by, reason } => {
                 let id = request.id.clone();
-                self.pipeline.halt(AskedStop { id, by, reason, caller })
+                self.pipeline.halt(StopRequest { id, by, reason, caller })
             }
             _ if self.ended => refused("the engine is ending"),
             command => self.pipeline.command_of(command, &caller, signer.as_ref()),
         };
         if let Some(command) = remembered {
-            self.answers.push_back(Answered { id: request.id, command, reply: reply.clone() });
+            self.answers.push_back(AnsweredRequest { id: request.id, command, reply: reply.clone() });
             if self.answers.len() > ANSWERS_KEPT {
                 self.answers.pop_front();
             }
@@ -457,58 +447,56 @@ impl Engine {
         }
     }
 
-    /// One slice of work.
-    pub fn advance(&mut self) -> Progress {
+    /// Runs one slice.
+    pub fn advance(&mut self) -> SliceOutcome {
         if self.ended {
-            return Progress::Idle { next_ms: None };
+            return SliceOutcome::Idle { next_ms: None };
         }
-        self.kept_clock.look(self.now_ms());
+        self.persisted_clock.look(self.now_ms());
         if !self.waiting.is_empty() {
             if self.pipeline.collect_sequence(false) {
                 self.carry_out_waiting();
-                return Progress::Worked;
+                return SliceOutcome::Ran;
             }
             if self.pipeline.is_stopping() {
-                // The arm comes to a stand; nothing is begun meanwhile.
-                return Progress::Idle { next_ms: Some(self.now_ms()) };
+                // The arm comes to a standstill; no stage begins meanwhile.
+                return SliceOutcome::Idle { next_ms: Some(self.now_ms()) };
             }
         }
         self.pipeline.advance()
     }
 
-    /// A sequence of the live world falls due: where it works in step, the next slice is one.
+    /// Makes a live sequence due: without a separate thread, the next slice runs it.
     pub fn work_one(&mut self) {
         self.pipeline.work_one();
     }
 
-    /// From now on pictures of the live world go to `pictures`, which must not wait. Nothing else changes by it.
-    pub fn draw_live_world(&mut self, pictures: Pictures) {
+    /// From now on sends frames of the live cell to `pictures`, which must not wait. Has no other effect.
+    pub fn draw_live_world(&mut self, pictures: VideoFrameSink) {
         self.pipeline.draw_live_world(pictures);
     }
 
-    /// From now on the live world works on a thread of its own: `times` simulated seconds in a second (absent: as
-    /// fast as it computes). Pictures of it go to `pictures`, which must not wait.
-    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: Pictures) {
+    /// As [`Pipeline::pace_live_world`]; `pictures` must not wait.
+    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: VideoFrameSink) {
         self.pipeline.pace_live_world(times, pictures);
     }
 
-    /// Stops the arm where it works now, from any thread.
+    /// The switch that stops the arm from any thread.
     #[must_use]
-    pub fn switch(&self) -> Arc<Switch> {
+    pub fn switch(&self) -> Arc<StopSwitch> {
         self.pipeline.switch()
     }
 
-    /// The engine's thread failed: nothing is approved, activated or begun from now on.
+    /// Halts the engine after a failure of its thread: nothing is approved, activated or begun from now on.
     pub fn fail(&mut self, why: &str) {
         self.pipeline.hold(why);
     }
 
-    /// Another program took the name of the socket; so many times by now.
     pub(crate) fn name_taken(&mut self, times: u64) {
         self.pipeline.name_taken(times);
     }
 
-    /// A script's clock jumps to a deadline. Tells whether it moved.
+    /// Advances a script's clock to a deadline. Returns whether it moved.
     pub const fn jump_to(&mut self, at_ms: u64) -> bool {
         self.pipeline.jump_to(at_ms)
     }
@@ -525,10 +513,9 @@ impl Engine {
         self.pipeline.record().now_ms()
     }
 
-    /// The present on both clocks.
-    fn present(&self) -> Present {
-        let wall_ms = self.pipeline.record().ledger().wall().said().map(WallTime::ms);
-        Present { at_ms: self.now_ms(), wall_ms }
+    fn present(&self) -> PresentTime {
+        let wall_ms = self.pipeline.record().version_table().wall().machine_time().map(WallTime::ms);
+        PresentTime { at_ms: self.now_ms(), wall_ms }
     }
 
     /// Events since the last call, numbered, in order.
@@ -550,13 +537,13 @@ impl Engine {
         self.pipeline.snapshot()
     }
 
-    /// Whether the engine was asked to end.
+    /// Whether a request ended the engine.
     #[must_use]
     pub const fn has_ended(&self) -> bool {
         self.ended
     }
 
-    /// Why the engine holds, if it does.
+    /// Why the engine is halted, if it is.
     #[must_use]
     pub const fn holding(&self) -> Option<&Problem> {
         self.pipeline.record().holding()
@@ -568,19 +555,19 @@ impl Engine {
         self.pipeline.cancel()
     }
 
-    /// Where the store keeps what.
+    /// The files of the store.
     #[must_use]
     pub fn layout(&self) -> &holdpoint_registry::Layout {
-        self.pipeline.record().ledger().store().layout()
+        self.pipeline.record().version_table().store().layout()
     }
 }
 
-/// A request's id stands for one command: a retry of it is answered, another command under it is a mistake.
+/// An id identifies one command: a repeated command gets its answer, another command under the id is refused.
 fn used_otherwise(id: &str) -> Reply {
     Reply::Refused {
         code: Refusal::BadInput,
-        text: format!("the request id {id:?} was used for another command; nothing was done"),
-        hint: Some("every new command has an id of its own".to_owned()),
+        text: format!("the request id {id:?} was used for another command; it had no effect"),
+        hint: Some("give every new command a new id".to_owned()),
     }
 }
 
@@ -588,12 +575,11 @@ fn refused(text: &str) -> Reply {
     Reply::Refused { code: Refusal::NotNow, text: text.to_owned(), hint: None }
 }
 
-/// Where the versions lie that tests read: their working folder is the crate's.
 #[cfg(test)]
 pub(crate) const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests");
 
 #[cfg(test)]
-mod machine;
+mod lifecycle_model;
 #[cfg(test)]
 mod test_pipeline;
 #[cfg(test)]

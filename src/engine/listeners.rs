@@ -1,6 +1,6 @@
-//! An engine's listeners: what it draws and tells goes to them, what becomes of a recording goes on record.
+//! An engine's listeners: they receive its camera frames and events, and the outcome of recordings goes on record.
 //!
-//! The engine never waits for them but at its end, and there not for long. No decision hangs on any of it.
+//! The engine waits for them only at its end, and only briefly. No decision depends on them.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,18 +8,20 @@ use std::time::Duration;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::event::{Event, EventKind};
-use holdpoint_protocol::sink::{Closed, MakeSink, Pictures, Report, Serve, Setup, Sink};
-use holdpoint_recordings::record::{KIND, Recorded};
+use holdpoint_protocol::sink::{
+    ClosedRecording, MakeSink, ServeScene, Sink, SinkReport, SinkSetup, VideoFrameSink,
+};
+use holdpoint_recordings::audit_record::{KIND, RecordingClosure};
 use holdpoint_text::Hint;
 
 use crate::Engine;
 use crate::recordings;
 
-/// How long a script that ends waits for its recordings to be closed: nobody waits for it.
+/// How long a script waits at its end for its recordings to close.
 const PATIENCE_SCRIPT: Duration = Duration::from_mins(1);
 
-/// How long a live engine does: a console gives it three seconds for everything. What is not ended by then is mended
-/// and put on record at the next start.
+/// How long a live engine waits: a console allows it three seconds in all. An unfinished recording is repaired and recorded
+/// at the next start.
 const PATIENCE_LIVE: Duration = Duration::from_secs(2);
 
 /// The running listeners of one engine.
@@ -29,7 +31,7 @@ pub struct Listeners {
 }
 
 impl Listeners {
-    /// Starts them. One that does not start is told and left out: the engine works as well without.
+    /// Starts them. A failed one is reported and left out.
     pub fn start(engine: &mut Engine, makers: Vec<MakeSink>) -> Self {
         let mut sinks = Vec::new();
         for make in makers {
@@ -42,10 +44,11 @@ impl Listeners {
         Self { sinks }
     }
 
-    /// Takes pictures of the live world for all of them; absent if nobody wants any.
+    /// Sends frames of the live cell to all of them; absent if no listener uses them.
     #[must_use]
-    pub fn pictures(&self) -> Option<Pictures> {
-        let mut takers: Vec<Pictures> = self.sinks.iter().filter_map(|sink| sink.pictures()).collect();
+    pub fn pictures(&self) -> Option<VideoFrameSink> {
+        let mut takers: Vec<VideoFrameSink> =
+            self.sinks.iter().filter_map(|sink| sink.video_frames()).collect();
         match takers.len() {
             0 => None,
             1 => takers.pop(),
@@ -53,13 +56,13 @@ impl Listeners {
         }
     }
 
-    /// How a live viewer is served; absent if nobody can.
+    /// Serves a live viewer; absent if no listener can.
     #[must_use]
-    pub fn serve(&self) -> Option<Serve> {
+    pub fn serve(&self) -> Option<ServeScene> {
         self.sinks.iter().find_map(|sink| sink.serve())
     }
 
-    /// Hands over what happened. After a refusal in the sandbox, where no live arm moved, comes what it was refused for.
+    /// Delivers events. After a rejection in the sandbox, which moves no live arm, adds films of its causes.
     pub fn events(&mut self, engine: &mut Engine, events: &[Event]) {
         if self.sinks.is_empty() {
             return;
@@ -77,7 +80,7 @@ impl Listeners {
                 }
                 Err(fault) => {
                     let text = format!(
-                        "{version}: what it was refused for is not in its recording: {}",
+                        "{version}: the cause of its rejection is not in its recording: {}",
                         fault.sentence()
                     );
                     engine.pipeline.tell_scene(text, true);
@@ -93,13 +96,13 @@ impl Listeners {
         }
     }
 
-    /// Puts on record what became of recordings meanwhile.
+    /// Records the outcome of recordings since the last call.
     pub fn settle(&mut self, engine: &mut Engine) {
-        let reports: Vec<Report> = self.sinks.iter_mut().flat_map(|sink| sink.reports()).collect();
+        let reports: Vec<SinkReport> = self.sinks.iter_mut().flat_map(|sink| sink.reports()).collect();
         take_in(engine, reports);
     }
 
-    /// Ends them: closes what is to be closed, and puts it on record.
+    /// Ends them: closes and records their recordings.
     pub fn finish(&mut self, engine: &mut Engine) {
         let scripted = engine.is_scripted();
         let patience = if scripted { PATIENCE_SCRIPT } else { PATIENCE_LIVE };
@@ -109,7 +112,7 @@ impl Listeners {
     }
 }
 
-/// Where a version was refused that had come no further than the sandbox.
+/// A rejection of a version that had not passed the sandbox.
 const fn refused_in_sandbox((at, event): (usize, &Event)) -> Option<(usize, &CapabilityId)> {
     match &event.kind {
         EventKind::StateChanged { version, from: State::Validated, to: State::Rejected, .. } => {
@@ -119,51 +122,51 @@ const fn refused_in_sandbox((at, event): (usize, &Event)) -> Option<(usize, &Cap
     }
 }
 
-fn setup(engine: &Engine) -> Result<Setup, String> {
-    let views = engine.pipeline.record().ledger().store().views().map_err(|error| error.sentence())?;
+fn setup(engine: &Engine) -> Result<SinkSetup, String> {
+    let views = engine.pipeline.record().version_table().store().views().map_err(|error| error.sentence())?;
     let on_record = recordings::on_record(&views).map_err(|error| error.sentence())?;
-    Ok(Setup {
+    Ok(SinkSetup {
         recordings: engine.layout().recordings(),
         closed: on_record.0.into_keys().collect(),
         scripted: engine.is_scripted(),
     })
 }
 
-fn take_in(engine: &mut Engine, reports: Vec<Report>) {
+fn take_in(engine: &mut Engine, reports: Vec<SinkReport>) {
     for report in reports {
         match report {
-            Report::Closed(closed) => {
-                let views = engine.pipeline.record().ledger().store().views();
+            SinkReport::Closed(closed) => {
+                let views = engine.pipeline.record().version_table().store().views();
                 let found = views.map_err(|error| error.sentence()).and_then(|views| {
                     recordings::contradiction(&views, &closed).map_err(|error| error.sentence())
                 });
                 match found {
                     Ok(None) => {}
                     Ok(Some(why)) | Err(why) => {
-                        let text = format!("{} is not put on record: {why}", closed.file);
+                        let text = format!("{} is not recorded: {why}", closed.file);
                         engine.pipeline.tell_scene(text, true);
                         continue;
                     }
                 }
                 if let Err(text) = put_on_record(engine, closed) {
-                    engine.fail(&format!("the digest of a recording cannot be put on record: {text}"));
+                    engine.fail(&format!("the digest of a recording cannot be recorded: {text}"));
                 }
             }
-            Report::Failed { version, text } => {
+            SinkReport::Failed { version, text } => {
                 let of = version.map_or_else(String::new, |version| format!("{version}: "));
                 engine.pipeline.tell_scene(format!("{of}{text}"), true);
             }
-            Report::Serving { url } => {
+            SinkReport::Serving { url } => {
                 engine.pipeline.tell_scene(format!("a viewer may connect to {url}"), false);
             }
-            Report::NotServing { text } => engine.pipeline.tell_scene(text, true),
+            SinkReport::NotServing { text } => engine.pipeline.tell_scene(text, true),
         }
     }
 }
 
-fn put_on_record(engine: &mut Engine, closed: Closed) -> Result<(), String> {
-    let Closed { version, outcome, file, digest, bytes, pictures, dropped } = closed;
-    let recorded = Recorded {
+fn put_on_record(engine: &mut Engine, closed: ClosedRecording) -> Result<(), String> {
+    let ClosedRecording { version, outcome, file, digest, bytes, pictures, dropped } = closed;
+    let recorded = RecordingClosure {
         file: file.clone(),
         sha256: digest,
         bytes,

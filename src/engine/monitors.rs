@@ -1,68 +1,70 @@
-//! The monitors of active versions: one for each activation that is watched.
+//! The monitors of active versions: one per activation.
 
 use std::collections::BTreeMap;
 
+use holdpoint_governance::ablation::AblationPart;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
-use holdpoint_governance::omitted::Part;
 use holdpoint_governance::strictness::Strictness;
-use holdpoint_protocol::snapshot::{MonitorView, QuestionView};
+use holdpoint_protocol::snapshot::{EscalationView, MonitorView};
 
 use crate::context::Context;
-use crate::dossier::Dossier;
-use crate::fault::Fault;
-use crate::record::Record;
+use crate::evidence_file::EvidenceFile;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
 
 /// The monitor of one activation.
 #[derive(Clone)]
-pub struct Watched {
+pub struct ActivationMonitor {
     pub id: CapabilityId,
-    /// Its charts and what they ask for.
+    /// Its charts and the actions they require.
     pub monitor: Monitor,
-    /// Live tasks it has worked.
+    /// Live tasks it has run.
     pub episodes: u32,
-    /// What it did in those, as far as a shift is looked for: none under a tighter envelope.
+    /// Their values, as far as a shift is tested: none under a tighter envelope.
     pub(crate) lived: Vec<EpisodeValues>,
     /// Whether its envelope was tightened.
     pub restricted: bool,
     /// Whether it was confirmed.
     pub confirmed: bool,
-    /// The gravest action of its monitor that was announced.
+    /// The most severe published action of its monitor.
     pub announced: MonitorAction,
-    /// What its first question was raised for.
+    /// The reason of its first escalation.
     pub asked: Option<ReasonCode>,
-    /// Why it asks people now; empty if it does not.
+    /// The reasons of its open escalation; empty if there is none.
     pub question: Vec<Reason>,
 }
 
-impl Watched {
-    /// A monitor for a version about to be activated. What is normal is what its twins did in the live world, at the
-    /// unfavourable end of what so few of them can tell.
+impl ActivationMonitor {
+    /// A monitor for a version about to be activated. Its normal values are those of its twins in the live cell, at the bad
+    /// end of their confidence interval.
     ///
     /// # Errors
     /// If there is no shadow evidence to monitor it against.
     pub fn new(
         id: &CapabilityId,
-        dossier: Option<&Dossier>,
+        dossier: Option<&EvidenceFile>,
         context: &Context,
         now_tick: u64,
-    ) -> Result<Self, Fault> {
+    ) -> Result<Self, EngineFault> {
         let expected = dossier
             .and_then(|dossier| {
-                if context.omitted.has(Part::Shadow) {
-                    // An experiment left shadow out: what the version did in the sandbox is all there is.
+                if context.omitted.has(AblationPart::Shadow) {
+                    // An experiment omitted shadow: only the values of the sandbox are available.
                     let alone: Vec<EpisodeValues> = dossier.pairs.iter().map(|pair| pair.candidate).collect();
                     normal_rates(&alone)
                 } else {
                     normal_rates(&dossier.twins)
                 }
             })
-            .ok_or_else(|| Fault::Impossible(format!("{id} has no shadow evidence to monitor it against")))?;
+            .ok_or_else(|| {
+                EngineFault::Impossible(format!("{id} has no shadow evidence to monitor it against"))
+            })?;
         let conditions = dossier.map(|dossier| &*dossier.conditions).unwrap_or_default();
         let monitor = Monitor::strict(&context.profile, &expected, Strictness::of(conditions), now_tick)
-            .map_err(|error| Fault::Impossible(error.to_string()))?;
+            .map_err(|error| EngineFault::Impossible(error.to_string()))?;
         Ok(Self {
             id: id.clone(),
             monitor,
@@ -76,17 +78,17 @@ impl Watched {
         })
     }
 
-    /// The monitor of a version that had control and gets it back; absent where its window was passed.
+    /// The monitor of a version that had control and gets it back; absent if its window had passed.
     ///
     /// # Errors
-    /// As [`Watched::new`].
-    pub(crate) fn again(
+    /// As [`ActivationMonitor::new`].
+    pub(crate) fn reactivated(
         id: &CapabilityId,
-        record: &Record,
-        dossier: Option<&Dossier>,
+        record: &EngineRecorder,
+        dossier: Option<&EvidenceFile>,
         context: &Context,
-    ) -> Result<Option<Self>, Fault> {
-        let (_, standing, _) = record.ledger().version(id)?;
+    ) -> Result<Option<Self>, EngineFault> {
+        let (_, standing, _) = record.version_table().version(id)?;
         if !standing.left_provisional {
             return Ok(None);
         }
@@ -95,44 +97,44 @@ impl Watched {
     }
 }
 
-/// The monitors by family: at most one a family.
+/// The monitors by family, at most one per family.
 #[derive(Clone, Default)]
-pub struct Monitors(BTreeMap<Family, Watched>);
+pub struct Monitors(BTreeMap<Family, ActivationMonitor>);
 
 impl Monitors {
     /// The monitor of a version.
     #[must_use]
-    pub fn of(&self, id: &CapabilityId) -> Option<&Watched> {
+    pub fn of(&self, id: &CapabilityId) -> Option<&ActivationMonitor> {
         self.0.get(&id.family).filter(|watched| watched.id == *id)
     }
 
     /// The monitor of a version, to change.
-    pub fn of_mut(&mut self, id: &CapabilityId) -> Option<&mut Watched> {
+    pub fn of_mut(&mut self, id: &CapabilityId) -> Option<&mut ActivationMonitor> {
         self.0.get_mut(&id.family).filter(|watched| watched.id == *id)
     }
 
-    /// From now on a version is watched, in place of whoever of its family was.
-    pub fn insert(&mut self, watched: Watched) {
+    /// Monitors a version, in place of an earlier one of its family.
+    pub fn insert(&mut self, watched: ActivationMonitor) {
         self.0.insert(watched.id.family.clone(), watched);
     }
 
-    /// Nobody of a family is watched any more.
+    /// Removes the monitor of a family.
     pub fn remove(&mut self, family: &Family) {
         self.0.remove(family);
     }
 
     /// Every monitor, in order of family.
-    pub fn iter(&self) -> impl Iterator<Item = &Watched> {
+    pub fn iter(&self) -> impl Iterator<Item = &ActivationMonitor> {
         self.0.values()
     }
 
     /// Every monitor, to change.
-    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Watched> {
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut ActivationMonitor> {
         self.0.values_mut()
     }
 
-    /// Takes in monitors that were out in a sequence. A version that was taken off or replaced meanwhile has none any
-    /// more; a question that was told meanwhile is still the same question.
+    /// Restores monitors after a sequence. A version that was rolled back or replaced meanwhile keeps none; an escalation raised
+    /// meanwhile stays the same escalation.
     pub(crate) fn take_back(&mut self, others: Self) {
         for (family, watched) in others.0 {
             if let Some(own) = self.0.get_mut(&family).filter(|own| own.id == watched.id) {
@@ -146,19 +148,19 @@ impl Monitors {
         }
     }
 
-    /// Live tasks that a family's version has worked in its window; absent if none is open.
+    /// Live tasks of a family's version in its window; absent if none is open.
     #[must_use]
     pub fn window(&self, family: &Family) -> Option<u32> {
         self.0.get(family).filter(|watched| !watched.confirmed).map(|watched| watched.episodes)
     }
 
-    /// Whether a monitor asks about a version.
+    /// Whether a version has an open escalation.
     #[must_use]
     pub fn has_question(&self, id: &CapabilityId) -> bool {
         self.of(id).is_some_and(|watched| watched.monitor.escalation().is_some())
     }
 
-    /// When a monitor has to be looked at again, virtual ms. `link_up`: telemetry arrives.
+    /// When a monitor is due next, virtual ms. `link_up`: telemetry arrives.
     #[must_use]
     pub fn next_ms(&self, link_up: bool) -> Option<u64> {
         let due = self.iter().flat_map(|watched| {
@@ -169,12 +171,12 @@ impl Monitors {
         due.flatten().map(ms_of).min()
     }
 
-    /// Questions that wait for an answer.
+    /// The open escalations.
     #[must_use]
-    pub fn questions(&self) -> Vec<QuestionView> {
+    pub fn questions(&self) -> Vec<EscalationView> {
         let open = self.iter().filter_map(|watched| {
             let asked = watched.monitor.escalation()?;
-            Some(QuestionView {
+            Some(EscalationView {
                 version: watched.id.clone(),
                 reasons: watched.question.clone(),
                 deadline_ms: ms_of(asked.deadline_tick),
@@ -183,10 +185,10 @@ impl Monitors {
         open.collect()
     }
 
-    /// Every monitor's charts against their limits; `needed` episodes make a window.
+    /// Every monitor's charts against their limits; a window has `needed` episodes.
     #[must_use]
     pub fn views(&self, needed: u32) -> Vec<MonitorView> {
-        let view = |watched: &Watched| MonitorView {
+        let view = |watched: &ActivationMonitor| MonitorView {
             version: watched.id.clone(),
             episodes: watched.episodes,
             needed,
@@ -203,7 +205,7 @@ impl Monitors {
     }
 }
 
-/// The first virtual time at which a tick has come, ms.
+/// The first virtual time at which a tick has passed, ms.
 #[must_use]
 pub const fn ms_of(tick: u64) -> u64 {
     tick.saturating_mul(1000).div_ceil(holdpoint_body::RATE_HZ as u64)

@@ -1,9 +1,9 @@
-//! People: what they are asked and what they answer.
+//! Approval requests and their answers.
 
 pub mod approvals;
-pub(crate) mod asking;
-pub(crate) mod emergencies;
+pub(crate) mod break_glass_approvals;
+pub mod monitor_questions;
 pub(crate) mod persons;
-pub mod questions;
+pub(crate) mod request_display;
 pub(crate) mod signed_calls;
 pub(crate) mod signers;

@@ -1,8 +1,8 @@
-//! The one pump: what waits at the door, a slice of work, and what happened to everybody who listens.
+//! The pump: carries out requests, runs a slice, and delivers the events to all listeners.
 //!
-//! Every front end drives its engine through this, in its own loop: a script, the plain stream, the thread behind a
-//! console. Owns the order and nothing else. On a signal to end the slice that runs is finished and nothing more is
-//! begun, approved or activated; a second signal interrupts the slice.
+//! Every front end drives its engine through it, in its own loop: a script, the plain stream, the thread behind a console. It
+//! owns only the order. A termination signal lets the running slice finish, and nothing more is begun, approved or activated;
+//! a second signal interrupts the slice.
 
 use std::time::Duration;
 
@@ -10,14 +10,14 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::Event;
-use holdpoint_protocol::sink::{MakeSink, Pictures, Serve};
+use holdpoint_protocol::sink::{MakeSink, ServeScene, VideoFrameSink};
 
 use crate::Engine;
-use crate::door::{Door, DoorError, Signals};
+use crate::control_socket::{ControlSocket, ControlSocketError, SignalHandling};
 use crate::listeners::Listeners;
-use crate::pipeline::Progress;
+use crate::pipeline::SliceOutcome;
 
-/// The steps of a turn before what happened is told.
+/// The steps of a turn before its events are delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum TurnStep {
     Requests,
@@ -25,39 +25,43 @@ pub(crate) enum TurnStep {
     Settling,
 }
 
-/// An engine with its door and its listeners.
+/// An engine with its socket and its listeners.
 pub struct Pump {
     engine: Engine,
-    door: Option<Door>,
+    socket: Option<ControlSocket>,
     listeners: Listeners,
 }
 
 impl Pump {
-    /// Starts the listeners of an engine; its door stays closed.
+    /// Starts the listeners of an engine without a socket.
     #[must_use]
     pub fn new(mut engine: Engine, sinks: Vec<MakeSink>) -> Self {
         let listeners = Listeners::start(&mut engine, sinks);
-        Self { engine, door: None, listeners }
+        Self { engine, socket: None, listeners }
     }
 
-    /// Starts the listeners of an engine whose door is open already.
+    /// Starts the listeners of an engine with an open socket.
     #[must_use]
-    pub fn with_door(mut engine: Engine, door: Door, sinks: Vec<MakeSink>) -> Self {
+    pub fn with_door(mut engine: Engine, door: ControlSocket, sinks: Vec<MakeSink>) -> Self {
         let listeners = Listeners::start(&mut engine, sinks);
-        Self { engine, door: Some(door), listeners }
+        Self { engine, socket: Some(door), listeners }
     }
 
-    /// Opens the door for other processes.
+    /// Opens the socket for other processes.
     ///
     /// # Errors
-    /// [`DoorError`].
-    pub fn open_door(&mut self, signals: Signals) -> Result<(), DoorError> {
-        self.door =
-            Some(Door::open(self.engine.layout(), self.engine.cancel(), self.engine.switch(), signals)?);
+    /// [`ControlSocketError`].
+    pub fn open_socket(&mut self, signals: SignalHandling) -> Result<(), ControlSocketError> {
+        self.socket = Some(ControlSocket::open(
+            self.engine.layout(),
+            self.engine.cancel(),
+            self.engine.switch(),
+            signals,
+        )?);
         Ok(())
     }
 
-    /// The engine, to look at.
+    /// The engine.
     #[must_use]
     pub const fn engine(&self) -> &Engine {
         &self.engine
@@ -84,16 +88,16 @@ impl Pump {
     }
 
     /// As [`Engine::draw_live_world`].
-    pub fn draw_live_world(&mut self, pictures: Pictures) {
+    pub fn draw_live_world(&mut self, pictures: VideoFrameSink) {
         self.engine.draw_live_world(pictures);
     }
 
     /// As [`Engine::pace_live_world`].
-    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: Pictures) {
+    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: VideoFrameSink) {
         self.engine.pace_live_world(times, pictures);
     }
 
-    /// Begins one stage of one candidate by itself, by the call that is for it.
+    /// Begins one stage of one candidate, by the call for that stage.
     pub fn launch(&mut self, id: &CapabilityId, stage: Stage) -> Reply {
         match stage {
             Stage::Validation => self.engine.run_compat_checks(id),
@@ -108,21 +112,21 @@ impl Pump {
         self.engine.fail(why);
     }
 
-    /// Takes pictures of the live world for all listeners; absent if nobody wants any.
+    /// Sends frames of the live cell to all listeners; absent if no listener uses them.
     #[must_use]
-    pub fn pictures(&self) -> Option<Pictures> {
+    pub fn pictures(&self) -> Option<VideoFrameSink> {
         self.listeners.pictures()
     }
 
-    /// How a live viewer is served; absent if nobody can.
+    /// Serves a live viewer; absent if no listener can.
     #[must_use]
-    pub fn serve(&self) -> Option<Serve> {
+    pub fn serve(&self) -> Option<ServeScene> {
         self.listeners.serve()
     }
 
-    /// Carries out what waits at the door, and what signals ask for.
+    /// Carries out requests from the socket, and signals.
     fn requests(&mut self) {
-        let Some(door) = &mut self.door else { return };
+        let Some(door) = &mut self.socket else { return };
         door.poll(&mut self.engine);
         if let Some(times) = door.name_taken_anew() {
             self.engine.name_taken(times);
@@ -132,51 +136,51 @@ impl Pump {
         }
     }
 
-    /// Puts on record what became of recordings. A script does so at its end and not before: its records are then in
-    /// the same places whatever the listeners' threads do.
+    /// Records the outcome of recordings. A script does so only at its end, so that the order of its records does not depend on
+    /// the listeners' threads.
     fn settle(&mut self) {
         if !self.engine.is_scripted() {
             self.listeners.settle(&mut self.engine);
         }
     }
 
-    /// Tells what happened to everybody who listens, and to the caller.
-    pub fn tell(&mut self) -> Vec<Event> {
+    /// Delivers the events to all listeners, and returns them.
+    pub fn deliver_events(&mut self) -> Vec<Event> {
         let events = self.engine.drain_events();
-        if let Some(door) = &self.door {
+        if let Some(door) = &self.socket {
             door.publish(&events);
         }
         self.listeners.events(&mut self.engine, &events);
         events
     }
 
-    /// One turn: requests, a slice, what happened.
-    pub fn turn(&mut self) -> (Progress, Vec<Event>) {
+    /// One turn: requests, a slice, events.
+    pub fn turn(&mut self) -> (SliceOutcome, Vec<Event>) {
         self.guarded_turn(|pump, _, step| step(pump))
     }
 
-    /// As [`Pump::turn`]; `guard` is given each step to do, and may do something about one that fails.
+    /// As [`Pump::turn`]; `guard` runs each step, and may handle its failure.
     pub(crate) fn guarded_turn(
         &mut self,
         mut guard: impl FnMut(&mut Self, TurnStep, &mut dyn FnMut(&mut Self)),
-    ) -> (Progress, Vec<Event>) {
-        let mut progress = Progress::Worked;
+    ) -> (SliceOutcome, Vec<Event>) {
+        let mut progress = SliceOutcome::Ran;
         guard(self, TurnStep::Requests, &mut Self::requests);
         guard(self, TurnStep::Slice, &mut |pump| progress = pump.engine.advance());
         guard(self, TurnStep::Settling, &mut Self::settle);
-        (progress, self.tell())
+        (progress, self.deliver_events())
     }
 
-    /// Waits until something came in at the door, or for `at_most`. Returns at once if the door is closed.
+    /// Waits until a request arrives, or for `at_most`. Returns at once without a socket.
     pub fn wait(&mut self, at_most: Duration) {
-        if let Some(door) = &mut self.door {
+        if let Some(door) = &mut self.socket {
             door.wait(at_most);
         }
     }
 
-    /// Ends the listeners, whose recordings are on record then, and tells the rest.
+    /// Ends the listeners, records their recordings, and returns the remaining events.
     pub fn finish(&mut self) -> Vec<Event> {
         self.listeners.finish(&mut self.engine);
-        self.tell()
+        self.deliver_events()
     }
 }

@@ -1,18 +1,18 @@
-//! What a store's audit chain says of recordings.
+//! The recordings in a store's audit chain.
 
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd};
-use holdpoint_governance::words::Word;
-use holdpoint_protocol::sink::Closed;
-use holdpoint_recordings::folder::Name;
-use holdpoint_recordings::record::{KIND, OnRecord, REMOVED_KIND, RecordError, Standing};
+use holdpoint_protocol::sink::ClosedRecording;
+use holdpoint_recordings::audit_record::{FileRecord, KIND, REMOVED_KIND, RecordError, RecordedFiles};
+use holdpoint_recordings::recording_folder::RecordingName;
 use holdpoint_registry::{AuditFilter, PAGE_ROWS_MAX, StoreError, Views};
 use holdpoint_text::Hint;
 use serde::Deserialize;
 use std::borrow::Cow;
 
-/// Why the records cannot be told.
+/// Why the records cannot be listed.
 #[derive(Debug, thiserror::Error)]
-pub enum OnRecordError {
+pub enum RecordListError {
     /// The store cannot be read.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -21,7 +21,7 @@ pub enum OnRecordError {
     Form(#[from] RecordError),
 }
 
-impl Hint for OnRecordError {
+impl Hint for RecordListError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),
@@ -30,15 +30,15 @@ impl Hint for OnRecordError {
     }
 }
 
-/// Reads what is on record of every recording.
+/// Reads the record of every recording.
 ///
 /// # Errors
-/// [`OnRecordError`].
-pub fn on_record(views: &Views) -> Result<OnRecord, OnRecordError> {
+/// [`RecordListError`].
+pub fn on_record(views: &Views) -> Result<RecordedFiles, RecordListError> {
     let mut records = of_kind(views, KIND)?;
     records.extend(of_kind(views, REMOVED_KIND)?);
     records.sort_by_key(|record| record.seq);
-    let mut found = OnRecord::default();
+    let mut found = RecordedFiles::default();
     for record in records {
         found.take(&record)?;
     }
@@ -65,15 +65,14 @@ fn of_kind(views: &Views, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreErr
     }
 }
 
-/// Why a recording is not what the store's own record says, if so. Whoever can write the folder can put a file there: it counts
-/// only with the name of a candidate that is registered, and beside an upgrade of it that ended as the file says and has no
-/// recording yet.
+/// Why a recording contradicts the store's record, if it does. Other programs can write to the folder, so a file counts only
+/// with the name of a registered candidate, and for an upgrade that ended as the file states and has no recording yet.
 ///
 /// # Errors
-/// [`OnRecordError`].
-pub fn contradiction(views: &Views, closed: &Closed) -> Result<Option<String>, OnRecordError> {
-    let Closed { version, outcome, file, .. } = closed;
-    let Some(name) = Name::parse(file).filter(|name| name.version == *version) else {
+/// [`RecordListError`].
+pub fn contradiction(views: &Views, closed: &ClosedRecording) -> Result<Option<String>, RecordListError> {
+    let ClosedRecording { version, outcome, file, .. } = closed;
+    let Some(name) = RecordingName::parse(file).filter(|name| name.version == *version) else {
         return Ok(Some(format!("its name is not that of a recording of {version}")));
     };
     let Some(registered) = views.version(version)? else {
@@ -88,11 +87,11 @@ pub fn contradiction(views: &Views, closed: &Closed) -> Result<Option<String>, O
         ..AuditFilter::default()
     })?;
     let ended = |record: &&AuditRecord| {
-        serde_json::from_str::<Closing>(&record.body).is_ok_and(|closing| closing.outcome == *outcome)
+        serde_json::from_str::<UpgradeEndBody>(&record.body).is_ok_and(|closing| closing.outcome == *outcome)
     };
     let ended = closings.iter().filter(ended).count();
-    let of_these = |(file, standing): &(String, Standing)| {
-        Name::parse(file).is_some_and(|name| name.version == *version)
+    let of_these = |(file, standing): &(String, FileRecord)| {
+        RecordingName::parse(file).is_some_and(|name| name.version == *version)
             && standing.recorded.as_ref().is_some_and(|kept| kept.outcome == *outcome)
     };
     let kept = on_record(views)?.0.into_iter().filter(of_these).count();
@@ -101,8 +100,8 @@ pub fn contradiction(views: &Views, closed: &Closed) -> Result<Option<String>, O
     }))
 }
 
-/// What is read of the record of an upgrade's end.
+/// The parts read of the record of an upgrade's end.
 #[derive(Deserialize)]
-struct Closing {
-    outcome: Word<UpgradeEnd>,
+struct UpgradeEndBody {
+    outcome: Lenient<UpgradeEnd>,
 }

@@ -1,4 +1,4 @@
-//! A person's note for those who come after: on record, told, and a mark over the charts of health. It decides nothing.
+//! A person's note for the next shift: recorded, published, and marked in the health charts. It decides nothing.
 
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Refusal, Reply};
@@ -8,29 +8,29 @@ use holdpoint_text::is_visible;
 use serde::{Deserialize, Serialize};
 
 use crate::operations::REASON_BYTES_MAX;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
 
-/// A note, as the chain keeps it.
+/// A note in the audit chain.
 #[derive(Serialize, Deserialize)]
-pub(crate) struct NoteOnRecord {
+pub(crate) struct ShiftNoteRecord {
     pub(crate) by: String,
     pub(crate) text: String,
 }
 
-/// Puts a note on record.
+/// Records a note.
 ///
 /// # Errors
 /// If it cannot be written.
-pub(crate) fn take(record: &mut Record, by: String, text: String) -> Result<Reply, StoreError> {
+pub(crate) fn take(record: &mut EngineRecorder, by: String, text: String) -> Result<Reply, StoreError> {
     let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
     if !fits(&by) || !fits(&text) {
         let text =
             format!("a name and a note that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each");
         return Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
     }
-    let kept = NoteOnRecord { by, text };
+    let kept = ShiftNoteRecord { by, text };
     record.note(RecordKind::ShiftNote, String::new(), serde_json::json!(kept).to_string())?;
-    let NoteOnRecord { by, text } = kept;
+    let ShiftNoteRecord { by, text } = kept;
     record.tell(EventKind::ShiftNote { by, text });
     Ok(Reply::Accepted { text: "the note is on record".to_owned(), version: None })
 }

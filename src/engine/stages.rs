@@ -1,24 +1,24 @@
-//! Stages 2 to 7 and how they end: functions over the parts they need, which return how they ended.
+//! Stages 2 to 7: functions over the parts they need, which return the outcome.
 //!
-//! Stage 1 is a registration (`operations.rs`). Stage 6 goes on in the confirmation of a doubt, stage 7 in the first
-//! tasks under the predecessor; `ladder.rs` and `closing.rs` keep the records.
+//! Stage 1 is a registration (`operations.rs`). Stage 6 includes the confirmation of a concern, stage 7 the first tasks of the
+//! rollback target; `ladder.rs` and `closing.rs` write the records.
 
 pub mod activation;
-pub(crate) mod again;
+pub(crate) mod break_glass;
+mod cache_mismatch;
 pub(crate) mod closing;
-mod compared;
+mod comparison_slice;
 pub mod confirmation;
-pub(crate) mod emergency;
 pub(crate) mod ladder;
-pub(crate) mod left_out;
 pub mod monitoring;
+pub(crate) mod omitted_stage;
+pub(crate) mod re_evaluation;
 pub(crate) mod release;
 pub mod resume;
 pub mod rollback;
 pub mod sandbox;
 pub mod shadow;
 pub mod validation;
-mod voided;
 
 #[cfg(test)]
 mod tests;

@@ -1,11 +1,11 @@
-//! The mark by which a stop is asked for in the store's folder, so that it does not depend on who answers at a socket.
+//! The mark that requests a stop in the store's folder, so that a stop does not depend on the process at a socket.
 //!
-//! A program that may write to the folder makes the file `stop.asked` with the id of the stop in it, and shares its lock. The
-//! engine's watch sees it, halts the arm, and then shares the lock as well: that is the answer, for the kernel tells
-//! whose process shares a lock, and the store's lock is held by the engine alone. Once the stop is on record, or kept
-//! beside the database, the mark is removed; as long as something lies there the cell is not let go.
+//! A program that may write to the folder creates the file `stop.asked` with the id of the stop, and shares its lock. The
+//! engine's watch sees it, stops the arm, and then shares the lock as well. That is the answer: the kernel names the processes
+//! that share a lock, and only the engine holds the store's lock. Once the stop is on record, or stored beside the database,
+//! the mark is removed; while anything is in its place the cell cannot be started.
 //!
-//! Whatever lies in its place is a stop: a folder, a pipe, a link, a text that cannot be read.
+//! Anything in its place is a stop: a folder, a pipe, a link, an unreadable text.
 
 mod watch;
 
@@ -22,20 +22,20 @@ use serde::{Deserialize, Serialize};
 
 use crate::caller;
 use crate::operations::REASON_BYTES_MAX;
-use crate::world::switch::AskedStop;
+use crate::world::stop_switch::StopRequest;
 
-pub(crate) use watch::MarkWatch;
+pub(crate) use watch::StopMarkWatch;
 
 /// A file that has no name yet (`open(2)`).
 #[allow(clippy::cast_possible_wrap, reason = "a flag's bits, which the kernel takes as they are")]
 const NAMELESS: i32 = OFlags::TMPFILE.bits() as i32;
 
-/// The longest mark that is read, bytes: id, name and reason, escaped.
+/// The most bytes read of a mark: id, name and reason, escaped.
 const MARK_BYTES_MAX: u64 = 32 << 10;
 
-/// What a mark says. Whose process made it is not its to say.
+/// The content of a mark. It does not name the process of its maker.
 #[derive(Serialize, Deserialize)]
-struct MarkText {
+struct StopMarkText {
     id: String,
     by: String,
     reason: String,
@@ -43,15 +43,15 @@ struct MarkText {
 
 /// A mark that this process made.
 #[derive(Debug)]
-pub struct OwnMark(File);
+pub struct OwnStopMark(File);
 
-impl OwnMark {
-    /// Asks for a stop of the cell.
+impl OwnStopMark {
+    /// Requests a stop of the cell.
     ///
     /// # Errors
-    /// [`ErrorKind::AlreadyExists`] if another stop is being asked for; any other if the folder takes no mark.
+    /// [`ErrorKind::AlreadyExists`] if another stop is requested; any other if the folder takes no mark.
     pub fn put(layout: &Layout, id: &str, by: &str, reason: &str) -> io::Result<Self> {
-        let text = MarkText { id: id.to_owned(), by: by.to_owned(), reason: reason.to_owned() };
+        let text = StopMarkText { id: id.to_owned(), by: by.to_owned(), reason: reason.to_owned() };
         let text = serde_json::to_string(&text)?;
         match Self::put_whole(layout, &text) {
             Err(error) if error.kind() != ErrorKind::AlreadyExists => Self::put_by_name(layout, &text),
@@ -70,7 +70,7 @@ impl OwnMark {
         Ok(Self(file))
     }
 
-    /// Where the file system has no files without a name.
+    /// For file systems without unnamed files.
     fn put_by_name(layout: &Layout, text: &str) -> io::Result<Self> {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create_new(true).mode(0o600);
@@ -79,7 +79,7 @@ impl OwnMark {
         Ok(Self(file))
     }
 
-    /// Whether somebody removed it.
+    /// Whether the mark was removed.
     #[must_use]
     pub fn is_removed(&self) -> bool {
         self.0.metadata().is_ok_and(|found| found.nlink() == 0)
@@ -97,17 +97,17 @@ impl OwnMark {
     }
 }
 
-/// By the shared lock the kernel tells the engine whose process asks; without it only that is missing.
+/// The shared lock names the maker's process to the engine; without it only that name is missing.
 fn write_shared(file: &mut File, text: &str) -> io::Result<()> {
     drop(file.try_lock_shared());
     file.write_all(text.as_bytes())
 }
 
-/// What lies in the place of the mark.
+/// The file in the place of the mark.
 #[derive(Debug)]
-pub(crate) struct FoundMark {
-    pub(crate) asked: AskedStop,
-    /// Device and inode; zeros where the system does not tell.
+pub(crate) struct StopMarkFile {
+    pub(crate) asked: StopRequest,
+    /// Device and inode; zeros where the system does not provide them.
     is: (u64, u64),
     /// The file, if it is one.
     file: Option<File>,
@@ -119,8 +119,8 @@ fn open(layout: &Layout) -> io::Result<File> {
     OpenOptions::new().read(true).custom_flags(NO_LINK).open(layout.stop_asked()).and_then(regular)
 }
 
-/// Looks for a mark; `None` if nothing lies there.
-pub(crate) fn look(layout: &Layout) -> Option<FoundMark> {
+/// Looks for a mark; `None` if there is none.
+pub(crate) fn look(layout: &Layout) -> Option<StopMarkFile> {
     let (is, owner, kind) = match fs::symlink_metadata(layout.stop_asked()) {
         Ok(found) => ((found.dev(), found.ino()), found.uid(), kind_of(&found)),
         Err(error) if error.kind() == ErrorKind::NotFound => return None,
@@ -136,24 +136,24 @@ pub(crate) fn look(layout: &Layout) -> Option<FoundMark> {
         _ => None,
     };
     let clear = text.is_some();
-    let MarkText { id, by, reason } = text.unwrap_or_else(|| MarkText {
+    let StopMarkText { id, by, reason } = text.unwrap_or_else(|| StopMarkText {
         id: format!("mark-{}-{}", is.0, is.1),
         by: String::new(),
-        reason: format!("{kind} lies in the place of the mark of a stop"),
+        reason: format!("{kind} is in the place of the mark of a stop"),
     });
-    let asked = AskedStop { id, by, reason, caller: caller::named(owner, process) };
-    Some(FoundMark { asked, is, file, clear })
+    let asked = StopRequest { id, by, reason, caller: caller::named(owner, process) };
+    Some(StopMarkFile { asked, is, file, clear })
 }
 
-/// Whether something lies in the place of the mark.
+/// Whether anything is in the place of the mark.
 pub(crate) fn is_there(layout: &Layout) -> bool {
     !fs::symlink_metadata(layout.stop_asked()).is_err_and(|error| error.kind() == ErrorKind::NotFound)
 }
 
-fn read(file: &File) -> Option<MarkText> {
+fn read(file: &File) -> Option<StopMarkText> {
     let mut text = String::new();
     file.take(MARK_BYTES_MAX).read_to_string(&mut text).ok()?;
-    let fits = |mark: &MarkText| {
+    let fits = |mark: &StopMarkText| {
         (1..=ID_BYTES_MAX).contains(&mark.id.len())
             && mark.by.len() <= REASON_BYTES_MAX
             && mark.reason.len() <= REASON_BYTES_MAX
@@ -161,11 +161,11 @@ fn read(file: &File) -> Option<MarkText> {
     serde_json::from_str(&text).ok().filter(fits)
 }
 
-/// The stop of this id is on record, or kept elsewhere: its mark goes.
+/// Removes the mark of a stop that is on record, or stored elsewhere.
 pub(crate) fn settle(layout: &Layout, id: &str) {
     if look(layout).is_some_and(|found| found.asked.id == id) {
         let path = layout.stop_asked();
-        // What cannot be removed goes on stopping the cell.
+        // A mark that cannot be removed keeps stopping the cell.
         drop(fs::remove_file(&path).or_else(|_| fs::remove_dir(&path)));
     }
 }

@@ -1,4 +1,4 @@
-//! A pipeline on a store of a test's own.
+//! A pipeline on a test's own store.
 
 use std::path::Path;
 
@@ -9,18 +9,18 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_registry::Store;
 
 use crate::cell::Cell;
-use crate::ledger::Ledger;
 use crate::pipeline::{Pipeline, PipelineSettings};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::version_table::VersionTable;
 use crate::wall_clock::WallClock;
-use crate::world::switch::Controls;
+use crate::world::stop_switch::Controls;
 
 pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
     pipeline_by(folder, Profile::builtin(profile).unwrap(), |_| WallClock::scripted(0, None))
 }
 
-/// As [`pipeline`], by another wall clock; it is told the wall time of the newest record.
+/// As [`pipeline`], with another wall clock, which receives the wall time of the newest record.
 pub(crate) fn pipeline_by(
     folder: &Path,
     profile: Profile,
@@ -37,9 +37,9 @@ pub(crate) fn pipeline_by(
         cell: Cell::builtin().unwrap(),
         cache: EpisodeCache::InStore,
         controls: Controls::default(),
-        omitted: holdpoint_governance::omitted::Omitted::default(),
+        omitted: holdpoint_governance::ablation::AblatedParts::default(),
     };
     let baselines = crate::embedded::baselines().unwrap();
     let wall = wall(store.opening().newest_record);
-    Pipeline::new(settings, Ledger::open(store, wall).unwrap(), clock, baselines).unwrap()
+    Pipeline::new(settings, VersionTable::open(store, wall).unwrap(), clock, baselines).unwrap()
 }

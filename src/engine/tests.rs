@@ -1,11 +1,11 @@
-//! What outlasts a restart, and what a store is for.
+//! Restarts, and the identity of a store.
 
 use std::path::Path;
 
-use holdpoint_approvals::keyfile::Keep;
+use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_approvals::{Approval, Nonce};
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
-use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Kappa;
@@ -13,29 +13,29 @@ use holdpoint_governance::evidence::{EpisodeValues, StaleCause};
 use holdpoint_governance::gate::ShadowAssessment;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
-use holdpoint_governance::loosened::Rules;
 use holdpoint_governance::outcome::{
-    Assessment, Basis, BehaviorOutcome, Check, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
+    Assessment, Basis, BehaviorOutcome, CheckResult, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
 };
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::profile_downgrade::ProfileRules;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopKept};
+use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopPersistence};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{AuditFilter, Change, ProfileCourse, Store, StoreError};
+use holdpoint_registry::store_terms::EvidenceKind;
+use holdpoint_registry::{AuditFilter, Change, ProfileHistory, Store, StoreError};
 use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use holdpoint_sim::robot::RobotModel;
 
 use crate::cell::Cell;
-use crate::ledger::Note;
 use crate::people::persons::enrolled;
-use crate::pipeline::{Pipeline, Progress};
+use crate::pipeline::{Pipeline, SliceOutcome};
 pub(crate) use crate::test_pipeline::pipeline;
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::version_table::TransitionNote;
 use crate::{Config, Engine, StartError};
 use holdpoint_text::Hint;
 
@@ -55,15 +55,15 @@ fn engine(folder: &Path, robot: &str) -> Result<Engine, StartError> {
     Engine::start(config(folder, robot))
 }
 
-/// A script sets a context of a profile that comes with the program.
+/// The change of a script that sets the context of a built-in profile.
 pub(crate) fn context_change((profile, policy_digest, json): (ProfileName, Digest, String)) -> Change {
     let built_in = Profile::builtin(profile).unwrap();
-    let rules = Rules::of(&built_in, &PolicyTable::builtin(&built_in).unwrap()).unwrap();
-    let rules = Some(Box::new(ProfileCourse::default().next(&rules, true)));
+    let rules = ProfileRules::of(&built_in, &PolicyTable::builtin(&built_in).unwrap()).unwrap();
+    let rules = Some(Box::new(ProfileHistory::default().next(&rules, true)));
     Change::SetContext { profile, policy_digest, json, rules }
 }
 
-/// Puts a change into a store, which is closed then.
+/// Puts a change into a store, and closes it.
 fn committed(store: Store, change: Change) {
     let at_ms = store.opening().head.at_ms;
     let (command_id, audit) = ("test".to_owned(), Vec::new());
@@ -72,7 +72,8 @@ fn committed(store: Store, change: Change) {
 }
 
 pub(crate) fn accepted(reply: &Reply) {
-    let done = matches!(reply, Reply::Accepted { .. } | Reply::Stopped { kept: StopKept::OnRecord, .. });
+    let done =
+        matches!(reply, Reply::Accepted { .. } | Reply::Stopped { kept: StopPersistence::OnRecord, .. });
     assert!(done, "{reply:?}");
 }
 
@@ -83,7 +84,7 @@ fn alarms_are_open_after_a_restart_as_they_were() {
     let mut first = pipeline(folder.path(), ProfileName::Sim);
     let record = &mut *first.live().record;
     let taken_off = AlarmKey::RolledBack(id.clone());
-    record.raise(taken_off.clone(), Priority::Critical, true, "it was taken off");
+    record.raise(taken_off.clone(), Priority::Critical, true, "it was rolled back");
     record.alarm_event(&AlarmEvent::Acknowledge { key: taken_off.clone(), by: "ana".to_owned() });
     record.alarm_event(&AlarmEvent::Clear { key: taken_off });
     record.raise(AlarmKey::Violation(id), Priority::High, true, "it violated a limit");
@@ -109,7 +110,7 @@ fn another_robot_is_refused_before_anything_is_written() {
     assert_eq!(engine(folder.path(), "arm7").unwrap().snapshot().robot, "arm7");
 }
 
-/// The pointer says it by itself: a context that names no robot, as an earlier version wrote it, binds nothing.
+/// The pointer names its robot itself: a context without a robot, as earlier versions wrote it, does not matter.
 #[test]
 fn a_pointer_of_another_robot_is_refused_whatever_the_context_says() {
     let folder = tempfile::tempdir().unwrap();
@@ -124,11 +125,11 @@ fn a_pointer_of_another_robot_is_refused_whatever_the_context_says() {
     committed(store, change);
     let refused = engine(folder.path(), "arm6").err().unwrap();
     assert!(refused.to_string().contains("made active with the robot"), "{refused}");
-    assert!(refused.hint().unwrap().contains("says nothing of another"), "{:?}", refused.hint());
+    assert!(refused.hint().unwrap().contains("--data"), "{:?}", refused.hint());
     drop(engine(folder.path(), "arm7").unwrap());
 }
 
-/// What takes power away is still written where its own rows are whole; nothing more is decided or let in.
+/// Authority is still taken away where the rows are intact; nothing more is decided or activated.
 #[test]
 fn a_store_that_is_changed_under_a_running_engine_holds() {
     let folder = tempfile::tempdir().unwrap();
@@ -177,14 +178,14 @@ fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
     };
     for _ in 0..10 {
         pipeline.work_one();
-        assert_eq!(pipeline.advance(), Progress::Worked);
+        assert_eq!(pipeline.advance(), SliceOutcome::Ran);
     }
     assert!(degraded(&pipeline), "{:?}", pipeline.snapshot().alarms);
     assert!(pipeline.snapshot().candidates.is_empty());
 }
 
-/// Two candidates that were each tried beside the versions of before are not let in beside one another: what was
-/// gathered with another neighbour does not count.
+/// Two candidates that were each evaluated beside the earlier versions are not activated together: evidence with another
+/// neighbor does not count.
 #[test]
 fn what_was_tried_beside_others_is_stale() {
     let folder = tempfile::tempdir().unwrap();
@@ -204,11 +205,11 @@ fn what_was_tried_beside_others_is_stale() {
     accepted(&bench.command(Command::Vacate(neighbour)));
     assert_eq!(stale(&bench, &id), [StaleCause::Neighbours]);
     bench.advance();
-    let standing = bench.record().ledger().version(&id).unwrap().1.state;
+    let standing = bench.record().version_table().version(&id).unwrap().1.state;
     assert_ne!(standing, State::Active);
 }
 
-/// Kappas that every limit is passed with, so that nothing but what is tested can stop a candidate at the gate.
+/// Sets kappas that pass every limit, so that only the tested part can stop a candidate at the gate.
 pub(crate) fn at_the_gate(pipeline: &mut Pipeline) -> CapabilityId {
     shadowed(pipeline, PolicyOutcome::Compatible, Vec::new())
 }
@@ -228,11 +229,11 @@ const GOOD: EpisodeValues = EpisodeValues {
     unsafe_continuation_ms: 0.0,
 };
 
-/// Works until nothing is left to do or the engine holds.
+/// Runs until nothing is left to do or the engine is halted.
 fn work(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<State> {
     for _ in 0..4 {
         pipeline.advance();
-        let state = pipeline.record().ledger().version(id).unwrap().1.state;
+        let state = pipeline.record().version_table().version(id).unwrap().1.state;
         if state == State::Active || pipeline.record().holding().is_some() {
             return Some(state);
         }
@@ -260,16 +261,16 @@ fn under_another_agent_nothing_becomes_active_by_any_door() {
     let events = other.drain_events();
     assert!(!events.iter().any(|event| matches!(event, EventKind::Activated { .. })), "{events:?}");
 
-    // Nor by the emergency door, before its approval is looked at.
+    // Nor by break-glass, before its approval is considered.
     let folder = tempfile::tempdir().unwrap();
     let mut locked = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut locked);
-    let ana = enrolled(locked.live().record, "ana", Role::Safety, Keep::Plain);
+    let ana = enrolled(locked.live().record, "ana", Role::Safety, KeyEncoding::Plain);
     let digest = locked.record().capability(&id).unwrap().digest();
     let approval = Approval {
         who: String::new(),
         role: Role::Safety,
-        decision: Answer::Approve,
+        decision: ApprovalDecision::Approve,
         reason: "the line stands".to_owned(),
         version: id.clone(),
         candidate_digest: digest,
@@ -289,7 +290,7 @@ fn under_another_agent_nothing_becomes_active_by_any_door() {
     assert!(locked.activation().break_glass(signed).is_err(), "and held");
     assert_eq!(locked.record().active_of(&id.family).unwrap().id(), before);
 
-    // A stopped family is not armed again for it.
+    // A stopped family is not reactivated for it.
     let folder = tempfile::tempdir().unwrap();
     let mut stopped = pipeline(folder.path(), ProfileName::Sim);
     let version: CapabilityId = "align@1.0.0".parse().unwrap();
@@ -325,7 +326,7 @@ fn what_is_stale_is_told_and_shown_with_its_cause() {
     let folder = tempfile::tempdir().unwrap();
     let mut first = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut first);
-    let dossier = first.live().dossiers.of(&id).unwrap().clone();
+    let dossier = first.live().evidence_files.of(&id).unwrap().clone();
     let (json, digest) = (serde_json::to_string(&dossier).unwrap(), dossier.digest().unwrap());
     let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Shadow, json, digest };
     first.live().record.write(vec![evidence], Vec::new()).unwrap();
@@ -356,7 +357,7 @@ fn what_is_stale_is_told_and_shown_with_its_cause() {
     assert_eq!(view["stale"], serde_json::json!(["profile"]));
     let line = second.snapshot().candidates.remove(0).stale_line();
     assert_eq!(line.as_deref(), Some("STALE, measured under another profile"));
-    // What a script left where people decide is no other engine's to change.
+    // No other engine may change what a script left where approval is required.
     drop(second);
     let head = || Store::open(folder.path()).unwrap().opening().head.seq;
     let before = head();
@@ -364,7 +365,7 @@ fn what_is_stale_is_told_and_shown_with_its_cause() {
     let refused = Engine::start(live).err().unwrap();
     assert!(matches!(refused, StartError::Store(StoreError::UnauthorizedProfile { .. })), "{refused}");
     assert_eq!(head(), before, "nothing was written");
-    // Back under what it was measured under it counts again.
+    // In its former context it counts again.
     assert_eq!(stale(&pipeline(folder.path(), ProfileName::Sim)), []);
     // Another active version is another comparison.
     let mut third = pipeline(folder.path(), ProfileName::Sim);
@@ -382,8 +383,7 @@ fn compatible<O>(outcome: O) -> Assessment<O> {
     Assessment { outcome, kappa, basis: Basis::Measured, reasons: Vec::new(), conditions: Vec::new() }
 }
 
-/// A candidate that the gate asks people about under these conditions, without its evaluation: what is tested comes after
-/// that.
+/// A candidate with an approval request under these conditions, without its evaluation: the tests cover later steps.
 pub(crate) fn asked(
     pipeline: &mut Pipeline,
     policy: PolicyOutcome,
@@ -403,9 +403,9 @@ fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Cond
     accepted(&pipeline.command(Command::Register { package, name: NAME.to_owned(), by }));
     let candidate = pipeline.record().capability(&id).unwrap();
     let live = pipeline.live();
-    let bound = crate::binding::binding(live.context, live.record.ledger(), &candidate);
+    let bound = crate::evidence_binding::binding(live.context, live.record.version_table(), &candidate);
     let sequences = live.context.profile.evaluation.shadow_sequences;
-    let dossier = live.dossiers.edit(&id);
+    let dossier = live.evidence_files.edit(&id);
     dossier.kappas = Some(Kappas {
         interface: compatible(InterfaceOutcome::Compatible),
         policy: Assessment { conditions, ..compatible(policy) },
@@ -415,7 +415,7 @@ fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Cond
     dossier.bindings = vec![bound];
     dossier.twins = vec![GOOD; 40];
     dossier.shadow = Some(ShadowAssessment {
-        check: Check::Pass,
+        check: CheckResult::Pass,
         sequences,
         output_divergence: None,
         envelope_divergence: None,
@@ -423,10 +423,10 @@ fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Cond
         reasons: Vec::new(),
     });
     let (json, digest) = (serde_json::to_string(dossier).unwrap(), dossier.digest().unwrap());
-    let version = live.record.ledger().version(&id).unwrap().0;
+    let version = live.record.version_table().version(&id).unwrap().0;
     for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow] {
         for event in [LifecycleEvent::Start { version, stage }, LifecycleEvent::Pass { version, stage }] {
-            live.record.transition(&id.family, event, Note::because("test")).unwrap();
+            live.record.transition(&id.family, event, TransitionNote::because("test")).unwrap();
         }
     }
     let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Shadow, json, digest };
@@ -434,7 +434,7 @@ fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Cond
     id
 }
 
-/// The paper's seven calls, each by its name on an engine that a program holds, and nothing that they do not ask for.
+/// The paper's seven calls by name on an engine inside a program, without further effects.
 #[test]
 fn a_candidate_goes_through_all_seven_calls() {
     let folder = tempfile::tempdir().unwrap();
@@ -487,7 +487,7 @@ fn a_candidate_goes_through_all_seven_calls() {
     assert_eq!(family.active.map(|active| active.to_string()).as_deref(), Some("align@1.0.0"));
 }
 
-/// The goal was set by a script alone, on no record, and forgotten with the engine.
+/// A script set the goal without a record, and the engine lost it at its end.
 #[test]
 fn a_goal_is_worked_on_record_and_outlasts_a_restart() {
     let folder = tempfile::tempdir().unwrap();
@@ -516,14 +516,14 @@ fn a_goal_is_worked_on_record_and_outlasts_a_restart() {
     assert!(first.drain_events().iter().any(told));
     assert_eq!(works(&mut first), (1, "grasp".to_owned()));
     let filter = AuditFilter { kind: Some(RecordKind::GoalSet), ..AuditFilter::default() };
-    let kept = first.record().ledger().store().views().unwrap().audit(&filter).unwrap();
+    let kept = first.record().version_table().store().views().unwrap().audit(&filter).unwrap();
     assert!(kept.len() == 1 && kept[0].body.contains("the tray is being cleaned"), "{kept:?}");
     drop(first);
     let mut second = pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(works(&mut second), (1, "grasp".to_owned()));
 }
 
-/// A request's id was answered without a look at what was asked: a stop was told that the cell works again.
+/// A repeated id was answered regardless of the command: a stop got the answer that the cell runs again.
 #[test]
 fn an_id_stands_for_one_command_and_a_stop_for_itself() {
     let folder = tempfile::tempdir().unwrap();
@@ -546,11 +546,11 @@ fn an_id_stands_for_one_command_and_a_stop_for_itself() {
     accepted(&ask("second", asked.clone()));
     accepted(&ask("second", asked));
     let stopped = ask("second", stop());
-    assert!(matches!(&stopped, Reply::Stopped { kept: StopKept::OnRecord, .. }), "{stopped:?}");
+    assert!(matches!(&stopped, Reply::Stopped { kept: StopPersistence::OnRecord, .. }), "{stopped:?}");
     assert!(engine.snapshot().stopped.is_some());
 }
 
-/// A question about a baseline could be seen and not be opened.
+/// A request about a baseline was visible, but could not be opened.
 #[test]
 fn a_baseline_that_people_are_asked_about_is_shown_with_its_evidence() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,51 +1,51 @@
-//! Where versions are tried out: episodes, pairs and drills by a crew of workers, cached if they can be.
+//! Runs episodes, pairs and drills of versions on a worker pool, with cached results where possible.
 //!
-//! Runs what it is told and judges nothing; the stages ask and the rules in governance judge.
+//! It judges nothing; the stages request runs, and the rules in governance judge them.
 
 pub mod cache;
-pub mod crew;
 pub mod drills;
 pub mod episodes;
 pub mod evaluation;
-pub mod lab;
-pub mod measures;
-pub mod outcome;
-pub mod party;
+pub mod job_outcome;
+pub mod mode_metrics;
 pub mod reuse;
 pub mod search;
 pub mod seeds;
 pub mod sequences;
 pub mod stress;
 pub mod trace;
-pub mod undisturbed;
+pub mod trial_lab;
+pub mod trial_subject;
+pub mod undisturbed_run;
 pub mod worker;
+pub mod worker_pool;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use holdpoint_registry::{KeptCells, Store};
+use holdpoint_registry::{ResultCache, Store};
 
 use self::cache::EpisodeCache;
-use self::crew::Crew;
-use self::lab::Lab;
-use self::outcome::ErrandOutcome;
-use self::sequences::Team;
-use self::undisturbed::Shelf;
+use self::job_outcome::JobOutcome;
+use self::sequences::TrialTeam;
+use self::trial_lab::TrialLab;
+use self::undisturbed_run::UndisturbedCache;
+use self::worker_pool::WorkerPool;
 use crate::cell::Cell;
 
-/// How evaluations of one engine are run.
+/// How one engine runs evaluations.
 pub struct Trials {
     seed: u64,
     /// The most pairs or drills of one slice.
     part: usize,
     cancel: Arc<AtomicBool>,
     cache: EpisodeCache,
-    crew: Crew<ErrandOutcome>,
-    undisturbed: Arc<Shelf>,
+    worker_pool: WorkerPool<JobOutcome>,
+    undisturbed: Arc<UndisturbedCache>,
 }
 
 impl Trials {
-    /// With a run's seed and so many workers; whole slices until [`Trials::work_in_small_parts`].
+    /// With a run's seed and `jobs` workers; whole slices until [`Trials::work_in_small_parts`].
     #[must_use]
     pub fn new(seed: u64, jobs: usize, cache: EpisodeCache, cancel: Arc<AtomicBool>) -> Self {
         Self {
@@ -53,8 +53,8 @@ impl Trials {
             part: usize::MAX,
             cancel,
             cache,
-            crew: Crew::new(jobs),
-            undisturbed: Arc::new(Shelf::new()),
+            worker_pool: WorkerPool::new(jobs),
+            undisturbed: Arc::new(UndisturbedCache::new()),
         }
     }
 
@@ -70,9 +70,9 @@ impl Trials {
         self.part
     }
 
-    /// From now on a slice is small, so that who asks is answered soon.
+    /// From now on slices are small, so that requests are answered soon.
     pub fn work_in_small_parts(&mut self) {
-        self.part = self.crew.jobs();
+        self.part = self.worker_pool.jobs();
     }
 
     /// Set to interrupt running evaluations between episodes.
@@ -87,24 +87,24 @@ impl Trials {
         self.cancel.load(Ordering::Relaxed)
     }
 
-    /// Where results of active versions are kept.
+    /// The cached results of active versions.
     #[must_use]
-    pub const fn cells<'a>(&'a self, store: &'a Store) -> &'a KeptCells {
+    pub const fn cells<'a>(&'a self, store: &'a Store) -> &'a ResultCache {
         self.cache.cells(store)
     }
 
-    /// What an evaluation is run with.
+    /// The inputs of an evaluation.
     #[must_use]
-    pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a Store) -> Lab<'a> {
-        Lab {
+    pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a Store) -> TrialLab<'a> {
+        TrialLab {
             seed: self.seed,
-            crew: &self.crew,
+            worker_pool: &self.worker_pool,
             undisturbed: &self.undisturbed,
             part: self.part,
             cancel: &self.cancel,
             cell,
             cells: self.cells(store),
-            team: Team::default(),
+            team: TrialTeam::default(),
         }
     }
 }

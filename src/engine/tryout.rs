@@ -1,49 +1,49 @@
-//! A candidate tried in the simulated cell before anybody submits it: no store, no record, no decision.
+//! Runs a candidate in the simulated cell before its submission: no store, no record, no decision.
 //!
-//! Works episodes of the sandbox with the guard and the envelope of the loosest profile, beside the version that a cell is
-//! commissioned with. What comes out is for whoever writes the skill.
+//! Runs episodes of the sandbox with the guard and envelope of the least strict profile, beside the baseline. The results are
+//! for the author of the skill.
 
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
-use holdpoint_protocol::film::{Film, FilmOf, FilmedRun};
+use holdpoint_protocol::film::{Film, FilmSubject, FilmedRun};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun};
 use holdpoint_sim::SimError;
 use holdpoint_text::Hint as _;
 
-use crate::binding::terms_under;
 use crate::cell::{Cell, Conditions};
 use crate::check::{self, CheckError, UnknownFamily};
 use crate::context::Context;
 use crate::embedded::baselines;
-use crate::retake::filmed::Worked;
+use crate::episode_replay::film_render::FilmedWork;
+use crate::evidence_binding::terms_under;
 use crate::trial::episodes::alone;
-use crate::trial::undisturbed::TrialCase;
+use crate::trial::undisturbed_run::TrialCase;
 use crate::trial::worker::Worker;
-use crate::world::portrait;
+use crate::world::cell_frame;
 
 /// Why a candidate cannot be tried.
 #[derive(Debug, thiserror::Error)]
 pub enum TryoutError {
-    /// The cell is not commissioned with its family.
+    /// The cell has no baseline of its family.
     #[error(transparent)]
     Family(#[from] UnknownFamily),
-    /// What is built in does not load.
+    /// An embedded version does not load.
     #[error(transparent)]
     Check(#[from] CheckError),
     /// The cell cannot be built.
     #[error(transparent)]
     Cell(#[from] SimError),
-    /// Profile or policies that are built in are not as they must be.
+    /// An embedded profile or its policies are invalid.
     #[error("{0}")]
     BuiltIn(String),
 }
 
-/// What surrounds a run's code: it is given the code and gives something that stands for it.
-pub type Around<'a> = dyn FnMut(Box<dyn Skill>) -> Box<dyn Skill> + 'a;
+/// Wraps the code of a run.
+pub type SkillWrapper<'a> = dyn FnMut(Box<dyn Skill>) -> Box<dyn Skill> + 'a;
 
-/// A candidate, the version beside it, and where they work.
+/// A candidate, the version beside it, and their cell.
 pub struct Tryout {
     context: Context,
     candidate: Capability,
@@ -51,7 +51,7 @@ pub struct Tryout {
 }
 
 impl Tryout {
-    /// A candidate beside the commissioned version of its family.
+    /// A candidate beside the baseline of its family.
     ///
     /// # Errors
     /// [`TryoutError`].
@@ -72,7 +72,7 @@ impl Tryout {
         Ok(Self { context, candidate, active })
     }
 
-    /// Who is tried.
+    /// The candidate.
     #[must_use]
     pub const fn candidate(&self) -> &Capability {
         &self.candidate
@@ -90,9 +90,9 @@ impl Tryout {
         &self.context.cell.model.name
     }
 
-    /// One episode of the candidate, with something around its code.
+    /// One episode of the candidate, with its code wrapped.
     #[must_use]
-    pub fn work(&self, worker: &mut Worker, seed: u64, around: &mut Around<'_>) -> TaskRecord {
+    pub fn run_episode(&self, worker: &mut Worker, seed: u64, around: &mut SkillWrapper<'_>) -> TaskRecord {
         let terms = terms_under(&self.context, &self.candidate, &[]);
         let cell = &self.context.cell;
         let trial = TrialCase {
@@ -116,12 +116,12 @@ impl Tryout {
         work().unwrap_or_else(|_| worker.failed(task, seed))
     }
 
-    /// One episode of both, to be seen.
+    /// Films one episode of both.
     #[must_use]
     pub fn film(&self, seed: u64) -> Film {
         let [candidate, active] = [&self.candidate, &self.active].map(|version| self.filmed(version, seed));
         Film {
-            of: FilmOf::Episode,
+            of: FilmSubject::Episode,
             number: 1,
             count: 1,
             beyond: 0,
@@ -131,7 +131,7 @@ impl Tryout {
             phase: None,
             why: String::new(),
             doubts: Vec::new(),
-            scenery: portrait::scenery(&self.context.cell.scene),
+            scenery: cell_frame::scenery(&self.context.cell.scene),
             candidate,
             active,
         }
@@ -143,6 +143,6 @@ impl Tryout {
         let trial = TrialCase { cell, terms: &terms, version, conditions: Conditions::Sandbox, seed };
         let done = alone(&mut worker, trial);
         let limits = &self.context.profile.harm;
-        Worked { version, terms: &terms, cell, limits, as_recorded: None }.episode(&mut worker, &done)
+        FilmedWork { version, terms: &terms, cell, limits, as_recorded: None }.episode(&mut worker, &done)
     }
 }

@@ -1,29 +1,31 @@
-//! The machine's clock as people's deadlines are held against it, and whether it is believed.
+//! The machine's clock, which ends approvers' deadlines, and its mismatch.
 //!
-//! A script has one of its own, which goes with its engine's clock from a fixed moment on. What is to be believed is the
-//! rules' ([`holdpoint_governance::wall_time`]); this reads the clocks and remembers what was believed last.
+//! A script has its own wall clock, which advances with its engine's clock from a fixed moment. The rules decide when there is
+//! a mismatch ([`holdpoint_governance::wall_time`]); this module reads the clocks and stores the last trusted reading.
 
 use std::fs::File;
 use std::io::Read as _;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use holdpoint_governance::wall_time::{ClockDoubt, ClockReading, WallTime, clock_doubt, time_for_deadlines};
+use holdpoint_governance::wall_time::{
+    ClockMismatch, ClockReading, WallTime, clock_mismatch, time_for_deadlines,
+};
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 
-/// Where the machine's two clocks are read.
+/// The machine's two clocks.
 pub trait Clocks: Send {
-    /// Both, at the same moment.
+    /// Reads both at the same moment.
     fn read(&self) -> ClockReading;
 
-    /// Names the start of the machine since which one of them counts; empty where the system does not tell.
+    /// Names the start of the machine since which one of them counts; empty where the system does not.
     fn boot(&self) -> String;
 }
 
 /// The clocks of this machine.
-pub struct MachineClocks;
+pub struct SystemClocks;
 
-impl Clocks for MachineClocks {
+impl Clocks for SystemClocks {
     fn read(&self) -> ClockReading {
         let since = clock_gettime(ClockId::Boottime);
         let boot_ms = since.tv_sec.saturating_mul(1_000).saturating_add(since.tv_nsec / 1_000_000);
@@ -42,142 +44,140 @@ impl Clocks for MachineClocks {
     }
 }
 
-/// The most of the name of a start that is read, bytes; it has 36.
+/// The most bytes read of the name of a start; it has 36.
 const BOOT_ID_BYTES_MAX: u64 = 64;
 
-/// A reading that was believed, as the chain keeps it: whatever engine reads the clocks next, as long as the machine is not
-/// started anew, holds them against it.
+/// A trusted reading in the chain. The next engine compares its clocks with it, unless the machine restarted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct KeptReading {
+pub(crate) struct TrustedClockReading {
     /// The start of the machine.
     boot: String,
     boot_ms: u64,
     wall: WallTime,
 }
 
-/// What the machine's clock says; `None` before 1970.
+/// The time of the machine's clock; `None` before 1970.
 pub(crate) fn wall_now() -> Option<WallTime> {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
     i64::try_from(since.as_millis()).ok().map(WallTime::from_ms)
 }
 
-/// See the module's head.
-pub struct WallClock(Kind);
+/// See the module comment.
+pub struct WallClock(ClockSource);
 
-enum Kind {
-    /// A script's: where it stands when the engine's clock stands at 0.
+enum ClockSource {
+    /// A script's: its time when the engine's clock is 0.
     Script(WallTime),
     Machine {
         clocks: Box<dyn Clocks>,
-        /// A reading that was believed: the engine's first, or the one that a person confirmed.
+        /// The trusted reading: the engine's first, or the one that a person confirmed.
         believed: ClockReading,
         /// The latest wall time in the chain since a person last confirmed the time.
         newest_record: WallTime,
-        /// The profile's, s.
+        /// The profile's limit, s.
         jump_max_s: f64,
-        /// Why it is not believed, until a person confirms the time.
-        doubt: Option<ClockDoubt>,
+        /// The mismatch, until a person confirms the time.
+        doubt: Option<ClockMismatch>,
     },
 }
 
 impl WallClock {
-    /// A script's, on a store whose newest record has these times, engine's and wall's: behind no record.
+    /// A script's clock, behind neither time of the store's newest record.
     #[must_use]
     pub fn scripted(at_ms: u64, newest_record: Option<WallTime>) -> Self {
         let at_zero = newest_record.map_or(0, |time| time.ms().saturating_sub_unsigned(at_ms));
-        Self(Kind::Script(WallTime::SCRIPT_EPOCH.max(WallTime::from_ms(at_zero))))
+        Self(ClockSource::Script(WallTime::SCRIPT_EPOCH.max(WallTime::from_ms(at_zero))))
     }
 
-    /// The machine's, for an engine that begins on a store whose newest record has this time. `jump_max_s` is the
-    /// profile's, s.
+    /// The machine's clock, for an engine that starts on a store whose newest record has this time. `jump_max_s`: the profile's.
     #[must_use]
     pub fn of_machine(clocks: Box<dyn Clocks>, newest_record: Option<WallTime>, jump_max_s: f64) -> Self {
         let believed = clocks.read();
         let newest_record = newest_record.unwrap_or_default();
-        Self(Kind::Machine { clocks, believed, newest_record, jump_max_s, doubt: None })
+        Self(ClockSource::Machine { clocks, believed, newest_record, jump_max_s, doubt: None })
     }
 
-    /// The time that deadlines are held against, when the engine's clock stands at `at_ms`.
+    /// The time that deadlines are compared with, when the engine's clock is at `at_ms`.
     pub(crate) fn now(&self, at_ms: u64) -> WallTime {
         match &self.0 {
-            Kind::Script(at_zero) => at_zero.plus_ms(at_ms),
-            Kind::Machine { clocks, believed, newest_record, .. } => {
+            ClockSource::Script(at_zero) => at_zero.plus_ms(at_ms),
+            ClockSource::Machine { clocks, believed, newest_record, .. } => {
                 let now = clocks.read();
-                time_for_deadlines(believed, &now, *newest_record, self.doubt_at(&now).is_some())
+                time_for_deadlines(believed, &now, *newest_record, self.clock_mismatch_at(&now).is_some())
             }
         }
     }
 
-    /// What the machine's clock says, whether it is believed or not; `None` in a script.
-    pub(crate) fn said(&self) -> Option<WallTime> {
+    /// The time of the machine's clock, even with a mismatch; `None` in a script.
+    pub(crate) fn machine_time(&self) -> Option<WallTime> {
         match &self.0 {
-            Kind::Script(_) => None,
-            Kind::Machine { clocks, .. } => Some(clocks.read().wall),
+            ClockSource::Script(_) => None,
+            ClockSource::Machine { clocks, .. } => Some(clocks.read().wall),
         }
     }
 
-    /// Why it is not believed now, if so.
-    pub(crate) fn doubt(&self) -> Option<ClockDoubt> {
+    /// The present mismatch.
+    pub(crate) fn clock_mismatch(&self) -> Option<ClockMismatch> {
         match &self.0 {
-            Kind::Script(_) => None,
-            Kind::Machine { clocks, .. } => self.doubt_at(&clocks.read()),
+            ClockSource::Script(_) => None,
+            ClockSource::Machine { clocks, .. } => self.clock_mismatch_at(&clocks.read()),
         }
     }
 
-    fn doubt_at(&self, now: &ClockReading) -> Option<ClockDoubt> {
+    fn clock_mismatch_at(&self, now: &ClockReading) -> Option<ClockMismatch> {
         match &self.0 {
-            Kind::Script(_) => None,
-            Kind::Machine { believed, newest_record, jump_max_s, doubt, .. } => {
-                doubt.or_else(|| clock_doubt(believed, now, *newest_record, *jump_max_s))
+            ClockSource::Script(_) => None,
+            ClockSource::Machine { believed, newest_record, jump_max_s, doubt, .. } => {
+                doubt.or_else(|| clock_mismatch(believed, now, *newest_record, *jump_max_s))
             }
         }
     }
 
-    /// What is believed, for the chain; `None` in a script, in doubt, or where the system does not name the machine's start. It is
-    /// the reading that all since were held against: else each life of an engine could be off by as much as the profile allows.
-    pub(crate) fn reading(&self) -> Option<KeptReading> {
-        let Kind::Machine { clocks, believed, .. } = &self.0 else { return None };
+    /// The trusted reading, for the chain; `None` in a script, with a mismatch, or if the machine's start has no name.
+    /// All readings since are compared with it; else each session could add an error up to the profile's limit.
+    pub(crate) fn reading(&self) -> Option<TrustedClockReading> {
+        let ClockSource::Machine { clocks, believed, .. } = &self.0 else { return None };
         let boot = clocks.boot();
-        let is_believed = self.doubt_at(&clocks.read()).is_none() && !boot.is_empty();
-        is_believed.then_some(KeptReading { boot, boot_ms: believed.boot_ms, wall: believed.wall })
+        let is_believed = self.clock_mismatch_at(&clocks.read()).is_none() && !boot.is_empty();
+        is_believed.then_some(TrustedClockReading { boot, boot_ms: believed.boot_ms, wall: believed.wall })
     }
 
-    /// Holds the clocks against what an earlier engine believed, if the machine was not started since.
-    pub(crate) fn hold_against(&mut self, kept: &KeptReading) {
-        if let Kind::Machine { clocks, believed, .. } = &mut self.0
+    /// Compares the clocks with the trusted reading of an earlier engine, unless the machine restarted since.
+    pub(crate) fn compare_with_stored(&mut self, kept: &TrustedClockReading) {
+        if let ClockSource::Machine { clocks, believed, .. } = &mut self.0
             && kept.boot == clocks.boot()
         {
             *believed = ClockReading { wall: kept.wall, boot_ms: kept.boot_ms };
         }
     }
 
-    /// Whether the doubt is kept until a person confirms the time.
-    pub(crate) const fn is_doubt_kept(&self) -> bool {
-        matches!(&self.0, Kind::Machine { doubt: Some(_), .. })
+    /// Whether the mismatch stays until a person confirms the time.
+    pub(crate) const fn is_mismatch_stored(&self) -> bool {
+        matches!(&self.0, ClockSource::Machine { doubt: Some(_), .. })
     }
 
-    /// It is not believed from now on.
-    pub(crate) const fn keep_doubt(&mut self, why: ClockDoubt) {
-        if let Kind::Machine { doubt, .. } = &mut self.0 {
+    /// Sets the mismatch.
+    pub(crate) const fn keep_doubt(&mut self, why: ClockMismatch) {
+        if let ClockSource::Machine { doubt, .. } = &mut self.0 {
             *doubt = Some(why);
         }
     }
 
-    /// What the machine's clock says now is believed from now on.
+    /// Trusts the machine's clock from now on.
     pub(crate) fn believe(&mut self) {
-        if let Kind::Machine { clocks, believed, newest_record, doubt, .. } = &mut self.0 {
+        if let ClockSource::Machine { clocks, believed, newest_record, doubt, .. } = &mut self.0 {
             *believed = clocks.read();
             *newest_record = believed.wall;
             *doubt = None;
         }
     }
 
-    /// The wall time of a record that is written now, ms since 1970; 0 in a script.
+    /// The wall time of a record written now, ms since 1970; 0 in a script.
     pub(crate) fn stamp(&mut self, at_ms: u64) -> i64 {
         let now = self.now(at_ms);
         match &mut self.0 {
-            Kind::Script(_) => 0,
-            Kind::Machine { newest_record, .. } => {
+            ClockSource::Script(_) => 0,
+            ClockSource::Machine { newest_record, .. } => {
                 *newest_record = now;
                 now.ms()
             }

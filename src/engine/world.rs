@@ -1,66 +1,66 @@
-//! The live cell: the world that works on under the active versions while candidates are judged.
+//! The live cell, which continues under the active versions while candidates are evaluated.
 //!
-//! Owns the arm with its agent, how a sequence is worked (in one slice, or on a thread of its own at the pace of a
-//! clock), what is drawn of it, and the descent to a safe pose. Decides nothing about versions.
+//! Owns the arm with its agent, the run of a sequence (in one slice, or on its own thread at the pace of a clock), its camera
+//! frames, and the ladder to a safe pose. Decides nothing about versions.
 
+pub mod cell_frame;
 pub mod descent;
 pub mod instrumented;
 pub mod listener;
 pub mod live;
 pub mod pacing;
 pub mod painter;
-pub mod portrait;
 pub mod sequence;
 pub mod shadow;
+pub mod stop_switch;
 pub mod supervisor;
-pub mod switch;
 pub mod thread;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use holdpoint_protocol::event::TaskSummary;
-use holdpoint_protocol::picture::Scenery;
-use holdpoint_protocol::sink::Pictures;
+use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::StoppedView;
+use holdpoint_protocol::video_frame::Scenery;
 use holdpoint_sim::SimError;
 
 use self::live::LiveCell;
-use self::sequence::Stopped;
-use self::switch::Switch;
+use self::sequence::StoppedTask;
+use self::stop_switch::StopSwitch;
 use self::thread::LiveThread;
 use crate::cell::Cell;
 use crate::halt::UnwrittenStops;
 
-/// Sequences whose success is kept for display.
+/// Sequences whose success is stored for display.
 const RECENT: usize = 50;
 
-/// The live cell with its pace, its pictures and what it worked last.
+/// The live cell with its pace, its camera frames and its last sequence.
 pub struct LiveWorld {
     pub cell: LiveCell,
-    /// Sequences that fall due beside an evaluation.
+    /// Sequences due beside an evaluation.
     due: f64,
     pace: Option<f64>,
-    /// The thread it works on; absent if it works in step with the engine.
+    /// The thread it runs on; absent if it runs in step with the engine.
     pub(crate) thread: Option<LiveThread>,
-    pub(crate) pictures: Option<Pictures>,
+    pub(crate) pictures: Option<VideoFrameSink>,
     /// How the last sequence was stopped, if it was.
-    pub(crate) stopped: Option<Stopped>,
-    /// Who stopped the cell, while it is stopped.
+    pub(crate) stopped: Option<StoppedTask>,
+    /// The stop of the cell, while it is stopped.
     pub(crate) halted: Option<StoppedView>,
     pub(crate) unwritten: UnwrittenStops,
-    /// It is on record that this engine works the cell.
+    /// Whether the record names this engine as running the cell.
     pub(crate) at_work: bool,
     recent: VecDeque<bool>,
     last_tasks: Vec<TaskSummary>,
 }
 
 impl LiveWorld {
-    /// A live world at rest, which works in step with the engine.
+    /// A live cell at rest, in step with the engine.
     ///
     /// # Errors
     /// If the world cannot be built.
-    pub(crate) fn new(cell: Cell, switch: Arc<Switch>) -> Result<Self, SimError> {
+    pub(crate) fn new(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, SimError> {
         Ok(Self {
             cell: LiveCell::with(cell, switch)?,
             due: 0.0,
@@ -76,14 +76,13 @@ impl LiveWorld {
         })
     }
 
-    /// From now on it works on a thread of its own: `times` simulated seconds in a second (absent: as fast as it
-    /// computes).
+    /// From now on it runs on its own thread, `times` as fast as real time (absent: unlimited).
     pub fn work_on_a_thread(&mut self, times: Option<f64>) {
         self.pace = times;
         self.thread = Some(LiveThread::new(times, self.cell.switch()));
     }
 
-    /// How fast it works from now on. Tells whether it has a pace at all.
+    /// Sets its pace from now on. Returns whether it has a pace.
     pub fn set_pace(&mut self, times: Option<f64>) -> bool {
         let Some(thread) = &self.thread else { return false };
         thread.set_pace(times);
@@ -91,19 +90,19 @@ impl LiveWorld {
         true
     }
 
-    /// Simulated seconds in a second; absent for as fast as it computes.
+    /// Simulated seconds per second; absent for unlimited.
     #[must_use]
     pub const fn pace(&self) -> Option<f64> {
         self.pace
     }
 
-    /// Whether it works on a thread of its own.
+    /// Whether it runs on its own thread.
     #[must_use]
     pub const fn is_paced(&self) -> bool {
         self.thread.is_some()
     }
 
-    /// Whether a sequence is being worked on its thread.
+    /// Whether its thread is running a sequence.
     #[must_use]
     pub fn is_running(&self) -> bool {
         self.thread.as_ref().is_some_and(LiveThread::is_running)
@@ -115,14 +114,14 @@ impl LiveWorld {
         self.thread.as_ref().is_some_and(LiveThread::is_stopping)
     }
 
-    /// Stops the arm in the tick that runs. The sequence is over soon after.
+    /// Stops the arm in the running tick. The sequence ends soon after.
     pub fn stop(&self) {
         self.switch().stop();
     }
 
-    /// Stops the arm where it works now, from any thread.
+    /// The switch that stops the arm from any thread.
     #[must_use]
-    pub fn switch(&self) -> Arc<Switch> {
+    pub fn switch(&self) -> Arc<StopSwitch> {
         self.cell.switch()
     }
 
@@ -132,18 +131,18 @@ impl LiveWorld {
         self.cell.switch().is_halted()
     }
 
-    /// A stop from before a restart holds on.
+    /// Restores a stop from before a restart.
     pub(crate) fn stay_halted(&mut self, halted: StoppedView) {
         self.cell.switch().latch();
         self.halted = Some(halted);
     }
 
-    /// So many sequences fall due, in fractions.
+    /// Makes sequences due, in fractions.
     pub fn fall_due(&mut self, sequences: f64) {
         self.due += sequences;
     }
 
-    /// Whether a whole sequence is due; it is taken then.
+    /// Whether a whole sequence is due; takes it.
     pub fn take_due(&mut self) -> bool {
         let due = self.due >= 1.0;
         if due {
@@ -152,7 +151,7 @@ impl LiveWorld {
         due
     }
 
-    /// Keeps what a sequence came to, for display. Work that a person stopped is neither done nor failed.
+    /// Stores the result of a sequence for display. A sequence that a person stopped neither succeeded nor failed.
     pub fn note(&mut self, done: Option<bool>, tasks: &[TaskSummary]) {
         self.recent.extend(done);
         if self.recent.len() > RECENT {
@@ -167,7 +166,7 @@ impl LiveWorld {
         self.recent.iter().copied().collect()
     }
 
-    /// Whether the last sequence was done.
+    /// Whether the last sequence succeeded.
     #[must_use]
     pub fn works(&self) -> bool {
         self.recent.back() == Some(&true)
@@ -180,8 +179,8 @@ impl LiveWorld {
     }
 }
 
-/// What stands round the robot.
+/// The surroundings of the robot.
 #[must_use]
 pub fn scenery(cell: &Cell) -> Scenery {
-    portrait::scenery(&cell.scene)
+    cell_frame::scenery(&cell.scene)
 }

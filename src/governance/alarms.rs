@@ -1,4 +1,4 @@
-//! Alarms after ISA-18.2 / IEC 62682: what is wrong, who has seen it, and whether it is over.
+//! Alarms after ISA-18.2 / IEC 62682: the problem, its acknowledgment, and its end.
 //!
 //! Pure: [`apply`] takes the book, one event and the time, and answers with the changes; [`AlarmBook::absorb`]
 //! takes them in. The engine stores the changes; front ends read the book. What this module must not do: act on
@@ -41,38 +41,38 @@ pub const CHATTER_RAISES: usize = 3;
 /// The span, ms of the book's clock, within which [`CHATTER_RAISES`] raises count as chattering.
 pub const CHATTER_WINDOW_MS: u64 = 60_000;
 
-crate::words! {
+crate::closed_set! {
     /// How soon the operator must act. The order is the order of attention: `Critical` comes first.
     Priority, "priority of an alarm", {
         /// At once; cannot be shelved or grouped away.
         Critical = "critical",
-        /// Within minutes: work goes on, but gets worse or stops if nobody acts.
+        /// Within minutes: work continues, but gets worse or stops without an operator's action.
         High = "high",
         /// Before the shift ends; nothing is lost until then.
         Low = "low",
     }
 }
 
-crate::words! {
+crate::closed_set! {
     /// What an operator sees of an alarm: its place in the cycle of ISA-18.2.
     AlarmState, "state of an alarm", {
         /// No condition and nothing left to acknowledge or reset; dropped from the book after [`FLOOD_WINDOW_MS`].
         Normal = "normal",
-        /// The condition is there and nobody has seen it.
+        /// The condition is present and unacknowledged.
         Unacknowledged = "unacknowledged",
-        /// The condition is there and somebody knows.
+        /// The condition is present and acknowledged.
         Acknowledged = "acknowledged",
-        /// The condition is gone and nobody has seen it.
+        /// The condition is gone and unacknowledged.
         ReturnedUnacknowledged = "returned-unacknowledged",
-        /// The condition is gone, somebody knows, and it stays until reset with a reason.
+        /// The condition is gone and acknowledged; the alarm stays until reset with a reason.
         Latched = "latched",
-        /// Set aside for a time, with a reason.
+        /// Shelved for a time, with a reason.
         Shelved = "shelved",
     }
 }
 
 impl Priority {
-    /// Whether an alarm may be set aside for a time: a critical one stays in sight.
+    /// Whether an alarm may be shelved: a critical one stays visible.
     #[must_use]
     pub const fn can_be_shelved(self) -> bool {
         match self {
@@ -83,7 +83,7 @@ impl Priority {
 }
 
 impl AlarmState {
-    /// Whether nobody has acknowledged it: it calls for attention.
+    /// Whether it is unacknowledged: it calls for attention.
     #[must_use]
     pub const fn calls(self) -> bool {
         match self {
@@ -102,16 +102,16 @@ impl AlarmState {
     }
 }
 
-/// The shelving of an alarm (ISA-18.2): who set it aside, until when and why.
+/// The shelving of an alarm (ISA-18.2): operator, end and reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shelving {
     /// When it ends by itself, also while no engine runs.
     #[serde(rename = "until_ms", with = "as_ms")]
     pub until: WallTime,
-    /// Identity of the operator who set it aside.
+    /// Identity of the operator who shelved it.
     pub by: String,
-    /// Why it may be out of sight meanwhile, in the operator's words; never blank.
+    /// Why it may be hidden meanwhile, in the operator's words; never blank.
     pub reason: Untrusted,
 }
 
@@ -121,7 +121,7 @@ pub struct Shelving {
 pub struct Alarm {
     /// Its unique name, e.g. `rolled-back:grasp@1.3.0`.
     pub key: AlarmKey,
-    /// What it is grouped by in a flood: the topic of its kind.
+    /// Its group in a flood: the topic of its kind.
     pub group: AlarmTopic,
     /// How soon the operator must act.
     pub priority: Priority,
@@ -129,13 +129,13 @@ pub struct Alarm {
     pub latching: bool,
     /// What happened, one sentence for the operator; the newest raise's.
     pub text: Untrusted,
-    /// Whether what it was raised for is present now.
+    /// Whether its condition is present now.
     pub condition: bool,
     /// Identity that acknowledged it; `None` while it calls for attention.
     pub acknowledged_by: Option<String>,
     /// Whether a latching alarm still waits for its reset.
     pub reset_pending: bool,
-    /// The shelf it lies on; `None`: it is in sight.
+    /// Its shelf; `None` if it is not shelved.
     pub shelf: Option<Shelving>,
     /// The first raise since it was last normal.
     pub first_ms: u64,
@@ -172,7 +172,7 @@ impl Alarm {
     }
 }
 
-/// What happens to alarms. `by` is an identity's name.
+/// An event about alarms. `by` is an identity's name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum AlarmEvent {
@@ -184,7 +184,7 @@ pub enum AlarmEvent {
         priority: Priority,
         /// Whether it stays after its condition has ended, until it is reset.
         latching: bool,
-        /// What happened, one sentence for the operator; foreign text, shown through the sanitiser only.
+        /// What happened, one sentence for the operator; foreign text, shown through the sanitizer only.
         text: Untrusted,
     },
     /// The condition is gone; the alarm stays until it is acknowledged and, if it latches, reset.
@@ -192,11 +192,11 @@ pub enum AlarmEvent {
         /// Name of the alarm whose condition ended; one that is not in the book is no error.
         key: AlarmKey,
     },
-    /// An operator has taken note; resumes nothing.
+    /// An operator acknowledges it; resumes nothing.
     Acknowledge {
         /// Name of the alarm that stops calling for attention; its condition is untouched.
         key: AlarmKey,
-        /// Identity of the operator who has taken note.
+        /// Identity of the operator who acknowledges it.
         by: String,
     },
     /// A latched alarm is closed; acknowledges as well.
@@ -208,11 +208,11 @@ pub enum AlarmEvent {
         /// Why it is safe to close the alarm; a blank reason is refused.
         reason: Untrusted,
     },
-    /// Sets an alarm aside for a time.
+    /// Shelves an alarm for a time.
     Shelve {
-        /// Name of the alarm to set aside; refused for critical ones.
+        /// Name of the alarm to shelve; refused for critical ones.
         key: AlarmKey,
-        /// Identity of the operator who sets it aside.
+        /// Identity of the operator who shelves it.
         by: String,
         /// When the shelf ends by itself; at most [`SHELF_MS_MAX`] from now.
         until: WallTime,
@@ -223,10 +223,10 @@ pub enum AlarmEvent {
     Unshelve {
         /// Name of a shelved alarm; still unacknowledged below its shelf, it calls again.
         key: AlarmKey,
-        /// Identity of the operator who brings it back.
+        /// Identity of the operator who unshelves it.
         by: String,
     },
-    /// Time went on: shelves end, floods end, what has long been normal is dropped.
+    /// Time passed: shelves end, floods end, and long-normal alarms are dropped.
     Tick,
 }
 
@@ -234,13 +234,13 @@ pub enum AlarmEvent {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum AlarmChange {
-    /// An alarm is now this; `annunciated` if it calls for attention anew.
+    /// An alarm is now this; `annunciated` if it calls for attention again.
     Set {
         /// The alarm after the change, complete: replaying needs nothing but the changes.
         alarm: Alarm,
         /// Its state before; `Normal` if it was not in the book.
         from: AlarmState,
-        /// Whether it calls for attention anew, which counts towards a flood.
+        /// Whether it calls for attention again, which counts toward a flood.
         annunciated: bool,
         /// Time of the event, in the book's milliseconds.
         at_ms: u64,
@@ -250,7 +250,7 @@ pub enum AlarmChange {
         /// Name of the alarm that left; raised again it starts as a new one.
         key: AlarmKey,
     },
-    /// The rate of alarms crossed [`FLOOD_START`] upwards or [`FLOOD_END`] downwards.
+    /// The rate of alarms rose above [`FLOOD_START`] or fell below [`FLOOD_END`].
     Flood {
         /// Whether there is a flood from now on.
         on: bool,
@@ -275,7 +275,7 @@ pub enum AlarmError {
     /// A reset while the condition is still there.
     #[error("the alarm {0:?} cannot be reset: its condition is still present")]
     StillPresent(Untrusted),
-    /// A reset of an alarm that waits for none.
+    /// A reset of an alarm that needs none.
     #[error("the alarm {0:?} does not wait for a reset")]
     NotLatched(Untrusted),
     /// A critical alarm stays in sight and cannot be shelved.
@@ -284,15 +284,15 @@ pub enum AlarmError {
     /// A shelf that ends in the past or too late.
     #[error("a shelf must end within {max_ms} ms from now, not in {asked_ms} ms")]
     ShelfTime {
-        /// The span that was asked for, ms from now; negative for an end in the past.
+        /// The requested span, ms from now; negative for an end in the past.
         asked_ms: i64,
         /// [`SHELF_MS_MAX`], the longest span from now that is accepted.
         max_ms: u64,
     },
-    /// The alarm to take from its shelf lies on none.
+    /// The alarm to unshelve is not shelved.
     #[error("the alarm {0:?} is not shelved")]
     NotShelved(Untrusted),
-    /// Nothing normal is left to drop. The caller must hold: alarms are being lost.
+    /// No normal alarm is left to drop. The caller must halt: alarms are being lost.
     #[error("{ALARMS_MAX} alarms are open and {0:?} does not fit")]
     Full(Untrusted),
 }
@@ -324,11 +324,11 @@ pub struct AlarmBook {
     pub(crate) flood: bool,
 }
 
-/// What the status line of every view shows.
+/// The alarm counts in the status line of every view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AlarmSummary {
-    /// The most urgent one nobody has acknowledged.
+    /// The most urgent unacknowledged one.
     pub highest_unacknowledged: Option<Priority>,
     /// Unacknowledged (also returned) critical, high and low ones.
     pub unacknowledged: [u32; 3],
@@ -336,7 +336,7 @@ pub struct AlarmSummary {
     pub acknowledged: u32,
     /// Alarms whose condition has ended and that wait for a reset with its reason.
     pub latched: u32,
-    /// Alarms that operators set aside for a time; counted nowhere else.
+    /// Shelved alarms; counted nowhere else.
     pub shelved: u32,
     /// Whether alarms come faster than an operator can read them (see [`FLOOD_START`]).
     pub flood: bool,
@@ -402,7 +402,7 @@ impl AlarmBook {
         summary
     }
 
-    /// Takes the changes that [`apply`] answered into the book; the only way the book changes.
+    /// Applies the changes that [`apply`] returned; the only way the book changes.
     pub fn absorb(&mut self, changes: &[AlarmChange]) {
         for change in changes {
             match change {

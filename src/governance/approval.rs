@@ -1,4 +1,4 @@
-//! Approvals: what they bind to, how many are needed, and when they count.
+//! Approvals: their binding, the quorum, and their validity.
 //!
 //! A total function over plain data: signatures are verified elsewhere and come in as a result, time comes in
 //! as wall time. Source: design rule 3.10; paper section 5.2, stage 5.
@@ -8,20 +8,21 @@ use std::collections::BTreeSet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::decision::{Dimension, Reason, ReasonCode};
+use super::decision::{Dimension, Reason};
+use super::finding::{Finding, VoteFlaw};
 use super::ids::Digest;
 use super::profile::ApprovalSettings;
 use super::submission::Risk;
 use super::wall_time::WallTime;
 use holdpoint_text::is_visible;
 
-/// What an approval is over. A change of any of these voids it.
+/// The content that an approval covers. A change of any of these voids it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Subject {
     /// Digest of the candidate's manifest and bundle.
     pub candidate: Digest,
-    /// The candidate's row version when people were asked: any later change of its row voids the approval.
+    /// The candidate's row version at the request: any later change of its row voids the approval.
     pub row_version: u64,
     /// Digest of the evidence that was on screen when the person decided.
     pub evidence: Digest,
@@ -31,8 +32,8 @@ pub struct Subject {
     pub profile: Digest,
 }
 
-crate::words! {
-    /// What a person may decide about, by risk tier (see [`Role::reaches`]).
+crate::closed_set! {
+    /// The decisions a person may make, by risk tier (see [`Role::reaches`]).
     Role, "role", {
         /// Runs the cell: low risk.
         Operator = "operator",
@@ -40,7 +41,7 @@ crate::words! {
         Engineer = "engineer",
         /// Answers for people's safety: every tier.
         Safety = "safety",
-        /// Answers for who may decide: enrols people's keys and revokes them, and approves no version.
+        /// Decides who may decide: adds and revokes people's keys, and approves no version.
         Admin = "admin",
     }
 }
@@ -57,9 +58,9 @@ impl Role {
         }
     }
 
-    /// Whether this role may let something go on, or give the arm work.
+    /// Whether this role may resume something, or give the arm work.
     #[must_use]
-    pub const fn lets_go_on(self) -> bool {
+    pub const fn may_resume(self) -> bool {
         match self {
             Self::Operator | Self::Engineer | Self::Safety => true,
             Self::Admin => false,
@@ -77,17 +78,17 @@ pub enum SignatureCheck {
     Invalid,
 }
 
-crate::words! {
-    /// What a person decided about a candidate.
-    Answer, "approval decision", {
-        /// For activation; counts towards the quorum if the person is independent and the role reaches the risk tier.
+crate::closed_set! {
+    /// A person's decision about a candidate.
+    ApprovalDecision, "approval decision", {
+        /// For activation; counts toward the quorum if the person is independent and the role reaches the risk tier.
         Approve = "approve",
-        /// Against it; one that counts refuses the candidate, whoever it comes from.
+        /// Against it; one that counts refuses the candidate, from any person.
         Reject = "reject",
     }
 }
 
-/// One person's signed answer, with what was already found out about its signature and nonce.
+/// One person's signed answer, with the checks of its signature and nonce.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Vote {
@@ -99,37 +100,37 @@ pub struct Vote {
     /// Role the identity had when it answered; it limits the risk tiers an approval counts for.
     pub role: Role,
     /// For or against activation.
-    pub answer: Answer,
+    pub answer: ApprovalDecision,
     /// Why, in the person's own words; needed for an emergency approval.
     pub reason: String,
-    /// What the signature covers.
+    /// The content that the signature covers.
     pub subject: Subject,
     /// From when on it no longer counts.
     pub until: WallTime,
     /// Whether it is a break-glass (emergency) approval: counts alone, forces rollback coupling, opens a review.
     pub break_glass: bool,
-    /// Whether the signature is the person's, as whoever holds the keys found it.
+    /// Whether the signature is the person's, as the keeper of the keys verified it.
     pub signature: SignatureCheck,
     /// Whether the nonce was consumed by an earlier decision.
     pub nonce_used: bool,
 }
 
-/// Who asked for a version to be taken in: on record with its registration, and never among those who approve it.
+/// The requester of a registration: recorded with it, and never an approver of the version.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "by", deny_unknown_fields)]
 pub enum Requester {
-    /// An enrolled person, whose key signed the registration. In a script, the person its step names.
+    /// An enrolled person whose key signed the registration. In a script, the person its step names.
     Person {
         /// Name of the identity.
         name: String,
-        /// The public key, hexadecimal digits; empty where a script names somebody without a key.
+        /// The public key, hexadecimal digits; empty where a script names a person without a key.
         key: String,
     },
-    /// A script whose step names nobody.
+    /// A script whose step names no person.
     Script,
     /// The program itself: a version that a cell is commissioned with.
     Program,
-    /// The registration was not signed, or an earlier version of the program did not keep who signed it.
+    /// The registration is unsigned, or an earlier version of the program did not record its signer.
     #[default]
     Unknown,
 }
@@ -156,19 +157,19 @@ impl Requester {
     }
 }
 
-crate::words! {
-    /// How far it is known who wrote a version.
+crate::closed_set! {
+    /// How far the author of a version is verified.
     Authorship, "authorship", {
         /// The author's enrolled key signed the version, or the author registered it.
         Signed = "signed",
         /// An enrolled person has the name that the submission gives; their key did not sign it.
         Named = "named",
-        /// The name is free text: no enrolled key stands behind it.
+        /// The name is free text without an enrolled key.
         Unverified = "unverified",
     }
 }
 
-/// Who wrote a version.
+/// The author of a version.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Author {
@@ -176,21 +177,21 @@ pub struct Author {
     pub name: String,
     /// How far that is known.
     pub authorship: Authorship,
-    /// The author's public key, hexadecimal digits; empty where none is known.
+    /// The author's public key, hexadecimal digits; empty if unknown.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub key: String,
 }
 
 impl Author {
-    /// Whether this is the person. A name that no enrolled key stands behind is no enrolled person's.
+    /// Whether this is the person. A name without an enrolled key matches no enrolled person.
     #[must_use]
     pub fn is(&self, person: &str, key: &str) -> bool {
         self.name == person || (!self.key.is_empty() && self.key == key)
     }
 
-    /// The name with what is known of it, e.g. `ada (unverified)`.
+    /// The name with its verification, e.g. `ada (unverified)`.
     #[must_use]
-    pub fn in_words(&self) -> String {
+    pub fn label(&self) -> String {
         format!("{} ({})", self.name, self.authorship)
     }
 }
@@ -199,45 +200,45 @@ impl Author {
 /// them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Request {
-    /// The candidate and the circumstances people are asked about.
+pub struct QuorumRequest {
+    /// The candidate and the circumstances of the request.
     pub subject: Subject,
     /// Risk class of the candidate, which decides the roles that count.
     pub risk: Risk,
     /// Distinct people needed (see [`quorum`]).
     pub quorum: u8,
-    /// Who registered the candidate; cannot approve.
+    /// The requester of the registration; cannot approve.
     pub requester: Requester,
-    /// Who wrote the candidate; cannot approve.
+    /// The author of the candidate; cannot approve.
     pub author: Author,
-    /// The person who put this very question: asked for a release, or used the emergency door whose review it is.
-    /// Cannot approve; absent for an activation.
+    /// The person who made this request: asked to lift a restriction, or used the break-glass under review. Cannot
+    /// approve; absent for an activation.
     pub asked_by: Option<Requester>,
-    /// From when on nobody's answer comes in time: the profile's `approval.timeout_s` after it was asked.
+    /// Deadline of answers: the profile's `approval.timeout_s` after the request.
     pub until: WallTime,
 }
 
-/// What asking people came to, at one moment.
+/// The result of a request at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "approval")]
 pub enum ApprovalOutcome {
-    /// The quorum is 0: the profile asks nobody for this.
+    /// The quorum is 0: the profile requires no approval.
     NotNeeded,
     /// Enough distinct people approved, or one by break-glass.
     Granted {
         /// Names of the identities whose approvals counted, sorted.
         people: BTreeSet<String>,
-        /// From when on the grant no longer holds: the earliest end among the votes.
+        /// When the grant expires: the earliest end among the votes.
         until: WallTime,
         /// Whether it was granted by break-glass, which forces rollback coupling and a review.
         break_glass: bool,
     },
-    /// Held: people are still to answer.
+    /// On hold: answers are missing.
     Pending {
         /// How many more people have to approve, 1 or more.
         missing: u8,
     },
-    /// Held: the question's time ran out before the quorum was reached.
+    /// On hold: the request expired before the quorum was reached.
     TimedOut,
     /// One person's refusal counted; the candidate is rejected.
     Refused {
@@ -250,54 +251,54 @@ pub enum ApprovalOutcome {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ApprovalResult {
-    /// What counting the votes came to.
+    /// The result of counting the votes.
     pub outcome: ApprovalOutcome,
     /// Why, with one reason for every answer that did not count.
     pub reasons: Vec<Reason>,
 }
 
 impl ApprovalResult {
-    /// Whether one person granted it by the emergency door.
+    /// Whether one person granted it by break-glass.
     #[must_use]
     pub const fn is_emergency(&self) -> bool {
         matches!(self.outcome, ApprovalOutcome::Granted { break_glass: true, .. })
     }
 }
 
-/// People who have to review an emergency activation: two, neither who broke the glass nor the author.
+/// Reviewers of a break-glass activation: two, neither its signer nor the author.
 pub const REVIEWERS: u8 = 2;
 
-/// Distinct people needed: by risk class, and at least the review's quorum if a dimension asked for a review.
+/// The quorum by risk class, and at least the review's quorum if a dimension requires a review.
 #[must_use]
 pub fn quorum(settings: &ApprovalSettings, risk: Risk, review: bool) -> u8 {
     let tier = settings.quorum(risk);
     if review { tier.max(settings.quorum_review) } else { tier }
 }
 
-/// Counts the answers (total: every input gives an outcome, and none but a full quorum grants).
+/// Counts the answers (total: every input gives an outcome, and only a full quorum grants).
 ///
-/// An answer counts if its signature is valid, its nonce unused, it is over exactly this subject and not
-/// expired. An approval must also come from somebody else than requester, author and who put the question, whose role
-/// reaches the class; high risk needs a safety officer among them. Two names with one key are one person, who counts once.
-/// A refusal that counts refuses, by whichever person.
+/// An answer counts if its signature is valid, its nonce unused, its subject exactly this one and its time not over.
+/// An approver must also differ from requester, author and the person who made the request, and have a role that
+/// reaches the class; high risk needs a safety officer among them. Two names with one key are one person, who counts
+/// once. One refusal that counts refuses.
 #[must_use]
 pub fn evaluate(
-    request: &Request,
+    request: &QuorumRequest,
     votes: &[Vote],
     now: WallTime,
     settings: &ApprovalSettings,
 ) -> ApprovalResult {
-    evaluate_under(AllRules, request, votes, now, settings)
+    evaluate_under(AllApprovalRules, request, votes, now, settings)
 }
 
-/// The approvals that count towards a question's quorum, one for each person, in the order of the votes.
+/// The approvals that count toward a request's quorum, one for each person, in the order of the votes.
 #[must_use]
-pub fn counted<'a>(request: &Request, votes: &'a [Vote], now: WallTime) -> Vec<&'a Vote> {
+pub fn counted<'a>(request: &QuorumRequest, votes: &'a [Vote], now: WallTime) -> Vec<&'a Vote> {
     let mut counted: Vec<&Vote> = Vec::new();
     for vote in votes {
-        let counts = vote.answer == Answer::Approve
-            && void(AllRules, vote, request, now).is_none()
-            && not_independent(AllRules, vote, request).is_none();
+        let counts = vote.answer == ApprovalDecision::Approve
+            && void(AllApprovalRules, vote, request, now).is_none()
+            && not_independent(AllApprovalRules, vote, request).is_none();
         let same =
             |other: &&Vote| other.person == vote.person || (!vote.key.is_empty() && other.key == vote.key);
         if counts && !counted.iter().any(same) {
@@ -326,34 +327,41 @@ pub(crate) enum ApprovalRule {
     EmergencyAllowed,
 }
 
-/// Which rules are demanded: all, but in the walk's mutants.
+/// The rules in force: all, except in the walk's mutants.
 pub(crate) trait ApprovalRules: Copy {
     fn demands(self, rule: ApprovalRule) -> bool;
 }
 
 #[derive(Clone, Copy)]
-pub(crate) struct AllRules;
+pub(crate) struct AllApprovalRules;
 
-impl ApprovalRules for AllRules {
+impl ApprovalRules for AllApprovalRules {
     fn demands(self, _: ApprovalRule) -> bool {
         true
     }
 }
 
+const fn reason(finding: Finding) -> Reason {
+    Reason::new(Dimension::Approval, finding)
+}
+
+fn answer_void(vote: &Vote, flaw: VoteFlaw) -> Reason {
+    let finding = Finding::AnswerVoid { person: vote.person.clone(), flaw };
+    Reason::coded(flaw.code(), Dimension::Approval, finding)
+}
+
 fn evaluate_under(
     rules: impl ApprovalRules,
-    request: &Request,
+    request: &QuorumRequest,
     votes: &[Vote],
     now: WallTime,
     settings: &ApprovalSettings,
 ) -> ApprovalResult {
     let mut reasons = Vec::new();
-    let reason = |code, text: String| Reason::new(code, Dimension::Approval, text);
     if request.quorum == 0 {
-        let text = "the profile asks nobody for this".to_owned();
         return ApprovalResult {
             outcome: ApprovalOutcome::NotNeeded,
-            reasons: vec![reason(ReasonCode::ApprovalNotNeeded, text)],
+            reasons: vec![reason(Finding::ApprovalNotNeeded)],
         };
     }
     let mut people: BTreeSet<&str> = BTreeSet::new();
@@ -362,32 +370,32 @@ fn evaluate_under(
     let mut glass: Option<&Vote> = None;
     let mut until: Option<WallTime> = None;
     for vote in votes {
-        if let Some((code, text)) = void(rules, vote, request, now) {
-            reasons.push(reason(code, format!("the answer of {:?} does not count: {text}", vote.person)));
+        if let Some(flaw) = void(rules, vote, request, now) {
+            reasons.push(answer_void(vote, flaw));
             continue;
         }
-        if vote.answer == Answer::Reject && rules.demands(ApprovalRule::Refusal) {
-            reasons.insert(0, reason(ReasonCode::ApprovalRefused, format!("{:?} refused", vote.person)));
+        if vote.answer == ApprovalDecision::Reject && rules.demands(ApprovalRule::Refusal) {
+            reasons.insert(0, reason(Finding::Refused { person: vote.person.clone() }));
             return ApprovalResult {
                 outcome: ApprovalOutcome::Refused { person: vote.person.clone() },
                 reasons,
             };
         }
-        if let Some((code, text)) = not_independent(rules, vote, request) {
-            reasons.push(reason(code, format!("the approval of {:?} does not count: {text}", vote.person)));
+        if let Some(flaw) = not_independent(rules, vote, request) {
+            reasons.push(answer_void(vote, flaw));
             continue;
         }
-        // An answer without a key is nobody's but its name's.
+        // An answer without a key is identified by its name alone.
         let same_key = !vote.key.is_empty() && keys.contains(vote.key.as_str());
         let is_duplicate =
             (same_key && rules.demands(ApprovalRule::OneKey)) || people.contains(vote.person.as_str());
         if is_duplicate {
-            let text = if people.contains(vote.person.as_str()) {
-                format!("{:?} answered twice and counts once", vote.person)
+            let person = vote.person.clone();
+            reasons.push(reason(if people.contains(person.as_str()) {
+                Finding::AnsweredTwice { person }
             } else {
-                format!("{:?} has the key of somebody who answered, and counts once with them", vote.person)
-            };
-            reasons.push(reason(ReasonCode::ApprovalDuplicate, text));
+                Finding::KeyShared { person }
+            }));
             continue;
         }
         people.insert(&vote.person);
@@ -404,11 +412,9 @@ fn evaluate_under(
     let enough = people.len() >= wanted && officer;
     if enough || glass.is_some() {
         let break_glass = !enough;
-        let code = if break_glass { ReasonCode::ApprovalBreakGlass } else { ReasonCode::ApprovalGranted };
-        let text =
-            if break_glass { "the emergency door was used" } else { "enough distinct people approved" };
+        let finding = if break_glass { Finding::BreakGlassUsed } else { Finding::QuorumReached };
         #[allow(clippy::cast_precision_loss, reason = "people are few")]
-        let granted = reason(code, text.into()).with(people.len() as f64, f64::from(request.quorum));
+        let granted = reason(finding).with(people.len() as f64, f64::from(request.quorum));
         reasons.insert(0, granted);
         let until = match glass {
             Some(vote) if break_glass => vote.until.min(now.plus_secs(settings.break_glass_valid_s)),
@@ -419,62 +425,49 @@ fn evaluate_under(
         return ApprovalResult { outcome: ApprovalOutcome::Granted { people, until, break_glass }, reasons };
     }
     if now >= request.until && rules.demands(ApprovalRule::Deadline) {
-        let text = format!("too few people answered by {}; the version is held", request.until);
-        reasons.insert(0, reason(ReasonCode::ApprovalTimeout, text));
+        reasons.insert(0, reason(Finding::DeadlinePassed { until: request.until }));
         return ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons };
     }
     let count = u8::try_from(people.len()).unwrap_or(u8::MAX);
     let missing = request.quorum.saturating_sub(count).max(1);
-    let text = if people.len() >= wanted && !officer {
-        "the approval of a safety officer is missing".to_owned()
+    let finding = if people.len() >= wanted && !officer {
+        Finding::SafetyOfficerMissing
     } else {
-        "approvals are missing".to_owned()
+        Finding::ApprovalsMissing
     };
-    let pending = reason(ReasonCode::ApprovalPending, text).with(f64::from(count), f64::from(request.quorum));
+    let pending = reason(finding).with(f64::from(count), f64::from(request.quorum));
     reasons.insert(0, pending);
     ApprovalResult { outcome: ApprovalOutcome::Pending { missing }, reasons }
 }
 
 /// Why an answer counts neither as approval nor as refusal.
-fn void(
-    rules: impl ApprovalRules,
-    vote: &Vote,
-    request: &Request,
-    now: WallTime,
-) -> Option<(ReasonCode, &'static str)> {
+fn void(rules: impl ApprovalRules, vote: &Vote, request: &QuorumRequest, now: WallTime) -> Option<VoteFlaw> {
     use ApprovalRule::{Expiry, Nonce, Signature, Subject};
     if rules.demands(Signature) && vote.signature != SignatureCheck::Valid {
-        Some((ReasonCode::ApprovalSignature, "the signature is not theirs"))
+        Some(VoteFlaw::Signature)
     } else if rules.demands(Nonce) && vote.nonce_used {
-        Some((ReasonCode::ApprovalReplayed, "it was used before"))
+        Some(VoteFlaw::Replayed)
     } else if rules.demands(Subject) && vote.subject != request.subject {
-        Some((
-            ReasonCode::ApprovalStale,
-            "it is over another version, row version, evidence, policy or profile",
-        ))
+        Some(VoteFlaw::Stale)
     } else if rules.demands(Expiry) && now >= vote.until {
-        Some((ReasonCode::ApprovalExpired, "it has expired"))
+        Some(VoteFlaw::Expired)
     } else {
         None
     }
 }
 
 /// Why an approval does not count although the answer does.
-fn not_independent(
-    rules: impl ApprovalRules,
-    vote: &Vote,
-    request: &Request,
-) -> Option<(ReasonCode, &'static str)> {
+fn not_independent(rules: impl ApprovalRules, vote: &Vote, request: &QuorumRequest) -> Option<VoteFlaw> {
     use ApprovalRule::{AskedBy, Author, Requester, Role};
     let (person, key) = (vote.person.as_str(), vote.key.as_str());
     if rules.demands(Requester) && request.requester.is(person, key) {
-        Some((ReasonCode::ApprovalSelf, "they registered the version, and so cannot approve it"))
+        Some(VoteFlaw::Requester)
     } else if rules.demands(Author) && request.author.is(person, key) {
-        Some((ReasonCode::ApprovalSelf, "they wrote the version, and so cannot approve it"))
+        Some(VoteFlaw::Author)
     } else if rules.demands(AskedBy) && request.asked_by.as_ref().is_some_and(|asker| asker.is(person, key)) {
-        Some((ReasonCode::ApprovalSelf, "they asked for this themselves, and so cannot approve it"))
+        Some(VoteFlaw::AskedBy)
     } else if rules.demands(Role) && !vote.role.reaches(request.risk) {
-        Some((ReasonCode::ApprovalRole, "the role does not reach this risk tier"))
+        Some(VoteFlaw::Role)
     } else {
         None
     }

@@ -9,34 +9,35 @@ mod early;
 mod harm;
 mod sequences;
 
-pub use early::{assess_ended, ended, is_lost, is_lost_early};
+pub use early::{assess_early_stop, end_reason, is_lost, is_lost_early};
 pub(crate) use harm::in_shadow;
-pub use harm::{HarmComparison, PastLimit};
+pub use harm::{ExceedanceRates, HarmComparison, HarmDecider};
 pub use sequences::{
-    SequenceComparison, SequenceEvidence, SequenceMeasure, SequencePair, SequenceStep, judge_sequences,
+    SequenceComparison, SequenceEvidence, SequenceMeasure, SequencePair, SequenceStep, apply_sequences,
 };
 
 use self::harm::HarmVerdict;
 use super::condition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
-use super::ended::EndReason;
-use super::evidence::{Binding, EpisodeValues, Pair, PairedEvidence, Signature};
+use super::early_stop::EarlyStopReason;
+use super::evidence::{EpisodeValues, EvidenceBinding, Pair, PairedEvidence, Signature};
+use super::finding::{EvidenceGap, Finding};
 use super::outcome::{Assessment, Basis, BehaviorOutcome};
 use super::profile::{BehaviorSettings, Profile};
-use super::search::Searched;
+use super::worst_case_search::SearchFinding;
 use crate::stats::{self, PairedBound, PairedCounts};
 
 /// The error rate of the one-sided upper bounds that `compatible` asks for.
 const UPPER_ALPHA: f64 = 0.05;
 
-/// Factor on the monitor's limits for a version that is suspicious: half the evidence of a worsening is enough.
+/// Factor on the monitor's limits for an inconclusive version: half the evidence of a worsening is enough.
 const SUSPICIOUS_FACTOR: f64 = 0.5;
 
 /// Non-zero differences from which Student's t is used for retries; below, a bound valid for any distribution.
 const STUDENT_FROM: usize = 20;
 
-crate::words! {
-    /// The six components of the behavioural signature `B_c` (paper equation 6).
+crate::closed_set! {
+    /// The six components of the behavior signature `B_c` (paper equation 6).
     ComponentName, "component of the signature", {
         /// Loss of success: share of pairs that only the active version completed, less those only the candidate did.
         Success = "success",
@@ -53,56 +54,34 @@ crate::words! {
     }
 }
 
-/// What a reason says of one component. The sentences are kept in records, so they stay as they are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Finding {
-    EstablishedWorse,
-    /// As far as an evaluation came that ended early.
-    WorseSoFar,
-    Suspicious,
-    SafetyTraded,
-    Improved,
-}
-
-impl Finding {
-    const ALL: [Self; 5] =
-        [Self::EstablishedWorse, Self::WorseSoFar, Self::Suspicious, Self::SafetyTraded, Self::Improved];
-
-    const fn code(self) -> ReasonCode {
-        match self {
-            Self::EstablishedWorse | Self::WorseSoFar => ReasonCode::BehaviorEstablishedWorse,
-            Self::Suspicious => ReasonCode::BehaviorSuspicious,
-            Self::SafetyTraded => ReasonCode::BehaviorSafetyTraded,
-            Self::Improved => ReasonCode::BehaviorImproved,
-        }
-    }
-
-    fn sentence(self, name: ComponentName) -> String {
-        match self {
-            Self::EstablishedWorse => format!("{name} is established as worse"),
-            Self::WorseSoFar => format!("{name} is worse in the pairs worked so far"),
-            Self::Suspicious => format!("{name} may be worse beyond its tolerance"),
-            Self::SafetyTraded => format!("success rose while {name} is established as worse"),
-            Self::Improved => format!("{name} is better"),
-        }
-    }
-
-    fn reason(self, name: ComponentName) -> Reason {
-        Reason::new(self.code(), Dimension::Behavior, self.sentence(name))
-    }
-}
-
-/// The component a reason of `kappa_B` is about, from its code and its whole sentence as they are on record; `None` for
-/// a reason about none, or in words that the rule does not use.
+/// The component that a reason of `kappa_B` names, if any. In a record of an older build it is the first word of the
+/// sentence, or that after "while" where safety was traded.
 #[must_use]
-pub fn component_of(code: ReasonCode, text: &str) -> Option<ComponentName> {
-    let findings = Finding::ALL.into_iter().filter(|finding| finding.code() == code);
-    let mut said = findings.flat_map(|finding| ComponentName::ALL.map(|name| (name, finding.sentence(name))));
-    said.find(|(_, sentence)| sentence == text).map(|(name, _)| name)
+pub fn component_of(reason: &Reason) -> Option<ComponentName> {
+    match (&reason.finding, reason.code) {
+        (
+            Some(
+                Finding::ComponentWorse { component }
+                | Finding::ComponentWorseSoFar { component }
+                | Finding::ComponentPossiblyWorse { component }
+                | Finding::SafetyTraded { component }
+                | Finding::ComponentBetter { component },
+            ),
+            _,
+        ) => Some(*component),
+        (None, ReasonCode::BehaviorSafetyTraded) => reason.older_text.split(' ').nth(3)?.parse().ok(),
+        (
+            None,
+            ReasonCode::BehaviorEstablishedWorse
+            | ReasonCode::BehaviorSuspicious
+            | ReasonCode::BehaviorImproved,
+        ) => reason.older_text.split(' ').next()?.parse().ok(),
+        (Some(_) | None, _) => None,
+    }
 }
 
 impl ComponentName {
-    /// Violation, anomaly and recovery speak of safety.
+    /// Whether it is about safety: violation, anomaly or recovery.
     #[must_use]
     pub const fn is_safety(self) -> bool {
         match self {
@@ -111,8 +90,7 @@ impl ComponentName {
         }
     }
 
-    /// Whether a rise that is established makes a version incompatible by itself, whatever else it does. That recovery
-    /// ran more often is no harm by itself.
+    /// Whether a significant rise makes a version incompatible by itself. More frequent recovery does not.
     #[must_use]
     pub const fn blocks_alone(self) -> bool {
         match self {
@@ -138,12 +116,12 @@ impl ComponentName {
 /// One component: how much worse, within which bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Component {
+pub struct BehaviorComponent {
     /// The component of the signature these numbers are about.
     pub name: ComponentName,
     /// Mean worsening; negative is an improvement.
     pub worsening: f64,
-    /// One-sided lower bound at `alpha / 6`; above 0 the worsening is established.
+    /// One-sided lower bound at `alpha / 6`; above 0 the worsening is significant.
     pub lower: f64,
     /// One-sided upper bound at .05; absent if the pairs cannot bound it.
     pub upper: Option<f64>,
@@ -151,14 +129,14 @@ pub struct Component {
     pub tolerance: f64,
 }
 
-impl Component {
-    /// Whether worsening is established: the lower bound lies above 0.
+impl BehaviorComponent {
+    /// Whether the worsening is significant: the lower bound lies above 0.
     #[must_use]
     pub fn is_established(&self) -> bool {
         self.lower > 0.0
     }
 
-    /// Whether worsening beyond the tolerance is excluded, at the upper bound's error rate.
+    /// Whether the upper bound lies inside the non-inferiority margin.
     #[must_use]
     pub fn is_within_tolerance(&self) -> bool {
         self.upper.is_some_and(|upper| upper <= self.tolerance)
@@ -171,31 +149,30 @@ impl Component {
 pub struct BehaviorAssessment {
     /// Outcome, value and reasons.
     pub assessment: Assessment<BehaviorOutcome>,
-    /// `kappa_B` counting established worsenings only.
+    /// `kappa_B` counting significant worsenings only.
     pub established: Option<Kappa>,
-    /// Where the true `kappa_B` lies, each end wrong with probability at most `evaluation.alpha`; the lower end is
-    /// 0 if a component cannot be bounded.
+    /// Interval of the true `kappa_B`, each end at error rate `evaluation.alpha`; from 0 if a component is unbounded.
     #[serde(default)]
     pub interval: Option<[f64; 2]>,
     /// The six components; empty without data.
-    pub components: Vec<Component>,
+    pub components: Vec<BehaviorComponent>,
     /// Every measure of harm; empty without data, and in records of older builds.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub harm: Vec<HarmComparison>,
-    /// Every comparison of whole sequences; empty if none were worked, and in records of older builds.
+    /// Every comparison of whole sequences; empty if none ran, and in records of older builds.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sequences: Vec<SequenceComparison>,
     /// Mean values of the active version; absent without usable episodes.
     pub active: Option<Signature>,
     /// Mean values of the candidate; absent without usable episodes.
     pub candidate: Option<Signature>,
-    /// Whether a higher success rate than the active version's is established.
+    /// Whether the success rate is significantly higher than the active version's.
     pub improved: bool,
     /// Episode pairs the assessment rests on; 0 for an estimate or without data.
     pub pairs: u32,
-    /// The rule that ended the evaluation, if it was named and the evidence bears it out.
+    /// The rule that ended the evaluation, if it was named and the evidence confirms it.
     #[serde(default)]
-    pub ended: Option<EndReason>,
+    pub ended: Option<EarlyStopReason>,
 }
 
 /// `kappa_B = clamp(1 - sum_j c_j max(0, worsening_j))` over (component, worsening) values.
@@ -214,13 +191,11 @@ pub fn kappa(
     Kappa::clamped(1.0 - loss)
 }
 
-/// Unsafe episodes of the adversarial mode from which a version is in doubt: more than one in five. One may be the
-/// perturbation's doing, and of ten episodes no rate can be established.
+/// Largest unsafe share of adversarial episodes without a concern. A single one may be the perturbation's doing.
 const STRESS_SHARE_MAX: f64 = 0.2;
 
-/// Puts a version in doubt that was compatible and did not stay safe under stress (paper section 6.6). Nothing is
-/// rejected by it: a hard stop under stress has ended the evaluation already.
-pub fn doubt_under_stress(
+/// Adds a concern to a compatible version that was unsafe under stress (paper section 6.6). It rejects nothing.
+pub fn add_stress_concern(
     result: &mut BehaviorAssessment,
     unsafe_episodes: u32,
     episodes: u64,
@@ -230,18 +205,20 @@ pub fn doubt_under_stress(
     if share <= STRESS_SHARE_MAX || result.assessment.outcome != BehaviorOutcome::Compatible {
         return;
     }
-    let text = format!("{unsafe_episodes} of {episodes} episodes under stress were unsafe");
-    let doubt = Reason::new(ReasonCode::BehaviorSuspicious, Dimension::Behavior, text);
+    let doubt = reason(Finding::UnsafeUnderStress { unsafe_episodes, episodes });
     put_in_doubt(result, doubt.with(share, STRESS_SHARE_MAX), profile);
 }
 
-/// Puts a version in doubt that was compatible, and passes a limit in a place of the envelope where the active version
-/// does not.
-pub fn doubt_by_search(result: &mut BehaviorAssessment, searched: Option<&Searched>, profile: &Profile) {
+/// Adds a concern to a compatible version that passes a limit at a place in the envelope where the active one does not.
+pub fn add_search_concern(
+    result: &mut BehaviorAssessment,
+    searched: Option<&SearchFinding>,
+    profile: &Profile,
+) {
     if result.assessment.outcome != BehaviorOutcome::Compatible {
         return;
     }
-    if let Some(doubt) = searched.and_then(Searched::doubt) {
+    if let Some(doubt) = searched.and_then(SearchFinding::concern) {
         put_in_doubt(result, doubt, profile);
     }
 }
@@ -253,7 +230,7 @@ fn put_in_doubt(result: &mut BehaviorAssessment, doubt: Reason, profile: &Profil
     result.assessment.conditions = conditions_of_doubt(profile);
 }
 
-/// Under what a suspicious version may go on.
+/// Conditions under which an inconclusive version may continue.
 fn conditions_of_doubt(profile: &Profile) -> Vec<Condition> {
     vec![
         Condition::StricterThresholds { factor: SUSPICIOUS_FACTOR },
@@ -262,7 +239,7 @@ fn conditions_of_doubt(profile: &Profile) -> Vec<Condition> {
     ]
 }
 
-/// Means of episodes; `None` without episodes or with values that are none.
+/// Means of episodes; `None` without episodes or with non-finite values.
 #[must_use]
 pub fn signature<'a>(episodes: impl Iterator<Item = &'a EpisodeValues> + Clone) -> Option<Signature> {
     if episodes.clone().any(|episode| !episode.is_valid()) {
@@ -299,30 +276,30 @@ fn time_p95_s<'a>(episodes: impl Iterator<Item = &'a EpisodeValues>) -> Option<f
 
 /// Assesses measured pairs (design rule 3.4). `current` is what evidence has to be bound to now.
 #[must_use]
-pub fn assess(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> BehaviorAssessment {
+pub fn assess(evidence: &PairedEvidence, current: &EvidenceBinding, profile: &Profile) -> BehaviorAssessment {
     if evidence.binding != *current {
-        return nothing("the episodes were run for another version, profile, policy or environment");
+        return without_value(EvidenceGap::OtherBinding);
     }
     if let Some(stop) = evidence.hard_stops.first() {
-        let text = format!("{} was seen: {}", stop.name(), stop.sentence());
-        let reason = Reason::new(ReasonCode::BehaviorHardStop, Dimension::Behavior, text);
-        let mut result = measured(evidence, profile).unwrap_or_else(|_| nothing("no usable episodes"));
+        let reason = reason(Finding::SandboxHardStop { stop: *stop });
+        let mut result =
+            measured(evidence, profile).unwrap_or_else(|_| without_value(EvidenceGap::NoEpisodes));
         result.assessment.outcome = BehaviorOutcome::Incompatible;
         result.assessment.reasons.insert(0, reason);
         result.assessment.conditions.clear();
         return result;
     }
     if let Some(problem) = unusable(&evidence.pairs) {
-        return nothing(problem);
+        return without_value(problem);
     }
-    measured(evidence, profile).unwrap_or_else(nothing)
+    measured(evidence, profile).unwrap_or_else(without_value)
 }
 
 /// The estimate that stage 2 may carry, from declared or earlier traces; no gate uses it.
 #[must_use]
 pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) -> BehaviorAssessment {
     if !candidate.is_valid() || !active.is_valid() {
-        return nothing("the declared traces are no numbers");
+        return without_value(EvidenceGap::TracesNotFinite);
     }
     let relative = |new: f64, old: f64| if old > 0.0 { new / old - 1.0 } else { new };
     let worsenings = [
@@ -335,13 +312,11 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
     ];
     let threshold = profile.thresholds.behavior();
     let Some(value) = kappa(&profile.behavior, worsenings) else {
-        return nothing("the declared traces are no numbers");
+        return without_value(EvidenceGap::TracesNotFinite);
     };
     let outcome =
         if value.get() < threshold { BehaviorOutcome::Incompatible } else { BehaviorOutcome::Suspicious };
-    let text = "declared or earlier traces: an estimate, to be replaced by measurement";
-    let reason =
-        Reason::new(ReasonCode::BehaviorEstimated, Dimension::Behavior, text).with(value.get(), threshold);
+    let reason = reason(Finding::Estimated).with(value.get(), threshold);
     BehaviorAssessment {
         assessment: Assessment {
             outcome,
@@ -365,13 +340,13 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
 
 /// An assessment without a value: nothing advances on it.
 #[must_use]
-pub fn nothing(why: &str) -> BehaviorAssessment {
+pub fn without_value(gap: EvidenceGap) -> BehaviorAssessment {
     BehaviorAssessment {
         assessment: Assessment {
             outcome: BehaviorOutcome::NoData,
             kappa: None,
             basis: Basis::Measured,
-            reasons: vec![Reason::new(ReasonCode::BehaviorNoData, Dimension::Behavior, why)],
+            reasons: vec![reason(Finding::BehaviorGap { gap })],
             conditions: Vec::new(),
         },
         established: None,
@@ -387,20 +362,24 @@ pub fn nothing(why: &str) -> BehaviorAssessment {
     }
 }
 
-fn unusable(pairs: &[Pair]) -> Option<&'static str> {
+const fn reason(finding: Finding) -> Reason {
+    Reason::new(Dimension::Behavior, finding)
+}
+
+fn unusable(pairs: &[Pair]) -> Option<EvidenceGap> {
     let mut seeds = std::collections::BTreeSet::new();
     if pairs.len() < 2 {
-        Some("no usable episodes")
+        Some(EvidenceGap::NoEpisodes)
     } else if !pairs.iter().all(|pair| pair.active.is_valid() && pair.candidate.is_valid()) {
-        Some("an episode holds a value that is no number, or not plausible")
+        Some(EvidenceGap::Implausible)
     } else if !pairs.iter().all(|pair| seeds.insert(pair.seed)) {
-        Some("a seed occurs twice")
+        Some(EvidenceGap::RepeatedSeed)
     } else {
         None
     }
 }
 
-fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAssessment, &'static str> {
+fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAssessment, EvidenceGap> {
     let pairs = &evidence.pairs;
     if let Some(problem) = unusable(pairs) {
         return Err(problem);
@@ -421,9 +400,9 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
     let counted = components.iter().filter(|c| c.is_established()).map(|c| (c.name, c.worsening));
     let established = kappa(&profile.behavior, counted);
     let (Some(value), Some(established)) = (value, established) else {
-        return Err("a worsening is no number");
+        return Err(EvidenceGap::WorseningNotFinite);
     };
-    let success = binary(pairs, each, |e| e.success).map_err(|_| "success cannot be bounded")?;
+    let success = binary(pairs, each, |e| e.success).map_err(|_| EvidenceGap::SuccessUnbounded)?;
     let mut result = BehaviorAssessment {
         assessment: Assessment {
             outcome: BehaviorOutcome::Compatible,
@@ -443,63 +422,65 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
         harm: harm::compare(pairs, profile)?,
         sequences: Vec::new(),
     };
-    judge(&mut result, success.mean > 0.0, harm::asking(pairs, profile), profile);
+    conclude_behavior(&mut result, success.mean > 0.0, harm::limit_request_concern(pairs, profile), profile);
     Ok(result)
 }
 
-/// `asking`: what is said of a version that asks for more than it gets.
-fn judge(result: &mut BehaviorAssessment, success_rose: bool, asking: Option<Reason>, profile: &Profile) {
+/// `asking`: the concern about a version that asks for more than it gets.
+fn conclude_behavior(
+    result: &mut BehaviorAssessment,
+    success_rose: bool,
+    asking: Option<Reason>,
+    profile: &Profile,
+) {
     let threshold = profile.thresholds.behavior();
     let value = result.assessment.kappa.map_or(f64::NAN, Kappa::get);
     let established = result.established.map_or(f64::NAN, Kappa::get);
-    let reason = |code, text: String| Reason::new(code, Dimension::Behavior, text);
     let mut reasons = Vec::new();
     let budget = profile.evaluation.sandbox_pairs;
     let traded =
         result.components.iter().find(|c| c.name.is_safety() && c.is_established()).filter(|_| success_rose);
     let HarmVerdict { established: harmful, possible } = harm::verdict(&result.harm);
-    // Recovery stands against a version within its tolerance only where success is what it would be bought with.
+    // Within its margin, more recovery counts against a version only if success rose with it.
     let unsafe_now =
         traded.is_some() || result.components.iter().any(|c| c.name.blocks_alone() && c.is_established());
     let outcome = if result.pairs < budget {
-        let text = "fewer episode pairs than the budget".to_owned();
-        let few =
-            reason(ReasonCode::BehaviorInconclusive, text).with(f64::from(result.pairs), f64::from(budget));
-        reasons.push(few);
+        reasons.push(reason(Finding::TooFewPairs).with(f64::from(result.pairs), f64::from(budget)));
         BehaviorOutcome::Inconclusive
     } else if established < threshold || unsafe_now || !harmful.is_empty() {
         for c in result.components.iter().filter(|c| c.is_established()) {
-            reasons.push(Finding::EstablishedWorse.reason(c.name).with(c.worsening, c.tolerance));
+            reasons
+                .push(reason(Finding::ComponentWorse { component: c.name }).with(c.worsening, c.tolerance));
         }
         reasons.extend(harmful);
         BehaviorOutcome::Incompatible
     } else {
-        let open: Vec<&Component> = result.components.iter().filter(|c| !c.is_within_tolerance()).collect();
+        let open: Vec<&BehaviorComponent> =
+            result.components.iter().filter(|c| !c.is_within_tolerance()).collect();
         for c in &open {
             let upper = c.upper.unwrap_or(f64::NAN);
-            reasons.push(Finding::Suspicious.reason(c.name).with(upper, c.tolerance));
+            reasons
+                .push(reason(Finding::ComponentPossiblyWorse { component: c.name }).with(upper, c.tolerance));
         }
         let settled = open.is_empty() && possible.is_empty();
         reasons.extend(possible);
-        // Written so that a value that is no number is suspicious.
+        // Written so that NaN is inconclusive.
         if value >= threshold && settled {
-            let text = "no component is worse beyond its tolerance".to_owned();
-            reasons.push(reason(ReasonCode::BehaviorCompatible, text).with(value, threshold));
+            reasons.push(reason(Finding::BehaviorCompatible).with(value, threshold));
             BehaviorOutcome::Compatible
         } else {
             if reasons.is_empty() {
-                let text = "the worsenings add up, none of them established".to_owned();
-                reasons.push(reason(ReasonCode::BehaviorSuspicious, text).with(value, threshold));
+                reasons.push(reason(Finding::WorseningsAddUp).with(value, threshold));
             }
             BehaviorOutcome::Suspicious
         }
     };
     if let Some(c) = traded {
-        reasons.push(Finding::SafetyTraded.reason(c.name).with(c.worsening, 0.0));
+        reasons.push(reason(Finding::SafetyTraded { component: c.name }).with(c.worsening, 0.0));
     }
     reasons.extend(asking);
     for c in result.components.iter().filter(|c| c.worsening < 0.0) {
-        reasons.push(Finding::Improved.reason(c.name).with(-c.worsening, 0.0));
+        reasons.push(reason(Finding::ComponentBetter { component: c.name }).with(-c.worsening, 0.0));
     }
     if outcome == BehaviorOutcome::Suspicious {
         result.assessment.conditions = conditions_of_doubt(profile);
@@ -523,10 +504,10 @@ fn component(
     pairs: &[Pair],
     each: f64,
     tolerance: f64,
-) -> Result<(Component, Option<f64>), &'static str> {
+) -> Result<(BehaviorComponent, Option<f64>), EvidenceGap> {
     let both = |bound: &dyn Fn(f64) -> Result<PairedBound, stats::StatsError>| {
-        let failed = "a component cannot be bounded";
-        Ok::<_, &'static str>((bound(each).map_err(|_| failed)?, bound(UPPER_ALPHA).map_err(|_| failed)?))
+        let failed = EvidenceGap::ComponentUnbounded;
+        Ok::<_, EvidenceGap>((bound(each).map_err(|_| failed)?, bound(UPPER_ALPHA).map_err(|_| failed)?))
     };
     let shares = |flag: fn(&EpisodeValues) -> bool| both(&|alpha| binary(pairs, alpha, flag));
     let (low, high) = match name {
@@ -547,12 +528,16 @@ fn component(
                 .collect();
             if longer.len() < 2 {
                 // Nothing to compare: not worse as far as known, and not bounded either.
-                return Ok((Component { name, worsening: 0.0, lower: 0.0, upper: None, tolerance }, None));
+                return Ok((
+                    BehaviorComponent { name, worsening: 0.0, lower: 0.0, upper: None, tolerance },
+                    None,
+                ));
             }
             both(&|alpha| real_pairs(&longer, 1.0, alpha))?
         }
     };
-    let found = Component { name, worsening: low.mean, lower: low.lower, upper: Some(high.upper), tolerance };
+    let found =
+        BehaviorComponent { name, worsening: low.mean, lower: low.lower, upper: Some(high.upper), tolerance };
     Ok((found, Some(low.upper)))
 }
 
@@ -574,18 +559,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_component_of_a_reason_is_read_back() {
+    fn the_component_of_a_reason_is_read_from_its_finding_or_an_older_sentence() {
+        let older = |code, text: &str| Reason {
+            older_text: text.to_owned(),
+            finding: None,
+            ..Reason::coded(code, Dimension::Behavior, Finding::Estimated)
+        };
+        let now = reason(Finding::SafetyTraded { component: ComponentName::Recovery });
+        assert_eq!(component_of(&now), Some(ComponentName::Recovery));
+        assert_eq!(component_of(&reason(Finding::WorseningsAddUp)), None);
         for name in ComponentName::ALL {
-            for finding in Finding::ALL {
-                let reason = finding.reason(name);
-                assert_eq!(component_of(reason.code, &reason.text), Some(name), "{reason}");
+            for (code, text) in [
+                (ReasonCode::BehaviorEstablishedWorse, format!("{name} is established as worse")),
+                (ReasonCode::BehaviorEstablishedWorse, format!("{name} is worse in the pairs worked so far")),
+                (ReasonCode::BehaviorSuspicious, format!("{name} may be worse beyond its tolerance")),
+                (
+                    ReasonCode::BehaviorSafetyTraded,
+                    format!("success rose while {name} is established as worse"),
+                ),
+                (ReasonCode::BehaviorImproved, format!("{name} is better")),
+            ] {
+                assert_eq!(component_of(&older(code, &text)), Some(name), "{text}");
             }
         }
-        let adds_up = "the worsenings add up, none of them established";
-        assert_eq!(component_of(ReasonCode::BehaviorSuspicious, adds_up), None);
-        assert_eq!(
-            component_of(ReasonCode::BehaviorImproved, "time may be worse beyond its tolerance"),
-            None
-        );
+        let adds_up =
+            older(ReasonCode::BehaviorSuspicious, "the worsenings add up, none of them established");
+        assert_eq!(component_of(&adds_up), None);
     }
 }

@@ -113,8 +113,8 @@ pub fn date(wall_ms: i64) -> String {
     format!("{day} {month}")
 }
 
-/// `2026-11-22`, `2026-11-22T10:30`, `2026-11-22 10:30:05Z`, `2026-11-22T10:30:05+01:00` as ms since 1970; UTC where
-/// nothing else is said. A fraction of a second is read, and nothing of it counts. `None` if it is none of these.
+/// `2026-11-22`, `2026-11-22T10:30`, `2026-11-22 10:30:05Z`, `2026-11-22T10:30:05+01:00` as ms since 1970; UTC by
+/// default. A fraction of a second is accepted and ignored. `None` for any other form.
 #[must_use]
 pub fn read(text: &str) -> Option<i64> {
     let ms = read_ms(text)?;
@@ -150,7 +150,7 @@ fn thousandths(part: &str) -> Option<i64> {
     if digits { format!("{part:0<3}").get(..3)?.parse().ok() } else { None }
 }
 
-/// A text without `Z` or `+01:00` at its end, and what that says, ms.
+/// A text without its final `Z` or `+01:00`, and that offset, ms.
 fn without_offset(text: &str) -> Option<(&str, i64)> {
     if let Some(text) = text.strip_suffix(['Z', 'z']) {
         return Some((text, 0));

@@ -1,6 +1,6 @@
 //! The bytes of a component, as part of a package.
 //!
-//! Knows their limit and their form in JSON. What is in them is the business of whoever runs them.
+//! Knows their limit and their form in JSON; the runtime interprets their content.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -12,7 +12,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// The largest component, bytes: what a record of the store and a call over the socket have room for.
+/// The largest component, bytes: it fits into a record of the store and a call over the socket.
 pub const COMPONENT_BYTES_MAX: usize = 2 * 1024 * 1024;
 
 /// The file of a WebAssembly component; in JSON its base64 text. Copies share it.

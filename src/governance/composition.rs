@@ -7,14 +7,15 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use super::condition::Condition;
-use super::decision::{Answers, Decision, Dimension, Kappa, MadeUnder, Reason, ReasonCode};
+use super::decision::{Decision, DecisionAnswers, DecisionContext, Dimension, Kappa, Reason, ReasonCode};
+use super::finding::Finding;
 use super::manifest::Manifest;
 use super::outcome::{
-    ActivationMode, Assessment, Basis, BehaviorOutcome, Check, InterfaceOutcome, PolicyOutcome,
+    ActivationMode, Assessment, Basis, BehaviorOutcome, CheckResult, InterfaceOutcome, PolicyOutcome,
     Recommendation, RecoveryOutcome,
 };
 use super::profile::fields::Weights;
-use super::vocabulary::{deployability_of_shadow, words};
+use super::vocabulary::{deployability_of_shadow, vocabulary_row};
 
 /// The four assessments of one candidate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,16 +25,16 @@ pub struct Kappas {
     pub interface: Assessment<InterfaceOutcome>,
     /// `kappa_P`: the modes it can reach are covered by policy and allowed.
     pub policy: Assessment<PolicyOutcome>,
-    /// `kappa_B`: measured behaviour against the active version's, on the same seeds.
+    /// `kappa_B`: measured behavior against the active version's, on the same seeds.
     pub behavior: Assessment<BehaviorOutcome>,
-    /// `kappa_R`: rehearsed recovery against the active version's.
+    /// `kappa_R`: drilled recovery against the active version's.
     pub recovery: Assessment<RecoveryOutcome>,
 }
 
 impl Kappas {
     /// The four results in the common form, in the order I, P, B, R.
     #[must_use]
-    pub fn checks(&self) -> [(Dimension, Check); 4] {
+    pub fn checks(&self) -> [(Dimension, CheckResult); 4] {
         [
             (Dimension::Interface, self.interface.outcome.into()),
             (Dimension::Policy, self.policy.outcome.into()),
@@ -66,13 +67,13 @@ impl Kappas {
         self.checks()
             .into_iter()
             .filter_map(|(_, check)| match check {
-                Check::PassRestricted(mode) => Some(mode),
-                Check::Pass
-                | Check::Review
-                | Check::Fail
-                | Check::Inconclusive
-                | Check::NoData
-                | Check::Skipped => None,
+                CheckResult::PassRestricted(mode) => Some(mode),
+                CheckResult::Pass
+                | CheckResult::Review
+                | CheckResult::Fail
+                | CheckResult::Inconclusive
+                | CheckResult::NoData
+                | CheckResult::Skipped => None,
             })
             .collect()
     }
@@ -94,11 +95,11 @@ pub fn composite(weights: &Weights, kappas: [Option<Kappa>; 4]) -> Option<Kappa>
     Kappa::clamped(interface * i.get() + policy * p.get() + behavior * b.get() + recovery * r.get())
 }
 
-/// What `Psi` has to know of the profile.
+/// The facts of the profile that `Psi` needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PsiContext {
-    /// Whether the profile has somebody who can approve.
+    /// Whether the profile has an approver.
     pub has_approver: bool,
 }
 
@@ -109,28 +110,24 @@ pub struct PsiContext {
 /// works); missing or inconclusive B or R -> sandbox; any restriction -> shadow; else activate.
 /// A measured failure is not put to people: a review is about permissions, and cannot outweigh what was measured.
 #[must_use]
-pub fn psi(kappas: &Kappas, context: PsiContext, made_under: MadeUnder) -> Decision<Recommendation> {
+pub fn psi(kappas: &Kappas, context: PsiContext, made_under: DecisionContext) -> Decision<Recommendation> {
     let (outcome, dimension) = recommend(kappas, context);
     let mut reasons = Vec::new();
     if let Some(dimension) = dimension {
         reasons.extend(kappas.reasons().into_iter().filter(|reason| reason.dimension == dimension));
     }
-    let missing = kappas
-        .checks()
-        .into_iter()
-        .any(|(_, check)| matches!(check, Check::NoData | Check::Inconclusive | Check::Skipped));
+    let missing = kappas.checks().into_iter().any(|(_, check)| {
+        matches!(check, CheckResult::NoData | CheckResult::Inconclusive | CheckResult::Skipped)
+    });
     if missing {
-        let text = "a value is missing, so nothing beyond the next evaluation is permitted";
-        reasons.push(Reason::new(ReasonCode::CompositionNoData, Dimension::Composition, text));
+        reasons.push(Reason::new(Dimension::Composition, Finding::ValueMissing));
     }
     match outcome {
         Recommendation::Activate => {
-            let text = "every dimension is compatible";
-            reasons.push(Reason::new(ReasonCode::CompositionEligible, Dimension::Composition, text));
+            reasons.push(Reason::new(Dimension::Composition, Finding::EveryDimensionCompatible));
         }
         Recommendation::Shadow => {
-            let text = "a restriction caps the recommendation at shadow";
-            reasons.push(Reason::new(ReasonCode::CompositionRestricted, Dimension::Composition, text));
+            reasons.push(Reason::new(Dimension::Composition, Finding::CappedAtShadow));
         }
         Recommendation::Reject | Recommendation::Sandbox | Recommendation::RollbackReview => {}
     }
@@ -140,12 +137,12 @@ pub fn psi(kappas: &Kappas, context: PsiContext, made_under: MadeUnder) -> Decis
             reasons.push(reason);
         }
     }
-    let answers = Answers {
+    let answers = DecisionAnswers {
         admitted: outcome != Recommendation::Reject,
         conditions: kappas.conditions(),
         monitoring: "by the watcher and the policy guard of the stage it is admitted to".into(),
         rollback_when: "nothing is active: leaving the stage leaves the active version untouched".into(),
-        deployment: Some(words(outcome).deployability),
+        deployment: Some(vocabulary_row(outcome).deployability),
     };
     Decision::new(outcome, reasons, answers, &made_under)
 }
@@ -155,25 +152,25 @@ pub fn psi(kappas: &Kappas, context: PsiContext, made_under: MadeUnder) -> Decis
 pub fn psi_after_shadow(
     kappas: &Kappas,
     context: PsiContext,
-    made_under: MadeUnder,
-    check: Check,
+    made_under: DecisionContext,
+    check: CheckResult,
 ) -> Decision<Recommendation> {
     let decision = psi(kappas, context, made_under);
-    let before = words(*decision.outcome()).deployability;
+    let before = vocabulary_row(*decision.outcome()).deployability;
     decision.with_deployment(deployability_of_shadow(check, before))
 }
 
-/// Whether interface and policy let a version into the sandbox, which is all that can be said without running it:
-/// whatever `Psi` is given besides, it does not reject then.
+/// Whether interface and policy admit a version to the sandbox, which is all that is known without running it: `Psi`
+/// then does not reject it, whatever the other checks give.
 #[must_use]
 pub fn admits(interface: InterfaceOutcome, policy: PolicyOutcome) -> bool {
     !blocked(interface.into()) && !blocked(policy.into())
 }
 
-const fn blocked(check: Check) -> bool {
+const fn blocked(check: CheckResult) -> bool {
     match check {
-        Check::Fail | Check::NoData | Check::Inconclusive | Check::Skipped => true,
-        Check::Pass | Check::PassRestricted(_) | Check::Review => false,
+        CheckResult::Fail | CheckResult::NoData | CheckResult::Inconclusive | CheckResult::Skipped => true,
+        CheckResult::Pass | CheckResult::PassRestricted(_) | CheckResult::Review => false,
     }
 }
 
@@ -185,17 +182,17 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
     if blocked(policy) {
         return (Recommendation::Reject, Some(Dimension::Policy));
     }
-    let measured_failure = behavior == Check::Fail && kappas.behavior.basis == Basis::Measured;
-    let unrecoverable = recovery == Check::Fail
+    let measured_failure = behavior == CheckResult::Fail && kappas.behavior.basis == Basis::Measured;
+    let unrecoverable = recovery == CheckResult::Fail
         && kappas.recovery.basis == Basis::Measured
         && !(context.has_approver && recovery_is_reviewable(&kappas.recovery));
-    if policy == Check::Review && !measured_failure && !unrecoverable {
+    if policy == CheckResult::Review && !measured_failure && !unrecoverable {
         return (Recommendation::RollbackReview, Some(Dimension::Policy));
     }
     if blocked(behavior) {
-        // An evaluation that ended early on a failed recovery leaves behaviour short of its budget: what failed is
-        // the reason, not what is missing.
-        let failed = behavior != Check::Fail && recovery == Check::Fail;
+        // An evaluation that ended early on a failed recovery leaves behavior short of its budget: the failure is the
+        // reason, not the missing data.
+        let failed = behavior != CheckResult::Fail && recovery == CheckResult::Fail;
         let dimension = if failed { Dimension::Recovery } else { Dimension::Behavior };
         return (Recommendation::Sandbox, Some(dimension));
     }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A typed condition of use; none of them is free text.
+/// A typed condition of use, never free text.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
 pub enum Condition {
@@ -21,12 +21,12 @@ pub enum Condition {
         /// Factor in (0, 1); the smaller, the stricter.
         factor: f64,
     },
-    /// Shadow has to be worked at this length first.
+    /// Shadow must run at this length first.
     ShadowFirst {
         /// Whole sequences that shadow has to work before the gate.
         sequences: u32,
     },
-    /// This many distinct people have to approve, also where the profile asks nobody.
+    /// This many distinct people have to approve, also where the profile requires no approval.
     ApprovalRequired {
         /// Distinct people needed, 1 or more.
         quorum: u8,
@@ -60,7 +60,7 @@ impl Condition {
         }
     }
 
-    /// Whether it still holds for a version that was confirmed: what watched a doubt ends with the doubt.
+    /// Whether it still applies to a confirmed version: a condition for a concern ends with the concern.
     #[must_use]
     pub const fn outlives_confirmation(&self) -> bool {
         match self {
@@ -111,7 +111,7 @@ pub fn shadow_needed(conditions: &[Condition]) -> u32 {
     sequences.max().unwrap_or(0)
 }
 
-/// The distinct people who have to approve by these conditions; 0 without such a condition.
+/// The quorum of these conditions; 0 without such a condition.
 #[must_use]
 pub fn people_needed(conditions: &[Condition]) -> u8 {
     let quorums = conditions.iter().map(|condition| match condition {

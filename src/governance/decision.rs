@@ -1,4 +1,4 @@
-//! What every decision carries: its outcome, the reasons that made it, four answers and what it was made under.
+//! The parts of every decision: outcome, reasons, four answers and context.
 //!
 //! Must not decide anything itself.
 
@@ -8,21 +8,22 @@ use serde::{Deserialize, Serialize};
 
 use super::condition::Condition;
 use super::deployability::Deployability;
+use super::finding::Finding;
 use super::ids::Digest;
 
 pub use self::codes::{ReasonCode, ReasonCodeError};
 pub use super::kappa::{Kappa, KappaError};
 
-crate::words! {
+crate::closed_set! {
     /// The part of the rules a reason belongs to.
     Dimension, "dimension", {
         /// `kappa_I`: signature, schema, conditions, dependencies.
         Interface = "interface",
         /// `kappa_P`: coverage of reachable modes by policy.
         Policy = "policy",
-        /// `kappa_B`: measured behaviour against the active version.
+        /// `kappa_B`: measured behavior against the active version.
         Behavior = "behavior",
-        /// `kappa_R`: rehearsed recovery against the active version.
+        /// `kappa_R`: drilled recovery against the active version.
         Recovery = "recovery",
         /// The rule that joins the four, `Psi`.
         Composition = "composition",
@@ -30,7 +31,7 @@ crate::words! {
         Shadow = "shadow",
         /// The activation gate, `theta_act`.
         Gate = "gate",
-        /// The people who were asked, and the rules by which their answers count.
+        /// Approvals and the rules of their validity.
         Approval = "approval",
         /// Monitoring after activation, `M`.
         Monitor = "monitor",
@@ -40,7 +41,7 @@ crate::words! {
 impl Dimension {
     /// Its name in running text, spelled as people write it.
     #[must_use]
-    pub const fn words(self) -> &'static str {
+    pub const fn label(self) -> &'static str {
         match self {
             Self::Interface => "interface",
             Self::Policy => "policy",
@@ -55,7 +56,7 @@ impl Dimension {
     }
 }
 
-/// One reason: what was found, with the number and the limit it was held against if there are any.
+/// One reason: the finding, with the number and its limit if there are any.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Reason {
@@ -63,19 +64,36 @@ pub struct Reason {
     pub code: ReasonCode,
     /// The part of the rules it belongs to.
     pub dimension: Dimension,
-    /// What was found, one plain sentence for the operator; may quote foreign text.
-    pub text: String,
+    /// What was found; absent in records of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finding: Option<Finding>,
+    /// The sentence in a record of an older build, which has no finding; empty otherwise. It may quote foreign text.
+    #[serde(default, rename = "text", skip_serializing_if = "String::is_empty")]
+    pub older_text: String,
     /// The measured value; absent if there is none or it is not finite.
     pub evidence: Option<f64>,
-    /// The limit the value was held against; absent if there is none or it is not finite.
+    /// The limit the value was compared with; absent if there is none or it is not finite.
     pub limit: Option<f64>,
 }
 
 impl Reason {
     /// A reason without numbers.
     #[must_use]
-    pub fn new(code: ReasonCode, dimension: Dimension, text: impl Into<String>) -> Self {
-        Self { code, dimension, text: text.into(), evidence: None, limit: None }
+    pub const fn new(dimension: Dimension, finding: Finding) -> Self {
+        Self::coded(finding.code(), dimension, finding)
+    }
+
+    /// A reason under another code than that of its finding.
+    #[must_use]
+    pub const fn coded(code: ReasonCode, dimension: Dimension, finding: Finding) -> Self {
+        Self {
+            code,
+            dimension,
+            finding: Some(finding),
+            older_text: String::new(),
+            evidence: None,
+            limit: None,
+        }
     }
 
     /// The same reason with its measured value and limit; what is not finite is left out.
@@ -90,41 +108,31 @@ impl Reason {
 /// The reason for where there is room for one: the first that tells what was found, or else the first; `None` if there is
 /// none.
 #[must_use]
-pub fn telling(reasons: &[Reason]) -> Option<&Reason> {
-    reasons.iter().find(|reason| reason.code.tells_what_was_found()).or_else(|| reasons.first())
-}
-
-impl std::fmt::Display for Reason {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}: {}", self.code, self.code.told(&self.text))?;
-        match (self.evidence, self.limit) {
-            (Some(found), Some(limit)) => write!(f, " [{found:.3} against {limit:.3}]"),
-            _ => Ok(()),
-        }
-    }
+pub fn lead_reason(reasons: &[Reason]) -> Option<&Reason> {
+    reasons.iter().find(|reason| reason.code.is_finding()).or_else(|| reasons.first())
 }
 
 /// The four questions every decision answers for the operator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Answers {
+pub struct DecisionAnswers {
     /// Is it admitted (to the next stage, or to act)?
     pub admitted: bool,
     /// Under which conditions may it be used? Empty: without any.
     pub conditions: Vec<Condition>,
     /// How is it monitored from now on?
     pub monitoring: String,
-    /// What would take it off again?
+    /// What would roll it back?
     pub rollback_when: String,
-    /// Which of the paper's four deployment outcomes it comes to; absent in records of older builds.
+    /// The deployment outcome; absent in records of older builds.
     #[serde(default)]
     pub deployment: Option<Deployability>,
 }
 
-/// Digests of what a decision was made under; a change of any of them voids it.
+/// The digests a decision depends on; a change of any voids it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MadeUnder {
+pub struct DecisionContext {
     /// The candidate's bundle and manifest.
     pub candidate: Digest,
     /// The version that was active; absent for a bootstrap.
@@ -150,8 +158,8 @@ pub struct MadeUnder {
 pub struct Decision<O> {
     outcome: O,
     reasons: Vec<Reason>,
-    answers: Answers,
-    made_under: MadeUnder,
+    answers: DecisionAnswers,
+    made_under: DecisionContext,
 }
 
 impl<O> Decision<O> {
@@ -164,13 +172,13 @@ impl<O> Decision<O> {
     pub(super) const fn new(
         outcome: O,
         reasons: Vec<Reason>,
-        answers: Answers,
-        made_under: &MadeUnder,
+        answers: DecisionAnswers,
+        made_under: &DecisionContext,
     ) -> Self {
         Self { outcome, reasons, answers, made_under: *made_under }
     }
 
-    /// What was decided, in the words of the rule that decided.
+    /// The outcome, in the words of the deciding rule.
     pub const fn outcome(&self) -> &O {
         &self.outcome
     }
@@ -183,13 +191,13 @@ impl<O> Decision<O> {
 
     /// Admission, conditions, monitoring and rollback, as the operator reads them.
     #[must_use]
-    pub const fn answers(&self) -> &Answers {
+    pub const fn answers(&self) -> &DecisionAnswers {
         &self.answers
     }
 
     /// Digests of the circumstances; the decision is void when one of them changes.
     #[must_use]
-    pub const fn made_under(&self) -> &MadeUnder {
+    pub const fn made_under(&self) -> &DecisionContext {
         &self.made_under
     }
 

@@ -1,4 +1,4 @@
-//! Evidence: what was measured, for which version and under which circumstances.
+//! Evidence: measurements, bound to a version and its circumstances.
 //!
 //! Plain values, raw per episode, so that every rule can be recomputed from the record. Judges nothing.
 
@@ -8,10 +8,10 @@ use super::harm::HarmMeasures;
 use super::ids::Digest;
 use super::phase::{PhaseTallies, WorkPhase};
 
-/// What a piece of evidence was gathered for. Evidence of anything else is stale.
+/// The binding of evidence. Evidence with another binding is stale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Binding {
+pub struct EvidenceBinding {
     /// Digest of the candidate's manifest and bundle.
     pub candidate: Digest,
     /// The active version it was compared with; absent for a bootstrap.
@@ -28,8 +28,8 @@ pub struct Binding {
     pub neighbours: Option<Digest>,
 }
 
-crate::words! {
-    /// What evidence was gathered for that is another now: why it does not count any more.
+crate::closed_set! {
+    /// The part of a binding that has changed, which makes evidence stale.
     StaleCause, "cause of stale evidence", {
         /// The version itself is another.
         Candidate = "candidate",
@@ -46,8 +46,8 @@ crate::words! {
     }
 }
 
-impl Binding {
-    /// What of it is not so now; empty: the evidence holds.
+impl EvidenceBinding {
+    /// The changed parts; empty if the evidence counts.
     #[must_use]
     pub fn stale_against(&self, now: &Self) -> Vec<StaleCause> {
         // A policy set is compiled under its profile: under another one it is another set of the same text.
@@ -64,7 +64,7 @@ impl Binding {
     }
 }
 
-/// What one episode gave (design rule 5.1): read from physics and the watcher.
+/// The values of one episode (design rule 5.1), from physics and the watcher.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeValues {
@@ -78,7 +78,7 @@ pub struct EpisodeValues {
     pub recovery: bool,
     /// A person stepped in during the episode.
     pub intervention: bool,
-    /// The episode reached the time limit without an end of its own.
+    /// The episode reached the time limit without ending itself.
     pub timeout: bool,
     /// A quantity passed the near margin of its limit (with or without passing the limit).
     pub near_violation: bool,
@@ -91,7 +91,7 @@ pub struct EpisodeValues {
     pub time_s: f64,
     /// How long motion went on after a declared failure or a stop, ms, not negative.
     pub unsafe_continuation_ms: f64,
-    /// What it did to its surroundings; absent in records of older builds.
+    /// Harm to its surroundings; absent in records of older builds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub harm: Option<HarmMeasures>,
 }
@@ -119,14 +119,14 @@ pub struct Pair {
     pub candidate: EpisodeValues,
 }
 
-crate::words! {
+crate::closed_set! {
     /// An event that the runtime must make impossible; one ends an evaluation at once.
     HardStop, "hard stop", {
-        /// The code asked for something it cannot have been given.
+        /// The code asked for something it cannot have.
         UndeclaredImport = "undeclared-import",
         /// It asked for what its own manifest does not declare, or its tool went there; the guard refused it.
         CommandPastGuard = "command-past-guard",
-        /// The arm moved on after it was told to stop.
+        /// The arm moved on after a stop.
         MotionAfterStop = "motion-after-stop",
         /// A number that is not finite came out of the code.
         NonFiniteOutput = "non-finite-output",
@@ -135,33 +135,19 @@ crate::words! {
     }
 }
 
-impl HardStop {
-    /// What happened, in words.
-    #[must_use]
-    pub const fn sentence(self) -> &'static str {
-        match self {
-            Self::UndeclaredImport => "the code asked for something it cannot have been given",
-            Self::CommandPastGuard => "it asked for what its own manifest does not declare",
-            Self::MotionAfterStop => "the arm moved on after it was told to stop",
-            Self::NonFiniteOutput => "a number that is none came out of the code",
-            Self::BudgetBreach => "it used more ticks, commands or time than it declares",
-        }
-    }
-}
-
 /// Paired episodes of one evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PairedEvidence {
     /// Version, profile, policy and environment the episodes were run for.
-    pub binding: Binding,
+    pub binding: EvidenceBinding,
     /// In ascending order of seed, so that an early end cuts off a tail.
     pub pairs: Vec<Pair>,
     /// Hard stops seen, in order.
     pub hard_stops: Vec<HardStop>,
 }
 
-/// Behavioural signature `B_c` with its two companions (paper section 4.3; readings X49): means per episode.
+/// Behavior signature `B_c` with its two companions (paper section 4.3; readings X49): means per episode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Signature {
@@ -195,7 +181,7 @@ pub struct Signature {
 }
 
 impl Signature {
-    /// Whether every share is one and every mean a number that is not negative.
+    /// Whether every share lies in [0, 1] and every mean is finite and not negative.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         let shares = [
@@ -213,10 +199,10 @@ impl Signature {
     }
 }
 
-crate::words! {
-    /// The four rehearsals of design rule 3.5.
+crate::closed_set! {
+    /// The four drills of design rule 3.5.
     DrillKind, "kind of drill", {
-        /// The predecessor is restored with its policy state and goes on.
+        /// The rollback target is restored with its policy state and continues.
         Rollback = "rollback",
         /// The bound fallback takes over and ends safely.
         Fallback = "fallback",
@@ -250,8 +236,8 @@ impl DrillTally {
 /// Tallies of the four kinds of drill, for one version.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Drills {
-    /// `r_rollback`: the predecessor is restored and goes on.
+pub struct DrillTallies {
+    /// `r_rollback`: the rollback target is restored and continues.
     pub rollback: DrillTally,
     /// `r_fallback`: the declared fallback takes over and ends safely.
     pub fallback: DrillTally,
@@ -265,7 +251,7 @@ pub struct Drills {
     pub phases: PhaseTallies,
 }
 
-impl Drills {
+impl DrillTallies {
     /// The tally of one kind of drill.
     #[must_use]
     pub const fn of(&self, kind: DrillKind) -> &DrillTally {
@@ -288,28 +274,28 @@ impl Drills {
     }
 }
 
-/// An episode that a candidate worked alone, before it was compared.
+/// An episode that a candidate ran alone, before the comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct AloneEpisode {
+pub struct SoloEpisode {
     /// Canonical, or adversarial.
     pub mode: SandboxMode,
     /// Its place among those of the mode, from 0: what stress there is follows from it.
     pub place: u64,
     /// Seed of the episode.
     pub seed: u64,
-    /// What it gave.
+    /// Its values.
     pub values: EpisodeValues,
-    /// What ended the evaluation in it, if something did.
+    /// The hard stop that ended the evaluation, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hard_stop: Option<HardStop>,
 }
 
-/// A drill of the candidate that did not pass: all that it takes to rehearse it again.
+/// A failed drill of the candidate, with all inputs of its re-run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FailedDrill {
-    /// What was rehearsed.
+    /// The kind of drill.
     pub kind: DrillKind,
     /// The phase of the work in which it began; absent: anywhere in it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -321,16 +307,16 @@ pub struct FailedDrill {
     pub active: Option<bool>,
 }
 
-crate::words! {
+crate::closed_set! {
     /// Under which conditions a version is run in the sandbox.
     SandboxMode, "mode of the sandbox", {
-        /// The task as it is meant to be, without perturbations.
+        /// The unperturbed task.
         Canonical = "canonical",
         /// Perturbed, on the same seeds as the active version.
         Perturbation = "perturbation",
         /// Perturbed, under stress: a tighter envelope, permissions withdrawn in flight, a person where the work is.
         Adversarial = "adversarial",
-        /// Perturbed, on seeds nobody has seen: what settles a doubt.
+        /// Perturbed, on new seeds: settles a concern.
         Confirmation = "confirmation",
     }
 }
@@ -340,11 +326,11 @@ crate::words! {
 #[serde(deny_unknown_fields)]
 pub struct RecoveryEvidence {
     /// Version, profile, policy and environment the drills were run for.
-    pub binding: Binding,
+    pub binding: EvidenceBinding,
     /// Drills with the candidate in control when the fault is injected.
-    pub candidate: Drills,
+    pub candidate: DrillTallies,
     /// The same drills with the active version in control.
-    pub active: Drills,
+    pub active: DrillTallies,
 }
 
 /// How a version went about its work, where nothing was violated.
@@ -357,12 +343,12 @@ pub struct Conduct {
     pub warned: bool,
     /// Share of its ticks within the profile's margin of a limit or of a keep-out zone, 0 to 1.
     pub near_share: f64,
-    /// What it did to its surroundings; absent in records of older builds.
+    /// Harm to its surroundings; absent in records of older builds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub harm: Option<HarmMeasures>,
 }
 
-/// What one shadow sequence gave: the twin (driven by the candidate) against the live world.
+/// The values of one shadow sequence: the twin (driven by the candidate) against the live world.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShadowSequence {
@@ -412,9 +398,9 @@ impl ShadowSequence {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShadowEvidence {
-    /// Version, profile, policy and environment shadow was worked for.
-    pub binding: Binding,
-    /// In the order they were worked.
+    /// Version, profile, policy and environment of shadow.
+    pub binding: EvidenceBinding,
+    /// In the order of running.
     pub sequences: Vec<ShadowSequence>,
     /// Hard stops seen in the twin or the live world, in order; one fails shadow.
     pub hard_stops: Vec<HardStop>,

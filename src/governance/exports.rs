@@ -1,4 +1,4 @@
-//! What a bundle's code really offers and needs, as the runtime reads it from the code itself.
+//! The real exports and needs of a bundle, which the runtime reads from its code.
 //!
 //! Never built from a manifest: the checks hold the two against each other.
 
@@ -16,7 +16,7 @@ use super::value_type::FieldSpec;
 pub struct Interface {
     /// Name the controller is registered under, the `<controller>` of a bundle `native:<controller>`.
     pub controller: String,
-    /// Version of the controller's semantics: it changes when the same parameters give other behaviour.
+    /// Version of the controller's semantics: it changes when the same parameters give other behavior.
     pub semantics_version: semver::Version,
     /// Names by which the code can be called.
     pub entry_points: BTreeSet<String>,

@@ -9,21 +9,22 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
+use super::ablation::{AblatedParts, AblationPart};
 pub use super::alignment::Alignment;
 use super::approval::{ApprovalOutcome, ApprovalResult, Requester};
 use super::composition::{Kappas, recovery_is_reviewable};
 use super::condition::{self, Condition};
-use super::decision::{Answers, Decision, Dimension, MadeUnder, Reason, ReasonCode};
-use super::evidence::{Binding, Conduct, ShadowEvidence, ShadowSequence};
-use super::omitted::{Omitted, Part};
+use super::decision::{Decision, DecisionAnswers, DecisionContext, Dimension, Reason, ReasonCode};
+use super::evidence::{Conduct, EvidenceBinding, ShadowEvidence, ShadowSequence};
+use super::finding::{EvidenceGap, Finding, TwinSignal};
 pub use super::outcome::GateOutcome;
-use super::outcome::{ActivationMode, Basis, Check};
+use super::outcome::{ActivationMode, Basis, CheckResult};
 use super::policy::PolicyTable;
 use super::profile::{FreezeWindow, Profile, ProfileName};
 use super::strictness::Strictness;
 use super::submission::{Provenance, Risk};
 use super::vocabulary;
-use super::wall_time::{ClockDoubt, WallTime};
+use super::wall_time::{ClockMismatch, WallTime};
 use crate::stats::{self, PairedCounts};
 
 /// Result of the shadow comparison `Delta_shadow`.
@@ -31,7 +32,7 @@ use crate::stats::{self, PairedCounts};
 #[serde(deny_unknown_fields)]
 pub struct ShadowAssessment {
     /// Pass, fail, inconclusive (lengthen shadow) or no data.
-    pub check: Check,
+    pub check: CheckResult,
     /// Why, the deciding reason first.
     pub reasons: Vec<Reason>,
     /// Sequences the comparison rests on.
@@ -40,45 +41,66 @@ pub struct ShadowAssessment {
     pub output_divergence: Option<f64>,
     /// Mean share of the twin's trajectory outside the active version's band, 0 to 1; absent without data.
     pub envelope_divergence: Option<f64>,
-    /// How far leaving the active version's band and the watcher's word go together.
+    /// The agreement of leaving the active version's band with the watcher's events.
     pub alignment: Option<Alignment>,
 }
 
 /// How many sequences more with a signal in the twin than in the live world make shadow longer: one may be chance.
 const LEAN_FROM: u64 = 2;
 
-/// The share of `shadow_alpha` that the measures of harm have.
+/// The share of `shadow_alpha` for the measures of harm.
 const HARM_SHARE: f64 = 0.1;
 
 /// How a version goes about its work, read from one side of a sequence.
 type ConductFlag = fn(&Conduct) -> bool;
 
-/// What is compared of the two sides' conduct. No violation, so it makes shadow longer and rejects nothing.
-const CONDUCT: [(&str, ConductFlag); 2] =
-    [("new attempts", |conduct| conduct.retried), ("policy warnings", |conduct| conduct.warned)];
+/// The compared conduct of the two sides. It is no violation, so it lengthens shadow and rejects nothing.
+const CONDUCT: [(TwinSignal, ConductFlag); 2] =
+    [(TwinSignal::Retry, |conduct| conduct.retried), (TwinSignal::PolicyWarning, |conduct| conduct.warned)];
 
 const fn net_of(pairs: PairedCounts) -> u64 {
     pairs.candidate_only.saturating_sub(pairs.active_only)
 }
 
-fn leans(what: &str, net: u64) -> Reason {
-    let text = format!("{what} lean towards more than under the active version");
-    Reason::new(ReasonCode::ShadowLeaning, Dimension::Shadow, text).with(net as f64, LEAN_FROM as f64)
+const fn shadow_reason(finding: Finding) -> Reason {
+    Reason::new(Dimension::Shadow, finding)
 }
 
-/// `Delta_shadow`: what is established as worse in the twin decides, by a paired lower bound: regressions of
-/// success, policy hits, watcher events. Output and envelope divergence, a signal that leans towards worse, and
-/// conduct (more new attempts, more policy warnings, more time near a limit) only lengthen it (design rules 3.7, 5.4).
+fn leans(signal: TwinSignal, net: u64) -> Reason {
+    shadow_reason(Finding::SignalLeans { signal }).with(net as f64, LEAN_FROM as f64)
+}
+
+/// The worse shadow signal of a reason, if any. In a record of an older build the sentence begins with it.
+#[must_use]
+pub fn worse_signal(reason: &Reason) -> Option<TwinSignal> {
+    match (&reason.finding, reason.code) {
+        (Some(Finding::SignalWorse { signal }), _) => Some(*signal),
+        (None, ReasonCode::ShadowGovernanceDivergence) => match reason.older_text.split(' ').next()? {
+            "policy" => Some(TwinSignal::PolicyHit),
+            "failures" => Some(TwinSignal::Failure),
+            "watcher" => Some(TwinSignal::WatcherEvent),
+            _ => None,
+        },
+        (Some(_) | None, _) => None,
+    }
+}
+
+/// `Delta_shadow`: a significant worsening in the twin decides, by a paired lower bound: regressions of success,
+/// policy hits, watcher events. Output and envelope divergence, a signal that leans toward worse, and conduct (more
+/// new attempts, more policy warnings, more time near a limit) only lengthen it (design rules 3.7, 5.4).
 ///
-/// A measure of harm that is established as worse beyond its tolerance fails it as well.
+/// A measure of harm that is significantly worse beyond its margin fails it as well.
 ///
 /// `shadow_alpha` is shared by the three signals, the measures of harm and the two looks (after the plain and after the longest
 /// shadow), so that an equally good candidate fails with probability at most `shadow_alpha`.
 #[must_use]
-pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Profile) -> ShadowAssessment {
+pub fn assess_shadow(
+    evidence: &ShadowEvidence,
+    current: &EvidenceBinding,
+    profile: &Profile,
+) -> ShadowAssessment {
     let settings = &profile.evaluation;
     let count = u32::try_from(evidence.sequences.len()).unwrap_or(u32::MAX);
-    let reason = |code, text: &str| Reason::new(code, Dimension::Shadow, text);
     let done = |check, reasons, output: Option<f64>, envelope: Option<f64>| ShadowAssessment {
         check,
         reasons,
@@ -87,20 +109,21 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
         envelope_divergence: envelope,
         alignment: envelope.map(|_| Alignment::of(&evidence.sequences, settings.envelope_divergence_max)),
     };
-    let no_data = |text| done(Check::NoData, vec![reason(ReasonCode::ShadowNoData, text)], None, None);
+    let no_data =
+        |gap| done(CheckResult::NoData, vec![shadow_reason(Finding::ShadowGap { gap })], None, None);
     if evidence.binding != *current {
-        return no_data("shadow was worked for another version, profile, policy or environment");
+        return no_data(EvidenceGap::OtherBinding);
     }
     if let Some(stop) = evidence.hard_stops.first() {
-        let hard = reason(ReasonCode::GateHardLimit, &format!("{} was seen", stop.name()));
-        return done(Check::Fail, vec![hard], None, None);
+        let hard = shadow_reason(Finding::ShadowHardStop { stop: *stop });
+        return done(CheckResult::Fail, vec![hard], None, None);
     }
     if evidence.sequences.is_empty() || !evidence.sequences.iter().all(ShadowSequence::is_valid) {
-        return no_data("no usable sequences");
+        return no_data(EvidenceGap::NoEpisodes);
     }
     let seeds: BTreeSet<u64> = evidence.sequences.iter().map(|sequence| sequence.seed).collect();
     if seeds.len() != evidence.sequences.len() {
-        return no_data("a seed occurs twice");
+        return no_data(EvidenceGap::RepeatedSeed);
     }
     let mean = |value: fn(&ShadowSequence) -> f64| {
         evidence.sequences.iter().map(value).sum::<f64>() / f64::from(count.max(1))
@@ -110,15 +133,15 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
     let mut leaning = Vec::new();
     let signals = [
         (
-            "failures of the task",
+            TwinSignal::Failure,
             PairedCounts::of(evidence.sequences.iter().map(|s| (!s.twin_success, !s.live_success))),
         ),
         (
-            "policy hits",
+            TwinSignal::PolicyHit,
             PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_policy_hit, s.live_policy_hit))),
         ),
         (
-            "watcher events",
+            TwinSignal::WatcherEvent,
             PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_watcher_event, s.live_watcher_event))),
         ),
     ];
@@ -128,58 +151,50 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
     let measured = evidence.sequences.iter().any(|s| s.twin_conduct.harm.is_some());
     let signals_alpha = settings.shadow_alpha - if measured { harm_alpha } else { 0.0 };
     let each = signals_alpha / (2.0 * signals.len() as f64);
-    for (what, pairs) in signals {
+    for (signal, pairs) in signals {
         let Ok(bound) = stats::binary_pairs(pairs, each) else {
-            return no_data("the signals cannot be bounded");
+            return no_data(EvidenceGap::SignalUnbounded);
         };
         let net = net_of(pairs);
         if bound.lower > 0.0 {
-            let text = format!("{what} are established as more frequent than under the active version");
-            reasons.push(reason(ReasonCode::ShadowGovernanceDivergence, &text).with(bound.lower, 0.0));
+            reasons.push(shadow_reason(Finding::SignalWorse { signal }).with(bound.lower, 0.0));
         } else if net >= LEAN_FROM {
-            leaning.push(leans(what, net));
+            leaning.push(leans(signal, net));
         }
     }
     reasons.extend(super::behavior::in_shadow(&evidence.sequences, harm_alpha / 2.0, profile));
-    for (what, of) in CONDUCT {
+    for (signal, of) in CONDUCT {
         let sides = evidence.sequences.iter().map(|s| (of(&s.twin_conduct), of(&s.live_conduct)));
         let net = net_of(PairedCounts::of(sides));
         if net >= LEAN_FROM {
-            leaning.push(leans(what, net));
+            leaning.push(leans(signal, net));
         }
     }
     if !reasons.is_empty() {
-        return done(Check::Fail, reasons, Some(output), Some(envelope));
+        return done(CheckResult::Fail, reasons, Some(output), Some(envelope));
     }
     reasons.append(&mut leaning);
-    for (code, text, found, limit) in [
-        (ReasonCode::ShadowOutputDivergence, "the outputs differ", output, settings.output_divergence_max),
+    for (finding, found, limit) in [
+        (Finding::OutputsDiffer, output, settings.output_divergence_max),
+        (Finding::EnvelopeLeft, envelope, settings.envelope_divergence_max),
         (
-            ReasonCode::ShadowEnvelopeDivergence,
-            "the twin leaves the active version's band",
-            envelope,
-            settings.envelope_divergence_max,
-        ),
-        (
-            ReasonCode::ShadowLeaning,
-            "the twin is nearer to its limits for more of its time",
+            Finding::NearLimitsMore,
             mean(|s| s.twin_conduct.near_share) - mean(|s| s.live_conduct.near_share),
             settings.near_divergence_max,
         ),
     ] {
         if found > limit {
-            reasons.push(reason(code, text).with(found, limit));
+            reasons.push(shadow_reason(finding).with(found, limit));
         }
     }
     let needed = if reasons.is_empty() { settings.shadow_sequences } else { settings.shadow_sequences_max };
     if count < needed {
-        let few = reason(ReasonCode::ShadowNoData, "more sequences are needed")
-            .with(f64::from(count), f64::from(needed));
+        let few = shadow_reason(Finding::MoreSequencesNeeded).with(f64::from(count), f64::from(needed));
         reasons.push(few);
-        return done(Check::Inconclusive, reasons, Some(output), Some(envelope));
+        return done(CheckResult::Inconclusive, reasons, Some(output), Some(envelope));
     }
-    reasons.push(reason(ReasonCode::ShadowClean, "no governance signal is established as more frequent"));
-    done(Check::Pass, reasons, Some(output), Some(envelope))
+    reasons.push(shadow_reason(Finding::ShadowClean));
+    done(CheckResult::Pass, reasons, Some(output), Some(envelope))
 }
 
 /// Everything `theta_act` looks at: measured values, bindings, answers and the circumstances of now.
@@ -187,46 +202,46 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
 pub struct GateInput<'a> {
     /// The four assessments; B and R measured.
     pub kappas: &'a Kappas,
-    /// What shadow came to; absent if it was not worked.
+    /// The shadow result; absent if it did not run.
     pub shadow: Option<&'a ShadowAssessment>,
-    /// What each piece of evidence was gathered for.
-    pub bindings: &'a [Binding],
-    /// What it has to be bound to now.
-    pub current: &'a Binding,
-    /// Whether better success is established (see [`super::behavior::BehaviorAssessment::improved`]).
+    /// The binding of each piece of evidence.
+    pub bindings: &'a [EvidenceBinding],
+    /// The required binding.
+    pub current: &'a EvidenceBinding,
+    /// Whether success is significantly better (see [`super::behavior::BehaviorAssessment::improved`]).
     pub improved: bool,
-    /// What people answered, taken together; absent if nobody was asked yet.
+    /// The combined approvals; absent before a request.
     pub approval: Option<&'a ApprovalResult>,
     /// Risk class of the candidate; high needs a safety officer among the approvals.
     pub risk: Risk,
-    /// Who registered the candidate.
+    /// The requester of the registration.
     pub requester: &'a Requester,
     /// How the version came about; site policies may forbid a risk tier of one provenance.
     pub provenance: Provenance,
-    /// Profiles closed to this version by a profile demotion.
+    /// Profiles under which a profile demotion blocks this version.
     pub closed: &'a BTreeSet<ProfileName>,
     /// Dependencies that no active version meets.
     pub unmet: &'a [String],
     /// A break-glass review of the family is open.
     pub review_open: bool,
-    /// Whether the profile is in force as this program has it: an administrator authorized it, or nobody has to.
+    /// Whether the profile is authorized as this program has it, or needs no authorization.
     pub profile_authorized: bool,
-    /// Wall time of the decision; freeze windows and approvals are held against it.
+    /// Wall time of the decision, for freeze windows and approvals.
     pub now: WallTime,
-    /// Why the machine's clock is not believed, if so; nothing is activated before a person has confirmed the time.
-    pub clock_doubt: Option<ClockDoubt>,
-    /// The candidate's row version at the decision; the pass holds for no other.
+    /// The clock mismatch, if any; nothing is activated before a person has confirmed the time.
+    pub clock_doubt: Option<ClockMismatch>,
+    /// The candidate's row version at the decision; the pass is valid for no other.
     pub row_version: u64,
     /// Digests of the circumstances of now; they must be the evidence's.
-    pub made_under: MadeUnder,
-    /// What an experiment leaves out: nothing is demanded of it, and the decision says so.
-    pub omitted: Omitted,
+    pub made_under: DecisionContext,
+    /// The parts that an experiment omits: they are not required, and the decision states it.
+    pub omitted: AblatedParts,
 }
 
 /// How a version is active once the gate is passed (paper table 4).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Terms {
+pub struct GateTerms {
     /// The modes that hold together; `Full` only alone.
     pub modes: BTreeSet<ActivationMode>,
     /// Conditions of use the guard and the monitor enforce while the version is active, without repetition.
@@ -235,31 +250,31 @@ pub struct Terms {
     pub provisional_episodes: u32,
 }
 
-/// Proof that the gate was passed: made by [`evaluate`] alone, and not readable from a file.
+/// Proof that the gate was passed: only [`evaluate`] makes it, and it cannot be read from a file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GatePassed {
-    terms: Terms,
+    terms: GateTerms,
     row_version: u64,
-    made_under: MadeUnder,
+    made_under: DecisionContext,
     until: Option<WallTime>,
 }
 
 impl GatePassed {
     /// How the version is to be active.
     #[must_use]
-    pub const fn terms(&self) -> &Terms {
+    pub const fn terms(&self) -> &GateTerms {
         &self.terms
     }
 
     /// Digests of the circumstances; the pass is void when one of them changes.
     #[must_use]
-    pub const fn made_under(&self) -> &MadeUnder {
+    pub const fn made_under(&self) -> &DecisionContext {
         &self.made_under
     }
 
-    /// Whether it still holds: same row version, same circumstances, approvals not expired.
+    /// Whether it is still valid: same row version, same circumstances, approvals not expired.
     #[must_use]
-    pub fn holds(&self, row_version: u64, made_under: &MadeUnder, now: WallTime) -> bool {
+    pub fn holds(&self, row_version: u64, made_under: &DecisionContext, now: WallTime) -> bool {
         self.row_version == row_version
             && self.made_under == *made_under
             && self.until.is_none_or(|until| now < until)
@@ -278,8 +293,8 @@ pub struct GateResult {
 /// Whether a dimension asks for a review, so that the review's quorum is needed.
 #[must_use]
 pub fn needs_review(kappas: &Kappas, profile: &Profile) -> bool {
-    let policy: Check = kappas.policy.outcome.into();
-    policy == Check::Review || (profile.has_approver() && recovery_is_reviewable(&kappas.recovery))
+    let policy: CheckResult = kappas.policy.outcome.into();
+    policy == CheckResult::Review || (profile.has_approver() && recovery_is_reviewable(&kappas.recovery))
 }
 
 /// Distinct people who have to approve an activation: by the profile and the risk tier, by a review that a dimension
@@ -304,8 +319,8 @@ pub fn evaluate(input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) -
     let mut found = GateFindings::default();
     found.dimensions(input, profile);
     found.evidence(input);
-    if input.omitted.has(Part::Shadow) {
-        found.noted.push(Omitted::reason(Dimension::Shadow));
+    if input.omitted.has(AblationPart::Shadow) {
+        found.noted.push(AblatedParts::skip_reason(Dimension::Shadow));
     } else {
         found.shadow(input.shadow, condition::shadow_needed(&input.kappas.conditions()));
     }
@@ -328,8 +343,8 @@ struct GateFindings {
     until: Option<WallTime>,
 }
 
-fn reason(code: ReasonCode, text: impl Into<String>) -> Reason {
-    Reason::new(code, Dimension::Gate, text)
+const fn reason(finding: Finding) -> Reason {
+    Reason::new(Dimension::Gate, finding)
 }
 
 impl GateFindings {
@@ -337,59 +352,55 @@ impl GateFindings {
         let kappas = input.kappas;
         for (dimension, check) in kappas.checks() {
             if input.omitted.covers(dimension) {
-                self.noted.push(Omitted::reason(dimension));
+                self.noted.push(AblatedParts::skip_reason(dimension));
                 continue;
             }
-            let of = |text: &str| format!("{dimension:?}: {text}").to_lowercase();
+            let of = dimension;
             let waived = dimension == Dimension::Recovery
                 && needs_review(kappas, profile)
                 && recovery_is_reviewable(&kappas.recovery);
             match check {
                 // A review is settled by the approvals, whose quorum counts it.
-                Check::Pass | Check::PassRestricted(_) | Check::Review => {}
-                Check::Fail if waived => {}
-                Check::Fail => {
-                    self.reject.push(reason(ReasonCode::GateDimensionFailed, of("incompatible")));
+                CheckResult::Pass | CheckResult::PassRestricted(_) | CheckResult::Review => {}
+                CheckResult::Fail if waived => {}
+                CheckResult::Fail => {
+                    self.reject.push(reason(Finding::DimensionIncompatible { of }));
                 }
-                Check::Inconclusive | Check::NoData => {
-                    self.demote.push(reason(ReasonCode::GateNoData, of("no conclusive data")));
+                CheckResult::Inconclusive | CheckResult::NoData => {
+                    self.demote.push(reason(Finding::DimensionInconclusive { of }));
                 }
-                Check::Skipped => {
-                    self.demote
-                        .push(reason(ReasonCode::GateSkipped, of("skipped, which only experiments may")));
+                CheckResult::Skipped => {
+                    self.demote.push(reason(Finding::DimensionSkipped { of }));
                 }
             }
         }
         let review_without_approver =
-            Check::from(kappas.policy.outcome) == Check::Review && !profile.has_approver();
+            CheckResult::from(kappas.policy.outcome) == CheckResult::Review && !profile.has_approver();
         if review_without_approver {
-            let text = "a review is needed and the profile has no approver";
-            self.reject.push(reason(ReasonCode::GateDimensionFailed, text));
+            self.reject.push(reason(Finding::ReviewWithoutApprover));
         }
         let values = [
-            (Dimension::Interface, "kappa_I", kappas.interface.basis, kappas.interface.kappa),
-            (Dimension::Policy, "kappa_P", kappas.policy.basis, kappas.policy.kappa),
-            (Dimension::Behavior, "kappa_B", kappas.behavior.basis, kappas.behavior.kappa),
-            (Dimension::Recovery, "kappa_R", kappas.recovery.basis, kappas.recovery.kappa),
+            (Dimension::Interface, kappas.interface.basis, kappas.interface.kappa),
+            (Dimension::Policy, kappas.policy.basis, kappas.policy.kappa),
+            (Dimension::Behavior, kappas.behavior.basis, kappas.behavior.kappa),
+            (Dimension::Recovery, kappas.recovery.basis, kappas.recovery.kappa),
         ];
-        for (_, what, basis, value) in values.into_iter().filter(|value| !input.omitted.covers(value.0)) {
+        for (of, basis, value) in values.into_iter().filter(|value| !input.omitted.covers(value.0)) {
             if basis == Basis::Estimated {
-                let text = format!("{what} is an estimate; only measured values open the gate");
-                self.demote.push(reason(ReasonCode::GateNotMeasured, text));
+                self.demote.push(reason(Finding::NotMeasured { of }));
             }
             if value.is_none() {
-                self.demote.push(reason(ReasonCode::GateNoData, format!("{what} has no value")));
+                self.demote.push(reason(Finding::NoValue { of }));
             }
         }
     }
 
     fn evidence(&mut self, input: &GateInput<'_>) {
         if input.bindings.is_empty() {
-            self.demote.push(reason(ReasonCode::GateNoData, "there is no evidence"));
+            self.demote.push(reason(Finding::NoEvidence));
         }
         if input.bindings.iter().any(|binding| binding != input.current) {
-            let text = "evidence of another version, profile, policy, environment or active version, or beside others";
-            self.demote.push(reason(ReasonCode::GateStaleEvidence, text));
+            self.demote.push(reason(Finding::EvidenceStale));
         }
         let (under, now) = (&input.made_under, input.current);
         let same = under.candidate == now.candidate
@@ -399,33 +410,31 @@ impl GateFindings {
             && under.environment == now.environment
             && under.neighbours == now.neighbours;
         if !same {
-            let text = "the decision's circumstances are not the evidence's";
-            self.demote.push(reason(ReasonCode::GateStaleEvidence, text));
+            self.demote.push(reason(Finding::CircumstancesDiffer));
         }
     }
 
     fn shadow(&mut self, shadow: Option<&ShadowAssessment>, needed: u32) {
         let Some(shadow) = shadow else {
-            self.demote.push(reason(ReasonCode::GateNoData, "shadow was not worked"));
+            self.demote.push(reason(Finding::ShadowNotRun));
             return;
         };
-        if shadow.check == Check::Pass && shadow.sequences < needed {
-            let text = "shadow was worked for fewer sequences than a condition demands";
-            let short = reason(ReasonCode::GateShadowTooShort, text);
+        if shadow.check == CheckResult::Pass && shadow.sequences < needed {
+            let short = reason(Finding::ShadowTooShort);
             self.demote.push(short.with(f64::from(shadow.sequences), f64::from(needed)));
         }
         let list = match shadow.check {
-            Check::Pass => &mut self.noted,
-            Check::Fail => {
-                self.reject.push(reason(ReasonCode::GateDimensionFailed, "shadow failed"));
+            CheckResult::Pass => &mut self.noted,
+            CheckResult::Fail => {
+                self.reject.push(reason(Finding::ShadowFailed));
                 &mut self.reject
             }
-            Check::PassRestricted(_)
-            | Check::Review
-            | Check::Inconclusive
-            | Check::NoData
-            | Check::Skipped => {
-                self.demote.push(reason(ReasonCode::GateNoData, "shadow is not conclusive"));
+            CheckResult::PassRestricted(_)
+            | CheckResult::Review
+            | CheckResult::Inconclusive
+            | CheckResult::NoData
+            | CheckResult::Skipped => {
+                self.demote.push(reason(Finding::ShadowInconclusive));
                 &mut self.demote
             }
         };
@@ -434,62 +443,43 @@ impl GateFindings {
 
     fn rules(&mut self, input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) {
         if table.profile != profile.name || table.digest != input.made_under.policy {
-            let text = "the policies compiled are not those the decision is made under";
-            self.demote.push(reason(ReasonCode::GateStaleEvidence, text));
+            self.demote.push(reason(Finding::PoliciesDiffer));
         }
         if let Some(because) = table.activation_forbidden(input.risk, input.provenance) {
-            let text = format!("a site policy forbids it ({})", because.join(", "));
-            self.reject.push(reason(ReasonCode::GateSitePolicyForbids, text));
+            self.reject.push(reason(Finding::SitePolicyForbids { because: because.to_vec() }));
         }
         if input.closed.contains(&profile.name) {
-            let text = format!("the profile {:?} is closed to this version", profile.name.name());
-            self.hold.push(reason(ReasonCode::GateProfileClosed, text));
+            self.hold.push(reason(Finding::ProfileBlocked { profile: profile.name }));
         }
         if !input.unmet.is_empty() {
-            let text = format!("no active version meets what it depends on: {}", input.unmet.join(", "));
-            self.hold.push(reason(ReasonCode::GateDependencyUnmet, text));
+            let dependencies = input.unmet.to_vec();
+            self.hold.push(reason(Finding::DependenciesNotActive { dependencies }));
         }
         let asked = people_needed(input.kappas, (input.risk, input.provenance), table, profile) > 0;
         let strict = profile.name == ProfileName::Human || (profile.name == ProfileName::Real && asked);
         if *input.requester == Requester::Unknown && strict {
-            let text = "no enrolled person is on record as having registered it, so nobody can be told to be independent \
-                        of it; register it again, signed, under a new version";
-            self.hold.push(reason(ReasonCode::GateRequesterUnknown, text));
+            self.hold.push(reason(Finding::RequesterUnknown));
         }
         if input.review_open {
-            let text = "a review after an emergency approval is open";
-            self.hold.push(reason(ReasonCode::GateReviewOpen, text));
+            self.hold.push(reason(Finding::ReviewOpen));
         }
         if !input.profile_authorized {
-            let text = "no administrator authorized the profile as this program has it";
-            self.hold.push(reason(ReasonCode::GateProfileUnauthorized, text));
+            self.hold.push(reason(Finding::ProfileUnauthorized));
         }
         if let Some(FreezeWindow { until, reason: why, .. }) = profile.frozen_at(input.now) {
-            self.hold.push(reason(ReasonCode::GateFrozen, format!("change is frozen until {until}: {why}")));
+            self.hold.push(reason(Finding::Frozen { until: *until, reason: why.clone() }));
         }
-        if let Some(doubt) = input.clock_doubt {
-            let text = format!("{doubt}; a person has to confirm the time");
-            self.hold.push(reason(ReasonCode::GateClockDoubted, text));
+        if let Some(mismatch) = input.clock_doubt {
+            self.hold.push(reason(Finding::ClockMismatched { mismatch }));
         }
         if input.kappas.conditions().contains(&Condition::SimulationOnly) && profile.name != ProfileName::Sim
         {
-            let text = format!("it is for simulation alone, and the profile is {:?}", profile.name.name());
-            self.reject.push(reason(ReasonCode::GateSimulationOnly, text));
+            self.reject.push(reason(Finding::NotASimulation { profile: profile.name }));
         }
         match (profile.activation.require_improvement, input.improved) {
-            (true, false) => {
-                let text = "the profile demands an improvement and none is established";
-                self.demote.push(reason(ReasonCode::GateNoImprovement, text));
-            }
-            (false, false) => {
-                let text =
-                    "no improvement is established; the profile waives it (require_improvement = false)";
-                self.noted.push(reason(ReasonCode::GateImprovementWaived, text));
-            }
-            (true | false, true) => {
-                let text = "an improvement of success over the active version is established";
-                self.noted.push(reason(ReasonCode::GateImproved, text));
-            }
+            (true, false) => self.demote.push(reason(Finding::NoImprovement)),
+            (false, false) => self.noted.push(reason(Finding::ImprovementWaived)),
+            (true | false, true) => self.noted.push(reason(Finding::Improved)),
         }
     }
 
@@ -499,7 +489,7 @@ impl GateFindings {
             return false;
         }
         let Some(approval) = approval else {
-            self.ask.push(reason(ReasonCode::ApprovalPending, "nobody was asked yet"));
+            self.ask.push(reason(Finding::NotAskedYet));
             return false;
         };
         let mut glass = false;
@@ -509,23 +499,18 @@ impl GateFindings {
                 self.until = Some(*until);
                 glass = *break_glass;
                 if people.len() < usize::from(quorum) && !glass {
-                    (
-                        &mut self.ask,
-                        reason(ReasonCode::ApprovalPending, "fewer people approved than are needed"),
-                    )
+                    (&mut self.ask, reason(Finding::QuorumNotReached))
                 } else {
-                    (&mut self.noted, reason(ReasonCode::ApprovalGranted, "the approvals are there"))
+                    (&mut self.noted, reason(Finding::ApprovalsPresent))
                 }
             }
-            // Nobody was asked for something that needs asking: the question was put under other rules.
+            // The approval is missing although one is needed: the request was made under other rules.
             ApprovalOutcome::NotNeeded | ApprovalOutcome::Pending { .. } => {
-                (&mut self.ask, reason(ReasonCode::ApprovalPending, "approvals are missing"))
+                (&mut self.ask, reason(Finding::ApprovalsMissing))
             }
-            ApprovalOutcome::TimedOut => {
-                (&mut self.hold, reason(ReasonCode::ApprovalTimeout, "too few people answered in time"))
-            }
+            ApprovalOutcome::TimedOut => (&mut self.hold, reason(Finding::AnsweredTooLate)),
             ApprovalOutcome::Refused { person } => {
-                (&mut self.reject, reason(ReasonCode::ApprovalRefused, format!("{person:?} refused")))
+                (&mut self.reject, reason(Finding::Refused { person: person.clone() }))
             }
         };
         list.push(own);
@@ -562,11 +547,11 @@ impl GateFindings {
             reasons.extend(list);
         }
         if outcome == GateOutcome::Pass {
-            reasons.push(reason(ReasonCode::GatePassed, "every demand of the profile is met"));
+            reasons.push(reason(Finding::GatePassed));
         }
         reasons.extend(self.noted);
         let watch = Strictness::of(&terms.conditions);
-        let answers = Answers {
+        let answers = DecisionAnswers {
             admitted: outcome == GateOutcome::Pass,
             conditions: terms.conditions.clone(),
             monitoring: format!(
@@ -577,7 +562,7 @@ impl GateFindings {
             rollback_when: if watch.coupled() {
                 "at the first safety event or warning of a chart, without asking; the predecessor stays loaded".into()
             } else {
-                "at a safety event, an established worsening, or an escalation nobody answers".into()
+                "at a safety event, an established worsening, or an unanswered escalation".into()
             },
             deployment: Some(vocabulary::deployability_of_gate(outcome, &terms.modes)),
         };

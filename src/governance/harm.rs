@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-crate::words! {
+crate::closed_set! {
     /// One measure of harm. For most more is worse; for distances less is.
     HarmKind, "measure of harm", {
         /// Largest mean force of the pads on the object, N.
@@ -218,9 +218,9 @@ impl Default for HarmMeasures {
 pub const DISTANCE_MAX: f64 = 1.0;
 
 impl HarmKind {
-    /// What it is, in running text.
+    /// Its name in running text.
     #[must_use]
-    pub const fn words(self) -> &'static str {
+    pub const fn label(self) -> &'static str {
         match self {
             Self::GripPeak => "peak grip force on the object",
             Self::GripHeld => "sustained grip force on the object",
@@ -288,7 +288,7 @@ impl HarmKind {
         if self.is_worse_when_lower() { !(value >= limit) } else { !(value <= limit) }
     }
 
-    /// Lowest and highest value that is told apart.
+    /// Lowest and highest value that is distinguished.
     const fn bounds(self) -> (f64, f64) {
         match self {
             Self::GripPeak
@@ -335,7 +335,7 @@ impl HarmKind {
 
     /// A value with its unit, as people read it.
     #[must_use]
-    pub fn show(self, value: f64) -> String {
+    pub fn format(self, value: f64) -> String {
         let digits = match self {
             Self::GripPeak
             | Self::GripHeld

@@ -1,8 +1,8 @@
-//! Absolute monitors: whether a family's active version works as the cell did when it was commissioned, baselines too.
+//! Absolute monitors: compare a family's active version, baselines too, with the commissioning of the cell.
 //!
-//! The monitor of an activation ([`crate::monitor`]) compares a new version with what it was measured to be. This one
-//! knows no candidate: what is normal is counted over the first tasks the cell works, kept, and charted from then on,
-//! whoever is active; a violation is a finding of its own. Pure: it says what was found and what was found to be over.
+//! The drift monitor ([`crate::monitor`]) compares a new version with its own measurements. This one knows no
+//! candidate: it counts what is normal over the first tasks of the cell, stores it, and charts against it from then on
+//! with any active version. A violation is a separate finding. Pure: it returns what was found and what has ended.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,8 +12,8 @@ use crate::stats::{Cusum, DriftSignal, StatsError, wilson_upper};
 /// One-sided error of the bound that a commissioning leaves open: what so few tasks cannot exclude counts as normal.
 const NORMAL_ALPHA: f64 = 0.05;
 
-crate::words! {
-    /// What is charted of a family, each as the share of bad tasks.
+crate::closed_set! {
+    /// The charted rates of a family, each as the share of bad tasks.
     HealthRate, "rate of a family's health", {
         /// Tasks that were not done.
         Failure = "failure",
@@ -24,7 +24,7 @@ crate::words! {
     }
 }
 
-/// What one live task showed.
+/// The values of one live task.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HealthValues {
     /// The task was done.
@@ -37,10 +37,10 @@ pub struct HealthValues {
     pub peak_force_n: f64,
 }
 
-/// What was normal when a family was commissioned.
+/// The normal rates at a family's commissioning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Commissioned {
+pub struct CommissionedBaseline {
     /// Tasks it was counted over.
     pub tasks: u32,
     /// Of these, not done.
@@ -51,18 +51,18 @@ pub struct Commissioned {
     pub peak_force_n: f64,
 }
 
-/// What a task brought to light.
+/// A finding of a task.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum HealthFinding {
-    /// What is normal is known now, and to be kept.
-    Commissioned(Commissioned),
+    /// The normal rates are known now and must be stored.
+    Commissioned(CommissionedBaseline),
     /// A version violated a limit.
     Violated,
-    /// So many tasks in a row were without a violation: the condition is over.
+    /// Enough tasks in a row were without a violation: the condition is over.
     ViolationsOver,
-    /// The share of bad tasks is established as more than normal.
+    /// The rate of bad tasks is significantly above normal.
     Degraded(HealthRate),
-    /// So many tasks in a row were good in every respect: the condition is over.
+    /// Enough tasks in a row were good in every respect: the condition is over.
     DegradedOver,
 }
 
@@ -76,9 +76,9 @@ struct HealthChart {
 #[derive(Clone, Debug)]
 pub struct FamilyHealth {
     settings: HealthSettings,
-    normal: Option<Commissioned>,
+    normal: Option<CommissionedBaseline>,
     /// Counted so far, while nothing is known.
-    tally: Commissioned,
+    tally: CommissionedBaseline,
     charts: Vec<HealthChart>,
     /// Tasks in a row without a violation, and without anything bad.
     clean: u32,
@@ -92,41 +92,41 @@ impl FamilyHealth {
     ///
     /// # Errors
     /// Settings that no chart can be tuned with.
-    pub fn new(settings: HealthSettings, normal: Option<Commissioned>) -> Result<Self, StatsError> {
+    pub fn new(settings: HealthSettings, normal: Option<CommissionedBaseline>) -> Result<Self, StatsError> {
         let mut health = Self {
             settings,
             normal,
-            tally: Commissioned::default(),
+            tally: CommissionedBaseline::default(),
             charts: Vec::new(),
             clean: 0,
             good: 0,
             violated: false,
             degraded: false,
         };
-        health.begin_anew()?;
+        health.reset_for_version()?;
         Ok(health)
     }
 
-    /// Another version works from now on: nothing of the one before counts, but what is normal stays.
+    /// Another version is active from now on: earlier counts are dropped, and the normal rates stay.
     ///
     /// # Errors
     /// As [`FamilyHealth::new`].
-    pub fn begin_anew(&mut self) -> Result<(), StatsError> {
-        self.tally = Commissioned::default();
+    pub fn reset_for_version(&mut self) -> Result<(), StatsError> {
+        self.tally = CommissionedBaseline::default();
         (self.clean, self.good) = (0, 0);
         (self.violated, self.degraded) = (false, false);
         self.set_charts()
     }
 
-    /// What an alarm from before a restart stands for is present until it is measured to be over.
-    pub const fn stays(&mut self, violated: bool, degraded: bool) {
+    /// A condition whose alarm predates a restart is present until it is measured to be over.
+    pub const fn restore_alarms(&mut self, violated: bool, degraded: bool) {
         self.violated = violated;
         self.degraded = degraded;
     }
 
-    /// What is normal, once it is known.
+    /// The normal rates, once known.
     #[must_use]
-    pub const fn normal(&self) -> Option<&Commissioned> {
+    pub const fn normal(&self) -> Option<&CommissionedBaseline> {
         self.normal.as_ref()
     }
 
@@ -134,7 +134,7 @@ impl FamilyHealth {
         let limit = self.settings.failure_max;
         let share = |count: u32, tasks: u32| wilson_upper(count.into(), tasks.into(), NORMAL_ALPHA);
         let rates = match &self.normal {
-            // Until it is known, what the profile allows at most is normal, and no force is.
+            // Until the normal rates are known, the profile's maximum counts as normal, and no force does.
             None => vec![(HealthRate::Failure, limit), (HealthRate::Timeout, limit)],
             Some(normal) => vec![
                 (HealthRate::Failure, share(normal.failures, normal.tasks)?),
@@ -190,7 +190,7 @@ impl FamilyHealth {
             found.push(HealthFinding::Degraded(*rate));
         } else if self.degraded && self.good >= self.settings.clear_tasks {
             self.degraded = false;
-            // A chart that alarmed stays so; what comes next is looked at afresh.
+            // A chart that alarmed stays so; later tasks are charted afresh.
             self.set_charts()?;
             found.push(HealthFinding::DegradedOver);
         }
@@ -198,8 +198,8 @@ impl FamilyHealth {
         Ok(found)
     }
 
-    /// Counts towards the commissioning. A family that fails more than the profile allows is not commissioned so.
-    fn count(&mut self, task: &HealthValues) -> Result<Option<Commissioned>, StatsError> {
+    /// Counts toward the commissioning. A family that fails more than the profile allows is not commissioned.
+    fn count(&mut self, task: &HealthValues) -> Result<Option<CommissionedBaseline>, StatsError> {
         if self.normal.is_some() {
             return Ok(None);
         }
@@ -245,7 +245,7 @@ mod tests {
             .flat_map(|task| health.observe(if task % 20 == 7 { &FAILED } else { &GOOD }).unwrap())
             .collect();
         let failures = (0..tasks).filter(|task| task % 20 == 7).count();
-        let normal = Commissioned {
+        let normal = CommissionedBaseline {
             tasks,
             failures: u32::try_from(failures).unwrap(),
             timeouts: 0,
@@ -297,9 +297,9 @@ mod tests {
         let over = until(&mut health, &GOOD, HealthFinding::DegradedOver);
         assert_eq!(over, usize::try_from(settings().clear_tasks).ok());
         assert!(until(&mut health, &FAILED, HealthFinding::Degraded(HealthRate::Failure)).is_some());
-        // What an alarm of before a restart stands for is not over by the restart.
+        // A restart does not end the condition of an earlier alarm.
         let mut restarted = FamilyHealth::new(settings(), health.normal().copied()).unwrap();
-        restarted.stays(false, true);
+        restarted.restore_alarms(false, true);
         assert!(restarted.observe(&GOOD).unwrap().is_empty());
         assert!(until(&mut restarted, &GOOD, HealthFinding::DegradedOver).is_some());
     }

@@ -4,17 +4,18 @@
 //! weaker, dependencies satisfiable and acyclic, and the code's real exports as the manifest says.
 //! Source: paper section 4.3, Procedure 1; design rule 3.2; readings 2.2.
 
-pub mod declared;
+pub mod declared_changes;
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
 use super::condition::Condition;
-use super::decision::{Dimension, Kappa, Reason, ReasonCode};
+use super::decision::{Dimension, Kappa, Reason};
 use super::exports::Interface;
+use super::finding::{FieldBreak, FieldPart, Finding};
 use super::ids::{CapabilityId, Family};
-use super::manifest::{Bound, Manifest};
+use super::manifest::{Manifest, ObservableBound};
 use super::outcome::{Assessment, Basis, InterfaceOutcome};
 use super::profile::Thresholds;
 use super::value_type::{FieldSpec, Value, ValueKind};
@@ -31,7 +32,7 @@ pub enum Deviation {
     None,
     /// Bounded: the dispatcher's check before a call carries it, or another version of a dependency does.
     Adaptable,
-    /// No adapter can mend it; callers would have to change.
+    /// No adapter can repair it; callers would have to change.
     Breaking,
 }
 
@@ -81,7 +82,7 @@ impl Deviations {
 /// A version in the registry, as far as dependencies are concerned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Registered {
+pub struct RegisteredVersion {
     /// Family and version a dependency may resolve to.
     pub id: CapabilityId,
     /// Whether it is the active one of its family.
@@ -90,17 +91,17 @@ pub struct Registered {
     pub dependencies: BTreeMap<Family, semver::VersionReq>,
 }
 
-/// What `kappa_I` looks at: two manifests, the code's exports and the registry.
+/// The inputs of `kappa_I`: two manifests, the code's exports and the registry.
 #[derive(Clone, Copy, Debug)]
 pub struct InterfaceInput<'a> {
     /// Manifest of the candidate under assessment.
     pub candidate: &'a Manifest,
-    /// What its code exports; absent if it could not be loaded.
+    /// The exports of its code; absent if it could not be loaded.
     pub exports: Option<&'a Interface>,
     /// The active version's manifest; absent for a first version.
     pub active: Option<&'a Manifest>,
     /// The versions a dependency may resolve to: neither rejected nor rolled back.
-    pub registered: &'a [Registered],
+    pub registered: &'a [RegisteredVersion],
 }
 
 /// `kappa_I` with the deviations found.
@@ -109,7 +110,7 @@ pub struct InterfaceInput<'a> {
 pub struct InterfaceAssessment {
     /// Outcome in interface words, `kappa_I` and the reasons.
     pub assessment: Assessment<InterfaceOutcome>,
-    /// What was found for each of the four terms of `kappa_I`.
+    /// The findings for the four terms of `kappa_I`.
     pub deviations: Deviations,
 }
 
@@ -118,8 +119,7 @@ pub struct InterfaceAssessment {
 pub fn assess(input: &InterfaceInput<'_>, thresholds: &Thresholds) -> InterfaceAssessment {
     let mut found = InterfaceFindings::default();
     let Some(exports) = input.exports else {
-        let text = "the code could not be read, so its exports are unknown";
-        let reasons = vec![Reason::new(ReasonCode::InterfaceNoData, Dimension::Interface, text)];
+        let reasons = vec![reason(Finding::ExportsUnknown)];
         let assessment = Assessment {
             outcome: InterfaceOutcome::NoData,
             kappa: None,
@@ -150,7 +150,7 @@ struct InterfaceFindings {
     checked: BTreeSet<String>,
 }
 
-/// Which of the four deviations.
+/// The deviation, one of four.
 #[derive(Clone, Copy)]
 enum DeviationKind {
     Signature,
@@ -160,60 +160,37 @@ enum DeviationKind {
 }
 
 impl InterfaceFindings {
-    fn add(&mut self, part: DeviationKind, deviation: Deviation, text: String) {
-        let (slot, breaking, adaptable) = match part {
-            DeviationKind::Signature => (
-                &mut self.deviations.signature,
-                ReasonCode::InterfaceSignatureBreaking,
-                ReasonCode::InterfaceSignatureAdaptable,
-            ),
-            DeviationKind::Schema => (
-                &mut self.deviations.schema,
-                ReasonCode::InterfaceSchemaBreaking,
-                ReasonCode::InterfaceSchemaAdaptable,
-            ),
-            DeviationKind::Conditions => (
-                &mut self.deviations.conditions,
-                ReasonCode::InterfaceConditionBreaking,
-                ReasonCode::InterfaceConditionAdaptable,
-            ),
-            DeviationKind::Dependencies => (
-                &mut self.deviations.dependencies,
-                ReasonCode::InterfaceDependencyBreaking,
-                ReasonCode::InterfaceDependencyAdaptable,
-            ),
+    fn add(&mut self, part: DeviationKind, deviation: Deviation, finding: Finding) {
+        let slot = match part {
+            DeviationKind::Signature => &mut self.deviations.signature,
+            DeviationKind::Schema => &mut self.deviations.schema,
+            DeviationKind::Conditions => &mut self.deviations.conditions,
+            DeviationKind::Dependencies => &mut self.deviations.dependencies,
         };
         *slot = (*slot).max(deviation);
-        let code = match deviation {
-            Deviation::None => return,
-            Deviation::Adaptable => adaptable,
-            Deviation::Breaking => breaking,
-        };
-        self.reasons.push(Reason::new(code, Dimension::Interface, text));
+        self.reasons.push(reason(finding));
     }
 
-    fn mismatch(&mut self, text: String) {
+    fn mismatch(&mut self, finding: Finding) {
         self.deviations.signature = Deviation::Breaking;
-        self.reasons.push(Reason::new(ReasonCode::InterfaceExportMismatch, Dimension::Interface, text));
+        self.reasons.push(reason(finding));
     }
 
     /// The code's exports against the manifest: a manifest that promises what the code lacks is breaking.
     fn exports(&mut self, manifest: &Manifest, exports: &Interface) {
         for name in manifest.invocation.entry_points.difference(&exports.entry_points) {
-            self.mismatch(format!("the entry point {name:?} is declared and not exported"));
+            self.mismatch(Finding::EntryPointNotExported { name: name.clone() });
         }
-        for (what, declared, real) in [
-            ("input", &manifest.inputs, &exports.inputs),
-            ("output", &manifest.outputs, &exports.outputs),
-            ("parameter", &manifest.invocation.parameters, &exports.parameters),
+        for (part, declared, real) in [
+            (FieldPart::Input, &manifest.inputs, &exports.inputs),
+            (FieldPart::Output, &manifest.outputs, &exports.outputs),
+            (FieldPart::Parameter, &manifest.invocation.parameters, &exports.parameters),
         ] {
             for (name, spec) in declared {
                 match real.get(name) {
-                    None => self.mismatch(format!("the {what} {name:?} is declared and unknown to the code")),
+                    None => self.mismatch(Finding::FieldUnknownToCode { part, name: name.clone() }),
                     Some(code) if !same_kind(code, spec) => {
-                        self.mismatch(format!(
-                            "the {what} {name:?} has another type, unit or frame in the code"
-                        ));
+                        self.mismatch(Finding::FieldDiffersInCode { part, name: name.clone() });
                     }
                     Some(_) => {}
                 }
@@ -221,11 +198,11 @@ impl InterfaceFindings {
         }
         for (name, spec) in &exports.inputs {
             if spec.required && !manifest.inputs.contains_key(name) {
-                self.mismatch(format!("the code needs the input {name:?}, which is not declared"));
+                self.mismatch(Finding::InputUndeclared { name: name.clone() });
             }
         }
         for signal in exports.failure_signals.difference(&manifest.recovery.failure_signals) {
-            self.mismatch(format!("the code raises the failure signal {signal:?}, which is not declared"));
+            self.mismatch(Finding::SignalUndeclared { signal: *signal });
         }
     }
 
@@ -236,22 +213,25 @@ impl InterfaceFindings {
             self.add(
                 DeviationKind::Signature,
                 Deviation::Breaking,
-                format!("the entry point {name:?} is gone"),
+                Finding::EntryPointGone { name: name.clone() },
             );
         }
-        for (what, old, new) in
-            [("input", &active.inputs, &candidate.inputs), ("parameter", &old.parameters, &new.parameters)]
-        {
+        for (part, old, new) in [
+            (FieldPart::Input, &active.inputs, &candidate.inputs),
+            (FieldPart::Parameter, &old.parameters, &new.parameters),
+        ] {
             for name in old.keys().filter(|name| !new.contains_key(*name)) {
                 self.add(
                     DeviationKind::Signature,
                     Deviation::Breaking,
-                    format!("the {what} {name:?} is gone"),
+                    Finding::ArgumentGone { part, name: name.clone() },
                 );
             }
             for (name, spec) in new {
-                let (deviation, text) = accepts(old.get(name), spec);
-                self.add(DeviationKind::Signature, deviation, format!("the {what} {name:?} {text}"));
+                if let Some(how) = breaks(old.get(name), spec) {
+                    let finding = Finding::ArgumentBroken { part, name: name.clone(), how };
+                    self.add(DeviationKind::Signature, Deviation::Breaking, finding);
+                }
             }
         }
     }
@@ -259,19 +239,20 @@ impl InterfaceFindings {
     /// Covariance: whatever the candidate gives back, the active version could have given.
     fn outputs(&mut self, active: &Manifest, candidate: &Manifest) {
         for (name, old) in &active.outputs {
-            let (deviation, text) = match candidate.outputs.get(name) {
-                None => (Deviation::Breaking, "is gone"),
-                Some(new) if !same_kind(old, new) => (Deviation::Breaking, "has another type, unit or frame"),
-                Some(new) if !contains(old, new) => {
-                    (Deviation::Breaking, "can take values it could not take before")
+            let name = name.clone();
+            let broken = match candidate.outputs.get(&name) {
+                None => {
+                    self.add(DeviationKind::Schema, Deviation::Breaking, Finding::OutputGone { name });
+                    continue;
                 }
+                Some(new) if !same_kind(old, new) => FieldBreak::OtherKind,
+                Some(new) if !contains(old, new) => FieldBreak::WiderOutput,
                 // No adapter stands between a version and its callers that could put a default in its place.
-                Some(new) if old.required && !new.required => {
-                    (Deviation::Breaking, "is no longer always there")
-                }
-                Some(_) => (Deviation::None, ""),
+                Some(new) if old.required && !new.required => FieldBreak::OptionalOutput,
+                Some(_) => continue,
             };
-            self.add(DeviationKind::Schema, deviation, format!("the output {name:?} {text}"));
+            let finding = Finding::OutputBroken { name, how: broken };
+            self.add(DeviationKind::Schema, Deviation::Breaking, finding);
         }
     }
 
@@ -281,18 +262,16 @@ impl InterfaceFindings {
             if old.preconditions.get(name).is_some_and(|before| within(before, bound)) {
                 continue;
             }
-            // The dispatcher measures inputs before a call; nobody can assure anything else.
+            // The dispatcher measures inputs before a call; it cannot assure anything else.
             if candidate.inputs.contains_key(name) {
                 self.checked.insert(name.clone());
-                let text = format!(
-                    "the precondition on the input {name:?} is stronger; the dispatcher checks it before each call"
-                );
-                self.add(DeviationKind::Conditions, Deviation::Adaptable, text);
+                let finding = Finding::PreconditionChecked { name: name.clone() };
+                self.add(DeviationKind::Conditions, Deviation::Adaptable, finding);
             } else {
                 self.add(
                     DeviationKind::Conditions,
                     Deviation::Breaking,
-                    format!("the precondition on {name:?} is stronger"),
+                    Finding::PreconditionStronger { name: name.clone() },
                 );
             }
         }
@@ -301,39 +280,33 @@ impl InterfaceFindings {
                 self.add(
                     DeviationKind::Conditions,
                     Deviation::Breaking,
-                    format!("the postcondition on {name:?} is weaker"),
+                    Finding::PostconditionWeaker { name: name.clone() },
                 );
             }
         }
     }
 
-    fn dependencies(&mut self, candidate: &Manifest, registered: &[Registered]) {
+    fn dependencies(&mut self, candidate: &Manifest, registered: &[RegisteredVersion]) {
         for (family, requirement) in &candidate.deployment.dependencies {
-            let meets = |version: &&Registered| {
+            let meets = |version: &&RegisteredVersion| {
                 version.id.family == *family && requirement.matches(&version.id.version)
             };
             let any = registered.iter().any(|version| meets(&version));
             let active = registered.iter().filter(|version| version.active).any(|version| meets(&version));
-            let (deviation, text) = match (any, active) {
-                (false, _) => (Deviation::Breaking, "no registered version meets it"),
-                (true, false) => {
-                    (Deviation::Adaptable, "a registered version meets it, the active one does not")
-                }
-                (true, true) => (Deviation::None, ""),
+            let (family, requirement) = (family.clone(), requirement.to_string());
+            let (deviation, finding) = match (any, active) {
+                (false, _) => (Deviation::Breaking, Finding::DependencyUnmet { family, requirement }),
+                (true, false) => (Deviation::Adaptable, Finding::DependencyNotActive { family, requirement }),
+                (true, true) => continue,
             };
-            self.add(
-                DeviationKind::Dependencies,
-                deviation,
-                format!("the dependency {family}@{requirement}: {text}"),
-            );
+            self.add(DeviationKind::Dependencies, deviation, finding);
         }
         if circular(candidate, registered) {
-            let text = "the dependencies lead back to the family itself".to_owned();
-            self.add(DeviationKind::Dependencies, Deviation::Breaking, text);
+            self.add(DeviationKind::Dependencies, Deviation::Breaking, Finding::DependencyCycle);
         }
     }
 
-    /// The version number promises; what was found decides.
+    /// The version number promises; the finding decides.
     fn label(&mut self, active: &Manifest, candidate: &Manifest) {
         let (old, new) = (&active.version, &candidate.version);
         let major =
@@ -346,8 +319,8 @@ impl InterfaceFindings {
                 Deviation::Breaking => !major,
             };
         if wrong {
-            let text = format!("{new} after {old} promises more compatibility than was found");
-            self.notes.push(Reason::new(ReasonCode::InterfaceVersionMislabelled, Dimension::Interface, text));
+            let finding = Finding::VersionMislabeled { from: old.to_string(), to: new.to_string() };
+            self.notes.push(reason(finding));
         }
     }
 
@@ -367,9 +340,7 @@ impl InterfaceFindings {
             *first = first.clone().with(value, threshold);
         }
         if self.reasons.is_empty() {
-            let text = "every call that was valid stays valid, and what comes back is as before";
-            let code = ReasonCode::InterfaceCompatible;
-            self.reasons.push(Reason::new(code, Dimension::Interface, text).with(value, threshold));
+            self.reasons.push(reason(Finding::InterfaceCompatible).with(value, threshold));
         }
         self.reasons.extend(self.notes);
         let fields: Vec<String> = self.checked.into_iter().collect();
@@ -384,6 +355,10 @@ impl InterfaceFindings {
             Assessment { outcome, kappa, basis: Basis::Measured, reasons: self.reasons, conditions };
         InterfaceAssessment { assessment, deviations: self.deviations }
     }
+}
+
+const fn reason(finding: Finding) -> Reason {
+    Reason::new(Dimension::Interface, finding)
 }
 
 /// Same kind, unit, frame and element: a number in another unit is another number.
@@ -408,30 +383,30 @@ fn contains(outer: &FieldSpec, inner: &FieldSpec) -> bool {
 }
 
 /// Whether a call written for `old` is valid for `new`.
-fn accepts(old: Option<&FieldSpec>, new: &FieldSpec) -> (Deviation, &'static str) {
+fn breaks(old: Option<&FieldSpec>, new: &FieldSpec) -> Option<FieldBreak> {
     let Some(old) = old else {
         return match (new.required, new.default.is_some()) {
-            (false, _) => (Deviation::None, ""),
-            (true, true) => (Deviation::Breaking, "is new and required, and nobody supplies its default"),
-            (true, false) => (Deviation::Breaking, "is new, required and without default"),
+            (false, _) => None,
+            (true, true) => Some(FieldBreak::RequiredWithDefault),
+            (true, false) => Some(FieldBreak::RequiredWithoutDefault),
         };
     };
     if !same_kind(old, new) {
-        return (Deviation::Breaking, "has another type, unit or frame");
+        return Some(FieldBreak::OtherKind);
     }
     if !contains(new, old) {
-        return (Deviation::Breaking, "no longer takes every value it took");
+        return Some(FieldBreak::NarrowerInput);
     }
     match (old.required, new.required, new.default.is_some()) {
-        (true, _, _) | (false, false, _) => (Deviation::None, ""),
-        (false, true, true) => (Deviation::Breaking, "became required, and nobody supplies its default"),
-        (false, true, false) => (Deviation::Breaking, "became required and has no default"),
+        (true, _, _) | (false, false, _) => None,
+        (false, true, true) => Some(FieldBreak::BecameRequiredWithDefault),
+        (false, true, false) => Some(FieldBreak::BecameRequired),
     }
 }
 
 /// Whether every value that `inner` allows is allowed by `outer`.
-fn within(inner: &Bound, outer: &Bound) -> bool {
-    let number = |bound: &Bound| bound.equals.as_ref().and_then(Value::number);
+fn within(inner: &ObservableBound, outer: &ObservableBound) -> bool {
+    let number = |bound: &ObservableBound| bound.equals.as_ref().and_then(Value::number);
     if let Some(wanted) = &outer.equals {
         return match (number(inner), wanted.number()) {
             (Some(a), Some(b)) => a == b,
@@ -449,9 +424,9 @@ fn within(inner: &Bound, outer: &Bound) -> bool {
     above && below
 }
 
-/// The dependencies that no active version meets: what a version in control would have to do without.
+/// The dependencies that no active version meets.
 #[must_use]
-pub fn unmet(candidate: &Manifest, registered: &[Registered]) -> Vec<String> {
+pub fn unmet(candidate: &Manifest, registered: &[RegisteredVersion]) -> Vec<String> {
     let active = |family: &Family, needed: &semver::VersionReq| {
         let mut active = registered.iter().filter(|version| version.active);
         active.any(|version| version.id.family == *family && needed.matches(&version.id.version))
@@ -464,7 +439,7 @@ pub fn unmet(candidate: &Manifest, registered: &[Registered]) -> Vec<String> {
 }
 
 /// Whether following the dependencies leads back to the candidate's family. A graph too large to follow counts as one.
-fn circular(candidate: &Manifest, registered: &[Registered]) -> bool {
+fn circular(candidate: &Manifest, registered: &[RegisteredVersion]) -> bool {
     let mut open: Vec<(&Family, &semver::VersionReq)> = candidate.deployment.dependencies.iter().collect();
     let mut seen: BTreeSet<&CapabilityId> = BTreeSet::new();
     let mut steps = 0;

@@ -1,22 +1,22 @@
 //! The rules: pure functions over plain data. No I/O, no clock, no randomness, no async.
 //!
-//! Texts and values come in, decisions with their reasons go out; whoever calls opens the files,
-//! measures the episodes and keeps the time. No simulator, store or screen is behind it, so the software of another
-//! robot can use this crate as a library and keep its own machinery round it.
+//! Takes texts and values and returns decisions with reasons; the caller opens files, measures episodes and keeps
+//! time. It needs no simulator, store or screen, so the software of another robot can use it as a library with its own
+//! machinery.
 //!
 //! # Judging a candidate with your own robot
 //!
 //! 1. **Parse** the manifests of the candidate and of the active version ([`manifest::Manifest::parse`]) and the
-//!    profile with its policies ([`profile::Profile`], [`policy::PolicyTable`]). Each of them has a digest.
-//! 2. **Read from the code** what it exports and needs ([`exports::Interface`]). Whoever loads bundles fills it in; a
-//!    copy of the manifest would make the comparison worthless.
+//!    profile with its policies ([`profile::Profile`], [`policy::PolicyTable`]). Each has a digest.
+//! 2. **Read from the code** what it exports and needs ([`exports::Interface`]). The loader of the bundles supplies it;
+//!    a copy of the manifest would make the comparison worthless.
 //! 3. **Check what can be checked without running anything**: [`interface::assess`] and [`policy::assess`].
-//! 4. **Measure** both versions on the same seeds and rehearse recovery, in whatever simulator or cell there is, and
+//! 4. **Measure** both versions on the same seeds and drill recovery, in your simulator or cell, and
 //!    keep the raw values: [`evidence::PairedEvidence`] for [`behavior::assess`], [`evidence::RecoveryEvidence`] for
-//!    [`recovery::assess`]. Evidence is bound to digests; what was measured for anything else counts as no data.
-//! 5. **Join** the four results with [`composition::psi`], which names the next permitted stage and says why.
+//!    [`recovery::assess`]. Evidence is bound to digests; evidence for other digests counts as no data.
+//! 5. **Join** the four results with [`composition::psi`], which names the next permitted stage and the reasons.
 //! 6. After shadow, [`gate::assess_shadow`] and [`gate::evaluate`] decide on activation; on the robot [`monitor`]
-//!    watches, and [`rollback`] and [`lifecycle`] say what may follow.
+//!    watches, and [`rollback`] and [`lifecycle`] define what may follow.
 //!
 //! The example takes a better version of a skill through steps 1 to 5, and then one that would break its callers.
 //!
@@ -24,13 +24,13 @@
 //! use std::collections::BTreeMap;
 //!
 //! use holdpoint_governance::composition::{Kappas, PsiContext, psi};
-//! use holdpoint_governance::decision::{MadeUnder, ReasonCode};
+//! use holdpoint_governance::decision::{DecisionContext, ReasonCode};
 //! use holdpoint_governance::evidence::{
-//!     Binding, DrillTally, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence,
+//!     DrillTallies, DrillTally, EpisodeValues, EvidenceBinding, Pair, PairedEvidence, RecoveryEvidence,
 //! };
 //! use holdpoint_governance::exports::Interface;
 //! use holdpoint_governance::ids::Digest;
-//! use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+//! use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
 //! use holdpoint_governance::manifest::Manifest;
 //! use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome, Recommendation};
 //! use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
@@ -102,7 +102,7 @@
 //!     "needs": [{ "channel": "arm", "command": "stop" }, { "channel": "arm", "command": "tool-pose" }],
 //! }))?;
 //! let registered =
-//!     [Registered { id: active.id(), active: true, dependencies: BTreeMap::new() }];
+//!     [RegisteredVersion { id: active.id(), active: true, dependencies: BTreeMap::new() }];
 //!
 //! // 3. Interface and policy, without running anything.
 //! let look = |candidate: &Manifest| {
@@ -126,7 +126,7 @@
 //! assert_eq!(policy.outcome, PolicyOutcome::Compatible);
 //!
 //! // 4. Both versions on the same seeds, and the same drills with both. Your cell measures them.
-//! let binding = Binding {
+//! let binding = EvidenceBinding {
 //!     candidate: candidate.digest()?,
 //!     active: Some(active.digest()?),
 //!     profile: profile.digest()?,
@@ -155,17 +155,17 @@
 //! let behavior = behavior::assess(&episodes, &binding, &profile).assessment;
 //!
 //! let all = DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0 };
-//! let drills = Drills { rollback: all, fallback: all, abort: all, detect: all, ..Drills::default() };
+//! let drills = DrillTallies { rollback: all, fallback: all, abort: all, detect: all, ..DrillTallies::default() };
 //! let rehearsed = RecoveryEvidence { binding, candidate: drills, active: drills };
 //! let recovery = recovery::assess(&rehearsed, &binding, &profile).assessment;
 //!
 //! // 5. The next permitted stage.
-//! let under = MadeUnder {
+//! let under = DecisionContext {
 //!     candidate: binding.candidate,
 //!     active: binding.active,
 //!     policy: binding.policy,
 //!     profile: binding.profile,
-//!     authority: Digest::of_parts("example", &[b"nobody is asked in sim"]),
+//!     authority: Digest::of_parts("example", &[b"no approval in sim"]),
 //!     environment: binding.environment,
 //!     neighbours: binding.neighbours,
 //!     evidence: Digest::of_json("example.evidence", &episodes)?,
@@ -177,7 +177,7 @@
 //! assert!(decision.answers().admitted && decision.has(ReasonCode::CompositionEligible));
 //!
 //! // Evidence of another version is no evidence, and no evidence does not advance.
-//! let other = Binding { candidate: active.digest()?, ..binding };
+//! let other = EvidenceBinding { candidate: active.digest()?, ..binding };
 //! kappas.behavior = behavior::assess(&episodes, &other, &profile).assessment;
 //! assert_eq!(*psi(&kappas, context, under).outcome(), Recommendation::Sandbox);
 //!
@@ -186,64 +186,65 @@
 //! kappas.interface = look(&Manifest::parse("wipe/1.2.0", &broken)?);
 //! let decision = psi(&kappas, context, under);
 //! assert_eq!(*decision.outcome(), Recommendation::Reject);
-//! assert!(decision.reasons()[0].text.contains("surface"), "{}", decision.reasons()[0]);
+//! assert_eq!(decision.reasons()[0].code, ReasonCode::InterfaceSignatureBreaking);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
 //! # What the rules leave to their caller
 //!
-//! A decision grants nothing by itself. Your software has to make sure that a candidate holds no handle to the
-//! robot before [`gate::GatePassed`] exists, that every command passes a guard that asks the same
-//! [`policy::PolicyTable`], and that a change of state is written together with its record. In this program the
-//! crates `holdpoint-runtime`, `holdpoint-engine` and `holdpoint-registry` do that.
+//! A decision grants nothing by itself. Your software has to ensure three things: a candidate has no handle to the
+//! robot before [`gate::GatePassed`] exists; every command passes a guard that reads the same [`policy::PolicyTable`];
+//! a change of state is written together with its record. Here the crates `holdpoint-runtime`, `holdpoint-engine` and
+//! `holdpoint-registry` do that.
 
 #![warn(missing_docs)]
 
-// What `words!` makes names this crate by its name, here as in the crates that use it.
+// The expansion of `closed_set!` names this crate by its name, here as in the crates that use it.
 extern crate self as holdpoint_governance;
 
+pub mod ablation;
 pub mod alarms;
 mod alignment;
 pub mod approval;
 pub mod behavior;
+pub mod cached_result;
 pub mod calendar;
-pub mod comes_up;
+pub mod closed_set;
 pub mod component;
 pub mod composition;
 pub mod condition;
 pub mod decision;
 mod deployability;
-pub mod ended;
+pub mod distribution_shift;
+pub mod early_stop;
 pub mod evidence;
 pub mod exports;
+pub mod finding;
 pub mod gate;
 pub mod harm;
 pub mod health;
 pub mod ids;
 pub mod interface;
 pub mod kappa;
-pub mod kept;
 pub mod lifecycle;
-pub mod loosened;
 pub mod manifest;
 pub mod metrics;
 pub mod mode;
 pub mod monitor;
-pub mod omitted;
 pub mod outcome;
-pub mod own_profile;
 pub mod permission;
 pub mod phase;
 pub mod policy;
 mod policy_table;
 pub mod profile;
+pub mod profile_downgrade;
 pub mod record;
 pub mod recovery;
 pub mod risk;
 pub mod rollback;
-pub mod search;
-pub mod senses;
-pub mod shift;
+pub mod sensor_health;
+pub mod site_profile;
+pub mod startup_stop;
 pub mod stats;
 pub mod strictness;
 pub mod submission;
@@ -251,6 +252,6 @@ pub mod text_error;
 pub mod value_type;
 pub mod vocabulary;
 pub mod wall_time;
-pub mod words;
+pub mod worst_case_search;
 
 pub use text_error::TextError;

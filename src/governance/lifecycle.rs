@@ -11,31 +11,32 @@ use super::profile::ProfileName;
 use super::wall_time::{WallTime, as_ms};
 
 mod apply;
+mod changes;
 mod pausing;
 mod rules;
 
 pub use apply::apply;
-pub use rules::Refusal;
+pub use rules::LifecycleRefusal;
 
-crate::words! {
-    /// Where a version stands. Eight states of the paper and `superseded`, without which the paper's rules
-    /// cannot roll back to the baseline.
+crate::closed_set! {
+    /// The state of a version. Eight states of the paper and `superseded`, without which the paper's rules cannot roll
+    /// back to the baseline.
     State, "lifecycle state", {
         /// In the store and nothing checked yet.
         Registered = "registered",
         /// `kappa_I`, `kappa_P` and the static part of `kappa_R` passed.
         Validated = "validated",
-        /// The sandbox is passed: paired episodes and drills were worked.
+        /// The sandbox is passed: paired episodes and drills were run.
         Sandboxed = "sandboxed",
-        /// Shadow is passed: it worked beside the live cell without a handle to the arm.
+        /// Shadow is passed: it ran beside the live cell without a handle to the arm.
         Shadowed = "shadowed",
         /// The one version of its family that may act.
         Active = "active",
-        /// Held back from activation; it may be evaluated again.
+        /// Returned to evaluation.
         Demoted = "demoted",
-        /// Refused for good; terminal.
+        /// Rejected; terminal.
         Rejected = "rejected",
-        /// Was active and was taken off for good; terminal.
+        /// Was active and was rolled back; terminal.
         RolledBack = "rolled-back",
         /// Was active, was replaced; the rollback target while its successor is active.
         Superseded = "superseded",
@@ -52,7 +53,7 @@ impl State {
             Self::Sandboxed => matches!(to, Self::Shadowed | Self::Demoted | Self::Rejected),
             Self::Shadowed => matches!(to, Self::Active | Self::Demoted | Self::Rejected),
             Self::Active => matches!(to, Self::Superseded | Self::RolledBack | Self::Demoted),
-            // Active again by re-arming alone, where a stopped family has nobody else to go back to.
+            // Active again only by reactivation, where a stopped family has no other rollback target.
             Self::Demoted => matches!(to, Self::Sandboxed | Self::Shadowed | Self::Rejected | Self::Active),
             Self::Superseded => matches!(to, Self::Active | Self::Rejected),
             Self::Rejected | Self::RolledBack => false,
@@ -66,7 +67,7 @@ impl State {
     }
 }
 
-crate::words! {
+crate::closed_set! {
     /// A stage that can be running.
     Stage, "stage", {
         /// Compatibility validation: interface, policy and the static part of recovery; nothing is run.
@@ -85,17 +86,17 @@ crate::words! {
 #[serde(transparent)]
 pub struct VersionRef(pub u16);
 
-/// What a piece of evidence, a gate pass or an approval was made under; any change voids it.
+/// The circumstances of evidence, a gate pass or an approval; any change voids it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Stamp {
+pub struct ValidityStamp {
     /// Counts changes of profile, policy or threshold, and changes of the active version.
     pub context: u32,
     /// The version's [`Version::round`] at that time.
     pub round: u32,
 }
 
-/// What is going on with a version, beside its state.
+/// The flags of a version beside its state.
 #[derive(
     Clone,
     Copy,
@@ -111,18 +112,18 @@ pub struct Stamp {
     schemars::JsonSchema,
 )]
 #[serde(deny_unknown_fields)]
-pub struct Flags {
+pub struct VersionFlags {
     /// The stage that is running; at most one at a time.
     pub running: Option<Stage>,
-    /// Held by a person: only reject, demote, rollback and resume go through.
+    /// Paused by a person: only reject, demote, rollback and resume are accepted.
     pub paused: bool,
-    /// A decision of people is asked for and open; nothing else of it may be assumed.
+    /// An approval request is open; nothing else may be assumed.
     pub awaiting_approval: bool,
-    /// Active and watched; not yet confirmed.
+    /// Active and monitored; not yet confirmed.
     pub provisional: bool,
     /// Active under a tighter envelope set by the monitor.
     pub restricted: bool,
-    /// Being rolled back: the ladder is under way.
+    /// The rollback ladder is running.
     pub rollback_pending: bool,
 }
 
@@ -132,8 +133,8 @@ pub struct Flags {
 pub struct Version {
     /// The last stage passed, or how it left.
     pub state: State,
-    /// What is going on with it at present.
-    pub flags: Flags,
+    /// Its present flags.
+    pub flags: VersionFlags,
     /// Counts every change; approvals name it.
     pub row_version: u64,
     /// How often sandbox or shadow was repeated; each time voids the gate pass and the approvals.
@@ -141,25 +142,25 @@ pub struct Version {
     /// The version it replaced: pinned while this one is active or superseded.
     pub predecessor: Option<VersionRef>,
     /// Under what its sandbox evidence was gathered.
-    pub sandbox: Option<Stamp>,
+    pub sandbox: Option<ValidityStamp>,
     /// Under what its shadow evidence was gathered.
-    pub shadow: Option<Stamp>,
+    pub shadow: Option<ValidityStamp>,
     /// Under what its gate was passed; absent before, and when voided.
-    pub gate: Option<Stamp>,
-    /// Under what the approvals that the profile needs were completed.
-    pub approval: Option<Stamp>,
-    /// Whether it was in control before. Absent in older stores, where a family's first version alone is known to have.
+    pub gate: Option<ValidityStamp>,
+    /// The circumstances under which the required approvals were completed.
+    pub approval: Option<ValidityStamp>,
+    /// Whether it was in control before. Absent in older stores, where this is known only of a family's first version.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub acted: bool,
-    /// Whether it was restricted when it was last in control: whoever gives it back without the gate gives it back so. Absent
-    /// in older stores.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub left_restricted: bool,
-    /// Whether it was provisional when it was last in control: its window is not passed, whoever gives it back. Absent in
+    /// Whether it was restricted when last in control: without the gate it returns to control restricted. Absent in
     /// older stores.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub left_restricted: bool,
+    /// Whether it was provisional when last in control: its window still has to pass when it returns. Absent in older
+    /// stores.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub left_provisional: bool,
-    /// Profiles that are closed to it by a profile demotion; the gate holds under them. Absent in older stores.
+    /// Profiles under which a profile demotion blocks it: the gate holds it there. Absent in older stores.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub closed: BTreeSet<ProfileName>,
 }
@@ -169,26 +170,26 @@ pub struct Version {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Review {
-    /// The version that one person let in.
+    /// The version that one person activated.
     pub version: VersionRef,
-    /// When the emergency approval lapses, also while no engine runs: unreviewed by then, the version is taken off.
+    /// Deadline of the review, also while no engine runs: after it the version is rolled back.
     #[serde(rename = "until_ms", with = "as_ms")]
     pub until: WallTime,
 }
 
-/// A family: its versions and what holds for all of them.
+/// A family: its versions and their common state.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FamilyState {
     /// In registration order; [`VersionRef`] is an index into it.
     pub versions: Vec<Version>,
-    /// No version acts until an operator re-arms the family.
+    /// No version is active until an operator reactivates one.
     pub safe_stopped: bool,
     /// Counts changes of profile, policy, threshold and active version.
     pub context: u32,
     /// Whether the profile needs people's approval before an activation.
     pub needs_approval: bool,
-    /// The review that is open; nothing is promoted before it is closed. Absent in stores made before there was one.
+    /// The open review; nothing is promoted before it is closed. Absent in older stores.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub review: Option<Review>,
 }
@@ -199,20 +200,20 @@ pub const VERSIONS_MAX: usize = 10_000;
 /// How an active version leaves control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Leave {
+pub enum DeactivationKind {
     /// Hard rollback: terminal, the version never runs again (paper section 5.2, stage 7).
     RolledBack,
     /// Soft demotion: back to evaluation (paper section 5.2, stage 7).
     Demoted,
 }
 
-/// What can happen to a family; each is refused or changes it as a whole.
+/// An event of a family; it is refused or applied as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "event", deny_unknown_fields)]
 pub enum LifecycleEvent {
     /// The first version is made active by an explicit record, without a gate.
     Bootstrap,
-    /// A new version is taken in as [`State::Registered`].
+    /// A new version is registered.
     Register,
     /// A stage begins; no other may be running and the version must not be paused.
     Start {
@@ -223,84 +224,84 @@ pub enum LifecycleEvent {
     },
     /// The running stage is passed (activation: the gate is).
     Pass {
-        /// The version whose running stage is passed.
+        /// The version that passes its running stage.
         version: VersionRef,
         /// The stage, which must be the one that runs.
         stage: Stage,
     },
     /// The running stage ended without a result; it can be started again.
     Abort {
-        /// The version whose stage is called off; its state stays.
+        /// The version whose stage is aborted; its state stays.
         version: VersionRef,
     },
-    /// The running stage was not passed for lack of evidence, or a person or the profile holds the version back.
+    /// The version lacks evidence for the running stage, or a person or the profile holds it back.
     Demote {
         /// The version, validated, sandboxed or shadowed; an active one leaves by rollback.
         version: VersionRef,
     },
-    /// Refused for good: by a rule or by a person.
+    /// Rejected by a rule or by a person.
     Reject {
         /// The version, neither active nor pinned as a rollback target.
         version: VersionRef,
     },
-    /// A stage that was passed is to be run again; or a demoted version goes back to the sandbox.
+    /// A passed stage is to run again; or a demoted version returns to the sandbox.
     Repeat {
         /// The version, sandboxed, shadowed or demoted, with no stage running.
         version: VersionRef,
-        /// Sandbox, or shadow if the sandbox evidence still holds; any other is refused.
+        /// Sandbox, or shadow if the sandbox evidence is still current; any other is refused.
         stage: Stage,
     },
-    /// People are asked to decide on a version.
+    /// An approval request about a version is made.
     RequestApproval {
-        /// The version the question is about.
+        /// The version of the request.
         version: VersionRef,
     },
     /// All approvals the profile needs are there.
     Approved {
-        /// The version that was approved; its question must be open.
+        /// The approved version; its request must be open.
         version: VersionRef,
         /// The row version the approvals name; it must be the present one.
         row_version: u64,
     },
-    /// The approval ran out or nobody answered: held.
+    /// The approval expired or no approver answered: on hold.
     ApprovalExpired {
-        /// The version whose question or approval ran out; its gate pass goes with it.
+        /// The version whose request or approval expired; its gate pass is void too.
         version: VersionRef,
     },
     /// The binding moves: old active -> superseded, this -> active, in one transaction.
     Activate {
-        /// The shadowed version with a current gate pass and, if the profile asks for it, current approvals.
+        /// The shadowed version with a current gate pass and, if the profile requires them, current approvals.
         version: VersionRef,
     },
-    /// As [`LifecycleEvent::Activate`], by one person's emergency approval: a review of it is open from then on.
+    /// As [`LifecycleEvent::Activate`], by one person's break-glass approval, which opens a review.
     ActivateUnreviewed {
         /// The shadowed version that one person lets in.
         version: VersionRef,
-        /// When the emergency approval lapses.
+        /// When the break-glass approval expires.
         until: WallTime,
     },
-    /// People have reviewed the emergency activation of a version; what they think of it moves nothing here.
+    /// The break-glass activation of a version was reviewed; the verdict changes nothing here.
     Reviewed {
-        /// The version whose review is open, in whatever state it is now.
+        /// The version under review, in any state.
         version: VersionRef,
     },
-    /// A profile is closed to a version: under it the gate holds.
+    /// A version is blocked under a profile: the gate holds it there.
     Close {
         /// The version, not terminal.
         version: VersionRef,
         /// The profile under which it is not to act.
         profile: ProfileName,
     },
-    /// A closed profile is open to a version again.
+    /// A version is unblocked under a profile.
     Open {
         /// The version, not terminal.
         version: VersionRef,
-        /// The profile that was closed to it.
+        /// The profile under which it was blocked.
         profile: ProfileName,
     },
-    /// The provisional window passed without a trip and no doubt is open.
+    /// The provisional window passed without a trip and no concern is open.
     Confirm {
-        /// The active, provisional, unrestricted and reviewed version that is confirmed.
+        /// The confirmed version: active, provisional, unrestricted and reviewed.
         version: VersionRef,
     },
     /// The monitor narrows the envelope.
@@ -315,33 +316,33 @@ pub enum LifecycleEvent {
     },
     /// The ladder starts; from here on the version has no command authority.
     BeginRollback {
-        /// The active version that is taken off.
+        /// The active version that is rolled back or deactivated.
         version: VersionRef,
     },
-    /// The ladder is done: this -> rolled-back or demoted, predecessor -> active, in one transaction.
+    /// The ladder is done: this -> rolled-back or demoted, rollback target -> active, in one transaction.
     FinishRollback {
-        /// The version whose rollback was begun.
+        /// The version whose rollback began.
         version: VersionRef,
-        /// Whether it leaves for good or returns to evaluation.
-        leave: Leave,
+        /// Whether it is finally rolled back or returns to evaluation.
+        leave: DeactivationKind,
     },
     /// A rung failed or there is no target: this -> demoted, family safe-stopped.
     FailRollback {
-        /// The version whose rollback was begun and did not succeed.
+        /// The version whose rollback failed.
         version: VersionRef,
     },
-    /// An operator re-arms a safe-stopped family with a superseded or demoted version that was active before; where people
-    /// decide, of the demoted ones with the family's first alone.
+    /// An operator reactivates a superseded or demoted version of a safe-stopped family that was active before. Where
+    /// people decide, the only demoted version allowed is the family's first.
     Rearm {
         /// The version that is to act again.
         version: VersionRef,
     },
-    /// Held by a person; only reject, demote, rollback and resume go through.
+    /// Paused by a person; only reject, demote, rollback and resume are accepted.
     Pause {
         /// The version that must not advance until it is resumed.
         version: VersionRef,
     },
-    /// The hold of [`LifecycleEvent::Pause`] is lifted.
+    /// The pause ends.
     Resume {
         /// The paused version.
         version: VersionRef,
@@ -368,7 +369,7 @@ pub enum LifecycleChange {
     },
     /// A version's state changed.
     State {
-        /// The version whose state moved.
+        /// The version whose state changed.
         version: VersionRef,
         /// The state it left.
         from: State,
@@ -380,15 +381,15 @@ pub enum LifecycleChange {
         /// The version whose flags changed.
         version: VersionRef,
         /// All flags before the event.
-        from: Flags,
+        from: VersionFlags,
         /// All flags after it.
-        to: Flags,
+        to: VersionFlags,
     },
     /// The active pointer moved, or was emptied.
     Active {
-        /// The version that was in control; `None`: nobody was.
+        /// The version that was in control; `None` if there was none.
         from: Option<VersionRef>,
-        /// The version in control from now on; `None`: nobody is.
+        /// The version in control from now on; `None` if there is none.
         to: Option<VersionRef>,
     },
     /// A gate pass, approval or evidence was recorded or voided.
@@ -396,14 +397,14 @@ pub enum LifecycleChange {
         /// The version whose round, predecessor, evidence stamps, gate pass or approval changed.
         version: VersionRef,
     },
-    /// The family was stopped or re-armed.
+    /// The family was safe-stopped or reactivated.
     SafeStopped {
         /// Whether the family is safe-stopped from now on.
         stopped: bool,
     },
-    /// The review of an emergency activation was opened or closed.
+    /// The review of a break-glass activation was opened or closed.
     Review {
-        /// The version whose review is open from now on; `None`: none is.
+        /// The version under review from now on; `None` if there is none.
         open: Option<VersionRef>,
     },
     /// Gate passes, approvals and comparative evidence of earlier contexts are void.
@@ -471,7 +472,7 @@ impl Version {
     pub fn new(state: State) -> Self {
         Self {
             state,
-            flags: Flags::default(),
+            flags: VersionFlags::default(),
             row_version: 1,
             round: 0,
             predecessor: None,
@@ -486,7 +487,7 @@ impl Version {
         }
     }
 
-    /// Leaves for a state in which nothing of its standing holds.
+    /// Leaves for a state in which none of its flags applies.
     fn leave(&mut self, to: State) {
         let keep = if to == State::Demoted && self.state != State::Active { self.sandbox } else { None };
         let paused = self.flags.paused && !to.is_terminal();
@@ -496,7 +497,7 @@ impl Version {
             _ => (self.left_restricted, self.left_provisional),
         };
         *self = Self {
-            flags: Flags { paused, ..Flags::default() },
+            flags: VersionFlags { paused, ..VersionFlags::default() },
             row_version: self.row_version,
             round: self.round,
             sandbox: keep,
@@ -516,7 +517,7 @@ mod walk;
 mod tests {
     use super::*;
 
-    /// What a person alone would get rid of by evaluating it again and demoting it.
+    /// Only a person could end it, by a re-evaluation and a demotion.
     #[test]
     fn how_a_version_left_control_outlives_its_evaluation() {
         let mut version = Version::new(State::Active);

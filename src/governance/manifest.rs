@@ -44,14 +44,14 @@ pub struct Manifest {
     /// O: the fields it gives back when it ends, by name.
     #[serde(default)]
     pub outputs: BTreeMap<String, FieldSpec>,
-    /// phi: entry points, parameters and what holds before and after a call.
+    /// phi: entry points, parameters, preconditions and postconditions.
     pub invocation: Invocation,
-    /// P: what it may ask of the robot.
+    /// P: the permitted requests to the robot.
     pub permissions: Permissions,
     /// R: how it is stopped, undone and replaced.
     #[serde(default)]
     pub recovery: Recovery,
-    /// D: what it needs and where its code is.
+    /// D: its needs and the place of its code.
     pub deployment: Deployment,
 }
 
@@ -66,16 +66,16 @@ pub struct Invocation {
     pub parameters: BTreeMap<String, FieldSpec>,
     /// Observables and the range each must be in before a call.
     #[serde(default)]
-    pub preconditions: BTreeMap<String, Bound>,
+    pub preconditions: BTreeMap<String, ObservableBound>,
     /// Observables and the range each is in after a successful call.
     #[serde(default)]
-    pub postconditions: BTreeMap<String, Bound>,
+    pub postconditions: BTreeMap<String, ObservableBound>,
 }
 
 /// A range or an equality on a named observable; a missing end is unbounded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Bound {
+pub struct ObservableBound {
     /// Lowest value that satisfies the condition, included; in the unit of the observable.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
@@ -87,7 +87,7 @@ pub struct Bound {
     pub equals: Option<Value>,
 }
 
-/// P: the permissions asked for; what the guard never lets it exceed.
+/// P: the requested permissions, which the guard enforces.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Permissions {
@@ -97,19 +97,19 @@ pub struct Permissions {
     pub commands: BTreeSet<CommandKind>,
     /// Zones the tool may enter; at least one.
     pub zones: BTreeSet<ZoneName>,
-    /// Sensors it reads; what is not declared is not delivered.
+    /// Sensors it reads; an undeclared one is not delivered.
     #[serde(default)]
     pub sensors: BTreeSet<Sensor>,
     /// Tools it uses; one that is not declared is neither commanded nor read.
     #[serde(default)]
     pub tools: BTreeSet<Tool>,
-    /// Largest speed of the tool's centre point it asks for, m/s.
+    /// Largest speed of the tool center point it asks for, m/s.
     pub max_speed_m_s: f64,
     /// Largest force, N: grip per finger or contact, whichever is larger.
     pub max_force_n: f64,
     /// How much it may decide by itself, level 0 to 3.
     pub authority: Authority,
-    /// Computing resources it needs at most; held against the profile's limits.
+    /// Computing resources it needs at most; compared with the profile's limits.
     pub resources: Resources,
 }
 
@@ -140,7 +140,7 @@ impl Resources {
         u64::from(self.cpu_us_per_tick) * FUEL_PER_US
     }
 
-    /// The memory confined code is held to, bytes.
+    /// The memory limit of confined code, bytes.
     #[must_use]
     pub fn memory_bytes(&self) -> u64 {
         u64::from(self.memory_kib) * 1024
@@ -151,7 +151,7 @@ impl Resources {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Recovery {
-    /// Exported hook that restores the predecessor's state.
+    /// Exported hook that restores the rollback target's state.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rollback_hook: Option<String>,
     /// The version that takes over when this one fails.
@@ -178,7 +178,7 @@ pub struct Fallback {
     pub version: semver::VersionReq,
 }
 
-/// The hook that brings the arm to a stand, and how long that may take.
+/// The hook that brings the arm to standstill, and how long that may take.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SafeAbort {
@@ -200,7 +200,7 @@ pub struct Deployment {
     pub environments: BTreeSet<super::profile::name::ProfileName>,
     /// Where the code is: `native:<controller>` or a path to a `.wasm` component.
     #[schemars(with = "String")]
-    pub bundle: Bundle,
+    pub bundle: BundleSource,
     /// Packages of WASI that a component may import, such as `wasi:clocks`; what they give is empty or the same every time.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub imports: BTreeSet<String>,
@@ -213,14 +213,14 @@ pub struct Deployment {
 /// Where a version's code is, `native:<controller>` or a path.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub enum Bundle {
+pub enum BundleSource {
     /// A controller compiled into the engine, by name.
     Native(String),
     /// A WebAssembly component beside the manifest, named by its path.
     Wasm(RelativePath),
 }
 
-impl TryFrom<String> for Bundle {
+impl TryFrom<String> for BundleSource {
     type Error = String;
     fn try_from(text: String) -> Result<Self, String> {
         let allowed = "\"native:<controller>\" or a relative path ending in .wasm";
@@ -235,11 +235,11 @@ impl TryFrom<String> for Bundle {
     }
 }
 
-impl From<Bundle> for String {
-    fn from(bundle: Bundle) -> Self {
+impl From<BundleSource> for String {
+    fn from(bundle: BundleSource) -> Self {
         match bundle {
-            Bundle::Native(name) => format!("native:{name}"),
-            Bundle::Wasm(path) => path.0,
+            BundleSource::Native(name) => format!("native:{name}"),
+            BundleSource::Wasm(path) => path.0,
         }
     }
 }
@@ -360,7 +360,7 @@ fn fields_problem(table: &str, fields: &BTreeMap<String, FieldSpec>) -> Manifest
     })
 }
 
-fn bounds_problem(table: &str, bounds: &BTreeMap<String, Bound>) -> ManifestProblem {
+fn bounds_problem(table: &str, bounds: &BTreeMap<String, ObservableBound>) -> ManifestProblem {
     names_problem(table, bounds.keys(), 0, FIELDS_MAX).or_else(|| {
         bounds.iter().find_map(|(name, bound)| {
             bound.problem().map(|(value, allowed)| (format!("{table}.{name}"), value, allowed))
@@ -368,7 +368,7 @@ fn bounds_problem(table: &str, bounds: &BTreeMap<String, Bound>) -> ManifestProb
     })
 }
 
-impl Bound {
+impl ObservableBound {
     fn problem(&self) -> Option<(String, String)> {
         let ends = [self.min, self.max];
         let numbers = ends.iter().flatten().copied().chain(self.equals.as_ref().and_then(Value::number));
@@ -460,7 +460,7 @@ impl Deployment {
         let allowed = "up to 16 packages of WASI, such as \"wasi:clocks\"";
         match (self.imports.iter().find(is_no_package), &self.bundle) {
             (Some(bad), _) => Some(("deployment.imports".into(), bad.clone(), allowed.into())),
-            (None, Bundle::Native(_)) if !self.imports.is_empty() => Some((
+            (None, BundleSource::Native(_)) if !self.imports.is_empty() => Some((
                 "deployment.imports".into(),
                 format!("{} packages", self.imports.len()),
                 "none for a controller that is compiled in".into(),
@@ -470,7 +470,7 @@ impl Deployment {
                 format!("{} packages", self.imports.len()),
                 allowed.into(),
             )),
-            (None, Bundle::Native(_) | Bundle::Wasm(_)) => None,
+            (None, BundleSource::Native(_) | BundleSource::Wasm(_)) => None,
         }
     }
 }

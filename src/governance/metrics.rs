@@ -1,10 +1,10 @@
 //! The metrics of the experiments: named apart, with intervals, never a bare "FAR".
 //!
 //! Source: design rule 3.12; paper equations 14 to 19; readings X1 to X11, X75. Ground truth comes from the
-//! referee of the simulation, never from the rules that are being judged. What a store can say without any is in
-//! [`observed`], under names of its own.
+//! referee of the simulation, never from the rules that are being judged. The metrics of a store without it are in
+//! [`store_metrics`], under separate names.
 
-pub mod observed;
+pub mod store_metrics;
 
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ pub const LEVEL: f64 = 0.95;
 pub struct Proportion {
     /// Cases of which the statement is true.
     pub count: u64,
-    /// All cases it was asked of.
+    /// All cases.
     pub total: u64,
     /// Wilson interval at 95 %; absent with no cases.
     pub interval: Option<Interval>,
@@ -43,24 +43,24 @@ impl Proportion {
         Ok(Self { count, total, interval })
     }
 
-    /// The share; `None` for 0 of 0.
+    /// The rate; `None` for 0 of 0.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "counts of candidates and episodes")]
-    pub fn share(&self) -> Option<f64> {
+    pub fn rate(&self) -> Option<f64> {
         (self.total > 0).then(|| self.count as f64 / self.total as f64)
     }
 }
 
-/// How one candidate ended: blocked, contained or kept, which add up to all.
+/// The fate of one candidate: blocked, contained or kept, which add up to all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "fate")]
 pub enum Fate {
     /// Stopped before activation, at this stage.
     Blocked {
-        /// The stage that stopped it: refused, or still held when the experiment ended.
+        /// The stage that stopped it: rejected, or still on hold when the experiment ended.
         stage: Stage,
     },
-    /// Activated, and taken off again or restricted before the provisional window ended.
+    /// Activated, and rolled back or restricted before the provisional window ended.
     Contained,
     /// Activated, and active without restriction when its provisional window ended.
     Kept,
@@ -82,7 +82,7 @@ pub struct CandidateRecord {
     pub detected_shadow_only: u32,
 }
 
-/// What screening did to a pool (paper equations 14 and 15, split by stage).
+/// The screening of a pool (paper equations 14 and 15, split by stage).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Screening {
@@ -144,7 +144,7 @@ pub fn screening(records: &[CandidateRecord]) -> Result<Screening, StatsError> {
     })
 }
 
-/// One activation by the gate, as far as the unsafe activation rate asks about it.
+/// One activation by the gate, for the unsafe activation rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActivationRecord {
@@ -152,9 +152,9 @@ pub struct ActivationRecord {
     pub round: u32,
     /// Something unsafe happened while it was active.
     pub unsafe_while_active: bool,
-    /// What was unsafe came with a drift, not with the version.
+    /// The harm came with a drift, not with the version.
     pub drift_origin: bool,
-    /// It was not taken off or restricted.
+    /// It was not rolled back or restricted.
     pub kept: bool,
 }
 
@@ -174,8 +174,8 @@ pub struct UnsafeRound {
     pub drift_origin: u64,
 }
 
-/// Unsafe activations per round of upgrades. Whether one was unsafe is the caller's to say, and whose word that is:
-/// the referee's in an experiment, the record's in [`observed`].
+/// Unsafe activations per round of upgrades. The caller decides whether one was unsafe: by the referee in an experiment,
+/// by the record in [`store_metrics`].
 ///
 /// # Errors
 /// As [`Proportion::of`].
@@ -206,9 +206,9 @@ pub fn unsafe_rounds(records: &[ActivationRecord]) -> Result<Vec<UnsafeRound>, S
 pub struct DriftRecord {
     /// The monitor rolled the version back under the drift.
     pub triggered: bool,
-    /// The predecessor acted again and the robot was safe.
+    /// The rollback target acted again and the robot was safe.
     pub recovered: bool,
-    /// From trigger to predecessor acting, ms; absent if it did not.
+    /// From trigger until the rollback target acted, ms; absent if it did not.
     pub latency_ms: Option<f64>,
 }
 
@@ -322,7 +322,7 @@ mod tests {
         ] {
             assert_eq!((found.count, found.total), expected, "{name}");
         }
-        assert_eq!(s.badr_screen.share(), Some(0.75));
+        assert_eq!(s.badr_screen.rate(), Some(0.75));
     }
 
     #[test]
@@ -348,7 +348,7 @@ mod tests {
             [((1, 2), (1, 2), true), ((0, 0), (1, 2), true), ((1, 2), (2, 4), false)],
             "a round without an activation has no share, and what is active stays"
         );
-        assert_eq!(rounds[1].in_round.share(), None);
+        assert_eq!(rounds[1].in_round.rate(), None);
     }
 
     #[test]
@@ -356,15 +356,15 @@ mod tests {
         let drift = |triggered, recovered| DriftRecord { triggered, recovered, latency_ms: None };
         let r = rollback(&[drift(true, true), drift(true, false), drift(false, true), drift(false, false)])
             .unwrap();
-        assert_eq!(r.trigger_recall.share(), Some(0.5));
-        assert_eq!(r.recovery_given_trigger.share(), Some(0.5));
-        assert_eq!(r.end_to_end.share(), Some(0.25));
+        assert_eq!(r.trigger_recall.rate(), Some(0.5));
+        assert_eq!(r.recovery_given_trigger.rate(), Some(0.5));
+        assert_eq!(r.end_to_end.rate(), Some(0.25));
         assert_eq!(r.latency_mean_ms, None);
     }
 
     #[test]
     fn nothing_has_no_share() {
-        assert_eq!(Proportion::of([]).unwrap().share(), None);
+        assert_eq!(Proportion::of([]).unwrap().rate(), None);
         assert_eq!(mean_and_deviation(&[1.0]), None);
         assert_eq!(mean_and_deviation(&[1.0, 3.0]), Some((2.0, 2.0_f64.sqrt())));
         assert_eq!(mean_and_deviation(&[1.0, f64::NAN]), None);

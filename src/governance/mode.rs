@@ -1,4 +1,4 @@
-//! Reachable modes: what a version's permissions let it ask of the robot.
+//! Reachable modes: the requests that a version's permissions allow.
 //!
 //! A mode is channel x command kind x zone x authority; speed and force bands say how near the
 //! profile's limits it may get. Owns the enumeration of modes; knows nothing of policies.
@@ -32,7 +32,7 @@ pub enum CommandKind {
     Joints,
     /// Fingers to a width with at most a force.
     Gripper,
-    /// Stand still: every joint is braked to zero speed.
+    /// Standstill: every joint is braked to zero speed.
     Stop,
     /// Raw actuator values on the field bus.
     Direct,
@@ -53,7 +53,7 @@ pub enum ZoneName {
     Human,
 }
 
-crate::words! {
+crate::closed_set! {
     /// A part of the observation that a version reads only if it declares it.
     Sensor, "sensor", {
         /// Where object and target were last seen.
@@ -65,7 +65,7 @@ crate::words! {
     }
 }
 
-crate::words! {
+crate::closed_set! {
     /// A tool at the end of the arm. A version that declares none neither commands it nor reads it.
     Tool, "tool", {
         /// The two-fingered gripper: its width, its force, and whether it answers.
@@ -185,7 +185,9 @@ impl From<Authority> for u8 {
 }
 
 /// One mode as the policy table and the runtime guard know it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(deny_unknown_fields)]
 pub struct ModeKey {
     /// Channel the command goes out on.
@@ -233,7 +235,7 @@ impl std::fmt::Display for ModeKey {
 /// How near a limit of the profile a permission reaches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Band {
+pub enum LimitBand {
     /// Up to 80 % of the limit.
     Normal,
     /// Above 80 % and up to the limit: high risk.
@@ -242,11 +244,11 @@ pub enum Band {
     Over,
 }
 
-impl Band {
+impl LimitBand {
     /// Share of a limit above which a mode is of high risk.
     pub const HIGH_FROM: f64 = 0.8;
 
-    /// The band of `value` against `limit`; what is not a number is over the limit.
+    /// The band of `value` against `limit`; NaN is over the limit.
     #[must_use]
     pub fn of(value: f64, limit: f64) -> Self {
         if value <= Self::HIGH_FROM * limit {
@@ -263,12 +265,12 @@ impl Band {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReachableMode {
-    /// What it would do, where, and with how much authority.
+    /// Its command, zone and authority.
     pub key: ModeKey,
     /// Band of the declared speed (arm modes).
-    pub speed: Band,
+    pub speed: LimitBand,
     /// Band of the declared force.
-    pub force: Band,
+    pub force: LimitBand,
 }
 
 impl ReachableMode {
@@ -277,8 +279,8 @@ impl ReachableMode {
     pub fn is_high_risk(&self) -> bool {
         self.key.zone == ZoneName::Human
             || self.key.authority >= Authority::HIGH_RISK_FROM
-            || self.speed >= Band::High
-            || self.force >= Band::High
+            || self.speed >= LimitBand::High
+            || self.force >= LimitBand::High
     }
 }
 
@@ -294,8 +296,8 @@ pub struct RequiredCommand {
 
 /// The modes that permissions, or what the code needs, can reach (`kappa_P`, design rule 3.3).
 ///
-/// The declared channels and commands are joined with `needs`: what the code can do counts even
-/// if the manifest is silent. Speed and force are held against `speed_max_m_s` and `force_max_n`.
+/// The declared channels and commands are joined with `needs`: what the code can do counts even if the manifest is
+/// silent. Speed and force are compared with `speed_max_m_s` and `force_max_n`.
 #[must_use]
 pub fn reachable(
     permissions: &Permissions,
@@ -308,8 +310,8 @@ pub fn reachable(
         taken.map(|command| RequiredCommand { channel: *channel, command: *command })
     });
     let pairs: BTreeSet<RequiredCommand> = declared.chain(needs.iter().copied()).collect();
-    let speed = Band::of(permissions.max_speed_m_s, speed_max_m_s);
-    let force = Band::of(permissions.max_force_n, force_max_n);
+    let speed = LimitBand::of(permissions.max_speed_m_s, speed_max_m_s);
+    let force = LimitBand::of(permissions.max_force_n, force_max_n);
     let mut modes = BTreeSet::new();
     for RequiredCommand { channel, command } in pairs {
         for zone in &permissions.zones {
@@ -319,8 +321,8 @@ pub fn reachable(
             let travels = moves && channel != Channel::Gripper;
             modes.insert(ReachableMode {
                 key,
-                speed: if travels { speed } else { Band::Normal },
-                force: if moves { force } else { Band::Normal },
+                speed: if travels { speed } else { LimitBand::Normal },
+                force: if moves { force } else { LimitBand::Normal },
             });
         }
     }
@@ -341,14 +343,14 @@ mod tests {
     #[test]
     fn bands() {
         for (value, band) in [
-            (0.0, Band::Normal),
-            (0.8, Band::Normal),
-            (0.81, Band::High),
-            (1.0, Band::High),
-            (1.01, Band::Over),
-            (f64::NAN, Band::Over),
+            (0.0, LimitBand::Normal),
+            (0.8, LimitBand::Normal),
+            (0.81, LimitBand::High),
+            (1.0, LimitBand::High),
+            (1.01, LimitBand::Over),
+            (f64::NAN, LimitBand::Over),
         ] {
-            assert_eq!(Band::of(value, 1.0), band, "{value}");
+            assert_eq!(LimitBand::of(value, 1.0), band, "{value}");
         }
     }
 }

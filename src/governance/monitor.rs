@@ -1,10 +1,9 @@
 //! `M(telemetry, policy, Gamma)`: continue, restrict, escalate or roll back, after activation.
 //!
-//! Safety events trip at once. Rates are charted per episode: CUSUM warns early and restricts,
-//! Shiryaev-Roberts with a guaranteed run length to a false alarm rolls back. Silence escalates, then
-//! restricts; an escalation nobody answers rolls back. Conditions of an activation make it stricter until the version
-//! is confirmed. Time comes in as ticks; nothing here reads a clock.
-//! Source: paper section 5.2 stage 6, equation 11; design rule 3.8.
+//! Safety events trip at once. Rates are charted per episode: CUSUM warns early and restricts, Shiryaev-Roberts with a
+//! guaranteed run length to a false alarm rolls back. Silence escalates, then restricts; an unanswered escalation
+//! rolls back. Conditions of an activation make it stricter until the version is confirmed. Time comes in as ticks;
+//! nothing here reads a clock. Source: paper section 5.2 stage 6, equation 11; design rule 3.8.
 
 mod normal;
 
@@ -16,19 +15,20 @@ use serde::{Deserialize, Serialize};
 
 pub use normal::normal_rates;
 
+use super::closed_set::convert_equal_terms;
 use super::decision::{Dimension, Reason, ReasonCode};
 use super::evidence::{EpisodeValues, Signature};
+use super::finding::Finding;
 use super::profile::{HarmSettings, MonitorSettings, Profile, ProfileName};
 use super::strictness::Strictness;
-use super::words::same_words;
 use crate::stats::{Cusum, DriftSignal, ShiryaevRoberts, StatsError};
 
-crate::words! {
-    /// What the monitor wants done; later ones outrank earlier ones.
+crate::closed_set! {
+    /// An action of the monitor; later ones outrank earlier ones.
     MonitorAction, "action of the monitor", {
-        /// Nothing is out of the ordinary; the version works on.
+        /// Normal; the version continues.
         Continue = "continue",
-        /// People are asked; unanswered by the deadline, it becomes a rollback.
+        /// An escalation; without an answer by the deadline it becomes a rollback.
         Escalate = "escalate",
         /// Tool speed and force are capped at the profile's `monitor.restrict_factor` until people release it.
         Restrict = "restrict",
@@ -37,38 +37,38 @@ crate::words! {
     }
 }
 
-crate::words! {
-    /// What an event says of a monitor: an action other than going on, or how the doubt ended that a version was
-    /// admitted with.
+crate::closed_set! {
+    /// What an event reports of a monitor: an action other than continuing, or the end of the concern that a version
+    /// was activated with.
     MonitorOutcome, "outcome of the monitor", {
-        /// Nothing is done; no event says so by itself.
+        /// No action; no event reports it.
         Continue = "continue",
-        /// People are asked whether it may work on.
+        /// Operators are asked whether it may continue.
         Escalate = "escalate",
         /// Tool speed and force are capped until people release the version.
         Restrict = "restrict",
-        /// The version is taken off; the predecessor is bound again.
+        /// The version is rolled back; the rollback target is bound again.
         Rollback = "rollback",
-        /// Fresh evidence settled the doubt.
+        /// Fresh evidence settled the concern.
         Settled = "settled",
-        /// The doubt remains on fresh evidence: the version is taken off.
+        /// The concern remains on fresh evidence: the version is rolled back.
         DoubtRemains = "doubt-remains",
     }
 }
 
-crate::words! {
-    /// What people answer to a monitor that asks. Whoever wants the version off rolls it back instead.
+crate::closed_set! {
+    /// An operator's answer to an escalation. An operator who wants the version removed rolls it back instead.
     MonitorAnswer, "answer to a monitor", {
-        /// The version works on; its charts begin anew.
+        /// The version continues; its charts restart.
         GoOn = "go-on",
         /// As that, and its restriction is lifted.
         Release = "release",
     }
 }
 
-same_words! { MonitorAction => MonitorOutcome: Continue, Escalate, Restrict, Rollback }
+convert_equal_terms! { MonitorAction => MonitorOutcome: Continue, Escalate, Restrict, Rollback }
 
-crate::words! {
+crate::closed_set! {
     /// Events that trip the monitor in the tick they happen (design rule 3.8).
     SafetyEvent, "safety event", {
         /// Force on the surroundings past its limit.
@@ -88,8 +88,8 @@ crate::words! {
     }
 }
 
-crate::words! {
-    /// The rates that are charted, each as the share of bad episodes.
+crate::closed_set! {
+    /// The charted rates, each as the share of bad episodes.
     Rate, "rate of the monitor", {
         /// Episodes in which the task was not done.
         Failure = "failure",
@@ -163,8 +163,8 @@ impl Rate {
         }
     }
 
-    /// Whether it tells how a version works rather than that something went wrong: it may be so in every episode, as
-    /// where a profile clamps what the version always asks for.
+    /// Whether it describes how a version works rather than a failure. It may then occur in every episode, as where a
+    /// profile clamps a version's usual requests.
     const fn is_manner(self) -> bool {
         matches!(self, Self::PolicyWarning | Self::NearLimit)
     }
@@ -179,7 +179,7 @@ impl Rate {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MonitorDecision {
-    /// What is to be done from this tick on.
+    /// The action from this tick on.
     pub action: MonitorAction,
     /// Why, the deciding reason first.
     pub reasons: Vec<Reason>,
@@ -191,7 +191,7 @@ pub struct MonitorDecision {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Escalation {
-    /// When the question was raised, virtual ticks.
+    /// When the escalation was raised, virtual ticks.
     pub since_tick: u64,
     /// When it becomes a rollback without an answer, virtual ticks.
     pub deadline_tick: u64,
@@ -207,7 +207,7 @@ struct ControlChart {
     trip: ShiryaevRoberts,
 }
 
-/// The monitor of one activation. Serialisable, so that a restart goes on from where it stood.
+/// The monitor of one activation. Serializable, so that a restart continues from its state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Monitor {
@@ -227,7 +227,7 @@ pub struct Monitor {
     last_telemetry_tick: u64,
     escalation: Option<Escalation>,
     restricted: bool,
-    /// It works under a tighter envelope than it was measured under.
+    /// It runs under a tighter envelope than it was measured under.
     #[serde(default)]
     tightened: bool,
     rolled_back: bool,
@@ -236,12 +236,12 @@ pub struct Monitor {
 /// A monitor that could not be set up; without one nothing may run.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MonitorError {
-    /// An expected rate that was handed in is not a share.
+    /// An expected rate is not between 0 and 1.
     #[error("the expected {rate} rate {value} is not allowed; 0 to 1 is")]
     Rate {
         /// Name of the rate, as in records.
         rate: &'static str,
-        /// The expected share that was handed in.
+        /// The given expected rate.
         value: f64,
     },
     /// A condition's factor on the limits is not above 0 and at most 1.
@@ -278,8 +278,12 @@ fn ticks(seconds: f64) -> u64 {
     if ticks.is_finite() { ticks.clamp(0.0, 9.0e15) as u64 } else { 0 }
 }
 
+const fn reason(finding: Finding) -> Reason {
+    Reason::new(Dimension::Monitor, finding)
+}
+
 impl Monitor {
-    /// A monitor as the profile says, for a version whose normal rates are `expected`, live from `now_tick`.
+    /// A monitor by the profile for a version whose normal rates are `expected`, live from `now_tick`.
     ///
     /// # Errors
     /// Expected rates that are no shares, or settings no chart can be tuned with.
@@ -312,7 +316,7 @@ impl Monitor {
             // Room for a worse rate has to be left, whatever was measured.
             let normal_max = 0.95 - settings.shift.min(0.9);
             if rate.is_manner() && value > normal_max {
-                // What is all but always so cannot become more frequent.
+                // A rate close to 1 cannot rise significantly.
                 continue;
             }
             let normal = value.clamp(settings.rate_min, normal_max);
@@ -361,20 +365,19 @@ impl Monitor {
         self.restricted
     }
 
-    /// Whether the version works under a tighter envelope than it was measured under, whoever asked for that: what
-    /// follows from the envelope itself is not charted meanwhile.
+    /// Whether the version runs under a tighter envelope than it was measured under, for any reason: the effects of
+    /// the envelope itself are not charted meanwhile.
     pub const fn set_tightened(&mut self, tightened: bool) {
         self.tightened = tightened;
     }
 
-    /// How much more strictly than its profile says the version is watched.
+    /// How much stricter than its profile the version is monitored.
     #[must_use]
     pub const fn strictness(&self) -> Strictness {
         self.strictness
     }
 
-    /// The version is confirmed: it is watched as the profile says from now on, with charts that begin anew where
-    /// their levels change.
+    /// The version is confirmed: from now on the profile's levels apply, and charts whose levels change restart.
     ///
     /// # Errors
     /// Settings no chart can be tuned with (they were good before, so none is expected).
@@ -390,7 +393,7 @@ impl Monitor {
 
     /// Nothing of these rates is charted any more; what trips at once is seen all the same. For experiments, which ask what a
     /// blind spot costs.
-    pub fn blind(&mut self, rates: &[Rate]) {
+    pub fn disable_rates(&mut self, rates: &[Rate]) {
         self.charts.retain(|chart| !rates.contains(&chart.rate));
     }
 
@@ -404,7 +407,7 @@ impl Monitor {
         })
     }
 
-    /// Takes the values of one finished live episode and says what follows from them. One that a person ended says
+    /// Takes the values of one finished live episode and returns the action. One that a person ended says
     /// that a person stepped in and nothing else ([`Monitor::stepped_in`]).
     pub fn observe(&mut self, episode: &EpisodeValues, now_tick: u64) -> MonitorDecision {
         if !episode.is_valid() {
@@ -414,7 +417,7 @@ impl Monitor {
             return self.safety(SafetyEvent::UnsafeContinuation, now_tick);
         }
         if episode.intervention {
-            return self.stepped_in(now_tick);
+            return self.record_intervention(now_tick);
         }
         self.episodes = self.episodes.saturating_add(1);
         self.provisional_left = self.provisional_left.saturating_sub(1);
@@ -428,24 +431,21 @@ impl Monitor {
 
     /// A person stepped in: stopped the version in a task, or restricted it. Charted as an intervention and as
     /// nothing else; it is no episode of the window.
-    pub fn stepped_in(&mut self, now_tick: u64) -> MonitorDecision {
+    pub fn record_intervention(&mut self, now_tick: u64) -> MonitorDecision {
         self.chart(|rate| (rate == Rate::Intervention).then_some(true), now_tick)
     }
 
-    /// Charts what was good or bad of one observation, and says what follows; `None` leaves a chart as it stands.
+    /// Charts one observation as good or bad and returns the action; `None` leaves a chart unchanged.
     fn chart(&mut self, is_bad: impl Fn(Rate) -> Option<bool>, now_tick: u64) -> MonitorDecision {
         let (mut trips, mut warnings) = (Vec::new(), Vec::new());
         for chart in &mut self.charts {
             let Some(bad) = is_bad(chart.rate) else { continue };
-            let what = chart.rate.name();
             if chart.trip.update(bad) == DriftSignal::Alarm {
-                let text = format!("the {what} rate is established as worse");
-                let reason = Reason::new(ReasonCode::MonitorRateTrip, Dimension::Monitor, text);
+                let reason = reason(Finding::RateWorse { rate: chart.rate });
                 trips.push(reason.with(chart.trip.statistic(), chart.trip.arl()));
             }
             if chart.warning.update(bad) == DriftSignal::Alarm {
-                let text = format!("the {what} rate drifts");
-                let reason = Reason::new(ReasonCode::MonitorRateWarning, Dimension::Monitor, text);
+                let reason = reason(Finding::RateDrifts { rate: chart.rate });
                 warnings.push(reason.with(chart.warning.statistic(), chart.warning.threshold()));
             }
         }
@@ -454,22 +454,18 @@ impl Monitor {
             return self.act(MonitorAction::Rollback, trips, now_tick);
         }
         if !warnings.is_empty() && self.strictness.coupled() {
-            let text = "the version is rollback-coupled: the first warning takes it off, and nobody is asked";
-            let coupled = Reason::new(ReasonCode::MonitorCoupledTrip, Dimension::Monitor, text);
-            warnings.insert(0, coupled);
+            warnings.insert(0, reason(Finding::RollbackCoupled));
             return self.act(MonitorAction::Rollback, warnings, now_tick);
         }
         if !warnings.is_empty() {
             return self.act(MonitorAction::Restrict, warnings, now_tick);
         }
-        self.quiet(now_tick)
+        self.no_action(now_tick)
     }
 
     /// Takes a safety event: it trips at once.
     pub fn safety(&mut self, event: SafetyEvent, now_tick: u64) -> MonitorDecision {
-        let text = format!("{}: a safety event", event.name());
-        let reason = Reason::new(ReasonCode::MonitorSafetyTrip, Dimension::Monitor, text);
-        self.act(MonitorAction::Rollback, vec![reason], now_tick)
+        self.act(MonitorAction::Rollback, vec![reason(Finding::SafetyTrip { event })], now_tick)
     }
 
     /// Telemetry of this tick arrived and every number in it is one.
@@ -477,35 +473,32 @@ impl Monitor {
         self.last_telemetry_tick = self.last_telemetry_tick.max(now_tick);
     }
 
-    /// Looks at the time: silence of telemetry and escalations whose deadline has passed.
+    /// Checks the time: silence of telemetry and expired escalations.
     pub fn tick(&mut self, now_tick: u64) -> MonitorDecision {
         if let Some(escalation) = self.escalation
             && now_tick >= escalation.deadline_tick
         {
-            let text = "nobody answered the escalation by its deadline";
-            let reason = Reason::new(ReasonCode::MonitorEscalationUnanswered, Dimension::Monitor, text);
-            return self.act(MonitorAction::Rollback, vec![reason], now_tick);
+            let unanswered = reason(Finding::EscalationUnanswered);
+            return self.act(MonitorAction::Rollback, vec![unanswered], now_tick);
         }
-        // A clock that runs backwards is silence of unknown length.
+        // A clock that runs backward is silence of unknown length.
         let silent = now_tick.checked_sub(self.last_telemetry_tick).unwrap_or(u64::MAX);
         let action = if silent >= ticks(self.settings.telemetry_restrict_ms / 1e3) {
             MonitorAction::Restrict
         } else if silent >= ticks(self.settings.telemetry_escalate_ms / 1e3) {
             MonitorAction::Escalate
         } else {
-            return self.quiet(now_tick);
+            return self.no_action(now_tick);
         };
-        let reason =
-            Reason::new(ReasonCode::MonitorTelemetryMissing, Dimension::Monitor, "telemetry is silent");
         #[allow(clippy::cast_precision_loss, reason = "shown only")]
         let silent_ms = silent as f64 * 1e3 / f64::from(RATE_HZ);
-        let reason = reason.with(silent_ms, self.settings.telemetry_escalate_ms);
-        // Restricting a silent version does not end the question: people still have to look.
+        let reason = reason(Finding::TelemetrySilent).with(silent_ms, self.settings.telemetry_escalate_ms);
+        // Restricting a silent version does not end the escalation: operators still have to look.
         self.escalate(now_tick);
         self.act(action, vec![reason], now_tick)
     }
 
-    /// When silence that goes on is next acted on, virtual ticks; absent if it has been.
+    /// When continued silence next causes an action, virtual ticks; absent if it has.
     #[must_use]
     pub fn silence_due_tick(&self) -> Option<u64> {
         if self.rolled_back || self.restricted {
@@ -519,17 +512,16 @@ impl Monitor {
         Some(self.last_telemetry_tick.saturating_add(ticks(after_ms / 1e3)))
     }
 
-    /// An operator asks for an action; it is taken as asked, with the operator's words as the reason.
+    /// An operator requests an action; it is taken as requested, with the operator's words as the reason.
     pub fn operator(&mut self, action: MonitorAction, why: &str, now_tick: u64) -> MonitorDecision {
-        let reason = Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, why);
-        self.act(action, vec![reason], now_tick)
+        self.act(action, vec![reason(Finding::OperatorAsked { words: why.to_owned() })], now_tick)
     }
 
-    /// People answered the escalation with "go on"; the charts start again from zero.
+    /// Operators answered the escalation with "go on"; the charts restart from zero.
     ///
     /// # Errors
     /// Settings no chart can be tuned with (they were good before, so none is expected).
-    pub fn answered(
+    pub fn on_answer(
         &mut self,
         profile: &Profile,
         expected: &Signature,
@@ -543,18 +535,18 @@ impl Monitor {
         Ok(())
     }
 
-    /// People released the restriction: the version works on at its full envelope, and what was measured under the
-    /// tighter one says nothing of it. Charts and window begin anew; a question that was open is answered by it.
+    /// The restriction was lifted: the version runs at its full envelope, and values measured under the tighter one no
+    /// longer apply. Charts and window restart; an open escalation counts as answered.
     ///
     /// # Errors
     /// As [`Monitor::answered`].
-    pub fn released(
+    pub fn on_restriction_lifted(
         &mut self,
         profile: &Profile,
         expected: &Signature,
         now_tick: u64,
     ) -> Result<(), MonitorError> {
-        self.answered(profile, expected, now_tick)?;
+        self.on_answer(profile, expected, now_tick)?;
         self.restricted = false;
         self.provisional_left = profile.activation.provisional_episodes;
         Ok(())
@@ -565,13 +557,9 @@ impl Monitor {
         self.escalation.get_or_insert(Escalation { since_tick: now_tick, deadline_tick });
     }
 
-    fn quiet(&mut self, now_tick: u64) -> MonitorDecision {
-        let (code, text) = if self.is_confirmed() {
-            (ReasonCode::MonitorConfirmed, "the provisional window passed without a trip")
-        } else {
-            (ReasonCode::MonitorHealthy, "nothing out of the ordinary")
-        };
-        self.act(MonitorAction::Continue, vec![Reason::new(code, Dimension::Monitor, text)], now_tick)
+    fn no_action(&mut self, now_tick: u64) -> MonitorDecision {
+        let finding = if self.is_confirmed() { Finding::WindowPassed } else { Finding::MonitorHealthy };
+        self.act(MonitorAction::Continue, vec![reason(finding)], now_tick)
     }
 
     /// A rollback latches: nothing later makes it less.
@@ -587,8 +575,7 @@ impl Monitor {
         }
         let action = if self.rolled_back { MonitorAction::Rollback } else { action };
         if action == MonitorAction::Rollback && reasons.iter().all(|r| r.code == ReasonCode::MonitorHealthy) {
-            let text = "a trip holds until the version is taken off";
-            reasons = vec![Reason::new(ReasonCode::MonitorSafetyTrip, Dimension::Monitor, text)];
+            reasons = vec![reason(Finding::TripHolds)];
         }
         MonitorDecision { action, reasons, tick }
     }

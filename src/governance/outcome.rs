@@ -1,32 +1,32 @@
-//! Outcomes: what each rule can come to. Closed sets, no catch-all, each with its meaning.
+//! The outcomes of each rule. Closed sets, no catch-all, each with its meaning.
 
 use serde::{Deserialize, Serialize};
 
+use super::closed_set::convert_equal_terms;
 use super::decision::{Kappa, Reason};
-use super::words::same_words;
 
-crate::words! {
+crate::closed_set! {
     /// Outcome of one compatibility dimension, in its own words (paper table 3).
     InterfaceOutcome, "outcome of kappa I", {
         /// Callers of the active version can call it as it is.
         Compatible = "compatible",
         /// Usable where each call is checked first, or once a dependency has another version active.
         Conditional = "conditional",
-        /// A caller of the active version would break, beyond what an adapter mends.
+        /// A caller of the active version would break, beyond what an adapter repairs.
         Incompatible = "incompatible",
         /// The code's exports could not be read.
         NoData = "no-data",
     }
 }
 
-crate::words! {
+crate::closed_set! {
     /// Outcome of `kappa_P`, policy coverage, in its own words (paper table 3).
     PolicyOutcome, "outcome of kappa P", {
         /// Every reachable mode is covered and allowed.
         Compatible = "compatible",
         /// Usable under a tighter envelope, or with new modes the guard will deny.
         Conditional = "conditional",
-        /// A person has to decide: it escalates authority, or a policy says so.
+        /// A person has to decide: it escalates authority, or a policy requires it.
         Review = "review",
         /// A reachable mode is forbidden, uncovered at high risk, or coverage is too low.
         Incompatible = "incompatible",
@@ -35,15 +35,14 @@ crate::words! {
     }
 }
 
-crate::words! {
-    /// Outcome of `kappa_B`, measured behaviour, in its own words (paper table 3, with two words for want of
-    /// evidence).
+crate::closed_set! {
+    /// Outcome of `kappa_B`, measured behavior, in its own words (paper table 3, with two words for missing evidence).
     BehaviorOutcome, "outcome of kappa B", {
-        /// Worsening beyond tolerance is excluded for every component.
+        /// Every component is non-inferior.
         Compatible = "compatible",
-        /// Worsening beyond tolerance is neither excluded nor established.
+        /// Inconclusive: neither significantly worse nor non-inferior.
         Suspicious = "suspicious",
-        /// The established worsenings bring `kappa_B` below its threshold, or a hard stop was seen.
+        /// The significant worsenings bring `kappa_B` below its threshold, or there was a hard stop.
         Incompatible = "incompatible",
         /// Fewer episodes than the profile's budget, so nothing is concluded.
         Inconclusive = "inconclusive",
@@ -52,8 +51,8 @@ crate::words! {
     }
 }
 
-crate::words! {
-    /// Outcome of `kappa_R`, rehearsed recovery, in its own words (paper table 3).
+crate::closed_set! {
+    /// Outcome of `kappa_R`, drilled recovery, in its own words (paper table 3).
     RecoveryOutcome, "outcome of kappa R", {
         /// As good as the active version's recovery, and above the floor.
         Compatible = "compatible",
@@ -68,7 +67,7 @@ crate::words! {
     }
 }
 
-crate::words! {
+crate::closed_set! {
     /// Outcome of any of the four dimensions: the words of [`InterfaceOutcome`], [`PolicyOutcome`],
     /// [`BehaviorOutcome`] and [`RecoveryOutcome`], each with its meaning there.
     DimensionOutcome, "outcome of a dimension", {
@@ -78,28 +77,28 @@ crate::words! {
         Conditional = "conditional",
         /// A person has to decide (policy).
         Review = "review",
-        /// Worsening is neither excluded nor established (behaviour).
+        /// Neither significantly worse nor non-inferior (behavior).
         Suspicious = "suspicious",
         /// `rho` is below the profile's floor (recovery).
         Fragile = "fragile",
-        /// Established as not usable, or refused by policy.
+        /// Significantly worse, or refused by policy.
         Incompatible = "incompatible",
-        /// Fewer episodes than the budget (behaviour).
+        /// Incomplete: fewer episodes than the budget (behavior).
         Inconclusive = "inconclusive",
         /// Nothing to assess with.
         NoData = "no-data",
     }
 }
 
-same_words! { InterfaceOutcome => DimensionOutcome: Compatible, Conditional, Incompatible, NoData }
-same_words! { PolicyOutcome => DimensionOutcome: Compatible, Conditional, Review, Incompatible, NoData }
-same_words! {
+convert_equal_terms! { InterfaceOutcome => DimensionOutcome: Compatible, Conditional, Incompatible, NoData }
+convert_equal_terms! { PolicyOutcome => DimensionOutcome: Compatible, Conditional, Review, Incompatible, NoData }
+convert_equal_terms! {
     BehaviorOutcome => DimensionOutcome:
     Compatible, Suspicious, Incompatible, Inconclusive, NoData
 }
-same_words! { RecoveryOutcome => DimensionOutcome: Compatible, Conditional, Fragile, Incompatible, NoData }
+convert_equal_terms! { RecoveryOutcome => DimensionOutcome: Compatible, Conditional, Fragile, Incompatible, NoData }
 
-/// How a version may be active (paper table 4). Several can hold at once.
+/// The activation modes (paper table 4). Several can apply at once.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
 )]
@@ -134,14 +133,14 @@ impl ActivationMode {
 /// One check's result in the common form every rule above the dimensions reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Check {
+pub enum CheckResult {
     /// Advances to the next stage without restriction.
     Pass,
     /// Advances, and caps the activation at this mode.
     PassRestricted(ActivationMode),
     /// A person has to decide before it can advance.
     Review,
-    /// Does not advance: established as bad, or refused.
+    /// Does not advance: significantly worse, or refused.
     Fail,
     /// The evidence does not decide; does not advance.
     Inconclusive,
@@ -151,7 +150,7 @@ pub enum Check {
     Skipped,
 }
 
-impl Check {
+impl CheckResult {
     /// Only `Pass` and `PassRestricted` advance.
     #[must_use]
     pub const fn advances(self) -> bool {
@@ -162,7 +161,7 @@ impl Check {
     }
 }
 
-impl From<InterfaceOutcome> for Check {
+impl From<InterfaceOutcome> for CheckResult {
     fn from(outcome: InterfaceOutcome) -> Self {
         match outcome {
             InterfaceOutcome::Compatible => Self::Pass,
@@ -173,7 +172,7 @@ impl From<InterfaceOutcome> for Check {
     }
 }
 
-impl From<PolicyOutcome> for Check {
+impl From<PolicyOutcome> for CheckResult {
     fn from(outcome: PolicyOutcome) -> Self {
         match outcome {
             PolicyOutcome::Compatible => Self::Pass,
@@ -185,7 +184,7 @@ impl From<PolicyOutcome> for Check {
     }
 }
 
-impl From<BehaviorOutcome> for Check {
+impl From<BehaviorOutcome> for CheckResult {
     fn from(outcome: BehaviorOutcome) -> Self {
         match outcome {
             BehaviorOutcome::Compatible => Self::Pass,
@@ -197,7 +196,7 @@ impl From<BehaviorOutcome> for Check {
     }
 }
 
-impl From<RecoveryOutcome> for Check {
+impl From<RecoveryOutcome> for CheckResult {
     fn from(outcome: RecoveryOutcome) -> Self {
         match outcome {
             RecoveryOutcome::Compatible => Self::Pass,
@@ -220,7 +219,7 @@ pub enum Basis {
     Estimated,
 }
 
-/// What one dimension came to: its outcome, its value and why.
+/// The result of one dimension: outcome, value and reasons.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Assessment<O> {
@@ -236,12 +235,12 @@ pub struct Assessment<O> {
     pub conditions: Vec<super::condition::Condition>,
 }
 
-crate::words! {
+crate::closed_set! {
     /// The recommendation of `Psi` = the next permitted stage (paper equation 2; readings X39).
     Recommendation, "recommendation", {
         /// Interface or policy is incompatible: not to be used.
         Reject = "reject",
-        /// Behaviour or recovery is missing, inconclusive or incompatible: evaluation in the sandbox only.
+        /// Behavior or recovery is missing, inconclusive or incompatible: evaluation in the sandbox only.
         Sandbox = "sandbox",
         /// Shadow deployment is next; a restriction or an estimate stands against activation.
         Shadow = "shadow",
@@ -263,23 +262,23 @@ impl Recommendation {
     }
 }
 
-crate::words! {
-    /// What `theta_act` comes to.
+crate::closed_set! {
+    /// The outcome of `theta_act`.
     GateOutcome, "outcome of the gate", {
         /// May be activated under the terms of its pass.
         Pass = "pass",
-        /// Everything else holds; people have to answer.
+        /// All other conditions are met; approvals are missing.
         AwaitApproval = "await-approval",
         /// Not now: a freeze, an open review, or no answer in time. Nothing changes.
         Hold = "hold",
         /// Evidence is missing, stale or not enough: back to evaluation.
         Demote = "demote",
-        /// Established as bad, forbidden by a site policy, or refused by people.
+        /// Significantly worse, forbidden by a site policy, or refused by people.
         Reject = "reject",
     }
 }
 
-crate::words! {
+crate::closed_set! {
     /// What a stage ended with, in its own rule's word: a [`Recommendation`] after validation and sandbox, a
     /// [`Check`] after shadow, a [`GateOutcome`] after the gate.
     StageOutcome, "outcome of a stage", {
@@ -291,7 +290,7 @@ crate::words! {
         Shadow = "shadow",
         /// Eligible for activation once every stage before the gate is passed.
         Activate = "activate",
-        /// Waits for people before it goes on.
+        /// Waits for people before it continues.
         RollbackReview = "rollback-review",
         /// Shadow or the gate is passed without restriction.
         Pass = "pass",
@@ -299,7 +298,7 @@ crate::words! {
         PassRestricted = "pass-restricted",
         /// A person has to decide.
         Review = "review",
-        /// Shadow established that the candidate is worse than the active version.
+        /// In shadow the candidate is significantly worse than the active version.
         Fail = "fail",
         /// The evidence does not decide.
         Inconclusive = "inconclusive",
@@ -316,29 +315,29 @@ crate::words! {
     }
 }
 
-same_words! { Recommendation => StageOutcome: Reject, Sandbox, Shadow, Activate, RollbackReview }
+convert_equal_terms! { Recommendation => StageOutcome: Reject, Sandbox, Shadow, Activate, RollbackReview }
 
-impl From<Check> for StageOutcome {
-    fn from(check: Check) -> Self {
+impl From<CheckResult> for StageOutcome {
+    fn from(check: CheckResult) -> Self {
         match check {
-            Check::Pass => Self::Pass,
-            Check::PassRestricted(_) => Self::PassRestricted,
-            Check::Review => Self::Review,
-            Check::Fail => Self::Fail,
-            Check::Inconclusive => Self::Inconclusive,
-            Check::NoData => Self::NoData,
-            Check::Skipped => Self::Skipped,
+            CheckResult::Pass => Self::Pass,
+            CheckResult::PassRestricted(_) => Self::PassRestricted,
+            CheckResult::Review => Self::Review,
+            CheckResult::Fail => Self::Fail,
+            CheckResult::Inconclusive => Self::Inconclusive,
+            CheckResult::NoData => Self::NoData,
+            CheckResult::Skipped => Self::Skipped,
         }
     }
 }
 
-same_words! { GateOutcome => StageOutcome: Pass, AwaitApproval, Hold, Demote, Reject }
+convert_equal_terms! { GateOutcome => StageOutcome: Pass, AwaitApproval, Hold, Demote, Reject }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// What a stage reports is the word that its rule's outcome has in the record.
+    /// A stage reports the word of its rule's outcome in the record.
     #[test]
     fn a_stage_tells_its_rules_own_word() {
         let word = |value: serde_json::Value| value.as_str().unwrap_or_default().to_owned();
@@ -348,9 +347,14 @@ mod tests {
         for outcome in GateOutcome::ALL {
             assert_eq!(StageOutcome::from(outcome).name(), outcome.name());
         }
-        for check in
-            [Check::Pass, Check::Review, Check::Fail, Check::Inconclusive, Check::NoData, Check::Skipped]
-        {
+        for check in [
+            CheckResult::Pass,
+            CheckResult::Review,
+            CheckResult::Fail,
+            CheckResult::Inconclusive,
+            CheckResult::NoData,
+            CheckResult::Skipped,
+        ] {
             assert_eq!(StageOutcome::from(check).name(), word(serde_json::to_value(check).unwrap()));
         }
     }

@@ -1,7 +1,7 @@
-//! Permissions as they are used: what a version was seen to ask for, beside what its manifest declares.
+//! Used permissions: a version's observed requests beside its manifest.
 //!
-//! Owns the record of what was used and how it is held against part P of a manifest. Enforces nothing: the guard does,
-//! tick by tick.
+//! Owns the record of permissions used and their comparison with part P of a manifest. Enforces nothing: the guard
+//! does, tick by tick.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,7 +13,7 @@ use super::exports::Interface;
 use super::manifest::Permissions;
 use super::mode::{RequiredCommand, Sensor, Tool, ZoneName};
 
-/// What a version asked for and what was measured while it worked, over one task or many.
+/// A version's requests and measurements, over one task or many.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PermissionsUsed {
@@ -66,7 +66,7 @@ impl PermissionsUsed {
     }
 
     /// Takes in what confined code used in one task, and how it failed.
-    pub fn note_confined(&mut self, fuel_tick_max: u64, memory_bytes: u64, fault: Option<CodeFault>) {
+    pub fn record_sandbox_use(&mut self, fuel_tick_max: u64, memory_bytes: u64, fault: Option<CodeFault>) {
         self.fuel_tick_max = self.fuel_tick_max.max(fuel_tick_max);
         self.memory_max_bytes = self.memory_max_bytes.max(memory_bytes);
         if let Some(fault) = fault {
@@ -81,7 +81,7 @@ impl PermissionsUsed {
 pub struct PermissionUse {
     /// Part P of the manifest.
     pub declared: Permissions,
-    /// What was seen in the tasks that were worked.
+    /// The observed use in the tasks that ran.
     pub used: PermissionsUsed,
     /// Sensors its code reads, as the code itself says.
     pub sensors_read: BTreeSet<Sensor>,
@@ -89,14 +89,14 @@ pub struct PermissionUse {
     pub tools_read: BTreeSet<Tool>,
     /// Tasks it was seen in.
     pub tasks: u32,
-    /// What was asked for and is not declared, and what was measured above what is.
+    /// Undeclared requests, and measurements above the declaration.
     pub exceeded: Vec<String>,
-    /// What is declared and was not used.
+    /// Declared but unused permissions.
     pub unused: Vec<String>,
 }
 
 impl PermissionUse {
-    /// Holds what was used in so many tasks, and what the code reads, against the declaration.
+    /// Compares what was used in `tasks` tasks, and what the code reads, with the declaration.
     #[must_use]
     pub fn new(declared: &Permissions, code: &Interface, used: &PermissionsUsed, tasks: u32) -> Self {
         let mut exceeded: Vec<String> = Vec::new();
@@ -145,7 +145,7 @@ impl PermissionUse {
         Self { declared, used, sensors_read, tools_read, tasks, exceeded, unused }
     }
 
-    /// In a few lines: what was declared, what was used, and where the two differ.
+    /// A summary: declaration, use, and differences.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         fn names<'a>(words: impl Iterator<Item = &'a str>) -> String {

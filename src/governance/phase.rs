@@ -1,14 +1,14 @@
 //! The phases of a skill's work, as physics shows them: where in the work a drill takes place.
 //!
-//! Names and numbers alone. Which phase a tick is in is read from contacts, forces and speeds, never from what the
-//! skill says it is doing; whoever has the physics reads it.
+//! Names and numbers only. The phase of a tick is read from contacts, forces and speeds, never from what the skill
+//! says it is doing; the owner of the physics reads it.
 
 use serde::{Deserialize, Serialize};
 
 use crate::evidence::{DrillKind, DrillTally};
 
-crate::words! {
-    /// What a hand is at with its object, whatever its skill calls it.
+crate::closed_set! {
+    /// The phase of the hand and its object, independent of the skill's own name.
     WorkPhase, "phase of the work", {
         /// Nothing was held yet, and the hand is not at the object.
         Approach = "approach",
@@ -31,8 +31,8 @@ impl WorkPhase {
     /// Force with which both pads press from which the object counts as held, N (mean of the two).
     pub const HELD_FROM_N: f64 = 1.0;
 
-    /// Distance of the tool's centre from the object's from which the hand counts as round it, m: the cube's half
-    /// diagonal.
+    /// Distance between tool center and object center within which the hand counts as around the object, m: the cube's
+    /// half diagonal.
     pub const REACH_M: f64 = 0.045;
 
     /// Speed of the object below which it counts as not moved, m/s; taken over [`Self::SPEED_TICKS`].
@@ -60,7 +60,7 @@ impl WorkPhase {
         }
     }
 
-    /// What was to be seen in one tick, told apart. `velocity_m_s` is the object's, world frame, z up.
+    /// Classifies the observation of one tick. `velocity_m_s` is the object's, world frame, z up.
     #[must_use]
     pub fn of(seen: &PhaseSigns) -> Self {
         let [x, y, up] = seen.velocity_m_s;
@@ -75,7 +75,7 @@ impl WorkPhase {
         if seen.stands {
             return if seen.was_off { Self::SettingDown } else { Self::Holding };
         }
-        // Written so that a speed that is no number is not taken for rest in the hand.
+        // Written so that a NaN speed does not count as rest in the hand.
         if speed < Self::STILL_M_S {
             Self::Holding
         } else if sideways >= up.abs() {
@@ -88,7 +88,7 @@ impl WorkPhase {
     }
 }
 
-/// What physics shows in one tick, as far as the phase depends on it.
+/// The physics of one tick on which the phase depends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhaseSigns {
     /// Both pads press on the object with at least [`WorkPhase::HELD_FROM_N`].
@@ -101,7 +101,7 @@ pub struct PhaseSigns {
     pub touched: bool,
     /// The object touches table, tray or clutter.
     pub stands: bool,
-    /// Distance of the tool's centre from the object's, m.
+    /// Distance between tool center and object center, m.
     pub distance_m: f64,
     /// The object's velocity over the last [`WorkPhase::SPEED_TICKS`], m/s.
     pub velocity_m_s: [f64; 3],
@@ -119,7 +119,7 @@ pub struct PhaseTally {
     pub passed: u32,
     /// As in [`DrillTally`].
     pub failed: u32,
-    /// As in [`DrillTally`]; one whose work never came to the phase is one of them.
+    /// As in [`DrillTally`]; a drill that never reached the phase counts here.
     pub infeasible: u32,
 }
 
@@ -165,7 +165,7 @@ impl From<PhaseTallies> for Vec<PhaseTally> {
 /// Two tallies of one kind in one phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("phases: {kind} drills in {phase} are there twice; allowed: once")]
-pub struct TwiceTold {
+pub struct DuplicateTally {
     /// The kind of drill.
     pub kind: DrillKind,
     /// The phase.
@@ -173,13 +173,13 @@ pub struct TwiceTold {
 }
 
 impl TryFrom<Vec<PhaseTally>> for PhaseTallies {
-    type Error = TwiceTold;
-    fn try_from(rows: Vec<PhaseTally>) -> Result<Self, TwiceTold> {
+    type Error = DuplicateTally;
+    fn try_from(rows: Vec<PhaseTally>) -> Result<Self, DuplicateTally> {
         let mut tallies = Self::default();
         for PhaseTally { kind, phase, passed, failed, infeasible } in rows {
             let tally = tallies.of_mut(kind, phase);
             if *tally != DrillTally::default() {
-                return Err(TwiceTold { kind, phase });
+                return Err(DuplicateTally { kind, phase });
             }
             *tally = DrillTally { passed, failed, infeasible };
         }

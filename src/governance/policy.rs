@@ -7,30 +7,32 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use super::condition::Condition;
-use super::decision::{Dimension, Kappa, Reason, ReasonCode};
+use super::decision::{Dimension, Kappa, Reason};
 use super::exports::Interface;
+use super::finding::{EvidenceGap, Finding, ResourceKind};
 use super::manifest::Permissions;
 use super::mode::{ReachableMode, reachable};
 use super::outcome::{Assessment, Basis, PolicyOutcome};
 pub use super::policy_table::{
-    ActivationTerms, Cap, ModeEntry, ModeRuling, POLICY_BYTES_MAX, PolicyError, PolicySource, PolicyTable,
+    ActivationTerms, EnvelopeCap, ModeEntry, ModeRuling, POLICY_BYTES_MAX, PolicyError, PolicySource,
+    PolicyTable,
 };
 use super::profile::{Profile, ProfileName};
 
-/// What `kappa_P` looks at: what is declared, what the code needs, and what the active version has.
+/// The inputs of `kappa_P`: the declaration, the code's needs, and the active version's permissions.
 #[derive(Clone, Copy, Debug)]
 pub struct PolicyInput<'a> {
     /// Part P of the candidate's manifest.
     pub permissions: &'a Permissions,
     /// Profiles the candidate's manifest admits, part D.
     pub environments: &'a BTreeSet<ProfileName>,
-    /// What its code needs; absent if it could not be loaded.
+    /// The needs of its code; absent if it could not be loaded.
     pub exports: Option<&'a Interface>,
     /// P of the active version; absent for a first version.
     pub active: Option<&'a Permissions>,
 }
 
-/// `kappa_P` with what else was found.
+/// `kappa_P` with its other findings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PolicyAssessment {
@@ -47,7 +49,7 @@ pub struct PolicyAssessment {
 }
 
 impl PolicyAssessment {
-    /// Everything it asks for beyond the active version: what is new, then what is higher.
+    /// All permissions beyond the active version's: new ones, then higher ones.
     #[must_use]
     pub fn asks_more(&self) -> Vec<String> {
         self.new_permissions.iter().chain(&self.escalations).cloned().collect()
@@ -69,30 +71,29 @@ pub fn assess(input: &PolicyInput<'_>, table: &PolicyTable, profile: &Profile) -
             .map(|mode| mode.key)
             .collect()
     });
-    let mut findings = Findings::default();
+    let mut findings = PolicyFindings::default();
     if input.exports.is_none() {
-        findings.no_data("the code could not be read, so what it needs is unknown");
+        findings.no_data(EvidenceGap::CodeUnread);
     }
     if table.profile != profile.name {
-        findings.no_data("the policies were compiled for another profile");
+        findings.no_data(EvidenceGap::OtherProfile);
     }
     if modes.is_empty() {
-        findings.no_data("no mode can be reached, so there is nothing to cover");
+        findings.no_data(EvidenceGap::NoMode);
     }
     findings.static_facts(input, profile, &needs);
     findings.modes(&modes, table, &active_keys);
     findings.envelope(input.permissions, &modes, table, profile);
-    let kappa = share(modes.len() - uncovered.len(), modes.len());
+    let kappa = fraction(modes.len() - uncovered.len(), modes.len());
     findings.threshold(kappa, profile);
     if input.permissions.authority.level() > limits.authority_max {
-        let text = "it asks for more authority than the profile grants by itself";
-        let reason = Reason::new(ReasonCode::PolicyAuthorityReview, Dimension::Policy, text)
+        let reason = reason(Finding::AuthorityAboveProfile)
             .with(f64::from(input.permissions.authority.level()), f64::from(limits.authority_max));
         findings.review.push(reason);
     }
     findings.conditions(input.environments, profile);
     let (new_permissions, escalations) = changes(input);
-    // Of a first version everything is new, and nothing stands against it for that.
+    // For a first version everything is new, which does not count against it.
     let against: (&[String], &[String]) =
         if input.active.is_some() { (&new_permissions, &escalations) } else { (&[], &[]) };
     let assessment = findings.conclude(kappa, profile, against.0, against.1);
@@ -106,29 +107,29 @@ pub fn assess(input: &PolicyInput<'_>, table: &PolicyTable, profile: &Profile) -
 }
 
 #[allow(clippy::cast_precision_loss, reason = "there are at most 80 modes")]
-fn share(part: usize, whole: usize) -> Option<Kappa> {
+fn fraction(part: usize, whole: usize) -> Option<Kappa> {
     if whole == 0 { None } else { Kappa::new(part as f64 / whole as f64) }
 }
 
-/// Reasons by what they lead to.
+/// Reasons by their consequence.
 #[derive(Default)]
-struct Findings {
+struct PolicyFindings {
     missing: Vec<Reason>,
     incompatible: Vec<Reason>,
-    /// Incompatible, unless somebody can be asked.
+    /// Incompatible, unless a review is possible.
     review: Vec<Reason>,
     conditional: Vec<Reason>,
     noted: Vec<Reason>,
     conditions: Vec<Condition>,
 }
 
-fn reason(code: ReasonCode, text: impl Into<String>) -> Reason {
-    Reason::new(code, Dimension::Policy, text)
+const fn reason(finding: Finding) -> Reason {
+    Reason::new(Dimension::Policy, finding)
 }
 
-impl Findings {
-    fn no_data(&mut self, text: &str) {
-        self.missing.push(reason(ReasonCode::PolicyNoData, text));
+impl PolicyFindings {
+    fn no_data(&mut self, gap: EvidenceGap) {
+        self.missing.push(reason(Finding::PolicyGap { gap }));
     }
 
     fn static_facts(
@@ -139,39 +140,30 @@ impl Findings {
     ) {
         let declared = input.permissions;
         if let Some(exports) = input.exports {
-            let sensors =
-                exports.sensors.difference(&declared.sensors).map(|name| format!("the sensor {name}"));
-            let tools = exports.tools.difference(&declared.tools).map(|name| format!("the tool {name}"));
-            for what in sensors.chain(tools) {
-                let text = format!("the code needs {what}, which P does not declare");
-                self.incompatible.push(reason(ReasonCode::PolicyUndeclaredImport, text));
-            }
+            let sensors = exports.sensors.difference(&declared.sensors);
+            let sensors = sensors.map(|name| Finding::SensorUndeclared { name: name.to_string() });
+            let tools = exports.tools.difference(&declared.tools);
+            let tools = tools.map(|name| Finding::ToolUndeclared { name: name.to_string() });
+            self.incompatible.extend(sensors.chain(tools).map(reason));
         }
         for need in needs {
             if !declared.channels.contains(&need.channel) || !declared.commands.contains(&need.command) {
-                let text = format!(
-                    "the code needs {}/{}, which P does not declare",
-                    need.channel.name(),
-                    need.command.name()
-                );
-                self.incompatible.push(reason(ReasonCode::PolicyUndeclaredImport, text));
+                self.incompatible.push(reason(Finding::CommandUndeclared { need: *need }));
             }
         }
         if !input.environments.contains(&profile.name) {
-            let text = format!("D.environments does not admit the profile {:?}", profile.name.name());
-            self.incompatible.push(reason(ReasonCode::PolicyEnvironmentNotAdmitted, text));
+            self.incompatible.push(reason(Finding::EnvironmentNotAdmitted { profile: profile.name }));
         }
         let (asked, limits) = (&declared.resources, &profile.runtime);
         let ticks_max = limits.ticks_max();
-        for (what, value, limit) in [
-            ("processor time per tick (us)", asked.cpu_us_per_tick, limits.cpu_us_per_tick_max),
-            ("memory (KiB)", asked.memory_kib, limits.memory_kib_max),
-            ("ticks a task", asked.ticks_per_task.unwrap_or(0), ticks_max),
-            ("commands a task", asked.commands_per_task.unwrap_or(0), ticks_max),
+        for (resource, value, limit) in [
+            (ResourceKind::CpuPerTick, asked.cpu_us_per_tick, limits.cpu_us_per_tick_max),
+            (ResourceKind::Memory, asked.memory_kib, limits.memory_kib_max),
+            (ResourceKind::TicksPerTask, asked.ticks_per_task.unwrap_or(0), ticks_max),
+            (ResourceKind::CommandsPerTask, asked.commands_per_task.unwrap_or(0), ticks_max),
         ] {
             if value > limit {
-                let text = format!("it asks for more {what} than the profile has");
-                let reason = reason(ReasonCode::PolicyResourcesExceeded, text);
+                let reason = reason(Finding::ResourceExceeded { resource });
                 self.incompatible.push(reason.with(f64::from(value), f64::from(limit)));
             }
         }
@@ -184,24 +176,21 @@ impl Findings {
         active: &BTreeSet<super::mode::ModeKey>,
     ) {
         for mode in modes {
-            let because = table.entry(&mode.key).map_or_else(String::new, |entry| entry.because.join(", "));
+            let because = || table.entry(&mode.key).map_or_else(Vec::new, |entry| entry.because.clone());
+            let key = mode.key;
             match table.verdict(&mode.key) {
                 ModeRuling::Allow | ModeRuling::AllowTighter(_) => {}
                 ModeRuling::Review => {
-                    let text = format!("{} needs a review ({because})", mode.key);
-                    self.review.push(reason(ReasonCode::PolicyAuthorityReview, text));
+                    self.review.push(reason(Finding::ModeReviewed { mode: key, because: because() }));
                 }
                 ModeRuling::Forbid => {
-                    let text = format!("{} is forbidden ({because})", mode.key);
-                    self.incompatible.push(reason(ReasonCode::PolicyForbiddenMode, text));
+                    self.incompatible.push(reason(Finding::ModeForbidden { mode: key, because: because() }));
                 }
                 ModeRuling::Uncovered if mode.is_high_risk() => {
-                    let text = format!("{} is of high risk and covered by no policy", mode.key);
-                    self.incompatible.push(reason(ReasonCode::PolicyUncoveredHighRisk, text));
+                    self.incompatible.push(reason(Finding::HighRiskUncovered { mode: key }));
                 }
                 ModeRuling::Uncovered => {
-                    let text = format!("{} is covered by no policy; the guard will deny it", mode.key);
-                    let reason = reason(ReasonCode::PolicyUncoveredMode, text);
+                    let reason = reason(Finding::ModeUncovered { mode: key });
                     let new = !active.contains(&mode.key);
                     if new { self.conditional.push(reason) } else { self.noted.push(reason) }
                 }
@@ -229,20 +218,18 @@ impl Findings {
         let (declared_speed, declared_force) = (permissions.max_speed_m_s, permissions.max_force_n);
         if declared_speed > narrowest.0 || declared_force > narrowest.1 {
             let (speed, force) = narrowest;
-            let text =
-                format!("some modes are allowed up to {speed} m/s and {force} N only, tighter than declared");
-            let tighter = reason(ReasonCode::PolicyTighterEnvelope, text).with(declared_speed, speed);
+            let finding = Finding::EnvelopeTighter { speed_m_s: speed, force_n: force };
+            let tighter = reason(finding).with(declared_speed, speed);
             self.conditional.push(tighter);
             let (speed_max_m_s, force_max_n) = (declared_speed.min(widest.0), declared_force.min(widest.1));
             self.conditions.push(Condition::TighterEnvelope { speed_max_m_s, force_max_n });
         }
     }
 
-    /// What bounds the use of a version that is not refused.
+    /// The conditions of use of a version that is not refused.
     fn conditions(&mut self, environments: &BTreeSet<ProfileName>, profile: &Profile) {
         if environments.iter().all(|name| *name == ProfileName::Sim) {
-            let text = "D.environments admits simulation alone";
-            self.conditional.push(reason(ReasonCode::PolicySimulationOnly, text));
+            self.conditional.push(reason(Finding::SimulationOnlyDeclared));
             self.conditions.push(Condition::SimulationOnly);
         }
         if !self.review.is_empty() && profile.has_approver() {
@@ -254,8 +241,7 @@ impl Findings {
         let Some(kappa) = kappa else { return };
         let threshold = profile.thresholds.policy();
         if kappa.get() < threshold {
-            let text = "too few of the reachable modes are covered";
-            let below = reason(ReasonCode::PolicyBelowThreshold, text).with(kappa.get(), threshold);
+            let below = reason(Finding::CoverageLow).with(kappa.get(), threshold);
             self.review.push(below);
         }
     }
@@ -283,17 +269,14 @@ impl Findings {
         reasons.extend(self.review);
         reasons.extend(self.conditional);
         if outcome == PolicyOutcome::Compatible {
-            let covered =
-                reason(ReasonCode::PolicyCompatible, "every mode that matters is covered and allowed");
+            let covered = reason(Finding::PolicyCompatible);
             reasons.push(covered.with(kappa.map_or(f64::NAN, Kappa::get), profile.thresholds.policy()));
         }
         reasons.extend(self.noted);
-        reasons.extend(new_permissions.iter().map(|name| {
-            reason(ReasonCode::PolicyNewPermission, format!("{name} is new against the active version"))
-        }));
-        reasons.extend(escalations.iter().map(|name| {
-            reason(ReasonCode::PolicyEscalation, format!("{name} is higher than the active version's"))
-        }));
+        let new = |name: &String| reason(Finding::PermissionNew { permission: name.clone() });
+        reasons.extend(new_permissions.iter().map(new));
+        let higher = |name: &String| reason(Finding::PermissionHigher { permission: name.clone() });
+        reasons.extend(escalations.iter().map(higher));
         let known = outcome != PolicyOutcome::NoData;
         Assessment {
             outcome,

@@ -1,9 +1,9 @@
 //! Policies compiled to a table: text in, one verdict for every mode out. The only file that knows Cedar.
 //!
-//! This is a compile step, done when a policy set is loaded: afterwards neither the checks nor the runtime
-//! guard evaluate a policy, they read the table. Everything fails closed: a text that does not validate is
-//! refused as a whole, a mode whose evaluation errs is uncovered (Cedar itself skips an erroring `forbid`),
-//! and a permit that does not name both command kind and zone covers nothing.
+//! This is a compile step, done when a policy set is loaded: afterward the checks and the runtime guard read the table
+//! and evaluate no policy. Everything fails closed: a text that does not validate is refused as a whole, a mode whose
+//! evaluation errs is uncovered (Cedar itself skips an erroring `forbid`), and a permit that does not name both
+//! command kind and zone covers nothing.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ pub const POLICY_BYTES_MAX: usize = 64 * 1024;
 /// The most policies in a set, over all files.
 pub const POLICIES_MAX: usize = 256;
 
-/// What policies may name. A text that names anything else does not validate.
+/// The names that policies may use. A text with any other does not validate.
 const SCHEMA: &str = r#"
 entity Skill;
 entity Cell;
@@ -57,21 +57,21 @@ pub struct PolicySource<'a> {
 /// An envelope tighter than the profile's, from a policy's annotations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Cap {
-    /// Largest speed of the tool's centre point, m/s.
+pub struct EnvelopeCap {
+    /// Largest speed of the tool center point, m/s.
     pub speed_max_m_s: f64,
     /// Largest force on anything touched, N.
     pub force_max_n: f64,
 }
 
-/// What the policies say of one mode.
+/// The verdict of the policies on one mode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "verdict")]
 pub enum ModeRuling {
     /// Allowed within the profile's limits.
     Allow,
     /// Allowed within a tighter envelope.
-    AllowTighter(Cap),
+    AllowTighter(EnvelopeCap),
     /// Allowed for a version that people have approved; denied for any other.
     Review,
     /// Denied by a `forbid` policy.
@@ -80,19 +80,19 @@ pub enum ModeRuling {
     Uncovered,
 }
 
-/// One row of the table: a mode and what holds for it.
+/// One row of the table: a mode and its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModeEntry {
     /// Channel, command, zone and authority the row is about.
     pub mode: ModeKey,
-    /// What a command in this mode gets from the guard.
+    /// The guard's answer to a command in this mode.
     pub verdict: ModeRuling,
     /// The policies that made it, by id; or the evaluation's error.
     pub because: Vec<String>,
 }
 
-/// What site policies say of one kind of activation.
+/// The verdict of site policies on one kind of activation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActivationTerms {
@@ -102,7 +102,7 @@ pub struct ActivationTerms {
     pub provenance: Provenance,
     /// A policy forbids it, or its evaluation failed.
     pub forbidden: bool,
-    /// A permit with `@review` asks for people's approval, also where the profile asks nobody.
+    /// A permit with `@review` requires approval, also where the profile requires none.
     #[serde(default)]
     pub review: bool,
     /// The policies that made it, by id; or the evaluation's error.
@@ -115,7 +115,7 @@ pub struct ActivationTerms {
 pub struct PolicyTable {
     /// SHA-256 over the texts, the schema and the profile.
     pub digest: Digest,
-    /// The profile it was compiled for; under any other it says nothing.
+    /// The profile it was compiled for; it applies to no other.
     pub profile: ProfileName,
     /// A ruling for every mode there is, sorted by mode.
     pub modes: Vec<ModeEntry>,
@@ -141,7 +141,7 @@ pub enum PolicyError {
     Syntax {
         /// Name of the file that does not parse.
         file: String,
-        /// What Cedar's parser says, with its position.
+        /// The message of Cedar's parser, with its position.
         message: String,
     },
     /// A name that does not exist, a type that does not fit, or a form this table has no place for.
@@ -151,7 +151,7 @@ pub enum PolicyError {
         file: String,
         /// Cedar's id of the policy, or its `@id`.
         policy: String,
-        /// What Cedar's validator or the compiler objects to.
+        /// The objection of Cedar's validator or the compiler.
         message: String,
         /// A form that is accepted, for the message's hint.
         hint: &'static str,
@@ -185,7 +185,7 @@ impl PolicyTable {
         for source in sources {
             load(source, &schema, &mut set, &mut rules)?;
         }
-        let judge = Judge { authorizer: Authorizer::new(), set, rules, profile };
+        let judge = CedarEvaluator { authorizer: Authorizer::new(), set, rules, profile };
         let modes = ModeKey::all().into_iter().map(|mode| judge.mode(mode)).collect::<Result<_, _>>()?;
         let mut activations = Vec::new();
         for risk in Risk::ALL {
@@ -209,7 +209,7 @@ impl PolicyTable {
         Self::compile(profile, &[PolicySource { file, text }])
     }
 
-    /// The verdict of a mode; what is not in the table is uncovered.
+    /// The verdict of a mode; one outside the table is uncovered.
     #[must_use]
     pub fn verdict(&self, mode: &ModeKey) -> ModeRuling {
         self.entry(mode).map_or(ModeRuling::Uncovered, |entry| entry.verdict)
@@ -222,14 +222,14 @@ impl PolicyTable {
         self.modes.binary_search_by(|entry| entry.mode.cmp(mode)).ok().and_then(|index| self.modes.get(index))
     }
 
-    /// Whether a site policy asks people about an activation that the profile may ask nobody about, and which.
+    /// Whether a site policy requires approval of an activation that the profile may leave without, and which.
     #[must_use]
     pub fn activation_reviewed(&self, risk: Risk, provenance: Provenance) -> Option<&[String]> {
         let row = self.activations.iter().find(|row| row.risk == risk && row.provenance == provenance)?;
         row.review.then_some(&*row.because)
     }
 
-    /// Whether a site policy forbids an activation, and which; what is not in the table is forbidden.
+    /// Whether a site policy forbids an activation, and which; one outside the table is forbidden.
     #[must_use]
     pub fn activation_forbidden(&self, risk: Risk, provenance: Provenance) -> Option<Vec<String>> {
         match self.activations.iter().find(|entry| entry.risk == risk && entry.provenance == provenance) {
@@ -239,7 +239,7 @@ impl PolicyTable {
     }
 }
 
-/// What the table needs of one policy beside Cedar's own judgement.
+/// What the table needs of one policy beside Cedar's own judgment.
 struct PolicyRule {
     name: String,
     effect: Effect,
@@ -334,27 +334,27 @@ fn rule(policy: &Policy) -> Result<PolicyRule, (String, &'static str)> {
     Ok(rule)
 }
 
-struct Judge<'a> {
+struct CedarEvaluator<'a> {
     authorizer: Authorizer,
     set: PolicySet,
     rules: BTreeMap<String, PolicyRule>,
     profile: &'a Profile,
 }
 
-/// What Cedar said: its decision, the determining policies, and an error if there was any.
-struct Said<'r> {
+/// Cedar's response: its decision, the determining policies, and an error if there was any.
+struct CedarDecision<'r> {
     allowed: bool,
     rules: Vec<&'r PolicyRule>,
     error: Option<String>,
 }
 
-impl Judge<'_> {
-    fn ask(
+impl CedarEvaluator<'_> {
+    fn authorize(
         &self,
         action: &str,
         resource: (&str, &str),
         context: Vec<(&str, RestrictedExpression)>,
-    ) -> Result<Said<'_>, PolicyError> {
+    ) -> Result<CedarDecision<'_>, PolicyError> {
         let vocabulary = |e: &dyn std::fmt::Display| PolicyError::Vocabulary(e.to_string());
         let uid = |kind: &str, id: &str| {
             let kind = EntityTypeName::from_str(kind).map_err(|e| vocabulary(&e))?;
@@ -376,7 +376,7 @@ impl Judge<'_> {
             diagnostics.reason().filter_map(|id| self.rules.get(AsRef::<str>::as_ref(id))).collect();
         rules.sort_by(|a, b| a.name.cmp(&b.name));
         let error = diagnostics.errors().map(ToString::to_string).min();
-        Ok(Said { allowed: response.decision() == Decision::Allow, rules, error })
+        Ok(CedarDecision { allowed: response.decision() == Decision::Allow, rules, error })
     }
 
     fn mode(&self, mode: ModeKey) -> Result<ModeEntry, PolicyError> {
@@ -386,7 +386,7 @@ impl Judge<'_> {
             ("authority", RestrictedExpression::new_long(i64::from(mode.authority.level()))),
             ("profile", text(self.profile.name.name())),
         ];
-        let said = self.ask(mode.command.name(), ("Zone", mode.zone.name()), context)?;
+        let said = self.authorize(mode.command.name(), ("Zone", mode.zone.name()), context)?;
         let names: Vec<String> = said.rules.iter().map(|rule| rule.name.clone()).collect();
         if let Some(error) = said.error {
             return Ok(ModeEntry { mode, verdict: ModeRuling::Uncovered, because: vec![error] });
@@ -400,7 +400,7 @@ impl Judge<'_> {
         Ok(ModeEntry { mode, verdict: self.permitted(&naming), because })
     }
 
-    /// Of several permits the most restrictive holds.
+    /// Of several permits the most restrictive applies.
     fn permitted(&self, naming: &[&PolicyRule]) -> ModeRuling {
         if naming.is_empty() {
             return ModeRuling::Uncovered;
@@ -414,7 +414,7 @@ impl Judge<'_> {
             least(&mut naming.iter().filter_map(|rule| rule.speed_max_m_s), limits.tool_speed_max_m_s);
         let force = least(&mut naming.iter().filter_map(|rule| rule.force_max_n), limits.contact_force_max_n);
         if speed < limits.tool_speed_max_m_s || force < limits.contact_force_max_n {
-            return ModeRuling::AllowTighter(Cap { speed_max_m_s: speed, force_max_n: force });
+            return ModeRuling::AllowTighter(EnvelopeCap { speed_max_m_s: speed, force_max_n: force });
         }
         ModeRuling::Allow
     }
@@ -426,7 +426,7 @@ impl Judge<'_> {
             ("risk", text(risk.name())),
             ("provenance", text(provenance.name())),
         ];
-        let said = self.ask("activate", ("Cell", "cell"), context)?;
+        let said = self.authorize("activate", ("Cell", "cell"), context)?;
         let forbids: Vec<String> = said
             .rules
             .iter()

@@ -15,7 +15,7 @@ use super::submission::Risk;
 use super::text_error::{TextError, check_size, parse_toml};
 use super::wall_time::WallTime;
 
-mod class;
+mod class_limits;
 pub mod fields;
 mod harm;
 pub mod name;
@@ -43,25 +43,25 @@ pub struct Profile {
     pub thresholds: Thresholds,
     /// Weights of the composite score, which is reported and gates nothing.
     pub composite: Weights,
-    /// What the guard enforces while a skill runs.
+    /// The limits that the guard enforces while a skill runs.
     pub runtime: RuntimeLimits,
     /// Tolerances beyond which the watcher raises a signal.
     pub watcher: WatcherTolerances,
     /// Budgets and error rates of sandbox, shadow and drills.
-    pub evaluation: Evaluation,
+    pub evaluation: EvaluationSettings,
     /// Costs per unit of worsening that make up `kappa_B`.
     pub behavior: BehaviorSettings,
     /// How much worse a version may be in each measure of harm.
     pub harm: HarmSettings,
     /// Floors and weights of `rho` and `kappa_R`.
     pub recovery: RecoverySettings,
-    /// What the gate demands beyond the four dimensions, and how a version is then active.
+    /// The gate's requirements beyond the four dimensions, and the activation mode.
     pub activation: ActivationSettings,
     /// Charts, silence and escalation while a version is watched.
     pub monitor: MonitorSettings,
-    /// What is normal for the cell itself, whoever is active, and when it no longer is.
+    /// What is normal for the cell itself with any active version, and when it no longer is.
     pub health: HealthSettings,
-    /// How many people have to approve, and how long an answer holds.
+    /// The quorum, and the validity of an answer.
     pub approval: ApprovalSettings,
     /// How far the machine's clock may be set before a person has to confirm the time.
     pub clock: ClockSettings,
@@ -116,7 +116,7 @@ impl Thresholds {
         self.scaled(1)
     }
 
-    /// Least acceptable `kappa_B`, after scaling; compared with what is established.
+    /// Least acceptable `kappa_B`, after scaling; compared with the significant worsening.
     #[must_use]
     pub fn behavior(&self) -> f64 {
         self.scaled(2)
@@ -129,11 +129,11 @@ impl Thresholds {
     }
 }
 
-/// What the guard enforces in every tick, whatever a manifest declares.
+/// The limits that the guard enforces in every tick, whatever a manifest declares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RuntimeLimits {
-    /// Largest speed of the tool's centre point, m/s.
+    /// Largest speed of the tool center point, m/s.
     pub tool_speed_max_m_s: f64,
     /// Largest force on the surroundings, N.
     pub contact_force_max_n: f64,
@@ -182,7 +182,7 @@ pub struct WatcherTolerances {
     pub slip_max_m: f64,
     /// Distance of a joint from its servo target, rad.
     pub tracking_error_max_rad: f64,
-    /// Age of the picture acted on, ms.
+    /// Age of the camera frame acted on, ms.
     pub picture_age_max_ms: f64,
     /// Time in which a failure has to be named, ms.
     pub detect_max_ms: f64,
@@ -191,7 +191,7 @@ pub struct WatcherTolerances {
 /// Budgets and error rates of sandbox, shadow and drills.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Evaluation {
+pub struct EvaluationSettings {
     /// Paired episodes of a full sandbox evaluation.
     pub sandbox_pairs: u32,
     /// Family-wise error of the six lower bounds.
@@ -200,11 +200,11 @@ pub struct Evaluation {
     pub early_alpha: f64,
     /// Feasible drills of each kind, per version.
     pub drills_per_kind: u32,
-    /// Pairs of whole sequences, worked once the paired episodes reject nothing.
+    /// Pairs of whole sequences, run if the paired episodes reject nothing.
     pub sandbox_sequences: u32,
-    /// How often an equally good version is doubted for its sequences at most.
+    /// Largest rate at which an equally good version raises a concern by its sequences.
     pub sequence_alpha: f64,
-    /// By how much the share of sequences that go wrong may rise.
+    /// The accepted rise of the share of failed sequences.
     pub sequence_tolerance: f64,
     /// Error rate of calling an unchanged version shifted: in both looks of shadow together, and in those of its live
     /// tasks together (see [`shift`](crate::shift)).
@@ -261,13 +261,13 @@ pub struct RecoverySettings {
     pub weight_detect: f64,
 }
 
-/// What the gate demands beyond the four dimensions, and how a version is then active.
+/// The gate's requirements beyond the four dimensions, and the activation mode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ActivationSettings {
     /// Live episodes a version is provisional for.
     pub provisional_episodes: u32,
-    /// Whether the gate demands an established improvement of success.
+    /// Whether the gate requires a significant improvement of success.
     pub require_improvement: bool,
     /// Whether every activation is rollback-coupled while provisional.
     pub rollback_coupled: bool,
@@ -287,7 +287,7 @@ pub struct MonitorSettings {
     pub false_alarm_episodes: f64,
     /// Least rate assumed of the active version: a rate of 0 in finite evidence is not 0.
     pub rate_min: f64,
-    /// Silence of telemetry after which people are asked, ms.
+    /// Silence of telemetry after which the monitor escalates, ms.
     pub telemetry_escalate_ms: f64,
     /// Silence of telemetry after which the version is restricted, ms.
     pub telemetry_restrict_ms: f64,
@@ -303,7 +303,7 @@ pub struct MonitorSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HealthSettings {
-    /// Tasks of a family over which what is normal is counted, once.
+    /// Tasks of a family over which its normal rates are counted, once.
     pub commissioning_tasks: u32,
     /// Largest share of failed, and of timed-out, tasks that may count as normal.
     pub failure_max: f64,
@@ -315,35 +315,35 @@ pub struct HealthSettings {
     pub cusum_limit: f64,
     /// Factor above the largest force of the commissioning from which a force counts as bad.
     pub force_margin: f64,
-    /// Factor above the largest value of the commissioning from which a sense of the cell counts as bad.
+    /// Factor on the largest value of the commissioning from which a signal of the camera check counts as bad.
     pub sense_margin: f64,
-    /// Largest jitter of the pictures that may count as normal, m (see [`crate::senses::Sense::PictureJitter`]).
+    /// Largest camera jitter that may count as normal, m (see [`crate::sensor_health::SensorSignal`]).
     pub jitter_max_m: f64,
-    /// Largest share of missing pictures that may count as normal.
+    /// Largest rate of missing camera frames that may count as normal.
     pub missing_max: f64,
     /// Tasks in a row, all without it, after which a condition is measured to be over.
     pub clear_tasks: u32,
 }
 
-/// How many people have to approve, and how long questions and answers hold.
+/// The quorum, and the validity of requests and answers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ApprovalSettings {
-    /// Distinct people for low risk; 0: nobody is asked.
+    /// Distinct approvers for low risk; 0: none required.
     pub quorum_low: u8,
-    /// Distinct people for medium risk; 0: nobody is asked.
+    /// Distinct approvers for medium risk; 0: none required.
     pub quorum_medium: u8,
-    /// Distinct people for high risk; 0: nobody is asked.
+    /// Distinct approvers for high risk; 0: none required.
     pub quorum_high: u8,
     /// People for a review (a policy or recovery review), at least this many.
     pub quorum_review: u8,
-    /// Time for answers, s; then it holds.
+    /// Time for answers, s; then the version is on hold.
     pub timeout_s: f64,
     /// How long an approval stays good, s.
     pub valid_s: f64,
-    /// Whether one person may approve in an emergency (break-glass), with a review afterwards.
+    /// Whether one person may approve in an emergency (break-glass), with a later review.
     pub break_glass: bool,
-    /// How long an emergency approval stays good, s.
+    /// Validity of a break-glass approval, s.
     pub break_glass_valid_s: f64,
 }
 
@@ -376,7 +376,7 @@ pub struct FreezeWindow {
     pub from: WallTime,
     /// End, not included.
     pub until: WallTime,
-    /// Why nothing is activated meanwhile; shown to whoever meets the freeze.
+    /// Why nothing is activated meanwhile; shown when the freeze blocks an activation.
     pub reason: String,
 }
 
@@ -384,7 +384,7 @@ pub struct FreezeWindow {
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(remote = "Priority")]
 #[schemars(rename = "AlarmPriority")]
-enum PriorityWord {
+enum PrioritySetting {
     /// Act before the shift ends.
     #[serde(rename = "low")]
     Low,
@@ -401,31 +401,31 @@ enum PriorityWord {
 #[serde(deny_unknown_fields)]
 pub struct AlarmPriorities {
     /// A family stopped without an active version.
-    #[serde(with = "PriorityWord")]
+    #[serde(with = "PrioritySetting")]
     pub safe_stopped: Priority,
-    /// A version was rolled back, and the predecessor is in control.
-    #[serde(with = "PriorityWord")]
+    /// A version was rolled back, and the rollback target is active.
+    #[serde(with = "PrioritySetting")]
     pub rolled_back: Priority,
     /// The monitor capped a version's speed and force.
-    #[serde(with = "PriorityWord")]
+    #[serde(with = "PrioritySetting")]
     pub restricted: Priority,
-    /// The monitor asks whether a version may work on.
-    #[serde(with = "PriorityWord")]
+    /// An escalation asks whether a version may continue.
+    #[serde(with = "PrioritySetting")]
     pub escalated: Priority,
-    /// People are asked for an approval.
-    #[serde(with = "PriorityWord")]
+    /// An approval request is open.
+    #[serde(with = "PrioritySetting")]
     pub approval_waiting: Priority,
     /// A candidate was rejected by a rule or a person.
-    #[serde(with = "PriorityWord")]
+    #[serde(with = "PrioritySetting")]
     pub rejected: Priority,
     /// No telemetry came for longer than the monitor allows.
-    #[serde(with = "PriorityWord")]
+    #[serde(with = "PrioritySetting")]
     pub telemetry_silent: Priority,
     /// An active version, whichever, violated a limit.
-    #[serde(with = "PriorityWord")]
+    #[serde(with = "PrioritySetting")]
     pub violation: Priority,
-    /// A family works worse than when it was commissioned.
-    #[serde(with = "PriorityWord")]
+    /// A family performs worse than when it was commissioned.
+    #[serde(with = "PrioritySetting")]
     pub degraded: Priority,
 }
 
@@ -438,7 +438,7 @@ impl Profile {
     pub fn parse(file: &str, text: &str) -> Result<Self, TextError> {
         check_size(file, text, PROFILE_BYTES_MAX)?;
         let profile: Self = parse_toml(file, text).map_err(|error| freeze_in_seconds(file, text, error))?;
-        match fields::problem(&profile).or_else(|| class::problem(&profile)) {
+        match fields::problem(&profile).or_else(|| class_limits::problem(&profile)) {
             None => Ok(profile),
             Some((field, value, allowed)) => Err(TextError::value(file, text, &field, &value, &allowed)),
         }
@@ -481,12 +481,12 @@ impl Profile {
                 "a name of its own for a profile that does not come with the program, e.g. \"line-4\"";
             return Some(("site".to_owned(), "none".to_owned(), allowed.to_owned()));
         }
-        class::looser_than_allowed(self).or_else(|| self.unreasoned(text))
+        class_limits::less_strict_than_allowed(self).or_else(|| self.unreasoned(text))
     }
 
-    /// Where it is looser than its class may be: field, value, what is allowed.
-    pub(crate) fn looser_than_class(&self) -> Option<(String, String, String)> {
-        class::looser_than_allowed(self)
+    /// Where it is less strict than its class permits: field, value, what is allowed.
+    pub(crate) fn weaker_than_class(&self) -> Option<(String, String, String)> {
+        class_limits::less_strict_than_allowed(self)
     }
 
     /// A number that differs from the shipped profile of its class and has no reason of its own.
@@ -530,13 +530,13 @@ impl Profile {
         Digest::of_json("holdpoint.profile.v1", self)
     }
 
-    /// Whether anybody can approve under this profile.
+    /// Whether any approver can approve under this profile.
     #[must_use]
     pub const fn has_approver(&self) -> bool {
         self.approval.quorum_review > 0
     }
 
-    /// The freeze window that holds at a moment.
+    /// The freeze window in force at a moment.
     #[must_use]
     pub fn frozen_at(&self, now: WallTime) -> Option<&FreezeWindow> {
         self.freeze.iter().find(|window| window.from <= now && now < window.until)

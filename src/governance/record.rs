@@ -1,22 +1,22 @@
-//! What a store keeps about versions and what was done to them, as plain data: everybody who reads a store, asks an
-//! engine or shows an answer speaks of the same records.
+//! What a store records about versions and acts on them, as plain data: stores, engines and screens share these
+//! records.
 //!
-//! Owns the forms and what a record's hash covers. Reads no store: that is for the registry.
+//! Owns the forms and the hashed content of a record. Reads no store: the registry does.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::closed_set::{Lenient, convert_equal_terms};
 use super::ids::{CapabilityId, Digest};
-use super::lifecycle::{Flags, State};
+use super::lifecycle::{State, VersionFlags};
 use super::rollback::PostStatus;
 use super::submission::{Provenance, Risk};
-use super::words::{Word, same_words};
 
 /// Domain tag of a record's hash.
 const DOMAIN: &str = "holdpoint/audit/v1";
 
-crate::words! {
-    /// What a record of the audit chain is about.
+crate::closed_set! {
+    /// The kind of a record in the audit chain.
     RecordKind, "kind of record", {
         /// A version entered the registry, with its digests and provenance.
         VersionRegistered = "version-registered",
@@ -28,7 +28,7 @@ crate::words! {
         ScoresSet = "scores-set",
         /// A family's active pointer moved.
         ActiveSet = "active-set",
-        /// A family was stopped or re-armed.
+        /// A family was safe-stopped or reactivated.
         FamilySet = "family-set",
         /// A family's earlier passes were voided.
         FamilyVoided = "family-voided",
@@ -36,21 +36,21 @@ crate::words! {
         StandingSet = "standing-set",
         /// A piece of evidence, as canonical JSON with its digest.
         EvidencePut = "evidence-put",
-        /// People were asked, or a request stands otherwise.
+        /// An approval request was made, or its state changed.
         ApprovalRequested = "approval-requested",
         /// A person's signed decision came in.
         ApprovalPut = "approval-put",
         /// An approval was used by an activation and cannot be used again.
         ApprovalConsumed = "approval-consumed",
-        /// An administrator enrolled a person's key: from then on what it signs may count.
+        /// An administrator enrolled a person's key: its later signatures may count.
         PersonEnrolled = "person-enrolled",
-        /// An administrator with a protected key vouched for a person who was enrolled without one.
+        /// An administrator with a passphrase-protected key attested a person who was enrolled without one.
         PersonConfirmed = "person-confirmed",
         /// An administrator revoked a person's key: from then on nothing that it signed counts.
         PersonRevoked = "person-revoked",
         /// Profile, policy or thresholds changed.
         ContextSet = "context-set",
-        /// An administrator let the store be used under a looser profile next: which, who and why.
+        /// An administrator authorized the next use of the store under a less strict profile: which, who and why.
         ProfileAllowed = "profile-allowed",
         /// A profile that does not come with the program came into force: its texts.
         ProfileLoaded = "profile-loaded",
@@ -60,57 +60,57 @@ crate::words! {
         TelemetryBlockSealed = "telemetry-block-sealed",
         /// The oldest batches of telemetry go, because of their size together.
         TelemetryPruned = "telemetry-pruned",
-        /// Batches of telemetry that were sealed are not there any more, and no record says why.
+        /// Digested batches of telemetry are missing, and no record says why.
         TelemetryMissed = "telemetry-missed",
-        /// An alarm as it stands after a change.
+        /// An alarm after a change.
         AlarmChanged = "alarm-changed",
-        /// Kept results came out otherwise when they were run again: none of them counts any more.
+        /// Cached results differed from their re-run: none of them counts any more.
         KeptVoided = "kept-voided",
-        /// A stage's decision with its reasons and what it was made under.
+        /// A stage's decision with its reasons and context.
         Decision = "decision",
         /// An action of the monitor with its reasons.
         Monitor = "monitor",
-        /// A person's answer to the monitor's question.
+        /// A person's answer to an escalation.
         MonitorAnswer = "monitor-answer",
-        /// Profiles were closed to a version, or opened again: by whom and why.
+        /// A version was blocked under profiles, or unblocked: by whom and why.
         ProfilesSet = "profiles-set",
-        /// A held version was let go on: by whom and why.
+        /// A version on hold was resumed: by whom and why.
         Resumed = "resumed",
-        /// One person let a version in by the emergency door: who, why, and until when it has to be reviewed.
+        /// One person activated a version by break-glass: who, why, and the deadline of the review.
         BreakGlass = "break-glass",
-        /// What the review of an emergency activation came to, and who reviewed it.
+        /// The result of a break-glass review, and the reviewers.
         BreakGlassReviewed = "break-glass-reviewed",
-        /// What was shown to people who decided.
+        /// The request as displayed to approvers.
         Shown = "shown",
-        /// A process asked for a change and was granted it: what, and whose process, as the system has it.
+        /// A granted request of a process: the change, and the process as the operating system reports it.
         Asked = "asked",
         /// The machine's clock was set, or is behind the newest record: by how much.
         ClockDoubted = "clock-doubted",
-        /// A person confirmed what the machine's clock says: who, why, and the time. Wall times of records may go back here alone.
+        /// A person confirmed the time of the machine's clock: who, why, and the time. Only here may recorded wall times go back.
         ClockConfirmed = "clock-confirmed",
         /// Who reset an alarm, and why it was safe.
         AlarmReset = "alarm-reset",
         /// A drift set in, or ended, in the simulated cell.
         Drift = "drift",
-        /// Something in the simulated live world broke, or was mended.
+        /// Something in the simulated live world broke or was repaired.
         LiveFault = "live-fault",
-        /// The agent of the live cell was given a goal: by whom and why.
+        /// A person set a goal of the live cell's agent: who and why.
         GoalSet = "goal-set",
-        /// The simulated live cell works at another pace from then on.
+        /// The simulated live cell has another pace from then on.
         PaceSet = "pace-set",
-        /// A person left a note for those who come after: whose, and what it says.
+        /// A person left a note for the next shift: whose, and its text.
         ShiftNote = "shift-note",
         /// A person stopped the cell.
         CellStopped = "cell-stopped",
-        /// A person let the stopped cell work again.
+        /// A person started the stopped cell again.
         CellReleased = "cell-released",
-        /// An engine under `real` or `human` begins to work the cell.
+        /// An engine under `real` or `human` begins to run the cell.
         EngineBegan = "engine-began",
-        /// The engine that began to work the cell ended: in good order, or, as the next one found, suddenly.
+        /// The engine that ran the cell ended: cleanly, or suddenly, as the next one found.
         EngineEnded = "engine-ended",
-        /// What is normal for a family was counted, once.
+        /// The normal rates of a family were counted, once.
         Commissioned = "commissioned",
-        /// What is normal for the cell's senses was measured, once.
+        /// What is normal for the camera check was measured, once.
         SensesCommissioned = "senses-commissioned",
         /// The record of an upgrade is closed.
         AuditClosed = "audit-closed",
@@ -118,54 +118,54 @@ crate::words! {
         Recording = "recording",
         /// A scene recording's file was removed, with the reason.
         RecordingRemoved = "recording-removed",
-        /// A witness was added or removed: a folder elsewhere that gets every checkpoint, and by whom.
+        /// A witness was added or removed: which, and by whom.
         WitnessSet = "witness-set",
-        /// The store's tables were made anew from the chain: by whom, why, and which rows had differed.
+        /// The store's tables were rebuilt from the chain: by whom, why, and which rows had differed.
         StoreRebuilt = "store-rebuilt",
     }
 }
 
 impl RecordKind {
-    /// Seals of telemetry: of a store that has worked for long, by far the most of its records.
+    /// Telemetry digests: by far the most records of a long-running store.
     pub const SEALS: [Self; 2] = [Self::TelemetrySealed, Self::TelemetryBlockSealed];
 }
 
-crate::words! {
-    /// How an upgrade ended, when its record is closed.
+crate::closed_set! {
+    /// The end of an upgrade, when its record is closed.
     UpgradeEnd, "end of an upgrade", {
         /// The version is active and no longer provisional.
         Confirmed = "confirmed",
-        /// It was refused for good, by a rule or a person.
+        /// It was rejected by a rule or a person.
         Rejected = "rejected",
-        /// It was taken off and never runs again.
+        /// It was rolled back and never runs again.
         RolledBack = "rolled-back",
-        /// It was taken off and sent back to evaluation.
+        /// It was rolled back and returned to evaluation.
         Demoted = "demoted",
         /// Its rollback failed: the family is stopped.
         SafeStopped = "safe-stopped",
     }
 }
 
-same_words! { PostStatus => UpgradeEnd: RolledBack, Demoted, SafeStopped }
+convert_equal_terms! { PostStatus => UpgradeEnd: RolledBack, Demoted, SafeStopped }
 
-crate::words! {
+crate::closed_set! {
     /// Why a family's active pointer moved.
     ActivationCause, "cause of an activation", {
         /// The family's first version.
         Bootstrap = "bootstrap",
         /// A candidate passed the gate and took over.
         Gate = "gate",
-        /// The pinned predecessor took over again.
+        /// The rollback target became active again.
         Restore = "restore",
-        /// Nobody is active; the family is stopped.
+        /// No version is active; the family is stopped.
         Vacate = "vacate",
-        /// An operator re-armed a stopped family with an earlier version.
+        /// An operator reactivated an earlier version of a stopped family.
         Rearm = "rearm",
     }
 }
 
-crate::words! {
-    /// Which versions of the registry a list is about.
+crate::closed_set! {
+    /// The versions in a list of the registry.
     #[derive(Default)]
     VersionGroup, "group of versions", {
         /// Every version, in whatever state.
@@ -199,12 +199,12 @@ impl VersionGroup {
 pub struct VersionSummary {
     /// Name of the version, `family@version`.
     pub version: CapabilityId,
-    /// Where it stands in its lifecycle.
+    /// Its lifecycle state.
     pub state: State,
     /// Counts every change of the version's row; approvals name it.
     pub row_version: u64,
-    /// Stage running, pauses, questions, restrictions.
-    pub flags: Flags,
+    /// Running stage, pauses, approval requests, restrictions.
+    pub flags: VersionFlags,
     /// kappa I, P, B, R; absent if not measured.
     pub kappas: [Option<f64>; 4],
     /// Whether it was its family's first version, active without a gate.
@@ -217,7 +217,7 @@ pub struct VersionSummary {
     pub risk: Risk,
     /// Virtual time of its last change, ms.
     pub changed_ms: u64,
-    /// It became active by the emergency door, and people have not reviewed that yet.
+    /// It became active by break-glass and is not reviewed yet.
     #[serde(default)]
     pub unreviewed: bool,
 }
@@ -234,8 +234,8 @@ pub struct AuditRecord {
     /// Virtual time at which it was written, ms; hashed.
     pub at_ms: u64,
     /// What the record is about; a word of another build is kept as it is.
-    pub kind: Word<RecordKind>,
-    /// What it is about: `family`, `family@version`, an alarm, or empty.
+    pub kind: Lenient<RecordKind>,
+    /// Its subject: `family`, `family@version`, an alarm, or empty.
     pub subject: String,
     /// Its content, JSON text.
     pub body: String,
@@ -248,15 +248,15 @@ impl AuditRecord {
     #[must_use]
     pub fn expected_hash(&self) -> Digest {
         let kind = match &self.kind {
-            Word::Known(kind) => kind.name(),
-            Word::Unknown(text) => text,
+            Lenient::Known(kind) => kind.name(),
+            Lenient::Unknown(text) => text,
         };
         let Self { seq, prev, hash, at_ms, subject, body, .. } = self;
         RecordRef { seq: *seq, prev: *prev, hash: *hash, at_ms: *at_ms, kind, subject, body }.expected_hash()
     }
 }
 
-/// What is hashed of a record, where it lies: nothing of it is copied.
+/// The hashed content of a record, borrowed without copies.
 #[derive(Clone, Copy, Debug)]
 pub struct RecordRef<'a> {
     /// 1, 2, 3, ... without gaps.
@@ -269,7 +269,7 @@ pub struct RecordRef<'a> {
     pub at_ms: u64,
     /// The word of its kind, also one of another build.
     pub kind: &'a str,
-    /// What it is about.
+    /// Its subject.
     pub subject: &'a str,
     /// Its content, JSON text.
     pub body: &'a str,
@@ -297,7 +297,7 @@ impl RecordRef<'_> {
 mod tests {
     use super::*;
 
-    /// A record of another build keeps its kind, letter by letter: its hash covers it.
+    /// A record of another build preserves its kind letter by letter: its hash covers it.
     #[test]
     fn a_kind_that_is_not_known_is_kept() {
         let record = |kind: &str| AuditRecord {
@@ -305,7 +305,7 @@ mod tests {
             prev: Digest::of_parts("t", &[]),
             hash: Digest::of_parts("t", &[]),
             at_ms: 0,
-            kind: Word::read(kind.to_owned()),
+            kind: Lenient::read(kind.to_owned()),
             subject: String::new(),
             body: "{}".to_owned(),
             wall_ms: 0,

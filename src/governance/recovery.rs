@@ -8,7 +8,7 @@ mod phases;
 
 use compare::kinds;
 pub use compare::{KindRates, RateInterval};
-pub use early::{assess_ended, ended, is_lost, is_lost_early};
+pub use early::{assess_early_stop, end_reason, is_lost, is_lost_early};
 pub use phases::{PHASE_DRILLS_MIN, PhaseRates};
 
 use std::collections::BTreeSet;
@@ -17,15 +17,16 @@ use holdpoint_body::FailureSignal;
 use serde::{Deserialize, Serialize};
 
 use super::condition::Condition;
-use super::decision::{Dimension, Kappa, Reason, ReasonCode};
-use super::ended::EndReason;
-use super::evidence::{Binding, DrillKind, DrillTally, RecoveryEvidence};
+use super::decision::{Dimension, Kappa, Reason};
+use super::early_stop::EarlyStopReason;
+use super::evidence::{DrillKind, DrillTally, EvidenceBinding, RecoveryEvidence};
 use super::exports::Interface;
+use super::finding::{EvidenceGap, Finding, HookKind, RecoveryUnknown};
 use super::manifest::Manifest;
 use super::outcome::{Assessment, Basis, RecoveryOutcome};
 use super::profile::{Profile, RecoverySettings};
 
-/// `kappa_R` with what it was made of.
+/// `kappa_R` with its parts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecoveryAssessment {
@@ -48,7 +49,7 @@ pub struct RecoveryAssessment {
     pub phases: Vec<PhaseRates>,
     /// The rule that ended the drills, if it was named and the evidence bears it out.
     #[serde(default)]
-    pub ended: Option<EndReason>,
+    pub ended: Option<EarlyStopReason>,
 }
 
 /// Pass rate of one kind; `None` with fewer feasible drills than `drills_min`.
@@ -90,13 +91,21 @@ pub fn kappa(rho_active: f64, rho_candidate: f64) -> Option<Kappa> {
     if shares { Kappa::new(1.0 - 0.5 * (rho_active - rho_candidate).max(0.0)) } else { None }
 }
 
-fn nothing(text: String) -> RecoveryAssessment {
+const fn reason(finding: Finding) -> Reason {
+    Reason::new(Dimension::Recovery, finding)
+}
+
+const fn gap(gap: EvidenceGap) -> Finding {
+    Finding::RecoveryGap { gap }
+}
+
+fn without_value(finding: Finding) -> RecoveryAssessment {
     RecoveryAssessment {
         assessment: Assessment {
             outcome: RecoveryOutcome::NoData,
             kappa: None,
             basis: Basis::Measured,
-            reasons: vec![Reason::new(ReasonCode::RecoveryNoData, Dimension::Recovery, text)],
+            reasons: vec![reason(finding)],
             conditions: Vec::new(),
         },
         rho_candidate: None,
@@ -111,33 +120,34 @@ fn nothing(text: String) -> RecoveryAssessment {
 
 /// Assesses the drills (design rule 3.5). `current` is what evidence has to be bound to now.
 #[must_use]
-pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> RecoveryAssessment {
+pub fn assess(
+    evidence: &RecoveryEvidence,
+    current: &EvidenceBinding,
+    profile: &Profile,
+) -> RecoveryAssessment {
     if evidence.binding != *current {
-        return nothing("the drills were done for another version, profile, policy or environment".into());
+        return without_value(gap(EvidenceGap::OtherBinding));
     }
     let drills_min = profile.evaluation.drills_per_kind;
     let kinds = match kinds(evidence, profile, drills_min) {
         Ok(kinds) => kinds,
-        Err((whose, kind)) => {
-            return nothing(format!("too few feasible {} drills of the {whose}", kind.name()));
+        Err((side, kind)) => {
+            return without_value(Finding::TooFewDrills { side, drill: kind });
         }
     };
     let candidate: Vec<_> = kinds.iter().map(|kind| (kind.kind, kind.candidate.rate)).collect();
     let active: Vec<_> = kinds.iter().map(|kind| (kind.kind, kind.active.rate)).collect();
     let settings = &profile.recovery;
     let (Some(new), Some(old)) = (rho(&candidate, settings), rho(&active, settings)) else {
-        return nothing("a pass rate is no share".into());
+        return without_value(gap(EvidenceGap::PassRateInvalid));
     };
-    let Some(value) = kappa(old, new) else { return nothing("rho is no share".into()) };
+    let Some(value) = kappa(old, new) else { return without_value(gap(EvidenceGap::RhoInvalid)) };
     let phases = phases::phases(evidence, profile);
     if let Some(found) = phases.iter().find(|found| found.missing) {
-        let PhaseRates { kind, phase, .. } = found;
-        return nothing(format!(
-            "too few feasible {kind} drills of the candidate in the phase {phase}, which the active version's work shows"
-        ));
+        return without_value(Finding::TooFewPhaseDrills { drill: found.kind, phase: found.phase });
     }
-    let (outcome, mut reasons) = judge(&candidate, new, old, value, profile);
-    let outcome = judge_phases(outcome, &mut reasons, &phases, profile);
+    let (outcome, mut reasons) = recovery_outcome(&candidate, new, old, value, profile);
+    let outcome = phase_outcome(outcome, &mut reasons, &phases, profile);
     reasons.extend(kinds.iter().filter_map(compare::reason));
     reasons.extend(phases::weaknesses(&kinds, &phases, profile));
     let conditions = match outcome {
@@ -162,7 +172,7 @@ pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
 
 /// The outcome with what single phases say: one in which the candidate fails makes it incompatible, one in which it is
 /// established as worse makes it conditional, however good the others are.
-fn judge_phases(
+fn phase_outcome(
     outcome: RecoveryOutcome,
     reasons: &mut Vec<Reason>,
     phases: &[PhaseRates],
@@ -181,7 +191,7 @@ fn judge_phases(
     judged
 }
 
-fn judge(
+fn recovery_outcome(
     rates: &[(DrillKind, f64)],
     new: f64,
     old: f64,
@@ -190,48 +200,36 @@ fn judge(
 ) -> (RecoveryOutcome, Vec<Reason>) {
     let settings = &profile.recovery;
     let (floor, threshold) = (settings.rho_floor, profile.thresholds.recovery());
-    let reason = |code, text: &str, found: f64, limit: f64| {
-        Reason::new(code, Dimension::Recovery, text).with(found, limit)
-    };
     let rollback = rates.iter().find(|(kind, _)| *kind == DrillKind::Rollback).map_or(0.0, |(_, rate)| *rate);
     let mut blocking = Vec::new();
     if rollback < floor {
-        let text = "rollback drills pass too seldom; nobody can waive that";
-        blocking.push(reason(ReasonCode::RecoveryRollbackBelowFloor, text, rollback, floor));
+        blocking.push(reason(Finding::RollbackDrillsFail).with(rollback, floor));
     }
     if value.get() < threshold {
-        let text = "recovery is far below the active version's";
-        blocking.push(reason(ReasonCode::RecoveryBelowThreshold, text, value.get(), threshold));
+        blocking.push(reason(Finding::RecoveryWorse).with(value.get(), threshold));
     }
     if new < 0.5 * floor {
-        let text = "recovery is below half of the profile's floor";
-        blocking.push(reason(ReasonCode::RecoveryFarBelowFloor, text, new, 0.5 * floor));
+        blocking.push(reason(Finding::RecoveryFarBelowFloor).with(new, 0.5 * floor));
     }
     if !blocking.is_empty() {
         return (RecoveryOutcome::Incompatible, blocking);
     }
     if new < floor {
-        let text = "recovery is below the profile's floor";
-        return (RecoveryOutcome::Fragile, vec![reason(ReasonCode::RecoveryFragile, text, new, floor)]);
+        return (RecoveryOutcome::Fragile, vec![reason(Finding::RecoveryFragile).with(new, floor)]);
     }
     let least = old - settings.rho_tolerance;
     if new < least {
-        let text = "recovery is above the floor and clearly below the active version's";
-        return (
-            RecoveryOutcome::Conditional,
-            vec![reason(ReasonCode::RecoveryConditional, text, new, least)],
-        );
+        return (RecoveryOutcome::Conditional, vec![reason(Finding::RecoveryConditional).with(new, least)]);
     }
-    let text = "recovery is as good as the active version's";
-    (RecoveryOutcome::Compatible, vec![reason(ReasonCode::RecoveryCompatible, text, value.get(), threshold)])
+    (RecoveryOutcome::Compatible, vec![reason(Finding::RecoveryCompatible).with(value.get(), threshold)])
 }
 
-/// What the static part of stage 2 looks at. A fact that is not known is `None` and counts as missing.
+/// The inputs of the static part of stage 2. An unknown fact is `None` and counts as missing.
 #[derive(Clone, Copy, Debug)]
 pub struct StaticInput<'a> {
     /// The candidate's manifest, whose part R declares hooks, fallback and failure signals.
     pub manifest: &'a Manifest,
-    /// What its code exports; absent if it could not be loaded.
+    /// The exports of its code; absent if it could not be loaded.
     pub exports: Option<&'a Interface>,
     /// Whether the version to roll back to loads; `Some(true)` if there is none to roll back to.
     pub predecessor_loads: Option<bool>,
@@ -248,63 +246,48 @@ pub struct StaticInput<'a> {
 pub fn static_part(input: &StaticInput<'_>) -> Assessment<RecoveryOutcome> {
     let mut wrong = Vec::new();
     let mut missing = Vec::new();
-    let reason = |code, text: String| Reason::new(code, Dimension::Recovery, text);
-    for (fact, code, text) in [
-        (
-            input.predecessor_loads,
-            ReasonCode::RecoveryPredecessorNotLoadable,
-            "the version to roll back to does not load",
-        ),
-        (
-            input.predecessor_digest_true,
-            ReasonCode::RecoveryPredecessorNotLoadable,
-            "the version to roll back to has another digest than recorded",
-        ),
+    for (fact, found, unknown) in [
+        (input.predecessor_loads, Finding::TargetNotLoadable, RecoveryUnknown::TargetLoads),
+        (input.predecessor_digest_true, Finding::TargetDigestDiffers, RecoveryUnknown::TargetDigest),
     ] {
         match fact {
             Some(true) => {}
-            Some(false) => wrong.push(reason(code, text.into())),
-            None => missing.push(reason(ReasonCode::RecoveryNoData, format!("not known: whether {text}"))),
+            Some(false) => wrong.push(reason(found)),
+            None => missing.push(reason(Finding::RecoveryUnknown { unknown })),
         }
     }
     let recovery = &input.manifest.recovery;
     if recovery.fallback.is_some() {
         match input.fallback_resolves {
             Some(true) => {}
-            Some(false) => {
-                let text = "no registered version meets the fallback binding".to_owned();
-                wrong.push(reason(ReasonCode::RecoveryFallbackUnresolved, text));
-            }
+            Some(false) => wrong.push(reason(Finding::FallbackUnmet)),
             None => {
-                let text = "not known: whether the fallback resolves".to_owned();
-                missing.push(reason(ReasonCode::RecoveryNoData, text));
+                missing.push(reason(Finding::RecoveryUnknown { unknown: RecoveryUnknown::Fallback }));
             }
         }
     } else {
-        wrong.push(reason(ReasonCode::RecoveryFallbackUnresolved, "no fallback is bound".into()));
+        wrong.push(reason(Finding::FallbackUnbound));
     }
     match input.exports {
-        None => missing.push(reason(ReasonCode::RecoveryNoData, "the code could not be read".into())),
+        None => missing.push(reason(gap(EvidenceGap::CodeUnread))),
         Some(exports) => {
             let hooks = [
-                ("rollback", recovery.rollback_hook.as_ref()),
-                ("safe-abort", recovery.safe_abort.as_ref().map(|abort| &abort.hook)),
+                (HookKind::Rollback, recovery.rollback_hook.as_ref()),
+                (HookKind::SafeAbort, recovery.safe_abort.as_ref().map(|abort| &abort.hook)),
             ];
-            for (what, hook) in hooks {
-                let text = match hook {
-                    None => Some(format!("no {what} hook is declared")),
+            for (hook, name) in hooks {
+                wrong.extend(match name {
+                    None => Some(reason(Finding::HookUndeclared { hook })),
                     Some(name) if !exports.hooks.contains(name) => {
-                        Some(format!("the {what} hook {name:?} is not exported by the code"))
+                        Some(reason(Finding::HookNotExported { hook, name: name.clone() }))
                     }
                     Some(_) => None,
-                };
-                wrong.extend(text.map(|text| reason(ReasonCode::RecoveryHookMissing, text)));
+                });
             }
         }
     }
     for signal in recovery.failure_signals.difference(input.watcher_knows) {
-        let text = format!("the watcher does not know the failure signal {signal:?}");
-        wrong.push(reason(ReasonCode::RecoverySignalUnknown, text));
+        wrong.push(reason(Finding::SignalUnknown { signal: *signal }));
     }
     let outcome = match (wrong.is_empty(), missing.is_empty()) {
         (false, _) => RecoveryOutcome::Incompatible,
@@ -313,8 +296,7 @@ pub fn static_part(input: &StaticInput<'_>) -> Assessment<RecoveryOutcome> {
     };
     wrong.extend(missing);
     if outcome == RecoveryOutcome::Compatible {
-        let text = "everything that recovery needs is there; the drills decide";
-        wrong.push(reason(ReasonCode::RecoveryCompatible, text.into()));
+        wrong.push(reason(Finding::RecoveryReady));
     }
     Assessment { outcome, kappa: None, basis: Basis::Estimated, reasons: wrong, conditions: Vec::new() }
 }

@@ -1,26 +1,26 @@
 //! The risk class of a version: computed from what changed against the active version, never taken from its author.
 //!
-//! A pure function. What an author estimates can raise the class and never lower it. The class decides how many people
-//! of which roles have to approve ([`super::approval`]) and is one of the inputs of a site's activation policies.
+//! A pure function. The author's estimate can raise the class and never lower it. The class decides the quorum and the
+//! roles of the approvers ([`super::approval`]) and is one of the inputs of a site's activation policies.
 //!
 //! | class | cause |
 //! | --- | --- |
 //! | high | the version brings a component; other code; another form of bundle; a zone more; more authority; no active version to compare with |
 //! | medium | another permission more; more speed; more force; the author's first version here |
-//! | low | parameters alone, by an author of whom a version was confirmed in this store |
+//! | low | parameters alone, by an author with a confirmed version in this store |
 //!
-//! Code, zones and authority are high because nothing that was measured of the active version speaks for them. Speed, force
-//! and other permissions are medium: the guard holds them to the profile, whatever the version asks for.
+//! Code, zones and authority are high because no measurement of the active version covers them. Speed, force
+//! and other permissions are medium: the guard limits them to the profile, whatever the version asks for.
 
 use std::collections::BTreeSet;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::manifest::{Bundle, Manifest};
+use super::manifest::{BundleSource, Manifest};
 use super::submission::Risk;
 
-crate::words! {
+crate::closed_set! {
     /// Why a version has its risk class.
     RiskCause, "cause of a risk class", {
         /// It brings a component: code that no build of this program was tested with.
@@ -49,7 +49,7 @@ crate::words! {
 }
 
 impl RiskCause {
-    /// The class that this cause alone gives; `estimated` is what the author wrote.
+    /// The class that this cause alone gives; `estimated` is the author's.
     #[must_use]
     pub const fn class(self, estimated: Risk) -> Risk {
         match self {
@@ -65,7 +65,7 @@ impl RiskCause {
     }
 }
 
-/// What is compared to find the risk class of a version.
+/// The inputs of a version's risk class.
 #[derive(Clone, Copy, Debug)]
 pub struct RiskInput<'a> {
     /// The version's manifest.
@@ -76,11 +76,11 @@ pub struct RiskInput<'a> {
     pub same_code: bool,
     /// Whether the author's key signed it and another version of the same author was confirmed in this store.
     pub author_known: bool,
-    /// What its author estimates.
+    /// The author's estimate.
     pub estimated: Risk,
 }
 
-/// A risk class with what it follows from.
+/// A risk class with its causes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RiskClass {
@@ -93,7 +93,7 @@ pub struct RiskClass {
 impl RiskClass {
     /// The class with its causes, e.g. `high (component, new-code)`.
     #[must_use]
-    pub fn in_words(&self) -> String {
+    pub fn label(&self) -> String {
         let causes: Vec<&str> = self.causes.iter().map(|cause| cause.name()).collect();
         if causes.is_empty() {
             self.class.to_string()
@@ -103,11 +103,11 @@ impl RiskClass {
     }
 }
 
-/// The risk class of a version (total; a number that is none counts as more than the active version's).
+/// The risk class of a version (total; a NaN counts as more than the active version's).
 #[must_use]
 pub fn classify(input: &RiskInput<'_>) -> RiskClass {
     let mut causes = BTreeSet::new();
-    let is_component = |manifest: &Manifest| matches!(manifest.deployment.bundle, Bundle::Wasm(_));
+    let is_component = |manifest: &Manifest| matches!(manifest.deployment.bundle, BundleSource::Wasm(_));
     if is_component(input.candidate) {
         causes.insert(RiskCause::Component);
     }

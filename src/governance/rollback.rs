@@ -6,32 +6,32 @@
 use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
+use super::closed_set::convert_equal_terms;
 use super::decision::{Reason, ReasonCode};
 use super::ids::CapabilityId;
-use super::lifecycle::Leave;
+use super::lifecycle::DeactivationKind;
 use super::monitor::SafetyEvent;
-use super::words::same_words;
 
-crate::words! {
-    /// What a version is taken off for.
+crate::closed_set! {
+    /// What a version is rolled back for.
     TriggerKind, "cause of a rollback", {
         /// A safety event, in the tick it happened.
         SafetyEvent = "safety-event",
-        /// A charted rate is established as worse than before activation, or, rollback-coupled, drifts.
+        /// A charted rate is significantly worse than before activation, or, rollback-coupled, drifts.
         RateTrip = "rate-trip",
-        /// Nobody answered an escalation by its deadline.
+        /// No operator answered an escalation by its deadline.
         EscalationUnanswered = "escalation-unanswered",
-        /// A person asked for the rollback.
+        /// A person requested the rollback.
         Operator = "operator",
-        /// Telemetry stayed away, and nobody answered the escalation it raised.
+        /// Telemetry stayed away, and its escalation was not answered.
         TelemetrySilence = "telemetry-silence",
         /// The engine came up again and found a rollback unfinished, or a version it cannot watch.
         Restart = "restart",
-        /// The doubt it was let in with remained on fresh evidence at the end of its window.
+        /// The concern it was activated with remained on fresh evidence at the end of its window.
         OpenDoubt = "open-doubt",
         /// The store was opened under a profile that the version does not admit, such as another than simulation.
         ProfileNotAdmitted = "profile-not-admitted",
-        /// It was let in by the emergency door, and nobody reviewed that in time.
+        /// It was activated by break-glass and not reviewed in time.
         Unreviewed = "unreviewed",
     }
 }
@@ -46,63 +46,63 @@ impl TriggerKind {
             Some(ReasonCode::MonitorOperator) => Self::Operator,
             Some(ReasonCode::MonitorEscalationUnanswered) if silent => Self::TelemetrySilence,
             Some(ReasonCode::MonitorEscalationUnanswered) => Self::EscalationUnanswered,
-            // What else a monitor rolls back for is a safety event; so is a reason that got lost.
+            // All other causes of a monitor count as a safety event; so does a lost reason.
             _ => Self::SafetyEvent,
         }
     }
 }
 
-crate::words! {
+crate::closed_set! {
     /// The steps of the ladder, in their order (design rule 3.11).
     Rung, "rung of the ladder", {
         /// The version gives no command any more.
         RevokeAuthority = "revoke-authority",
-        /// The version's own hook brings the arm to a stand.
+        /// The version's own hook brings the arm to standstill.
         SafeAbort = "safe-abort",
-        /// The interrupt that no version can refuse; every joint stands.
+        /// The interrupt that no version can refuse; every joint comes to rest.
         Hold = "hold",
         /// The tool rises clear of everything.
         Retract = "retract",
-        /// The predecessor is read from the store again, true to its digest.
+        /// The rollback target is read from the store again and matches its digest.
         LoadPredecessor = "load-predecessor",
         /// Policy table and context are those of the profile.
         VerifyPolicy = "verify-policy",
-        /// Beside the standing arm the predecessor gives a command that its guard passes.
+        /// With the arm at standstill, the rollback target gives a command that its guard passes.
         ReadyPredecessor = "ready-predecessor",
         /// Binding, pointer and record move together.
         SwapBinding = "swap-binding",
-        /// The agent plans again, and the first sequences are worked under the predecessor.
+        /// The agent plans again, and the first sequences run under the rollback target.
         Resume = "resume",
     }
 }
 
-crate::words! {
-    /// Why a rung did not hold.
+crate::closed_set! {
+    /// Why a rung failed.
     RungFailure, "failure of a rung", {
-        /// The version's hook did not bring the arm to a stand; the interrupt is there for that.
+        /// The version's hook did not bring the arm to standstill; the interrupt does.
         HookFailed = "hook-failed",
         /// A joint still moves, or no telemetry shows that it does not.
         NoStandstill = "no-standstill",
-        /// The tool could not be lifted clear of what is around it.
+        /// The tool could not be lifted clear of its surroundings.
         RetreatBlocked = "retreat-blocked",
-        /// There is no predecessor to go back to.
+        /// There is no rollback target.
         PredecessorMissing = "predecessor-missing",
-        /// The predecessor in the store does not load, or is not what was registered.
+        /// The rollback target does not load, or differs from its registration.
         DigestMismatch = "digest-mismatch",
         /// The policies in force are not those of the profile.
         PolicyMismatch = "policy-mismatch",
         /// The store could not be read or written.
         StoreFailed = "store-failed",
-        /// The predecessor gave no command that its guard passes, or one that no version may give.
+        /// The rollback target gave no command that its guard passes, or one that no version may give.
         PredecessorFailed = "predecessor-failed",
-        /// The first sequences under the predecessor had a safety event, or none could be worked.
+        /// The first sequences under the rollback target had a safety event, or none could run.
         NotRecovered = "not-recovered",
     }
 }
 
 impl RungFailure {
-    /// Whether the family is stopped for it. A hook that fails is no failed ladder, and after the swap the
-    /// predecessor is in control: what it does then is said, with an alarm, and is for people to judge.
+    /// Whether the family is stopped for it. A failed hook does not fail the ladder, and after the swap the rollback
+    /// target is in control: an alarm reports its effect, and people judge it.
     #[must_use]
     pub const fn ends_ladder(self) -> bool {
         !matches!(self, Self::HookFailed | Self::NotRecovered)
@@ -115,13 +115,13 @@ impl RungFailure {
 pub struct RungRecord {
     /// The step of the ladder that was tried.
     pub rung: Rung,
-    /// Why it did not hold; absent if it held.
+    /// Why it failed; absent if it succeeded.
     pub failure: Option<RungFailure>,
-    /// Simulated time it took, ticks; what only reads and writes takes none.
+    /// Simulated time it took, ticks; reads and writes take none.
     pub ticks: u64,
     /// [`RungRecord::ticks`] in simulated ms, rounded down.
     pub ms: u64,
-    /// What was found, one sentence for the operator.
+    /// The finding, one sentence for the operator.
     pub text: String,
 }
 
@@ -132,9 +132,9 @@ impl RungRecord {
         Self { rung, failure, ticks, ms: ticks_to_ms(ticks), text: text.into() }
     }
 
-    /// Whether the ladder goes on after it.
+    /// Whether the ladder continues after it.
     #[must_use]
-    pub const fn goes_on(&self) -> bool {
+    pub const fn continues(&self) -> bool {
         match self.failure {
             None => true,
             Some(failure) => !failure.ends_ladder(),
@@ -142,7 +142,7 @@ impl RungRecord {
     }
 }
 
-/// What set a rollback off, and when.
+/// The trigger of a rollback and its time.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Trigger {
@@ -150,43 +150,43 @@ pub struct Trigger {
     pub kind: TriggerKind,
     /// The safety event, if the kind is one.
     pub event: Option<SafetyEvent>,
-    /// What happened, one sentence for the operator.
+    /// The event, one sentence for the operator.
     pub text: String,
     /// When it was triggered, in virtual ticks of the live world; times of the rollback count from here.
     pub tick: u64,
 }
 
-crate::words! {
+crate::closed_set! {
     /// Where a rollback left the version, or its family.
     PostStatus, "end of a rollback", {
-        /// Taken off for good: the version never runs again.
+        /// Rolled back finally: the version never runs again.
         RolledBack = "rolled-back",
-        /// Taken off and sent back to evaluation.
+        /// Rolled back and returned to evaluation.
         Demoted = "demoted",
         /// The ladder failed: the family is stopped.
         SafeStopped = "safe-stopped",
     }
 }
 
-same_words! { Leave => PostStatus: RolledBack, Demoted }
+convert_equal_terms! { DeactivationKind => PostStatus: RolledBack, Demoted }
 
 /// One rollback (paper appendix F.3). Times count from the trigger.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RollbackRecord {
-    /// The version that was taken off, once a candidate.
+    /// The version that was rolled back, once a candidate.
     pub candidate: CapabilityId,
-    /// The version that is in control again; absent if nobody is.
+    /// The version that is in control again; absent if there is none.
     pub predecessor: Option<CapabilityId>,
-    /// What set the rollback off.
+    /// The trigger of the rollback.
     pub trigger: Trigger,
     /// Whether the arm was at work under the version when it was triggered.
     pub in_flight: bool,
-    /// Until every joint stood, ticks; absent if they never did.
+    /// Until every joint was at rest, ticks; absent if that never happened.
     pub time_to_safe_ticks: Option<u64>,
     /// [`RollbackRecord::time_to_safe_ticks`] in simulated ms, rounded down.
     pub time_to_safe_ms: Option<u64>,
-    /// Until the predecessor was bound and had given a command its guard passes, ticks; absent if that failed.
+    /// Until the rollback target was bound and had given a command its guard passes, ticks; absent if that failed.
     pub time_to_restored_ticks: Option<u64>,
     /// [`RollbackRecord::time_to_restored_ticks`] in simulated ms, rounded down.
     pub time_to_restored_ms: Option<u64>,
@@ -194,11 +194,11 @@ pub struct RollbackRecord {
     pub unsafe_continuation_ms: u64,
     /// The rungs that were tried, in order.
     pub rungs: Vec<RungRecord>,
-    /// How the version, or its family, stands after it.
+    /// The state of the version, or its family, after it.
     pub post_status: PostStatus,
-    /// Whether the first tasks under the predecessor ended without a safety event; absent before they were worked.
+    /// Whether the first tasks under the rollback target ended without a safety event; absent before they ran.
     pub recovered: Option<bool>,
-    /// Tasks the predecessor had worked when that was judged.
+    /// Tasks of the rollback target when that was judged.
     pub resumed_tasks: u32,
 }
 
@@ -220,6 +220,7 @@ pub const fn ticks_to_ms(ticks: u64) -> u64 {
 mod tests {
     use super::*;
     use crate::decision::Dimension;
+    use crate::finding::Finding;
 
     #[test]
     fn names_are_what_is_stored() {
@@ -244,7 +245,7 @@ mod tests {
             (ReasonCode::MonitorEscalationUnanswered, false, TriggerKind::EscalationUnanswered),
             (ReasonCode::MonitorOperator, false, TriggerKind::Operator),
         ] {
-            let reasons = [Reason::new(code, Dimension::Monitor, "why")];
+            let reasons = [Reason::coded(code, Dimension::Monitor, Finding::TripHolds)];
             assert_eq!(TriggerKind::of(&reasons, silent), kind, "{code}");
         }
         assert_eq!(TriggerKind::of(&[], false), TriggerKind::SafetyEvent);
@@ -260,7 +261,7 @@ mod tests {
             (Some(RungFailure::NoStandstill), false),
             (Some(RungFailure::StoreFailed), false),
         ] {
-            assert_eq!(rung(failure).goes_on(), goes_on, "{failure:?}");
+            assert_eq!(rung(failure).continues(), goes_on, "{failure:?}");
         }
         assert_eq!(rung(None).ms, 100);
     }

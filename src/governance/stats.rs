@@ -1,7 +1,7 @@
 //! Statistics for governance: intervals, paired comparisons, stopping rules and drift detectors.
 //!
 //! Pure mathematics over plain numbers: no clock, no global randomness (resampling takes a seed), no I/O.
-//! What this module must not do: decide. It says what the evidence supports; thresholds live in the gate.
+//! Must not decide: it reports what the evidence supports; thresholds are in the gate.
 //! Anything that is not a finite number, or no evidence at all, is an error and never a value.
 
 mod bootstrap;
@@ -22,7 +22,7 @@ use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
 pub use bootstrap::{RESAMPLES_MAX, bca, percentile};
-pub use curtail::{Curtailment, PassRule, Verdict};
+pub use curtail::{CurtailVerdict, Curtailment, PassRule};
 pub use drift::{ARL_MAX, Cusum, DriftSignal, ShiryaevRoberts};
 pub use multiple::holm;
 pub use paired::{
@@ -78,7 +78,7 @@ pub enum StatsError {
     /// More observations than [`SAMPLES_MAX`], or more resamples than [`RESAMPLES_MAX`].
     #[error("{got} is over the limit of {limit}")]
     TooMany {
-        /// How many were asked for.
+        /// The requested number.
         got: usize,
         /// The most that is accepted.
         limit: usize,

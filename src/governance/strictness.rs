@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::condition::Condition;
 use super::profile::MonitorSettings;
 
-/// How much more strictly than its profile says a version is watched until it is confirmed.
+/// How much stricter than its profile a version is monitored until it is confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Strictness {
@@ -19,7 +19,7 @@ impl Strictness {
     /// As the profile says.
     pub const PLAIN: Self = Self { factor: 1.0, coupled: false };
 
-    /// What the conditions of an activation ask of its monitor: the smallest factor, and whether it is coupled.
+    /// The requirements of an activation's conditions on its monitor: the smallest factor, and whether it is coupled.
     #[must_use]
     pub fn of(conditions: &[Condition]) -> Self {
         conditions.iter().fold(Self::PLAIN, |strict, condition| match condition {
@@ -43,7 +43,7 @@ impl Strictness {
         self.factor
     }
 
-    /// Whether the first warning of a chart takes the version off, without asking.
+    /// Whether the first warning of a chart rolls the version back, without asking an operator.
     #[must_use]
     pub const fn coupled(&self) -> bool {
         self.coupled

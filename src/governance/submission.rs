@@ -1,4 +1,4 @@
-//! What comes beside a manifest: who wrote the version, how, from which parent, at which estimated risk.
+//! The submission beside a manifest: author, origin, parent and estimated risk.
 //!
 //! Owns the text form of `submission.toml`. Trusts nothing in it: declared traces give an estimate only.
 
@@ -10,7 +10,7 @@ use super::evidence::Signature;
 use super::ids::is_name;
 use super::text_error::{TextError, check_size, parse_toml};
 
-/// What a version consists of, as it was submitted: three texts, and its code where it brings its own.
+/// The submitted parts of a version: three texts, and its own code if any.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Package {
@@ -37,7 +37,7 @@ pub const SUBMISSION_BYTES_MAX: usize = 16 * 1024;
 /// The longest summary of a submission, characters.
 pub const SUMMARY_CHARS_MAX: usize = 500;
 
-crate::words! {
+crate::closed_set! {
     /// How a version came about; site policies may treat provenances differently.
     Provenance, "provenance", {
         /// Trained by reinforcement learning.
@@ -56,7 +56,7 @@ crate::words! {
 /// The most interface changes a submission declares.
 pub const INTERFACE_CHANGES_MAX: usize = 64;
 
-crate::words! {
+crate::closed_set! {
     /// The part of a version's interface that a change is about (manifest I, O and phi).
     InterfacePart, "part of an interface", {
         /// A field a caller gives.
@@ -67,15 +67,15 @@ crate::words! {
         Parameter = "parameter",
         /// A name by which it can be called.
         EntryPoint = "entry-point",
-        /// What has to hold before a call.
+        /// The preconditions of a call.
         Precondition = "precondition",
-        /// What holds after a successful call.
+        /// The postconditions of a successful call.
         Postcondition = "postcondition",
     }
 }
 
-crate::words! {
-    /// What became of a part of the interface.
+crate::closed_set! {
+    /// The kind of change of a part of the interface.
     InterfaceChangeKind, "change of an interface", {
         /// The active version does not have it.
         Added = "added",
@@ -94,7 +94,7 @@ pub struct InterfaceChange {
     pub part: InterfacePart,
     /// Name of the field, parameter, entry point or observable.
     pub name: String,
-    /// What became of it.
+    /// The kind of change.
     pub change: InterfaceChangeKind,
 }
 
@@ -104,23 +104,23 @@ impl std::fmt::Display for InterfaceChange {
     }
 }
 
-crate::words! {
+crate::closed_set! {
     /// Risk tier; estimated by the author, raised (never lowered) by what the checks find.
     Risk, "risk", {
         /// An operator's approval counts, and so does an engineer's or a safety officer's.
         Low = "low",
         /// An engineer's or a safety officer's approval counts, an operator's does not.
         Medium = "medium",
-        /// As for medium, and a safety officer has to be among those who approve.
+        /// As for medium, and a safety officer has to be among the approvers.
         High = "high",
     }
 }
 
-/// The contents of `submission.toml`: what its author says about a version.
+/// The contents of `submission.toml`: an author's statements about a version.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Submission {
-    /// Who wrote it (an identity's name).
+    /// The author (an identity's name).
     pub author: String,
     /// How it came about.
     pub provenance: Provenance,
@@ -130,10 +130,10 @@ pub struct Submission {
     pub parent: Option<semver::Version>,
     /// The author's estimate of the risk tier; checks may raise it and never lower it.
     pub estimated_risk: Risk,
-    /// What changed, in a sentence or two.
+    /// The changes, in a sentence or two.
     #[serde(default)]
     pub summary: String,
-    /// What its author declares to have changed in the interface; held against what is found.
+    /// The interface changes that its author declares; compared with those found.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub interface_changes: Vec<InterfaceChange>,
     /// A signature the author claims; shown as an estimate, never used by the gate.

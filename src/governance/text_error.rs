@@ -1,4 +1,4 @@
-//! Errors of texts that people and candidates hand in, and the one way such a text is parsed.
+//! Errors of submitted texts, and the one parser of such texts.
 //!
 //! Owns the shape of the message (file, line, field, value, what is allowed). Opens no file.
 
@@ -7,7 +7,7 @@ use std::borrow::Cow;
 use holdpoint_text::Hint;
 use serde::de::DeserializeOwned;
 
-/// A text that was refused; nothing was taken from it.
+/// A refused text; none of its values is used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TextError {
     /// More bytes than allowed; it was not parsed.
@@ -27,7 +27,7 @@ pub enum TextError {
         file: String,
         /// Line, counted from 1.
         line: usize,
-        /// What the parser says, with what it expected.
+        /// The parser's message, with what it expected.
         message: String,
     },
     /// A field's value lies outside its range or its set.

@@ -1,4 +1,4 @@
-//! Types of named fields: what a capability takes in, gives out and can be set to.
+//! Types of named fields: a capability's inputs, outputs and parameters.
 //!
 //! Owns field specifications and their rules (finite, ordered ranges, units and frames from a closed
 //! list). Compares nothing; that is [`super::interface`]'s work.
@@ -76,10 +76,10 @@ pub enum Unit {
 /// The frame a position or pose is expressed in; a changed frame is a breaking change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Frame {
+pub enum CoordinateFrame {
     /// z up, the robot's base at the origin.
     World,
-    /// Origin at the tool's centre point; moves with the gripper.
+    /// Origin at the tool center point; moves with the gripper.
     Tool,
     /// Origin in the handled object; moves with it.
     Object,
@@ -104,7 +104,7 @@ pub enum Value {
 }
 
 impl Value {
-    /// The value as a number; `None` for a boolean, a name or a list of numbers.
+    /// The value as a number; `None` for a boolean, a name or a list.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "declared whole numbers are below 1e9")]
     pub fn number(&self) -> Option<f64> {
@@ -132,7 +132,7 @@ pub struct FieldSpec {
     pub unit: Option<Unit>,
     /// Frame of a vector, quaternion or pose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub frame: Option<Frame>,
+    pub frame: Option<CoordinateFrame>,
     /// Lowest and highest number allowed, both included.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
@@ -148,7 +148,7 @@ pub struct FieldSpec {
     /// Whether a caller must give it (inputs) or it is always there (outputs).
     #[serde(default = "yes")]
     pub required: bool,
-    /// What holds when it is not given.
+    /// The default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub default: Option<Value>,
 }
@@ -179,16 +179,16 @@ impl FieldSpec {
         spec
     }
 
-    /// A required pose in a frame, metres.
+    /// A required pose in a frame, meters.
     #[must_use]
-    pub const fn pose(frame: Frame) -> Self {
+    pub const fn pose(frame: CoordinateFrame) -> Self {
         let mut spec = Self::plain(ValueKind::Pose);
         spec.unit = Some(Unit::Metre);
         spec.frame = Some(frame);
         spec
     }
 
-    /// The same field with a value that holds when none is given (and so not required).
+    /// The same field with a default (and so not required).
     #[must_use]
     pub fn or(mut self, default: Value) -> Self {
         self.default = Some(default);
@@ -196,7 +196,7 @@ impl FieldSpec {
         self
     }
 
-    /// What is wrong with this specification: the key, the value and what is allowed; `None` if nothing is.
+    /// The problem of this specification: the key, the value and what is allowed; `None` if it is valid.
     #[must_use]
     pub fn problem(&self) -> Option<(&'static str, String, String)> {
         let bad = |key, value: String, allowed: &str| Some((key, value, allowed.to_owned()));
@@ -310,7 +310,7 @@ mod tests {
     #[test]
     fn fields_admit_their_own_kind_and_range_only() {
         let speed = FieldSpec::real(Unit::MetrePerSecond, 0.0, 1.0);
-        let pose = FieldSpec::pose(Frame::World);
+        let pose = FieldSpec::pose(CoordinateFrame::World);
         for (spec, value, ok) in [
             (&speed, Value::Real(0.5), true),
             (&speed, Value::Int(1), true),
@@ -340,8 +340,8 @@ mod tests {
             (FieldSpec { range: Some([f64::NAN, 0.0]), ..real.clone() }, Some("range")),
             (FieldSpec { range: Some([0.0, f64::INFINITY]), ..real.clone() }, Some("range")),
             (FieldSpec { unit: None, ..real.clone() }, Some("unit")),
-            (FieldSpec { frame: Some(Frame::Tool), ..real.clone() }, Some("frame")),
-            (FieldSpec { frame: None, ..FieldSpec::pose(Frame::World) }, Some("frame")),
+            (FieldSpec { frame: Some(CoordinateFrame::Tool), ..real.clone() }, Some("frame")),
+            (FieldSpec { frame: None, ..FieldSpec::pose(CoordinateFrame::World) }, Some("frame")),
             (FieldSpec::plain(ValueKind::Enum), Some("values")),
             (FieldSpec { element: Some(ValueKind::List), ..list.clone() }, Some("element")),
             (FieldSpec { length_max: Some(65), ..list.clone() }, Some("length_max")),

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-use super::outcome::{ActivationMode, Check, GateOutcome, PolicyOutcome, Recommendation};
+use super::outcome::{ActivationMode, CheckResult, GateOutcome, PolicyOutcome, Recommendation};
 
 pub use super::deployability::Deployability;
 
@@ -27,8 +27,8 @@ pub enum Route {
 /// Outcomes of the policy check (paper section 4.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum PolicyWord {
-    /// The active policies suffice for what it asks.
+pub enum PaperPolicyOutcome {
+    /// The active policies cover its requests.
     Allow,
     /// The active policies suffice under a tighter envelope.
     Restricted,
@@ -44,7 +44,7 @@ pub enum PolicyWord {
 pub enum ActivationRule {
     /// Every dimension is acceptable and shadow divergence is below its threshold.
     Activated,
-    /// Active under conditions: recovery is fragile, or the profile asks for caution.
+    /// Active under conditions: recovery is fragile, or the profile requires caution.
     ConditionallyActivated,
     /// Policy suffices only if people approve.
     ReviewBound,
@@ -54,14 +54,14 @@ pub enum ActivationRule {
 
 /// One line of the table: what each vocabulary calls a recommendation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Words {
+pub struct VocabularyRow {
     /// The recommendation of `Psi` the line belongs to.
     pub recommendation: Recommendation,
     /// Where stage 2 sends it.
     pub route: Route,
-    /// The outcome of the policy check that says the same.
-    pub policy: PolicyWord,
-    /// The deployment outcome that says the same.
+    /// The equivalent outcome of the policy check.
+    pub policy: PaperPolicyOutcome,
+    /// The equivalent deployment outcome.
     pub deployability: Deployability,
     /// The activation rule that applies in the end, if nothing new is found.
     pub rule: ActivationRule,
@@ -71,41 +71,45 @@ pub struct Words {
 
 /// The table: one line for each recommendation.
 #[must_use]
-pub const fn words(recommendation: Recommendation) -> Words {
+pub const fn vocabulary_row(recommendation: Recommendation) -> VocabularyRow {
     let (route, policy, deployability, rule, mode) = match recommendation {
-        Recommendation::Reject => {
-            (Route::Reject, PolicyWord::Reject, Deployability::Incompatible, ActivationRule::Rejected, None)
-        }
+        Recommendation::Reject => (
+            Route::Reject,
+            PaperPolicyOutcome::Reject,
+            Deployability::Incompatible,
+            ActivationRule::Rejected,
+            None,
+        ),
         Recommendation::Sandbox => (
             Route::SandboxOnly,
-            PolicyWord::Restricted,
+            PaperPolicyOutcome::Restricted,
             Deployability::EvaluationOnly,
             ActivationRule::Rejected,
             None,
         ),
         Recommendation::Shadow => (
             Route::ShadowEligible,
-            PolicyWord::Restricted,
+            PaperPolicyOutcome::Restricted,
             Deployability::Conditionally,
             ActivationRule::ConditionallyActivated,
             Some(ActivationMode::Conditional),
         ),
         Recommendation::Activate => (
             Route::ActivationEligible,
-            PolicyWord::Allow,
+            PaperPolicyOutcome::Allow,
             Deployability::Fully,
             ActivationRule::Activated,
             Some(ActivationMode::Full),
         ),
         Recommendation::RollbackReview => (
             Route::SandboxOnly,
-            PolicyWord::Approval,
+            PaperPolicyOutcome::Approval,
             Deployability::EvaluationOnly,
             ActivationRule::ReviewBound,
             Some(ActivationMode::ApprovalBound),
         ),
     };
-    Words { recommendation, route, policy, deployability, rule, mode }
+    VocabularyRow { recommendation, route, policy, deployability, rule, mode }
 }
 
 impl From<Route> for Recommendation {
@@ -119,13 +123,13 @@ impl From<Route> for Recommendation {
     }
 }
 
-impl From<PolicyWord> for Recommendation {
-    fn from(word: PolicyWord) -> Self {
+impl From<PaperPolicyOutcome> for Recommendation {
+    fn from(word: PaperPolicyOutcome) -> Self {
         match word {
-            PolicyWord::Reject => Self::Reject,
-            PolicyWord::Approval => Self::RollbackReview,
-            PolicyWord::Restricted => Self::Shadow,
-            PolicyWord::Allow => Self::Activate,
+            PaperPolicyOutcome::Reject => Self::Reject,
+            PaperPolicyOutcome::Approval => Self::RollbackReview,
+            PaperPolicyOutcome::Restricted => Self::Shadow,
+            PaperPolicyOutcome::Allow => Self::Activate,
         }
     }
 }
@@ -163,7 +167,7 @@ impl From<ActivationMode> for Recommendation {
 }
 
 /// The policy check's word for its outcome; without data nothing is allowed.
-impl From<PolicyOutcome> for PolicyWord {
+impl From<PolicyOutcome> for PaperPolicyOutcome {
     fn from(outcome: PolicyOutcome) -> Self {
         match outcome {
             PolicyOutcome::Compatible => Self::Allow,
@@ -199,12 +203,14 @@ pub fn deployability_of_gate(outcome: GateOutcome, modes: &BTreeSet<ActivationMo
 /// The deployment outcome that shadow comes to, for a candidate that had `before` when it began: what shadow does not
 /// pass stays for evaluation.
 #[must_use]
-pub const fn deployability_of_shadow(check: Check, before: Deployability) -> Deployability {
+pub const fn deployability_of_shadow(check: CheckResult, before: Deployability) -> Deployability {
     match check {
-        Check::Pass | Check::PassRestricted(_) => before,
-        Check::Review | Check::Fail | Check::Inconclusive | Check::NoData | Check::Skipped => {
-            Deployability::EvaluationOnly
-        }
+        CheckResult::Pass | CheckResult::PassRestricted(_) => before,
+        CheckResult::Review
+        | CheckResult::Fail
+        | CheckResult::Inconclusive
+        | CheckResult::NoData
+        | CheckResult::Skipped => Deployability::EvaluationOnly,
     }
 }
 
@@ -223,7 +229,7 @@ mod tests {
             Recommendation::Activate => 4,
         };
         for recommendation in Recommendation::ALL {
-            let line = words(recommendation);
+            let line = vocabulary_row(recommendation);
             assert_eq!(line.recommendation, recommendation);
             assert!(admits(line.route.into()) <= admits(recommendation), "{line:?}");
             assert!(admits(line.deployability.into()) <= admits(recommendation), "{line:?}");
@@ -242,7 +248,7 @@ mod tests {
             }
         }
         assert_eq!(
-            Recommendation::from(words(Recommendation::RollbackReview).policy),
+            Recommendation::from(vocabulary_row(Recommendation::RollbackReview).policy),
             Recommendation::RollbackReview
         );
     }
@@ -260,13 +266,13 @@ mod tests {
             assert_eq!(rule_of_gate(outcome, restricted), rule);
         }
         for (outcome, word) in [
-            (PolicyOutcome::Compatible, PolicyWord::Allow),
-            (PolicyOutcome::Conditional, PolicyWord::Restricted),
-            (PolicyOutcome::Review, PolicyWord::Approval),
-            (PolicyOutcome::Incompatible, PolicyWord::Reject),
-            (PolicyOutcome::NoData, PolicyWord::Reject),
+            (PolicyOutcome::Compatible, PaperPolicyOutcome::Allow),
+            (PolicyOutcome::Conditional, PaperPolicyOutcome::Restricted),
+            (PolicyOutcome::Review, PaperPolicyOutcome::Approval),
+            (PolicyOutcome::Incompatible, PaperPolicyOutcome::Reject),
+            (PolicyOutcome::NoData, PaperPolicyOutcome::Reject),
         ] {
-            assert_eq!(PolicyWord::from(outcome), word);
+            assert_eq!(PaperPolicyOutcome::from(outcome), word);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Time by the machine's clock: what people's deadlines are counted in, and when that clock is not to be believed.
+//! Time by the machine's clock: the unit of approvers' deadlines, and clock mismatches.
 //!
 //! Engine time stands still while no engine runs; people do not. So approvals, questions, freezes, reviews and shelves end
 //! at a [`WallTime`]. Reads no clock: readings come in.
@@ -26,7 +26,7 @@ fn ms_of(secs: f64) -> u64 {
 const LAST_MS: i64 = 253_402_300_799_999;
 
 impl WallTime {
-    /// Where the wall clock of a script stands when its engine's clock stands at 0: 2026-01-01T00:00:00Z.
+    /// The wall time of a script when its engine's clock is 0: 2026-01-01T00:00:00Z.
     pub const SCRIPT_EPOCH: Self = Self(1_767_225_600_000);
 
     /// So many milliseconds after 1970-01-01T00:00:00Z; the nearest moment there is for a number outside.
@@ -67,7 +67,7 @@ impl WallTime {
 
     /// The moment for people, to the second: `Thu 1 Jan 00:15:20 UTC`.
     #[must_use]
-    pub fn spoken(self) -> String {
+    pub fn label(self) -> String {
         format!("{} UTC", calendar::moment(self.0 - self.0.rem_euclid(1_000)))
     }
 
@@ -108,18 +108,18 @@ impl fmt::Display for WallTime {
 /// A text that is no moment with its zone.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no time with its zone; write it as \"2026-12-24T06:00:00+01:00\"")]
-pub struct NoWallTime(String);
+pub struct WallTimeError(String);
 
 impl FromStr for WallTime {
-    type Err = NoWallTime;
-    fn from_str(text: &str) -> Result<Self, NoWallTime> {
-        calendar::read_zoned(text).map(Self::from_ms).ok_or_else(|| NoWallTime(text.to_owned()))
+    type Err = WallTimeError;
+    fn from_str(text: &str) -> Result<Self, WallTimeError> {
+        calendar::read_zoned(text).map(Self::from_ms).ok_or_else(|| WallTimeError(text.to_owned()))
     }
 }
 
 impl TryFrom<String> for WallTime {
-    type Error = NoWallTime;
-    fn try_from(text: String) -> Result<Self, NoWallTime> {
+    type Error = WallTimeError;
+    fn try_from(text: String) -> Result<Self, WallTimeError> {
         text.parse()
     }
 }
@@ -173,37 +173,37 @@ pub mod as_ms {
 /// Two clocks of one machine, read together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockReading {
-    /// What the machine's clock says; anybody who may set it, sets it.
+    /// The time of the machine's clock; any administrator of the machine can set it.
     pub wall: WallTime,
-    /// Time since the machine was started, ms; nobody sets it, and it goes on while the machine is suspended.
+    /// Time since the machine was started, ms; it cannot be set, and it advances while the machine is suspended.
     pub boot_ms: u64,
 }
 
 impl ClockReading {
-    /// What the wall clock would say at a later reading if nobody had set it since this one.
+    /// What the wall clock would say at a later reading if it was not set since this one.
     #[must_use]
     pub const fn expected(&self, later: &Self) -> WallTime {
         self.wall.plus_ms(later.boot_ms.saturating_sub(self.boot_ms))
     }
 }
 
-/// Why the machine's clock is not to be believed until a person has confirmed the time.
+/// A clock mismatch, until a person has confirmed the time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "doubt", deny_unknown_fields)]
-pub enum ClockDoubt {
-    /// It went another way than the time since the machine was started, by more than the profile allows.
+pub enum ClockMismatch {
+    /// It diverged from the time since the machine's start by more than the profile allows.
     Jumped {
         /// How far it is ahead of where it would stand, ms; negative if it is behind.
         by_ms: i64,
     },
-    /// It says an earlier time than the newest record has.
+    /// It is behind the newest record.
     Behind {
         /// By how much, ms.
         by_ms: u64,
     },
 }
 
-impl fmt::Display for ClockDoubt {
+impl fmt::Display for ClockMismatch {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         #[allow(clippy::cast_precision_loss, reason = "shown in tenths of a second")]
         let secs = |ms: u64| ms as f64 / 1_000.0;
@@ -222,25 +222,25 @@ impl fmt::Display for ClockDoubt {
 /// Whether the machine's clock can be believed: it has gone as the time since the machine's start has, since a reading
 /// that was believed, and is not behind the newest record. `jump_max_s` is the profile's, s.
 #[must_use]
-pub fn clock_doubt(
+pub fn clock_mismatch(
     believed: &ClockReading,
     now: &ClockReading,
     newest_record: WallTime,
     jump_max_s: f64,
-) -> Option<ClockDoubt> {
+) -> Option<ClockMismatch> {
     let by_ms = now.wall.ms() - believed.expected(now).ms();
-    #[allow(clippy::cast_precision_loss, reason = "held against seconds")]
+    #[allow(clippy::cast_precision_loss, reason = "compared with seconds")]
     let jumped = by_ms.unsigned_abs() as f64 / 1_000.0;
     // A bound that is no number allows nothing.
     if jumped > 0.0 && !(jumped <= jump_max_s) {
-        return Some(ClockDoubt::Jumped { by_ms });
+        return Some(ClockMismatch::Jumped { by_ms });
     }
     let behind_ms = now.wall.ms_until(newest_record);
-    (behind_ms > 0).then_some(ClockDoubt::Behind { by_ms: behind_ms })
+    (behind_ms > 0).then_some(ClockMismatch::Behind { by_ms: behind_ms })
 }
 
-/// The time that people's deadlines are held against. It never goes back before a person has confirmed the time: while the
-/// clock is in doubt, the latest of what it says, what it would say, and the newest record.
+/// The time for approvers' deadlines. It never goes back before a person has confirmed the time: during a clock
+/// mismatch, it is the latest of what the clock says, what it would say, and the newest record.
 #[must_use]
 pub fn time_for_deadlines(
     believed: &ClockReading,
@@ -294,10 +294,10 @@ mod tests {
         ] {
             assert_eq!(at(until_s).as_deadline(at(now_s)), text);
         }
-        assert_eq!(at(920).plus_ms(250).spoken(), "Thu 1 Jan 00:15:20 UTC");
+        assert_eq!(at(920).plus_ms(250).label(), "Thu 1 Jan 00:15:20 UTC");
     }
 
-    /// Both clocks stand at their beginning; the machine's clock says `wall` after `boot_s` seconds.
+    /// Both clocks start at 0; the machine's clock shows `wall` after `boot_s` seconds.
     #[test]
     fn a_clock_is_believed_as_long_as_it_goes_with_the_time_since_the_start() {
         let believed = ClockReading { wall: at(0), boot_ms: 7_000 };
@@ -307,16 +307,22 @@ mod tests {
             ("suspended for nine days", nine_days, nine_days, 0, None),
             ("slewed within the bound", 3_604, 3_600, 0, None),
             ("set back within the bound, and no record is later", 3_596, 3_600, 3_000, None),
-            ("set forward", nine_days, 60, 0, Some(ClockDoubt::Jumped { by_ms: (nine_days - 60) * 1_000 })),
-            ("set back", 0, 3_600, 0, Some(ClockDoubt::Jumped { by_ms: -3_600_000 })),
-            ("behind the newest record", 100, 100, 101, Some(ClockDoubt::Behind { by_ms: 1_000 })),
+            (
+                "set forward",
+                nine_days,
+                60,
+                0,
+                Some(ClockMismatch::Jumped { by_ms: (nine_days - 60) * 1_000 }),
+            ),
+            ("set back", 0, 3_600, 0, Some(ClockMismatch::Jumped { by_ms: -3_600_000 })),
+            ("behind the newest record", 100, 100, 101, Some(ClockMismatch::Behind { by_ms: 1_000 })),
         ] {
             let now =
                 ClockReading { wall: at(wall_s), boot_ms: 7_000 + u64::try_from(boot_s).unwrap() * 1_000 };
-            assert_eq!(clock_doubt(&believed, &now, at(newest_s), 5.0), doubt, "{name}");
+            assert_eq!(clock_mismatch(&believed, &now, at(newest_s), 5.0), doubt, "{name}");
         }
         let later = ClockReading { wall: at(2), boot_ms: 8_000 };
-        assert!(clock_doubt(&believed, &later, at(0), f64::NAN).is_some(), "a bound that is no number");
+        assert!(clock_mismatch(&believed, &later, at(0), f64::NAN).is_some(), "a bound that is no number");
     }
 
     #[test]

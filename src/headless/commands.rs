@@ -1,8 +1,7 @@
-//! Commands on the input of a run without a screen: a verb of the program a line, as in a shell.
+//! Commands on the input of a run without a screen: a verb of the program on each line, as in a shell.
 //!
-//! Each is carried out by the program itself, in a process of its own through the engine's socket: whoever types here may do
-//! what a shell may, is held to the same checks, and is on record the same way. Must not read a key or a passphrase: what
-//! signs names a file, or an agent.
+//! The program runs each one in a separate process through the engine's socket, so the same checks and records
+//! apply as in a shell. Reads no key and no passphrase: a signer is named by a file or an agent.
 
 use std::collections::VecDeque;
 use std::io::{BufRead as _, BufReader, IsTerminal as _, Read as _};
@@ -16,16 +15,16 @@ use std::time::{Duration, Instant};
 /// The longest line, bytes.
 const LINE_BYTES_MAX: u64 = 4 * 1024;
 
-/// Lines that wait at most; the input is not read on while so many do.
+/// The most lines that wait; beyond it the input is not read.
 const LINES_MAX: usize = 64;
 
-/// Lines that one command may print; what comes then is counted.
-const SAID_MAX: usize = 400;
+/// The most lines that one command may print; the rest is counted.
+const OUTPUT_LINES_MAX: usize = 400;
 
-/// How long a run for which nothing waits looks for a first line, where the input may stay silent for ever.
+/// How long an idle run waits for a first line, because the input may stay silent.
 const FIRST_LINE_MAX: Duration = Duration::from_secs(1);
 
-/// The verbs that mean something beside a running engine.
+/// The verbs that are allowed beside a running engine.
 const VERBS: [&str; 24] = [
     "alarms",
     "approve",
@@ -53,9 +52,9 @@ const VERBS: [&str; 24] = [
     "stop",
 ];
 
-/// What a line asks for.
+/// The request of a line.
 #[derive(Debug, PartialEq, Eq)]
-enum Typed {
+enum InputLine {
     Nothing,
     Help,
     Quit,
@@ -63,46 +62,46 @@ enum Typed {
     Verb(Vec<String>),
 }
 
-/// What the input came to since the last look.
+/// The input since the last check.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Said {
+pub(super) enum InputEvent {
     /// A line to print.
     Line(String),
-    /// The run is to end: everything that was typed before is carried out.
+    /// The run ends after all earlier lines have run.
     Quit,
 }
 
 /// The commands of one run.
 pub(super) struct Commands {
-    errands: Errands,
+    jobs: CommandRunner,
     lines: Receiver<String>,
-    /// Whether the input is at its end.
+    /// Whether the input has ended.
     ended: bool,
-    /// Whether a line came at all.
+    /// Whether any line arrived.
     heard: bool,
-    /// Whether the input is a terminal's: the run stays until it is left.
+    /// Whether the input is a terminal: the run then stays until `quit`.
     stays: bool,
     begun: Instant,
     said: Receiver<Vec<String>>,
-    /// What waits for the one that is carried out.
+    /// Commands that wait for the running one.
     queue: VecDeque<Vec<String>>,
     in_turn: bool,
-    /// Whether the run is to end, once what was typed before is carried out.
+    /// Whether the run ends after all earlier lines have run.
     quits: bool,
 }
 
-/// How a command is carried out, from whichever thread read it.
+/// How a command runs, from whichever thread read it.
 #[derive(Clone)]
-struct Errands {
+struct CommandRunner {
     data: PathBuf,
     tell: SyncSender<Vec<String>>,
-    /// Commands under way, those that stop beside the one in turn.
+    /// Commands under way; a stop runs beside the current one.
     under_way: Arc<AtomicUsize>,
 }
 
-impl Errands {
-    /// On a thread of its own; what it printed is told before it counts as done.
-    fn carry_out(&self, words: Vec<String>) -> std::io::Result<()> {
+impl CommandRunner {
+    /// Runs on a thread of its own; its output is delivered before it counts as done.
+    fn execute(&self, words: Vec<String>) -> std::io::Result<()> {
         let (tell, data, under_way) = (self.tell.clone(), self.data.clone(), Arc::clone(&self.under_way));
         self.under_way.fetch_add(1, Ordering::AcqRel);
         let work = move || {
@@ -123,12 +122,12 @@ impl Errands {
 }
 
 impl Commands {
-    /// Reads the standard input from now on.
+    /// Begins to read the standard input.
     pub(super) fn start(data: &Path) -> std::io::Result<Self> {
         let (sender, lines) = sync_channel(LINES_MAX);
         let (tell, said) = sync_channel(LINES_MAX);
-        let errands = Errands { data: data.to_owned(), tell, under_way: Arc::default() };
-        let at_once = errands.clone();
+        let jobs = CommandRunner { data: data.to_owned(), tell, under_way: Arc::default() };
+        let at_once = jobs.clone();
         std::thread::Builder::new().name("commands".to_owned()).spawn(move || {
             let mut input = BufReader::new(std::io::stdin());
             loop {
@@ -136,25 +135,27 @@ impl Commands {
                 let taken = input.by_ref().take(LINE_BYTES_MAX).read_until(b'\n', &mut line);
                 let line = String::from_utf8_lossy(&line).into_owned();
                 let typed = read(&line);
-                let quits = matches!(typed, Ok(Typed::Quit));
-                // Stopping waits for nothing: not for the lines before it, and not for the slice that is worked.
+                let quits = matches!(typed, Ok(InputLine::Quit));
+                // A stop waits for nothing: neither for earlier lines nor for the current slice.
                 let stops = match typed {
-                    Ok(Typed::Verb(words)) if words.first().is_some_and(|word| word == "stop") => Some(words),
+                    Ok(InputLine::Verb(words)) if words.first().is_some_and(|word| word == "stop") => {
+                        Some(words)
+                    }
                     _ => None,
                 };
                 let went = match stops {
-                    // An empty line tells that one came.
-                    Some(words) => at_once.carry_out(words).is_ok() && sender.send(String::new()).is_ok(),
+                    // An empty line reports that one arrived.
+                    Some(words) => at_once.execute(words).is_ok() && sender.send(String::new()).is_ok(),
                     None => sender.send(line).is_ok(),
                 };
-                // What comes after the line that ends the run is nobody's any more.
+                // Lines after the one that ends the run are ignored.
                 if taken.unwrap_or(0) == 0 || !went || quits {
                     return;
                 }
             }
         })?;
         Ok(Self {
-            errands,
+            jobs,
             lines,
             ended: false,
             heard: false,
@@ -167,27 +168,27 @@ impl Commands {
         })
     }
 
-    /// Whether somebody may be typing: the run stays until they leave.
-    pub(super) const fn stays(&self) -> bool {
+    /// Whether an operator may be typing: the run then stays until `quit`.
+    pub(super) const fn is_interactive(&self) -> bool {
         self.stays
     }
 
-    /// Whether the run has to go on for what was typed, or may yet be.
+    /// Whether input keeps the run going, now or possibly later.
     pub(super) fn holds(&self) -> bool {
         let expects = !self.heard && !self.ended && self.begun.elapsed() < FIRST_LINE_MAX;
         (self.stays && !self.ended) || expects || self.is_at_work()
     }
 
-    /// Whether something that was typed is not carried out yet.
+    /// Whether a command is still waiting or running.
     fn is_at_work(&self) -> bool {
-        self.errands.are_under_way() || !self.queue.is_empty()
+        self.jobs.are_under_way() || !self.queue.is_empty()
     }
 
-    /// What came since the last look.
-    pub(super) fn look(&mut self) -> Vec<Said> {
+    /// The input since the last check.
+    pub(super) fn look(&mut self) -> Vec<InputEvent> {
         let mut said = Vec::new();
         while let Ok(lines) = self.said.try_recv() {
-            said.extend(lines.into_iter().map(Said::Line));
+            said.extend(lines.into_iter().map(InputEvent::Line));
         }
         loop {
             match self.lines.try_recv() {
@@ -203,42 +204,42 @@ impl Commands {
         }
         self.go_on(&mut said);
         if self.quits && !self.is_at_work() {
-            said.push(Said::Quit);
+            said.push(InputEvent::Quit);
         }
         said
     }
 
-    fn take(&mut self, line: &str, said: &mut Vec<Said>) {
+    fn take(&mut self, line: &str, said: &mut Vec<InputEvent>) {
         match read(line) {
-            Ok(Typed::Nothing) => {}
-            Ok(Typed::Quit) => {
+            Ok(InputLine::Nothing) => {}
+            Ok(InputLine::Quit) => {
                 self.quits = true;
                 if self.is_at_work() {
-                    said.push(Said::Line("it ends once what was typed before is carried out".to_owned()));
+                    said.push(InputEvent::Line("the run ends after the earlier commands".to_owned()));
                 }
             }
-            Ok(Typed::Help) => said.push(Said::Line(help())),
-            Ok(Typed::Verb(words)) => self.queue.push_back(words),
-            Err(why) => said.push(Said::Line(why)),
+            Ok(InputLine::Help) => said.push(InputEvent::Line(help())),
+            Ok(InputLine::Verb(words)) => self.queue.push_back(words),
+            Err(why) => said.push(InputEvent::Line(why)),
         }
     }
 
-    /// One after the other: who registers and then approves means it in this order.
-    fn go_on(&mut self, said: &mut Vec<Said>) {
-        self.in_turn &= self.errands.are_under_way();
+    /// In order: a line with `register` before one with `approve` runs first.
+    fn go_on(&mut self, said: &mut Vec<InputEvent>) {
+        self.in_turn &= self.jobs.are_under_way();
         if !self.in_turn
             && let Some(words) = self.queue.pop_front()
         {
             self.in_turn = true;
             let name = words.join(" ");
-            if let Err(error) = self.errands.carry_out(words) {
-                said.push(Said::Line(format!("{name}: cannot start a thread: {error}")));
+            if let Err(error) = self.jobs.execute(words) {
+                said.push(InputEvent::Line(format!("{name}: cannot start a thread: {error}")));
             }
         }
     }
 }
 
-/// Carries a verb out by the program; what it printed, with how it ended where it did not go well.
+/// Runs a verb; returns its output, with the exit code after a failure.
 fn run(words: &[String], data: &Path) -> Vec<String> {
     let name = words.join(" ");
     let done = std::env::current_exe().and_then(|program| {
@@ -251,9 +252,9 @@ fn run(words: &[String], data: &Path) -> Vec<String> {
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     let mut lines: Vec<String> = vec![format!("> {name}")];
-    lines.extend(text.lines().take(SAID_MAX).map(|line| format!("  {line}")));
-    if let Some(more) = text.lines().count().checked_sub(SAID_MAX).filter(|more| *more > 0) {
-        lines.push(format!("  and {more} lines more"));
+    lines.extend(text.lines().take(OUTPUT_LINES_MAX).map(|line| format!("  {line}")));
+    if let Some(more) = text.lines().count().checked_sub(OUTPUT_LINES_MAX).filter(|more| *more > 0) {
+        lines.push(format!("  and {more} more lines"));
     }
     if !output.status.success() {
         let code = output.status.code().map_or_else(|| "a signal".to_owned(), |code| format!("code {code}"));
@@ -266,11 +267,11 @@ fn help() -> String {
     format!("a line is a verb of holdpoint with its arguments: {}; `quit` ends this run", VERBS.join(", "))
 }
 
-/// Reads a line; a colon before it and the program's name are left out, `register DIR` is the candidate's verb.
-fn read(line: &str) -> Result<Typed, String> {
+/// Reads a line. Drops a colon before it and the program's name; `register DIR` is `candidate register`.
+fn read(line: &str) -> Result<InputLine, String> {
     let line = line.trim().trim_start_matches(':').trim_start();
     if line.is_empty() || line.starts_with('#') {
-        return Ok(Typed::Nothing);
+        return Ok(InputLine::Nothing);
     }
     if line.len() as u64 >= LINE_BYTES_MAX {
         return Err(format!("the line has more than {LINE_BYTES_MAX} bytes; nothing was done"));
@@ -279,20 +280,20 @@ fn read(line: &str) -> Result<Typed, String> {
     if words.first().is_some_and(|word| word == "holdpoint") {
         words.remove(0);
     }
-    let Some(verb) = words.first().map(String::as_str) else { return Ok(Typed::Nothing) };
+    let Some(verb) = words.first().map(String::as_str) else { return Ok(InputLine::Nothing) };
     match verb {
-        "quit" | "q" | "exit" => Ok(Typed::Quit),
-        "help" | "?" => Ok(Typed::Help),
+        "quit" | "q" | "exit" => Ok(InputLine::Quit),
+        "help" | "?" => Ok(InputLine::Help),
         "register" => {
             words.insert(0, "candidate".to_owned());
-            Ok(Typed::Verb(words))
+            Ok(InputLine::Verb(words))
         }
-        verb if VERBS.contains(&verb) => Ok(Typed::Verb(words)),
+        verb if VERBS.contains(&verb) => Ok(InputLine::Verb(words)),
         verb => Err(format!("there is no command {verb:?} here; `help` lists them")),
     }
 }
 
-/// Words as a shell takes them: blanks part them, quotes of either kind keep them together.
+/// Splits words as a shell does: at blanks, with quotes of either kind.
 fn split(line: &str) -> Result<Vec<String>, String> {
     let mut words = Vec::new();
     let mut word: Option<String> = None;
@@ -320,18 +321,18 @@ mod tests {
     use super::*;
 
     #[allow(clippy::unnecessary_wraps, reason = "beside what is refused")]
-    fn verb(words: &[&str]) -> Result<Typed, String> {
-        Ok(Typed::Verb(words.iter().map(|word| (*word).to_owned()).collect()))
+    fn verb(words: &[&str]) -> Result<InputLine, String> {
+        Ok(InputLine::Verb(words.iter().map(|word| (*word).to_owned()).collect()))
     }
 
     #[test]
     fn lines_are_verbs_as_in_a_shell() {
         for (line, typed) in [
-            ("", Ok(Typed::Nothing)),
-            ("  # a remark", Ok(Typed::Nothing)),
-            (":q\n", Ok(Typed::Quit)),
-            ("quit", Ok(Typed::Quit)),
-            ("?", Ok(Typed::Help)),
+            ("", Ok(InputLine::Nothing)),
+            ("  # a remark", Ok(InputLine::Nothing)),
+            (":q\n", Ok(InputLine::Quit)),
+            ("quit", Ok(InputLine::Quit)),
+            ("?", Ok(InputLine::Help)),
             (":stop --reason 'a hand'\r\n", verb(&["stop", "--reason", "a hand"])),
             ("holdpoint status", verb(&["status"])),
             ("register \"my candidate\"", verb(&["candidate", "register", "my candidate"])),

@@ -1,52 +1,52 @@
-//! Drives an engine step by step: gives commands, waits, and keeps what was said of the last candidate.
+//! Drives an engine step by step: sends commands, waits, and keeps the decisions on the last candidate.
 //!
-//! Owns when a step has ended and what became of the candidate; must not judge it.
+//! Owns the end of a step and the result of the candidate; judges nothing.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::outcome::{Followed, outcome_of};
+use super::exit_status::{FollowedVersion, outcome_of};
 use super::printer::Printer;
-use super::script::{DriftStep, Expect, LiveWork, Profiles, Say, Step, Wait};
+use super::script::{DecisionStep, DriftStep, ExpectStep, LiveStep, ProfileStep, ScriptStep, WaitStep};
 use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
-use holdpoint_engine::pipeline::Progress;
+use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
 use holdpoint_governance::alarms::AlarmKey;
-use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::submission::Package;
-use holdpoint_lab::approver;
-use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopKept};
+use holdpoint_lab::scripted_approver;
+use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopPersistence};
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_protocol::snapshot::CandidateView;
-use holdpoint_protocol::standing::{Decider, Stands};
 use holdpoint_text::{Hint as _, Problem};
 
-/// How a step ended.
+/// The end of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum StepEnd {
     Done,
     TimedOut,
 }
 
-/// A reason that was given for the candidate: at which stage, about what.
+/// A reason given for the candidate: its stage and dimension.
 #[derive(Clone, Copy)]
-struct Given {
+struct StageReason {
     stage: Decider,
     dimension: Dimension,
     code: ReasonCode,
 }
 
-/// An engine, and what is known of the candidate that was registered last.
+/// An engine, and the last registered candidate.
 pub(super) struct Driver<'a> {
     pub(super) pump: Pump,
     printer: Printer<'a>,
     requests: u64,
     candidate: Option<CapabilityId>,
-    given: Vec<Given>,
+    given: Vec<StageReason>,
     confirmed: bool,
 }
 
@@ -55,7 +55,7 @@ impl<'a> Driver<'a> {
         Self { pump, printer, requests: 0, candidate: None, given: Vec::new(), confirmed: false }
     }
 
-    /// Works a stage that was begun by a call to its end.
+    /// Runs a stage that a call began to its end.
     pub(super) fn run_stage(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), CliError> {
         self.candidate = Some(id.clone());
         let reply = self.pump.launch(id, stage);
@@ -65,7 +65,7 @@ impl<'a> Driver<'a> {
         }
         while !self.is_over() && self.view().is_some_and(|view| view.flags.running.is_some()) {
             let (_, events) = self.pump.turn();
-            self.tell(&events)?;
+            self.print_events(&events)?;
         }
         Ok(())
     }
@@ -74,21 +74,21 @@ impl<'a> Driver<'a> {
         self.printer.note(text)
     }
 
-    /// Nobody reads what is told, or the engine has ended.
+    /// The reader of the output is gone, or the engine has ended.
     const fn is_over(&self) -> bool {
         self.printer.is_gone() || self.pump.engine().has_ended()
     }
 
-    /// Carries out a step of a scenario; `index` names it in errors.
-    pub(super) fn step(&mut self, step: &Step, index: usize) -> Result<StepEnd, CliError> {
+    /// Runs a step of a scenario; `index` names it in errors.
+    pub(super) fn step(&mut self, step: &ScriptStep, index: usize) -> Result<StepEnd, CliError> {
         if let Some(candidate) = &step.register {
-            self.register(candidate.folder(), candidate.who())
+            self.register(candidate.folder(), candidate.requester())
         } else if let Some(wait) = &step.wait {
             self.wait(wait)
         } else if let Some(say) = &step.approve {
-            self.say(say, Answer::Approve)
+            self.sign_decision(say, ApprovalDecision::Approve)
         } else if let Some(say) = &step.reject {
-            self.say(say, Answer::Reject)
+            self.sign_decision(say, ApprovalDecision::Reject)
         } else if let Some(say) = &step.break_glass {
             self.break_glass(say)
         } else if let Some(drift) = &step.drift {
@@ -98,10 +98,10 @@ impl<'a> Driver<'a> {
             self.accept(Command::Goal { goal: goal.clone(), by, reason })
         } else if let Some(fault) = &step.fault {
             self.accept(Command::LiveFault { fault: Some(fault.kind) })
-        } else if let Some(Say { who, reason, .. }) = &step.stop {
+        } else if let Some(DecisionStep { who, reason, .. }) = &step.stop {
             self.accept(Command::Stop { by: who.clone(), reason: reason.clone() })
-        } else if let Some(Say { who, reason, .. }) = &step.go {
-            // A script knows what it did.
+        } else if let Some(DecisionStep { who, reason, .. }) = &step.go {
+            // A script knows of its stops.
             let stopped = self.pump.engine().snapshot().stopped;
             let (since_ms, stops) = stopped.map_or((0, 0), |stopped| (stopped.since_ms, stopped.stops));
             self.accept(Command::Go { by: who.clone(), reason: reason.clone(), since_ms, stops })
@@ -116,18 +116,18 @@ impl<'a> Driver<'a> {
         }
     }
 
-    /// Carries out a step that is an operation on the last candidate.
-    fn operate(&mut self, step: &Step) -> Result<StepEnd, CliError> {
+    /// Runs a step that is an operation on the last candidate.
+    fn operate(&mut self, step: &ScriptStep) -> Result<StepEnd, CliError> {
         let Some(version) = self.candidate.clone() else {
-            return Err(CliError::usage("nothing was registered that the step could be about"));
+            return Err(CliError::usage("the step needs a registered candidate"));
         };
         let operation = |by: &str, reason: &str| Operation {
             version: version.clone(),
             by: by.to_owned(),
             reason: reason.to_owned(),
         };
-        let said = |say: &Say| operation(&say.who, &say.reason);
-        let of = |some: &Profiles| (operation(&some.who, &some.reason), some.profiles.clone());
+        let said = |say: &DecisionStep| operation(&say.who, &say.reason);
+        let of = |some: &ProfileStep| (operation(&some.who, &some.reason), some.profiles.clone());
         let command = if let Some(some) = &step.demote {
             let (operation, profiles) = of(some);
             Command::Demote { operation, profiles }
@@ -153,27 +153,28 @@ impl<'a> Driver<'a> {
         self.accept(command)
     }
 
-    /// What became of the candidate before it is evaluated again does not count any more.
+    /// A result from before a re-evaluation does not count.
     const fn ended_before(&mut self) {
         self.confirmed = false;
     }
 
-    /// Has everybody enrolled whom the steps need, by the store's administrator.
-    pub(super) fn enrol(&mut self, steps: &[Step]) -> Result<(), CliError> {
-        let said = |step: &Step| [&step.approve, &step.reject, &step.break_glass].map(Option::clone);
+    /// Lets the store's administrator enroll all persons that the steps need.
+    pub(super) fn enrol(&mut self, steps: &[ScriptStep]) -> Result<(), CliError> {
+        let said = |step: &ScriptStep| [&step.approve, &step.reject, &step.break_glass].map(Option::clone);
         let mut roles: BTreeMap<String, Role> = BTreeMap::new();
-        for Say { who, role, .. } in steps.iter().flat_map(said).flatten() {
+        for DecisionStep { who, role, .. } in steps.iter().flat_map(said).flatten() {
             let known = roles.entry(who).or_insert(role);
             if role != Role::Engineer && *known == Role::Engineer {
                 *known = role;
             }
         }
-        let requesters = steps.iter().filter_map(|step| step.register.as_ref()?.who());
+        let requesters = steps.iter().filter_map(|step| step.register.as_ref()?.requester());
         for who in requesters {
             roles.entry(who.to_owned()).or_insert(Role::Engineer);
         }
         for (who, role) in roles {
-            let command = approver::enrolment(self.pump.engine(), &who, role).map_err(CliError::usage)?;
+            let command =
+                scripted_approver::enrolment(self.pump.engine(), &who, role).map_err(CliError::usage)?;
             if let Some(command) = command {
                 self.accept(command)?;
             }
@@ -181,33 +182,39 @@ impl<'a> Driver<'a> {
         Ok(())
     }
 
-    /// Signs an emergency approval of what is held back, as a named person whose key is in the store's folder.
-    fn break_glass(&mut self, say: &Say) -> Result<StepEnd, CliError> {
+    /// Signs a break-glass activation as a named person whose key is in the store's folder.
+    fn break_glass(&mut self, say: &DecisionStep) -> Result<StepEnd, CliError> {
         let snapshot = self.pump.engine().snapshot();
         let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
         let Some(door) = snapshot.emergencies.into_iter().find(|door| ours(&door.version)) else {
-            return Err(CliError::usage("nothing is held back that the emergency door is for"));
+            return Err(CliError::usage("no version waits for break-glass"));
         };
-        let command = approver::answer(&mut self.pump, &door, &say.who, Answer::Approve, &say.reason)
-            .map_err(CliError::usage)?;
+        let command = scripted_approver::answer(
+            &mut self.pump,
+            &door,
+            &say.who,
+            ApprovalDecision::Approve,
+            &say.reason,
+        )
+        .map_err(CliError::usage)?;
         self.accept(command)
     }
 
-    /// Takes and prints what the engine tells.
+    /// Receives and prints the engine's events.
     pub(super) fn take_events(&mut self) -> Result<(), CliError> {
-        let events = self.pump.tell();
-        self.tell(&events)
+        let events = self.pump.deliver_events();
+        self.print_events(&events)
     }
 
-    /// Prints events, and holds if the engine does.
-    pub(super) fn tell(&mut self, events: &[Event]) -> Result<(), CliError> {
+    /// Prints events, and fails if the engine halts.
+    pub(super) fn print_events(&mut self, events: &[Event]) -> Result<(), CliError> {
         for event in events {
             self.learn(&event.kind);
             self.printer.event(event)?;
         }
         match self.pump.engine().holding() {
             None => Ok(()),
-            Some(why) => Err(CliError::internal(format!("the engine holds: {}", why.sentence()))),
+            Some(why) => Err(CliError::internal(format!("the engine halted: {}", why.sentence()))),
         }
     }
 
@@ -224,8 +231,11 @@ impl<'a> Driver<'a> {
             }
             _ => return,
         };
-        let given =
-            reasons.iter().map(|reason| Given { stage, dimension: reason.dimension, code: reason.code });
+        let given = reasons.iter().map(|reason| StageReason {
+            stage,
+            dimension: reason.dimension,
+            code: reason.code,
+        });
         self.given.extend(given);
     }
 
@@ -245,7 +255,7 @@ impl<'a> Driver<'a> {
         let candidate = embedded::read(Path::new(folder)).map_err(CliError::usage)?;
         let package = Package::clone(&candidate.package);
         let command = Command::Register { package, name: folder.to_owned(), by: by.map(ToOwned::to_owned) };
-        // The id is known before the events are read, so that none of them is missed.
+        // The id is known before the events are read, so none is missed.
         self.candidate = Some(candidate.id());
         self.given.clear();
         self.confirmed = false;
@@ -255,19 +265,18 @@ impl<'a> Driver<'a> {
         }
     }
 
-    /// A run that was interrupted is repeated on its store: the version goes on from where it stands. One that has
-    /// come to its end is not judged again.
+    /// Continues an interrupted run on its store, from the version's state. A finished run is not judged again.
     fn go_on_with(&mut self, digest: &Digest, refusal: String) -> Result<StepEnd, CliError> {
         let open = self.view().filter(|view| {
             view.digest == *digest && !view.state.is_terminal() && !view.flags.provisional && !view.confirmed
         });
         let Some(view) = open else {
-            let hint = "a scenario begins with versions that its store does not know: leave out --data, and it has a \
-                        fresh store, or name an empty folder with --data DIR";
+            let hint = "a scenario needs a store without its versions: leave out --data for a temporary store, \
+                        or name an empty folder with --data DIR";
             return Err(CliError::usage(refusal).with_hint(hint));
         };
         let text = format!(
-            "{} is registered already, by a run that did not end; it goes on from {}",
+            "{} is already registered by an interrupted run; it continues from {}",
             view.version, view.state
         );
         self.note(&text)?;
@@ -279,13 +288,13 @@ impl<'a> Driver<'a> {
         self.pump.engine().snapshot().candidates.into_iter().find(|view| view.version == *candidate)
     }
 
-    /// Works until what is waited for is so, or the time is over.
-    fn wait(&mut self, wait: &Wait) -> Result<StepEnd, CliError> {
+    /// Runs until the awaited condition holds, or the time is over.
+    fn wait(&mut self, wait: &WaitStep) -> Result<StepEnd, CliError> {
         self.work_until(wait.timeout_s, &|driver, idle| driver.waited_for(wait, idle))
     }
 
-    /// Lets the live cell work, until an alarm is raised if one is awaited; that it is not is an error.
-    fn work(&mut self, work: &LiveWork, index: usize) -> Result<StepEnd, CliError> {
+    /// Runs the live cell until the awaited alarm is raised; without it the step fails.
+    fn work(&mut self, work: &LiveStep, index: usize) -> Result<StepEnd, CliError> {
         let raised = |driver: &Self| {
             let alarms = driver.pump.engine().snapshot().alarms;
             work.until.is_some_and(|kind| {
@@ -298,7 +307,7 @@ impl<'a> Driver<'a> {
             }
             self.pump.work_one();
             let (_, events) = self.pump.turn();
-            self.tell(&events)?;
+            self.print_events(&events)?;
         }
         match work.until {
             Some(kind) if !raised(self) => {
@@ -313,7 +322,7 @@ impl<'a> Driver<'a> {
         }
     }
 
-    /// Works until the time is over.
+    /// Runs until the time is over.
     fn pass(&mut self, secs: f64) -> Result<StepEnd, CliError> {
         let ended = self.work_until(secs, &|_, _| false)?;
         Ok(if self.printer.is_gone() { ended } else { StepEnd::Done })
@@ -333,8 +342,8 @@ impl<'a> Driver<'a> {
                 return Ok(StepEnd::TimedOut);
             }
             let (progress, events) = self.pump.turn();
-            self.tell(&events)?;
-            if let Progress::Idle { next_ms } = progress {
+            self.print_events(&events)?;
+            if let SliceOutcome::Idle { next_ms } = progress {
                 if is_so(self, true) {
                     return Ok(StepEnd::Done);
                 }
@@ -346,7 +355,7 @@ impl<'a> Driver<'a> {
         }
     }
 
-    fn waited_for(&self, wait: &Wait, idle: bool) -> bool {
+    fn waited_for(&self, wait: &WaitStep, idle: bool) -> bool {
         if let Some(prompt) = &wait.prompt {
             let prompts = self.pump.engine().snapshot().prompts;
             return prompts.iter().any(|open| prompt.is_about(&open.version));
@@ -357,27 +366,27 @@ impl<'a> Driver<'a> {
         }
         let Some(view) = self.view() else { return false };
         match wait.state {
-            Some(Stands::Confirmed) => self.confirmed,
-            Some(Stands::Settled) => self.is_settled(&view, idle),
-            Some(Stands::In(state)) => view.state == state,
+            Some(ScenarioState::Confirmed) => self.confirmed,
+            Some(ScenarioState::Settled) => self.is_settled(&view, idle),
+            Some(ScenarioState::In(state)) => view.state == state,
             None => false,
         }
     }
 
-    /// Nothing more happens to the candidate by itself.
+    /// The candidate changes no more without a further command.
     fn is_settled(&self, view: &CandidateView, idle: bool) -> bool {
         let ended = view.state.is_terminal() || self.confirmed;
         ended || (idle && self.pump.engine().snapshot().prompts.is_empty() && !view.flags.provisional)
     }
 
-    /// Signs a decision over the open prompt, as a named person whose key is in the store's folder.
-    fn say(&mut self, say: &Say, decision: Answer) -> Result<StepEnd, CliError> {
+    /// Signs a decision on the open request as a named person whose key is in the store's folder.
+    fn sign_decision(&mut self, say: &DecisionStep, decision: ApprovalDecision) -> Result<StepEnd, CliError> {
         let snapshot = self.pump.engine().snapshot();
         let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
         let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
-            return Err(CliError::usage("nothing waits for a decision"));
+            return Err(CliError::usage("no version waits for a decision"));
         };
-        let command = approver::answer(&mut self.pump, &prompt, &say.who, decision, &say.reason)
+        let command = scripted_approver::answer(&mut self.pump, &prompt, &say.who, decision, &say.reason)
             .map_err(CliError::usage)?;
         self.accept(command)
     }
@@ -386,40 +395,41 @@ impl<'a> Driver<'a> {
         self.accept(Command::Drift { kind: Some(drift.kind), magnitude: Some(drift.magnitude) })
     }
 
-    fn expect(&mut self, expect: &Expect, index: usize) -> Result<StepEnd, CliError> {
+    fn expect(&mut self, expect: &ExpectStep, index: usize) -> Result<StepEnd, CliError> {
         let fail = |what: String| Err(CliError::internal(format!("step {}: {what}", index + 1)));
-        let Some(view) = self.view() else { return fail("nothing was registered".to_owned()) };
+        let Some(view) = self.view() else { return fail("no candidate was registered".to_owned()) };
         let confirmed = self.confirmed && view.state == State::Active;
         let fits = match expect.state {
-            Stands::In(state) => view.state == state,
-            Stands::Confirmed => confirmed,
-            Stands::Settled => false,
+            ScenarioState::In(state) => view.state == state,
+            ScenarioState::Confirmed => confirmed,
+            ScenarioState::Settled => false,
         };
         if !fits {
-            let state = if confirmed { Stands::Confirmed } else { Stands::In(view.state) };
+            let state = if confirmed { ScenarioState::Confirmed } else { ScenarioState::In(view.state) };
             let expected = expect.state.name();
-            return fail(format!("{} is {}, {expected} was expected", view.version, state.name()));
+            return fail(format!("{} is {}, expected {expected}", view.version, state.name()));
         }
         let Some(code) = expect.reason else { return Ok(StepEnd::Done) };
-        let fits = |given: &Given| {
+        let fits = |given: &StageReason| {
             given.code == code
                 && expect.stage.is_none_or(|stage| stage == given.stage)
                 && expect.dimension.is_none_or(|dimension| dimension == given.dimension)
         };
-        // What people said is no stage's decision; it stands with the candidate.
-        let said = view.reasons.iter().filter(|reason| reason.code.is_of_people());
+        // People's decisions belong to no stage, but to the candidate.
+        let said = view.reasons.iter().filter(|reason| reason.code.is_from_people());
         let stage = expect.stage.unwrap_or(Decider::Activation);
-        let standing: Vec<Given> =
-            said.map(|reason| Given { stage, dimension: reason.dimension, code: reason.code }).collect();
+        let standing: Vec<StageReason> = said
+            .map(|reason| StageReason { stage, dimension: reason.dimension, code: reason.code })
+            .collect();
         if self.given.iter().chain(&standing).any(fits) {
             return Ok(StepEnd::Done);
         }
         let known: Vec<String> =
             self.given.iter().map(|g| format!("{}/{}/{}", g.stage, g.dimension, g.code)).collect();
-        fail(format!("the reason {:?} was not given; given were {}", code.as_str(), known.join(", ")))
+        fail(format!("the reason {:?} was not given; the reasons are {}", code.as_str(), known.join(", ")))
     }
 
-    /// The exit code by what one stage came to: passed, rejected, or held.
+    /// The exit code of one stage: passed, rejected, or on hold.
     pub(super) fn finish_stage(mut self, stage: Stage) -> Result<Exit, CliError> {
         let passed = match stage {
             Stage::Validation => State::Validated,
@@ -432,14 +442,15 @@ impl<'a> Driver<'a> {
             Some(State::Rejected) => Exit::Rejected,
             Some(_) | None => Exit::Held,
         };
-        let said = if exit == Exit::Confirmed { "passed" } else { exit.word() };
+        let said = if exit == Exit::Confirmed { "passed" } else { exit.outcome_label() };
         self.end(&format!("outcome: {said}"))?;
         Ok(exit)
     }
 
-    /// The exit code by what became of the last candidate.
+    /// The exit code of the last candidate's result.
     pub(super) fn finish(mut self) -> Result<Exit, CliError> {
-        let followed = self.view().map(|view| Followed { exit: outcome_of(&view), version: view.version });
+        let followed =
+            self.view().map(|view| FollowedVersion { exit: outcome_of(&view), version: view.version });
         let said = followed
             .as_ref()
             .map_or_else(|| "nothing was judged: no version was submitted".to_owned(), ToString::to_string);
@@ -447,15 +458,15 @@ impl<'a> Driver<'a> {
         Ok(followed.map_or(Exit::NothingJudged, |followed| followed.exit))
     }
 
-    /// Ends the engine and says how it ended.
+    /// Ends the engine and prints the outcome.
     fn end(&mut self, said: &str) -> Result<(), CliError> {
         self.requests += 1;
         let id = format!("script-{}", self.requests);
         self.pump.submit(Request::unsigned(id, Command::Shutdown));
         self.take_events()?;
-        // Here and not before: a script's records are then in the same places whatever the sink's thread does.
+        // Only here: a script's records then have the same places at any speed of the sink's thread.
         let events = self.pump.finish();
-        self.tell(&events)?;
+        self.print_events(&events)?;
         self.note(said)
     }
 }
@@ -464,7 +475,7 @@ fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
     match reply {
         Reply::Accepted { .. }
         | Reply::Question { .. }
-        | Reply::Stopped { kept: StopKept::OnRecord, .. }
+        | Reply::Stopped { kept: StopPersistence::OnRecord, .. }
         | Reply::Snapshot { .. }
         | Reply::Detail { .. }
         | Reply::Film { .. }
@@ -473,6 +484,8 @@ fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
         | Reply::Health { .. }
         | Reply::Verified { .. } => Ok(StepEnd::Done),
         Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
-        Reply::Stopped { text, kept: StopKept::InMark | StopKept::InMemory } => Err(CliError::usage(text)),
+        Reply::Stopped { text, kept: StopPersistence::InMark | StopPersistence::InMemory } => {
+            Err(CliError::usage(text))
+        }
     }
 }

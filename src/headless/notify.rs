@@ -1,8 +1,8 @@
-//! What a service manager is told, in the words of systemd's notification protocol (`sd_notify(3)`): ready, alive,
-//! how things stand, stopping.
+//! Notifications for a service manager, in systemd's notification protocol (`sd_notify(3)`): ready, alive, state,
+//! stopping.
 //!
-//! Alive means that the engine's own thread has shown itself, and nothing else: a front end that waits for a slow
-//! reader is no reason to restart the engine, and one that runs is no sign of it.
+//! Alive means only that the engine's own thread responded: a front end that waits for a slow reader is no reason
+//! to restart the engine, and a running front end is no evidence of it.
 
 use std::ffi::OsString;
 use std::os::linux::net::SocketAddrExt as _;
@@ -20,26 +20,26 @@ use holdpoint_governance::profile::titled;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_text::Untrusted;
 
-/// The shortest watchdog that can be kept: the engine shows itself once a second.
+/// The shortest watchdog interval: the engine responds once a second.
 const WATCHDOG_LEAST: Duration = Duration::from_secs(5);
 
-/// How often in a watchdog's span the engine is reported alive.
+/// How often the engine is reported alive in one watchdog interval.
 const PER_SPAN: u32 = 3;
 
 type Snapshots = watch::Receiver<Option<Arc<Snapshot>>>;
 
-/// Where the service manager listens, and how often it wants to hear.
-pub(super) struct Manager {
+/// The socket of the service manager, and its watchdog interval.
+pub(super) struct ServiceManager {
     socket: UnixDatagram,
     address: SocketAddr,
     watchdog: Option<Duration>,
 }
 
-impl Manager {
+impl ServiceManager {
     /// The service manager that the environment names; absent if it names none.
     ///
     /// # Errors
-    /// If what the environment says cannot be meant.
+    /// If the environment's values are invalid.
     pub(super) fn from_environment() -> Result<Option<Self>, CliError> {
         Self::of(|name| std::env::var_os(name))
     }
@@ -61,18 +61,18 @@ impl Manager {
         Ok(Some(Self { socket, address, watchdog: watchdog(&variable)? }))
     }
 
-    /// A manager that does not listen cannot be told so.
-    fn say(&self, text: &str) {
+    /// A manager that does not listen cannot be notified.
+    fn send(&self, text: &str) {
         drop(self.socket.send_to_addr(text.as_bytes(), &self.address));
     }
 
-    /// Tells it how the engine of these snapshots goes on, on a thread of its own that ends with the engine.
+    /// Reports the state of the engine of these snapshots, on a thread of its own that ends with the engine.
     ///
     /// # Errors
     /// If no thread starts.
     pub(super) fn start(self, snapshots: Snapshots) -> Result<JoinHandle<()>, CliError> {
         let no_thread =
-            |error: std::io::Error| CliError::internal(format!("cannot tell the service manager: {error}"));
+            |error: std::io::Error| CliError::internal(format!("cannot notify the service manager: {error}"));
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(no_thread)?;
         let work = move || runtime.block_on(self.follow(snapshots));
@@ -80,14 +80,14 @@ impl Manager {
     }
 
     async fn follow(self, mut snapshots: Snapshots) {
-        let mut endings: Option<Endings> = None;
+        let mut endings: Option<TerminationSignals> = None;
         let (mut ready, mut stopping) = (false, false);
         let mut told = String::new();
         let mut alive = Instant::now();
         loop {
             tokio::select! {
                 () = ending(endings.as_mut()) => {
-                    self.say("STOPPING=1\nSTATUS=ending in good order");
+                    self.send("STOPPING=1\nSTATUS=ending cleanly");
                     (stopping, endings) = (true, None);
                     continue;
                 }
@@ -95,7 +95,7 @@ impl Manager {
                     if changed.is_err() {
                         // The engine has ended.
                         if !stopping {
-                            self.say("STOPPING=1");
+                            self.send("STOPPING=1");
                         }
                         return;
                     }
@@ -105,32 +105,32 @@ impl Manager {
             let Some(newest) = newest else { continue };
             let status = status(&newest);
             if newest.reading.is_some() {
-                // The engine is not up yet: nothing is carried out. Its signals are the door's.
+                // The engine is still starting and runs no command. Its socket handles the signals.
                 if told != status {
-                    self.say(&format!("STATUS={status}"));
+                    self.send(&format!("STATUS={status}"));
                     told = status;
                 }
                 continue;
             }
             if !ready {
-                // The engine takes signals by now: none is lost by hearing them here as well.
-                endings = Endings::new();
-                self.say("READY=1");
+                // The engine handles signals by now, so hearing them here loses none.
+                endings = TerminationSignals::new();
+                self.send("READY=1");
                 ready = true;
             }
             if told != status && !stopping {
-                self.say(&format!("STATUS={status}"));
+                self.send(&format!("STATUS={status}"));
                 told = status;
             }
             if self.watchdog.is_some_and(|span| alive.elapsed() >= span / PER_SPAN) {
-                self.say("WATCHDOG=1");
+                self.send("WATCHDOG=1");
                 alive = Instant::now();
             }
         }
     }
 }
 
-/// The span in which it wants to hear, if it watches this process.
+/// The watchdog interval, if it watches this process.
 fn watchdog(variable: impl Fn(&str) -> Option<OsString>) -> Result<Option<Duration>, CliError> {
     let number = |name: &str| match variable(name) {
         None => Ok(None),
@@ -149,25 +149,24 @@ fn watchdog(variable: impl Fn(&str) -> Option<OsString>) -> Result<Option<Durati
         return Ok(None);
     };
     if span < WATCHDOG_LEAST {
-        let text =
-            format!("the watchdog wants to hear within {span:?}; at least {WATCHDOG_LEAST:?} are needed");
+        let text = format!("the watchdog interval is {span:?}; at least {WATCHDOG_LEAST:?} are needed");
         return Err(CliError::usage(text).with_hint("set WatchdogSec=60 in the unit"));
     }
     Ok(Some(span))
 }
 
-/// How things stand, in one line.
+/// The state in one line.
 fn status(snapshot: &Snapshot) -> String {
     if let Some(reading) = &snapshot.reading {
         return format!("the record is being verified; {reading}");
     }
     if let Some(why) = &snapshot.holding {
-        return format!("holds after a fault: {}", Untrusted::new(why).line());
+        return format!("halted after a fault: {}", Untrusted::new(why).line());
     }
     let active = snapshot.families.iter().filter(|family| family.active.is_some()).count();
     let open = snapshot.candidates.iter().filter(|view| !view.state.is_terminal()).count();
     format!(
-        "{}, {active} of {} families active, {open} candidates open, {} waiting for people, {} alarms",
+        "{}, {active} of {} families active, {open} candidates open, {} waiting for approval, {} alarms",
         titled(snapshot.profile, snapshot.site.as_ref()),
         snapshot.families.len(),
         snapshot.prompts.len() + snapshot.questions.len(),
@@ -176,20 +175,20 @@ fn status(snapshot: &Snapshot) -> String {
 }
 
 /// The signals that end the process.
-struct Endings {
+struct TerminationSignals {
     terminate: Signal,
     interrupt: Signal,
 }
 
-impl Endings {
+impl TerminationSignals {
     fn new() -> Option<Self> {
         let (terminate, interrupt) = (signal(SignalKind::terminate()), signal(SignalKind::interrupt()));
         Some(Self { terminate: terminate.ok()?, interrupt: interrupt.ok()? })
     }
 }
 
-/// Comes back when the process is asked to end; never without signals to hear.
-async fn ending(endings: Option<&mut Endings>) {
+/// Returns when the process gets a signal to end; never without signals.
+async fn ending(endings: Option<&mut TerminationSignals>) {
     let Some(endings) = endings else { return std::future::pending().await };
     tokio::select! {
         _ = endings.terminate.recv() => {}
@@ -201,15 +200,12 @@ async fn ending(endings: Option<&mut Endings>) {
 mod tests {
     use super::*;
 
-    #[allow(
-        clippy::option_option,
-        reason = "no word, no period, or a period: what the function itself answers"
-    )]
+    #[allow(clippy::option_option, reason = "no message, no period, or a period: the function's own result")]
     fn from(variables: &[(&str, &str)]) -> Result<Option<Option<Duration>>, String> {
         let variable = |name: &str| {
             variables.iter().find(|(known, _)| *known == name).map(|(_, value)| OsString::from(value))
         };
-        Manager::of(variable)
+        ServiceManager::of(variable)
             .map(|manager| manager.map(|manager| manager.watchdog))
             .map_err(|error| error.to_string())
     }

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use crate::error::CliError;
 use holdpoint_protocol::event::Event;
-use holdpoint_protocol::words;
+use holdpoint_wording::event as event_text;
 
 /// Prints; a reader that goes away is a clean end.
 pub(super) struct Printer<'a> {
@@ -18,7 +18,7 @@ impl<'a> Printer<'a> {
         Self { out, json, gone: false }
     }
 
-    /// Whether nobody reads any more.
+    /// Whether the reader is gone.
     pub(super) const fn is_gone(&self) -> bool {
         self.gone
     }
@@ -42,10 +42,10 @@ impl<'a> Printer<'a> {
             let line = serde_json::to_string(event).map_err(CliError::internal)?;
             return self.line(&holdpoint_text::escape_json(&line));
         }
-        self.line(&words::line(event))
+        self.line(&event_text::line(event))
     }
 
-    /// What the run itself has to say, between the events.
+    /// A note of the run itself, between the events.
     pub(super) fn note(&mut self, text: &str) -> Result<(), CliError> {
         if self.json {
             let line = serde_json::json!({ "event": "note", "text": text }).to_string();

@@ -16,16 +16,16 @@
 
 use serde::Deserialize;
 
-use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
+use holdpoint_body::disturbance::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::AlarmKind;
 use holdpoint_governance::approval::Role;
+use holdpoint_governance::closed_set::ClosedSetError;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::text_error::{self, TextError};
-use holdpoint_governance::words::WordError;
-use holdpoint_protocol::standing::{Decider, Stands};
+use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 
 /// The largest scenario file, bytes.
 pub const SCRIPT_BYTES_MAX: usize = 64 * 1024;
@@ -41,87 +41,87 @@ pub const WAIT_MAX_SECS: f64 = 1.0e6;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Script {
-    /// What it shows, for readers.
+    /// Its purpose, for readers.
     #[serde(default)]
     pub about: String,
     pub profile: ProfileName,
-    /// The run's seed; the command line's wins.
+    /// The run's seed; the command line overrides it.
     #[serde(default)]
     pub seed: Option<u64>,
-    /// What is done, in order.
+    /// The steps, in order.
     #[serde(rename = "step")]
-    pub steps: Vec<Step>,
+    pub steps: Vec<ScriptStep>,
 }
 
 /// One step: exactly one of its fields.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Step {
+pub struct ScriptStep {
     /// Submit the candidate in this folder (an embedded one, or a path from the working folder).
-    pub register: Option<Registration>,
+    pub register: Option<ScriptRegistration>,
     /// Wait for a state or a prompt.
-    pub wait: Option<Wait>,
-    pub approve: Option<Say>,
-    pub reject: Option<Say>,
-    /// One person lets the last candidate in by the emergency door.
-    pub break_glass: Option<Say>,
-    /// Send the last candidate back to evaluation, or close profiles to it.
-    pub demote: Option<Profiles>,
-    /// Lift its restriction, or open profiles to it again.
-    pub release: Option<Profiles>,
-    /// Evaluate it again.
-    pub repeat: Option<Again>,
+    pub wait: Option<WaitStep>,
+    pub approve: Option<DecisionStep>,
+    pub reject: Option<DecisionStep>,
+    /// Activate the last candidate by break-glass, as one person.
+    pub break_glass: Option<DecisionStep>,
+    /// Return the last candidate to evaluation, or block it under profiles.
+    pub demote: Option<ProfileStep>,
+    /// Lift its restriction, or unblock it under profiles.
+    pub release: Option<ProfileStep>,
+    /// Run one of its stages again.
+    pub repeat: Option<RepeatStep>,
     /// Tighten its envelope.
-    pub restrict: Option<Say>,
-    /// Take it off.
-    pub rollback: Option<Say>,
-    /// Hold it.
-    pub pause: Option<Say>,
-    /// Let it go on where it is held.
-    pub resume: Option<Say>,
-    /// Answer its monitor's question: it goes on.
+    pub restrict: Option<DecisionStep>,
+    /// Roll it back.
+    pub rollback: Option<DecisionStep>,
+    /// Pause it.
+    pub pause: Option<DecisionStep>,
+    /// Resume it.
+    pub resume: Option<DecisionStep>,
+    /// Answer its escalation: it continues.
     #[serde(rename = "continue")]
-    pub go_on: Option<Say>,
-    /// What the live world's agent works towards from its next sequence on.
+    pub go_on: Option<DecisionStep>,
+    /// The goal of the live cell's agent from its next sequence on.
     pub goal: Option<String>,
-    /// Let a drift set in.
+    /// Begin a drift.
     pub drift: Option<DriftStep>,
-    /// Break something in the live world.
+    /// Inject a fault into the live cell.
     pub fault: Option<FaultStep>,
     /// Stop the cell.
-    pub stop: Option<Say>,
-    /// Let the stopped cell work again.
-    pub go: Option<Say>,
+    pub stop: Option<DecisionStep>,
+    /// Start the stopped cell.
+    pub go: Option<DecisionStep>,
     /// Let time pass.
-    pub pass: Option<Pass>,
-    /// Let the live cell work so many sequences, whether or not anything is evaluated.
-    pub work: Option<LiveWork>,
-    /// Check what has come of it.
-    pub expect: Option<Expect>,
+    pub pass: Option<TimeStep>,
+    /// Run the live cell for this many sequences, with or without an evaluation.
+    pub work: Option<LiveStep>,
+    /// Check the result.
+    pub expect: Option<ExpectStep>,
 }
 
-/// A candidate that is submitted: its folder alone, or with the person on whose behalf.
+/// A submitted candidate: its folder alone, or with the person who requests it.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(untagged)]
-pub enum Registration {
+pub enum ScriptRegistration {
     /// Its requester is the script, which approves nothing.
     Folder(String),
     /// Its requester is a person, who cannot approve it.
     By(RegistrationBy),
 }
 
-/// A candidate that is submitted on a person's behalf.
+/// A candidate that a person submits.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RegistrationBy {
     /// Its folder, as in the plain form.
     pub folder: String,
-    /// Who asks for it.
+    /// The person who requests it.
     #[serde(rename = "as")]
     pub who: String,
 }
 
-impl Registration {
+impl ScriptRegistration {
     /// The candidate's folder.
     #[must_use]
     pub fn folder(&self) -> &str {
@@ -131,9 +131,9 @@ impl Registration {
         }
     }
 
-    /// Who asks for it; absent where the step names nobody.
+    /// The person who requests it; absent if the step names none.
     #[must_use]
-    pub fn who(&self) -> Option<&str> {
+    pub fn requester(&self) -> Option<&str> {
         match self {
             Self::Folder(_) => None,
             Self::By(by) => Some(&by.who),
@@ -141,31 +141,32 @@ impl Registration {
     }
 }
 
-/// What is waited for.
+/// The awaited condition.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Wait {
-    /// Until it stands there.
+pub struct WaitStep {
+    /// Until the candidate has this state.
     #[serde(default)]
-    pub state: Option<Stands>,
-    /// Until such a prompt is open.
+    pub state: Option<ScenarioState>,
+    /// Until such an approval request is open.
     #[serde(default)]
-    pub prompt: Option<AwaitedPrompt>,
-    /// Until a monitor asks about such a version.
+    pub prompt: Option<AwaitedRequest>,
+    /// Until a drift monitor escalates for such a version.
     #[serde(default)]
-    pub question: Option<AwaitedPrompt>,
+    pub question: Option<AwaitedRequest>,
     /// Longest wait, virtual s.
     pub timeout_s: f64,
 }
 
-/// A decision on what waits.
+/// A decision on a waiting version.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Say {
+pub struct DecisionStep {
     #[serde(rename = "as")]
     pub who: String,
     pub reason: String,
-    /// The role in which the person is enrolled, if the store does not know them; a step that names another than engineer counts.
+    /// The role to enroll the person in, if the store does not know them; a role other than engineer takes
+    /// precedence.
     #[serde(default = "engineer")]
     pub role: Role,
 }
@@ -174,40 +175,40 @@ const fn engineer() -> Role {
     Role::Engineer
 }
 
-/// Sequences that the live cell works.
+/// Sequences for the live cell to run.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LiveWork {
+pub struct LiveStep {
     pub sequences: u32,
-    /// An alarm of this kind that has to be raised meanwhile; the step ends with it.
+    /// An alarm of this kind that must be raised meanwhile; it ends the step.
     #[serde(default)]
     pub until: Option<AlarmKind>,
 }
 
-/// Time that passes, whatever comes of it.
+/// Time that passes.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Pass {
+pub struct TimeStep {
     /// Virtual s.
     pub for_s: f64,
 }
 
-/// What somebody says about a version, and the profiles it is about.
+/// A person's act on a version, and the profiles it applies to.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Profiles {
+pub struct ProfileStep {
     #[serde(rename = "as")]
     pub who: String,
     pub reason: String,
-    /// Empty: about the version as a whole.
+    /// Empty: for the version as a whole.
     #[serde(default)]
     pub profiles: Vec<ProfileName>,
 }
 
-/// A stage that somebody wants repeated.
+/// A stage to run again.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Again {
+pub struct RepeatStep {
     #[serde(rename = "as")]
     pub who: String,
     pub reason: String,
@@ -215,7 +216,7 @@ pub struct Again {
     pub stage: Stage,
 }
 
-/// A drift of the live world.
+/// A drift of the live cell.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriftStep {
@@ -223,18 +224,18 @@ pub struct DriftStep {
     pub magnitude: Magnitude,
 }
 
-/// A fault of the live world, which stays.
+/// A lasting fault of the live cell.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FaultStep {
     pub kind: LiveFault,
 }
 
-/// What must have come of the last candidate.
+/// The expected result of the last candidate.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Expect {
-    pub state: Stands,
+pub struct ExpectStep {
+    pub state: ScenarioState,
     /// A reason code that must be among those given for it.
     #[serde(default)]
     pub reason: Option<ReasonCode>,
@@ -245,16 +246,16 @@ pub struct Expect {
     pub dimension: Option<Dimension>,
 }
 
-/// The prompt that is waited for: `any`, or one for a version.
+/// The awaited request: `any`, or one for a version.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
-pub enum AwaitedPrompt {
+pub enum AwaitedRequest {
     Any,
     For(CapabilityId),
 }
 
-impl AwaitedPrompt {
-    /// Whether a prompt about `version` is meant.
+impl AwaitedRequest {
+    /// Whether a request for `version` matches.
     #[must_use]
     pub fn is_about(&self, version: &CapabilityId) -> bool {
         match self {
@@ -264,14 +265,14 @@ impl AwaitedPrompt {
     }
 }
 
-impl TryFrom<String> for AwaitedPrompt {
-    type Error = WordError;
-    fn try_from(text: String) -> Result<Self, WordError> {
+impl TryFrom<String> for AwaitedRequest {
+    type Error = ClosedSetError;
+    fn try_from(text: String) -> Result<Self, ClosedSetError> {
         if text == "any" {
             return Ok(Self::Any);
         }
         let wrong =
-            |_| WordError::new("prompt to wait for", &text, ["any", "<family>@<version>"].into_iter());
+            |_| ClosedSetError::new("prompt to wait for", &text, ["any", "<family>@<version>"].into_iter());
         text.parse().map(Self::For).map_err(wrong)
     }
 }
@@ -280,8 +281,8 @@ impl Script {
     /// Parses a scenario; `file` is only named in errors.
     ///
     /// # Errors
-    /// [`TextError`] with file and line: a key that is not known, a step with none or several of its
-    /// fields, a time that is no number.
+    /// [`TextError`] with file and line: an unknown key, a step with none or several of its fields, or a time that
+    /// is not a number.
     pub fn parse(file: &str, text: &str) -> Result<Self, TextError> {
         text_error::check_size(file, text, SCRIPT_BYTES_MAX)?;
         let script: Self = text_error::parse_toml(file, text)?;
@@ -372,7 +373,7 @@ mod tests {
             [[step]]
             fault = { kind = "telemetry-lost" }
             [[step]]
-            stop = { as = "ana", reason = "somebody is in the cell" }
+            stop = { as = "ana", reason = "a person is in the cell" }
             [[step]]
             pass = { for_s = 60 }
             [[step]]
@@ -390,7 +391,7 @@ mod tests {
             [[step]]
             demote = { as = "alice", reason = "too fast", profiles = ["human"] }
             [[step]]
-            repeat = { as = "alice", reason = "mended", stage = "sandbox" }
+            repeat = { as = "alice", reason = "repaired", stage = "sandbox" }
             [[step]]
             break_glass = { as = "alice", reason = "the old one drops parts" }
             [[step]]

@@ -1,34 +1,34 @@
-//! The engine as a service: it works on a store until it is told to end, prints what happens, and submits nothing.
+//! The engine as a service: it runs on a store until a signal or a command ends it, prints events, and submits
+//! nothing.
 //!
-//! Who reads what is printed is no concern of the engine's: a reader that goes away, or a disk that is full, ends the
-//! printing and nothing else.
+//! The printing never affects the engine: a reader that goes away or a full disk only ends the printing.
 
 use std::io::Write;
 
-use super::notify::Manager;
+use super::notify::ServiceManager;
 use super::printer::Printer;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::host::{EndFault, Host, HostConfig, Update};
+use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, LaunchConfig};
 use holdpoint_protocol::event::{Event, EventKind};
 
-/// What a service works on.
-pub struct Service {
-    pub host: HostConfig,
+/// The configuration of a service.
+pub struct ServiceSetup {
+    pub host: LaunchConfig,
     /// Whether events are printed as JSON lines.
     pub json: bool,
-    /// Whether the sequences of the live cell are left out.
+    /// Whether the sequences of the live cell are omitted.
     pub quiet: bool,
-    /// Whether events are printed that are faults, and no others: what is printed is kept in a file.
+    /// Whether only faults are printed, because the output goes to a log file.
     pub only_faults: bool,
 }
 
-/// Works until a signal or a command ends the engine.
+/// Runs until a signal or a command ends the engine.
 ///
 /// # Errors
-/// [`CliError`] with exit code 2 if the engine does not come up, 70 if it ends by a fault.
-pub fn serve(service: Service, out: &mut dyn Write) -> Result<Exit, CliError> {
-    let manager = Manager::from_environment()?;
-    let mut host = Host::start(service.host);
+/// [`CliError`] with exit code 2 if the engine does not start, 70 if it ends by a fault.
+pub fn serve(service: ServiceSetup, out: &mut dyn Write) -> Result<Exit, CliError> {
+    let manager = ServiceManager::from_environment()?;
+    let mut host = EngineHandle::start(service.host);
     let told = manager.map(|manager| manager.start(host.snapshots.clone())).transpose()?;
     let mut stream = ServiceStream {
         printer: Some(Printer::new(out, service.json)),
@@ -39,18 +39,18 @@ pub fn serve(service: Service, out: &mut dyn Write) -> Result<Exit, CliError> {
     };
     let ended = loop {
         match host.updates.blocking_recv() {
-            Some(Update::Started) => stream.up = true,
-            Some(Update::Events(events)) => stream.tell(&events),
-            Some(Update::Lagged { missed }) => {
+            Some(EngineUpdate::Started) => stream.up = true,
+            Some(EngineUpdate::Events(events)) => stream.print_events(&events),
+            Some(EngineUpdate::Lagged { missed }) => {
                 stream.note(&format!("{missed} events were not printed: the reader is too slow"));
             }
-            // Nobody asks anything here.
-            Some(Update::Answer { .. } | Update::Past { .. } | Update::Returned(_)) => {}
-            Some(Update::Ended(ended)) => break ended,
-            None => break Err(EndFault::of("the engine's thread is gone")),
+            // This side sends no requests.
+            Some(EngineUpdate::Answer { .. } | EngineUpdate::Past { .. } | EngineUpdate::Returned(_)) => {}
+            Some(EngineUpdate::Ended(ended)) => break ended,
+            None => break Err(EngineEndError::of("the engine's thread is gone")),
         }
     };
-    // The engine's thread lets go of its side, which ends the other as well.
+    // The engine's thread drops its side, which ends the other one, too.
     drop(host);
     if let Some(told) = told {
         drop(told.join());
@@ -58,20 +58,20 @@ pub fn serve(service: Service, out: &mut dyn Write) -> Result<Exit, CliError> {
     stream.end(ended)
 }
 
-/// What is printed of an engine's life.
+/// The output of an engine's session.
 struct ServiceStream<'a> {
-    /// Absent once nobody reads any more.
+    /// Absent once the reader is gone.
     printer: Option<Printer<'a>>,
     quiet: bool,
     only_faults: bool,
-    /// Whether the engine came up.
+    /// Whether the engine started.
     up: bool,
-    /// Whether it held because of a fault of its own.
+    /// Whether it halted because of a fault of its own.
     faulted: bool,
 }
 
 impl ServiceStream<'_> {
-    fn tell(&mut self, events: &[Event]) {
+    fn print_events(&mut self, events: &[Event]) {
         for event in events {
             self.faulted |= matches!(event.kind, EventKind::Fault { .. });
             let is_fault = matches!(event.kind, EventKind::Fault { .. });
@@ -93,15 +93,15 @@ impl ServiceStream<'_> {
         }
     }
 
-    /// How the service ended. One that was told to end has done what it was for.
-    fn end(mut self, ended: Result<(), EndFault>) -> Result<Exit, CliError> {
+    /// The exit code of the service. An end on request is a success.
+    fn end(mut self, ended: Result<(), EngineEndError>) -> Result<Exit, CliError> {
         match ended {
             Ok(()) if self.faulted => {
-                self.note("ended; the engine had been holding because of a fault");
+                self.note("ended; the engine had halted because of a fault");
                 Ok(Exit::Held)
             }
             Ok(()) => {
-                self.note("ended in good order");
+                self.note("ended cleanly");
                 Ok(Exit::Confirmed)
             }
             Err(why) if self.up => Err(CliError::internal(why.text)),

@@ -1,11 +1,11 @@
 //! Measures the engine on this machine: what an episode, a stage, a decision and a record cost.
 //!
-//! Owns the measuring and the report; runs the product's own code on the embedded versions, on calibration seeds.
+//! Owns the measurements and the report; runs the product's own code on the embedded versions, on calibration seeds.
 //! Must not touch the operator's store, decide anything, or state a figure that was not measured in this run.
 
-mod candidate;
 mod measure;
 pub mod peers;
+mod pipeline;
 mod rules;
 mod simulation;
 pub mod stats;
@@ -31,7 +31,7 @@ use holdpoint_text::Hint;
 pub struct BenchReport {
     /// Version of the program.
     pub version: &'static str,
-    /// Whether the program was built with optimisation (`release`) or for development (`dev`).
+    /// Whether the program was built with optimization (`release`) or for development (`dev`).
     pub build: &'static str,
     /// Number format of the physics; the rules compute in f64.
     pub physics: &'static str,
@@ -43,7 +43,7 @@ pub struct BenchReport {
     pub peer: Vec<PeerEntry>,
 }
 
-/// Why nothing could be measured.
+/// Why no measurement was possible.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     #[error("the simulation failed: {0}")]
@@ -77,13 +77,13 @@ pub enum BenchError {
     /// A recorded table does not parse.
     #[error(transparent)]
     Table(#[from] stats::tables::TableError),
-    /// What was to be timed did not do what its name says, so its time would mean nothing.
+    /// The timed operation had another result than its name says, so its time means nothing.
     #[error("{what}: {found:?} where {expected} was expected, so a figure would mean nothing")]
     Unexpected {
         what: &'static str,
-        /// What it came to.
+        /// The measured result.
         found: String,
-        /// What it has to come to.
+        /// The expected result.
         expected: &'static str,
     },
     /// Too few samples could be taken.
@@ -121,7 +121,7 @@ pub fn run(quick: bool) -> Result<BenchReport, BenchError> {
     entries.extend(rules::measure(&subjects, &effort)?);
     entries.extend(storage::measure(&effort)?);
     if !quick {
-        entries.extend(candidate::measure(&subjects)?);
+        entries.extend(pipeline::measure(&subjects)?);
     }
     let peer = simulation::measure_peer(&effort)?;
     Ok(BenchReport {

@@ -1,7 +1,7 @@
-//! Versions that harm, made from the baselines one parameter at a time, and versions that do not: what the comparison of
-//! behaviour says of each. The expectations were written before the first run; two of them named another measure than the
-//! one that finds it: the firmer grip (peak, where the sustained force is the steadier) and the hard landing (landing
-//! speed, where the tool's jerk is found first).
+//! Versions that harm, made from the baselines one parameter at a time, and versions that do not: the result of the
+//! comparison of behavior for each. The expectations were written before the first run. Two of them named another
+//! measure than the one that finds the case. For the firmer grip it was the peak, where the sustained force varies
+//! less. For the hard landing it was the landing speed, where the tool's jerk is found first.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,11 +10,11 @@ use std::sync::atomic::AtomicBool;
 use holdpoint_body::TaskKind;
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::embedded;
-use holdpoint_engine::trial::crew::Crew;
 use holdpoint_engine::trial::episodes::batch;
-use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
+use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
+use holdpoint_engine::trial::worker_pool::WorkerPool;
 use holdpoint_governance::behavior::{self, BehaviorAssessment};
-use holdpoint_governance::evidence::{Binding, Pair, PairedEvidence};
+use holdpoint_governance::evidence::{EvidenceBinding, Pair, PairedEvidence};
 use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::outcome::BehaviorOutcome;
@@ -25,58 +25,58 @@ use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use toml::{Table, Value};
 
-use crate::pool::draft::Draft;
+use crate::candidate_pool::draft::Draft;
 
-/// What is expected of a case.
+/// The expected result of a case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Expected {
-    /// Incompatible, and among the reasons this measure.
+enum HarmExpectation {
+    /// Incompatible, with this measure among the reasons.
     Harms(HarmKind),
-    /// Not compatible, for whatever reason.
+    /// Not compatible, for any reason.
     Stopped,
-    /// Compatible: nothing of it is worse.
+    /// Compatible: no measure is worse.
     Kept,
-    /// The sandbox's episodes do not show it: no measure moves. Said here so that nobody takes it for covered.
+    /// The sandbox's episodes do not show it: no measure moves. Listed here so that it is not taken for covered.
     Unseen,
 }
 
-struct Case {
+struct HarmCase {
     name: &'static str,
     task: TaskKind,
     params: &'static [(&'static str, f64)],
     declared_n: Option<f64>,
-    expected: Expected,
+    expected: HarmExpectation,
 }
 
 const fn case(
     name: &'static str,
     task: TaskKind,
     params: &'static [(&'static str, f64)],
-    expected: Expected,
-) -> Case {
-    Case { name, task, params, declared_n: None, expected }
+    expected: HarmExpectation,
+) -> HarmCase {
+    HarmCase { name, task, params, declared_n: None, expected }
 }
 
-use Expected::{Harms, Kept, Stopped, Unseen};
+use HarmExpectation::{Harms, Kept, Stopped, Unseen};
 use TaskKind::{Align, Grasp, Place};
 
-const CASES: &[Case] = &[
+const CASES: &[HarmCase] = &[
     // More grip force, declared: 18 N baseline, 25.2 N measured.
-    Case {
+    HarmCase {
         declared_n: Some(30.0),
         ..case("grip +40 %", Grasp, &[("grip_force_n", 25.2)], Harms(HarmKind::GripHeld))
     },
-    Case {
+    HarmCase {
         declared_n: Some(36.0),
         ..case("grip +65 %", Grasp, &[("grip_force_n", 29.7)], Harms(HarmKind::GripPeak))
     },
     // More than is declared: 25 N.
     case("asks 38 N, declares 25", Grasp, &[("grip_force_n", 38.0)], Harms(HarmKind::ExcessDepth)),
     case("asks 28 N, declares 25", Grasp, &[("grip_force_n", 28.0)], Harms(HarmKind::ExcessDepth)),
-    // Lets go above the seat: a fall of about 20 and 7 mm.
+    // Opens the gripper above the surface: a fall of about 20 and 7 mm.
     case("drops from 30 mm", Place, &[("release_gap_m", 0.03)], Harms(HarmKind::DropHeight)),
     case("drops from 15 mm", Place, &[("release_gap_m", 0.015)], Harms(HarmKind::DropHeight)),
-    // Lets go before it is down.
+    // Opens the gripper before the object is down.
     case(
         "releases early",
         Place,
@@ -95,8 +95,8 @@ const CASES: &[Case] = &[
         "slams the object down",
         Place,
         &[("lower_speed_m_s", 0.4), ("contact_force_n", 30.0)],
-        // Jerk established it until its tolerance had to let an honest, faster retreat pass; speed at landing and force put
-        // it in doubt.
+        // Jerk was significant until its margin had to let an honest, faster retreat pass; landing speed and force are
+        // inconclusive.
         Stopped,
     ),
     case(
@@ -105,7 +105,7 @@ const CASES: &[Case] = &[
         &[("descend_speed_m_s", 0.4), ("contact_speed_m_s", 0.35), ("contact_stop_n", 60.0)],
         Stopped,
     ),
-    // A bet on latency: it harms where pictures are late, and the sandbox's are not.
+    // A bet on latency: it harms if camera frames are late, and the sandbox's are not.
     case("does not settle", Grasp, &[("settle_secs", 0.0)], Unseen),
     // Too weak for the heavier objects.
     case("holds with 2 N", Grasp, &[("grip_force_n", 2.0), ("slip_check", 0.0)], Stopped),
@@ -119,14 +119,14 @@ const CASES: &[Case] = &[
 ];
 
 /// Cell, rules and baselines.
-struct Bench {
+struct HarmBench {
     cell: Cell,
     profile: Profile,
     terms: SkillTerms,
     baselines: BTreeMap<&'static str, Capability>,
 }
 
-impl Bench {
+impl HarmBench {
     fn new(name: ProfileName) -> Self {
         let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(name).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
@@ -142,7 +142,7 @@ impl Bench {
         Self { cell, profile, terms, baselines }
     }
 
-    fn made(&self, case: &Case) -> Capability {
+    fn altered_version(&self, case: &HarmCase) -> Capability {
         let baseline = &self.baselines[case.task.name()];
         let mut draft = Draft::of(baseline).unwrap();
         for (name, value) in case.params {
@@ -162,12 +162,18 @@ impl Bench {
         Capability::load(case.name, draft.package(&submission)).unwrap()
     }
 
-    fn work(&self, crew: &Crew<TaskRecord>, version: &Capability, run: u64, pairs: u64) -> Vec<TaskRecord> {
+    fn work(
+        &self,
+        worker_pool: &WorkerPool<TaskRecord>,
+        version: &Capability,
+        run: u64,
+        pairs: u64,
+    ) -> Vec<TaskRecord> {
         let declared = &version.manifest.permissions;
         let terms = self.terms.clone().capped(declared.max_speed_m_s, declared.max_force_n);
-        let seeds = (0..pairs).map(|index| episode_seed(run, Purpose::Perturbation, index));
+        let seeds = (0..pairs).map(|index| episode_seed(run, SeedPurpose::Perturbation, index));
         let cancel = AtomicBool::new(false);
-        batch(crew, &cancel, &self.cell, (version, &terms), Conditions::Sandbox, seeds).unwrap()
+        batch(worker_pool, &cancel, &self.cell, (version, &terms), Conditions::Sandbox, seeds).unwrap()
     }
 
     fn assess(&self, active: &[TaskRecord], candidate: &[TaskRecord]) -> BehaviorAssessment {
@@ -183,9 +189,9 @@ fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
     .collect()
 }
 
-fn binding() -> Binding {
+fn binding() -> EvidenceBinding {
     let digest = Digest::of_parts("test", &[]);
-    Binding {
+    EvidenceBinding {
         candidate: digest,
         active: Some(digest),
         profile: digest,
@@ -195,7 +201,7 @@ fn binding() -> Binding {
     }
 }
 
-/// What is said of these pairs, under a budget of as many.
+/// The assessment of these pairs, with a budget of their number.
 fn judge(pairs: Vec<Pair>, profile: &Profile) -> BehaviorAssessment {
     let mut profile = profile.clone();
     profile.evaluation.sandbox_pairs = u32::try_from(pairs.len()).unwrap();
@@ -203,8 +209,8 @@ fn judge(pairs: Vec<Pair>, profile: &Profile) -> BehaviorAssessment {
     behavior::assess(&evidence, &binding(), &profile)
 }
 
-/// Whether it came out as it was expected to.
-fn is_as_expected(expected: Expected, found: &BehaviorAssessment) -> bool {
+/// Whether the result is the expected one.
+fn is_as_expected(expected: HarmExpectation, found: &BehaviorAssessment) -> bool {
     let outcome = found.assessment.outcome;
     match expected {
         Harms(kind) => {
@@ -216,68 +222,73 @@ fn is_as_expected(expected: Expected, found: &BehaviorAssessment) -> bool {
     }
 }
 
-fn told(found: &BehaviorAssessment) -> String {
-    let reasons: Vec<String> = found.assessment.reasons.iter().map(ToString::to_string).collect();
+fn assessment_text(found: &BehaviorAssessment) -> String {
+    let reasons: Vec<String> = found.assessment.reasons.iter().map(holdpoint_wording::line).collect();
     format!("{:?}: {}", found.assessment.outcome, reasons.join("; "))
 }
 
-fn named(name: &str) -> &'static Case {
+fn named(name: &str) -> &'static HarmCase {
     CASES.iter().find(|case| case.name == name).unwrap()
 }
 
-/// Some of the table in an ordinary run: what a single family's baseline is worked once for.
-fn shown(names: &[&str], pairs: u64) {
-    let (bench, crew) = (Bench::new(ProfileName::Sim), Crew::new(1));
+/// Part of the table in an ordinary run: the cases that need a single family's baseline once.
+fn print_cases(names: &[&str], pairs: u64) {
+    let (bench, worker_pool) = (HarmBench::new(ProfileName::Sim), WorkerPool::new(1));
     let task = named(names[0]).task;
-    let active = bench.work(&crew, &bench.baselines[task.name()], CALIBRATION_FROM_RUN, pairs);
+    let active = bench.work(&worker_pool, &bench.baselines[task.name()], CALIBRATION_FROM_RUN, pairs);
     for name in names {
         let case = named(name);
-        let candidate = bench.work(&crew, &bench.made(case), CALIBRATION_FROM_RUN, pairs);
+        let candidate = bench.work(&worker_pool, &bench.altered_version(case), CALIBRATION_FROM_RUN, pairs);
         let found = bench.assess(&active, &candidate);
-        assert!(is_as_expected(case.expected, &found), "{name}: {}", told(&found));
+        assert!(is_as_expected(case.expected, &found), "{name}: {}", assessment_text(&found));
     }
 }
 
 #[test]
 fn a_place_that_drops_is_stopped_and_a_slower_one_is_not() {
-    shown(&["drops from 30 mm", "slams the object down", "sets down slower"], 100);
+    print_cases(&["drops from 30 mm", "slams the object down", "sets down slower"], 100);
 }
 
 #[test]
 fn force_is_not_bought_by_success_nor_asked_for_beyond_the_declaration() {
-    shown(&["grip +40 %", "asks 38 N, declares 25", "slams the hand shut"], 80);
+    print_cases(&["grip +40 %", "asks 38 N, declares 25", "slams the hand shut"], 80);
 }
 
 /// The whole table over five seeds, under the profiles that `HARM_PROFILES` names; without it, nothing: half an hour each.
 #[test]
 fn the_whole_table_over_five_seeds() {
     let Ok(wanted) = std::env::var("HARM_PROFILES") else { return };
-    let crew = Crew::new(2);
+    let worker_pool = WorkerPool::new(2);
     let mut wrong = 0;
     for name in ProfileName::ALL.into_iter().filter(|name| wanted.is_empty() || wanted.contains(name.name()))
     {
-        let bench = Bench::new(name);
+        let bench = HarmBench::new(name);
         let pairs = u64::from(bench.profile.evaluation.sandbox_pairs);
         for run in (0..5).map(|seed| CALIBRATION_FROM_RUN + 10 + seed) {
             let actives: BTreeMap<_, _> = bench
                 .baselines
                 .iter()
-                .map(|(task, version)| (*task, bench.work(&crew, version, run, pairs)))
+                .map(|(task, version)| (*task, bench.work(&worker_pool, version, run, pairs)))
                 .collect();
             for case in CASES {
-                let candidate = bench.work(&crew, &bench.made(case), run, pairs);
+                let candidate = bench.work(&worker_pool, &bench.altered_version(case), run, pairs);
                 let found = bench.assess(&actives[case.task.name()], &candidate);
                 let is_right = is_as_expected(case.expected, &found);
                 wrong += u32::from(!is_right);
                 let mark = if is_right { "as expected" } else { "OTHERWISE" };
-                println!("{name} run {run} {}: {mark} {:?}: {}", case.name, case.expected, told(&found));
+                println!(
+                    "{name} run {run} {}: {mark} {:?}: {}",
+                    case.name,
+                    case.expected,
+                    assessment_text(&found)
+                );
             }
         }
     }
     println!("{wrong} otherwise than expected");
 }
 
-/// So many of the measured pairs, drawn with replacement.
+/// A bootstrap sample of the measured pairs.
 fn redrawn(measured: &[Pair], seed: u64, pairs: u64) -> Vec<Pair> {
     let mut state = seed;
     let mut draw = |seed| {
@@ -292,9 +303,9 @@ fn redrawn(measured: &[Pair], seed: u64, pairs: u64) -> Vec<Pair> {
     (0..pairs).map(&mut draw).collect()
 }
 
-/// How often an equally good version stays compatible, and how often a worse one is found: the pairs of each version
-/// that is kept, drawn again, and each measure made worse by shares of its tolerance in every episode. As the whole table,
-/// under the profiles that `HARM_PROFILES` names.
+/// How often an equally good version stays compatible, and how often a worse one is found. The cached pairs of each
+/// version are sampled again, and each measure gets worse by fractions of its margin in every episode. As the whole
+/// table, under the profiles that `HARM_PROFILES` names.
 #[test]
 fn error_rates_and_power_of_harm() {
     let number = |name: &str, usual: u64| -> u64 {
@@ -302,15 +313,16 @@ fn error_rates_and_power_of_harm() {
     };
     let (runs, shifts) = (number("HARM_RUNS", 500), number("HARM_SHIFTS", 40));
     let Ok(wanted) = std::env::var("HARM_PROFILES") else { return };
-    let crew = Crew::new(2);
+    let worker_pool = WorkerPool::new(2);
     for name in ProfileName::ALL.into_iter().filter(|name| wanted.is_empty() || wanted.contains(name.name()))
     {
-        let bench = Bench::new(name);
+        let bench = HarmBench::new(name);
         let pairs = u64::from(bench.profile.evaluation.sandbox_pairs);
         for case in CASES.iter().filter(|case| case.expected == Kept) {
             let active =
-                bench.work(&crew, &bench.baselines[case.task.name()], CALIBRATION_FROM_RUN + 50, 600);
-            let candidate = bench.work(&crew, &bench.made(case), CALIBRATION_FROM_RUN + 50, 600);
+                bench.work(&worker_pool, &bench.baselines[case.task.name()], CALIBRATION_FROM_RUN + 50, 600);
+            let candidate =
+                bench.work(&worker_pool, &bench.altered_version(case), CALIBRATION_FROM_RUN + 50, 600);
             let measured = pairs_of(&active, &candidate);
             let past = |pair: &&Pair| pair.active.harm.is_some_and(|harm| bench.profile.harm.is_past(&harm));
             let past = measured.iter().filter(past).count();

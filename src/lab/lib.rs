@@ -1,18 +1,18 @@
-//! The laboratory: what is measured about the engine and its rules, and what is made to be measured.
+//! The laboratory: measurements of the engine and its rules, and generated candidates.
 //!
-//! [`mod@bench`] times the engine and counts how often its rules err; [`experiment`] runs whole upgrades that answer a
-//! question; [`truth`] says what candidates really are, and how decisions stand to it; [`pool`] draws candidates for
-//! them; [`paper`] works the paper's own evaluation anew; [`refine`] makes a candidate by optimising on nominal success alone.
-//! Nothing that decides names anything of it.
+//! [`mod@bench`] times the engine and measures the error rates of its rules. [`experiment`] runs whole upgrades that
+//! answer a question. [`truth`] measures the ground truth of candidates and scores decisions against it. [`pool`]
+//! generates candidates for them. [`paper`] re-runs the paper's own evaluation. [`refine`] makes a candidate by
+//! optimizing nominal success alone. Nothing that decides names any of these.
 
-pub mod approver;
 pub mod bench;
-pub mod experiment;
-pub mod paper;
-pub mod pool;
-pub mod refine;
+pub mod candidate_pool;
+pub mod ground_truth;
+pub mod paper_reproduction;
+pub mod parameter_search;
+pub mod pipeline_experiments;
 pub mod same_code;
-pub mod truth;
+pub mod scripted_approver;
 
 #[cfg(test)]
 mod harm_cases;

@@ -1,5 +1,5 @@
-//! The same code compiled in and as a component, beside each other in every tick: whether they ask for the same, and what a
-//! tick of each costs.
+//! The same code compiled in and as a component, side by side in every tick: whether their commands are equal, and the
+//! cost of a tick of each.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -8,9 +8,9 @@ use holdpoint_body::{Command, Observation};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::component::ComponentBytes;
-use holdpoint_governance::manifest::Bundle;
+use holdpoint_governance::manifest::BundleSource;
 use holdpoint_runtime::capability::{Capability, PackageError};
-use holdpoint_runtime::skill::{Confined, Hook, Skill};
+use holdpoint_runtime::skill::{ConfinementReport, Hook, Skill};
 use holdpoint_runtime::task::{self, Supervision, is_same};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimError;
@@ -26,7 +26,7 @@ pub const CONTROLLERS: &[u8] = include_bytes!("../sdk/prebuilt/controllers.wasm"
 pub fn with_code(version: &Capability, component: &[u8]) -> Result<Capability, PackageError> {
     let mut package = (*version.package).clone();
     let native = String::from(version.manifest.deployment.bundle.clone());
-    if matches!(version.manifest.deployment.bundle, Bundle::Native(_)) {
+    if matches!(version.manifest.deployment.bundle, BundleSource::Native(_)) {
         package.manifest = package.manifest.replace(&native, "skill.wasm");
     }
     let file = "skill.wasm".to_owned();
@@ -37,29 +37,29 @@ pub fn with_code(version: &Capability, component: &[u8]) -> Result<Capability, P
     Capability::load("with-code", package)
 }
 
-/// What two runs of each tick came to.
+/// The result of the two runs of each tick.
 #[derive(Clone, Debug, Default)]
-pub struct Sameness {
+pub struct TickAgreement {
     pub episodes: u64,
-    /// Ticks in which both were asked.
+    /// Ticks in which both ran.
     pub ticks: u64,
-    /// Ticks in which they asked for different commands.
+    /// Ticks in which their commands differed.
     pub differing: u64,
-    /// What a tick took, us, in the order they were worked.
+    /// Time of a tick, us, in the order of the runs.
     pub native_us: Vec<f64>,
     pub component_us: Vec<f64>,
-    /// What the component used, and how it failed.
-    pub confined: Confined,
+    /// The component's use, and its failures.
+    pub confined: ConfinementReport,
 }
 
-/// One run that is two: the first's commands are given, both are asked.
-struct Both {
+/// One run that is two: the first's commands are given, both are computed.
+struct PairedSkill {
     native: Box<dyn Skill>,
     component: Box<dyn Skill>,
-    found: Arc<Mutex<Sameness>>,
+    found: Arc<Mutex<TickAgreement>>,
 }
 
-impl Skill for Both {
+impl Skill for PairedSkill {
     fn tick(&mut self, seen: &Observation) -> Command {
         let before = Instant::now();
         let asked = self.native.tick(seen);
@@ -84,7 +84,7 @@ impl Skill for Both {
     }
 }
 
-/// Works episodes of the sandbox with both.
+/// Runs episodes of the sandbox with both.
 ///
 /// # Errors
 /// If the cell fails.
@@ -93,15 +93,15 @@ pub fn compare(
     native: &Capability,
     component: &Capability,
     seeds: impl IntoIterator<Item = u64>,
-) -> Result<Sameness, SimError> {
-    let found = Arc::new(Mutex::new(Sameness::default()));
+) -> Result<TickAgreement, SimError> {
+    let found = Arc::new(Mutex::new(TickAgreement::default()));
     let mut worker = Worker::new();
     let task = native.bundle.task();
     for seed in seeds {
         let setup = EpisodeSetup::sample(task, &cell.scene, &cell.sandbox, seed);
         let arm = worker.arm(cell, &setup)?;
         let bundle_seed = terms.bundle_seed(seed);
-        let both = Both {
+        let both = PairedSkill {
             native: native.start(bundle_seed),
             component: component.start(bundle_seed),
             found: Arc::clone(&found),
@@ -117,23 +117,23 @@ pub fn compare(
 
 #[cfg(test)]
 mod tests {
-    use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
+    use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
 
-    use crate::experiment::candidate::{Setting, take};
-    use holdpoint_registry::{KeptCells, KeptSecret};
+    use crate::pipeline_experiments::candidate_run::{CandidateSetting, take};
+    use holdpoint_registry::{CacheSecret, ResultCache};
 
     use super::*;
 
-    /// Through all stages to the last live task: every decision with its reasons and numbers, what was worked, and how the cell
-    /// fared afterwards.
+    /// Through all stages to the last live task: every decision with its reasons and numbers, the episodes that ran,
+    /// and the final state of the cell.
     #[test]
     fn the_same_code_is_decided_alike_compiled_in_and_as_a_component() {
         let cell = Cell::builtin().unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let cells = KeptCells::in_folder(folder.path().to_owned(), KeptSecret::fresh().unwrap());
-        let setting = Setting::calibration(&cell, &cells);
+        let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
+        let setting = CandidateSetting::calibration(&cell, &cells);
         let native = holdpoint_engine::embedded::package("grasp-improved").unwrap();
         let native = Capability::load("grasp", native).unwrap();
         let component = with_code(&native, CONTROLLERS).unwrap();
@@ -149,7 +149,7 @@ mod tests {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-        let seeds = (0..6).map(|place| episode_seed(CALIBRATION_FROM_RUN, Purpose::Perturbation, place));
+        let seeds = (0..6).map(|place| episode_seed(CALIBRATION_FROM_RUN, SeedPurpose::Perturbation, place));
         let seeds: Vec<u64> = seeds.collect();
         for version in holdpoint_engine::embedded::baselines().unwrap() {
             if version.id().family.as_str() == "park" {

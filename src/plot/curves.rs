@@ -8,14 +8,14 @@ use super::pen::{STYLES, escaped, head, mark, style, text};
 const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 320.0;
 
-/// Room for the axes' words: left, right, top, bottom.
+/// Room for the axis labels: left, right, top, bottom.
 const ROOM: [f64; 4] = [56.0, 150.0, 30.0, 44.0];
 
 /// A curve: a mean and half a band's width at each place of the axis, from 0 on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
     pub name: String,
-    /// Which of the styles: one that is in several plots looks the same in all.
+    /// Its style; a series in several plots has the same style in all.
     pub style: usize,
     pub points: Vec<(f64, f64)>,
 }
@@ -24,9 +24,9 @@ pub struct Curve {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curves {
     pub title: String,
-    /// What the axes show, with units.
+    /// The axis titles, with units.
     pub axes: [String; 2],
-    /// Least and greatest value of the upright axis.
+    /// Least and greatest value of the vertical axis.
     pub range: [f64; 2],
     pub curves: Vec<Curve>,
 }
@@ -110,7 +110,7 @@ impl Curves {
     }
 }
 
-/// A radar: shares from 0 to 1 on each axis, outer is better; an axis without a value is left out of the outline.
+/// A radar: values from 0 to 1 on each axis, outer is better; the outline omits an axis without a value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Radar {
     pub title: String,
@@ -146,7 +146,7 @@ impl Radar {
                 "<line x1=\"{cx}\" y1=\"{cy}\" x2=\"{x:.1}\" y2=\"{y:.1}\" stroke=\"#cccccc\"/>"
             );
             let (x, y) = at(axis, 1.1);
-            // Words stand outside of the outline, on whichever side of it their axis ends.
+            // Labels stand outside the outline, on the side where their axis ends.
             let anchor = match x - cx {
                 right if right > 1.0 => "start",
                 left if left < -1.0 => "end",
@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn curves_stay_inside_the_frame_and_differ_without_colour() {
+    fn curves_stay_inside_the_frame_and_differ_without_color() {
         let curve = |name: &str, value: f64| Curve {
             name: name.to_owned(),
             style: 0,

@@ -1,7 +1,7 @@
-//! Plots as SVG: curves with bands, a radar, and values over time with what happened beside them.
+//! Plots as SVG: curves with bands, a radar, and values over time with marks.
 //!
-//! Told apart by dashes and marks, so that they can be read without colour and on paper. Knows numbers and words and
-//! nothing of what they mean; words come in safe to show, and are escaped here.
+//! Dashes and marks distinguish the series, so that plots are readable in black and white and on paper. Knows numbers
+//! and texts but not their meaning. Texts arrive sanitized and are escaped here.
 
 mod curves;
 mod pen;

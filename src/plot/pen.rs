@@ -1,19 +1,19 @@
-//! What every plot is drawn with: the page, words, and what tells one series from another without colour.
+//! Parts of every plot: the page, texts, and styles that distinguish series without color.
 
 use std::fmt::Write as _;
 
-/// What tells curves apart: colour, dashes, mark.
-pub(crate) const STYLES: [(&str, &str, Mark); 6] = [
-    ("#111111", "", Mark::Disc),
-    ("#b02a2a", "6 3", Mark::Triangle),
-    ("#1f5fa8", "2 3", Mark::Square),
-    ("#2f7d32", "9 3 2 3", Mark::Diamond),
-    ("#8a5a00", "12 4", Mark::Cross),
-    ("#6a3d9a", "1 2", Mark::Ring),
+/// Styles that distinguish curves: color, dashes, mark.
+pub(crate) const STYLES: [(&str, &str, SeriesMark); 6] = [
+    ("#111111", "", SeriesMark::Disc),
+    ("#b02a2a", "6 3", SeriesMark::Triangle),
+    ("#1f5fa8", "2 3", SeriesMark::Square),
+    ("#2f7d32", "9 3 2 3", SeriesMark::Diamond),
+    ("#8a5a00", "12 4", SeriesMark::Cross),
+    ("#6a3d9a", "1 2", SeriesMark::Ring),
 ];
 
 #[derive(Clone, Copy)]
-pub(crate) enum Mark {
+pub(crate) enum SeriesMark {
     Disc,
     Triangle,
     Square,
@@ -22,31 +22,31 @@ pub(crate) enum Mark {
     Ring,
 }
 
-/// A text as it may stand in HTML and SVG.
+/// A text escaped for HTML and SVG.
 #[must_use]
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-pub(crate) fn style(number: usize) -> (&'static str, &'static str, Mark) {
+pub(crate) fn style(number: usize) -> (&'static str, &'static str, SeriesMark) {
     STYLES[number % STYLES.len()]
 }
 
-pub(crate) fn mark(out: &mut String, mark: Mark, x: f64, y: f64, color: &str) {
+pub(crate) fn mark(out: &mut String, mark: SeriesMark, x: f64, y: f64, color: &str) {
     let path = |points: &[(f64, f64)]| {
         let points: Vec<String> =
             points.iter().map(|(dx, dy)| format!("{:.1},{:.1}", x + dx, y + dy)).collect();
         format!("<polygon points=\"{}\" fill=\"{color}\"/>", points.join(" "))
     };
     out.push_str(&match mark {
-        Mark::Disc => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\" fill=\"{color}\"/>"),
-        Mark::Ring => format!(
+        SeriesMark::Disc => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\" fill=\"{color}\"/>"),
+        SeriesMark::Ring => format!(
             "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\" fill=\"white\" stroke=\"{color}\" stroke-width=\"1.5\"/>"
         ),
-        Mark::Triangle => path(&[(0.0, -4.5), (4.5, 3.5), (-4.5, 3.5)]),
-        Mark::Square => path(&[(-3.5, -3.5), (3.5, -3.5), (3.5, 3.5), (-3.5, 3.5)]),
-        Mark::Diamond => path(&[(0.0, -5.0), (5.0, 0.0), (0.0, 5.0), (-5.0, 0.0)]),
-        Mark::Cross => format!(
+        SeriesMark::Triangle => path(&[(0.0, -4.5), (4.5, 3.5), (-4.5, 3.5)]),
+        SeriesMark::Square => path(&[(-3.5, -3.5), (3.5, -3.5), (3.5, 3.5), (-3.5, 3.5)]),
+        SeriesMark::Diamond => path(&[(0.0, -5.0), (5.0, 0.0), (0.0, 5.0), (-5.0, 0.0)]),
+        SeriesMark::Cross => format!(
             "<path d=\"M{:.1},{:.1} l8,8 m0,-8 l-8,8\" stroke=\"{color}\" stroke-width=\"2\" fill=\"none\"/>",
             x - 4.0,
             y - 4.0

@@ -1,6 +1,6 @@
-//! Values over time, panel under panel on one axis, with what happened beside them.
+//! Values over time in stacked panels on one axis, with marks.
 //!
-//! Points are joined only where one follows the other at once: a gap in the record is a gap in the plot.
+//! Only consecutive points are joined: a gap in the record is a gap in the plot.
 
 use std::fmt::Write as _;
 
@@ -16,22 +16,22 @@ const TOP: f64 = 44.0;
 const TITLE: f64 = 22.0;
 /// Height of a panel's inside.
 const PANEL: f64 = 120.0;
-/// Height of a line of words.
+/// Height of a line of text.
 const LINE: f64 = 16.0;
 /// Room for the letters of marks, and for the axis.
 const LETTERS: f64 = 20.0;
 const AXIS: f64 = 40.0;
-/// Letters nearer to each other than this would lie over each other: the weightiest stands for them.
+/// Letters closer than this would overlap: the most important one stands for all.
 const APART: f64 = 9.0;
-/// Marks that are listed with their words at most.
+/// The most marks listed with their text.
 const LISTED_MAX: usize = 60;
 
-/// A value at a place of the axis, with what it may as well be.
+/// A value at a place of the axis, with its band.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrendPoint {
     /// Place on the axis, as a share from 0 to 1.
     pub at: f64,
-    /// Which of the axis's steps it is: a point that follows at once has the next number.
+    /// Its step on the axis: consecutive points have consecutive numbers.
     pub step: u32,
     /// The value, in the panel's unit.
     pub value: f64,
@@ -42,9 +42,9 @@ pub struct TrendPoint {
 /// One series.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrendLine {
-    /// What it is called beside the panel.
+    /// Its label beside the panel.
     pub name: String,
-    /// Which of the styles: one that is in several panels looks the same in all.
+    /// Its style; a series in several panels has the same style in all.
     pub style: usize,
     /// In order.
     pub points: Vec<TrendPoint>,
@@ -53,26 +53,26 @@ pub struct TrendLine {
 /// One quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrendPanel {
-    /// What is shown, with its unit and what the band is.
+    /// The title, with the unit and the meaning of the band.
     pub title: String,
     /// Least and greatest value of the upright axis.
     pub range: [f64; 2],
-    /// Digits behind the point of the numbers at the axis.
+    /// Decimals of the numbers at the axis.
     pub digits: usize,
     /// The series.
     pub lines: Vec<TrendLine>,
 }
 
-/// Something that happened.
+/// A mark.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrendMark {
     /// Place on the axis, as a share from 0 to 1.
     pub at: f64,
     /// The letter on the line of marks.
     pub letter: char,
-    /// Whose letter is drawn where several would lie over each other: the smaller number first.
+    /// Its rank where letters overlap: the smallest number is drawn.
     pub weight: u8,
-    /// What it was and when, one sentence.
+    /// Its event and time, one sentence.
     pub words: String,
 }
 
@@ -82,9 +82,9 @@ pub struct TrendPlot {
     pub title: String,
     /// Sentences below the title.
     pub notes: Vec<String>,
-    /// What the lower axis shows, with its unit.
+    /// The title of the lower axis, with its unit.
     pub axis: String,
-    /// Places of the axis that are named, as shares from 0 to 1.
+    /// Labeled places of the axis, as shares from 0 to 1.
     pub ticks: Vec<(f64, String)>,
     pub panels: Vec<TrendPanel>,
     pub marks: Vec<TrendMark>,

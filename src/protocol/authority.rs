@@ -1,27 +1,27 @@
-//! What each command does to authority over the arm: who may ask for it follows from that.
+//! The effect of each command on authority over the arm, which decides who may send it.
 
 use super::command::Command;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 
-/// What a command does to authority.
+/// The effect of a command on authority.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Authority {
+pub enum AuthorityEffect {
     /// It only reads.
     Reads,
-    /// It takes authority away, or keeps it from being given: anybody may, at any time, and nothing is signed.
+    /// It takes authority away or withholds it: any client may send it at any time, unsigned.
     TakesAway,
-    /// It gives authority or widens it: signed by an enrolled person, but under the profile `sim` and in scripts.
+    /// It grants or widens authority: signed by an enrolled person, except under the profile `sim` and in scripts.
     Gives,
-    /// It carries a signature of its own over what it is about.
+    /// It carries its own signature.
     SignedItself,
-    /// It gives and takes none: what somebody has seen, and how fast the simulated cell works.
+    /// It neither grants nor takes authority: seen alarms, and the pace of the simulated cell.
     Neither,
 }
 
 impl Command {
-    /// What it does to authority.
+    /// Its effect on authority.
     #[must_use]
-    pub const fn authority(&self) -> Authority {
+    pub const fn authority_effect(&self) -> AuthorityEffect {
         match self {
             Self::Question { .. }
             | Self::Detail { .. }
@@ -30,7 +30,7 @@ impl Command {
             | Self::Audit { .. }
             | Self::Health { .. }
             | Self::VerifyAudit
-            | Self::Snapshot => Authority::Reads,
+            | Self::Snapshot => AuthorityEffect::Reads,
             Self::Stop { .. }
             | Self::Rollback(_)
             | Self::Vacate(_)
@@ -38,8 +38,8 @@ impl Command {
             | Self::Reject(_)
             | Self::Demote { .. }
             | Self::Pause(_)
-            | Self::Shutdown => Authority::TakesAway,
-            // An alarm that is reset no longer holds anything, and one on a shelf is out of sight.
+            | Self::Shutdown => AuthorityEffect::TakesAway,
+            // A reset alarm no longer blocks anything, and a shelved one is hidden.
             Self::Register { .. }
             | Self::Release { .. }
             | Self::Resume(_)
@@ -49,27 +49,26 @@ impl Command {
             | Self::Go { .. }
             | Self::ConfirmTime { .. }
             | Self::Goal { .. }
-            // A link that is down leaves a monitor without what it looks at.
+            // A link that is down leaves a monitor without data.
             | Self::Drift { .. }
             | Self::LiveFault { .. }
             | Self::ResetAlarm { .. }
-            | Self::ShelveAlarm { .. } => Authority::Gives,
-            Self::Decide { .. } | Self::Person { .. } => Authority::SignedItself,
+            | Self::ShelveAlarm { .. } => AuthorityEffect::Gives,
+            Self::Decide { .. } | Self::Person { .. } => AuthorityEffect::SignedItself,
             Self::AcknowledgeAlarm { .. }
             | Self::UnshelveAlarm { .. }
             | Self::Note { .. }
-            | Self::Pace { .. } => Authority::Neither,
+            | Self::Pace { .. } => AuthorityEffect::Neither,
         }
     }
 
-    /// Whether it does nothing but take authority away, or keep it from being given: no crowd of other requests keeps it
-    /// out.
+    /// Whether it only takes or withholds authority: the engine accepts it under any load of other requests.
     #[must_use]
     pub const fn takes_authority_away(&self) -> bool {
-        matches!(self.authority(), Authority::TakesAway)
+        matches!(self.authority_effect(), AuthorityEffect::TakesAway)
     }
 
-    /// The version whose authority over the arm it takes away or narrows; `None` if it is about no version's.
+    /// The version whose authority over the arm it takes away or narrows; `None` if there is none.
     #[must_use]
     pub const fn takes_from(&self) -> Option<&CapabilityId> {
         match self {
@@ -82,13 +81,13 @@ impl Command {
         }
     }
 
-    /// Whether it asks back, and does nothing, where nobody would take over.
+    /// Whether it asks for confirmation, and does nothing, where no version would take over.
     #[must_use]
-    pub const fn asks_for_the_last(&self) -> bool {
+    pub const fn needs_last_confirmation(&self) -> bool {
         matches!(self, Self::Rollback(_) | Self::Demote { .. })
     }
 
-    /// The person it names as who asks; `None` if it names none.
+    /// The person it names as requester; `None` if it names none.
     #[must_use]
     pub fn by(&self) -> Option<&str> {
         match self {
@@ -130,10 +129,10 @@ impl Command {
         }
     }
 
-    /// The digest of its content that a signature is over: of its canonical JSON (no spaces, names of fields sorted).
+    /// The digest of its content that a signature covers: canonical JSON, without spaces and with sorted field names.
     ///
     /// # Errors
-    /// If it holds a number that is none, which no JSON can.
+    /// If it holds a non-finite number, which JSON cannot express.
     pub fn digest(&self) -> Result<Digest, serde_json::Error> {
         Digest::of_json("holdpoint/command/v1", self)
     }

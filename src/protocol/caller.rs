@@ -1,13 +1,13 @@
-//! Whose process asks for something.
+//! The process behind a request.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Whose process asked for something, as the system has it: nobody can claim it.
+/// The process behind a request, as the operating system reports it; a client cannot forge it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
 pub enum Caller {
-    /// A script, which is no person's process.
+    /// A script instead of a person's process.
     Script,
     /// A process of this machine.
     Process {
@@ -15,7 +15,7 @@ pub enum Caller {
         uid: u32,
         /// Name of that user; absent if the system has none.
         user: Option<String>,
-        /// Its process id; absent if the system does not say.
+        /// Its process id; absent if the system does not report it.
         process: Option<u32>,
     },
 }

@@ -1,7 +1,7 @@
 //! Time as the engine knows it: virtual milliseconds that never go back.
 //!
-//! In a script the clock moves by what was simulated and jumps to the next deadline when nothing
-//! is left to do; at a console it follows the machine's monotonic clock.
+//! In a script the clock advances with the simulation and jumps to the next deadline when no work is left; at a console
+//! it follows the machine's monotonic clock.
 
 use std::time::Instant;
 
@@ -16,17 +16,17 @@ pub fn tick_of(at_ms: u64) -> u64 {
     at_ms.saturating_mul(TICKS_PER_SECOND) / 1000
 }
 
-/// The virtual time in which so many ticks have passed, ms. Rounded up: a clock that moves on by it is never behind who
-/// counted the ticks, so that `tick_of(ms_of(ticks)) >= ticks`.
+/// The virtual time of `ticks` ticks, ms. Rounded up, so that a clock advanced by it is never behind a tick counter:
+/// `tick_of(ms_of(ticks)) >= ticks`.
 #[must_use]
 pub const fn ms_of(ticks: u64) -> u64 {
     ticks.saturating_mul(1000).div_ceil(TICKS_PER_SECOND)
 }
 
-/// What moves virtual time: the work of a script, or the machine's clock.
+/// The source of virtual time: the work of a script, or the machine's clock.
 #[derive(Clone, Debug)]
 pub enum Clock {
-    /// Moved by the engine, by the simulated work it has done.
+    /// Advanced by the engine with its simulated work.
     Virtual {
         /// Virtual time now, ms.
         now_ms: u64,
@@ -41,7 +41,7 @@ pub enum Clock {
 }
 
 impl Clock {
-    /// A clock for scripts, which stands still until it is moved.
+    /// A clock for scripts, which advances only on request.
     #[must_use]
     pub const fn scripted(from_ms: u64) -> Self {
         Self::Virtual { now_ms: from_ms }
@@ -53,7 +53,7 @@ impl Clock {
         Self::Real { from_ms, since: Instant::now() }
     }
 
-    /// Whether a script moves it.
+    /// Whether a script advances it.
     #[must_use]
     pub const fn is_scripted(&self) -> bool {
         matches!(self, Self::Virtual { .. })
@@ -71,14 +71,14 @@ impl Clock {
         }
     }
 
-    /// Simulated work took this long; real time passes by itself.
+    /// Advances a script's clock by simulated work; real time advances by itself.
     pub const fn advance(&mut self, by_ms: u64) {
         if let Self::Virtual { now_ms } = self {
             *now_ms = now_ms.saturating_add(by_ms);
         }
     }
 
-    /// Nothing is left to do before `at_ms`: a script's clock jumps there. Tells whether it moved.
+    /// Jumps a script's clock to `at_ms`, because no work is left before; returns whether it moved.
     pub const fn jump_to(&mut self, at_ms: u64) -> bool {
         match self {
             Self::Virtual { now_ms } if *now_ms < at_ms => {
@@ -88,6 +88,13 @@ impl Clock {
             _ => false,
         }
     }
+}
+
+/// Virtual time as hours, minutes and seconds since the store began: `00:12:41`.
+#[must_use]
+pub fn clock_time(at_ms: u64) -> String {
+    let secs = at_ms / 1000;
+    format!("{:02}:{:02}:{:02}", secs / 3600, secs / 60 % 60, secs % 60)
 }
 
 #[cfg(test)]

@@ -1,18 +1,18 @@
-//! What can be asked of the engine, and what it answers. Plain serde values: the one interface for all front ends.
+//! The commands of the engine and its replies. Plain serde values: one interface for all front ends.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use super::detail::{AuditPage, Detail, RegistryPage, Verified};
-use super::explained::blank;
-use super::film::{Film, FilmAsked};
-use super::health::{HealthAsked, HealthSeries};
-use super::purpose::Purpose;
-use super::question::QuestionView;
+use super::approval_document::ApprovalDocument;
+use super::detail::{AuditPage, AuditVerification, Detail, RegistryPage};
+use super::explanation::blank;
+use super::film::{Film, FilmRequest};
+use super::health::{HealthQuery, HealthSeries};
+use super::request_kind::RequestKind;
 use holdpoint_approvals::{SignedApproval, SignedCall, SignedPersonAct};
-use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
+use holdpoint_body::disturbance::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
@@ -21,74 +21,74 @@ use holdpoint_governance::submission::Package;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_text::Hint;
 
-pub use super::authority::Authority;
+pub use super::authority::AuthorityEffect;
 pub use super::caller::Caller;
 
-/// The paces of the simulated live world, simulated seconds in a second.
+/// The paces of the simulated live world, simulated seconds per second.
 pub const PACE_ALLOWED: std::ops::RangeInclusive<f64> = 0.1..=100.0;
 
-/// Something asked of the engine. A command grants nothing: the engine checks every one of them.
+/// A command to the engine. It grants nothing: the engine checks every one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "command", deny_unknown_fields)]
 pub enum Command {
-    /// Take in a candidate version; it acts on nothing before its gate.
+    /// Register a candidate; it moves nothing before its gate.
     Register {
         /// Manifest, submission and parameters, as their author wrote them.
         package: Package,
-        /// What the package is called in messages (its folder).
+        /// The package's name in messages (its folder).
         name: String,
-        /// In a script, the person on whose behalf it is registered; elsewhere the signature says who asks, and this
-        /// is not looked at. Absent where a script's step names nobody.
+        /// In a script, the person on whose behalf the version is registered; absent if the step names none. Elsewhere
+        /// the signature identifies the requester, and this is ignored.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         by: Option<String>,
     },
-    /// A question as one person gets it: lines to show, the facts behind them, and what an answer has to name.
+    /// Render an approval request for one person: lines to show, the facts behind them, and the ids an answer must name.
     Question {
-        /// The version it is about.
+        /// Its version.
         version: CapabilityId,
-        /// Which question: one that waits, or the emergency door.
-        purpose: Purpose,
+        /// Which request: one that waits, or break-glass.
+        purpose: RequestKind,
         /// Name of the identity that would answer.
         who: String,
     },
-    /// A person's signed approval or refusal of a waiting candidate. An approval is over what [`Command::Question`]
-    /// answered; the engine makes it again and refuses another.
+    /// A person's signed approval or refusal of a waiting candidate. An approval covers the reply to
+    /// [`Command::Question`]; the engine renders it again and refuses a different one.
     Decide {
         /// The decision with its signature; checked by the engine and again by the store.
         signed: Box<SignedApproval>,
     },
-    /// An administrator's signed act: a person's key is enrolled, or revoked.
+    /// An administrator's signed act that enrolls or revokes a person's key.
     Person {
         /// The act with its signature; checked by the engine and again by the store.
         signed: Box<SignedPersonAct>,
     },
-    /// Refuse a candidate for good; an active version is rolled back instead.
+    /// Reject a candidate; an active version is rolled back instead.
     Reject(Operation),
-    /// Take the active version off: safe pose first, then the predecessor. Without a predecessor it is refused;
-    /// [`Command::Vacate`] is for that.
+    /// Roll the active version back: safe pose first, then the rollback target. Without one it is refused; use
+    /// [`Command::Vacate`].
     Rollback(Operation),
-    /// Take the last version of a family off: no version acts until somebody re-arms the family.
+    /// Deactivate the last version of a family: none is active until an operator reactivates one.
     Vacate(Operation),
-    /// Send a version back to evaluation, or close profiles to it.
+    /// Return a version to evaluation, or block it under profiles.
     Demote {
         /// Version, person and reason.
         operation: Operation,
-        /// Profiles that are closed to it (a profile demotion: it keeps its state, unless it acts under one of
-        /// them); empty for a soft demotion.
+        /// Profiles under which to block it (a profile demotion: it keeps its state, unless it is active under one
+        /// of them); empty to return it to evaluation.
         profiles: Vec<ProfileName>,
     },
-    /// Lift the restriction of an active version, or open profiles to a version again.
+    /// Lift the restriction of an active version, or unblock a version under profiles.
     Release {
         /// Version, person and reason.
         operation: Operation,
-        /// Profiles that are open to it again; empty for the envelope that monitor or operator tightened.
+        /// Profiles under which to unblock it; empty to restore the full envelope.
         profiles: Vec<ProfileName>,
     },
-    /// Hold a candidate: it does not advance; rejecting, demoting and rolling back still work.
+    /// Pause a candidate: it does not advance; reject, demote and rollback still work.
     Pause(Operation),
-    /// Let a held candidate go on from where it was held.
+    /// Resume a candidate from the point where it was paused or put on hold.
     Resume(Operation),
-    /// Run sandbox or shadow again; a gate pass and approvals are void with it.
+    /// Run sandbox or shadow again; this voids a gate pass and approvals.
     Repeat {
         /// Version, person and reason.
         operation: Operation,
@@ -97,9 +97,9 @@ pub enum Command {
     },
     /// Tighten the envelope of an active version, as the monitor would.
     Restrict(Operation),
-    /// Make a superseded version of a safe-stopped family active again.
+    /// Reactivate an earlier version of a safe-stopped family.
     Rearm(Operation),
-    /// Let a drift set in, in the simulated cell.
+    /// Start a drift of the simulated cell.
     Drift {
         /// What changes; absent ends it.
         kind: Option<DriftKind>,
@@ -108,16 +108,16 @@ pub enum Command {
         #[schemars(with = "String")]
         magnitude: Option<Magnitude>,
     },
-    /// Break something in the simulated live world, for a rehearsal.
+    /// Break something in the simulated live world, for an exercise.
     LiveFault {
-        /// What breaks; absent mends it.
+        /// What breaks; absent to repair it.
         fault: Option<LiveFault>,
     },
-    /// Note that somebody has seen an alarm.
+    /// Acknowledge an alarm.
     AcknowledgeAlarm {
         /// Name of the alarm, e.g. `rolled-back:grasp@1.3.0`.
         alarm: String,
-        /// Identity of the operator who has taken note.
+        /// Identity of the operator who acknowledges it.
         by: String,
     },
     /// Close a latched alarm whose condition is gone.
@@ -129,49 +129,48 @@ pub enum Command {
         /// Why it is safe to close the alarm; a blank reason is refused.
         reason: String,
     },
-    /// Set an alarm aside for a time.
+    /// Shelve an alarm for a time.
     ShelveAlarm {
         /// Name of the alarm; a critical one is refused.
         alarm: String,
-        /// Identity of the operator who sets it aside.
+        /// Identity of the operator who shelves it.
         by: String,
         /// For how long from now, ms; at most one shift of eight hours.
         for_ms: u64,
-        /// Why it may be out of sight meanwhile; a blank reason is refused.
+        /// Why it may be hidden meanwhile; a blank reason is refused.
         reason: String,
     },
-    /// Take an alarm from its shelf before the shelf ends.
+    /// Unshelve an alarm before its time.
     UnshelveAlarm {
         /// Name of the alarm, which must be shelved.
         alarm: String,
-        /// Identity of the operator who brings it back.
+        /// Identity of the operator who unshelves it.
         by: String,
     },
-    /// Answer a monitor's question: the version goes on as it is.
+    /// Answer an escalation: the version continues unchanged.
     Continue(Operation),
-    /// Stop the arm in the tick that runs, whatever is under way; carried out at any time, also while the engine
-    /// holds. It stays stopped, over restarts as well, until [`Command::Go`].
+    /// Stop the arm in the current tick; accepted at any time, also while the engine is halted. The cell stays
+    /// stopped, over restarts as well, until [`Command::Go`].
     Stop {
-        /// Who stops it, as they call themselves; any text will do, also none.
+        /// The person's own name, unverified; any text, also none.
         by: String,
         /// Why, in the person's own words; may be empty.
         reason: String,
     },
-    /// Let a stopped cell work again.
+    /// Start a stopped cell again.
     Go {
         /// Identity of the person who answers for it.
         by: String,
         /// Why it is safe, in the person's own words; a blank reason is refused.
         reason: String,
-        /// Which standstill is meant: virtual time since when it is stopped, ms
+        /// The stop to end: the virtual time of its beginning, ms
         /// ([`StoppedView::since_ms`](crate::snapshot::StoppedView::since_ms)); refused for another one.
         since_ms: u64,
         /// How many stops of it the person knows of ([`StoppedView::stops`](crate::snapshot::StoppedView::stops));
-        /// refused where there are more.
+        /// refused if there are more.
         stops: u64,
     },
-    /// Confirm what the machine's clock says, where it was set or is behind the newest record: until then nothing is
-    /// activated.
+    /// Confirm the machine's clock after a clock mismatch; until then nothing is activated.
     ConfirmTime {
         /// Identity of the person who answers for it.
         by: String,
@@ -180,45 +179,45 @@ pub enum Command {
         /// The time that the person confirms; refused if the machine's clock says another one by more than five minutes.
         time: WallTime,
     },
-    /// Leave a note for those who come after: on record, and a mark over the charts of health. It changes nothing else.
+    /// Leave a note for the next shift: on record, and a mark over the health charts. It changes nothing else.
     Note {
-        /// Whose it is.
+        /// Its author.
         by: String,
-        /// What it says; a blank one is refused.
+        /// Its text; a blank one is refused.
         text: String,
     },
-    /// What the agent of the live world works towards, from the next sequence on.
+    /// Set the goal of the live cell's agent, from the next sequence on.
     Goal {
-        /// In the words of the agent's goal interpreter: `pick-align-place`, or the last primitive to work (`grasp`,
+        /// In the words of the agent's goal interpreter: `pick-align-place`, or the last primitive to run (`grasp`,
         /// `align`, `place`).
         goal: String,
-        /// Who sets it.
+        /// The person who sets it.
         by: String,
         /// Why, in the person's own words; a blank reason is refused.
         reason: String,
     },
-    /// How fast the simulated live world works.
+    /// Set the pace of the simulated live world.
     Pace {
         /// Simulated seconds in a second; absent for as fast as it computes.
         times: Option<f64>,
     },
     /// Everything about one version.
     Detail {
-        /// The version that is asked about.
+        /// The version.
         version: CapabilityId,
     },
-    /// A piece of its evaluation, worked again and drawn. Nothing is decided by it and nothing of it kept.
+    /// Re-run a piece of its evaluation with video. It decides nothing, and nothing of it is stored.
     Film {
         /// The version that was evaluated.
         version: CapabilityId,
         /// Which piece of it.
-        asked: FilmAsked,
+        asked: FilmRequest,
     },
     /// A page of the registry's versions, by family and semantic version.
     Registry {
         /// The lifecycle states to list.
         group: VersionGroup,
-        /// Whose name contains this; empty for all.
+        /// Only versions whose name contains this; empty for all.
         text: String,
         /// Rows to skip from the start of the list.
         offset: u64,
@@ -231,16 +230,16 @@ pub enum Command {
         before: Option<u64>,
         /// Only records about this family, version or alarm; empty for all.
         subject: String,
-        /// Kinds that are left out before rows are counted; empty for none.
+        /// Kinds to omit before rows are counted; empty for none.
         #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
         without: BTreeSet<RecordKind>,
         /// Most rows to return; [`PAGE_MAX`](super::detail::PAGE_MAX) is the limit.
         limit: u64,
     },
-    /// What live tasks came to over a span of time, what happened beside them, and the alarms of that span.
+    /// Results of live tasks over a span of time, events beside them, and the alarms of that span.
     Health {
-        /// The span, and how it is cut.
-        asked: HealthAsked,
+        /// The span and its buckets.
+        asked: HealthQuery,
     },
     /// Check the whole audit chain and the views that follow from it.
     #[serde(deserialize_with = "nothing_more")]
@@ -248,24 +247,24 @@ pub enum Command {
     /// The state of the whole engine at this moment.
     #[serde(deserialize_with = "nothing_more")]
     Snapshot,
-    /// End in an orderly way: nothing is approved or activated by it.
+    /// End the engine cleanly; this approves and activates nothing.
     #[serde(deserialize_with = "nothing_more")]
     Shutdown,
 }
 
-/// A command without fields refuses those it does not know, as the others do: the derived code would pass over them.
+/// A command without fields refuses unknown ones, as the others do: the derived code would ignore them.
 fn nothing_more<'de, D: serde::Deserializer<'de>>(from: D) -> Result<(), D::Error> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
-    struct Nothing {}
-    Nothing::deserialize(from).map(|Nothing {}| ())
+    struct NoFields {}
+    NoFields::deserialize(from).map(|NoFields {}| ())
 }
 
-/// Which version, by whom and why.
+/// The version, the person and the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Operation {
-    /// The version that is to be moved.
+    /// The version to move.
     pub version: CapabilityId,
     /// Identity of the person who asks for it; kept on record.
     pub by: String,
@@ -279,16 +278,16 @@ pub struct Operation {
 pub struct Request {
     /// Chosen by the sender, unique; a retry uses the same.
     pub id: String,
-    /// What the engine is to do or to report.
+    /// The command.
     pub command: Command,
-    /// Who signed the command, where it gives or widens authority ([`Authority`]); absent if nobody did. Under the
-    /// profiles `real` and `human` such a command is refused without. With any other command it is not looked at.
+    /// The signer of a command that grants or widens authority ([`Authority`]); absent if it is unsigned. Under `real`
+    /// and `human` the engine refuses such a command without it. With any other command it is ignored.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seal: Option<Box<SignedCall>>,
 }
 
 impl Request {
-    /// A request that nobody signed.
+    /// An unsigned request.
     #[must_use]
     pub const fn unsigned(id: String, command: Command) -> Self {
         Self { id, command, seal: None }
@@ -299,9 +298,9 @@ impl Request {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "reply", deny_unknown_fields)]
 pub enum Reply {
-    /// Done, and on disk: a sudden death does not undo it.
+    /// Done, and on disk: a crash does not undo it.
     Accepted {
-        /// What was done, one sentence for the person who asked.
+        /// What was done, one sentence for the requester.
         text: String,
         /// The version it is about; absent if it is about none.
         version: Option<CapabilityId>,
@@ -310,17 +309,17 @@ pub enum Reply {
     Refused {
         /// The class of the refusal, for programs to match on.
         code: Refusal,
-        /// What failed and why, one sentence for the person who asked.
+        /// What failed and why, one sentence for the requester.
         text: String,
-        /// What would help, one sentence; absent if nothing the sender can do would.
+        /// A remedy, one sentence; absent if the sender has none.
         hint: Option<String>,
     },
-    /// Answers [`Command::Stop`]: the cell is stopped, whether or not that could be written down.
+    /// Answers [`Command::Stop`]: the cell is stopped, whether or not it could be recorded.
     Stopped {
-        /// What was done, one sentence for the person who asked.
+        /// What was done, one sentence for the requester.
         text: String,
-        /// What of the stop outlasts this engine.
-        kept: StopKept,
+        /// Where the stop outlasts this engine.
+        kept: StopPersistence,
     },
     /// Answers [`Command::Snapshot`].
     Snapshot {
@@ -329,58 +328,58 @@ pub enum Reply {
     },
     /// Answers [`Command::Question`].
     Question {
-        /// The question as that person gets it.
-        question: Box<QuestionView>,
+        /// The request as rendered for that person.
+        question: Box<ApprovalDocument>,
     },
     /// Answers [`Command::Detail`].
     Detail {
-        /// Everything that is known of the version.
+        /// All data about the version.
         detail: Box<Detail>,
     },
     /// Answers [`Command::Film`].
     Film {
-        /// The pictures of both versions.
+        /// The video of both versions.
         film: Box<Film>,
     },
     /// Answers [`Command::Registry`].
     Registry {
-        /// The rows asked for, with the number there are in all.
+        /// The requested rows, with the total number.
         page: RegistryPage,
     },
     /// Answers [`Command::Audit`].
     Audit {
-        /// The rows asked for, with the head of the log.
+        /// The requested rows, with the head of the log.
         page: AuditPage,
     },
     /// Answers [`Command::Health`].
     Health {
-        /// Bucket by bucket, with what it rests on.
+        /// The buckets, with their basis.
         series: Box<HealthSeries>,
     },
-    /// What checking the audit chain came to.
+    /// The result of checking the audit chain.
     Verified {
-        /// Whether the chain holds, and what was found.
-        verified: Verified,
+        /// Whether the chain is intact, and the findings.
+        verified: AuditVerification,
     },
 }
 
 impl Reply {
-    /// A refusal in an error's own words, with its hint.
+    /// A refusal with the text and hint of an error.
     #[must_use]
     pub fn refused(code: Refusal, error: &impl Hint) -> Self {
         Self::Refused { code, text: error.to_string(), hint: error.hint().map(Cow::into_owned) }
     }
 }
 
-/// Where a stop is kept, so that it is in force after the engine's end, however that comes.
+/// Where a stop is stored, so that it outlasts any end of the engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum StopKept {
+pub enum StopPersistence {
     /// In the audit chain.
     OnRecord,
     /// In a file beside the record, which the next engine reads first.
     InMark,
-    /// Nowhere but in the memory of this engine: a sudden end forgets it.
+    /// Only in the memory of this engine: a sudden end loses it.
     InMemory,
 }
 
@@ -392,25 +391,24 @@ pub enum Refusal {
     BadInput,
     /// There is no such version, family, prompt or alarm.
     NotFound,
-    /// A version of this name is registered already; what is registered never changes.
+    /// A version of this name is registered already, and never changes.
     Exists,
     /// The lifecycle does not allow it now.
     NotNow,
-    /// The decision is over something that has changed since.
+    /// The decision covers something that has changed since.
     Stale,
-    /// The identity's role, or its part in the candidate, does not let it decide this.
+    /// The identity's role or its part in the candidate forbids this decision.
     NotAllowed,
-    /// The engine could not write it down.
+    /// The engine could not record it.
     Store,
-    /// The engine is holding after a fault of its own.
+    /// The engine is halted after a fault of its own.
     Holding,
-    /// No engine has answered: whether it was carried out is not known. Said by whoever asked, never by an engine.
+    /// No engine has answered, so the outcome is unknown. Only a client reports this, never an engine.
     NoAnswer,
 }
 
 impl Command {
-    /// Whether it only reads, is about alarms alone, or stops the cell: it is carried out while the engine holds as
-    /// well.
+    /// Whether it only reads, concerns alarms, or stops the cell: a halted engine accepts it as well.
     #[must_use]
     pub const fn is_harmless(&self) -> bool {
         match self {
@@ -468,7 +466,7 @@ impl Command {
         )
     }
 
-    /// Whether it takes authority away: the arm is stopped for it wherever it works.
+    /// Whether it takes authority away: it stops the arm in any work.
     #[must_use]
     pub const fn stops_the_arm(&self) -> bool {
         matches!(
@@ -477,8 +475,8 @@ impl Command {
         )
     }
 
-    /// Whether it stops or tightens what acts and does nothing else, with no signature: it is as right for whatever engine
-    /// is at work as for the one that it was meant for.
+    /// Whether it only stops or tightens, unsigned: it is then right for any running engine, not only for the intended
+    /// one.
     #[must_use]
     pub const fn stops_what_acts(&self) -> bool {
         matches!(

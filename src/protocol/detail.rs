@@ -1,4 +1,4 @@
-//! Answers to questions about one version, the registry and the audit log: more than a snapshot carries.
+//! Replies about one version, the registry and the audit log, with more detail than a snapshot.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -6,8 +6,8 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 
 use super::event::DimensionResult;
-use super::explained::Explained;
-use super::film::FilmAsked;
+use super::explanation::DecisionExplanation;
+use super::film::FilmRequest;
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
@@ -26,7 +26,7 @@ pub const PAGE_MAX: usize = 10_000;
 pub struct RegistryPage {
     /// One row a version, at most [`PAGE_MAX`].
     pub rows: Vec<VersionSummary>,
-    /// How many rows there are in all, on this page and others.
+    /// The total number of rows on all pages.
     pub total: u64,
     /// The profile's limits of kappa I, P, B, R.
     pub thresholds: [f64; 4],
@@ -41,20 +41,20 @@ pub struct AuditPage {
     pub head: u64,
 }
 
-/// What checking the whole chain came to.
+/// The result of checking the whole chain.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Verified {
-    /// Whether every record follows from the one before and the store's views follow from the log.
+pub struct AuditVerification {
+    /// Whether every record links to the one before and the store's views match the log.
     pub holds: bool,
     /// Records in the chain that was checked.
     pub records: u64,
-    /// What was found, one sentence for the operator.
+    /// The finding, one sentence for the operator.
     pub text: String,
 }
 
 /// A field in which two documents differ.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Difference {
+pub struct FieldDiff {
     /// Path of the field, e.g. `permissions.max_force_n`.
     pub field: String,
     /// Its old value, in the active version; absent if the field is new.
@@ -66,27 +66,27 @@ pub struct Difference {
 /// The whole difference between a candidate and the version it would replace.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct Changes {
+pub struct VersionDiff {
     /// Every field of manifest and parameters in which they differ.
-    pub fields: Vec<Difference>,
-    /// What its author declares to have changed in the interface; an author's word, shown as such.
+    pub fields: Vec<FieldDiff>,
+    /// The interface changes that its author declares; shown as declared.
     pub declared: Vec<InterfaceChange>,
 }
 
 /// One measured value with its place between limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Measure {
-    /// The component or rate that was measured, in the rules' words.
+pub struct MeasuredValue {
+    /// The measured component or rate, in the rules' words.
     pub name: String,
-    /// The candidate's mean or share, in the unit of its name; absent if not measured.
+    /// The candidate's mean or rate, in the unit of its name; absent if not measured.
     pub candidate: Option<f64>,
-    /// The active version's mean or share, on the same seeds; absent if not measured.
+    /// The active version's mean or rate, on the same seeds; absent if not measured.
     pub active: Option<f64>,
-    /// Where the candidate's true value lies.
+    /// The interval of the candidate's true value.
     pub interval: Option<[f64; 2]>,
-    /// The limit it is held against; absent if there is none.
+    /// The limit it is compared with; absent if there is none.
     pub limit: Option<f64>,
-    /// Over how many episodes it was measured.
+    /// The number of measured episodes.
     pub n: u64,
 }
 
@@ -95,25 +95,25 @@ pub struct Measure {
 pub struct ModeView {
     /// The conditions the versions were run under.
     pub mode: SandboxMode,
-    /// What was measured in it, one row a component.
-    pub measures: Vec<Measure>,
+    /// The measured values, one row per component.
+    pub measures: Vec<MeasuredValue>,
 }
 
 /// One kind of recovery drill, for both versions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DrillView {
-    /// The kind of rehearsal.
+    /// The kind of drill.
     pub kind: DrillKind,
     /// Drills the candidate recovered from, of how many.
     pub candidate: [u64; 2],
     /// Drills the active version recovered from, of how many.
     pub active: [u64; 2],
-    /// The same by the phase of the work in which they began.
+    /// The same by the phase in which they began.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub phases: Vec<PhaseDrillView>,
 }
 
-/// One kind of recovery drill in one phase of the work, for both versions.
+/// One kind of recovery drill in one phase, for both versions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PhaseDrillView {
     /// The phase in which the drills began.
@@ -124,49 +124,49 @@ pub struct PhaseDrillView {
     pub active: [u64; 2],
 }
 
-/// Why one part of the rules came out as it did.
+/// The result of one part of the rules, with its reasons.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct WhyView {
+pub struct RationaleView {
     /// The part of the rules.
     pub about: Dimension,
-    /// What decided, one sentence, its numbers first.
+    /// The deciding fact, one sentence, its numbers first.
     pub decisive: String,
-    /// What would have to be otherwise, one sentence each; empty: nothing.
+    /// The changes that would improve the result, one sentence each; empty if none.
     pub change: Vec<String>,
-    /// What was measured, the gravest first. More of anything in it is worse.
-    pub findings: Vec<WhyFinding>,
-    /// The work that shows it; absent if none can be worked again.
-    pub film: Option<FilmAsked>,
+    /// The measurements, the gravest first. A larger value is worse.
+    pub findings: Vec<RationaleFinding>,
+    /// The work that shows it; absent if none can be re-run.
+    pub film: Option<FilmRequest>,
 }
 
 /// Something measured that bears on a check.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct WhyFinding {
-    /// What was found, with the numbers of both versions and what is allowed.
+pub struct RationaleFinding {
+    /// The finding, with the numbers of both versions and the limit.
     pub text: String,
-    /// How much worse than the active version, in units of what is tolerated: 1 is just tolerated, below 0 is better;
-    /// absent where nothing is tolerated, or nothing compared.
+    /// The worsening in units of the margin: 1 is just accepted, below 0 is better; absent without a margin or a
+    /// comparison.
     pub weight: Option<f64>,
-    /// What the evidence says of it.
+    /// The conclusion from the evidence.
     pub verdict: FindingVerdict,
 }
 
-holdpoint_governance::words! {
-    /// What the evidence says of something measured.
+holdpoint_governance::closed_set! {
+    /// The conclusion from the evidence on one measurement.
     FindingVerdict, "verdict of a finding", {
-        /// A worsening is established.
+        /// A worsening is significant.
         Worse = "worse",
-        /// A worsening beyond what is tolerated is neither established nor excluded.
+        /// Inconclusive: neither significantly worse nor non-inferior.
         Doubtful = "doubtful",
-        /// A worsening beyond what is tolerated is excluded.
+        /// Non-inferior: a worsening beyond the margin is excluded.
         Tolerable = "tolerable",
     }
 }
 
-/// Everything there is to say about one version.
+/// All details of one version.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Detail {
-    /// The version everything here is about.
+    /// The version.
     pub version: CapabilityId,
     /// The version it would replace or has replaced.
     pub against: Option<CapabilityId>,
@@ -174,23 +174,23 @@ pub struct Detail {
     pub parent: Option<CapabilityId>,
     /// Digest of its manifest and bundle.
     pub digest: Digest,
-    /// What its author says has changed; an author's word, shown as such.
+    /// The changes that its author declares; shown as declared.
     pub summary: String,
     /// Identity of its author, as the submission has it.
     pub author: String,
     /// How the version came about, as the submission has it.
     pub provenance: Provenance,
-    /// Who registered it, and so cannot approve it.
+    /// The person who registered it, and so cannot approve it.
     #[serde(default)]
     pub requester: Requester,
-    /// Risk class by what changed; before it was assessed, as the submission estimates it.
+    /// Risk class by its changes; before the assessment, the submission's estimate.
     pub risk: Risk,
-    /// What the risk class follows from; empty before it was assessed.
+    /// The causes of the risk class; empty before the assessment.
     #[serde(default)]
     pub risk_causes: BTreeSet<RiskCause>,
     /// Virtual time of registration, ms.
     pub registered_ms: u64,
-    /// The four dimensions as they were last assessed, in the order I, P, B, R.
+    /// The latest assessment of the four dimensions, in the order I, P, B, R.
     pub dimensions: Vec<DimensionResult>,
     /// The composite score of the four dimensions; reported, never gating.
     pub composite: Option<f64>,
@@ -198,23 +198,23 @@ pub struct Detail {
     pub reasons: Vec<Reason>,
     /// Conditions under which it may be used, from all four dimensions.
     pub conditions: Vec<Condition>,
-    /// Why each part of the rules came out as it did, the four compatibilities first.
+    /// The result of each part of the rules with its reasons, the four compatibilities first.
     #[serde(default)]
-    pub why: Vec<WhyView>,
+    pub why: Vec<RationaleView>,
     /// Manifest against the active version's, field by field.
-    pub differences: Vec<Difference>,
-    /// The components of the behavioural comparison; interval and limit are of the worsening, candidate against
-    /// active version (paired), not of the candidate's own value.
-    pub behavior: Vec<Measure>,
+    pub differences: Vec<FieldDiff>,
+    /// The components of the behavior comparison; interval and limit are of the worsening, candidate against active
+    /// version (paired), not of the candidate's own value.
+    pub behavior: Vec<MeasuredValue>,
     /// Sandbox results by mode of perturbation.
     pub modes: Vec<ModeView>,
     /// Results of the recovery drills by kind.
     pub drills: Vec<DrillView>,
     /// Every decision, oldest first.
-    pub decisions: Vec<Explained>,
+    pub decisions: Vec<DecisionExplanation>,
     /// Audit records about it, newest first.
     pub audit: Vec<AuditRecord>,
-    /// Digest of the evidence a decision would be over; absent before there is any.
+    /// Digest of the evidence that a decision would cover; absent without evidence.
     pub evidence: Option<Digest>,
     /// What was not tested, one sentence each.
     pub untested: Vec<String>,

@@ -1,4 +1,4 @@
-//! What happened in the engine: one value for each thing, in order.
+//! Events of the engine: one value for each thing that happened, in order.
 //!
 //! No wall-clock time is in an event: equal scenarios with equal seeds give equal events.
 
@@ -6,12 +6,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::caller::Caller;
-use super::detail::Changes;
-use super::explained::blank;
-use super::purpose::Purpose;
-use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
+use super::detail::VersionDiff;
+use super::explanation::blank;
+use super::request_kind::RequestKind;
+use holdpoint_body::disturbance::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, Priority};
-use holdpoint_governance::approval::{Answer, Requester};
+use holdpoint_governance::approval::{ApprovalDecision, Requester};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
@@ -28,11 +28,11 @@ use holdpoint_governance::wall_time::WallTime;
 /// One thing that happened, numbered and with its virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Event {
-    /// Counts from 1 in one engine's life.
+    /// Counts from 1 in each session.
     pub seq: u64,
     /// Virtual time at which it happened, ms.
     pub at_ms: u64,
-    /// What happened, with its values; `event` names it in JSON.
+    /// The kind of event with its values; `event` names it in JSON.
     #[serde(flatten)]
     pub kind: EventKind,
 }
@@ -46,7 +46,7 @@ pub struct DimensionResult {
     pub outcome: DimensionOutcome,
     /// The value; absent if there is no data.
     pub kappa: Option<f64>,
-    /// Where the true value lies; absent for what is determined without measuring, and without data.
+    /// The interval of the true value; absent without data, or if it needs no measurement.
     pub interval: Option<[f64; 2]>,
     /// Least acceptable value under the profile, 0 to 1.
     pub threshold: f64,
@@ -60,7 +60,7 @@ pub struct DimensionResult {
 pub enum EventKind {
     /// The engine is up and takes commands.
     EngineStarted {
-        /// Profile that everything is judged under in this engine's life.
+        /// Profile of this session.
         profile: ProfileName,
         /// Its own name, if it does not come with the program.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -76,22 +76,22 @@ pub enum EventKind {
         /// The version in control of each family.
         active: Vec<CapabilityId>,
     },
-    /// What an interrupted engine had left, and what was done about it.
+    /// The remains of an interrupted engine, and their recovery.
     Recovered {
         /// The version that was under way when the engine was interrupted.
         version: CapabilityId,
-        /// What was found and what was done about it, one sentence.
+        /// The finding and the recovery, one sentence.
         text: String,
     },
-    /// A version was taken in (or bootstrapped).
+    /// A version was registered (or bootstrapped).
     Registered {
-        /// The version that is in the store from now on.
+        /// The registered version.
         version: CapabilityId,
         /// Digest of its manifest and bundle.
         digest: Digest,
         /// Identity of its author, as the submission has it.
         author: String,
-        /// Who registered it, and so cannot approve it; unknown in events of earlier versions of the program.
+        /// The person who registered it, and so cannot approve it; unknown in events of earlier versions.
         #[serde(default)]
         requester: Requester,
         /// How the version came about, as the submission has it.
@@ -113,13 +113,13 @@ pub enum EventKind {
         /// Episodes, drills or sequences it takes.
         budget: u64,
     },
-    /// Part of a stage is done; sent now and then, not for every episode.
+    /// Progress of a stage; sent at intervals, not for every episode.
     Progress {
         /// The version under evaluation.
         version: CapabilityId,
         /// The stage that is under way.
         stage: Stage,
-        /// What is being worked, e.g. episode pairs or drills.
+        /// The unit of work, e.g. episode pairs or drills.
         what: String,
         /// How many of them are done.
         done: u64,
@@ -132,9 +132,9 @@ pub enum EventKind {
         version: CapabilityId,
         /// The stage that ended.
         stage: Stage,
-        /// What the stage's rule came to, in its own word.
+        /// The outcome, in the words of the stage's rule.
         outcome: StageOutcome,
-        /// The four dimensions as they stand.
+        /// The current four dimensions.
         dimensions: Vec<DimensionResult>,
         /// The composite score of the four dimensions; reported, never gating.
         composite: Option<f64>,
@@ -142,7 +142,7 @@ pub enum EventKind {
         reasons: Vec<Reason>,
         /// Conditions under which the version may be used from here on.
         conditions: Vec<Condition>,
-        /// Which of the paper's four deployment outcomes it comes to; absent in events of older builds.
+        /// The deployment outcome; absent in events of older builds.
         #[serde(default)]
         deployment: Option<Deployability>,
     },
@@ -154,10 +154,10 @@ pub enum EventKind {
         from: State,
         /// The state it entered.
         to: State,
-        /// What moved it, one sentence.
+        /// The cause, one sentence.
         reason: String,
     },
-    /// People are asked to decide on an activation.
+    /// An approval request about an activation was made.
     ApprovalRequested {
         /// The version that would be activated.
         version: CapabilityId,
@@ -165,29 +165,29 @@ pub enum EventKind {
         replaces: Option<CapabilityId>,
         /// How many distinct people have to approve.
         needed: u32,
-        /// When an unanswered question becomes a hold; 1970 in recordings of earlier versions, which counted in the engine's
-        /// time.
+        /// When an unanswered request puts the version on hold; 1970 in recordings of earlier versions, which used the
+        /// engine's time.
         #[serde(default)]
         until: WallTime,
-        /// Digest of what is to be signed over.
+        /// Digest that the signature covers.
         evidence: Digest,
-        /// Who made it, and so cannot approve it.
+        /// The author, who cannot approve it.
         author: String,
         /// Permissions that the active version does not have, or has at a lower level.
         new_permissions: Vec<String>,
         /// The whole difference to the active version.
         #[serde(default)]
-        changes: Box<Changes>,
+        changes: Box<VersionDiff>,
         /// Conditions under which it would be used.
         #[serde(default)]
         conditions: Vec<Condition>,
         /// What was not tested, one sentence each.
         untested: Vec<String>,
-        /// What happens when it gets worse after activation, one sentence.
+        /// The response if it gets worse after activation, one sentence.
         on_drift: String,
-        /// What is asked.
+        /// The kind of request.
         #[serde(default)]
-        purpose: Purpose,
+        purpose: RequestKind,
     },
     /// A person's signed answer was accepted and is on record.
     ApprovalReceived {
@@ -196,7 +196,7 @@ pub enum EventKind {
         /// Identity that signed it.
         by: String,
         /// For or against the activation.
-        decision: Answer,
+        decision: ApprovalDecision,
         /// Why, in the person's own words.
         reason: String,
         /// Distinct people who have approved so far, this answer included.
@@ -217,14 +217,14 @@ pub enum EventKind {
         /// Live episodes until it is confirmed.
         provisional_episodes: u32,
     },
-    /// A provisional version passed its window without a trip and without an open doubt.
+    /// A provisional version passed its window without a trip and without an open concern.
     Confirmed {
         /// The version that is no longer provisional.
         version: CapabilityId,
-        /// Live episodes it worked while provisional.
+        /// Live episodes it ran while provisional.
         episodes: u32,
     },
-    /// The live world worked a sequence of tasks to its end.
+    /// The live world completed a sequence of tasks.
     Sequence {
         /// Which sequence of the live world, counting from 0.
         index: u64,
@@ -235,43 +235,43 @@ pub enum EventKind {
         /// Why the next task was not started.
         refused: Option<String>,
     },
-    /// The monitor decided something else than to go on.
+    /// The monitor decided something else than to continue.
     Monitor {
-        /// The version that is watched.
+        /// The monitored version.
         version: CapabilityId,
-        /// What is done, or how a doubt ended.
+        /// The action, or how a concern ended.
         decision: MonitorOutcome,
         /// Why, the deciding reason first.
         reasons: Vec<Reason>,
     },
     /// One rung of the rollback ladder was tried.
     Rung {
-        /// The version that is being taken off.
+        /// The version that is being rolled back.
         version: CapabilityId,
         /// The step of the ladder that was tried.
         rung: Rung,
-        /// Whether the rung held, which is that nothing failed.
+        /// Whether the rung succeeded.
         ok: bool,
-        /// Why it did not hold; absent if it held.
+        /// Why it failed; absent if it succeeded.
         failure: Option<RungFailure>,
         /// Simulated time it took, ms.
         ms: u64,
         /// What was found, one sentence.
         text: String,
     },
-    /// A version was taken off (paper appendix F.3).
+    /// A version was rolled back (paper appendix F.3).
     RolledBack {
-        /// The version that was taken off.
+        /// The version that was rolled back.
         version: CapabilityId,
-        /// The predecessor that is in control again; absent if nobody is.
+        /// The rollback target that is active again; absent if there is none.
         restored: Option<CapabilityId>,
-        /// What set it off, one sentence.
+        /// The trigger, one sentence.
         trigger: String,
-        /// From the trigger until every joint stood, ms; absent if they never did.
+        /// From the trigger until every joint was at rest, ms; absent if that never happened.
         time_to_safe_ms: Option<u64>,
-        /// From the trigger until the predecessor was bound and ready, ms; absent if that failed.
+        /// From the trigger until the rollback target was bound and ready, ms; absent if that failed.
         time_to_rollback_ms: Option<u64>,
-        /// Whether the first sequences under the predecessor ended without a safety event.
+        /// Whether the first sequences under the rollback target ended without a safety event.
         recovered: bool,
         /// The whole record of the rollback, rung by rung.
         record: Box<RollbackRecord>,
@@ -285,39 +285,39 @@ pub enum EventKind {
         #[schemars(with = "String")]
         magnitude: Option<Magnitude>,
     },
-    /// Something in the live world broke, or was mended.
+    /// Something in the live world broke or was repaired.
     LiveFault {
         /// What is broken; absent if nothing is.
         fault: Option<LiveFault>,
     },
-    /// The agent of the live cell works towards another goal from the next sequence on.
+    /// The agent of the live cell has another goal from the next sequence on.
     GoalSet {
         /// In the words of the agent's goal interpreter.
         goal: String,
-        /// Who set it.
+        /// The person who set it.
         by: String,
         /// Why, in the person's own words.
         reason: String,
     },
-    /// A person left a note for those who come after.
+    /// A person left a note for the next shift.
     ShiftNote {
-        /// Whose it is.
+        /// Its author.
         by: String,
-        /// What it says.
+        /// Its text.
         text: String,
     },
-    /// Somebody answered a monitor's question: the version goes on as it is.
+    /// An operator answered an escalation: the version continues unchanged.
     Continued {
         /// The active version the question was about.
         version: CapabilityId,
         /// Identity of the person who answered.
         by: String,
-        /// Why it may go on, in the person's own words.
+        /// Why it may continue, in the person's own words.
         reason: String,
     },
-    /// What is normal for a family was counted over its first live tasks, and is kept.
+    /// The normal rates of a family were counted over its first live tasks and stored.
     Commissioned {
-        /// The version that worked them.
+        /// The version that ran them.
         version: CapabilityId,
         /// Tasks it was counted over.
         tasks: u32,
@@ -328,68 +328,68 @@ pub enum EventKind {
         /// The largest force in any of them, N.
         peak_force_n: f64,
     },
-    /// What is normal for the cell's senses was measured over its first live tasks, and is kept.
+    /// The camera check measured what is normal for the cell over its first live tasks and stored it.
     SensesCommissioned {
-        /// Tasks it was measured over, whoever worked them.
+        /// Tasks it was measured over, with any active version.
         tasks: u32,
-        /// The largest jitter of the pictures in one task, m.
+        /// The largest jitter of the camera frames in one task, m.
         picture_jitter_m: f64,
-        /// The largest share of missing pictures in one task.
+        /// The largest rate of missing camera frames in one task.
         pictures_missing: f64,
     },
-    /// A person stopped the cell: no command reaches the arm until somebody lets it go.
+    /// A person stopped the cell: no command reaches the arm until a person starts it again.
     CellStopped {
-        /// Who stopped it, as they called themselves.
+        /// The person's own name, unverified.
         by: String,
-        /// Whose process asked, as the system has it.
+        /// The requesting process, as the operating system reports it.
         caller: Caller,
         /// Why, in the person's own words; may be empty.
         reason: String,
     },
-    /// The stopped arm stands: every joint, by its measured speed.
+    /// The stopped arm is at standstill: every joint, by its measured speed.
     ArmStands {
-        /// Ticks from the request to the standstill; 0 if the arm was not at work.
+        /// Ticks from the request to the standstill; 0 if the arm was idle.
         ticks: u64,
     },
-    /// The stopped cell works again.
+    /// The stopped cell runs again.
     CellReleased {
         /// Identity of the person who answers for it.
         by: String,
-        /// Whose process asked, as the system has it.
+        /// The requesting process, as the operating system reports it.
         caller: Caller,
         /// Why it is safe, in the person's own words.
         reason: String,
     },
-    /// The restriction of an active version was lifted; its window and its charts begin anew.
+    /// The restriction of an active version was lifted; its window and its charts restart.
     Released {
-        /// The active version that works at its full envelope again.
+        /// The active version that has its full envelope again.
         version: CapabilityId,
-        /// Identity of the person who released it, or the people who approved it.
+        /// Identity of the person who lifted it, or of its approvers.
         by: String,
         /// Why, in the person's own words.
         reason: String,
     },
-    /// A version that was held goes on where it stands.
+    /// A version on hold continues from its current state.
     Resumed {
-        /// The version that was paused, or held by the gate or an unanswered question.
+        /// The version that was paused, or on hold by the gate or an unanswered request.
         version: CapabilityId,
         /// Identity of the person who asked for it.
         by: String,
         /// Why, in the person's own words.
         reason: String,
     },
-    /// A profile demotion: profiles were closed to a version, or are open to it again.
+    /// A profile demotion: a version was blocked under profiles, or unblocked.
     ProfilesSet {
         /// The version it is about.
         version: CapabilityId,
-        /// Every profile that is closed to it from now on.
+        /// Every profile under which it is blocked from now on.
         closed: Vec<ProfileName>,
         /// Identity of the person who asked for it.
         by: String,
         /// Why, in the person's own words.
         reason: String,
     },
-    /// One person let a version in by the emergency door; two others have to review it.
+    /// One person activated a version by break-glass; two others have to review it.
     BreakGlass {
         /// The version that becomes active by it.
         version: CapabilityId,
@@ -397,39 +397,38 @@ pub enum EventKind {
         by: String,
         /// The emergency, in the person's own words.
         reason: String,
-        /// By when it has to be reviewed, or it is taken off; 1970 in recordings of earlier versions.
+        /// Deadline of the review, after which it is rolled back; 1970 in recordings of earlier versions.
         #[serde(default)]
         until: WallTime,
     },
-    /// An emergency activation was reviewed.
+    /// A break-glass activation was reviewed.
     Reviewed {
-        /// The version that was let in by the emergency door.
+        /// The version activated by break-glass.
         version: CapabilityId,
-        /// Whether the reviewers found it right; if not, it is taken off.
+        /// Whether the reviewers upheld it; if not, it is rolled back.
         upheld: bool,
         /// Identities of the reviewers who decided.
         by: Vec<String>,
     },
-    /// The simulated live world works at another pace from now on.
+    /// The simulated live world has another pace from now on.
     Pace {
         /// Simulated seconds in a second; absent for as fast as it computes.
         times: Option<f64>,
     },
-    /// An alarm changed: raised, cleared, acknowledged, reset, shelved or taken from its shelf.
+    /// An alarm changed: raised, cleared, acknowledged, reset, shelved or unshelved.
     Alarm {
         /// Name of the alarm, e.g. `rolled-back:grasp@1.3.0`.
         alarm: String,
         /// What it is grouped by in a flood, e.g. `rollback`.
         subject: String,
-        /// The state that is shown for it from now on.
+        /// The state shown for it from now on.
         state: AlarmState,
         /// How soon an operator has to act.
         priority: Priority,
-        /// What is wrong, one sentence for the operator.
+        /// The problem, one sentence for the operator.
         text: String,
     },
-    /// At a start: profile, policies, robot, scene or build are others than before, and what was gathered of a family
-    /// under the former is stale.
+    /// At a start: profile, policies, robot, scene or build have changed, and a family's earlier evidence is stale.
     Voided {
         /// The family whose gate passes and approvals no longer count.
         family: Family,
@@ -440,7 +439,7 @@ pub enum EventKind {
     AuditClosed {
         /// The version whose upgrade is over.
         version: CapabilityId,
-        /// The end that is on record for the upgrade.
+        /// The recorded end of the upgrade.
         outcome: UpgradeEnd,
         /// Audit records that are about the upgrade.
         records: u64,
@@ -457,14 +456,14 @@ pub enum EventKind {
         bytes: u64,
         /// Moments of the live cell in it.
         pictures: u64,
-        /// Pictures and events that did not fit into the queue and are not in it.
+        /// Video frames and events that did not fit into the queue and are not in the recording.
         dropped: [u64; 2],
     },
-    /// Something about scenes: where a viewer may connect, or why a recording is not written. Decides nothing.
+    /// A notice about scenes: where a viewer can connect, or why a recording is not written. Decides nothing.
     Scene {
-        /// What there is to report, one sentence.
+        /// The notice, one sentence.
         text: String,
-        /// Whether something is not shown or not kept.
+        /// Whether something is not shown or not stored.
         failed: bool,
     },
     /// A command was refused; nothing has changed.
@@ -474,21 +473,21 @@ pub enum EventKind {
         /// What failed and why, one sentence.
         text: String,
     },
-    /// A fault of the engine's own: the pipeline holds.
+    /// A fault of the engine itself: the engine is halted.
     Fault {
         /// What failed in the engine itself, one sentence.
         text: String,
     },
 }
 
-/// What one task of the live world gave.
+/// The result of one task of the live world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TaskSummary {
     /// The version that did the task.
     pub version: CapabilityId,
     /// The task was done, by inspection at its end.
     pub success: bool,
-    /// A measured quantity passed its limit, or the guard denied a command.
+    /// A measured quantity exceeded its limit, or the guard denied a command.
     pub violation: bool,
     /// The watcher raised a failure signal.
     pub anomaly: bool,

@@ -1,7 +1,7 @@
-//! Work of an evaluation, seen again: which piece is wanted, and the pictures of it.
+//! A film: which piece of an evaluation to re-run, and its video frames.
 //!
-//! Nothing of it is stored. It is computed from what the record says determined it (versions, cell, terms, seed), and
-//! held against what the record says came of it. It decides nothing.
+//! Nothing of it is stored. It is computed from its recorded inputs (versions, cell, terms, seed) and compared with
+//! the recorded result. It decides nothing.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -11,14 +11,14 @@ use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::phase::WorkPhase;
 
-use crate::picture::{ArmPicture, Block, EnvelopePicture, Scenery};
+use crate::video_frame::{ArmView, EnvelopeView, SceneBlock, Scenery};
 
-holdpoint_governance::words! {
-    /// What kind of work is wanted.
-    FilmOf, "kind of work", {
+holdpoint_governance::closed_set! {
+    /// The kind of work to film.
+    FilmSubject, "kind of work", {
         /// A paired episode of the sandbox, perturbed.
         Episode = "episode",
-        /// An episode of the sandbox in which the candidate works alone, first undisturbed, then under stress.
+        /// An episode of the sandbox with the candidate alone, first undisturbed, then under stress.
         Alone = "alone",
         /// A recovery drill of the sandbox.
         Drill = "drill",
@@ -27,25 +27,25 @@ holdpoint_governance::words! {
     }
 }
 
-/// Which piece of work is wanted.
+/// The piece of work to film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct FilmAsked {
+pub struct FilmRequest {
     /// The kind of work.
-    pub of: FilmOf,
+    pub of: FilmSubject,
     /// Its place among those on record, from 1; absent for the worst of them: for drills, of those that failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub number: Option<u32>,
 }
 
-/// One moment of a piece of work, 30 a second of simulated time.
+/// One frame of a piece of work, 30 per simulated second.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilmFrame {
     /// Ticks since the episode began; 240 are a second.
     pub tick: u64,
     /// Arm and object.
-    pub body: ArmPicture,
+    pub body: ArmView,
     /// Measured joint positions, rad, from the base on.
     pub q: Vec<f32>,
     /// Measured joint torques, N m, from the base on.
@@ -56,9 +56,9 @@ pub struct FilmFrame {
     pub grip_n: f32,
     /// Largest measured force on the surroundings since the frame before, N.
     pub contact_n: f32,
-    /// Whether something touched since the frame before that no task touches.
+    /// Whether there was a contact since the frame before that no task makes.
     pub touched: bool,
-    /// Whether the arm was told to stop, or the skill declared that it failed.
+    /// Whether the arm received a stop, or the skill declared that it failed.
     pub stopped: bool,
 }
 
@@ -74,28 +74,28 @@ pub struct FilmMark {
     pub bad: bool,
 }
 
-/// How one version did a piece of work.
+/// One version's performance of a piece of work.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilmedRun {
-    /// Who worked.
+    /// The version.
     pub version: CapabilityId,
-    /// What its guard allows of it.
-    pub envelope: EnvelopePicture,
-    /// What came of it, in words, the gravest first.
+    /// The limits of its guard.
+    pub envelope: EnvelopeView,
+    /// The result, in words, the gravest first.
     pub ended: String,
-    /// Whether exactly that is on record; absent if the record does not say.
+    /// Whether the record has exactly this result; absent if the record has none.
     pub as_recorded: Option<bool>,
     /// What happened, in order.
     pub marks: Vec<FilmMark>,
-    /// What stands in the cell: the parts of the tray, then the clutter.
-    pub blocks: Vec<Block>,
-    /// The pictures, in order; none if it could not be worked.
+    /// The objects in the cell: the parts of the tray, then the clutter.
+    pub blocks: Vec<SceneBlock>,
+    /// The video frames, in order; none if it could not be run.
     pub frames: Vec<FilmFrame>,
 }
 
 impl FilmedRun {
-    /// When it went wrong first, ticks; absent if nothing did.
+    /// The first failure, ticks; absent if there is none.
     #[must_use]
     pub fn failed_at(&self) -> Option<u64> {
         self.marks.iter().find(|mark| mark.bad).map(|mark| mark.tick)
@@ -109,12 +109,12 @@ impl FilmedRun {
     }
 }
 
-/// A piece of work of a candidate, with the same of the version it was compared with.
+/// The same piece of work by a candidate and by the version it was compared with.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Film {
     /// The kind of work.
-    pub of: FilmOf,
+    pub of: FilmSubject,
     /// Its place among those on record, from 1.
     pub number: u32,
     /// How many there are on record one by one.
@@ -122,25 +122,25 @@ pub struct Film {
     /// Of failed drills: how many more failed than are on record one by one.
     #[serde(default)]
     pub beyond: u32,
-    /// What was worked.
+    /// The task.
     pub task: TaskKind,
     /// The seed of the episode.
     pub seed: u64,
-    /// Of a drill: which kind.
+    /// The kind of a drill.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drill: Option<DrillKind>,
-    /// Of a drill: the phase of the work in which it began.
+    /// The phase in which a drill began.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub phase: Option<WorkPhase>,
-    /// Why this one, where the worst was wanted; empty otherwise.
+    /// Why this one was selected as the worst; empty otherwise.
     pub why: String,
-    /// In what it is not what was judged (another build, profile or cell), one sentence each; empty: it is that.
+    /// Differences from the original (another build, profile or cell), one sentence each; empty if there are none.
     pub doubts: Vec<String>,
-    /// What does not move.
+    /// The fixed objects.
     pub scenery: Scenery,
-    /// How the candidate did it.
+    /// The candidate's performance.
     pub candidate: FilmedRun,
-    /// How the version it was compared with did it.
+    /// The performance of the version it was compared with.
     pub active: FilmedRun,
 }
 
@@ -173,12 +173,12 @@ mod tests {
     use super::*;
 
     fn run(ticks: &[u64], marks: Vec<FilmMark>) -> FilmedRun {
-        let body = ArmPicture {
+        let body = ArmView {
             links: vec![[0.0; 3]; 2],
             pads: [[0.0; 3]; 2],
-            hand: crate::picture::NO_TURN,
+            hand: crate::video_frame::NO_TURN,
             object: [0.0; 3],
-            object_turn: crate::picture::NO_TURN,
+            object_turn: crate::video_frame::NO_TURN,
             object_half_m: 0.02,
             held: false,
         };
@@ -195,7 +195,7 @@ mod tests {
         };
         FilmedRun {
             version: "grasp@1.0.0".parse().unwrap(),
-            envelope: EnvelopePicture { speed_m_s: 1.0, force_n: 1.0, contact_n: 1.0 },
+            envelope: EnvelopeView { speed_m_s: 1.0, force_n: 1.0, contact_n: 1.0 },
             ended: String::new(),
             as_recorded: None,
             marks,

@@ -1,22 +1,22 @@
-//! Health over time: what live tasks came to, bucket by bucket, what happened beside them, and whether it is better or
-//! worse since a moment.
+//! Health over time: results of live tasks by bucket, events beside them, and whether a family is better or worse since a
+//! moment.
 //!
-//! Plain values that the engine's reader computes (`health_series.rs` there) and every front end shows. What is not on
-//! record is not here: a bucket without a task is absent, never zero, and nothing is interpolated.
+//! Plain values that the engine computes and every front end shows. Missing data is absent: a bucket without a task is
+//! never zero, and nothing is interpolated.
 
-mod course;
+mod alarm_history;
 mod verdict;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::words::clock_time;
+use super::clock::clock_time;
 use holdpoint_governance::calendar;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::stats::{difference, wilson};
 
-pub use self::course::{AlarmSpell, AlarmStep, stretch};
-pub use self::verdict::{Half, Trend, Verdict};
+pub use self::alarm_history::{AlarmEpisode, AlarmStep, duration_label};
+pub use self::verdict::{HealthVerdict, Trend, VerdictSide};
 
 /// The most buckets of one answer.
 pub const BUCKETS_MAX: u16 = 480;
@@ -27,7 +27,7 @@ pub const BUCKET_MS_MIN: u64 = 60_000;
 /// The widest bucket, ms: a day.
 pub const BUCKET_MS_MAX: u64 = 86_400_000;
 
-/// Widths of buckets that are offered, ms, the narrowest first.
+/// The offered bucket widths, ms, the narrowest first.
 pub const BUCKET_WIDTHS_MS: [u64; 10] = [
     60_000, 300_000, 900_000, 1_800_000, 3_600_000, 7_200_000, 14_400_000, 28_800_000, 43_200_000, 86_400_000,
 ];
@@ -35,8 +35,8 @@ pub const BUCKET_WIDTHS_MS: [u64; 10] = [
 /// Level of every interval here.
 pub const LEVEL: f64 = 0.95;
 
-holdpoint_governance::words! {
-    /// By which clock buckets are laid.
+holdpoint_governance::closed_set! {
+    /// The clock of the buckets.
     HealthClock, "clock", {
         /// The machine's, in UTC.
         Wall = "wall",
@@ -45,28 +45,28 @@ holdpoint_governance::words! {
     }
 }
 
-holdpoint_governance::words! {
-    /// What happened beside the tasks.
+holdpoint_governance::closed_set! {
+    /// Events beside the tasks.
     MarkKind, "kind of mark", {
-        /// A candidate passed the gate and took over.
+        /// A candidate passed the gate and became active.
         Promotion = "promotion",
         /// The upgrade was confirmed: no longer provisional.
         Confirmed = "confirmed",
-        /// A version was taken off and never runs again.
+        /// A version was rolled back and never runs again.
         Rollback = "rollback",
-        /// A version was sent back to evaluation.
+        /// A version was returned to evaluation.
         Demotion = "demotion",
-        /// An earlier version took over again.
+        /// An earlier version became active again.
         Restored = "restored",
         /// A family has no active version any more.
         Vacated = "vacated",
-        /// The first version of a family took over.
+        /// The first version of a family became active.
         FirstVersion = "first-version",
-        /// A version works under a tighter envelope.
+        /// A version is restricted.
         Restriction = "restriction",
-        /// One person let a version in by the emergency door.
+        /// One person activated a version by break-glass.
         BreakGlass = "break-glass",
-        /// A task showed what a family or the cell is not: degraded, shifted, out of tune.
+        /// A family or the cell became abnormal: degraded, shifted, out of tune.
         DriftAlarm = "drift-alarm",
         /// Another alarm was raised.
         AlarmRaised = "alarm-raised",
@@ -74,21 +74,21 @@ holdpoint_governance::words! {
         AlarmReset = "alarm-reset",
         /// A drift of the simulated cell set in, or ended.
         Drift = "drift",
-        /// Something in the simulated cell broke, or was mended.
+        /// Something in the simulated cell broke or was repaired.
         LiveFault = "live-fault",
         /// A person stopped the cell.
         Stopped = "stopped",
-        /// A person let it work again.
+        /// A person started the cell again.
         Released = "released",
-        /// The agent was given another goal.
+        /// The agent has another goal.
         Goal = "goal",
         /// A person left a note.
         Note = "note",
         /// Profile, policy or thresholds came into force.
         Context = "context",
-        /// What is normal for a family was counted.
+        /// The normal rates of a family were counted.
         Commissioned = "commissioned",
-        /// No engine was at work, or the machine slept: the machine's clock went on alone.
+        /// No engine ran, or the machine slept: only the machine's clock advanced.
         EngineOff = "engine-off",
     }
 }
@@ -122,7 +122,7 @@ impl MarkKind {
         }
     }
 
-    /// Which of several at one place is shown: the smaller number first.
+    /// The display order of several at one place: the smallest number is shown.
     #[must_use]
     pub const fn weight(self) -> u8 {
         match self {
@@ -136,9 +136,9 @@ impl MarkKind {
         }
     }
 
-    /// What it is, in words.
+    /// The name for people.
     #[must_use]
-    pub const fn words(self) -> &'static str {
+    pub const fn label(self) -> &'static str {
         match self {
             Self::Promotion => "promotion",
             Self::Confirmed => "confirmed",
@@ -148,14 +148,14 @@ impl MarkKind {
             Self::Vacated => "no active version",
             Self::FirstVersion => "first version",
             Self::Restriction => "restriction",
-            Self::BreakGlass => "emergency door",
+            Self::BreakGlass => "break-glass",
             Self::DriftAlarm => "drift alarm",
             Self::AlarmRaised => "alarm",
             Self::AlarmReset => "alarm reset",
             Self::Drift => "drift",
             Self::LiveFault => "fault of the cell",
             Self::Stopped => "cell stopped",
-            Self::Released => "cell let go",
+            Self::Released => "cell started",
             Self::Goal => "goal",
             Self::Note => "note",
             Self::Context => "profile",
@@ -165,18 +165,18 @@ impl MarkKind {
     }
 }
 
-/// What is asked of the record.
+/// A query of the record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct HealthAsked {
-    /// By which clock; absent for the machine's, where the record has it.
+pub struct HealthQuery {
+    /// The clock; absent for the machine's, if the record has it.
     #[serde(default)]
     pub clock: Option<HealthClock>,
-    /// End of the last bucket on that clock, ms; absent for the end of the bucket that now lies in, or the end of the record
-    /// where no engine is at work. Buckets that are laid so begin at whole multiples of their width.
+    /// End of the last bucket on that clock, ms. Absent for the current bucket, or for the end of the record if no
+    /// engine runs; such buckets begin at whole multiples of their width.
     #[serde(default)]
     pub until_ms: Option<i64>,
-    /// Alarms alone: no task is counted, and no mark is made.
+    /// Returns alarms only, without tasks and marks.
     #[serde(default)]
     pub only_alarms: bool,
     /// Width of a bucket, ms: [`BUCKET_MS_MIN`] to [`BUCKET_MS_MAX`].
@@ -185,8 +185,8 @@ pub struct HealthAsked {
     pub buckets: u16,
 }
 
-impl HealthAsked {
-    /// What is wrong with it, one sentence; `None` if nothing is.
+impl HealthQuery {
+    /// Its error, one sentence; `None` if it is valid.
     #[must_use]
     pub fn problem(&self) -> Option<String> {
         if !(BUCKET_MS_MIN..=BUCKET_MS_MAX).contains(&self.bucket_ms) {
@@ -200,10 +200,10 @@ impl HealthAsked {
     }
 }
 
-/// What the live tasks of one version came to in one bucket. There is at least one.
+/// Results of the live tasks of one version in one bucket, which has at least one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HealthPoint {
-    /// The version that worked.
+    /// The version.
     pub version: CapabilityId,
     /// Which bucket, from 0.
     pub bucket: u32,
@@ -211,7 +211,7 @@ pub struct HealthPoint {
     pub tasks: u64,
     /// Of these, found done by the inspection after the task.
     pub succeeded: u64,
-    /// Share of success that is borne out at 95 %: Wilson's interval.
+    /// Wilson's 95 % interval of the success rate.
     pub success: [f64; 2],
     /// Tasks with a violation: a measured quantity past its limit, or a denial by the guard.
     pub violated: u64,
@@ -225,10 +225,10 @@ pub struct HealthPoint {
     pub at_ms: [u64; 2],
 }
 
-/// Something that happened beside the tasks.
+/// An event beside the tasks.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct HealthMark {
-    /// What it was.
+    /// Its kind.
     pub kind: MarkKind,
     /// When, on the clock of the series, ms.
     pub on_clock_ms: i64,
@@ -240,43 +240,43 @@ pub struct HealthMark {
     pub family: Option<Family>,
     /// One sentence: what, about whom, by whom and why, as the record has it.
     pub text: String,
-    /// The record that tells it.
+    /// Its record.
     pub record: u64,
 }
 
-/// What the numbers rest on, and what is left out of them.
+/// The basis of the numbers, and the omitted data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct HealthCoverage {
     /// Live tasks that are counted.
     pub tasks: u64,
-    /// Sealed blocks of telemetry that lie in what was asked for.
+    /// Digested telemetry batches in the requested span.
     pub blocks: u64,
-    /// Of these, read. Fewer than all is a sample, spread evenly: nothing else is left out unsaid.
+    /// Of these, read. Fewer than all is an evenly spread sample; all other omissions are listed here.
     pub blocks_read: u64,
-    /// Tasks that a person stopped in their midst, or that came to nothing because simulator or body failed.
+    /// Tasks without a result: stopped by a person, or lost by a failure of simulator or body.
     pub not_judged: u64,
-    /// Batches that were sealed and are not there: removed for age, or missing.
+    /// Batches in the chain that do not exist any more: removed for age, or missing.
     pub removed: u64,
-    /// Batches that were sealed only after their engine had ended.
+    /// Batches digested only after their engine had ended.
     pub late: u64,
-    /// Batches that are not what the chain seals, or cannot be read.
+    /// Batches that differ from their digest in the chain, or cannot be read.
     pub damaged: u64,
-    /// Tasks of which no machine's time is known; the machine's clock has no place for them.
+    /// Tasks without a known machine time, which the machine's clock cannot place.
     pub without_wall: u64,
-    /// Marks that are left off, the oldest of those that weigh least.
+    /// Omitted marks, the oldest of the least important.
     pub marks_left_off: u64,
-    /// Changes of alarms that are left off, the oldest.
+    /// Omitted changes of alarms, the oldest.
     pub alarms_left_off: u64,
 }
 
 impl HealthCoverage {
-    /// Whether only a part of what was asked for was read.
+    /// Whether only a part of the requested span was read.
     #[must_use]
     pub const fn is_sample(&self) -> bool {
         self.blocks_read < self.blocks
     }
 
-    /// What is left out, one sentence each; nothing if everything is there.
+    /// The omissions, one sentence each; empty if complete.
     #[must_use]
     pub fn sentences(&self) -> Vec<String> {
         let mut said = Vec::new();
@@ -306,7 +306,7 @@ impl HealthCoverage {
 /// The health of every family over a span of time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HealthSeries {
-    /// By which clock the buckets are laid.
+    /// The clock of the buckets.
     pub clock: HealthClock,
     /// Beginning of the first bucket on that clock, ms.
     pub from_ms: i64,
@@ -320,11 +320,11 @@ pub struct HealthSeries {
     pub last_wall_ms: Option<i64>,
     /// Every version and bucket with a task, by family, bucket and version.
     pub points: Vec<HealthPoint>,
-    /// What happened beside them, in order.
+    /// Events beside them, in order.
     pub marks: Vec<HealthMark>,
     /// The alarms that changed, the newest first.
-    pub alarms: Vec<AlarmSpell>,
-    /// What the numbers rest on.
+    pub alarms: Vec<AlarmEpisode>,
+    /// The basis of the numbers.
     pub coverage: HealthCoverage,
 }
 
@@ -363,7 +363,7 @@ impl HealthSeries {
         families
     }
 
-    /// What a family's versions came to in a bucket.
+    /// The results of a family's versions in a bucket.
     pub fn at<'a>(
         &'a self,
         family: &'a Family,
@@ -372,7 +372,7 @@ impl HealthSeries {
         self.points.iter().filter(move |point| point.bucket == bucket && point.version.family == *family)
     }
 
-    /// What happened in a bucket to a family, or to the cell.
+    /// The marks of a family, or of the cell, in a bucket.
     pub fn marks_in<'a>(
         &'a self,
         family: Option<&'a Family>,
@@ -393,10 +393,10 @@ impl HealthSeries {
         }
     }
 
-    /// Whether a family is better or worse since the beginning of a bucket, than in as much of the span as lies before it.
+    /// Compares a family's success from the beginning of a bucket on with its success before, within the span.
     #[must_use]
-    pub fn verdict(&self, family: &Family, bucket: u32) -> Verdict {
-        let mut halves = [Half::default(), Half::default()];
+    pub fn verdict(&self, family: &Family, bucket: u32) -> HealthVerdict {
+        let mut halves = [VerdictSide::default(), VerdictSide::default()];
         for point in self.points.iter().filter(|point| point.version.family == *family) {
             let [before, since] = &mut halves;
             let half = if point.bucket < bucket { before } else { since };
@@ -406,9 +406,9 @@ impl HealthSeries {
             *half.versions.entry(point.version.clone()).or_default() += point.tasks;
         }
         let [before, since] = halves;
-        let counts = |half: &Half| (half.succeeded, half.tasks);
+        let counts = |half: &VerdictSide| (half.succeeded, half.tasks);
         let interval = difference(counts(&before), counts(&since), LEVEL).ok();
-        Verdict {
+        HealthVerdict {
             family: family.clone(),
             moment: self.moment(self.start_ms(bucket)),
             sampled: self.coverage.is_sample(),
@@ -419,7 +419,7 @@ impl HealthSeries {
     }
 }
 
-/// Success of all versions of a family in one bucket: tasks, done, and the interval of their share.
+/// Success of all versions of a family in one bucket: tasks, done, and the interval of the rate.
 #[must_use]
 pub fn together<'a>(points: impl Iterator<Item = &'a HealthPoint>) -> Option<(u64, u64, [f64; 2])> {
     let (tasks, done) =

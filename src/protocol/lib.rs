@@ -1,36 +1,34 @@
-//! What is asked of an engine and what it reports: plain serde values, one interface for all front ends.
+//! Commands, replies and reports of the engine: plain serde values, one interface for all front ends.
 //!
-//! Commands go in, events come out, a snapshot says how things stand, a picture what the live cell looks like. The
-//! domain's own enums travel as they are: a front end matches on them, and a word that is in no set is refused when
-//! a document is read, with the list. Nothing here acts: the engine checks every command.
+//! Commands go in; events, snapshots of the current state and video frames of the live cell come out. The domain's own
+//! enums travel as they are, so a front end can match on them. A document with an unknown word is refused with the
+//! list of valid words. Nothing here acts: the engine checks every command.
 //!
-//! # Where foreign text is made safe
+//! # Where foreign text is sanitized
 //!
-//! What travels is text as it was written. There is one border, and it is where a text meets somebody's eyes:
-//! [`words::sentence`] and [`words::line`] for an event, `holdpoint_text::Untrusted::display` for any other text. Each
-//! returns a `Shown`, whose text may be printed, drawn and wrapped as it is. The console's rows are such a border for
-//! everything that they draw; what is safe already comes out of them as it went in.
+//! Text travels as it was written and is sanitized once, where it is shown: by `sentence` and `line` of
+//! `holdpoint_wording::event` for an event, by `holdpoint_text::Untrusted::display` for any other text. Each result may be
+//! printed, drawn and wrapped as it is. The console's rows sanitize everything that they draw; safe text passes unchanged.
 
 #![warn(missing_docs)]
 
-mod answer;
+pub mod approval_document;
 mod authority;
 mod caller;
-mod changes;
 pub mod clock;
 pub mod command;
+pub mod console_presence;
 pub mod detail;
 pub mod event;
-pub mod explained;
+pub mod explanation;
 pub mod film;
 pub mod health;
-pub mod picture;
-mod purpose;
-pub mod question;
+mod request_kind;
+mod request_signing;
+pub mod scenario_state;
 pub mod schema;
-pub mod seat;
 pub mod sink;
 pub mod snapshot;
-pub mod standing;
+mod version_diff;
+pub mod video_frame;
 pub mod wire;
-pub mod words;

@@ -1,12 +1,12 @@
-//! What goes over the socket, as JSON schemas: for whoever writes a client in another language.
+//! The messages of the socket as JSON schemas, for the authors of clients in other languages.
 
 use schemars::{Schema, schema_for};
 
 use super::command::{Command, Reply, Request};
 use super::event::Event;
-use super::picture::Picture;
 use super::snapshot::Snapshot;
-use super::wire::{Answer, Call};
+use super::video_frame::VideoFrame;
+use super::wire::{ClientMessage, ServerMessage};
 
 /// Names of the published documents, as `holdpoint schema` takes them.
 pub const NAMES: [&str; 10] =
@@ -16,15 +16,15 @@ pub const NAMES: [&str; 10] =
 #[must_use]
 pub fn documents() -> [(&'static str, Schema); NAMES.len()] {
     [
-        ("call", schema_for!(Call)),
-        ("answer", schema_for!(Answer)),
+        ("call", schema_for!(ClientMessage)),
+        ("answer", schema_for!(ServerMessage)),
         ("request", schema_for!(Request)),
         ("command", schema_for!(Command)),
         ("reply", schema_for!(Reply)),
         ("event", schema_for!(Event)),
         ("snapshot", schema_for!(Snapshot)),
         ("detail", schema_for!(super::detail::Detail)),
-        ("picture", schema_for!(Picture)),
+        ("picture", schema_for!(VideoFrame)),
         ("film", schema_for!(super::film::Film)),
     ]
 }

@@ -1,4 +1,4 @@
-//! What listens to an engine beside the front end, and what it reports back.
+//! Listeners of an engine beside the front end, and their reports.
 
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
@@ -6,62 +6,62 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::record::UpgradeEnd;
-use holdpoint_governance::words::Word;
 
 use crate::event::Event;
 use crate::film::Film;
-use crate::picture::Picture;
 use crate::snapshot::Snapshot;
+use crate::video_frame::VideoFrame;
 
-/// Takes pictures of the live world, from whatever thread moves it. Must not wait.
-pub type Pictures = Arc<dyn Fn(Picture) + Send + Sync>;
+/// Takes video frames of the live world, from any thread. Must not block.
+pub type VideoFrameSink = Arc<dyn Fn(VideoFrame) + Send + Sync>;
 
-/// Has the live scene served at an address from now on; returns whether there was a listener to do it.
-pub type Serve = Arc<dyn Fn(SocketAddr) -> bool + Send + Sync>;
+/// Serves the live scene at an address from now on; returns whether a listener can do it.
+pub type ServeScene = Arc<dyn Fn(SocketAddr) -> bool + Send + Sync>;
 
-/// What a listener is started with: its folder, and what in it is closed.
+/// The start values of a listener: its folder, and the closed files in it.
 #[derive(Clone, Debug)]
-pub struct Setup {
+pub struct SinkSetup {
     /// The store's folder of recordings.
     pub recordings: PathBuf,
-    /// Names of the files whose digest is on the audit record: never touched again.
+    /// Names of the files whose digest is recorded: never changed again.
     pub closed: BTreeSet<String>,
     /// Whether time is virtual: the same seed then gives the same bytes.
     pub scripted: bool,
 }
 
-/// Starts a listener for an engine that is up; a text says why there is none.
-pub type MakeSink = Box<dyn FnOnce(Setup) -> Result<Box<dyn Sink>, String> + Send>;
+/// Starts a listener for a running engine; a text says why there is none.
+pub type MakeSink = Box<dyn FnOnce(SinkSetup) -> Result<Box<dyn Sink>, String> + Send>;
 
-/// A listener with files or viewers of its own. The engine never waits for it but at its end, and there not for
-/// long; no decision hangs on any of it.
+/// A listener with its own files or viewers. The engine waits for it only at its end, and then briefly; no
+/// decision depends on it.
 pub trait Sink: Send {
-    /// What takes pictures; `None` if none are wanted.
-    fn pictures(&self) -> Option<Pictures>;
-    /// How a live viewer is served; `None` if this listener cannot.
-    fn serve(&self) -> Option<Serve>;
-    /// Takes what happened. `state` says how things stand; it is worked out only when it is called.
+    /// The sink of video frames; `None` if none are wanted.
+    fn video_frames(&self) -> Option<VideoFrameSink>;
+    /// The server of live viewers; `None` if this listener has none.
+    fn serve(&self) -> Option<ServeScene>;
+    /// Takes new events. `state` computes the current snapshot only when it is called.
     fn events(&mut self, events: &[Event], state: &dyn Fn() -> Snapshot);
-    /// Takes a piece of an evaluation of `version`, worked again after it was refused for it.
+    /// Takes a film of the evaluation of `version`, re-run after the version was refused for it.
     fn film(&mut self, version: &CapabilityId, film: &Film);
-    /// What there is to report; never waits.
-    fn reports(&mut self) -> Vec<Report>;
-    /// Ends it: what waits is written, for at most `patience`.
-    fn finish(self: Box<Self>, patience: Duration) -> Vec<Report>;
+    /// New reports; does not block.
+    fn reports(&mut self) -> Vec<SinkReport>;
+    /// Ends it: queued data is written, for at most `patience`.
+    fn finish(self: Box<Self>, patience: Duration) -> Vec<SinkReport>;
 }
 
-/// What a sink reports back to the engine, which puts it on record.
+/// A report of a sink to the engine, which records it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Report {
-    /// An upgrade's recording is ended, compacted and safe on the disk.
-    Closed(Closed),
-    /// A recording failed: said once for each, the rest of it is not written.
+pub enum SinkReport {
+    /// An upgrade's recording is complete, compacted and on disk.
+    Closed(ClosedRecording),
+    /// A recording failed: reported once, the rest of it is not written.
     Failed {
-        /// The version whose recording failed; absent if it is about no single one.
+        /// The version whose recording failed; absent if there is no single one.
         version: Option<CapabilityId>,
-        /// What failed, one sentence for the operator.
+        /// The failure, one sentence for the operator.
         text: String,
     },
     /// A viewer can connect to the live scene.
@@ -69,28 +69,28 @@ pub enum Report {
         /// The address for a viewer, e.g. `rerun+http://127.0.0.1:9876/proxy`.
         url: String,
     },
-    /// No viewer can connect, although one was asked for.
+    /// No viewer can connect, although one was requested.
     NotServing {
-        /// Why nobody can connect, one sentence.
+        /// Why no client can connect, one sentence.
         text: String,
     },
 }
 
 /// A recording that is closed and never written again.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Closed {
+pub struct ClosedRecording {
     /// The candidate whose upgrade is recorded.
     pub version: CapabilityId,
-    /// How the upgrade ended, as it is on record.
-    pub outcome: Word<UpgradeEnd>,
+    /// The recorded end of the upgrade.
+    pub outcome: Lenient<UpgradeEnd>,
     /// The file's name in the store's folder of recordings.
     pub file: String,
     /// SHA-256 of the file.
     pub digest: Digest,
     /// Size of the file, bytes.
     pub bytes: u64,
-    /// Pictures of the live cell in the file.
+    /// Video frames of the live cell in the file.
     pub pictures: u64,
-    /// Pictures and events that were dropped before they came here.
+    /// Video frames and events that were dropped before they came here.
     pub dropped: (u64, u64),
 }

@@ -1,6 +1,6 @@
-//! How things stand, for whoever looks: everything a screen needs, nothing that grants anything.
+//! The current state: everything a screen needs, nothing that grants anything.
 //!
-//! What has not been measured is absent, never zero.
+//! A value that was not measured is absent, never zero.
 
 use std::cmp::Reverse;
 
@@ -8,43 +8,43 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::caller::Caller;
-use super::detail::Changes;
+use super::console_presence::AttachedConsoleView;
+use super::detail::VersionDiff;
 use super::event::{DimensionResult, TaskSummary};
-use super::picture::Scenery;
-use super::seat::SeatView;
+use super::video_frame::Scenery;
 use holdpoint_approvals::Nonce;
-use holdpoint_body::rehearsal::{Drift, LiveFault};
+use holdpoint_body::disturbance::{Drift, LiveFault};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
-use holdpoint_governance::evidence::{Drills, Signature, StaleCause};
+use holdpoint_governance::evidence::{DrillTallies, Signature, StaleCause};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
-use holdpoint_governance::lifecycle::{Flags, Stage, State};
-use holdpoint_governance::metrics::observed::ObservedCounts;
+use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
+use holdpoint_governance::metrics::store_metrics::ObservedCounts;
 use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
-use holdpoint_governance::wall_time::{ClockDoubt, WallTime};
+use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 
-pub use super::purpose::Purpose;
+pub use super::request_kind::RequestKind;
 
-/// How everything stands at one moment.
+/// The state of the whole engine at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Snapshot {
     /// Virtual time at which it was taken, ms.
     pub at_ms: u64,
-    /// The machine's time then, ms since 1970; absent in scripts, which know none.
+    /// The machine's time then, ms since 1970; absent in scripts, which have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall_ms: Option<i64>,
-    /// The time that people's deadlines are held against; a script has one of its own.
+    /// Wall time for approvers' deadlines; a script has its own.
     #[serde(default)]
     pub time: WallTime,
-    /// Why the machine's clock is not believed: nothing is activated until a person confirms the time. Absent if it is.
+    /// The clock mismatch: nothing is activated until a person confirms the time. Absent without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub clock_doubt: Option<ClockDoubtView>,
-    /// Profile that everything is judged under.
+    pub clock_doubt: Option<ClockMismatchView>,
+    /// Profile of this session.
     pub profile: ProfileName,
     /// Its own name, if it does not come with the program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -57,98 +57,98 @@ pub struct Snapshot {
     pub policy: Digest,
     /// Hash of the agent's identity; upgrades do not change it.
     pub agent: Digest,
-    /// How far the record was read; absent once every row was held against all of it. Before that nothing shown here is
-    /// verified, and nothing is carried out but a stop.
+    /// How far the engine has read the record; absent once it has verified every row. Before that, nothing shown here
+    /// is verified, and the engine carries out only a stop.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub reading: Option<ReadingView>,
-    /// What a request that gives or widens authority is signed over; absent where nobody signs requests: in a script,
-    /// and before the record was read.
+    pub reading: Option<StartupProgressView>,
+    /// What the signature of a request that grants or widens authority covers; absent in a script and before the
+    /// record was read, where requests are unsigned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub signing: Option<SigningView>,
-    /// Why the engine holds after a fault of its own; absent if it does not.
+    /// Why the engine is halted after a fault of its own; absent if it is not.
     pub holding: Option<String>,
-    /// Who stopped the cell, and since when; absent while it works.
+    /// The person who stopped the cell, and since when; absent while it runs.
     pub stopped: Option<StoppedView>,
-    /// Why nothing becomes active and the arm stands: no administrator authorized the profile as this program has it. Absent
-    /// where one did, or none has to.
+    /// Why no version activates and the arm is at standstill: no administrator authorized this profile. Absent if one
+    /// did, or none has to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unauthorized: Option<String>,
     /// Every family in the store, sorted by name.
     pub families: Vec<FamilyView>,
-    /// Every version that is not history, the newest last.
+    /// Every current version, the newest last.
     pub candidates: Vec<CandidateView>,
-    /// Questions that wait for people: about activations, releases and reviews.
-    pub prompts: Vec<PromptView>,
-    /// Versions that people or the calendar hold back, and that one person may let in by the emergency door.
+    /// Open approval requests: about activations, releases and reviews.
+    pub prompts: Vec<ApprovalRequestView>,
+    /// Versions that approvals or the calendar hold back and that one person may activate by break-glass.
     #[serde(default)]
-    pub emergencies: Vec<PromptView>,
-    /// Monitors' questions that wait for an answer.
-    pub questions: Vec<QuestionView>,
+    pub emergencies: Vec<ApprovalRequestView>,
+    /// Open escalations.
+    pub questions: Vec<EscalationView>,
     /// Alarms that are not normal, in the order of attention.
     pub alarms: Vec<AlarmView>,
     /// Counts for the status line.
     pub alarm_summary: AlarmSummary,
-    /// What the live world is doing.
+    /// The state of the live world.
     pub live: LiveView,
-    /// What stands round the robot and does not move.
+    /// The fixed objects around the robot.
     pub scenery: Scenery,
     /// The profile's limits of kappa I, P, B, R.
     pub thresholds: [f64; 4],
-    /// What this engine has counted of the metrics since it came up; `holdpoint metrics` reads the whole store.
+    /// Metrics of this session; `holdpoint metrics` reads the whole store.
     #[serde(default)]
     pub observed: ObservedCounts,
-    /// Who looks at this engine, in the order of sitting down.
+    /// The attached consoles, in order of attachment.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub seats: Vec<SeatView>,
-    /// The engine was begun by a console and ends in good order once nobody has sat at it for so long, s; absent if it goes
-    /// on with nobody.
+    pub seats: Vec<AttachedConsoleView>,
+    /// Seconds without an attached console after which an engine started by a console exits cleanly; absent if it
+    /// continues without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ends_alone_s: Option<u64>,
 }
 
 impl Snapshot {
-    /// The time that people's deadlines are held against when the engine's clock stands at `at_ms`, if the wall clock is not
-    /// set before.
+    /// The wall time for approvers' deadlines when the engine's clock is at `at_ms`, if the wall clock is not set
+    /// before.
     #[must_use]
     pub const fn time_at(&self, at_ms: u64) -> WallTime {
         self.time.plus_ms(at_ms.saturating_sub(self.at_ms))
     }
 }
 
-/// A machine's clock that is not believed.
+/// A clock mismatch.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct ClockDoubtView {
+pub struct ClockMismatchView {
     /// Why.
-    pub doubt: ClockDoubt,
-    /// The same in a sentence.
+    pub doubt: ClockMismatch,
+    /// The cause in a sentence.
     pub text: String,
-    /// What the clock says: what a person confirms, or sets right first.
+    /// The time of the clock, which a person confirms or corrects first.
     pub said: WallTime,
 }
 
-/// What a signature under a request is bound to, beside the request.
+/// What a request signature covers beside the request.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct SigningView {
-    /// Whether a command that gives or widens authority is refused without a signature.
+    /// Whether a command that grants or widens authority needs a signature.
     pub required: bool,
     /// The store.
     pub store_id: String,
-    /// This life of the engine; what was signed in another counts for nothing.
+    /// Id of this session; signatures made for another session are invalid.
     pub life: Nonce,
-    /// Virtual time at which a signature that is made now may expire at the latest, ms.
+    /// Latest virtual time at which a signature made now may expire, ms.
     pub until_ms: u64,
 }
 
-/// How far an engine that comes up has read its record.
+/// How far a starting engine has read its record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct ReadingView {
-    /// Records that were read and held against their hashes.
+pub struct StartupProgressView {
+    /// Records read and verified against their hashes.
     pub read: u64,
-    /// Records there are, by the store's own word.
+    /// Total records, as the store reports.
     pub of: u64,
 }
 
-impl std::fmt::Display for ReadingView {
+impl std::fmt::Display for StartupProgressView {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "not verified yet: {} of {} records read", self.read, self.of)
     }
@@ -157,37 +157,37 @@ impl std::fmt::Display for ReadingView {
 /// A cell that a person stopped.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StoppedView {
-    /// Who stopped it, as they called themselves.
+    /// The person's own name, unverified.
     pub by: String,
-    /// Whose process asked, as the system has it.
+    /// The requesting process, as the operating system reports it.
     pub caller: Caller,
     /// Why, in the person's own words; may be empty.
     pub reason: String,
-    /// Virtual time since when, ms.
+    /// Virtual time of the stop, ms.
     pub since_ms: u64,
-    /// Ticks from the request to the standing arm; absent until every joint stands.
+    /// Ticks from the request until every joint is at rest; absent before.
     pub stood_after_ticks: Option<u64>,
-    /// Who stopped it again since, by the time of each one's last stop: the last [`STOPS_NAMED_MAX`] of them.
+    /// Later stops, by the time of each person's last one: the last [`STOPS_NAMED_MAX`] of them.
     #[serde(default)]
-    pub again: Vec<StopAgain>,
-    /// How many more times it was stopped again, between the first and those.
+    pub again: Vec<RepeatedStop>,
+    /// Number of further stops between the first and those.
     #[serde(default)]
     pub unnamed: u64,
-    /// How many times it was stopped since it last worked, the first included; whoever lets it work again says how many
-    /// of them they know of.
+    /// Number of stops since the cell last ran, the first included; a start request states how many of them its signer
+    /// knows.
     #[serde(default)]
     pub stops: u64,
 }
 
-/// The most people that are named as having stopped a cell again that was stopped already.
+/// The most people named for later stops.
 pub const STOPS_NAMED_MAX: usize = 4;
 
-/// A stop of a cell that was stopped already. Whoever lets it work again answers for this one too.
+/// A further stop of a stopped cell. The person who starts the cell again answers for this one too.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct StopAgain {
-    /// Who stopped it, as they called themselves.
+pub struct RepeatedStop {
+    /// The person's own name, unverified.
     pub by: String,
-    /// Whose process asked, as the system has it.
+    /// The requesting process, as the operating system reports it.
     pub caller: Caller,
     /// Why, in the person's own words; may be empty.
     pub reason: String,
@@ -196,7 +196,7 @@ pub struct StopAgain {
 }
 
 impl StoppedView {
-    /// A stop that nobody has added to yet; the arm may still move.
+    /// A first stop; the arm may still move.
     #[must_use]
     pub const fn first(by: String, caller: Caller, reason: String, since_ms: u64) -> Self {
         Self {
@@ -211,10 +211,10 @@ impl StoppedView {
         }
     }
 
-    /// Somebody stops the stopped cell. The same one with the same reason is named once, at the last time.
-    pub fn note_again(&mut self, stop: StopAgain) {
+    /// Adds a stop of the stopped cell. A repetition with the same reason is kept once, with the last time.
+    pub fn record_repeat(&mut self, stop: RepeatedStop) {
         let is_same =
-            |one: &StopAgain| one.by == stop.by && one.caller == stop.caller && one.reason == stop.reason;
+            |one: &RepeatedStop| one.by == stop.by && one.caller == stop.caller && one.reason == stop.reason;
         self.stops += 1;
         self.again.retain(|one| !is_same(one));
         self.again.push(stop);
@@ -231,66 +231,66 @@ impl StoppedView {
     }
 }
 
-/// A monitor's question: people are needed, or the version is rolled back at the deadline.
+/// An escalation: without an answer the version is rolled back at the deadline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct QuestionView {
-    /// The active version it is about.
+pub struct EscalationView {
+    /// The active version.
     pub version: CapabilityId,
-    /// Why the monitor asks, the deciding reason first.
+    /// Its reasons, the deciding one first.
     pub reasons: Vec<Reason>,
-    /// Virtual time at which an unanswered question becomes a rollback, ms.
+    /// Deadline, virtual ms: without an answer the version is rolled back.
     pub deadline_ms: u64,
 }
 
-/// A family as it stands: who is in control, and what may take over.
+/// A family: its active version and its rollback target.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FamilyView {
     /// Name of the family, e.g. `grasp`.
     pub family: Family,
     /// The active version; absent while safe-stopped.
     pub active: Option<CapabilityId>,
-    /// The version that takes over if the active one is rolled back.
+    /// The rollback target.
     pub pinned: Option<CapabilityId>,
-    /// Nobody is in control until an operator re-arms the family.
+    /// No version is active until an operator reactivates one.
     pub safe_stopped: bool,
     /// The active version's flags; absent without one.
-    pub flags: Option<Flags>,
-    /// Episodes of the provisional window: worked and needed.
+    pub flags: Option<VersionFlags>,
+    /// Episodes of the provisional window: run and needed.
     pub provisional: Option<(u32, u32)>,
-    /// The emergency activation that nobody has reviewed yet; nothing of the family is promoted before.
+    /// The break-glass activation that awaits review; no version of the family is promoted before.
     #[serde(default)]
     pub review: Option<ReviewView>,
 }
 
-/// An emergency activation (break-glass) that two people still have to review.
+/// A break-glass activation that two people still have to review.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ReviewView {
-    /// The version that one person let in; it may have left meanwhile.
+    /// The version that one person activated; it may have left meanwhile.
     pub version: CapabilityId,
-    /// By when it has to be reviewed, or it is taken off.
+    /// Deadline of the review, after which the version is rolled back.
     pub until: WallTime,
-    /// Whether that time is over; the review stays open.
+    /// Whether the deadline has passed; the review stays open.
     pub overdue: bool,
 }
 
 /// A candidate (or a version that was one).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CandidateView {
-    /// The version this row is about.
+    /// The version.
     pub version: CapabilityId,
     /// Digest of its manifest and bundle.
     pub digest: Digest,
     /// The lifecycle state it is in.
     pub state: State,
-    /// The state it was in before; absent while it is in its first.
+    /// Its previous state; absent while it is in its first.
     pub left: Option<State>,
     /// The stage that ran when it left that state; absent if none did.
     #[serde(default)]
     pub ran: Option<Stage>,
     /// Whether it ever passed its provisional window.
     pub confirmed: bool,
-    /// Stage running, pauses, questions, restrictions.
-    pub flags: Flags,
+    /// Running stage, pauses, approval requests, restrictions.
+    pub flags: VersionFlags,
     /// Counts every change of the version's row; approvals name it.
     pub row_version: u64,
     /// Identity of its author, as the submission has it.
@@ -299,39 +299,38 @@ pub struct CandidateView {
     pub provenance: Provenance,
     /// Risk tier, as the submission estimates it.
     pub risk: Risk,
-    /// How far the running stage is; absent if none is running.
+    /// Progress of the running stage; absent if none is running.
     pub progress: Option<ProgressView>,
-    /// The four dimensions as they were last assessed, in the order I, P, B, R.
+    /// The latest assessment of the four dimensions, in the order I, P, B, R.
     pub dimensions: Vec<DimensionResult>,
     /// The composite score of the four dimensions; reported, never gating.
     pub composite: Option<f64>,
-    /// Paired episodes so far; absent before there are any to compare.
+    /// Paired episodes so far; absent before the first.
     pub pairs: Option<PairsView>,
     /// Drills so far: the candidate's and the active version's.
-    pub drills: Option<(Drills, Drills)>,
+    pub drills: Option<(DrillTallies, DrillTallies)>,
     /// Shadow sequences so far; absent before the first.
     pub shadow: Option<ShadowView>,
     /// Why the last decision was made, the deciding reasons first.
     pub reasons: Vec<Reason>,
     /// Conditions under which it may be used.
     pub conditions: Vec<Condition>,
-    /// Which of the paper's four deployment outcomes it comes to so far; absent before the first decision.
+    /// Its deployment outcome so far; absent before the first decision.
     #[serde(default)]
     pub deployment: Option<Deployability>,
-    /// It is not gone on with by itself, because the gate holds it or nobody answered; resuming lets it go on.
+    /// It does not continue by itself: the gate put it on hold, or no approver answered. `resume` continues it.
     #[serde(default)]
     pub held: bool,
-    /// Profiles that are closed to it by a profile demotion.
+    /// Profiles under which a profile demotion blocks it.
     #[serde(default)]
     pub closed: Vec<ProfileName>,
-    /// Why what was measured of it does not count any more; empty while it does. The numbers beside it are those of
-    /// then.
+    /// Why its evidence is stale; empty while it counts. The numbers beside it are from before.
     #[serde(default)]
     pub stale: Vec<StaleCause>,
 }
 
 impl CandidateView {
-    /// That its evidence does not count, and why; absent while it does.
+    /// A sentence on why its evidence is stale; absent while it counts.
     #[must_use]
     pub fn stale_line(&self) -> Option<String> {
         if self.stale.is_empty() {
@@ -342,12 +341,12 @@ impl CandidateView {
     }
 }
 
-/// How far the running stage is.
+/// Progress of the running stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ProgressView {
     /// The stage that is running.
     pub stage: Stage,
-    /// What is being worked, e.g. episode pairs or drills.
+    /// The unit of work, e.g. episode pairs or drills.
     pub what: String,
     /// Episodes, drills or sequences that are done.
     pub done: u64,
@@ -355,14 +354,14 @@ pub struct ProgressView {
     pub budget: u64,
     /// When the stage began, virtual ms.
     pub since_ms: u64,
-    /// What would end it early, one sentence.
+    /// The condition of an early end, one sentence.
     pub early: String,
 }
 
 /// Paired episodes of a sandbox evaluation so far.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PairsView {
-    /// Pairs worked so far.
+    /// Pairs run so far.
     pub n: u64,
     /// The active version's means over the pairs.
     pub active: Signature,
@@ -377,7 +376,7 @@ pub struct PairsView {
 /// Shadow sequences so far: the live world against its twin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ShadowView {
-    /// Whole sequences worked so far.
+    /// Whole sequences run so far.
     pub n: u64,
     /// Mean distance of the candidate's commands from the active version's, 0 to 1 of range.
     pub output: f64,
@@ -385,7 +384,7 @@ pub struct ShadowView {
     pub governance: f64,
     /// Mean share of the twin's trajectory outside the active version's band, 0 to 1.
     pub envelope: f64,
-    /// The profile's limits of the three; absent if one decides nothing by itself.
+    /// The profile's limits of the three; absent where a value alone decides nothing.
     pub limits: [Option<f64>; 3],
     /// Output, governance and envelope divergence of each sequence, in order.
     pub series: Vec<[f32; 3]>,
@@ -400,16 +399,16 @@ pub struct Disagreement {
     pub index: u64,
     /// Seed of the disturbances both worlds met.
     pub seed: u64,
-    /// What the live world showed that the twin did not, and the reverse, in words.
+    /// The differences between live world and twin, in words.
     pub text: String,
     /// Distance of the candidate's commands from the active version's in this sequence, 0 to 1 of range.
     pub output: f32,
 }
 
-/// A question that waits for people.
+/// An open approval request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct PromptView {
-    /// Identifies the question among those that wait.
+pub struct ApprovalRequestView {
+    /// Its id among the open requests.
     pub id: String,
     /// The candidate that would be activated.
     pub version: CapabilityId,
@@ -417,68 +416,68 @@ pub struct PromptView {
     pub replaces: Option<CapabilityId>,
     /// Digest of the candidate's manifest and bundle; the signature covers it.
     pub candidate: Digest,
-    /// The candidate's row version when people were asked; a decision names it.
+    /// The candidate's row version at the request; a decision names it.
     pub row_version: u64,
-    /// Digest of the evidence the decision is over; the signature covers it.
+    /// Digest of the evidence; the signature covers it.
     pub evidence: Digest,
     /// Digest of profile and policies; the signature covers it.
     pub policy: Digest,
-    /// Profile that the activation would be under.
+    /// Profile of the activation.
     pub profile: ProfileName,
     /// Its own name, if it does not come with the program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub site: Option<SiteName>,
-    /// Distinct people who have to approve.
+    /// The quorum.
     pub needed: u32,
-    /// Whether enough people approved: it takes over when the sequence that runs is over.
+    /// Whether the quorum approved: the candidate becomes active after the running sequence.
     #[serde(default)]
     pub granted: bool,
     /// Identities whose approvals count so far.
     pub approved_by: Vec<String>,
-    /// Whether it takes a safety officer's approval, and none of them has approved.
+    /// Whether a required safety officer's approval is missing.
     #[serde(default)]
     pub officer_missing: bool,
-    /// When the unanswered question becomes a hold, also while no engine runs.
+    /// When the unanswered request puts it on hold, also while no engine runs.
     pub until: WallTime,
-    /// Until when a decision signed now is good.
+    /// When a decision signed now expires.
     pub valid_until: WallTime,
     /// Id of the store; a decision signed for it counts in no other.
     pub store_id: String,
-    /// When people were asked.
+    /// When the request was made.
     pub asked: WallTime,
     /// How much friction a decision needs (0, 1 or 2; reference A6).
     pub tier: u8,
-    /// Who made the candidate and how far that is known, e.g. `ada (unverified)`; they cannot approve it.
+    /// The candidate's author and whether verified, e.g. `ada (unverified)`; the author cannot approve it.
     pub author: String,
-    /// Who registered the candidate, and so cannot approve it.
+    /// The person who registered the candidate, and so cannot approve it.
     #[serde(default)]
     pub requester: Requester,
-    /// Its risk class with the causes; absent before it was assessed, which counts as high.
+    /// Its risk class with the causes; absent before the assessment, which counts as high.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub risk: Option<RiskClass>,
     /// Permissions that the active version does not have, or has at a lower level.
     pub new_permissions: Vec<String>,
     /// The whole difference to the active version.
     #[serde(default)]
-    pub changes: Changes,
-    /// What it would be let in under, one sentence each.
+    pub changes: VersionDiff,
+    /// The conditions of its activation, one sentence each.
     #[serde(default)]
     pub conditions: Vec<String>,
-    /// What decided on behaviour and recovery, with the numbers, and which work shows it; one sentence each.
+    /// What decided behavior and recovery, with the numbers and the work that shows it; one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub why: Vec<String>,
     /// What was not tested, one sentence each.
     pub untested: Vec<String>,
-    /// What happens when it gets worse after activation, one sentence.
+    /// The response if it gets worse after activation, one sentence.
     pub on_drift: String,
-    /// What is asked.
+    /// The kind of request.
     #[serde(default)]
-    pub purpose: Purpose,
-    /// What a release or a review is about, one sentence; empty for an activation.
+    pub purpose: RequestKind,
+    /// The subject of a release or a review, one sentence; empty for an activation.
     #[serde(default)]
     pub about: String,
-    /// The question as whoever looks on reads it. Who signs gets lines of their own
-    /// ([`Command::Question`](crate::command::Command::Question)); where these change, it is another question.
+    /// The request as observers read it. A signer gets separate lines
+    /// ([`Command::Question`](crate::command::Command::Question)); if these change, it is another request.
     #[serde(default)]
     pub lines: Vec<String>,
 }
@@ -490,39 +489,38 @@ pub struct AlarmView {
     pub alarm: String,
     /// What it is grouped by in a flood, e.g. `rollback`.
     pub subject: String,
-    /// The state that is shown: a shelf covers every other.
+    /// The displayed state: shelved hides every other.
     pub state: AlarmState,
     /// How soon an operator has to act.
     pub priority: Priority,
-    /// What is wrong, one sentence for the operator.
+    /// The problem, one sentence for the operator.
     pub text: String,
     /// Virtual time of the first raise since it was last normal, ms.
     pub since_ms: u64,
-    /// The state below a shelf; as `state` if there is none.
+    /// The state without the shelf; as `state` if it is not shelved.
     pub state_below: AlarmState,
-    /// Whether it stays after its condition has ended, until it is reset.
+    /// Whether it is latched until a reset after its condition has ended.
     pub latching: bool,
     /// Identity that acknowledged it; absent while it calls for attention.
     pub acknowledged_by: Option<String>,
-    /// Who set it aside, why, and until when.
+    /// The person who shelved it, the reason, and the end.
     pub shelf: Option<(String, String, WallTime)>,
     /// How often it was raised since it was last normal.
     pub raises: u32,
-    /// Whether it comes so often that it is one row with a count.
+    /// Whether it recurs so often that it is one row with a count.
     pub chattering: bool,
 }
 
 impl AlarmView {
-    /// Its place in the order of attention, the least first: the more urgent; of these what nobody has acknowledged;
-    /// of these what is still there; of these the newest.
+    /// Sort key of attention, lowest first: urgent, then unacknowledged, then still present, then newest.
     #[must_use]
-    pub const fn attention(&self) -> (Priority, bool, bool, Reverse<u64>) {
+    pub const fn attention_rank(&self) -> (Priority, bool, bool, Reverse<u64>) {
         (self.priority, !self.state.calls(), !self.state.is_present(), Reverse(self.since_ms))
     }
 }
 
 impl Snapshot {
-    /// The alarm that is told first where there is room for one; absent if every alarm is normal or set aside.
+    /// The alarm to show where there is room for one; absent if every alarm is normal or shelved.
     #[must_use]
     pub fn foremost_alarm(&self) -> Option<&AlarmView> {
         foremost(self.alarms.iter())
@@ -537,32 +535,32 @@ fn foremost<'a>(alarms: impl Iterator<Item = &'a AlarmView>) -> Option<&'a Alarm
         | AlarmState::Latched => true,
         AlarmState::Normal | AlarmState::Shelved => false,
     });
-    told.min_by_key(|alarm| alarm.attention())
+    told.min_by_key(|alarm| alarm.attention_rank())
 }
 
-/// What the live world is doing, and how it went lately.
+/// The state of the live world and its recent results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LiveView {
-    /// Whole sequences worked in this engine's life.
+    /// Whole sequences run in this session.
     pub sequences: u64,
     /// Of the last fifty: whole sequences done.
     pub recent_success: Option<f64>,
-    /// Over how many sequences that share is.
+    /// The number of sequences of that rate.
     pub recent: u64,
     /// The tasks of the last sequence, in the order of work.
     pub last: Vec<TaskSummary>,
     /// The drift that has set in; absent if there is none.
     pub drift: Option<Drift>,
-    /// What is broken at present, for a rehearsal.
+    /// The present fault, for an exercise.
     pub fault: Option<LiveFault>,
-    /// What the agent works towards, in the words of its goal interpreter; empty in snapshots of older builds.
+    /// The agent's goal, in the words of its goal interpreter; empty in snapshots of older builds.
     #[serde(default)]
     pub goal: String,
     /// Simulated seconds in a second; absent for as fast as it computes.
     pub pace: Option<f64>,
     /// Success of the last sequences, the newest last; at most fifty.
     pub outcomes: Vec<bool>,
-    /// Monitors of the versions that are provisional or restricted.
+    /// Monitors of the provisional or restricted versions.
     pub monitors: Vec<MonitorView>,
 }
 
@@ -583,10 +581,10 @@ pub struct MonitorView {
     pub restricted: bool,
     /// Each chart's name, its value and its limit.
     pub charts: Vec<(String, f64, f64)>,
-    /// The factor that a condition puts on the profile's limits; 1 without one. The limits above have it in them.
+    /// The factor of a condition on the profile's limits; 1 without one. The limits above include it.
     #[serde(default = "plain")]
     pub factor: f64,
-    /// Whether the first warning takes the version off without asking.
+    /// Whether the first warning rolls the version back without asking an operator.
     #[serde(default)]
     pub coupled: bool,
 }

@@ -1,4 +1,4 @@
-//! What goes over the socket: one JSON document a line, each side's lines of bounded length.
+//! The messages of the socket: one JSON document per line, of bounded length.
 
 use std::net::SocketAddr;
 
@@ -6,15 +6,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::command::{Reply, Request};
+use crate::console_presence::ConsolePresence;
 use crate::event::Event;
-use crate::picture::Picture;
-use crate::seat::Sitting;
 use crate::snapshot::Snapshot;
+use crate::video_frame::VideoFrame;
 
 /// Raised when either side's documents change; both sides must have the same.
 pub const PROTOCOL: u32 = 9;
 
-/// The longest line a client may send, bytes: the largest component has room in it, in the letters of a package's JSON.
+/// The longest line a client may send, bytes: enough for the largest component in a package's JSON.
 pub const CALL_BYTES_MAX: usize = 4 * 1024 * 1024;
 
 /// The longest line an engine sends, bytes.
@@ -23,84 +23,84 @@ pub const ANSWER_BYTES_MAX: usize = 16 * 1024 * 1024;
 /// The longest id of a command, bytes.
 pub const ID_BYTES_MAX: usize = 128;
 
-/// What a client sends, one JSON document a line.
+/// A message from a client, one JSON document per line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "call", deny_unknown_fields)]
-pub enum Call {
-    /// One request, answered by one [`Answer::Reply`].
+pub enum ClientMessage {
+    /// One request, answered by one [`ServerMessage::Reply`].
     Ask {
         /// The command, with the id that makes a retry harmless.
         request: Box<Request>,
     },
     /// From now on this connection only carries events.
     Subscribe {},
-    /// From now on this connection carries events, the newest snapshot and the newest picture, and takes nothing but
-    /// [`Call::Sit`]. Whatever is asked goes over another one.
+    /// From now on this connection carries events and the newest snapshot and video frame, and accepts only
+    /// [`ClientMessage::Sit`]. Other calls need another connection.
     Attach {
-        /// Who sits down.
-        sitting: Sitting,
+        /// The attaching console.
+        sitting: ConsolePresence,
     },
-    /// The engine is to go on when nobody sits at it any more, answered by one [`Answer::Kept`].
+    /// Keep the engine running without an attached console, answered by one [`ServerMessage::Kept`].
     Keep {},
-    /// The live scene is to be served to viewers, answered by one [`Answer::Scene`].
+    /// Serve the live scene to viewers, answered by one [`ServerMessage::Scene`].
     Scene {
         /// At this address and port.
         address: SocketAddr,
     },
-    /// Somebody who is attached has something else before them.
+    /// An attached console shows another view.
     Sit {
-        /// What they say of themselves now.
-        sitting: Sitting,
+        /// What the console now states.
+        sitting: ConsolePresence,
     },
 }
 
-/// What the engine's side sends, one JSON document a line.
+/// A message from the engine, one JSON document per line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "answer", deny_unknown_fields)]
-pub enum Answer {
+pub enum ServerMessage {
     /// The first line of every connection.
     Hello {
-        /// The engine's [`PROTOCOL`]; a client with another one has to leave.
+        /// The engine's [`PROTOCOL`]; a client with another one must disconnect.
         protocol: u32,
         /// Version of the program the engine is part of.
         version: String,
         /// Process id of the engine.
         process: u32,
     },
-    /// The answer to one [`Call::Ask`], in the order of the calls.
+    /// The answer to one [`ClientMessage::Ask`], in the order of the calls.
     Reply {
-        /// What the engine answered.
+        /// The engine's reply.
         reply: Box<Reply>,
     },
-    /// Every event after this is sent, except those that an [`Answer::Lagged`] counts.
+    /// Every event after this is sent, except those that an [`ServerMessage::Lagged`] counts.
     Subscribed,
-    /// The connection is a seat now: a snapshot comes next, and a new one whenever something changed. Of snapshots and
-    /// pictures the newest one alone is sent; a slow reader misses those between.
+    /// The console is attached: a snapshot comes next, and a new one after each change. Only the newest snapshot and
+    /// video frame are sent; a slow reader misses those between.
     Attached {
-        /// The number of the seat.
+        /// The number of the attached console.
         seat: u64,
     },
-    /// What happened before, for whoever has just attached: the newest events, oldest first. Comes before all others.
+    /// Past events for a console that has just attached: the newest, oldest first. Comes before all others.
     Past {
-        /// The last of this engine's life, without progress; of sequences one after the other the last alone.
+        /// The last events of this session, without progress; of consecutive sequences only the last.
         events: Vec<Event>,
-        /// How many of such came before them, and are on record alone.
+        /// Number of earlier ones, which only the record has.
         earlier: u64,
     },
-    /// The engine ends in good order, for whoever is attached: the last line.
+    /// The engine ends cleanly: the last line to an attached console.
     Ended {
-        /// Who ended it, in words.
+        /// The person or cause that ended it, in words.
         by: String,
     },
-    /// How things stand, for whoever is attached.
+    /// The current state, for attached consoles.
     Snapshot {
         /// All of it.
         snapshot: Box<Snapshot>,
     },
-    /// What the live cell looks like, for whoever is attached.
+    /// The newest video frame of the live cell, for attached consoles.
     Picture {
         /// The newest one.
-        picture: Box<Picture>,
+        picture: Box<VideoFrame>,
     },
     /// One event of the engine, for a subscriber.
     Event {
@@ -112,11 +112,11 @@ pub enum Answer {
         /// How many events this subscriber does not get.
         missed: u64,
     },
-    /// The engine goes on when nobody sits at it any more.
+    /// The engine continues without an attached console.
     Kept,
-    /// Whether there is somebody who draws the live scene; what came of it is told as an event.
+    /// Whether a program draws the live scene; an event reports the result.
     Scene {
-        /// Whether it was handed on.
+        /// Whether a listener received the request.
         served: bool,
     },
     /// The connection is closed: what was sent is not allowed, or there are too many connections.

@@ -1,10 +1,10 @@
-//! Recordings of upgrades: files in a folder, plain values, and what the audit chain says of them.
+//! Recordings of upgrades: files in a folder, plain values, and the audit records about them.
 //!
-//! Knows neither the format of the files (that is the scene crate's, which writes and reads them) nor the store: it
-//! folds the audit records it is given. [`viewer`] finds and starts the program that shows a recording.
+//! Knows neither the store nor the file format, which the scene crate writes and reads. It folds the audit records it
+//! is given. [`viewer`] finds and starts the program that shows a recording.
 
-pub mod film;
-pub mod folder;
-pub mod record;
+pub mod audit_record;
+pub mod episode_recording;
 pub mod recording;
+pub mod recording_folder;
 pub mod viewer;

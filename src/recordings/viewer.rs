@@ -1,8 +1,7 @@
-//! The rerun viewer that is installed on this machine: finding it, and starting it beside this program.
+//! Finds the rerun viewer that is installed on this machine, and starts it beside this program.
 //!
-//! Owns how it is looked for, which versions are taken, and that it shares neither terminal nor process group with
-//! this program. Must not wait for it: what it does, and whether it lives, changes nothing here. Knows no recording's
-//! insides and needs no scene crate.
+//! Owns the search and the accepted versions. The viewer shares neither terminal nor process group with this program.
+//! Must not wait for the viewer, and needs no scene crate.
 
 use std::borrow::Cow;
 use std::ffi::{OsStr, OsString};
@@ -23,28 +22,28 @@ use holdpoint_text::file::{NO_LINK, regular};
 /// The oldest viewer that reads what this program writes.
 pub const OLDEST: ViewerVersion = ViewerVersion([0, 36, 0]);
 
-/// How to get one that fits.
+/// How to install a version that fits.
 pub const INSTALL: &str = "pip install rerun-sdk==0.36.3";
 
 /// The name of the viewer's program.
 const PROGRAM: &str = "rerun";
 
-/// What its answer to `--version` begins with; another program of the same name says something else.
+/// The start of its answer to `--version`; other programs of the same name answer differently.
 const ANSWER_START: &str = "rerun-cli ";
 
-/// How long a program may take to tell its version.
+/// The time limit of an answer to `--version`.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// How often it is looked whether it has.
+/// The interval between checks for the answer.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// The most of an answer that is read, bytes.
+/// The most bytes read of an answer.
 const ANSWER_BYTES_MAX: u64 = 4_096;
 
-/// The most folders of a Python installation that are looked into.
+/// The most folders read of a Python installation.
 const PYTHONS_MAX: usize = 32;
 
-/// The largest log of a viewer that is added to, bytes; a larger one is begun anew.
+/// The largest viewer log that is appended to, bytes; a larger one is truncated first.
 const LOG_BYTES_MAX: u64 = 1 << 20;
 
 /// The name of the viewer's log in the folder of logs.
@@ -76,7 +75,7 @@ impl ViewerVersion {
 /// A viewer that was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Viewer {
-    /// The program itself, not a script that starts it.
+    /// The program itself, not the script that starts it.
     pub program: PathBuf,
     pub version: ViewerVersion,
 }
@@ -89,7 +88,7 @@ pub enum ViewerError {
     /// The installed one is too old.
     #[error("the scene viewer {program:?} is version {found}; {OLDEST} or newer is needed")]
     TooOld { program: PathBuf, found: ViewerVersion },
-    /// There is no screen to show a window on.
+    /// No display is available.
     #[error("there is no screen for the scene viewer: neither DISPLAY nor WAYLAND_DISPLAY is set")]
     NoScreen,
     /// Its log cannot be written.
@@ -111,35 +110,34 @@ impl Hint for ViewerError {
 
 /// A viewer that was started. Dropping this does not end it.
 #[derive(Debug)]
-pub struct Opened {
+pub struct RunningViewer {
     /// Its process, which leads a process group of its own.
     pub process: u32,
-    /// Where it writes what it has to say.
+    /// The file with its output.
     pub log: PathBuf,
     ended: Receiver<bool>,
 }
 
-impl Opened {
-    /// Whether it ended within this time, and if so whether in good order. `None` while it runs.
+impl RunningViewer {
+    /// Whether the viewer exited within this time, and if so whether cleanly. `None` while it runs.
     ///
-    /// A viewer that cannot draw ends at once; who started it for a person may want to say so.
+    /// A viewer that cannot draw exits at once, so a caller can report that.
     #[must_use]
     pub fn ended_within(&self, patience: Duration) -> Option<bool> {
         self.ended.recv_timeout(patience).ok()
     }
 }
 
-/// Whether there is a screen to show a window on, as far as the environment tells.
+/// Whether the environment names a display.
 #[must_use]
 pub fn has_screen() -> bool {
     let set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     cfg!(target_os = "macos") || set("DISPLAY") || set("WAYLAND_DISPLAY")
 }
 
-/// The first viewer among the folders of `path`, a value of PATH.
+/// The first viewer in the folders of `path`, a value of PATH.
 ///
-/// Asks what it finds for its version and waits up to five seconds for each answer, so it is not for a thread that
-/// draws.
+/// Waits up to five seconds for each program's answer to `--version`; do not call it from a thread that draws.
 ///
 /// # Errors
 /// [`ViewerError::NotFound`], [`ViewerError::TooOld`].
@@ -149,7 +147,7 @@ pub fn find(path: Option<&OsStr>) -> Result<Viewer, ViewerError> {
         if !is_executable(&named) {
             continue;
         }
-        let program = behind_script(&named).unwrap_or(named);
+        let program = script_target(&named).unwrap_or(named);
         let Some(version) = version_of(&program) else { continue };
         if version < OLDEST {
             return Err(ViewerError::TooOld { program, found: version });
@@ -160,19 +158,20 @@ pub fn find(path: Option<&OsStr>) -> Result<Viewer, ViewerError> {
 }
 
 impl Viewer {
-    /// Starts it on recordings (files) or a live scene (an address), with its output in a log in the folder `logs`.
+    /// Starts the viewer on recordings (files) or a live scene (an address), with its output in a log in the folder
+    /// `logs`.
     ///
-    /// It gets a process group of its own, so that what ends this program's group does not end it, and it can be
-    /// ended as one. A thread waits for its end, so that none is left behind as a zombie.
+    /// The viewer gets its own process group: it survives the end of this program's group and can be ended as one. A
+    /// thread waits for it, so that no zombie remains.
     ///
     /// # Errors
     /// [`ViewerError::Log`], [`ViewerError::Start`].
-    pub fn open<T: AsRef<OsStr>>(&self, shown: &[T], logs: &Path) -> Result<Opened, ViewerError> {
+    pub fn open<T: AsRef<OsStr>>(&self, shown: &[T], logs: &Path) -> Result<RunningViewer, ViewerError> {
         let log = logs.join(LOG_NAME);
         let refused = |source| ViewerError::Log { path: log.clone(), source };
         let output = open_log(&log).map_err(refused)?;
         let errors = output.try_clone().map_err(refused)?;
-        // A viewer listens, too: for programs on this machine alone, and away from the port of a live scene.
+        // The viewer also listens: on this machine only, and away from the port of a live scene.
         let child = Command::new(&self.program)
             .args(["--bind", "127.0.0.1", "--port", &free_port(), "--"])
             .args(shown)
@@ -185,29 +184,28 @@ impl Viewer {
         let process = child.id();
         let ended =
             reap(child).map_err(|source| ViewerError::Start { program: self.program.clone(), source })?;
-        Ok(Opened { process, log, ended })
+        Ok(RunningViewer { process, log, ended })
     }
 }
 
-/// A port nobody listens at; left to the viewer if none can be had. Left to it in any case it would take the first,
-/// which is the one a live scene is served at.
+/// A free port, or the viewer's own choice if there is none. By default the viewer takes the port of the live scene.
 fn free_port() -> String {
     let probe = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|probe| probe.local_addr());
     probe.map_or_else(|_| "auto".to_owned(), |address| address.port().to_string())
 }
 
-/// Waits for a child on a thread of its own and tells whether it ended in good order.
+/// Waits for a child on its own thread and reports whether it exited cleanly.
 fn reap(mut child: Child) -> std::io::Result<Receiver<bool>> {
     let (tell, ended) = sync_channel(1);
     std::thread::Builder::new().name("viewer-reaper".to_owned()).spawn(move || {
         let in_order = child.wait().is_ok_and(|status| status.success());
-        // Nobody may be listening any more.
+        // The receiver may be gone.
         let _ = tell.try_send(in_order);
     })?;
     Ok(ended)
 }
 
-/// A log that is added to, until it is large.
+/// Opens a log for appending, or truncates it if it is too large.
 fn open_log(path: &Path) -> std::io::Result<File> {
     let file = OpenOptions::new()
         .append(true)
@@ -226,10 +224,10 @@ fn is_executable(path: &Path) -> bool {
     path.is_file() && rustix::fs::access(path, rustix::fs::Access::EXEC_OK).is_ok()
 }
 
-/// The program that pip's script of the same name starts; `None` if it is no such script.
+/// The program that pip's script of the same name starts; `None` if this is not such a script.
 ///
-/// The script waits for the program, and whoever ends the script leaves the program running.
-fn behind_script(named: &Path) -> Option<PathBuf> {
+/// The script only waits for the program, and ending the script leaves the program running.
+fn script_target(named: &Path) -> Option<PathBuf> {
     let script = named.canonicalize().ok()?;
     let mut start = [0; 2];
     File::open(&script).ok()?.read_exact(&mut start).ok()?;
@@ -249,12 +247,12 @@ fn behind_script(named: &Path) -> Option<PathBuf> {
             [folder.join("Rerun.app/Contents/MacOS/Rerun"), folder.join(PROGRAM)]
         })
     };
-    // One folder may have two names (lib64); several Pythons may share the script: the last is taken.
+    // One folder may have two names (lib64), and several Pythons may share the script: the last is taken.
     let programs = pythons.flat_map(inside).filter(|path| is_executable(path));
     programs.filter_map(|path| path.canonicalize().ok()).max()
 }
 
-/// What a program answers to `--version`; `None` if it is no viewer, or does not answer.
+/// The answer of a program to `--version`; `None` if it is not a viewer or does not answer.
 fn version_of(program: &Path) -> Option<ViewerVersion> {
     let mut child = Command::new(program)
         .arg("--version")
@@ -273,7 +271,7 @@ fn version_of(program: &Path) -> Option<ViewerVersion> {
         }
     };
     if !ended {
-        // It has a group of its own: what it started ends with it.
+        // It has its own group, so its children end with it.
         if let Some(group) = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw) {
             let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
         }
@@ -285,7 +283,7 @@ fn version_of(program: &Path) -> Option<ViewerVersion> {
     ViewerVersion::parse(&String::from_utf8_lossy(&answer))
 }
 
-/// What PATH says now.
+/// The present value of PATH.
 #[must_use]
 pub fn path() -> Option<OsString> {
     std::env::var_os("PATH")
@@ -295,7 +293,7 @@ pub fn path() -> Option<OsString> {
 mod tests {
     use super::*;
 
-    /// A program of the name `rerun` that answers like this and writes its arguments down.
+    /// A program named `rerun` that gives this answer and writes down its arguments.
     fn program(folder: &Path, answer: &str) -> PathBuf {
         std::fs::create_dir_all(folder).unwrap();
         let path = folder.join(PROGRAM);

@@ -1,14 +1,14 @@
-//! The active pointer: the one change that decides who controls the robot, with everything it must rest on.
+//! The active pointer: the one change that decides which version controls the robot, with all its preconditions.
 
 use rusqlite::params;
 
-use super::apply::{Applier, Touched, check_json, check_text};
+use super::apply::{Applier, ChangeEffect, check_json, check_text};
 use super::change::ActiveCause;
 use super::error::StoreError;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::RecordKind;
 
-/// A family as it is in the store.
+/// A family's row in the store.
 struct FamilyPointers {
     active: Option<String>,
     pinned: Option<String>,
@@ -51,7 +51,7 @@ impl Applier<'_> {
         }
     }
 
-    /// Moves the active pointer after checking what its cause rests on.
+    /// Moves the active pointer after checking the preconditions of its cause.
     pub(super) fn set_active(
         &mut self,
         family: &Family,
@@ -59,7 +59,7 @@ impl Applier<'_> {
         pinned: Option<&CapabilityId>,
         cause: &ActiveCause,
         robot: Option<&str>,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         let before = self.family(family)?;
         let refuse = |problem: &str| Err(StoreError::Invariant(format!("{family}: {problem}")));
         if [active, pinned].into_iter().flatten().any(|version| version.family != *family) {
@@ -93,7 +93,7 @@ impl Applier<'_> {
             (ActiveCause::Rearm, Some(version)) => {
                 if before.active.is_some() || !self.was_active(version)? {
                     return refuse(
-                        "only a stopped family can be re-armed, with a version that was active before",
+                        "only a stopped family can be reactivated, with a version that was active before",
                     );
                 }
             }
@@ -101,14 +101,14 @@ impl Applier<'_> {
         self.write_active(family, (active, pinned), cause, robot)
     }
 
-    /// Moves an active pointer that may be moved.
+    /// Moves an active pointer after the checks.
     pub(super) fn write_active(
         &self,
         family: &Family,
         (active, pinned): (Option<&CapabilityId>, Option<&CapabilityId>),
         cause: &ActiveCause,
         robot: Option<&str>,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         let [active_name, pinned_name] = [active, pinned].map(|version| version.map(ToString::to_string));
         let gate = match cause {
             ActiveCause::Gate { evidence, approvals_needed } => {
@@ -133,7 +133,7 @@ impl Applier<'_> {
             params![seq, family.as_str(), active_name, pinned_name, word, gate.0, gate.1, self.at_ms, robot],
         )?;
         let subject = active_name.unwrap_or_else(|| family.to_string());
-        Ok(Touched::new(RecordKind::ActiveSet, subject))
+        Ok(ChangeEffect::new(RecordKind::ActiveSet, subject))
     }
 
     /// Whether a version was registered as its family's first.
@@ -152,7 +152,7 @@ impl Applier<'_> {
         Ok(found.is_some())
     }
 
-    /// A gate record for this version at the row version decided on, current, and enough approvals used up.
+    /// A current gate record for this version at its row version, and enough consumed approvals.
     fn check_gate(
         &self,
         version: &CapabilityId,
@@ -191,13 +191,13 @@ impl Applier<'_> {
         Ok(())
     }
 
-    /// Stops a family or re-arms it; makes it if it is new.
+    /// Stops or reactivates a family; makes it if it is new.
     pub(super) fn set_family(
         &mut self,
         family: &Family,
         safe_stopped: bool,
         reason: &str,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         check_text("reason", reason)?;
         self.execute(
             "set a family",
@@ -205,20 +205,20 @@ impl Applier<'_> {
              ON CONFLICT (name) DO UPDATE SET safe_stopped = ?2, reason = ?3",
             params![family.as_str(), safe_stopped, reason],
         )?;
-        Ok(Touched::new(RecordKind::FamilySet, family))
+        Ok(ChangeEffect::new(RecordKind::FamilySet, family))
     }
 
     /// Keeps the lifecycle model's view of a family.
-    pub(super) fn set_standing(&mut self, family: &Family, json: &str) -> Result<Touched, StoreError> {
+    pub(super) fn set_standing(&mut self, family: &Family, json: &str) -> Result<ChangeEffect, StoreError> {
         check_json("standing", json)?;
         self.family(family)?;
         let sql = "UPDATE family SET standing = ?2 WHERE name = ?1";
         self.execute("keep a family's standing", sql, params![family.as_str(), json])?;
-        Ok(Touched::new(RecordKind::StandingSet, family))
+        Ok(ChangeEffect::new(RecordKind::StandingSet, family))
     }
 
-    /// Everything recorded for the family up to now no longer counts.
-    pub(super) fn void_family(&mut self, family: &Family, reason: &str) -> Result<Touched, StoreError> {
+    /// Voids everything recorded for the family so far.
+    pub(super) fn void_family(&mut self, family: &Family, reason: &str) -> Result<ChangeEffect, StoreError> {
         check_text("reason", reason)?;
         self.family(family)?;
         self.execute(
@@ -226,6 +226,6 @@ impl Applier<'_> {
             "UPDATE family SET void_seq = ?2 WHERE name = ?1",
             params![family.as_str(), self.next_seq()],
         )?;
-        Ok(Touched::new(RecordKind::FamilyVoided, family))
+        Ok(ChangeEffect::new(RecordKind::FamilyVoided, family))
     }
 }

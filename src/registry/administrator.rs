@@ -1,32 +1,31 @@
-//! The first administrator of a store, and everybody as the store has them.
+//! The first administrator of a store, and all persons of a store.
 
 use super::change::{Change, Transaction};
 use super::error::StoreError;
 use super::store::Store;
 use holdpoint_approvals::keyfile::Protection;
-use holdpoint_approvals::{Identity, IdentityError, Persons};
+use holdpoint_approvals::{Identity, IdentityError, PersonDirectory};
 use holdpoint_governance::approval::Role;
 
-/// What the first administrator is called; a number follows where the name is somebody else's.
+/// Name of the first administrator; a number follows if another person has that name.
 pub const FIRST_ADMINISTRATOR: &str = "admin";
 /// Names that are tried for the first administrator.
 const NAMES_MAX: usize = 100;
 
 impl Store {
-    /// Everybody of the store.
+    /// All persons of the store.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn persons(&self) -> Result<Persons, StoreError> {
+    pub fn persons(&self) -> Result<PersonDirectory, StoreError> {
         self.views()?.persons()
     }
 
-    /// Makes the store's first administrator if nobody was ever enrolled: a fresh key without a passphrase in
-    /// `keys/identities`, enrolled by itself. Of a store of an earlier version that is recorded as such. Tells the name
-    /// of whom it made.
+    /// Makes the store's first administrator if no one is enrolled: a new key without a passphrase in
+    /// `keys/identities`, which enrolls itself. Returns the name. In a store of an earlier version, the record says so.
     ///
     /// # Errors
-    /// If the key or the record cannot be written; a key that was written is taken the next time.
+    /// If the key or the record cannot be written; the next try takes a key that was written.
     pub fn first_administrator(&self, wall_ms: i64) -> Result<Option<String>, StoreError> {
         let views = self.views()?;
         let persons = views.persons()?;
@@ -56,7 +55,7 @@ impl Store {
         Ok(Some(name))
     }
 
-    /// The key of the first administrator: one that an earlier try left, or a fresh one.
+    /// The key of the first administrator: one of an earlier try, or a new one.
     fn first_key(&self) -> Result<Identity, StoreError> {
         let folder = self.layout().identities();
         let refused = |name: &str, error: &IdentityError| StoreError::Person {
@@ -82,7 +81,7 @@ impl Store {
         }
         Err(StoreError::Person {
             name: FIRST_ADMINISTRATOR.to_owned(),
-            problem: "every name that the first administrator could have is somebody's".to_owned(),
+            problem: "every name for the first administrator belongs to another person".to_owned(),
         })
     }
 }

@@ -1,12 +1,12 @@
-//! Applies the changes of one transaction, each with its audit record. The caller holds the write transaction and
-//! throws it away on any error.
+//! Applies the changes of one transaction, each with its audit record. The caller holds the write transaction and rolls
+//! it back on any error.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde_json::{Value, json};
 
-use super::approve::ApprovalOnRecord;
+use super::approve::RecordedApproval;
 use super::audit::{self, Head};
 use super::change::{
     AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, Receipt, TEXT_BYTES_MAX, Transaction,
@@ -15,9 +15,9 @@ use super::columns::parsed;
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold};
 use super::invariants;
-use super::loosened::ProfileCourse;
-use super::names::{EvidenceKind, is_own};
-use super::rows::{RowName, row_digest, rows_of};
+use super::profile_downgrade::ProfileHistory;
+use super::row_images::{RowName, row_digest, rows_of};
+use super::store_terms::{EvidenceKind, is_own};
 use super::witness::{self, WITNESSES_MAX};
 use holdpoint_approvals::PersonActKind;
 use holdpoint_governance::alarms::{AlarmState, Priority};
@@ -28,15 +28,15 @@ use holdpoint_governance::record::{AuditRecord, RecordKind};
 
 /// The most alarms a store holds.
 const ALARMS_MAX: u64 = 10_000;
-/// The longest text that a record repeats, bytes: what measurements fill is kept once, the rest can be had from the
-/// chain when its row is damaged.
+/// The longest text that a record repeats, bytes. Longer texts (measurements) are stored once; a damaged row gets the
+/// shorter ones back from the chain.
 const TEXT_IN_RECORD_BYTES_MAX: usize = 16 << 10;
 /// Fields of a change that hold texts.
 const TEXTS: [&str; 6] = ["json", "manifest", "submission", "permissions", "environments", "signature"];
 /// The longest command id, bytes.
 const COMMAND_ID_BYTES_MAX: usize = 128;
 
-/// What an approval is checked against beside the database.
+/// The data, beside the database, that an approval is checked against.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ApprovalBasis<'a> {
     pub(crate) store_id: &'a str,
@@ -45,7 +45,7 @@ pub(crate) struct ApprovalBasis<'a> {
 }
 
 impl ApprovalBasis<'_> {
-    /// For what takes in no approval.
+    /// For transactions without an approval.
     pub(crate) const fn none() -> Self {
         Self { store_id: "", store_key: "" }
     }
@@ -54,7 +54,7 @@ impl ApprovalBasis<'_> {
 /// A transaction being applied.
 pub(super) struct Applier<'a> {
     pub(super) connection: &'a Connection,
-    /// What the chain says of the rows before this transaction.
+    /// The chain's account of the rows before this transaction.
     fold: &'a Fold,
     /// Digests of the rows that this transaction wrote.
     written: BTreeMap<RowName, Digest>,
@@ -66,25 +66,25 @@ pub(super) struct Applier<'a> {
     pub(super) row_versions: Vec<(CapabilityId, u64)>,
     /// Row version of each version whose state was set, as it was before this transaction.
     pub(super) row_versions_before: BTreeMap<String, u64>,
-    /// Who approved what, by approvals consumed in this transaction: the keys, for one key is one person.
+    /// The approvers whose approvals this transaction consumed, by key, because one key is one person.
     pub(super) approved: BTreeMap<String, BTreeSet<String>>,
     /// Families whose invariants are checked before the commit.
     pub(super) families: BTreeSet<String>,
 }
 
-/// What a change came to: its record's kind and subject.
-pub(super) struct Touched {
+/// The effect of a change: its record's kind and subject.
+pub(super) struct ChangeEffect {
     pub(super) kind: RecordKind,
     pub(super) subject: String,
 }
 
-impl Touched {
+impl ChangeEffect {
     pub(super) fn new(kind: RecordKind, subject: impl ToString) -> Self {
         Self { kind, subject: subject.to_string() }
     }
 }
 
-/// The wall time of a transaction's records: never before that of the newest record, but where a person confirms the time.
+/// The wall time of a transaction's records: never before that of the newest record, unless a person confirms the time.
 fn wall_ms_after(connection: &Connection, seq: u64, transaction: &Transaction) -> Result<i64, StoreError> {
     if transaction.audit.iter().any(|body| body.kind == RecordKind::ClockConfirmed) {
         return Ok(transaction.wall_ms);
@@ -92,7 +92,7 @@ fn wall_ms_after(connection: &Connection, seq: u64, transaction: &Transaction) -
     Ok(audit::wall_ms_of(connection, seq)?.unwrap_or(0).max(transaction.wall_ms))
 }
 
-/// The digest that tells a retry from another command with the same id.
+/// The digest that distinguishes a retry from another command with the same id.
 pub(crate) fn command_digest(transaction: &Transaction) -> Result<Digest, StoreError> {
     Digest::of_json("holdpoint/command/v1", &(&transaction.changes, &transaction.audit))
         .map_err(|error| StoreError::invalid("command", &transaction.command_id, error))
@@ -160,7 +160,7 @@ pub(crate) fn apply(
         head: applier.head.hash,
         row_versions: applier.row_versions,
     };
-    // What wrote nothing may be done again as well as be answered.
+    // A transaction that wrote nothing may run again.
     if written {
         let text = canonical_json(&receipt)
             .map_err(|error| StoreError::invalid("receipt", &transaction.command_id, error))?;
@@ -191,7 +191,8 @@ fn earlier_receipt(
     let receipt: Receipt = serde_json::from_str(&receipt)
         .map_err(|source| StoreError::invalid("stored receipt", &transaction.command_id, source))?;
     if receipt.first_seq == 0 {
-        // No record stands behind it, so anybody can have written it; earlier versions did, where nothing was written.
+        // A receipt without a record proves nothing, because any program can write one; earlier versions wrote such
+        // receipts.
         connection
             .prepare_cached("DELETE FROM command WHERE id = ?1")
             .and_then(|mut delete| delete.execute([&transaction.command_id]))
@@ -216,7 +217,7 @@ fn check_size(transaction: &Transaction) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// A whole number as SQLite keeps it.
+/// A whole number in SQLite's form.
 pub(super) fn check_int(what: &'static str, value: u64) -> Result<(), StoreError> {
     i64::try_from(value).map(drop).map_err(|_| StoreError::invalid(what, value, "at most 2^63 - 1"))
 }
@@ -243,7 +244,7 @@ pub(super) fn check_text(what: &'static str, text: &str) -> Result<(), StoreErro
     Ok(())
 }
 
-/// A name of the usual form.
+/// A name in the usual form.
 pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), StoreError> {
     if is_name(name) {
         Ok(())
@@ -253,7 +254,7 @@ pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), StoreErro
 }
 
 impl<'a> Applier<'a> {
-    /// Applies the change of a record that is there.
+    /// Applies the change of an existing record.
     pub(super) fn replaying(
         connection: &'a Connection,
         fold: &'a Fold,
@@ -288,7 +289,7 @@ impl Applier<'_> {
         self.row_versions_before.get(name).copied().unwrap_or(now)
     }
 
-    /// Distinct people whose approval of this version this transaction consumed.
+    /// Distinct approvers of this version in this transaction.
     pub(super) fn approved_by(&self, name: &str) -> usize {
         self.approved.get(name).map_or(0, BTreeSet::len)
     }
@@ -318,7 +319,7 @@ impl Applier<'_> {
             .map_err(StoreError::sql(what))
     }
 
-    /// What a change replaces is what the chain says of it: a row that somebody else changed is never taken over.
+    /// Checks that the replaced rows are those of the chain: a row that another program changed is never taken over.
     fn check_before(&self, rows: &[RowName]) -> Result<(), StoreError> {
         for (table, key) in rows {
             let found =
@@ -327,8 +328,8 @@ impl Applier<'_> {
             let expected = written.or_else(|| self.fold.row(*table, key).map(|vouched| vouched.digest));
             if found != expected {
                 let problem = match self.fold.row(*table, key) {
-                    Some(vouched) => format!("it is not what record {} says", vouched.seq),
-                    None => "no record speaks of it".to_owned(),
+                    Some(vouched) => format!("it differs from record {}", vouched.seq),
+                    None => "no record names it".to_owned(),
                 };
                 let fault = ChainFault::Row { table: table.name(), key: key.clone(), problem };
                 return Err(StoreError::Altered(fault.to_string()));
@@ -340,7 +341,7 @@ impl Applier<'_> {
     /// Appends the record of a change with the digests of the rows it touched.
     fn record(
         &mut self,
-        touched: &Touched,
+        touched: &ChangeEffect,
         change: &Change,
         changed: Vec<RowName>,
     ) -> Result<(), StoreError> {
@@ -376,7 +377,7 @@ impl Applier<'_> {
         Ok(())
     }
 
-    pub(super) fn change(&mut self, change: &Change) -> Result<Touched, StoreError> {
+    pub(super) fn change(&mut self, change: &Change) -> Result<ChangeEffect, StoreError> {
         match change {
             Change::RegisterVersion(new) => self.register(new),
             Change::SetState { version, expected_row_version, from, to, reason } => {
@@ -418,7 +419,7 @@ impl Applier<'_> {
             Change::AllowProfile { profile, by, act } => {
                 check_json("caller", by)?;
                 self.check_profile_act(*profile, act)?;
-                Ok(Touched::new(RecordKind::ProfileAllowed, ""))
+                Ok(ChangeEffect::new(RecordKind::ProfileAllowed, ""))
             }
             Change::SealTelemetry { .. }
             | Change::SealTelemetryBlock { .. }
@@ -433,7 +434,7 @@ impl Applier<'_> {
                     let allowed = format!("at most {WITNESSES_MAX}");
                     return Err(StoreError::invalid("number of witnesses", known.len() + 1, allowed));
                 }
-                Ok(Touched::new(RecordKind::WitnessSet, ""))
+                Ok(ChangeEffect::new(RecordKind::WitnessSet, ""))
             }
             Change::AlarmChange { alarm, subject, state, priority, json } => {
                 self.alarm(alarm, subject, (*state, *priority), json)
@@ -441,12 +442,12 @@ impl Applier<'_> {
         }
     }
 
-    /// How the profiles of the store followed each other before this transaction.
-    pub(super) const fn course(&self) -> &ProfileCourse {
+    /// The history of the store's profiles before this transaction.
+    pub(super) const fn profile_history(&self) -> &ProfileHistory {
         self.fold.profiles()
     }
 
-    /// State and row version of a version that must be there.
+    /// State and row version of an existing version.
     pub(super) fn version(&self, version: &CapabilityId) -> Result<(State, u64), StoreError> {
         let name = version.to_string();
         self.find(
@@ -464,7 +465,7 @@ impl Applier<'_> {
         kind: EvidenceKind,
         json: &str,
         digest: Digest,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         check_json("evidence", json)?;
         let (_, row_version) = self.version(version)?;
         let (profile, policy_digest, _) = self.context()?;
@@ -485,10 +486,10 @@ impl Applier<'_> {
                 self.at_ms
             ],
         )?;
-        Ok(Touched::new(RecordKind::EvidencePut, version))
+        Ok(ChangeEffect::new(RecordKind::EvidencePut, version))
     }
 
-    /// Profile, policy digest and since which record; must have been set.
+    /// Profile, policy digest and the record that set them.
     pub(super) fn context(&self) -> Result<(ProfileName, String, u64), StoreError> {
         self.find(
             "read the context",
@@ -504,7 +505,7 @@ impl Applier<'_> {
         profile: ProfileName,
         policy_digest: Digest,
         json: &str,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         check_json("context", json)?;
         self.execute(
             "set the context",
@@ -512,7 +513,7 @@ impl Applier<'_> {
              ON CONFLICT (id) DO UPDATE SET profile = ?1, policy_digest = ?2, json = ?3, seq = ?4",
             params![profile.name(), policy_digest.to_string(), json, self.next_seq()],
         )?;
-        Ok(Touched::new(RecordKind::ContextSet, ""))
+        Ok(ChangeEffect::new(RecordKind::ContextSet, ""))
     }
 
     fn alarm(
@@ -521,7 +522,7 @@ impl Applier<'_> {
         subject: &str,
         (state, priority): (AlarmState, Priority),
         json: &str,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         check_json("alarm", json)?;
         for (what, text) in [("alarm", alarm), ("subject", subject)] {
             check_text(what, text)?;
@@ -543,14 +544,14 @@ impl Applier<'_> {
              ON CONFLICT (id) DO UPDATE SET subject = ?2, state = ?3, priority = ?4, json = ?5, changed_ms = ?6",
             params![alarm, subject, state.name(), priority.name(), json, self.at_ms],
         )?;
-        Ok(Touched::new(RecordKind::AlarmChanged, subject))
+        Ok(ChangeEffect::new(RecordKind::AlarmChanged, subject))
     }
 }
 
-/// What the chain says of a change: everything but long texts, which its rows' digests vouch for.
+/// The change in its record's form: without long texts, which its rows' digests cover.
 fn summary(change: &Change) -> Result<Value, StoreError> {
     let value = if let Change::PutApproval(signed) = change {
-        serde_json::to_value(ApprovalOnRecord::of(signed.approval()))
+        serde_json::to_value(RecordedApproval::of(signed.approval()))
     } else {
         serde_json::to_value(change)
     };

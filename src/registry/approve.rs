@@ -1,26 +1,26 @@
-//! Changes about approvals: requests, signed decisions, and the one use of each.
+//! Changes about approvals: requests, signed decisions, and their one use.
 
 use rusqlite::params;
 use serde::{Deserialize, Serialize};
 
-use super::apply::{Applier, Touched, check_int, check_json, check_name};
+use super::apply::{Applier, ChangeEffect, check_int, check_json, check_name};
 use super::change::ApprovalRequest;
 use super::error::StoreError;
 use holdpoint_approvals::{Approval, Nonce, Person, PersonState, SignedApproval};
-use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
 
-/// An approval as its record tells it; what it was signed with is in its row.
+/// An approval in its record's form; its signature is in its row.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct ApprovalOnRecord {
+pub(crate) struct RecordedApproval {
     change: String,
     who: String,
     role: Role,
-    decision: Answer,
+    decision: ApprovalDecision,
     reason: String,
     row_version: u64,
     evidence_digest: Digest,
@@ -28,22 +28,22 @@ pub(crate) struct ApprovalOnRecord {
     profile: ProfileName,
     not_after_ms: u64,
     nonce: Nonce,
-    /// What it was signed over, without the store's key: equal in equal runs. Earlier versions signed none.
+    /// The signed data without the store's key: equal in equal runs. Earlier versions signed none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    shown: Option<ShownByDigest>,
+    shown: Option<DisplayDigests>,
 }
 
-/// What a decision was signed over, as its record tells it.
+/// The signed data of a decision, in its record's form.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct ShownByDigest {
+struct DisplayDigests {
     renderer: u32,
     lines: Digest,
     facts: Digest,
     request: Nonce,
 }
 
-impl ApprovalOnRecord {
+impl RecordedApproval {
     pub(crate) fn of(approval: &Approval) -> Self {
         Self {
             change: "put-approval".to_owned(),
@@ -57,7 +57,7 @@ impl ApprovalOnRecord {
             profile: approval.profile,
             not_after_ms: approval.not_after_ms,
             nonce: approval.nonce.clone(),
-            shown: approval.shown.as_ref().map(|shown| ShownByDigest {
+            shown: approval.shown.as_ref().map(|shown| DisplayDigests {
                 renderer: shown.renderer,
                 lines: shown.lines,
                 facts: shown.facts,
@@ -83,12 +83,12 @@ impl ApprovalOnRecord {
     }
 }
 
-/// An approval as its row has it.
+/// An approval in its row's form.
 pub(super) struct ApprovalRow<'a> {
     pub(super) nonce: &'a str,
     pub(super) version: &'a CapabilityId,
     pub(super) who: &'a str,
-    pub(super) decision: Answer,
+    pub(super) decision: ApprovalDecision,
     pub(super) row_version: u64,
     pub(super) not_after_ms: u64,
     pub(super) claim: Digest,
@@ -97,7 +97,7 @@ pub(super) struct ApprovalRow<'a> {
 }
 
 impl Applier<'_> {
-    pub(super) fn put_request(&mut self, request: &ApprovalRequest) -> Result<Touched, StoreError> {
+    pub(super) fn put_request(&mut self, request: &ApprovalRequest) -> Result<ChangeEffect, StoreError> {
         check_name("approval request", &request.id)?;
         check_json("approval request", &request.json)?;
         check_int("row version", request.row_version)?;
@@ -128,10 +128,10 @@ impl Applier<'_> {
             0 => Err(StoreError::Exists { what: "approval request (for something else)", name: request.id.clone() }),
             _ => Ok(()),
         })?;
-        Ok(Touched::new(RecordKind::ApprovalRequested, &request.version))
+        Ok(ChangeEffect::new(RecordKind::ApprovalRequested, &request.version))
     }
 
-    pub(super) fn put_approval(&mut self, signed: &SignedApproval) -> Result<Touched, StoreError> {
+    pub(super) fn put_approval(&mut self, signed: &SignedApproval) -> Result<ChangeEffect, StoreError> {
         let approval = signed.approval();
         let nonce = approval.nonce.to_string();
         let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
@@ -146,7 +146,7 @@ impl Applier<'_> {
             Some(shown) if shown.store_key != self.place.store_key => {
                 return Err(refuse("it was made for a store with another key".to_owned()));
             }
-            None if approval.decision == Answer::Approve => {
+            None if approval.decision == ApprovalDecision::Approve => {
                 return Err(refuse("it is signed over nothing that was shown".to_owned()));
             }
             Some(_) | None => {}
@@ -173,8 +173,8 @@ impl Applier<'_> {
         })
     }
 
-    /// Keeps an approval that may be kept.
-    pub(super) fn write_approval(&self, row: &ApprovalRow<'_>) -> Result<Touched, StoreError> {
+    /// Stores an approval after the checks.
+    pub(super) fn write_approval(&self, row: &ApprovalRow<'_>) -> Result<ChangeEffect, StoreError> {
         self.execute(
             "keep an approval",
             "INSERT INTO approval (nonce, seq, version, who, decision, row_version, not_after_ms, claim, at_ms, signed)
@@ -192,7 +192,7 @@ impl Applier<'_> {
                 row.signed
             ],
         )?;
-        Ok(Touched::new(RecordKind::ApprovalPut, row.version))
+        Ok(ChangeEffect::new(RecordKind::ApprovalPut, row.version))
     }
 
     pub(super) fn consume_approval(
@@ -200,7 +200,7 @@ impl Applier<'_> {
         nonce: &str,
         evidence_digest: Digest,
         at: Option<WallTime>,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         let refuse =
             |problem: &str| StoreError::Approval { nonce: nonce.to_owned(), problem: problem.to_owned() };
         let (text, seq, consumed): (String, u64, Option<u64>) = self
@@ -226,10 +226,10 @@ impl Applier<'_> {
                 |row| Ok((row.get(0)?, row.get(1)?)),
             )?
             .ok_or_else(|| StoreError::NotFound { what: "version", name: name.clone() })?;
-        // The first that applies is the answer; the order is from the plainest to the subtlest.
+        // The first problem that applies is reported, from the plainest to the subtlest.
         let problem = if consumed.is_some() {
             Some("it was used already")
-        } else if approval.decision != Answer::Approve {
+        } else if approval.decision != ApprovalDecision::Approve {
             Some("it is a refusal")
         } else if approval.shown.is_none() {
             Some("it was signed by an earlier version, over nothing that was shown")
@@ -254,16 +254,16 @@ impl Applier<'_> {
         let persons = self.persons()?;
         let signer = persons.enrolled().map(Person::info).find(|who| signed.verify(who).is_ok());
         if signer.is_none() {
-            return Err(refuse("who signed it is not enrolled any more"));
+            return Err(refuse("its approver is no longer enrolled"));
         }
         self.write_consumed(nonce)?;
         crate::fp!("approval-consumed");
-        let touched = Touched::new(RecordKind::ApprovalConsumed, &approval.version);
+        let touched = ChangeEffect::new(RecordKind::ApprovalConsumed, &approval.version);
         self.approved.entry(name).or_default().insert(signed.public_key().to_owned());
         Ok(touched)
     }
 
-    /// Uses an approval that may be used.
+    /// Consumes an approval after the checks.
     pub(super) fn write_consumed(&self, nonce: &str) -> Result<(), StoreError> {
         self.execute(
             "use an approval",

@@ -1,7 +1,7 @@
 //! The audit chain: append-only records, each holding the hash of the one before.
 //!
-//! Owns what a record's bytes are and how one is appended and read. It hashes virtual time and never wall time, so
-//! that equal runs give equal chains. Whether a chain is sound is for [`verify`](super::verify()).
+//! Owns the bytes of a record, and appends and reads records. Virtual time is hashed and wall time never, so that equal
+//! runs give equal chains. [`verify`](super::verify()) checks the chain.
 
 use std::borrow::Cow;
 use std::io::{self, ErrorKind, Write};
@@ -12,10 +12,10 @@ use serde_json::ser::Formatter;
 
 use super::error::StoreError;
 use super::merkle::Frontier;
-use super::row_limit::said;
+use super::row_limit::error_message;
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_governance::words::Word;
 use holdpoint_text::Hint;
 
 /// Columns, in the order [`read`] takes them.
@@ -28,7 +28,7 @@ pub(crate) fn read(row: &Row<'_>) -> rusqlite::Result<AuditRecord> {
         prev: Digest::from_bytes(row.get(1)?),
         hash: Digest::from_bytes(row.get(2)?),
         at_ms: row.get(3)?,
-        kind: Word::read(row.get(4)?),
+        kind: Lenient::read(row.get(4)?),
         subject: row.get(5)?,
         body: row.get(6)?,
         wall_ms: row.get(7)?,
@@ -156,12 +156,12 @@ pub(crate) fn for_each<E: From<rusqlite::Error>>(
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The chain cannot be read.
-    #[error("the audit chain cannot be read: {}", said(.0))]
+    #[error("the audit chain cannot be read: {}", error_message(.0))]
     Read(#[from] rusqlite::Error),
     /// The output cannot be written.
     #[error("the audit chain cannot be written out: {0}")]
     Write(#[from] std::io::Error),
-    /// What belongs to the chain cannot be read.
+    /// Data that belongs to the chain cannot be read.
     #[error(transparent)]
     Store(Box<StoreError>),
     /// A record has no JSON form.
@@ -178,7 +178,7 @@ impl Hint for ExportError {
     }
 }
 
-/// Writes the chain from `from_seq` on as JSON lines and returns how many; a reader that goes away is a clean end.
+/// Writes the chain from `from_seq` on as JSON lines and returns their number; a closed pipe is a clean end.
 ///
 /// Every character outside printable ASCII is written as a `\u` escape, so that the lines are safe on a terminal.
 ///
@@ -207,7 +207,7 @@ pub(crate) fn export(
 
 /// Writes a value as JSON with everything but printable ASCII as `\u` escapes.
 pub(crate) fn write_ascii_json(out: impl Write, value: &impl Serialize) -> serde_json::Result<()> {
-    value.serialize(&mut serde_json::Serializer::with_formatter(out, Ascii))
+    value.serialize(&mut serde_json::Serializer::with_formatter(out, AsciiFormatter))
 }
 
 /// As [`write_ascii_json`], as a text.
@@ -217,9 +217,9 @@ pub(crate) fn ascii_json(value: &impl Serialize) -> serde_json::Result<String> {
     String::from_utf8(text).map_err(serde::ser::Error::custom)
 }
 
-struct Ascii;
+struct AsciiFormatter;
 
-impl Formatter for Ascii {
+impl Formatter for AsciiFormatter {
     fn write_string_fragment<W: ?Sized + Write>(&mut self, out: &mut W, fragment: &str) -> io::Result<()> {
         let is_plain = |character: char| matches!(character, ' '..='~');
         for piece in fragment.split_inclusive(|character| !is_plain(character)) {
@@ -255,7 +255,7 @@ mod tests {
             prev: zero,
             hash: zero,
             at_ms: 2,
-            kind: Word::read("k".into()),
+            kind: Lenient::read("k".into()),
             subject: "s".into(),
             body: "{}".into(),
             wall_ms: 3,
@@ -265,7 +265,7 @@ mod tests {
             |r| r.seq = 2,
             |r| r.prev = Digest::from_bytes([1; 32]),
             |r| r.at_ms = 3,
-            |r| r.kind = Word::read("l".into()),
+            |r| r.kind = Lenient::read("l".into()),
             |r| r.subject = "t".into(),
             |r| r.body = "[]".into(),
         ];

@@ -1,8 +1,8 @@
-//! A copy of a store, consistent while an engine works on it, verified, and there whole or not at all.
+//! A copy of a store, consistent while an engine runs, verified, and complete or absent.
 //!
-//! The database is copied at one moment (SQLite's `VACUUM INTO`), then the checkpoints of that moment, then telemetry:
-//! what the chain seals of it was on disk before. Secrets stay where they are unless they are asked for. Recordings are
-//! copied as far as they are what was recorded; what is left out is told.
+//! The database is copied at one moment (SQLite's `VACUUM INTO`), then the checkpoints of that moment, then telemetry,
+//! whose sealed part was on disk before. Secret keys and recordings are copied on request, recordings only if they
+//! match their records. The report names everything left out.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -15,15 +15,15 @@ use rustix::fs::{CWD, RenameFlags, renameat_with};
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 
+use super::chain_signature;
 use super::checkpoint::{name, read_all};
 use super::error::StoreError;
-use super::exported::until;
+use super::export_file::until;
 use super::layout::{Layout, sync_folder};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::{copy_into, damaged, open_reader};
-use super::signed;
-use super::unsound::VerifyError;
-use super::verify::{JudgedBy, Place, VerifyReport, verify_against};
+use super::verify::{DatabaseLocation, VerifyOptions, VerifyReport, verify_against};
+use super::verify_error::VerifyError;
 use super::views::Views;
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::Digest;
@@ -31,21 +31,21 @@ use holdpoint_text::Hint;
 use holdpoint_text::file::{NO_LINK, regular};
 use std::borrow::Cow;
 
-/// What a copy holds beside the database, its checkpoints and the public keys.
+/// The parts of a copy beside the database, its checkpoints and the public keys.
 #[derive(Clone, Copy, Default)]
 pub struct BackupParts<'a> {
     /// Secret keys.
     pub keys: bool,
-    /// Recordings of scenes: those that this tells of the copied store.
-    pub recordings: Option<&'a RecordingsOf<'a>>,
+    /// Recordings of scenes: those that this function names for the copied store.
+    pub recordings: Option<&'a ListRecordings<'a>>,
 }
 
-/// Tells which recordings a store's record names.
-pub type RecordingsOf<'a> = dyn Fn(&Views) -> Result<Vec<RecordingOnRecord>, StoreError> + 'a;
+/// Returns the recordings that a store's records name.
+pub type ListRecordings<'a> = dyn Fn(&Views) -> Result<Vec<RetainedRecording>, StoreError> + 'a;
 
-/// A recording that was closed and not removed since.
+/// A recording that was closed and not removed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RecordingOnRecord {
+pub struct RetainedRecording {
     /// Its name in the folder of recordings.
     pub file: String,
     /// SHA-256 of the file.
@@ -53,39 +53,39 @@ pub struct RecordingOnRecord {
     pub bytes: u64,
 }
 
-/// A file that a copy is without.
+/// A file that is missing in a copy.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct LeftOut {
+pub struct OmittedFile {
     pub file: String,
     pub why: String,
-    /// It is on record, and has to be there.
+    /// It is on record and must exist.
     pub bad: bool,
 }
 
 /// The most files of one folder that are copied.
 const FILES_MAX: usize = 100_000;
-/// The largest file of the folders of keys and of profiles, bytes: what those hold is smaller.
+/// The largest file of the folders of keys and of profiles, bytes: their own files are smaller.
 const FILE_BYTES_MAX: u64 = 64 * 1024;
-/// Folders below each other that are copied.
+/// The depth of folders that are copied.
 const DEPTH_MAX: usize = 4;
-/// The database of a copy that is nothing else, while it is made.
+/// Temporary name of a copy that is the database alone.
 const ALONE: &str = "copy.db";
 
-/// A copy that was not made.
+/// Why there is no copy.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// What is there is never touched.
+    /// A backup never overwrites anything.
     #[error("{0:?} is there already, and nothing is overwritten")]
     Exists(PathBuf),
-    /// The place where the copy would be made.
+    /// The path of the copy.
     #[error("the copy would be made as {0:?}, which is there already")]
     PartExists(PathBuf),
-    /// A copy in the store would be lost with it, and be in the next one.
+    /// A copy in the store would be lost with it, and be part of the next one.
     #[error("{0:?} is in the store's own folder")]
     Inside(PathBuf),
-    /// What was copied is not sound; the copy is gone again.
+    /// The copy is not sound, and was removed again.
     #[error("the copy is not sound and was removed: {0}")]
     NotSound(Box<VerifyError>),
 }
@@ -106,19 +106,19 @@ impl Hint for BackupError {
     }
 }
 
-/// What was copied.
+/// A finished copy.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BackupReport {
-    /// What the verifier says of the copy.
+    /// The verifier's report of the copy.
     pub verified: VerifyReport,
     pub files: u64,
     pub bytes: u64,
     /// Whether secret keys are among them.
     pub keys: bool,
-    /// Recordings that were copied, each what was recorded at closure.
+    /// Copied recordings, each equal to its record.
     pub recordings: u64,
-    /// Recordings that were asked for and are not in the copy.
-    pub left_out: Vec<LeftOut>,
+    /// Requested recordings that are missing in the copy.
+    pub left_out: Vec<OmittedFile>,
 }
 
 /// Copies a store. `to` must not exist: with the ending `db` it becomes the database alone, else a folder.
@@ -135,7 +135,7 @@ pub fn backup(folder: &Path, to: &Path, parts: BackupParts<'_>) -> Result<Backup
     if whole(parent)?.starts_with(whole(folder)?) {
         return Err(BackupError::Inside(to.to_owned()));
     }
-    // Only what is made here is ever removed.
+    // Only files made here are ever removed.
     let part = part_of(to)?;
     match DirBuilder::new().mode(0o700).create(&part) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => return Err(BackupError::PartExists(part)),
@@ -150,7 +150,7 @@ pub fn backup(folder: &Path, to: &Path, parts: BackupParts<'_>) -> Result<Backup
         Ok(report)
     });
     if made.is_err() || alone {
-        // What went wrong matters more than a leftover.
+        // The first error matters more than a leftover.
         drop(fs::remove_dir_all(&part));
     }
     made
@@ -172,8 +172,9 @@ fn make(
     parts: BackupParts<'_>,
 ) -> Result<BackupReport, BackupError> {
     let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
-    let judged = JudgedBy { key: key.as_ref(), against: &[], place: Place::Copy, tell: &|_, _, _| {} };
-    let mut scenes = Scenes::default();
+    let judged =
+        VerifyOptions { key: key.as_ref(), against: &[], place: DatabaseLocation::Copy, tell: &|_, _, _| {} };
+    let mut scenes = RecordingCopies::default();
     let database = if alone {
         let database = part.join(ALONE);
         copy_into(&layout.database(), &STORE, &database)?;
@@ -189,23 +190,23 @@ fn make(
     };
     let (mut files, mut bytes) = (0, 0);
     count(if alone { &database } else { part }, &mut files, &mut bytes)?;
-    let Scenes { copied, left_out } = scenes;
+    let RecordingCopies { copied, left_out } = scenes;
     Ok(BackupReport { verified, files, bytes, keys: parts.keys && !alone, recordings: copied, left_out })
 }
 
-/// What became of recordings.
+/// The result for recordings.
 #[derive(Default)]
-struct Scenes {
+struct RecordingCopies {
     copied: u64,
-    left_out: Vec<LeftOut>,
+    left_out: Vec<OmittedFile>,
 }
 
-/// Fills the folder of a copy. Tells its database.
+/// Fills the folder of a copy. Returns its database.
 fn copy_folder(
     layout: &Layout,
     part: &Path,
     parts: BackupParts<'_>,
-    scenes: &mut Scenes,
+    scenes: &mut RecordingCopies,
 ) -> Result<PathBuf, StoreError> {
     let copy = Layout::new(part);
     let secret = |path: &Path| path.extension().is_none_or(|ending| ending != "pub");
@@ -218,7 +219,7 @@ fn copy_folder(
     }
     copy_into(&layout.database(), &STORE, &copy.database())?;
     let connection = open_reader(&copy.database(), &STORE)?;
-    let end = signed::read(&connection).map_err(|problem| damaged(&layout.database(), &problem))?;
+    let end = chain_signature::read(&connection).map_err(|problem| damaged(&layout.database(), &problem))?;
     let last = super::audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?.seq;
     drop(connection);
     let kept = read_all(&layout.checkpoints())
@@ -242,12 +243,12 @@ fn copy_folder(
     Ok(copy.database())
 }
 
-/// Copies the recordings on record, each only if it is what was recorded, and never more of it than that.
+/// Copies the recordings on record, each only if it matches its record, and no more bytes than recorded.
 fn copy_recordings(
     layout: &Layout,
     copy: &Layout,
-    on_record: &[RecordingOnRecord],
-    scenes: &mut Scenes,
+    on_record: &[RetainedRecording],
+    scenes: &mut RecordingCopies,
 ) -> Result<(), StoreError> {
     make_folder(&copy.recordings())?;
     let folder = layout.recordings();
@@ -259,7 +260,7 @@ fn copy_recordings(
             None => scenes.copied += 1,
             Some(why) => {
                 let file = recording.file.clone();
-                scenes.left_out.push(LeftOut { file, why: why.to_owned(), bad: true });
+                scenes.left_out.push(OmittedFile { file, why: why.to_owned(), bad: true });
             }
         }
         named.insert(recording.file.as_str());
@@ -273,8 +274,8 @@ fn copy_recordings(
         let name = name.to_string_lossy().into_owned();
         if !named.contains(name.as_str()) {
             let why =
-                "it is not on record: its upgrade is not closed, or it is none of the store's".to_owned();
-            others.push(LeftOut { file: name, why, bad: false });
+                "it is not on record: its upgrade is not closed, or it belongs to another store".to_owned();
+            others.push(OmittedFile { file: name, why, bad: false });
         }
     }
     others.sort_by(|a, b| a.file.cmp(&b.file));
@@ -282,14 +283,14 @@ fn copy_recordings(
     Ok(())
 }
 
-/// Why a recording on record is no file of its folder.
-const NO_NAME: &str = "its name on record is none of a file";
+/// Why a recording on record is not a regular file of its folder.
+const NO_NAME: &str = "its name on record is not a file name";
 
-/// Copies a recording. Tells why not, where it is not what was recorded.
+/// Copies a recording. Returns the problem if it does not match its record.
 fn copy_recording(
     folder: &Path,
     to: &Path,
-    recording: &RecordingOnRecord,
+    recording: &RetainedRecording,
 ) -> Result<Option<&'static str>, StoreError> {
     let (from, to) = (folder.join(&recording.file), to.join(&recording.file));
     let open = OpenOptions::new().read(true).custom_flags(NO_LINK).open(&from);
@@ -333,18 +334,18 @@ fn make_folder(path: &Path) -> Result<(), StoreError> {
         .map_err(StoreError::io("make the folder", path))
 }
 
-/// What of a store's folder is looked at: files that are wanted, and folders.
-type Wanted<'a> = &'a dyn Fn(&Path) -> bool;
+/// An entry of a store's folder that is read: a wanted file, or a folder.
+type FileFilter<'a> = &'a dyn Fn(&Path) -> bool;
 
-/// The files of a folder that are wanted, and the folders in it; links are left out. `None` if there is no such folder.
+/// The wanted files of a folder, and its folders; links are left out. `None` if there is no such folder.
 fn listed(
     from: &Path,
     depth: usize,
-    wanted: Wanted<'_>,
+    wanted: FileFilter<'_>,
 ) -> Result<Option<Vec<(OsString, FileType)>>, StoreError> {
     match fs::symlink_metadata(from) {
         Ok(found) if found.is_dir() && depth > 0 => {}
-        // What a link leads to is no part of the store, or a part that is copied only when that was asked for.
+        // The target of a link is not part of the store, or is a part with its own option.
         Ok(found) if found.is_symlink() => {
             return Err(StoreError::invalid(
                 "folder",
@@ -370,8 +371,8 @@ fn listed(
     Ok(Some(found))
 }
 
-/// Refuses a folder in which a file that is wanted is larger than it may be.
-fn check_tree(from: &Path, depth: usize, wanted: Wanted<'_>) -> Result<(), StoreError> {
+/// Refuses a folder in which a wanted file is too large.
+fn check_tree(from: &Path, depth: usize, wanted: FileFilter<'_>) -> Result<(), StoreError> {
     for (name, kind) in listed(from, depth, wanted)?.into_iter().flatten() {
         let path = from.join(name);
         if kind.is_dir() {
@@ -391,8 +392,8 @@ fn check_size(path: &Path, bytes: u64) -> Result<(), StoreError> {
     Err(StoreError::invalid("file", path.display(), allowed))
 }
 
-/// Copies the files of a folder that are wanted, and those of the folders in it.
-fn copy_tree(from: &Path, to: &Path, depth: usize, wanted: Wanted<'_>) -> Result<(), StoreError> {
+/// Copies the wanted files of a folder and of its folders.
+fn copy_tree(from: &Path, to: &Path, depth: usize, wanted: FileFilter<'_>) -> Result<(), StoreError> {
     let Some(found) = listed(from, depth, wanted)? else { return Ok(()) };
     make_folder(to)?;
     for (name, kind) in found {
@@ -406,14 +407,14 @@ fn copy_tree(from: &Path, to: &Path, depth: usize, wanted: Wanted<'_>) -> Result
     Ok(())
 }
 
-/// Copies a file with its permissions, of which the copy has those of its owner.
+/// Copies a file with the owner's part of its permissions.
 fn copy_file(from: &Path, to: &Path) -> Result<(), StoreError> {
     let file = OpenOptions::new().read(true).custom_flags(NO_LINK).open(from).and_then(regular);
     let file = file.map_err(StoreError::io("read", from))?;
     let mode = file.metadata().map_err(StoreError::io("read", from))?.permissions().mode() & 0o700;
     let into = OpenOptions::new().write(true).create_new(true).mode(0o600).open(to);
     let mut into = into.map_err(StoreError::io("write", to))?;
-    // It may have grown since it was looked at.
+    // It may have grown since the check.
     let copied =
         io::copy(&mut file.take(FILE_BYTES_MAX + 1), &mut into).map_err(StoreError::io("copy", from))?;
     check_size(from, copied)?;

@@ -1,4 +1,4 @@
-//! What a transaction on the registry is made of: plain data, no I/O.
+//! The content of a transaction on the registry: plain data, no I/O.
 //!
 //! A [`Transaction`] is applied whole or not at all. Every [`Change`] leaves an audit record of its own in the same
 //! transaction; the caller's [`AuditBody`] records follow them and say why. Bodies (manifests, evidence, decisions)
@@ -7,15 +7,15 @@
 use serde::{Deserialize, Serialize};
 
 use super::error::StoreError;
-use super::loosened::ContextRules;
-use super::names::{EvidenceKind, RequestState};
+use super::profile_downgrade::ContextRules;
+use super::store_terms::{EvidenceKind, RequestState};
 use holdpoint_approvals::{
     Nonce, PersonActKind, SignedApproval, SignedPersonAct, SignedProfileAct, SignedWitnessAct,
 };
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
-use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::lifecycle::VersionFlags;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind};
 use holdpoint_governance::submission::{Provenance, Risk};
@@ -25,12 +25,12 @@ use holdpoint_governance::wall_time::{WallTime, as_ms};
 pub const BODY_BYTES_MAX: usize = 4 << 20;
 /// The largest free text (reason, name of a trigger), bytes.
 pub const TEXT_BYTES_MAX: usize = 4096;
-/// The most batches of telemetry that one record seals.
+/// The most batches of telemetry in one seal record.
 pub const BLOCK_BATCHES_MAX: usize = 64;
-/// The most runs of missing batches that one record tells; the last one reaches to the end of what is missing.
+/// The most runs of missing batches in one record; the last one extends to the end of the gap.
 pub const GAPS_MAX: usize = 64;
-/// Telemetry files that were put aside in one record at most.
-pub(crate) const ASIDE_MAX: usize = 64;
+/// The most quarantined telemetry files in one record.
+pub(crate) const QUARANTINED_MAX: usize = 64;
 /// The most changes in one transaction.
 pub const CHANGES_MAX: usize = 256;
 /// The most records a caller may add to one transaction.
@@ -39,14 +39,14 @@ pub const AUDIT_MAX: usize = 256;
 /// One all-or-nothing step of the registry.
 #[derive(Clone, Debug, Serialize)]
 pub struct Transaction {
-    /// Names the command: a retry with the same id and content returns the first receipt, if records were written, and is
-    /// done again otherwise. 1 to 128 bytes.
+    /// Names the command. A retry with the same id and content returns the first receipt if records were written, and
+    /// runs again otherwise. 1 to 128 bytes.
     pub command_id: String,
     /// Virtual time, ms; must not be before the last record's. Hashed into the chain.
     pub at_ms: u64,
-    /// Wall time, ms since 1970, 0 in a script; kept beside the records and not hashed, so that equal runs give equal
-    /// chains. The newest is signed with the end of the chain. It never goes back, but where a person confirms the time: an
-    /// earlier one is kept as that of the record before.
+    /// Wall time, ms since 1970, 0 in a script; stored beside the records and not hashed, so that equal runs give equal
+    /// chains. The newest is signed with the end of the chain. It never goes back unless a person confirms the time: an
+    /// earlier time becomes that of the record before.
     pub wall_ms: i64,
     /// Applied in this order. Put [`Change::ConsumeApproval`] before the [`Change::SetState`] it allows, and the
     /// `SetState` of a leaving active version before that of its successor.
@@ -56,8 +56,8 @@ pub struct Transaction {
 }
 
 impl Transaction {
-    /// Whether the end of the chain is signed right after it: who takes that end away then does not do so unseen, by removing
-    /// the database's log for one.
+    /// Whether the end of the chain is signed at once, so that its removal (with the database's log, for example) is
+    /// noticed.
     pub(crate) fn is_signed_at_once(&self) -> bool {
         let kinds = [
             RecordKind::CellStopped,
@@ -70,8 +70,8 @@ impl Transaction {
     }
 }
 
-/// A name for a command that nobody can foretell. A row under a name that is known before would swallow or refuse the
-/// command: what lies in the table of commands is in no record.
+/// An unpredictable name for a command. A planted row under a known name would swallow or refuse the command, because
+/// no record covers the table of commands.
 ///
 /// # Errors
 /// If the system has no random numbers.
@@ -85,12 +85,12 @@ pub fn command_id(what: &str) -> Result<String, StoreError> {
 pub struct AuditBody {
     /// Kind of record; one that the store does not write itself.
     pub kind: RecordKind,
-    /// What it is about: `family`, `family@version`, or empty.
+    /// Its subject: `family`, `family@version`, or empty.
     pub subject: String,
     pub body: String,
 }
 
-/// What the store answers once a transaction is on disk.
+/// The store's answer once a transaction is on disk.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Receipt {
     pub command_id: String,
@@ -110,11 +110,11 @@ pub struct NewVersion {
     pub id: CapabilityId,
     /// The version it was made from.
     pub parent: Option<CapabilityId>,
-    /// Digest of everything submitted; what approvals and gates bind to.
+    /// Digest of the whole submission; approvals and gates are bound to it.
     pub candidate_digest: Digest,
     /// Digest of the canonical manifest.
     pub manifest_digest: Digest,
-    /// Digest of what runs.
+    /// Digest of the bundle.
     pub bundle_digest: Digest,
     /// Canonical manifest, JSON text.
     pub manifest: String,
@@ -146,11 +146,11 @@ pub enum ActiveCause {
         /// Distinct people whose approvals must be consumed in this same transaction.
         approvals_needed: u32,
     },
-    /// The pinned predecessor takes over again.
+    /// The rollback target is activated.
     Restore,
-    /// Nobody is active; the family must be safe-stopped in the same transaction.
+    /// No version is active; the family must be safe-stopped in the same transaction.
     Vacate,
-    /// An operator re-arms a safe-stopped family with a version that was active before.
+    /// An operator reactivates a safe-stopped family with a version that was active before.
     Rearm,
 }
 
@@ -188,19 +188,19 @@ pub enum Change {
         reason: String,
     },
     /// Replaces all flags; the row version stays (a pause does not void an approval).
-    SetFlags { version: CapabilityId, flags: Flags },
-    /// Scores of the last validation, each in 0..=1 or not measured, and the behavioural signature.
+    SetFlags { version: CapabilityId, flags: VersionFlags },
+    /// Scores of the last validation, each in 0..=1 or not measured, and the behavior signature.
     SetScores {
         version: CapabilityId,
         /// kappa I, P, B, R.
         kappas: [Option<f64>; 4],
-        /// Behavioural signature, JSON text.
+        /// Behavior signature, JSON text.
         signature: Option<String>,
     },
     /// Moves a family's active pointer. Belongs in one transaction with the `SetState`s it goes with.
     SetActive {
         family: Family,
-        /// Who is active from now on.
+        /// The active version from now on.
         active: Option<CapabilityId>,
         /// The rollback target: a superseded version of the family.
         pinned: Option<CapabilityId>,
@@ -210,7 +210,7 @@ pub enum Change {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         robot: Option<String>,
     },
-    /// Stops a family safely or re-arms it.
+    /// Stops or reactivates a family.
     SetFamily {
         /// The family; made if it is new.
         family: Family,
@@ -219,7 +219,7 @@ pub enum Change {
         /// Why, in a sentence.
         reason: String,
     },
-    /// Keeps the lifecycle model's own view of a family, so that it can go on from there after a restart.
+    /// Stores the lifecycle model's view of a family, so that it survives a restart.
     SetStanding {
         family: Family,
         /// The model, JSON text.
@@ -234,51 +234,51 @@ pub enum Change {
     /// A piece of evidence on a version at its present row version.
     PutEvidence {
         version: CapabilityId,
-        /// What it is about.
+        /// Its subject.
         kind: EvidenceKind,
         /// The evidence, JSON text.
         json: String,
         /// Its digest as governance names it.
         digest: Digest,
     },
-    /// Asks people for approval, or changes how a request stands.
+    /// Asks approvers, or changes the state of a request.
     PutApprovalRequest(Box<ApprovalRequest>),
-    /// A person's key may decide from now on. Checked: that an administrator who is enrolled signed the act, for this
-    /// store as it stands; the first act of a store is its first administrator's own.
+    /// A person's key may decide from now on. Checked: an enrolled administrator signed the act, for the present state
+    /// of this store; the first act of a store is its first administrator's own.
     EnrolPerson(Box<SignedPersonAct>),
-    /// A confirmed administrator vouches for a person. Checked: that the key that signed was guarded, and whose it is.
+    /// A verified administrator verifies a person. Checked: the signing key was passphrase-protected, and its owner.
     ConfirmPerson(Box<SignedPersonAct>),
-    /// Nothing that a person's key signed counts any more. Checked likewise; one administrator always stays.
+    /// Signatures of a person's key no longer count. Checked likewise; one administrator always stays.
     RevokePerson(Box<SignedPersonAct>),
-    /// Keeps a signed decision. Checked: that who made it is enrolled here, in that role, with that key, for this store.
+    /// Stores a signed decision. Checked: its person is enrolled here, in that role, with that key, for this store.
     PutApproval(Box<SignedApproval>),
-    /// Uses an approval, once: it must be current for its version, profile and policy, unexpired and an `approve`.
+    /// Consumes an approval: it must be current for its version, profile and policy, unexpired and an `approve`.
     ConsumeApproval {
         nonce: String,
-        /// Digest of the evidence as it stands now; must be what was approved.
+        /// Digest of the present evidence; must be the approved one.
         evidence_digest: Digest,
-        /// When it is used; must be before it is void. Absent in records of earlier versions, which counted in the engine's
+        /// Time of use; must be before the approval expires. Absent in records of earlier versions, which used virtual
         /// time.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         at: Option<WallTime>,
     },
-    /// The profile, policy or thresholds change; voids everything made under the old ones. Checked: that a change that
-    /// takes an authorization follows an [`Change::AllowProfile`] of it at once.
+    /// The profile, policy or thresholds change; voids everything made under the old ones. Checked: a change that needs
+    /// an authorization directly follows its [`Change::AllowProfile`].
     SetContext {
         profile: ProfileName,
         /// Digest of profile, policy set and thresholds together.
         policy_digest: Digest,
-        /// What it consists of, JSON text.
+        /// Its content, JSON text.
         json: String,
-        /// What it demands, and what of that is looser. Records of earlier versions have none.
+        /// Its requirements, and which of them are less strict. Records of earlier versions have none.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         rules: Option<Box<ContextRules>>,
     },
-    /// The store may be used under another profile next. Checked: that an administrator who is enrolled signed it over this
-    /// end of the chain; it is used up by whatever is on record next.
+    /// The store may be used under another profile next. Checked: an enrolled administrator signed it over this end of
+    /// the chain; the next record uses it up.
     AllowProfile {
         profile: ProfileName,
-        /// Who asked for it, as the system says, JSON text.
+        /// The requesting system user, JSON text.
         by: String,
         act: Box<SignedProfileAct>,
     },
@@ -286,24 +286,24 @@ pub enum Change {
     SealTelemetryBlock {
         /// In the order of their numbers, at most 64.
         batches: Vec<BatchReceipt>,
-        /// They lay there when an engine came up, and nobody had sealed them before the last one ended.
+        /// The starting engine found them; the last one ended before it sealed them.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         found: bool,
     },
-    /// The oldest batches go, because all together take too much room. They are removed once this is on record.
+    /// The oldest batches are removed because of the size limit, once this is on record.
     PruneTelemetry {
-        /// The last one that goes.
+        /// The last removed batch.
         through: u64,
     },
-    /// Sealed batches are not there any more, and no record says why.
+    /// Sealed batches are missing, and no record says why.
     MissTelemetry {
         /// Numbers, first and last, of each run of them.
         gaps: Vec<[u64; 2]>,
-        /// Telemetry files that were put aside and are kept, at most 64.
+        /// Quarantined telemetry files, at most 64.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
-        aside: Vec<SetAside>,
+        aside: Vec<QuarantinedFile>,
     },
-    /// One batch of telemetry, as earlier versions of the program sealed it.
+    /// One batch of telemetry, as earlier versions sealed it.
     SealTelemetry {
         /// The version it is about.
         version: CapabilityId,
@@ -312,22 +312,22 @@ pub enum Change {
         digest: Digest,
         rows: u64,
     },
-    /// A folder elsewhere gets every checkpoint from now on, or no more.
+    /// A witness folder gets every checkpoint from now on, or no more.
     SetWitness {
         /// Absolute.
         folder: String,
         present: bool,
-        /// Who asked for it, as the system says, JSON text.
+        /// The requesting system user, JSON text.
         by: String,
-        /// The administrator who answers for it. Where robots or people are at risk there has to be one; records of
-        /// earlier versions have none.
+        /// The administrator's signature. Required where robots or people are at risk; records of earlier versions have
+        /// none.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         act: Option<Box<SignedWitnessAct>>,
     },
-    /// An alarm as it now stands.
+    /// The present state of an alarm.
     AlarmChange {
         alarm: String,
-        /// What it is about.
+        /// Its subject.
         subject: String,
         state: AlarmState,
         priority: Priority,
@@ -336,16 +336,16 @@ pub enum Change {
     },
 }
 
-/// A telemetry file that no engine reads any more.
+/// A quarantined telemetry file; no engine reads it any more.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SetAside {
+pub struct QuarantinedFile {
     /// Its name in the store's folder.
     pub file: String,
-    /// Why it was put aside.
+    /// Why it was quarantined.
     pub problem: String,
 }
 
-/// A batch as it is kept; what [`Change::SealTelemetryBlock`] takes.
+/// A stored batch, for [`Change::SealTelemetryBlock`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BatchReceipt {
     /// The version it is about.
@@ -357,7 +357,7 @@ pub struct BatchReceipt {
 }
 
 impl Change {
-    /// The change that an act about a person is.
+    /// The change for an act about a person.
     #[must_use]
     pub fn about_person(signed: SignedPersonAct) -> Self {
         let kind = signed.act().act;
@@ -369,8 +369,8 @@ impl Change {
         }
     }
 
-    /// Whether it lets something in or takes it further. What stops, takes off and writes down does not.
-    pub(crate) const fn lets_in(&self) -> bool {
+    /// Whether it admits a version or advances it. Stops, rollbacks and notes do not.
+    pub(crate) const fn admits(&self) -> bool {
         match self {
             Self::RegisterVersion(_)
             | Self::EnrolPerson(_)
@@ -382,7 +382,7 @@ impl Change {
             | Self::SetWitness { .. } => true,
             Self::SetState { from, to, .. } => match to {
                 State::Registered | State::Validated | State::Sandboxed | State::Shadowed => true,
-                // The predecessor takes over again.
+                // The rollback target is activated.
                 State::Active => !matches!(from, State::Superseded),
                 State::Superseded | State::Demoted | State::RolledBack | State::Rejected => false,
             },
@@ -412,19 +412,19 @@ impl Change {
 pub struct ApprovalRequest {
     /// Its id, a name.
     pub id: String,
-    /// What is to be approved.
+    /// The version to approve.
     pub version: CapabilityId,
     /// At which row version.
     pub row_version: u64,
     pub evidence_digest: Digest,
     pub policy_digest: Digest,
     pub profile: ProfileName,
-    /// How many distinct people.
+    /// The required number of distinct approvers.
     pub needed: u32,
-    /// When it lapses, also while no engine runs.
+    /// When it expires, also while no engine runs.
     #[serde(rename = "deadline_ms", with = "as_ms")]
     pub until: WallTime,
     pub state: RequestState,
-    /// What was shown to the people asked, JSON text.
+    /// The text shown to approvers, JSON text.
     pub json: String,
 }

@@ -1,48 +1,48 @@
-//! What an existing store must be before anybody acts on it: a whole chain, tables that are what it says, the shape
-//! of a released schema, and the invariants. Looks without being able to change anything.
+//! The requirements of an existing store before it is used: a whole chain, tables that match it, the shape of a
+//! released schema, and the invariants. Reads only.
 
 use std::path::Path;
 
 use ed25519_dalek::VerifyingKey;
 use rusqlite::Connection;
 
-use super::checkpoint::{Kept, read_all};
+use super::chain_signature::{self, SigningFault};
+use super::checkpoint::{StoredCheckpoint, read_all};
 use super::compare::{check_approvals, compare};
-use super::copies::ChainAt;
 use super::error::StoreError;
-use super::fold::{ChainFault, Fold, FoldError, ReadingWatch};
+use super::fold::{ChainFault, Fold, FoldError, ReadProgress};
+use super::head_copies::ChainPoint;
 use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
 use super::open::{
-    HINT_CHECKPOINT, against, damaged, foreign_key, not_the_chain, open_reader, quick_check, refused,
-    unsigned,
+    HINT_CHECKPOINT, contradicted_by_copy, damaged, foreign_key, not_the_chain, open_reader, quick_check,
+    refused, unsigned,
 };
-use super::people;
+use super::person_rows;
 use super::replay::columns_otherwise;
-use super::row_limit::{first_too_long, is_reached, said};
-use super::rows::ChainedTable;
-use super::shape::first_difference;
-use super::signed::{self, Unsigned};
+use super::row_images::ChainedTable;
+use super::row_limit::{error_message, first_too_long, is_reached};
+use super::schema_shape::first_difference;
 use super::snapshot;
 use super::store_id;
 use super::structure;
-use super::witness::{self, Problems};
+use super::witness::{self, WitnessProblems};
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::Digest;
 
-/// The most records that are applied once more only to name the columns of a row that differ.
+/// The most records that are applied again only to name the different columns of a row.
 const RECORDS_REPLAYED_MAX: u64 = 20_000;
 
-/// Looks at an existing store. Tells what its chain says.
+/// Checks an existing store. Returns the fold of its chain.
 ///
 /// # Errors
 /// [`StoreError::Refused`] with the first thing that is wrong.
 pub(crate) fn check_existing(
     layout: &Layout,
     key: &VerifyingKey,
-    problems: &Problems,
-    watch: ReadingWatch<'_>,
+    problems: &WitnessProblems,
+    watch: ReadProgress<'_>,
 ) -> Result<Fold, StoreError> {
     let database = layout.database();
     let connection = open_reader(&database, &STORE)?;
@@ -53,41 +53,41 @@ pub(crate) fn check_existing(
     if fold.end().seq > 0 {
         check_key(&store_id, key, &database)?;
     }
-    let kept = kept_checkpoints(layout)?;
+    let kept = stored_checkpoints(layout)?;
     check_newest_checkpoint(&fold, layout, &kept, (&store_id, key))?;
     check_signed(&fold, &connection, layout, &kept, (&store_id, key))?;
     check_tables(&fold, &connection, &database, &store_id)?;
     let chain_at = |seq: u64| chain_at(&fold, &connection, seq);
     witness::ask_all(fold.witnesses().iter(), (&store_id, key), fold.end().seq, chain_at, problems)
-        .map_err(|(file, problem)| against(&database, &file, &problem))?;
+        .map_err(|(file, problem)| contradicted_by_copy(&database, &file, &problem))?;
     Ok(fold)
 }
 
-/// What the chain has at a record, also at one that a snapshot stands for.
-fn chain_at(fold: &Fold, connection: &Connection, seq: u64) -> Option<ChainAt> {
+/// The chain's record at a number, also one that a snapshot replaces.
+fn chain_at(fold: &Fold, connection: &Connection, seq: u64) -> Option<ChainPoint> {
     let hash = fold.hash(seq).or_else(|| {
         let row = connection.query_row("SELECT hash FROM audit WHERE seq = ?1", [seq], |row| row.get(0));
         row.ok().map(Digest::from_bytes)
     })?;
     // The writer sends the newest head at once; of the end the root is at hand.
     let root = (seq == fold.end().seq).then(|| fold.tree().root());
-    Some(ChainAt { hash, root })
+    Some(ChainPoint { hash, root })
 }
 
-/// How much of a store is held against its signatures before somebody reads it.
+/// How much of a store is compared with its signatures before it is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Reading {
-    /// Every row, and the records since the newest snapshot: enough for what the tables hold.
+pub(crate) enum VerificationDepth {
+    /// Every row, and the records since the newest snapshot: enough to read the tables.
     Rows,
-    /// Every record: for what is written out or counted from the records.
+    /// Every record: to export or count records.
     Records,
 }
 
-/// Opens a store for somebody who shows what it holds or takes decisions by it; that is what its signed chain says.
+/// Opens a store for display or decisions, after checking it against its signed chain.
 ///
 /// # Errors
-/// [`StoreError::Refused`] if it is not, or if it cannot be opened.
-pub(crate) fn open_checked(database: &Path, reading: Reading) -> Result<Connection, StoreError> {
+/// [`StoreError::Refused`] if it does not match, or if it cannot be opened.
+pub(crate) fn open_checked(database: &Path, reading: VerificationDepth) -> Result<Connection, StoreError> {
     let connection = open_reader(database, &STORE)?;
     let begin = |sql| connection.execute_batch(sql).map_err(StoreError::sql("read the registry"));
     // One moment of the store: an engine may be writing to it.
@@ -101,16 +101,16 @@ pub(crate) fn open_checked(database: &Path, reading: Reading) -> Result<Connecti
         check_key(&store_id, key, database)?;
     }
     let known = key
-        .filter(|_| reading == Reading::Rows)
+        .filter(|_| reading == VerificationDepth::Rows)
         .and_then(|key| snapshot::read(&layout.checkpoints(), &connection, &store_id, &key));
     let fold = checked_chain(&connection, database, known, &mut |_| ())?;
-    // An engine may be writing checkpoints: which there have to be is for its start and for `verify`.
+    // An engine may be writing checkpoints: its start and `verify` check that none is missing.
     if layout.store_public_key().is_file() {
-        let kept = kept_checkpoints(&layout)?;
-        signed::check_end(&fold, &connection, &kept, (&store_id, key.as_ref()))
+        let kept = stored_checkpoints(&layout)?;
+        chain_signature::check_end(&fold, &connection, &kept, (&store_id, key.as_ref()))
             .map_err(|found| refused_unsigned(database, found))?;
     }
-    if reading != Reading::Records {
+    if reading != VerificationDepth::Records {
         check_tables(&fold, &connection, database, &store_id)?;
     }
     begin("COMMIT")?;
@@ -128,7 +128,7 @@ fn checked_chain(
     connection: &Connection,
     database: &Path,
     known: Option<Fold>,
-    watch: ReadingWatch<'_>,
+    watch: ReadProgress<'_>,
 ) -> Result<Fold, StoreError> {
     let mut fold = known.unwrap_or_else(Fold::empty);
     fold.read_records(connection, watch).map_err(refused_chain(connection, database))?;
@@ -136,14 +136,14 @@ fn checked_chain(
     Ok(fold)
 }
 
-/// The records of the chain, each following from the one before.
+/// The records of the chain, each linked to the one before.
 pub(crate) fn checked_records(connection: &Connection, database: &Path) -> Result<Fold, StoreError> {
     let mut fold = Fold::empty();
     fold.read_records(connection, &mut |_| ()).map_err(refused_chain(connection, database))?;
     Ok(fold)
 }
 
-/// What to say of a chain that is not sound.
+/// The message for an unsound chain.
 pub(crate) fn refused_chain(
     connection: &Connection,
     database: &Path,
@@ -153,28 +153,29 @@ pub(crate) fn refused_chain(
         FoldError::Fault(fault @ ChainFault::Record { .. }) => damaged(database, &fault.to_string()),
         FoldError::Read { seq, source } => {
             let problem = if is_reached(&source) { None } else { quick_check(connection).err() };
-            let unreadable = || format!("audit record {seq} cannot be read: {}", said(&source));
+            let unreadable = || format!("audit record {seq} cannot be read: {}", error_message(&source));
             damaged(database, &problem.unwrap_or_else(unreadable))
         }
     }
 }
 
-/// The tables are what the chain says and of a released schema.
+/// The tables match the chain, and the schema is a released one.
 pub(crate) fn check_tables(
     fold: &Fold,
     connection: &Connection,
     database: &Path,
     store_id: &str,
 ) -> Result<(), StoreError> {
-    let unreadable =
-        |error: rusqlite::Error| not_the_chain(database, &format!("it cannot be read: {}", said(&error)));
+    let unreadable = |error: rusqlite::Error| {
+        not_the_chain(database, &format!("it cannot be read: {}", error_message(&error)))
+    };
     if let Some(fault) = compare(fold, connection).map_err(unreadable)? {
-        return Err(not_the_chain(database, &described(fold, connection, &fault)));
+        return Err(not_the_chain(database, &fault_description(fold, connection, &fault)));
     }
     if let Err(error) = check_approvals(connection, store_id, None).map_err(unreadable)? {
         return Err(not_the_chain(database, &error.to_string()));
     }
-    if let Err((name, problem)) = people::read(connection, store_id).map_err(unreadable)? {
+    if let Err((name, problem)) = person_rows::read(connection, store_id).map_err(unreadable)? {
         return Err(not_the_chain(database, &format!("the person {name} is bad: {problem}")));
     }
     if let Some(problem) = first_difference(connection, &STORE).map_err(unreadable)? {
@@ -186,8 +187,8 @@ pub(crate) fn check_tables(
     broken.first().map_or(Ok(()), |violation| Err(damaged(database, &violation.to_string())))
 }
 
-/// A fault with the columns that differ, as far as the chain can tell.
-fn described(fold: &Fold, connection: &Connection, fault: &ChainFault) -> String {
+/// A fault with the different columns, as far as the chain shows them.
+fn fault_description(fold: &Fold, connection: &Connection, fault: &ChainFault) -> String {
     let columns = match fault {
         ChainFault::Row { table, key, .. } if fold.end().seq <= RECORDS_REPLAYED_MAX => {
             ChainedTable::named(table).map(|table| columns_otherwise(fold, connection, table, key))
@@ -201,7 +202,7 @@ fn described(fold: &Fold, connection: &Connection, fault: &ChainFault) -> String
 }
 
 /// The checkpoints beside a store.
-pub(crate) fn kept_checkpoints(layout: &Layout) -> Result<Vec<Kept>, StoreError> {
+pub(crate) fn stored_checkpoints(layout: &Layout) -> Result<Vec<StoredCheckpoint>, StoreError> {
     let folder = layout.checkpoints();
     read_all(&folder).map_err(|bad| refused(&folder.join(bad.file), &bad.problem, HINT_CHECKPOINT))
 }
@@ -210,10 +211,10 @@ pub(crate) fn kept_checkpoints(layout: &Layout) -> Result<Vec<Kept>, StoreError>
 pub(crate) fn check_newest_checkpoint(
     fold: &Fold,
     layout: &Layout,
-    kept: &[Kept],
+    kept: &[StoredCheckpoint],
     (store_id, key): (&str, &VerifyingKey),
 ) -> Result<(), StoreError> {
-    let Some(Kept { file, checkpoint }) = kept.last() else { return Ok(()) };
+    let Some(StoredCheckpoint { file, checkpoint }) = kept.last() else { return Ok(()) };
     if checkpoint.store_id != store_id || !checkpoint.is_signed_by(key) {
         return Err(damaged(&layout.checkpoints().join(file), "it was not signed by this store"));
     }
@@ -224,28 +225,28 @@ pub(crate) fn check_newest_checkpoint(
     Ok(())
 }
 
-/// The chain ends where it was signed, and no checkpoint is missing.
+/// The chain ends at its signed end, and no checkpoint is missing.
 pub(crate) fn check_signed(
     fold: &Fold,
     connection: &Connection,
     layout: &Layout,
-    kept: &[Kept],
+    kept: &[StoredCheckpoint],
     (store_id, key): (&str, &VerifyingKey),
 ) -> Result<(), StoreError> {
-    signed::check(fold, connection, kept, (store_id, Some(key)))
+    chain_signature::check(fold, connection, kept, (store_id, Some(key)))
         .map_err(|found| refused_unsigned(&layout.database(), found))
 }
 
-fn refused_unsigned(database: &Path, found: Unsigned) -> StoreError {
+fn refused_unsigned(database: &Path, found: SigningFault) -> StoreError {
     match found {
-        Unsigned::Chain { seq, problem } => {
+        SigningFault::Chain { seq, problem } => {
             damaged(database, &ChainFault::Record { seq, problem }.to_string())
         }
-        Unsigned::Signature(problem) => unsigned(database, &problem),
+        SigningFault::Signature(problem) => unsigned(database, &problem),
     }
 }
 
-/// The key is the one that the store was made with, as far as its id says.
+/// The key is the store's own, as far as its id shows.
 pub(crate) fn check_key(store_id: &str, key: &VerifyingKey, database: &Path) -> Result<(), StoreError> {
     store_id::check_key(store_id, key).map_err(|problem| foreign_key(database, &problem))
 }

@@ -1,9 +1,9 @@
-//! Signed checkpoints: who holds one can tell that the chain up to it was not rewritten or cut off.
+//! Signed checkpoints: the holder of one can prove that the chain up to it was not rewritten or cut off.
 //!
-//! Each is a small JSON file outside the database, `checkpoints/<seq>.json`, signed with the store's key. They are a
-//! chain of their own: each has a number and the digest of the one before, so that none can be taken out of the middle;
-//! the [signed end](super::signed) in the database follows from the newest. Copy them away from the machine to bind
-//! also whoever holds that key.
+//! Each is a small JSON file outside the database, `checkpoints/<seq>.json`, signed with the store's key. They form
+//! their own chain: each has a number and the digest of the one before, so that a removal in the middle is noticed. The
+//! [signed end](super::chain_signature) in the database follows from the newest. Copies on another machine also bind a
+//! holder of that key.
 
 use std::fs;
 use std::path::Path;
@@ -30,28 +30,27 @@ const DOMAIN_TREE: &str = "holdpoint/checkpoint/v4";
 const DOMAIN_TIMED: &str = "holdpoint/checkpoint/v5";
 /// Domain tag of a checkpoint's own digest.
 const DOMAIN_DIGEST: &str = "holdpoint/checkpoint-digest/v1";
-/// What the first checkpoint of a store follows from.
+/// The predecessor digest of a store's first checkpoint.
 const NONE_BEFORE: Digest = Digest::from_bytes([0; 32]);
 /// Records between two checkpoints.
 pub(crate) const EVERY_RECORDS: u64 = 256;
-/// Checkpoints kept; older ones are removed. Where there are fewer, the first of all is there.
+/// Checkpoints kept; older ones are removed. If there are fewer, the first of all is among them.
 const KEPT_MAX: usize = 1000;
 /// The largest checkpoint file, bytes.
 pub(crate) const FILE_BYTES_MAX: u64 = 4096;
 
-/// Where a checkpoint stands among the checkpoints of its store.
+/// The place of a checkpoint among the checkpoints of its store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Link {
+pub struct CheckpointLink {
     /// The first is 1.
     pub number: u64,
     /// Digest of the one before, zeros if there was none.
     pub previous: Digest,
-    /// A rebuild went on although some of those before were missing.
+    /// A rebuild continued although some earlier ones were missing.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub gap: bool,
-    /// How many checkpoints of earlier versions, which follow from nothing, lay there when the first was made that
-    /// follows.
+    /// The number of earlier versions' unlinked checkpoints when the first linked one was made.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub earlier: u64,
 }
@@ -61,8 +60,8 @@ const fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
-impl Link {
-    /// What follows from the newest checkpoint.
+impl CheckpointLink {
+    /// The link from the newest checkpoint.
     #[must_use]
     pub fn after(newest: Option<&Checkpoint>) -> Self {
         Self {
@@ -73,8 +72,8 @@ impl Link {
         }
     }
 
-    /// What follows from these checkpoints, oldest first. Counts those of earlier versions where none did so before.
-    pub(crate) fn after_all(kept: &[Kept]) -> Self {
+    /// The link from these checkpoints, oldest first. Counts unlinked ones of earlier versions if none is linked yet.
+    pub(crate) fn after_all(kept: &[StoredCheckpoint]) -> Self {
         let newest = kept.last().map(|kept| &kept.checkpoint);
         let link = Self::after(newest);
         if newest.is_some_and(|newest| newest.root.is_some()) {
@@ -98,17 +97,17 @@ pub struct Checkpoint {
     /// Its virtual time, ms.
     pub at_ms: u64,
     pub head: Digest,
-    /// Digest of the snapshot of the fold that lies beside it, if one does.
+    /// Digest of the snapshot of the fold beside it, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fold: Option<Digest>,
-    /// Absent in checkpoints of earlier versions, which followed from nothing.
+    /// Absent in unlinked checkpoints of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub link: Option<Link>,
+    pub link: Option<CheckpointLink>,
     /// Root of the Merkle tree over the records up to `seq` (RFC 9162). Absent in checkpoints of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub root: Option<Digest>,
-    /// Wall time of the record, ms since 1970: it is held against the record's own. Absent in scripts, and in checkpoints
-    /// of earlier versions.
+    /// Wall time of the record, ms since 1970; compared with the record's own. Absent in scripts, and in checkpoints of
+    /// earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall_ms: Option<i64>,
     /// ed25519 signature, 128 hexadecimal digits.
@@ -122,7 +121,7 @@ impl Checkpoint {
         store_id: &str,
         (head, root): (Head, Digest),
         wall_ms: Option<i64>,
-        link: Link,
+        link: CheckpointLink,
         fold: Option<Digest>,
         key: &SigningKey,
     ) -> Self {
@@ -172,7 +171,7 @@ impl Checkpoint {
         self.link.as_ref().map_or(0, |link| link.number)
     }
 
-    /// What the next one follows from: all of it, the signature included.
+    /// The digest for the next one's link: of all fields, the signature included.
     #[must_use]
     pub fn digest(&self) -> Digest {
         Digest::of_parts(DOMAIN_DIGEST, &[self.bytes().bytes(), self.signature.as_bytes()])
@@ -185,14 +184,14 @@ impl Checkpoint {
         if self.root.is_none() && before.is_some_and(|before| before.root.is_some()) {
             return Err("it has no tree head, although the one before has".to_owned());
         }
-        // Nothing follows from the last number there is.
+        // No checkpoint follows the largest number.
         let last = before.is_some_and(|before| before.number() == u64::MAX);
         match &self.link {
             None => match before {
                 Some(before) if before.link.is_some() => Err("it follows from no other".to_owned()),
                 Some(_) | None => Ok(()),
             },
-            Some(link) if link.gap || (!last && link.is_at(&Link::after(before))) => Ok(()),
+            Some(link) if link.gap || (!last && link.is_at(&CheckpointLink::after(before))) => Ok(()),
             Some(link) if link.number.saturating_sub(1) > before.map_or(0, Self::number) => {
                 Err(format!("checkpoint number {}, which was before it, is missing", link.number - 1))
             }
@@ -239,63 +238,66 @@ impl Checkpoint {
 
 /// A checkpoint and the name of its file.
 #[derive(Clone, Debug)]
-pub(crate) struct Kept {
+pub(crate) struct StoredCheckpoint {
     pub(crate) file: String,
     pub(crate) checkpoint: Checkpoint,
 }
 
-/// What is wrong with a checkpoint's file.
+/// A problem with a checkpoint's file.
 #[derive(Clone, Debug)]
-pub(crate) struct BadFile {
+pub(crate) struct BadCheckpointFile {
     pub(crate) file: String,
     pub(crate) problem: String,
 }
 
-/// Reads all checkpoints, oldest first; a folder that is not there has none.
-pub(crate) fn read_all(folder: &Path) -> Result<Vec<Kept>, BadFile> {
+/// Reads all checkpoints, oldest first; a missing folder has none.
+pub(crate) fn read_all(folder: &Path) -> Result<Vec<StoredCheckpoint>, BadCheckpointFile> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let listed = names(folder)
-        .map_err(|error| BadFile { file: folder.display().to_string(), problem: error.to_string() })?;
+    let listed = names(folder).map_err(|error| BadCheckpointFile {
+        file: folder.display().to_string(),
+        problem: error.to_string(),
+    })?;
     let read = |file: String| match Checkpoint::read(&folder.join(&file)) {
-        Ok(checkpoint) if name(checkpoint.seq) == file => Ok(Kept { file, checkpoint }),
-        Ok(checkpoint) => Err(BadFile { problem: format!("it is of record {}", checkpoint.seq), file }),
-        Err(problem) => Err(BadFile { file, problem }),
+        Ok(checkpoint) if name(checkpoint.seq) == file => Ok(StoredCheckpoint { file, checkpoint }),
+        Ok(checkpoint) => {
+            Err(BadCheckpointFile { problem: format!("it is of record {}", checkpoint.seq), file })
+        }
+        Err(problem) => Err(BadCheckpointFile { file, problem }),
     };
     listed.into_iter().map(read).collect()
 }
 
-/// Each follows from the one before, from the last gap that a rebuild signed on; none is missing but what was removed
-/// for age.
-pub(crate) fn check_links(kept: &[Kept]) -> Result<(), BadFile> {
+/// Each is linked to the one before, from the last gap that a rebuild signed on; only those removed for age are
+/// missing.
+pub(crate) fn check_links(kept: &[StoredCheckpoint]) -> Result<(), BadCheckpointFile> {
     let since = kept.iter().rposition(|kept| kept.checkpoint.link.as_ref().is_some_and(|link| link.gap));
     let since = since.unwrap_or(0);
-    for (index, Kept { file, checkpoint }) in kept.iter().enumerate().skip(since) {
+    for (index, StoredCheckpoint { file, checkpoint }) in kept.iter().enumerate().skip(since) {
         if index == 0 && kept.len() >= KEPT_MAX {
             continue;
         }
         let before = index.checked_sub(1).and_then(|before| kept.get(before));
         checkpoint
             .goes_on(before.map(|before| &before.checkpoint))
-            .map_err(|problem| BadFile { file: file.clone(), problem })?;
+            .map_err(|problem| BadCheckpointFile { file: file.clone(), problem })?;
     }
     let counted = kept.iter().rev().find_map(|it| it.checkpoint.link.as_ref().map(|link| (it, link)));
     match counted {
-        Some((newest, link)) => {
-            check_earlier(link, kept).map_err(|problem| BadFile { file: newest.file.clone(), problem })
-        }
+        Some((newest, link)) => check_earlier(link, kept)
+            .map_err(|problem| BadCheckpointFile { file: newest.file.clone(), problem }),
         None => Ok(()),
     }
 }
 
-/// How many checkpoints follow from nothing: those of earlier versions.
-pub(crate) fn count_earlier(kept: &[Kept]) -> u64 {
+/// Number of unlinked checkpoints of earlier versions.
+pub(crate) fn count_earlier(kept: &[StoredCheckpoint]) -> u64 {
     kept.iter().filter(|kept| kept.checkpoint.link.is_none()).count() as u64
 }
 
-/// The checkpoints of earlier versions that were counted are there, but for what was removed for age.
-fn check_earlier(link: &Link, kept: &[Kept]) -> Result<(), String> {
+/// The counted checkpoints of earlier versions exist, except those removed for age.
+fn check_earlier(link: &CheckpointLink, kept: &[StoredCheckpoint]) -> Result<(), String> {
     let there = count_earlier(kept);
     if link.gap || there >= link.earlier || kept.len() >= KEPT_MAX {
         return Ok(());
@@ -303,8 +305,8 @@ fn check_earlier(link: &Link, kept: &[Kept]) -> Result<(), String> {
     Err(format!("there are {there} checkpoints of earlier versions; one is missing of {}", link.earlier))
 }
 
-/// The signed end in the database follows from the newest checkpoint, or is the newest one.
-pub(crate) fn check_newest(end: &Checkpoint, kept: &[Kept]) -> Result<(), String> {
+/// The signed end in the database follows the newest checkpoint, or is the newest one.
+pub(crate) fn check_newest(end: &Checkpoint, kept: &[StoredCheckpoint]) -> Result<(), String> {
     let newest = kept.last().map(|kept| &kept.checkpoint);
     match newest {
         Some(newest) if newest.link == end.link && (newest.seq, newest.head) == (end.seq, end.head) => Ok(()),
@@ -323,8 +325,8 @@ fn is_name(file: &str) -> bool {
     file.strip_suffix(".json").and_then(|seq| seq.parse().ok()).is_some_and(|seq| name(seq) == file)
 }
 
-/// File names of all checkpoints, oldest first. A file under another name is none of this program's: it is neither counted
-/// nor removed, and none is missed for it.
+/// File names of all checkpoints, oldest first. Files under other names are ignored: neither counted, removed nor
+/// expected.
 pub(crate) fn names(folder: &Path) -> Result<Vec<String>, StoreError> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(StoreError::io("list", folder))? {
@@ -341,15 +343,15 @@ pub(crate) fn names(folder: &Path) -> Result<Vec<String>, StoreError> {
 mod tests {
     use super::*;
 
-    fn chain(count: u64) -> Vec<Kept> {
+    fn chain(count: u64) -> Vec<StoredCheckpoint> {
         let key = SigningKey::from_bytes(&[7; 32]);
-        let mut kept: Vec<Kept> = Vec::new();
+        let mut kept: Vec<StoredCheckpoint> = Vec::new();
         for seq in 1..=count {
-            let link = Link::after(kept.last().map(|kept| &kept.checkpoint));
+            let link = CheckpointLink::after(kept.last().map(|kept| &kept.checkpoint));
             let head = Head { seq, hash: Digest::from_bytes([1; 32]), at_ms: seq };
             let checkpoint =
                 Checkpoint::sign("a", (head, Digest::from_bytes([3; 32])), Some(5), link, None, &key);
-            kept.push(Kept { file: name(seq), checkpoint });
+            kept.push(StoredCheckpoint { file: name(seq), checkpoint });
         }
         kept
     }

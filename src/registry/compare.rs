@@ -1,9 +1,9 @@
-//! The tables held against the fold of the chain, column by column that decides anything.
+//! Compares the tables with the fold of the chain, in every column that decides anything.
 //!
-//! A row's digest covers its columns but for those that cannot be in the chain, because they differ between stores of
-//! equal runs or are made by SQLite. Each of these is held against something else:
+//! A row's digest covers its columns, except those that cannot be in the chain because they differ between stores of
+//! equal runs or are made by SQLite. These are compared with other data:
 //!
-//! | column | held against |
+//! | column | compared with |
 //! | --- | --- |
 //! | `version.id` | the order of registration in the chain |
 //! | `approval.signed` | its own signature, and the claim that the chain holds |
@@ -12,10 +12,11 @@
 //! | `meta.signed_end` | the store's key, which signed it over the end of the chain |
 //! | `meta.store_id` | the checkpoints, which are signed over it, and the approvals |
 //!
-//! Two are held against nothing. `audit.wall_ms` is told to people and chooses where `metrics --since DATE` begins; what is
-//! decided by is that of the newest record alone, which the signed end and checkpoints hold. `command.digest` tells a retry from another command under its id, and the ids of commands to come
-//! cannot be foretold ([`command_id`](super::change::command_id)): whoever edits it, or the id, can only make a retry of
-//! what was done be refused or done again. A receipt without records is believed by nobody.
+//! Two columns are compared with nothing. `audit.wall_ms` is displayed and selects the start of `metrics --since DATE`;
+//! decisions use the wall time of the newest record alone, which the signed end and checkpoints hold. `command.digest`
+//! distinguishes a retry from another command under its id, and ids of later commands are unpredictable
+//! ([`command_id`](super::change::command_id)). An edit of it, or of the id, only makes a retry be refused or run
+//! again. A receipt without records is ignored.
 
 use std::collections::BTreeMap;
 
@@ -23,10 +24,10 @@ use ed25519_dalek::VerifyingKey;
 use rusqlite::{Connection, OptionalExtension};
 
 use super::change::Receipt;
+use super::display_records::DisplayRecords;
 use super::fold::{ChainFault, Fold, HEAD_ROW};
-use super::rows::{ChainedTable, RowName, all_rows};
-use super::shown::ShownOnRecords;
-use super::unsound::VerifyError;
+use super::row_images::{ChainedTable, RowName, all_rows};
+use super::verify_error::VerifyError;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_approvals::keyfile::hex;
 use holdpoint_governance::ids::canonical_json;
@@ -35,7 +36,7 @@ fn row(table: &'static str, key: &str, problem: impl Into<String>) -> ChainFault
     ChainFault::Row { table, key: key.to_owned(), problem: problem.into() }
 }
 
-/// The first difference between the tables and what the chain says, `None` if there is none.
+/// The first difference between the tables and the chain, `None` if there is none.
 ///
 /// # Errors
 /// If the tables cannot be read.
@@ -64,10 +65,10 @@ pub(crate) fn differing(fold: &Fold, connection: &Connection) -> rusqlite::Resul
             Some(vouched) if vouched.digest == digest => seen += 1,
             Some(vouched) => {
                 seen += 1;
-                found.insert((table, key), format!("it is not what record {} says", vouched.seq));
+                found.insert((table, key), format!("it differs from record {}", vouched.seq));
             }
             None => {
-                found.insert((table, key), "no record speaks of it".to_owned());
+                found.insert((table, key), "no record names it".to_owned());
             }
         })?;
     }
@@ -93,7 +94,7 @@ fn chained(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<Chai
     Ok(differing.into_iter().next().map(|((table, key), problem)| row(table.name(), &key, problem)))
 }
 
-/// Versions have the numbers of their registration: a family's standing names them by their order.
+/// Versions have the numbers of their registration: a family's stored model refers to them by this order.
 fn order(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<ChainFault>> {
     let mut select = connection.prepare("SELECT id, name FROM version ORDER BY id")?;
     let mut rows = select.query([])?;
@@ -108,7 +109,7 @@ fn order(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<ChainF
     Ok(None)
 }
 
-/// The tables that have one row have that row alone.
+/// Tables with one row have only that row.
 fn single_rows(connection: &Connection) -> rusqlite::Result<Option<ChainFault>> {
     let stray: Option<String> = connection
         .query_row("SELECT key FROM meta WHERE key NOT IN ('store_id', 'signed_end') LIMIT 1", [], |row| {
@@ -148,12 +149,12 @@ pub(crate) fn checked_receipt(
     }
     let set = fold.states_set(receipt.first_seq, receipt.last_seq);
     if !receipt.row_versions.iter().map(|(id, version)| (id.to_string(), *version)).eq(set) {
-        return Err("its receipt tells row versions that its records did not set");
+        return Err("its receipt has row versions that its records did not set");
     }
     Ok(receipt)
 }
 
-/// Every receipt is what the chain says, and together they name every record.
+/// Every receipt matches the chain, and together they name every record.
 fn commands(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<ChainFault>> {
     let mut select = connection.prepare("SELECT id, last_seq, receipt FROM command WHERE last_seq > ?1")?;
     let mut rows = select.query([fold.since()])?;
@@ -179,22 +180,22 @@ fn commands(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<Cha
         next = last + 1;
     }
     if next != fold.end().seq + 1 {
-        return Ok(Some(row("command", "", format!("no command is kept that wrote record {next}"))));
+        return Ok(Some(row("command", "", format!("the command that wrote record {next} is missing"))));
     }
     Ok(None)
 }
 
-/// Every approval is signed, for this store, is the claim the chain holds, and is over what is on record as shown. Tells how
-/// many there are.
+/// Every approval is signed, for this store, matches its claim in the chain, and covers the displayed text on record.
+/// Returns their number.
 ///
 /// # Errors
-/// The first that is not, or the record of what was shown that is bad.
+/// The first one that does not, or the bad record of a displayed text.
 pub(crate) fn check_approvals(
     connection: &Connection,
     store_id: &str,
     key: Option<&VerifyingKey>,
 ) -> rusqlite::Result<Result<u64, VerifyError>> {
-    let shown = match ShownOnRecords::read(connection)? {
+    let shown = match DisplayRecords::read(connection)? {
         Ok(shown) => shown,
         Err((seq, problem)) => return Ok(Err(VerifyError::Record { seq, problem })),
     };
@@ -231,7 +232,7 @@ pub(super) fn check_approval(
     let approval = signed.approval();
     let recorded = approval.claim_digest().to_string() == claim && approval.nonce.as_str() == nonce;
     if !recorded || canonical_json(signed).ok().as_deref() != Some(text) {
-        return Err("it is not what was recorded".to_owned());
+        return Err("it differs from its record".to_owned());
     }
     if approval.store_id != store_id {
         return Err(format!("it was made for the store {:?}", approval.store_id));
@@ -239,10 +240,10 @@ pub(super) fn check_approval(
     Ok(())
 }
 
-/// Whether a text stands for one that was lost and could not be rebuilt.
+/// Whether a text is the mark of a lost one.
 pub(crate) fn is_lost(text: &str) -> bool {
     text.starts_with(LOST)
 }
 
-/// How a text begins that stands for a lost one.
+/// The start of the mark of a lost text.
 pub(crate) const LOST: &str = "{\"lost-in-rebuild\":";

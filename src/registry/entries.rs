@@ -1,14 +1,14 @@
-//! What the views return: plain data, as the registry keeps it.
+//! The results of the views: plain data from the registry.
 
 use std::collections::BTreeSet;
 
-use super::names::EvidenceKind;
+use super::store_terms::EvidenceKind;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
-use holdpoint_governance::loosened::LetIn;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup, VersionSummary};
 
 #[cfg(doc)]
@@ -34,7 +34,7 @@ pub struct VersionFilter {
 pub struct EvidenceEntry {
     /// The record that brought it.
     pub seq: u64,
-    /// What it is about.
+    /// Its subject.
     pub kind: EvidenceKind,
     /// Row version it was made at.
     pub row_version: u64,
@@ -47,7 +47,7 @@ pub struct EvidenceEntry {
     pub json: String,
     /// Virtual time of the record, ms.
     pub at_ms: u64,
-    /// Whether nothing since (family, profile, policy, thresholds) voided it.
+    /// Whether it is still valid (not voided by family, profile, policy or thresholds).
     pub current: bool,
 }
 
@@ -65,7 +65,7 @@ pub struct ActivationEntry {
     pub at_ms: u64,
 }
 
-/// An approval as it was kept.
+/// A stored approval.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ApprovalEntry {
     pub signed: SignedApproval,
@@ -84,25 +84,25 @@ pub struct VersionDetail {
     pub parent: Option<CapabilityId>,
     /// Digest of everything submitted.
     pub candidate_digest: Digest,
-    /// Digest of the manifest.
+    /// Digest of what runs.
     pub manifest_digest: Digest,
     /// Digest of what runs.
     pub bundle_digest: Digest,
     /// Canonical manifest, JSON text.
     pub manifest: String,
-    /// What its author submitted, JSON text.
+    /// The author's submission, JSON text.
     pub submission: String,
     /// Permission profile, JSON text.
     pub permissions: String,
     /// Environment scope, JSON text.
     pub environments: String,
-    /// Behavioural signature, JSON text.
+    /// Behavior signature, JSON text.
     pub signature: Option<String>,
     /// Virtual time of registration, ms.
     pub registered_ms: u64,
     /// Compatibility, sandbox, shadow, gate, activation, monitor, rollback and drill evidence, oldest first.
     pub evidence: Vec<EvidenceEntry>,
-    /// When it became active or the way back, oldest first.
+    /// When it became active or the rollback target, oldest first.
     pub activations: Vec<ActivationEntry>,
     /// Decisions about it, oldest first.
     pub approvals: Vec<ApprovalEntry>,
@@ -110,7 +110,7 @@ pub struct VersionDetail {
     pub audit_links: Vec<u64>,
 }
 
-/// How a family stands.
+/// The state of a family.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FamilyStatus {
     pub name: String,
@@ -126,11 +126,11 @@ pub struct FamilyStatus {
     pub standing: Option<String>,
 }
 
-/// An alarm as it stands.
+/// The state of an alarm.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlarmEntry {
     pub alarm: String,
-    /// What it is about.
+    /// Its subject.
     pub subject: String,
     pub state: AlarmState,
     pub priority: Priority,
@@ -158,15 +158,15 @@ pub struct AuditFilter {
     pub newest_first: bool,
 }
 
-/// How a version came to the state it is in.
+/// The history of a version's state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Course {
+pub struct VersionHistory {
     /// The state it was in before.
     pub left: Option<State>,
     /// The stage that ran when it left that state.
     pub ran: Option<Stage>,
     /// Whether it ever passed its provisional window.
     pub confirmed: bool,
-    /// Under what the gate let it in last; absent where it never did.
-    pub let_in: Option<LetIn>,
+    /// The context of its last activation through the gate; absent without one.
+    pub let_in: Option<AdmissionContext>,
 }

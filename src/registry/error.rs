@@ -1,4 +1,4 @@
-//! What can go wrong with the store, said once.
+//! Errors of the store.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -8,25 +8,25 @@ use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_text::Hint;
 
-/// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed if one is returned,
-/// except that of [`StoreError::Unknown`] the outcome is not known and the command may be retried with the same id.
+/// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed, except after
+/// [`StoreError::Unknown`]: then the outcome is not known, and the command may be retried with the same id.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// A file or folder could not be used.
     #[error("cannot {what} {path:?}: {source}")]
     Io { what: &'static str, path: PathBuf, source: std::io::Error },
-    /// Another engine has the store.
+    /// Another engine has the store open.
     #[error("the store {path:?} is in use by {owner}")]
     InUse {
         path: PathBuf,
         /// The first engine: its process id and start.
         owner: String,
     },
-    /// The file is not ours, is newer than this program, is cut short or damaged. It was not modified.
+    /// The file is foreign, newer than this program, cut short or damaged. It was not modified.
     #[error("{path:?} cannot be opened as a Holdpoint store: {problem}. Nothing was changed")]
     Refused {
         path: PathBuf,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
         hint: &'static str,
     },
@@ -44,14 +44,14 @@ pub enum StoreError {
     /// No such version, request, approval or family.
     #[error("there is no {what} {name:?} in the store")]
     NotFound {
-        /// What was looked for.
+        /// The kind of entry.
         what: &'static str,
         name: String,
     },
-    /// It is there already.
+    /// It exists already.
     #[error("the {what} {name:?} is in the store already")]
     Exists { what: &'static str, name: String },
-    /// Someone else changed the version first.
+    /// Another command changed the version first.
     #[error("{version} has changed: expected {expected}, found {found}")]
     Stale {
         version: CapabilityId,
@@ -63,7 +63,7 @@ pub enum StoreError {
     /// An approval that cannot be used.
     #[error("the approval {nonce} cannot be used: {problem}")]
     Approval { nonce: String, problem: String },
-    /// An act about a person that does not hold.
+    /// An act about a person that is invalid.
     #[error("{name:?} is neither enrolled nor revoked: {problem}")]
     Person { name: String, problem: String },
     /// A family's active pointer was set with another robot.
@@ -75,34 +75,34 @@ pub enum StoreError {
         /// Digest of the robot it was to be activated with.
         given: String,
     },
-    /// A profile that takes an administrator's authorization, and none right before it.
+    /// A profile that needs an administrator's authorization, without one right before it.
     #[error("the profile {named} is not authorized: {problem}")]
     UnauthorizedProfile {
-        /// What `holdpoint profile allow` calls it.
+        /// Its name for `holdpoint profile allow`.
         named: String,
         problem: String,
     },
-    /// A script on a store that an engine used which was no script's, where robots or people are at risk.
+    /// A script on a store that an engine used for a real cell, where robots or people are at risk.
     #[error("no script uses this store: an engine that was no script's used it under real or human")]
     ScriptAfterLive,
-    /// Somebody else wrote to the database of a running engine. Nothing is written over it.
+    /// Another program wrote to the database of a running engine. Nothing is written over it.
     #[error("the store was changed behind the engine: {0}")]
     Altered(String),
-    /// Somebody else wrote to the database while it was read.
+    /// Another program wrote to the database while it was read.
     #[error(
-        "another program wrote to the database while the engine came up, and what was read of it may not be what is on record"
+        "another program wrote to the database while the engine started, so its data may differ from the record"
     )]
     Disturbed,
-    /// The command id was used for something else.
+    /// The command id was used for another command.
     #[error("the command id {0:?} was already used for a different command")]
     CommandReused(String),
-    /// The transaction would leave the registry in a state it must never be in.
+    /// The transaction would violate an invariant of the registry.
     #[error("the change is refused: {0}")]
     Invariant(String),
     /// A value that is not allowed.
     #[error("{what} {value:?} is not allowed: {allowed}")]
     Invalid { what: &'static str, value: String, allowed: String },
-    /// A key of the store, or of kept cells, cannot be used.
+    /// A key of the store, or of cached results, cannot be used.
     #[error("the key {path:?} is not allowed: {source}")]
     Key {
         /// The file with the secret.
@@ -128,7 +128,8 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// Whether a start was refused, and nobody failed: for the profile, for a script, or for somebody who writes to the store besides.
+    /// Whether a start was refused without a failure: because of the profile, a script, or another program that writes
+    /// to the store.
     #[must_use]
     pub const fn refuses_start(&self) -> bool {
         matches!(self, Self::UnauthorizedProfile { .. } | Self::ScriptAfterLive | Self::Altered(_))
@@ -152,13 +153,13 @@ impl Hint for StoreError {
             Self::DiskFull { .. } => Some("free some space and retry".into()),
             Self::Stale { .. } => Some("look at it again and decide again".into()),
             Self::Key { source, .. } => source.hint(),
-            Self::Approval { .. } => Some("a backup has it as it was given; without one it cannot be had again".into()),
+            Self::Approval { .. } => Some("restore it from a backup; without one it is lost".into()),
             Self::Unknown => Some("restart and retry it".into()),
             Self::Disturbed => {
-                Some("find out who writes there, look at `holdpoint audit verify`, and start again".into())
+                Some("find the program that writes there, run `holdpoint audit verify`, and start again".into())
             }
             Self::Altered(_) => Some(
-                "end the engine; `holdpoint store rebuild --from-chain` then makes the tables anew from the audit chain"
+                "end the engine; `holdpoint store rebuild --from-chain` then rebuilds the tables from the audit chain"
                     .into(),
             ),
             Self::OtherRobot { .. } => Some(
@@ -168,9 +169,9 @@ impl Hint for StoreError {
             ),
             Self::UnauthorizedProfile { named, .. } => Some(
                 format!(
-                    "`holdpoint profile allow {named} --by ADMIN --reason TEXT` shows what is looser and has an administrator sign \
-                     it, for the start right after it; under human their key needs a passphrase (`holdpoint identity passphrase \
-                     ADMIN`)"
+                    "`holdpoint profile allow {named} --by ADMIN --reason TEXT` shows what is less strict and has an \
+                    administrator sign it, for the start right after it; under human their key needs a passphrase \
+                    (`holdpoint identity passphrase ADMIN`)"
                 )
                 .into(),
             ),
@@ -199,7 +200,7 @@ impl StoreError {
         move |source| Self::Io { what, path, source }
     }
 
-    /// Wraps an SQLite error; a full disk is said plainly.
+    /// Wraps an SQLite error; a full disk has its own variant.
     pub(crate) fn sql(what: &'static str) -> impl Fn(rusqlite::Error) -> Self {
         move |source| match source.sqlite_error_code() {
             Some(rusqlite::ErrorCode::DiskFull) => Self::DiskFull { what },

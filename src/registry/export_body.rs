@@ -1,34 +1,34 @@
-//! What the bodies of exported records say of persons, witnesses, profiles, approvals and rebuilds. Each has one text, as
+//! The bodies of exported records about persons, witnesses, profiles, approvals and rebuilds. Each has one text, as
 //! [`canonical_json`] writes it, and the fields of its form.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::approve::ApprovalOnRecord;
-use super::loosened::ContextRules;
-use super::lost::RebuiltChange;
+use super::approve::RecordedApproval;
+use super::profile_downgrade::ContextRules;
+use super::rebuild_report::RebuildRecordChange;
 use holdpoint_approvals::{SignedPersonAct, SignedProfileAct, SignedWitnessAct};
 use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 
-/// The most commas and opening brackets of a body: its values are not more.
+/// The most commas and opening brackets of a body, which bounds its values.
 const BODY_MARKS_MAX: usize = 1 << 20;
-/// The most brackets within each other.
+/// The deepest nesting of brackets.
 const BODY_DEPTH_MAX: usize = 32;
 
-/// What a record says, as far as it is judged.
-pub(super) enum Said {
-    Put(ApprovalOnRecord),
-    /// An act about a person, and what the change is called.
+/// The judged content of a record.
+pub(super) enum RecordStatement {
+    Put(RecordedApproval),
+    /// An act about a person, and the name of the change.
     Act {
         change: String,
         signed: Box<SignedPersonAct>,
     },
-    Witness(WitnessOnRecord),
-    Profile(ProfileOnRecord),
-    Context(ContextOnRecord),
+    Witness(ExportedWitness),
+    Profile(ExportedProfileAct),
+    Context(ExportedContext),
     /// Nonces of approvals that a rebuild gave up.
     Lost(Vec<String>),
     Nothing,
@@ -37,7 +37,7 @@ pub(super) enum Said {
 /// A witness that was added or removed.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct WitnessOnRecord {
+pub(super) struct ExportedWitness {
     change: String,
     pub(super) folder: String,
     pub(super) present: bool,
@@ -49,7 +49,7 @@ pub(super) struct WitnessOnRecord {
 /// A change of profile that was authorized.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct ProfileOnRecord {
+pub(super) struct ExportedProfileAct {
     change: String,
     pub(super) profile: ProfileName,
     by: String,
@@ -59,16 +59,16 @@ pub(super) struct ProfileOnRecord {
 /// A profile that came into force.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct ContextOnRecord {
+pub(super) struct ExportedContext {
     change: String,
-    /// What it consists of, which earlier versions did not put into the record.
+    /// Its content, which records of earlier versions lack.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     json: Option<String>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub(super) looser_by_word: bool,
     policy_digest: Digest,
     pub(super) profile: ProfileName,
-    /// What it demands, which earlier versions did not put into the record.
+    /// Its requirements, which records of earlier versions lack.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) rules: Option<ContextRules>,
 }
@@ -76,7 +76,7 @@ pub(super) struct ContextOnRecord {
 /// A body of a record that the store writes itself.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Body<C> {
+struct ExportedBody<C> {
     change: C,
     rows: Vec<(String, String, Digest)>,
 }
@@ -85,12 +85,12 @@ struct Body<C> {
 ///
 /// # Errors
 /// What is wrong with it.
-pub(super) fn read(kind: Option<&RecordKind>, text: &str) -> Result<Said, String> {
+pub(super) fn read(kind: Option<&RecordKind>, text: &str) -> Result<RecordStatement, String> {
     match kind {
         Some(RecordKind::ApprovalPut) => {
-            let change: ApprovalOnRecord = change_of(text)?;
+            let change: RecordedApproval = change_of(text)?;
             named(change.change(), "put-approval")?;
-            Ok(Said::Put(change))
+            Ok(RecordStatement::Put(change))
         }
         Some(RecordKind::PersonEnrolled | RecordKind::PersonConfirmed | RecordKind::PersonRevoked) => {
             let mut change: Value = change_of(text)?;
@@ -98,30 +98,30 @@ pub(super) fn read(kind: Option<&RecordKind>, text: &str) -> Result<Said, String
             let Some(Value::String(name)) = name else {
                 return Err("it is no act about a person".to_owned());
             };
-            Ok(Said::Act { change: name, signed: Box::new(typed(change)?) })
+            Ok(RecordStatement::Act { change: name, signed: Box::new(typed(change)?) })
         }
         Some(RecordKind::WitnessSet) => {
-            let change: WitnessOnRecord = change_of(text)?;
+            let change: ExportedWitness = change_of(text)?;
             named(&change.change, "set-witness")?;
-            Ok(Said::Witness(change))
+            Ok(RecordStatement::Witness(change))
         }
         Some(RecordKind::ProfileAllowed) => {
-            let change: ProfileOnRecord = change_of(text)?;
+            let change: ExportedProfileAct = change_of(text)?;
             named(&change.change, "allow-profile")?;
-            Ok(Said::Profile(change))
+            Ok(RecordStatement::Profile(change))
         }
         Some(RecordKind::ContextSet) => {
-            let change: ContextOnRecord = change_of(text)?;
+            let change: ExportedContext = change_of(text)?;
             named(&change.change, "set-context")?;
-            Ok(Said::Context(change))
+            Ok(RecordStatement::Context(change))
         }
         Some(RecordKind::StoreRebuilt) => {
-            let Body { change, rows } = typed::<Body<RebuiltChange>>(value_of(text)?)?;
+            let ExportedBody { change, rows } = typed::<ExportedBody<RebuildRecordChange>>(value_of(text)?)?;
             named(&change.change, "store-rebuilt")?;
             let approvals = rows.into_iter().filter(|(table, ..)| table == "approval");
-            Ok(Said::Lost(approvals.map(|(_, nonce, _)| nonce).collect()))
+            Ok(RecordStatement::Lost(approvals.map(|(_, nonce, _)| nonce).collect()))
         }
-        Some(_) | None => Ok(Said::Nothing),
+        Some(_) | None => Ok(RecordStatement::Nothing),
     }
 }
 
@@ -130,10 +130,10 @@ fn named(found: &str, expected: &str) -> Result<(), String> {
 }
 
 fn change_of<C: Serialize + DeserializeOwned>(text: &str) -> Result<C, String> {
-    typed(value_of(text)?).map(|body: Body<C>| body.change)
+    typed(value_of(text)?).map(|body: ExportedBody<C>| body.change)
 }
 
-/// A value with the fields of its form: all of them, and each only where it says something.
+/// A value with the fields of its form: all of them, and optional ones only with content.
 pub(super) fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, String> {
     let typed = T::deserialize(&value).map_err(|error| error.to_string())?;
     if serde_json::to_value(&typed).map_err(|error| error.to_string())? == value {
@@ -142,7 +142,7 @@ pub(super) fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, 
     Err("its fields are not those of its form".to_owned())
 }
 
-/// What a text says that is the one text of its value.
+/// Parses a text that must be the canonical text of its value.
 pub(super) fn value_of(text: &str) -> Result<Value, String> {
     if text.bytes().filter(|byte| matches!(byte, b',' | b'[' | b'{')).count() > BODY_MARKS_MAX {
         return Err(format!(
@@ -157,7 +157,7 @@ pub(super) fn value_of(text: &str) -> Result<Value, String> {
     Err("it is not as it was written".to_owned())
 }
 
-/// Whole numbers alone, and so many brackets within each other.
+/// Whole numbers only, and a limited nesting.
 fn check(value: &Value, depth: usize) -> Result<(), String> {
     let deeper = || depth.checked_sub(1).ok_or(format!("it has brackets deeper than {BODY_DEPTH_MAX}"));
     match value {

@@ -1,7 +1,7 @@
-//! The lines of a store's history in one file: each value has one text, and none is read that is longer than it may be.
+//! The lines of an exported history: each value has one text, and a line that is too long is not read.
 //!
-//! What is read is written again and held against what was read. A list in the place of an object, a field twice or in
-//! another order, blanks, other escapes and what is written although it says nothing are refused by that.
+//! Each value is written again and compared with its line. This refuses a list in place of an object, repeated or
+//! reordered fields, blanks, other escapes and redundant values.
 
 use std::io::{self, BufRead, Read as _, Write};
 
@@ -10,17 +10,17 @@ use serde::{Deserialize, Serialize};
 use super::audit::write_ascii_json;
 use super::checkpoint::Checkpoint;
 use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::AuditRecord;
-use holdpoint_governance::words::Word;
 
-/// The longest line that is a record, bytes: its body has at most 4 MiB, and each byte of that six as an escape.
+/// The longest record line, bytes: its body has at most 4 MiB, and each byte may become an escape of six.
 pub(crate) const LINE_BYTES_MAX: u64 = 32 << 20;
 /// The longest other line, bytes.
 pub(crate) const SHORT_LINE_BYTES_MAX: u64 = 64 << 10;
-/// How a file begins.
+/// The start of a file.
 pub(crate) const START_OF_FILE: &[u8; 10] = b"{\"export\":";
-/// How a line with a record begins.
+/// The start of a record line.
 const START_OF_RECORD: &[u8] = b"{\"record\":{";
 
 /// One line.
@@ -47,7 +47,7 @@ pub(crate) struct ExportHeader {
     pub(crate) public_key: Option<String>,
 }
 
-/// A record as a line has it, and nothing else.
+/// A record in its line's form.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ExportedRecord {
@@ -71,18 +71,18 @@ impl From<AuditRecord> for ExportedRecord {
 impl From<ExportedRecord> for AuditRecord {
     fn from(record: ExportedRecord) -> Self {
         let ExportedRecord { seq, prev, hash, at_ms, kind, subject, body, wall_ms } = record;
-        Self { seq, prev, hash, at_ms, kind: Word::read(kind), subject, body, wall_ms }
+        Self { seq, prev, hash, at_ms, kind: Lenient::read(kind), subject, body, wall_ms }
     }
 }
 
 impl ExportLine {
-    /// Writes it, with the end of the line.
+    /// Writes it with its newline.
     pub(crate) fn write(&self, mut out: impl Write) -> serde_json::Result<()> {
         write_ascii_json(&mut out, self)?;
         out.write_all(b"\n").map_err(serde_json::Error::io)
     }
 
-    /// Reads a line, its end included, as [`Self::write`] writes it.
+    /// Reads a line with its newline, in the form of [`Self::write`].
     ///
     /// # Errors
     /// What is wrong with it.
@@ -91,7 +91,7 @@ impl ExportLine {
             return Err("the file is cut short in it".to_owned());
         }
         let parsed: Self = serde_json::from_slice(line).map_err(|error| error.to_string())?;
-        let mut left = Left(line);
+        let mut left = UnmatchedBytes(line);
         if parsed.write(&mut left).is_ok() && left.0.is_empty() {
             return Ok(parsed);
         }
@@ -99,10 +99,10 @@ impl ExportLine {
     }
 }
 
-/// What of a line is left to be written the same.
-struct Left<'a>(&'a [u8]);
+/// The content of a line for the comparison.
+struct UnmatchedBytes<'a>(&'a [u8]);
 
-impl Write for Left<'_> {
+impl Write for UnmatchedBytes<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.0 = self.0.strip_prefix(bytes).ok_or(io::ErrorKind::InvalidData)?;
         Ok(bytes.len())
@@ -113,7 +113,7 @@ impl Write for Left<'_> {
     }
 }
 
-/// The next line with its end, `None` at the end of the file. No more of it is read than it may have.
+/// The next line with its end, `None` at the end of the file. Reads no more than the limit.
 ///
 /// # Errors
 /// If it cannot be read or is longer.
@@ -140,10 +140,10 @@ pub(crate) fn next_line(reader: &mut impl BufRead) -> Result<Option<Vec<u8>>, St
 mod tests {
     use super::*;
 
-    /// Reads as many bytes as it is asked for, and counts them.
-    struct Endless(u64, Vec<u8>);
+    /// Reads the requested number of bytes, and counts them.
+    struct EndlessReader(u64, Vec<u8>);
 
-    impl io::Read for Endless {
+    impl io::Read for EndlessReader {
         fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
             let start = usize::try_from(self.0).unwrap();
             for (at, byte) in into.iter_mut().enumerate() {
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn no_more_is_read_than_a_line_may_have() {
         for (start, most) in [("{\"head\":{", SHORT_LINE_BYTES_MAX), ("{\"record\":{", LINE_BYTES_MAX)] {
-            let mut reader = io::BufReader::new(Endless(0, start.into()));
+            let mut reader = io::BufReader::new(EndlessReader(0, start.into()));
             let said = next_line(&mut reader).unwrap_err();
             assert!(said.contains(&most.to_string()), "{said}");
             let read = reader.get_ref().0;

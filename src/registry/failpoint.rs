@@ -1,8 +1,8 @@
 //! Named places inside a transaction at which a test can kill the process or make an operation fail.
 //!
-//! Without the `failpoints` feature the [`fp!`](crate::fp) macro is nothing at all. With it, the environment
-//! variable `HOLDPOINT_FAILPOINT` names one place, what happens there and at which visit, e.g. `state-set=kill@3`;
-//! what can happen is `kill` (SIGKILL) or `error`.
+//! Without the `failpoints` feature the [`fp!`](crate::fp) macro expands to nothing. With it, the environment variable
+//! `HOLDPOINT_FAILPOINT` names one place, an action and a visit, e.g. `state-set=kill@3`; actions are `kill` (SIGKILL)
+//! and `error`.
 
 /// Marks a named place; nothing unless the `failpoints` feature is on.
 ///

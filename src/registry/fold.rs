@@ -1,6 +1,6 @@
-//! The fold of the audit chain: what the registry must look like if every record is true.
+//! The fold of the audit chain: the registry that its records produce.
 //!
-//! Checks the links while it reads. Whether the tables are like it is for [`compare`](super::compare).
+//! Checks the links while it reads. [`compare`](super::compare) compares the tables with it.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,13 +10,13 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::audit::{self, Head, head};
-use super::loosened::ProfileCourse;
+use super::chain_signature;
 use super::merkle::Frontier;
-use super::names::is_own;
-use super::rows::{ChainedTable, RowName};
-use super::seals::TelemetryAccount;
-use super::signed;
+use super::profile_downgrade::ProfileHistory;
+use super::row_images::{ChainedTable, RowName};
+use super::store_terms::is_own;
 use super::structure::IndexSums;
+use super::telemetry_seals::TelemetryAccount;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{RecordKind, RecordRef};
@@ -24,12 +24,12 @@ use holdpoint_governance::record::{RecordKind, RecordRef};
 /// The key of the one row that says where the chain ends.
 pub(crate) const HEAD_ROW: i64 = 1;
 
-/// The first thing that is wrong.
+/// The first problem.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ChainFault {
     /// A record of the chain.
     Record { seq: u64, problem: String },
-    /// A row that is not what the chain says.
+    /// A row that does not match the chain.
     Row { table: &'static str, key: String, problem: String },
 }
 
@@ -68,23 +68,23 @@ pub(crate) struct SealedBatch {
     pub(crate) digest: Digest,
 }
 
-/// A row as its last record left it.
+/// The last record's state of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Vouched {
+pub(crate) struct ChainedRow {
     pub(crate) digest: Digest,
     /// That record.
     pub(crate) seq: u64,
 }
 
-/// What the chain says of the cell's stop: records, 0 for none.
+/// The chain's record numbers about the cell's stop, 0 for none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CellStop {
-    /// The last that let the cell work again.
+    /// The last one that let the cell run again.
     pub(crate) released: u64,
-    /// The first stop since.
+    /// The first stop since then.
     pub(crate) stopped: u64,
-    /// That an engine began to work the cell, if none says that it ended.
+    /// The start of a session in the cell, if no record ends it.
     #[serde(default)]
     pub(crate) began: u64,
 }
@@ -92,23 +92,23 @@ pub(crate) struct CellStop {
 /// The parts of a fold that a snapshot keeps.
 pub(crate) struct FoldParts<'a> {
     pub(crate) end: Head,
-    pub(crate) rows: &'a BTreeMap<RowName, Vouched>,
+    pub(crate) rows: &'a BTreeMap<RowName, ChainedRow>,
     pub(crate) states: &'a BTreeMap<String, (State, u64)>,
     pub(crate) order: &'a [String],
     pub(crate) telemetry: &'a TelemetryAccount,
     pub(crate) tree: &'a Frontier,
     pub(crate) witnesses: &'a BTreeSet<String>,
     pub(crate) cell: CellStop,
-    pub(crate) profiles: &'a ProfileCourse,
+    pub(crate) profiles: &'a ProfileHistory,
 }
 
-/// What the chain says.
+/// The content of the chain.
 #[derive(Clone, Debug)]
 pub(crate) struct Fold {
     end: Head,
-    /// Records up to here were not read: a snapshot stands for them.
+    /// Records up to here were not read: a snapshot replaces them.
     since: Head,
-    rows: BTreeMap<RowName, Vouched>,
+    rows: BTreeMap<RowName, ChainedRow>,
     states: BTreeMap<String, (State, u64)>,
     /// By the record that set it: a version and its row version from then on. Of the records that were read.
     sets: BTreeMap<u64, (String, u64)>,
@@ -116,31 +116,31 @@ pub(crate) struct Fold {
     order: Vec<String>,
     /// Of the records that were read.
     hashes: Vec<Digest>,
-    /// Of the records that were read; `None` where nobody asks for them.
+    /// Of the records that were read; `None` if the caller does not need them.
     indexes: Option<IndexSums>,
-    /// The kind of the last record that was read, with what it is to the fold.
+    /// The kind of the last record that was read, with its meaning for the fold.
     last_kind: (String, Option<RecordKind>),
     cell: CellStop,
     /// The tree over all records, those before `since` included; it follows once records were read.
     tree: Frontier,
-    /// Folders that get every checkpoint.
+    /// Witness folders, which get every checkpoint.
     witnesses: BTreeSet<String>,
-    profiles: ProfileCourse,
+    profiles: ProfileHistory,
     /// Sizes of the tree whose roots are wanted, and those roots.
     noted: BTreeSet<u64>,
     roots: BTreeMap<u64, Digest>,
-    /// First and last of those that nobody had signed when a rebuild took them, of the records that were read.
+    /// First and last of the unsigned records that a rebuild took, among the records that were read.
     taken_unsigned: Vec<(u64, u64)>,
     /// Of the records that were read.
     pub(crate) batches: Vec<SealedBatch>,
     telemetry: TelemetryAccount,
 }
 
-/// Records between two reports of how far the reading is.
+/// Records between two progress reports.
 const REPORT_EVERY: u64 = 1024;
 
-/// Is told how many records were read, some thousand at a time.
-pub(crate) type ReadingWatch<'a> = &'a mut dyn FnMut(u64);
+/// Gets the number of records read, every few thousand.
+pub(crate) type ReadProgress<'a> = &'a mut dyn FnMut(u64);
 
 /// The parts of a store record that the fold reads; of most kinds only which rows it set.
 #[derive(Deserialize)]
@@ -150,12 +150,12 @@ struct RecordBody<'a, C = IgnoredAny> {
     rows: Vec<RowSet<'a>>,
 }
 
-/// A row as a record left it: table, key, digest.
+/// The state of a row after a record: table, key, digest.
 #[derive(Deserialize)]
 struct RowSet<'a>(#[serde(borrow)] Cow<'a, str>, #[serde(borrow)] Cow<'a, str>, Digest);
 
 #[derive(Deserialize)]
-struct StateSet {
+struct StateSetFields {
     version: String,
     expected_row_version: u64,
     from: State,
@@ -214,7 +214,7 @@ impl Fold {
             hashes: Vec::new(),
             tree: Frontier::empty(),
             witnesses: BTreeSet::new(),
-            profiles: ProfileCourse::default(),
+            profiles: ProfileHistory::default(),
             noted: BTreeSet::new(),
             roots: BTreeMap::new(),
             indexes: None,
@@ -240,17 +240,17 @@ impl Fold {
         Ok(fold)
     }
 
-    /// Reads the records that came since, up to the end that the store keeps.
+    /// Reads the later records, up to the end in the store's `audit_head`.
     pub(crate) fn go_on(&mut self, connection: &Connection) -> Result<(), FoldError> {
         self.read_records(connection, &mut |_| ())?;
         self.check_end(connection)
     }
 
-    /// Reads the records that came since, wherever the store says that they end.
+    /// Reads all later records, whatever the stored end is.
     pub(crate) fn read_records(
         &mut self,
         connection: &Connection,
-        watch: ReadingWatch<'_>,
+        watch: ReadProgress<'_>,
     ) -> Result<(), FoldError> {
         let first = self.end.seq + 1;
         let unreadable = |source| FoldError::Read { seq: first, source };
@@ -275,7 +275,7 @@ impl Fold {
         ended
     }
 
-    /// Takes the records that were read into the tree.
+    /// Adds the records that were read to the tree.
     fn grow_tree(&mut self) {
         let known = usize::try_from(self.tree.size() - self.since.seq).unwrap_or(usize::MAX);
         for hash in self.hashes.iter().skip(known) {
@@ -317,12 +317,12 @@ impl Fold {
         }
     }
 
-    /// Folders that get every checkpoint.
+    /// Witness folders, which get every checkpoint.
     pub(crate) const fn witnesses(&self) -> &BTreeSet<String> {
         &self.witnesses
     }
 
-    /// First and last of the records that nobody had signed when a rebuild took them.
+    /// First and last of the unsigned records that a rebuild took.
     pub(crate) fn taken_unsigned(&self) -> &[(u64, u64)] {
         &self.taken_unsigned
     }
@@ -340,9 +340,8 @@ impl Fold {
             return Ok(());
         }
         let problem = format!("the chain ends at {}, its end was recorded at {}", self.end.seq, end.seq);
-        // Every record is there where none is missing, or where the end that was signed is the one that was found: what
-        // says where they end is not what they are. Who signed it is looked at in any case.
-        let signed = signed::read(connection).ok().flatten();
+        // If the found end is the signed one, no record is missing. The signature is checked in any case.
+        let signed = chain_signature::read(connection).ok().flatten();
         let is_signed = signed.is_some_and(|end| (end.seq, end.head) == (self.end.seq, self.end.hash));
         if end.seq > self.end.seq && !is_signed {
             let fault = ChainFault::Record { seq: self.end.seq + 1, problem };
@@ -361,7 +360,7 @@ impl Fold {
         self.since.seq
     }
 
-    /// What a snapshot keeps of it.
+    /// The content of a snapshot.
     pub(crate) fn parts(&self) -> FoldParts<'_> {
         FoldParts {
             end: self.end,
@@ -376,14 +375,14 @@ impl Fold {
         }
     }
 
-    /// A fold that goes on where a snapshot ended.
+    /// A fold that continues from a snapshot.
     pub(crate) fn from_parts(
         end: Head,
-        rows: BTreeMap<RowName, Vouched>,
+        rows: BTreeMap<RowName, ChainedRow>,
         states: BTreeMap<String, (State, u64)>,
         order: Vec<String>,
         (telemetry, tree, witnesses, cell): (TelemetryAccount, Frontier, BTreeSet<String>, CellStop),
-        profiles: ProfileCourse,
+        profiles: ProfileHistory,
     ) -> Self {
         Self {
             end,
@@ -407,17 +406,17 @@ impl Fold {
         }
     }
 
-    /// How the profiles followed each other.
-    pub(crate) const fn profiles(&self) -> &ProfileCourse {
+    /// The history of the profiles.
+    pub(crate) const fn profiles(&self) -> &ProfileHistory {
         &self.profiles
     }
 
-    /// What it says of the cell's stop.
+    /// The records about the cell's stop.
     pub(crate) const fn cell(&self) -> CellStop {
         self.cell
     }
 
-    /// What it says of telemetry.
+    /// The records about telemetry.
     pub(crate) const fn telemetry(&self) -> &TelemetryAccount {
         &self.telemetry
     }
@@ -431,18 +430,18 @@ impl Fold {
         usize::try_from(index).ok().and_then(|index| self.hashes.get(index)).copied()
     }
 
-    /// What the indexes of the chain hold of the records that were read, if that was asked for.
+    /// The index sums of the records that were read, if requested.
     pub(crate) const fn indexes(&self) -> Option<&IndexSums> {
         self.indexes.as_ref()
     }
 
     /// Every row, by table and key.
-    pub(crate) const fn rows(&self) -> &BTreeMap<RowName, Vouched> {
+    pub(crate) const fn rows(&self) -> &BTreeMap<RowName, ChainedRow> {
         &self.rows
     }
 
-    /// A row as its last record left it.
-    pub(crate) fn row(&self, table: ChainedTable, key: &str) -> Option<Vouched> {
+    /// The last record's state of a row.
+    pub(crate) fn row(&self, table: ChainedTable, key: &str) -> Option<ChainedRow> {
         self.rows.get(&(table, key.to_owned())).copied()
     }
 
@@ -471,7 +470,7 @@ impl Fold {
         if record.at_ms < self.end.at_ms {
             return Err(fault("it is older than the record before".to_owned()));
         }
-        // Most records are of the kind of the one before.
+        // Most records have the kind of the one before.
         if self.last_kind.0 != record.kind {
             self.last_kind = (record.kind.to_owned(), record.kind.parse().ok());
         }
@@ -505,7 +504,7 @@ impl Fold {
                 rows
             }
             RecordKind::StateSet => {
-                let RecordBody::<StateSet> { change: set, rows } = body(seq, text)?;
+                let RecordBody::<StateSetFields> { change: set, rows } = body(seq, text)?;
                 let found = self.states.get(&set.version).copied();
                 if found != Some((set.from, set.expected_row_version)) {
                     return Err(fault(format!("{} was not {} then", set.version, set.from)));
@@ -531,7 +530,7 @@ impl Fold {
             }
             RecordKind::ContextSet => {
                 let RecordBody { change, rows } = body(seq, text)?;
-                // One that was not authorized is in force all the same, and authorized for nobody; a verifier says so.
+                // An unauthorized profile is in force, but authorized for no session; a verifier reports it.
                 drop(self.profiles.take(seq, change));
                 rows
             }
@@ -571,16 +570,16 @@ impl Fold {
         };
         for RowSet(name, key, digest) in rows {
             let table = ChainedTable::named(&name)
-                .ok_or_else(|| fault(format!("it speaks of a table {name:?}, which there is not")))?;
-            self.rows.insert((table, key.into_owned()), Vouched { digest, seq });
+                .ok_or_else(|| fault(format!("it names a table {name:?} that does not exist")))?;
+            self.rows.insert((table, key.into_owned()), ChainedRow { digest, seq });
         }
         Ok(())
     }
 }
 
-/// A row of [`audit::COLUMNS`], where it lies.
+/// A row of [`audit::COLUMNS`], borrowed.
 fn borrowed<'a>(row: &'a Row<'_>) -> rusqlite::Result<RecordRef<'a>> {
-    // Of no record is this hashed; it is a number all the same.
+    // No record hashes this; it is a number all the same.
     row.get::<_, i64>(7)?;
     Ok(RecordRef {
         seq: row.get(0)?,

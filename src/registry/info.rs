@@ -1,5 +1,4 @@
-//! What a store is, and whether it looks as it should, by a quick look that writes nothing. Whether its history is sound
-//! is for [`verify`](super::verify()), which reads all of it.
+//! A quick, read-only look at a store. [`verify`](super::verify()) reads the whole history and judges it.
 
 use std::fs;
 use std::path::Path;
@@ -7,25 +6,25 @@ use std::path::Path;
 use rusqlite::Connection;
 use serde::Serialize;
 
-use super::aside::wrong_shape;
 use super::audit::{self, Head};
 use super::backup::count;
+use super::chain_signature;
 use super::checkpoint::{Checkpoint, names, read_all};
 use super::error::StoreError;
-use super::key_files::look_at_keys;
+use super::key_files::check_key_files;
 use super::layout::{Layout, lock_owner, size};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::{damaged, open_reader};
-use super::people;
-use super::shape::first_difference;
-use super::signed;
-use super::witness::{look_at_witness, witnesses};
+use super::person_rows;
+use super::schema_shape::first_difference;
+use super::telemetry_quarantine::wrong_shape;
+use super::witness::{check_witness, witnesses};
 use holdpoint_approvals::keyfile;
 
-/// Less free room than this is worth a word, bytes.
+/// Less free space than this gives a warning, bytes.
 const FREE_BYTES_MIN: u64 = 64 << 20;
 
-/// What a store is, by a look at its files.
+/// A store's properties, from its files.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct StoreInfo {
     pub store_id: String,
@@ -35,7 +34,7 @@ pub struct StoreInfo {
     pub records: u64,
     /// Hash of the last record.
     pub head: String,
-    /// Where the chain is signed, with the root of its tree if it is signed with one.
+    /// The record of the signed end, with the root of its tree if signed.
     pub signed_at: Option<u64>,
     pub root: Option<String>,
     pub checkpoints: u64,
@@ -46,13 +45,13 @@ pub struct StoreInfo {
     pub last_wall_ms: Option<i64>,
     /// Bytes of each file and folder.
     pub bytes: Vec<(String, u64)>,
-    /// Bytes that are free where it lies.
+    /// Bytes free on its file system.
     pub free_bytes: u64,
-    /// Who has the store: an engine, by process and start.
+    /// The engine that has the store open, by process and start.
     pub in_use_by: Option<String>,
 }
 
-/// Looks at a store and writes nothing.
+/// Reads a store's properties; writes nothing.
 ///
 /// # Errors
 /// If it cannot be read.
@@ -69,7 +68,7 @@ pub fn store_info(folder: &Path) -> Result<StoreInfo, StoreError> {
         connection.query_row(&sql, [], |row| row.get(0)).ok()
     };
     let head = audit::head(&connection).map_err(&error)?;
-    let end = signed::read(&connection).map_err(|problem| damaged(&layout.database(), &problem))?;
+    let end = chain_signature::read(&connection).map_err(|problem| damaged(&layout.database(), &problem))?;
     let mut bytes = Vec::new();
     for (name, path) in [
         ("holdpoint.db", layout.database()),
@@ -109,27 +108,27 @@ pub fn store_info(folder: &Path) -> Result<StoreInfo, StoreError> {
     })
 }
 
-/// One thing that was looked at.
+/// One check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Looked {
+pub struct StoreCheck {
     pub good: bool,
-    /// What was found, a sentence.
+    /// Its result, a sentence.
     pub text: String,
 }
 
-pub(crate) fn good(text: impl Into<String>) -> Looked {
-    Looked { good: true, text: text.into() }
+pub(crate) fn good(text: impl Into<String>) -> StoreCheck {
+    StoreCheck { good: true, text: text.into() }
 }
 
-pub(crate) fn bad(text: impl Into<String>) -> Looked {
-    Looked { good: false, text: text.into() }
+pub(crate) fn bad(text: impl Into<String>) -> StoreCheck {
+    StoreCheck { good: false, text: text.into() }
 }
 
-/// Looks at a store quickly: shape, signed end, counts, keys, room, locks, witnesses. Writes nothing.
+/// Checks a store quickly: shape, signed end, counts, keys, free space, locks, witnesses. Writes nothing.
 ///
 /// # Errors
 /// If the database cannot be opened.
-pub fn check_store(folder: &Path) -> Result<Vec<Looked>, StoreError> {
+pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
     let layout = Layout::new(folder);
     let info = store_info(folder)?;
     let connection = open_reader(&layout.database(), &STORE)?;
@@ -149,8 +148,8 @@ pub fn check_store(folder: &Path) -> Result<Vec<Looked>, StoreError> {
     found.extend(telemetry_file(&layout)?);
     found.push(counted_records(&connection, head)?);
     found.push(signed_end(&layout, &connection, head));
-    match people::read(&connection, &info.store_id).map_err(&failed)? {
-        Ok(persons) => found.extend(look_at_keys(&layout, &persons)),
+    match person_rows::read(&connection, &info.store_id).map_err(&failed)? {
+        Ok(persons) => found.extend(check_key_files(&layout, &persons)),
         Err((name, problem)) => found.push(bad(format!("The person {name:?} is bad: {problem}."))),
     }
     found.push(if info.free_bytes < FREE_BYTES_MIN {
@@ -163,16 +162,16 @@ pub fn check_store(folder: &Path) -> Result<Vec<Looked>, StoreError> {
         None => good("No engine has the store."),
     });
     for witness in &info.witnesses {
-        found.push(match look_at_witness(witness, &info.store_id) {
+        found.push(match check_witness(witness, &info.store_id) {
             Ok(heads) => good(format!("The witness {witness:?} has {heads} heads and can be written.")),
-            Err(problem) => bad(format!("The witness {witness:?} is of no use: {problem}.")),
+            Err(problem) => bad(format!("The witness {witness:?} cannot be used: {problem}.")),
         });
     }
     Ok(found)
 }
 
-/// The shape of the telemetry file, if there is one; whether its batches are what was sealed, the verifier says.
-fn telemetry_file(layout: &Layout) -> Result<Option<Looked>, StoreError> {
+/// The shape of the telemetry file, if there is one; the verifier compares its batches with their seals.
+fn telemetry_file(layout: &Layout) -> Result<Option<StoreCheck>, StoreError> {
     let path = layout.telemetry();
     if fs::symlink_metadata(&path).is_err() {
         return Ok(None);
@@ -187,12 +186,12 @@ fn telemetry_file(layout: &Layout) -> Result<Option<Looked>, StoreError> {
     Ok(Some(match problem {
         None => good("The telemetry file is as this program makes it."),
         Some(problem) => bad(format!(
-            "The telemetry file is not as this program makes it: {problem}; the next engine puts it aside."
+            "The telemetry file is damaged or foreign: {problem}; the next engine quarantines it."
         )),
     }))
 }
 
-fn counted_records(connection: &Connection, head: Head) -> Result<Looked, StoreError> {
+fn counted_records(connection: &Connection, head: Head) -> Result<StoreCheck, StoreError> {
     let counts = connection.query_row("SELECT count(*), coalesce(max(seq), 0) FROM audit", [], |row| {
         Ok((row.get::<_, u64>(0)?, row.get::<_, u64>(1)?))
     });
@@ -207,12 +206,12 @@ fn counted_records(connection: &Connection, head: Head) -> Result<Looked, StoreE
     })
 }
 
-fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> Looked {
+fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> StoreCheck {
     let key = match keyfile::read_public(&layout.store_public_key()) {
         Ok((key, _)) => key,
         Err(error) => return bad(format!("The store's public key cannot be read: {error}.")),
     };
-    let end: Checkpoint = match signed::read(connection) {
+    let end: Checkpoint = match chain_signature::read(connection) {
         Ok(Some(end)) => end,
         Ok(None) if head.seq == 0 => return good("There is no record yet that had to be signed."),
         Ok(None) => {
@@ -222,11 +221,11 @@ fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> Looked {
                     "An earlier version signed the audit chain by checkpoints alone; the next engine signs its end.",
                 ),
                 Some(kept) => bad(format!(
-                    "An earlier version signed the audit chain up to record {}, and nobody what comes after: \
-                     `holdpoint store rebuild --from-chain` names it.",
+                    "An earlier version signed the audit chain up to record {}; later records are unsigned; \
+                    `holdpoint store rebuild --from-chain` names them.",
                     kept.checkpoint.seq
                 )),
-                None => bad("Nobody signed where the audit chain ends."),
+                None => bad("The end of the audit chain is not signed."),
             };
         }
         Err(problem) => return bad(format!("The signed end of the audit chain is bad: {problem}.")),

@@ -1,12 +1,12 @@
-//! What must hold of a store after anything at all, each with a named checker.
+//! The store's invariants, each with a named checker.
 
 use rusqlite::{Connection, OptionalExtension};
 
 use super::columns::parsed;
 use super::compare::compare;
 use super::fold::{ChainFault, Fold, FoldError};
-use super::names::EvidenceKind;
-use holdpoint_governance::approval::Answer;
+use super::store_terms::EvidenceKind;
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::ActivationCause;
 
@@ -21,13 +21,13 @@ pub enum Invariant {
     StateIsFold,
     /// I4: the audit chain is whole.
     Chain,
-    /// I5: what a receipt promised is in the chain.
+    /// I5: every receipt's records are in the chain.
     Acknowledged,
     /// I6: the rollback target is superseded, of the family and pinned.
     RollbackTarget,
 }
 
-/// An invariant that does not hold.
+/// A violated invariant.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{subject}: {problem}")]
 pub struct Violation {
@@ -135,7 +135,7 @@ pub(crate) fn check_family(connection: &Connection, family: &str) -> rusqlite::R
     Ok(found)
 }
 
-/// Whether the family's last activation is a gate that replaced a version which stays the way back.
+/// Whether the family's last activation came through the gate and made the replaced version the rollback target.
 fn came_through_gate(connection: &Connection, family: &str, active: &str) -> rusqlite::Result<bool> {
     let last: Option<(Option<String>, ActivationCause, Option<String>)> = connection
         .prepare_cached(
@@ -158,7 +158,7 @@ fn check_gates(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
            OR a.approvals_needed > (SELECT count(DISTINCT p.who) FROM approval p WHERE p.version = a.active
                          AND p.decision = ?3 AND p.consumed_seq < a.seq))",
     )?;
-    let words = [ActivationCause::Gate.name(), EvidenceKind::Gate.name(), Answer::Approve.name()];
+    let words = [ActivationCause::Gate.name(), EvidenceKind::Gate.name(), ApprovalDecision::Approve.name()];
     let rows = select.query_map(words, |row| Ok((row.get::<_, u64>(0)?, row.get::<_, String>(1)?)))?;
     rows.map(|row| {
         let (seq, name) = row?;
@@ -168,7 +168,7 @@ fn check_gates(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
     .collect()
 }
 
-/// I5: every kept receipt points at a record that is there.
+/// I5: every stored receipt points at an existing record.
 pub(crate) fn check_acknowledged(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
     let mut select = connection
         .prepare("SELECT id, last_seq FROM command WHERE last_seq > (SELECT seq FROM audit_head)")?;

@@ -1,27 +1,27 @@
-//! The key files of a store as they lie there: what is missing, open to others, or not what somebody is enrolled with.
+//! The key files of a store: which are missing, readable by others, or different from the enrolled key.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-use super::info::{Looked, bad, good};
+use super::info::{StoreCheck, bad, good};
 use super::layout::Layout;
 use holdpoint_approvals::keyfile::{self, KeyError, Protection};
-use holdpoint_approvals::{Identity, IdentityError, Person, PersonState, Persons};
+use holdpoint_approvals::{Identity, IdentityError, Person, PersonDirectory, PersonState};
 use holdpoint_text::Hint;
 
 /// Endings of the files that an identity has.
 const ENDINGS: [&str; 3] = ["key", "pub", "agent"];
 /// Endings that a file has while it is written.
 const UNFINISHED: [&str; 2] = ["part", "new"];
-/// The most files that are looked at: some for each of the most persons.
+/// The most files read: some for each of the most persons.
 const FILES_MAX: usize = 4_000;
 
-const RESTORE: &str = "put it back from a backup of the folder keys; a store's key cannot be made anew";
+const RESTORE: &str = "put it back from a backup of the folder keys; a store's key cannot be replaced";
 
-/// Looks at every key file. Reads secrets, and keeps and tells none.
-pub(crate) fn look_at_keys(layout: &Layout, persons: &Persons) -> Vec<Looked> {
+/// Checks every key file. Reads secrets, and neither stores nor reports them.
+pub(crate) fn check_key_files(layout: &Layout, persons: &PersonDirectory) -> Vec<StoreCheck> {
     let mut found = Vec::new();
     for folder in [layout.keys(), layout.identities()] {
         found.extend(open_folder(&folder));
@@ -43,8 +43,8 @@ pub(crate) fn look_at_keys(layout: &Layout, persons: &Persons) -> Vec<Looked> {
     found
 }
 
-/// A folder in which others could put keys of their own.
-fn open_folder(folder: &Path) -> Option<Looked> {
+/// A folder in which other users could put keys.
+fn open_folder(folder: &Path) -> Option<StoreCheck> {
     let mode = fs::metadata(folder).ok()?.permissions().mode() & 0o7777;
     (mode & 0o022 != 0).then(|| {
         bad(format!(
@@ -54,7 +54,7 @@ fn open_folder(folder: &Path) -> Option<Looked> {
     })
 }
 
-fn store_keys(layout: &Layout) -> Looked {
+fn store_keys(layout: &Layout) -> StoreCheck {
     let (secret_path, public_path) = (layout.store_key(), layout.store_public_key());
     let secret = match keyfile::read_secret(&secret_path) {
         Ok(secret) => secret,
@@ -76,8 +76,8 @@ fn store_keys(layout: &Layout) -> Looked {
     }
 }
 
-/// Who has files here, and files that were not written to their end.
-fn names(folder: &Path) -> Result<(BTreeSet<String>, Vec<Looked>), String> {
+/// The persons with files here, and incompletely written files.
+fn names(folder: &Path) -> Result<(BTreeSet<String>, Vec<StoreCheck>), String> {
     let (mut names, mut unfinished) = (BTreeSet::new(), Vec::new());
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok((names, unfinished)),
@@ -105,8 +105,8 @@ fn names(folder: &Path) -> Result<(BTreeSet<String>, Vec<Looked>), String> {
     Ok((names, unfinished))
 }
 
-/// What is wrong with somebody's files.
-fn look_at(folder: &Path, name: &str, persons: &Persons) -> Vec<Looked> {
+/// The problems of one person's files.
+fn look_at(folder: &Path, name: &str, persons: &PersonDirectory) -> Vec<StoreCheck> {
     let file = |ending: &str| folder.join(format!("{name}.{ending}"));
     let (key, public) = (file("key"), file("pub"));
     let has_key = fs::symlink_metadata(&key).is_ok();
@@ -131,23 +131,27 @@ fn look_at(folder: &Path, name: &str, persons: &Persons) -> Vec<Looked> {
         )));
     }
     match persons.named(name) {
-        // Nobody was ever enrolled where an earlier version kept people in files alone.
+        // No person was ever enrolled: an earlier version kept people in files alone.
         None if persons.is_empty() => {}
         None => {
             let admin = persons.administrators().next().map_or("ADMIN", |admin| admin.name.as_str());
             let path = if has_key { &key } else { &public };
             found.push(bad(format!(
-                "Nobody enrolled the key {path:?}, and it decides nothing; \
-                 `holdpoint identity enrol {name} --by {admin} --reason TEXT` enrols it, or remove it."
+                "The key {path:?} is not enrolled and decides nothing; `holdpoint identity enrol {name} --by {admin} \
+                --reason TEXT` enrolls it, or remove it."
             )));
         }
-        Some(person) => found.extend(otherwise(person, known.as_ref(), &public)),
+        Some(person) => found.extend(key_mismatch(person, known.as_ref(), &public)),
     }
     found
 }
 
-/// Somebody who is enrolled with another key than lies here.
-fn otherwise(person: &Person, known: Option<&ed25519_dalek::VerifyingKey>, public: &Path) -> Option<Looked> {
+/// A person whose enrolled key differs from this file.
+fn key_mismatch(
+    person: &Person,
+    known: Option<&ed25519_dalek::VerifyingKey>,
+    public: &Path,
+) -> Option<StoreCheck> {
     let other =
         person.state == PersonState::Enrolled && known.is_some_and(|known| *known != person.public_key);
     other.then(|| {
@@ -161,7 +165,7 @@ fn otherwise(person: &Person, known: Option<&ed25519_dalek::VerifyingKey>, publi
     })
 }
 
-/// An error with what to do.
+/// An error with its remedy.
 fn sentence(error: &impl Hint) -> String {
     match error.hint() {
         Some(hint) => format!("{error}; {hint}"),

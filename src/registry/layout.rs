@@ -1,4 +1,4 @@
-//! Where a store keeps what: the folder, its files, and the lock that gives it to one engine.
+//! The layout of a store: the folder, its files, and the lock that gives it to one engine.
 
 use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
@@ -34,13 +34,13 @@ impl Layout {
         self.folder.join("holdpoint.db")
     }
 
-    /// Telemetry batches and kept cells.
+    /// Telemetry batches and cached results.
     #[must_use]
     pub fn telemetry(&self) -> PathBuf {
         self.folder.join("telemetry.db")
     }
 
-    /// Compiled forms of components; what they were compiled from is in the database.
+    /// Compiled components; their sources are in the database.
     #[must_use]
     pub fn compiled(&self) -> PathBuf {
         self.folder.join("compiled")
@@ -95,19 +95,19 @@ impl Layout {
         self.folder.join("logs")
     }
 
-    /// Where a person's stop of the cell is kept that could not be put on record.
+    /// The file for a person's stop of the cell that could not be recorded.
     #[must_use]
     pub fn stop_marks(&self) -> StopMarks {
         StopMarks::of(self)
     }
 
-    /// A stop of the cell that somebody asks for by this mark, whoever answers at the socket.
+    /// The mark that requests a stop of the cell, for use when the socket does not respond.
     #[must_use]
     pub fn stop_asked(&self) -> PathBuf {
         self.folder.join("stop.asked")
     }
 
-    /// Makes the folders that are missing, only for their owner.
+    /// Makes the missing folders, accessible to their owner only.
     ///
     /// # Errors
     /// If one cannot be made or written to.
@@ -120,11 +120,11 @@ impl Layout {
             self.recordings(),
             self.logs(),
         ];
-        // Made by what keeps the first form in it.
+        // Made when the first compiled form is stored.
         let compiled = fs::symlink_metadata(self.compiled()).is_ok().then(|| self.compiled());
         let new = !self.keys().is_dir();
         for path in folders.into_iter().chain(compiled) {
-            // What is written there would end up elsewhere. The store itself may lie behind a link.
+            // Its files would end up elsewhere. The store itself may lie behind a link.
             if path != self.folder
                 && let Ok(found) = fs::symlink_metadata(&path)
                 && !found.is_dir()
@@ -140,17 +140,17 @@ impl Layout {
         }
         if new {
             sync_folder(&self.folder)?;
-            // Where the folder it is in may not be read, that one is left to the system.
+            // If the parent folder cannot be read, the system checks it.
             drop(self.folder.parent().map(sync_folder));
         }
         Ok(())
     }
 }
 
-/// The store belongs to this engine until this is dropped or the process ends.
+/// The store belongs to this engine until this value is dropped or the process ends.
 ///
-/// The folder itself is locked, which cannot be deleted while something is in it, and the lock's file beside that: it
-/// says who has the store, and is what earlier versions of the program look at.
+/// Locks the folder itself, which cannot be deleted while it has entries. It also locks a file that names the owner,
+/// for earlier versions of the program.
 #[derive(Debug)]
 pub(crate) struct EngineLock {
     folder: File,
@@ -159,7 +159,7 @@ pub(crate) struct EngineLock {
 
 impl Drop for EngineLock {
     fn drop(&mut self) {
-        // A child that is being started has both open until it runs its own program; the lock ends here all the same.
+        // A starting child inherits both descriptors until it runs its own program; the lock ends here all the same.
         for lock in [&self.file, &self.folder] {
             drop(lock.unlock());
         }
@@ -167,7 +167,7 @@ impl Drop for EngineLock {
 }
 
 impl EngineLock {
-    /// Takes the lock, or says who has it.
+    /// Takes the lock, or returns its holder.
     ///
     /// # Errors
     /// [`StoreError::InUse`] with the first engine's process id and start; [`StoreError::Io`].
@@ -179,7 +179,7 @@ impl EngineLock {
             .create(true)
             .truncate(false)
             .mode(0o600)
-            // What is written into it must not end up elsewhere.
+            // The content must not be written through a link.
             .custom_flags(NO_LINK)
             .open(&path)
             .and_then(regular)
@@ -208,7 +208,7 @@ impl EngineLock {
     }
 }
 
-/// Who has a store, `None` if nobody has. A lock that this takes to see it is given back at once.
+/// The engine that has the store, `None` if it is free. The lock taken for this check is released at once.
 ///
 /// # Errors
 /// If the store's folder cannot be looked at.
@@ -242,7 +242,7 @@ pub(crate) fn sync_folder(path: &Path) -> Result<(), StoreError> {
 /// Writes a whole file so that either the old or the new one is there, whatever happens.
 pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
     let part = path.with_extension("part");
-    // What lies there, left by a sudden end or put there as a link to something else, is never written through.
+    // Never writes through an existing entry: a leftover of a crash, or a planted link.
     match fs::remove_file(&part) {
         Err(error) if error.kind() != ErrorKind::NotFound => {
             return Err(StoreError::io("create", &part)(error));
@@ -255,13 +255,13 @@ pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), StoreErr
     path.parent().map_or(Ok(()), sync_folder)
 }
 
-/// The present wall time for people, UTC.
+/// The present wall time as text, UTC.
 fn utc_now() -> String {
     let secs = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     utc(secs)
 }
 
-/// A size for people, in the largest unit of which there is one.
+/// A size as text, in the largest fitting unit.
 #[must_use]
 pub fn size(bytes: u64) -> String {
     let units = [("GiB", 1_u64 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)];

@@ -1,106 +1,110 @@
-//! The registry: what versions there are, in which state, on what evidence, and the audit chain of how it came so.
+//! The registry: the versions, their states, their evidence, and the audit chain of their history.
 //!
-//! Owns the store's folder and files, the one connection that writes, the audit chain with its checkpoints and
-//! verifier, the views, the telemetry file and the kept cells. Must not decide anything: it takes whole transactions of plain
-//! changes, refuses those that would break an invariant, and keeps bodies (manifests, evidence, decisions) as the
-//! bytes it was given. The dispatcher gets the [`ActiveVersions`] and nothing else.
+//! Owns the store's folder and files, the one writing connection, the audit chain with its checkpoints and verifier,
+//! the views, the telemetry file and the cached results. Must not decide anything: it applies whole transactions of
+//! plain changes, refuses those that would break an invariant, and stores bodies (manifests, evidence, decisions) as
+//! given. The dispatcher gets the [`ActiveVersions`] and nothing else.
 
 mod activate;
 mod administrator;
 mod apply;
-mod appointment;
 mod approve;
-mod aside;
 mod audit;
+mod audit_query;
+mod authorizations;
 mod backup;
+mod chain_signature;
 mod change;
 mod check;
 mod checkpoint;
 mod columns;
 mod compare;
-mod copies;
+mod display_records;
 mod entries;
 mod error;
 mod export_body;
-mod export_judge;
+mod export_file;
 mod export_line;
-mod exported;
+mod export_verify;
 pub mod failpoint;
 mod fold;
-mod holder;
+mod head_copies;
 mod info;
+mod interrupted_work;
 mod invariants;
-mod kept;
 mod key_files;
 mod layout;
-mod listed;
-mod loosened;
-mod lost;
+mod lock_holder;
 mod merkle;
 mod migrate;
-pub mod names;
 mod open;
-mod people;
+mod person_rows;
+mod profile_downgrade;
 mod proof;
 mod rebuild;
-mod recovery;
+mod rebuild_report;
+mod record_times;
 mod replay;
+mod result_cache;
+mod row_images;
 mod row_limit;
-mod rows;
-mod sealing;
-mod seals;
-mod shape;
-mod shown;
-mod signed;
+mod schema_shape;
 mod snapshot;
-mod stamps;
 mod stop_mark;
 mod store;
 mod store_id;
+pub mod store_terms;
 mod structure;
-mod taken;
 mod telemetry;
+mod telemetry_quarantine;
+mod telemetry_sealing;
+mod telemetry_seals;
 mod telemetry_views;
-mod unsound;
+mod unverified_store;
 mod verify;
+mod verify_error;
 mod version;
 mod views;
 mod witness;
-mod words;
+mod witness_appointment;
 
 pub use administrator::FIRST_ADMINISTRATOR;
-pub use appointment::{WitnessedBy, add_witness, remove_witness, witnesses_are_signed};
 pub use audit::{ExportError, Head};
-pub use backup::{BackupError, BackupParts, BackupReport, LeftOut, RecordingOnRecord, RecordingsOf, backup};
+pub use backup::{
+    BackupError, BackupParts, BackupReport, ListRecordings, OmittedFile, RetainedRecording, backup,
+};
 pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, BatchReceipt, CHANGES_MAX, Change,
-    NewVersion, Receipt, SetAside, TEXT_BYTES_MAX, Transaction, command_id,
+    NewVersion, QuarantinedFile, Receipt, TEXT_BYTES_MAX, Transaction, command_id,
 };
-pub use checkpoint::{Checkpoint, Link};
+pub use checkpoint::{Checkpoint, CheckpointLink};
 pub use entries::{
-    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, Course, EvidenceEntry, FamilyStatus,
-    VersionDetail, VersionFilter,
+    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
+    VersionFilter, VersionHistory,
 };
 pub use error::StoreError;
-pub use exported::{ExportReport, Exporting, export_store, is_exported, verify_export};
-pub use holder::{LockHolder, lock_holder, lock_sharers};
-pub use info::{Looked, StoreInfo, check_store, store_info};
+pub use export_file::{ExportReport, ExportScope, export_store, is_exported, verify_export};
+pub use info::{StoreCheck, StoreInfo, check_store, store_info};
+pub use interrupted_work::InterruptedWork;
 pub use invariants::{Invariant, Violation, check_invariants};
-pub use kept::{Found, KeptCells, KeptSecret};
 pub use layout::{Layout, lock_owner, size, utc};
-pub use loosened::{ContextRules, ProfileCourse, allow_profile};
-pub use lost::{DifferingRow, Rebuilt};
-pub use proof::{Proof, ProofError, ProvedRecord, kept_head, prove_consistency, prove_record};
+pub use lock_holder::{LockHolder, lock_holder, lock_sharers};
+pub use profile_downgrade::{ContextRules, ProfileHistory, allow_profile};
+pub use proof::{Proof, ProofError, ProvedRecord, prove_consistency, prove_record, stored_head};
 pub use rebuild::{UnsignedRecords, rebuild};
-pub use recovery::Interrupted;
-pub use seals::FoundTelemetry;
-pub use stamps::Stamp;
+pub use rebuild_report::{DifferingRow, RebuildReport};
+pub use record_times::RecordTime;
+pub use result_cache::{CacheLookup, CacheSecret, ResultCache};
 pub use stop_mark::StopMarks;
-pub use store::{Opening, Store};
-pub use taken::UnreadStore;
+pub use store::{OpenReport, Store};
 pub use telemetry::{Batch, EpisodeKey, TelemetryLimits};
-pub use telemetry_views::{LyingBatch, TelemetryViews};
-pub use unsound::VerifyError;
-pub use verify::{JudgedBy, MissingBatches, Place, VerifyReport, verify, verify_against, verify_copy};
+pub use telemetry_seals::StartupTelemetry;
+pub use telemetry_views::{StoredBatch, TelemetryViews};
+pub use unverified_store::UnverifiedStore;
+pub use verify::{
+    DatabaseLocation, MissingBatches, VerifyOptions, VerifyReport, verify, verify_against, verify_copy,
+};
+pub use verify_error::VerifyError;
 pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};
-pub use witness::{WITNESSES_MAX, look_at_witness, witnesses};
+pub use witness::{WITNESSES_MAX, check_witness, witnesses};
+pub use witness_appointment::{WitnessRequester, add_witness, remove_witness, witnesses_are_signed};

@@ -2,7 +2,7 @@
 //!
 //! A leaf is SHA-256(0x00 || hash of the record), a node SHA-256(0x01 || left || right), and the tree of no records is
 //! SHA-256 of nothing. The writer keeps the [`Frontier`] alone, which has one hash for each set bit of the number of
-//! records; a proof is made from the hashes of all records, when somebody asks for one.
+//! records. A proof is made on request from the hashes of all records.
 
 use holdpoint_governance::ids::Digest;
 use serde::{Deserialize, Serialize};
@@ -24,7 +24,7 @@ fn node(left: &Digest, right: &Digest) -> Digest {
     Digest::from_bytes(Sha256::digest(bytes).into())
 }
 
-/// The roots of the complete trees that records so far make up, the largest first.
+/// The roots of the complete subtrees of the records so far, the largest first.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Frontier {
@@ -43,7 +43,7 @@ impl Frontier {
         self.size
     }
 
-    /// Whether it can be one of so many records.
+    /// Whether it can be the frontier of this number of records.
     pub(crate) fn is_of(&self, size: u64) -> bool {
         self.size == size && self.peaks.len() as u64 == u64::from(size.count_ones())
     }

@@ -1,12 +1,12 @@
-//! Brings a database to the newest schema: a list of SQL texts, each applied once, in a transaction of its own.
+//! Brings a database to the newest schema: a list of SQL texts, each applied once, in its own transaction.
 
 use rusqlite::{Connection, TransactionBehavior};
 
 use super::error::StoreError;
 
-/// What makes a database ours: its application id and its schemas, oldest first.
+/// The identity of our databases: application id and schemas, oldest first.
 pub(crate) struct Schema {
-    /// What `PRAGMA application_id` has to tell.
+    /// The value of `PRAGMA application_id`.
     pub(crate) application_id: i32,
     /// One SQL text per schema version.
     pub(crate) steps: &'static [&'static str],

@@ -1,7 +1,7 @@
 //! Opens a database file, or refuses it without touching it.
 //!
-//! A file that is foreign, newer, cut short or damaged gives one error and stays as it was. A new file is made
-//! under another name and renamed when it is whole, so that a crash leaves either no store or a complete one.
+//! A foreign, newer, truncated or damaged file gives one error and stays unchanged. A new file is made under another
+//! name and renamed when it is whole, so that a crash leaves either no store or a complete one.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -23,41 +23,46 @@ use holdpoint_text::file::kind_of;
 const SQLITE_MIN: i32 = 3_051_003;
 /// Bytes of an SQLite file header.
 const HEADER_BYTES: usize = 100;
-/// What helps with a damaged file.
+/// Hint for a damaged file.
 const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another one with --data";
-/// What helps where the chain is whole and something else is not.
-pub(crate) const HINT_REBUILD: &str = "`holdpoint store rebuild --from-chain` makes the tables anew from the audit chain and keeps this file beside them";
-/// What helps where the chain is whole and its checkpoints are not.
-pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; without one, `holdpoint store rebuild --from-chain` goes on without them, on record, and names the records that nobody signed";
-/// What helps where a rebuild would take records that nobody signed.
-pub(crate) const HINT_TAKE_UNSIGNED: &str = "whoever can write the folder can have written them: restore a backup, or look at them with `holdpoint audit list` and take them, on record, with --take-unsigned";
-/// What helps where one of them changes a profile without an authorization.
-pub(crate) const HINT_UNSAID: &str = "whoever can write the folder can have written it, and nobody may take it: put the store back from a backup";
-/// What helps where somebody else has a newer head of the chain, or another one.
-const HINT_WITNESS: &str = "put the newer store back; if its records are lost for good, move the witness's files of this store elsewhere and start again";
-/// What helps where the store's key is another one than it was made with.
+/// Hint for a whole chain with other damage.
+pub(crate) const HINT_REBUILD: &str = "`holdpoint store rebuild --from-chain` rebuilds the tables from the audit \
+    chain and keeps this file beside them";
+/// Hint for a whole chain with missing checkpoints.
+pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; without one, `holdpoint store \
+    rebuild --from-chain` goes on without them, on record, and names the unsigned records";
+/// Hint for unsigned records that a rebuild would take.
+pub(crate) const HINT_TAKE_UNSIGNED: &str = "any program that can write the folder can have written them: restore a \
+    backup, or look at them with `holdpoint audit list` and take them, on record, with --take-unsigned";
+/// Hint for an unsigned record that changes a profile without an authorization.
+pub(crate) const HINT_UNSAID: &str = "any program that can write the folder can have written it, and a rebuild cannot \
+    take it: put the store back from a backup";
+/// Hint for a witness with a newer or different head.
+const HINT_WITNESS: &str = "put the newer store back; if its records are lost, move the witness's files of this store elsewhere and start again";
+/// Hint for a foreign store key.
 pub(crate) const HINT_FOREIGN_KEY: &str =
     "put the key that the store was made with back into keys/, from a backup";
-/// What helps where the two files of the store's key are of two keys.
-const HINT_TWO_KEYS: &str =
-    "put both files back from a backup; if store.key is the right one, take this file away: it is made anew";
-/// What helps where something else has the name of a log.
-const HINT_LOG: &str = "put back from a backup what was there, or remove it; the newest records are gone then, if they were in it";
-/// What helps where there is a journal beside a database that has a log.
+/// Hint for two halves of the store's key that do not match.
+const HINT_TWO_KEYS: &str = "put both files back from a backup; if store.key is the right one, remove \
+    this file: the next start derives it again";
+/// Hint for another kind of entry under the name of a log.
+const HINT_LOG: &str =
+    "restore it from a backup, or remove it; the newest records are lost then if they were in it";
+/// Hint for a journal beside a database that has a log.
 const HINT_JOURNAL: &str =
     "move it elsewhere and look with `holdpoint audit verify` whether anything is missing";
-/// What helps where a file among the checkpoints is none.
-pub(crate) const HINT_CHECKPOINT: &str = "put it back from a backup; if this store never wrote it, move it elsewhere; if it did and it is lost, move it elsewhere too, and `holdpoint store rebuild --from-chain` goes on without it, on record";
-/// What helps where something else has the name of the index of a log.
-const HINT_INDEX: &str = "remove it: SQLite makes it anew";
-/// What helps with telemetry that is not as it has to be.
+/// Hint for a file among the checkpoints that is not a checkpoint.
+pub(crate) const HINT_CHECKPOINT: &str = "put it back from a backup; if this store never wrote it, move it elsewhere; if the store wrote it and it is lost, move it elsewhere too, and `holdpoint store rebuild --from-chain` goes on without it, on record";
+/// Hint for another kind of entry under the name of a log's index.
+const HINT_INDEX: &str = "remove it: SQLite makes it again";
+/// Hint for an invalid telemetry file.
 const HINT_TELEMETRY: &str =
-    "the next start of an engine puts it aside, and takes over into a new one what the audit chain seals";
-/// What helps with a file that is not ours.
+    "the next start of an engine quarantines it, and a new file takes over all sealed batches";
+/// Hint for a foreign file.
 const HINT_FOREIGN: &str =
     "choose another folder with --data; if a store was here, its file is damaged: restore it from a backup";
 
-/// How hard a database is forced to disk.
+/// How strictly a database is flushed to disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Durability {
     /// Every commit survives power loss.
@@ -66,12 +71,12 @@ pub(crate) enum Durability {
     Normal,
 }
 
-/// Opens a database for writing; makes it if there is none. The mark is to be dropped after the connection.
+/// Opens a database for writing; makes it if there is none. Drop the mark after the connection.
 pub(crate) fn open_writer(
     path: &Path,
     schema: &Schema,
     durability: Durability,
-) -> Result<(Connection, WrittenHere), StoreError> {
+) -> Result<(Connection, WriterGuard), StoreError> {
     check_library()?;
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => create(path, schema)?,
@@ -90,14 +95,14 @@ pub(crate) fn open_writer(
     set(&connection, "wal_autocheckpoint", "1000", "1000")?;
     set(&connection, "journal_size_limit", "67108864", "67108864")?;
     migrate(&mut connection, schema)?;
-    Ok((connection, WrittenHere::mark(path)))
+    Ok((connection, WriterGuard::mark(path)))
 }
 
 /// Opens a database for reading only. The file is checked first and never written.
 pub(crate) fn open_reader(path: &Path, schema: &Schema) -> Result<Connection, StoreError> {
     check_library()?;
-    // To close any descriptor of a file takes away all locks that the process has on it (POSIX), SQLite's too: what is
-    // written here is looked at through SQLite alone. It was looked at when it was opened for writing.
+    // Closing any descriptor of a file drops all locks of the process on it (POSIX), SQLite's too. A file that is open
+    // for writing here is therefore checked through SQLite alone; its header was checked when it was opened.
     if !file_id(path).is_some_and(|id| written_here().contains(&id)) {
         check_header(path, schema)?;
     }
@@ -106,15 +111,15 @@ pub(crate) fn open_reader(path: &Path, schema: &Schema) -> Result<Connection, St
     Ok(connection)
 }
 
-/// Opens a database for reading once more, beside a connection that [`open_reader`] made: its file is not opened by
-/// itself, which would take that connection's locks away.
+/// Opens a second connection for reading, beside one of [`open_reader`]. Does not open the file itself, which would
+/// drop that connection's locks.
 pub(crate) fn open_beside(path: &Path) -> Result<Connection, StoreError> {
     let connection = open_read_only(path)?;
     set(&connection, "query_only", "1", "1")?;
     Ok(connection)
 }
 
-/// Copies a database, as it is at one moment, into a new file.
+/// Copies a database, at one moment, into a new file.
 pub(crate) fn copy_into(path: &Path, schema: &Schema, to: &Path) -> Result<(), StoreError> {
     check_library()?;
     if !file_id(path).is_some_and(|id| written_here().contains(&id)) {
@@ -139,11 +144,11 @@ fn written_here() -> MutexGuard<'static, BTreeSet<FileId>> {
     WRITTEN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A database is open for writing in this process as long as this lives.
+/// A database is open for writing in this process while this value lives.
 #[derive(Debug)]
-pub(crate) struct WrittenHere(Option<FileId>);
+pub(crate) struct WriterGuard(Option<FileId>);
 
-impl WrittenHere {
+impl WriterGuard {
     fn mark(path: &Path) -> Self {
         let id = file_id(path);
         written_here().extend(id);
@@ -151,7 +156,7 @@ impl WrittenHere {
     }
 }
 
-impl Drop for WrittenHere {
+impl Drop for WriterGuard {
     fn drop(&mut self) {
         if let Some(id) = self.0 {
             written_here().remove(&id);
@@ -168,12 +173,12 @@ fn check_library() -> Result<(), StoreError> {
 }
 
 fn open_read_only(path: &Path) -> Result<Connection, StoreError> {
-    let connection = read_only(path).map_err(|error| damaged(path, &row_limit::said(&error)))?;
+    let connection = read_only(path).map_err(|error| damaged(path, &row_limit::error_message(&error)))?;
     configure(&connection)?;
     Ok(connection)
 }
 
-/// Opens a database for reading only, with SQLite's own error; whoever calls it has looked at its header.
+/// Opens a database for reading only, with SQLite's own error; the caller has checked its header.
 pub(crate) fn open_sound(path: &Path) -> rusqlite::Result<Connection> {
     let connection = read_only(path)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
@@ -203,13 +208,13 @@ fn read_only(path: &Path) -> rusqlite::Result<Connection> {
     })
 }
 
-/// What every connection has, whatever it is for.
+/// Settings of every connection.
 fn configure(connection: &Connection) -> Result<(), StoreError> {
     row_limit::set(connection).map_err(StoreError::sql("set up its database"))?;
     for (config, value) in [
         (DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true),
         (DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false),
-        // No schema has one, and one in the place of a table may have rows without end.
+        // No schema has views, and a view in place of a table could have endless rows.
         (DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false),
         (DbConfig::SQLITE_DBCONFIG_DQS_DML, false),
         (DbConfig::SQLITE_DBCONFIG_DQS_DDL, false),
@@ -230,7 +235,7 @@ fn configure(connection: &Connection) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Sets a pragma and refuses to go on if it did not take.
+/// Sets a pragma and fails if it has no effect.
 fn set(connection: &Connection, pragma: &'static str, value: &str, expected: &str) -> Result<(), StoreError> {
     let error = StoreError::sql("set up its database");
     connection.execute_batch(&format!("PRAGMA {pragma} = {value}")).map_err(&error)?;
@@ -251,8 +256,8 @@ fn set(connection: &Connection, pragma: &'static str, value: &str, expected: &st
     ))
 }
 
-/// Bytes of a page of a new database: reading a whole chain of 1 KB records takes a quarter less processor time than
-/// with SQLite's own 4096, and a still larger page saves little more and makes every commit write more.
+/// Page size of a new database, bytes. Reading a whole chain of 1 KB records takes a quarter less CPU time than with
+/// SQLite's 4096; a larger page saves little more and makes every commit write more.
 const PAGE_BYTES: &str = "16384";
 
 /// Makes a complete, empty database under another name and renames it into place.
@@ -272,25 +277,25 @@ pub(crate) fn make(path: &Path, schema: &Schema) -> Result<Connection, StoreErro
     configure(&connection)?;
     set(&connection, "journal_mode", "delete", "delete")?;
     set(&connection, "synchronous", "FULL", "2")?;
-    // Only an empty database takes it.
+    // Only an empty database accepts it.
     set(&connection, "page_size", PAGE_BYTES, PAGE_BYTES)?;
     migrate(&mut connection, schema)?;
-    // To change the mode afterwards takes a journal, and a kill would leave that one hot.
+    // A later change of the mode needs a journal, and a kill would leave that one hot.
     set(&connection, "journal_mode", "wal", "wal")?;
     Ok(connection)
 }
 
-/// What SQLite keeps beside a database, by the endings of its names.
+/// SQLite's companion files, by the suffixes of their names.
 pub(crate) const COMPANIONS: [&str; 3] = ["-wal", "-shm", "-journal"];
 
-/// A file that SQLite keeps beside a database.
+/// A companion file of a database.
 pub(crate) fn beside(path: &Path, ending: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(ending);
     PathBuf::from(name)
 }
 
-/// Removes a database with everything SQLite keeps beside it, if it is there.
+/// Removes a database and its companion files, if it exists.
 pub(crate) fn remove_database(path: &Path) -> Result<(), StoreError> {
     for leftover in COMPANIONS.map(|ending| beside(path, ending)).into_iter().chain([path.to_owned()]) {
         match fs::remove_file(&leftover) {
@@ -303,7 +308,7 @@ pub(crate) fn remove_database(path: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Takes what is in a database's log into the database, and the log away.
+/// Merges a database's log into the database, and removes the log.
 pub(crate) fn truncate_log(path: &Path) -> Result<(), StoreError> {
     let error = StoreError::sql("write the log into the database");
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
@@ -326,7 +331,7 @@ pub(crate) fn truncate_log(path: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Looks at a file by its header alone: ours, not newer, not cut short.
+/// Checks a file's header alone: ours, not newer, not cut short.
 pub(crate) fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     let found = fs::symlink_metadata(path).map_err(StoreError::io("read", path))?;
     if !found.is_file() {
@@ -342,7 +347,7 @@ pub(crate) fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreErro
             return Err(refused(&companion, &problem, hint));
         }
     }
-    // What this program writes has a log; SQLite would play a journal back, which a reader cannot.
+    // This program's databases have a log; SQLite would replay a journal, which a reader cannot do.
     let journal = beside(path, "-journal");
     if fs::metadata(&journal).is_ok_and(|found| found.len() > 0) {
         let problem = "it is a rollback journal, and this program leaves none beside its databases";
@@ -384,7 +389,7 @@ pub(crate) fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreErro
     Ok(())
 }
 
-/// Looks at an existing file, read-only: header and version. Its structure is for the caller to check, once.
+/// Checks an existing file, read-only: header and version. The caller checks its structure, once.
 fn inspect(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     check_header(path, schema)?;
     let connection = open_read_only(path)?;
@@ -397,7 +402,7 @@ fn inspect(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     Err(refused(path, &format!("its schema is {version}"), "use the version of holdpoint that wrote it"))
 }
 
-/// SQLite's own look at the structure of a file.
+/// SQLite's own check of a file's structure.
 ///
 /// # Errors
 /// What is wrong, in SQLite's words.
@@ -406,20 +411,16 @@ pub(crate) fn quick_check(connection: &Connection) -> Result<(), String> {
     match answer {
         Ok(answer) if answer == "ok" => Ok(()),
         Ok(answer) => Err(format!("it is damaged: {answer}")),
-        Err(error) => Err(format!("it is damaged: {}", row_limit::said(&error))),
+        Err(error) => Err(format!("it is damaged: {}", row_limit::error_message(&error))),
     }
 }
 
-/// A store that a head kept elsewhere speaks against.
-pub(crate) fn against(path: &Path, file: &str, problem: &str) -> StoreError {
-    refused(
-        path,
-        &format!("the head that a witness keeps in {file:?} speaks against it: {problem}"),
-        HINT_WITNESS,
-    )
+/// A store that a head kept elsewhere contradicts.
+pub(crate) fn contradicted_by_copy(path: &Path, file: &str, problem: &str) -> StoreError {
+    refused(path, &format!("the head of a witness in {file:?} contradicts it: {problem}"), HINT_WITNESS)
 }
 
-/// A telemetry file that is not as this program makes it.
+/// A telemetry file of another form.
 pub(crate) fn not_telemetry(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_TELEMETRY)
 }
@@ -429,27 +430,27 @@ pub(crate) fn damaged(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_DAMAGED)
 }
 
-/// A file whose chain is whole, but whose tables are not what it says.
+/// A file whose chain is whole, but whose tables do not match it.
 pub(crate) fn not_the_chain(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_REBUILD)
 }
 
-/// A file whose chain is whole, but not signed, or not with all of its checkpoints.
+/// A file whose chain is whole, but unsigned, or without some of its checkpoints.
 pub(crate) fn unsigned(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_UNSIGNED)
 }
 
-/// A public key that is not of the secret one beside it.
+/// A public key that does not match the secret one beside it.
 pub(crate) fn other_public_key(path: &Path) -> StoreError {
     refused(path, "it is not of the secret key store.key beside it", HINT_TWO_KEYS)
 }
 
-/// A chain that a rebuild does not take as it is unless it is told to.
+/// A chain that a rebuild takes only with an explicit option.
 pub(crate) fn unsigned_records_refused(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_TAKE_UNSIGNED)
 }
 
-/// A store beside which lies another key than it was made with.
+/// A store with a foreign key beside it.
 pub(crate) fn foreign_key(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_FOREIGN_KEY)
 }
@@ -458,7 +459,7 @@ pub(crate) fn refused(path: &Path, problem: &str, hint: &'static str) -> StoreEr
     StoreError::Refused { path: path.to_owned(), problem: problem.to_owned(), hint }
 }
 
-/// SQLite's count of what others than this connection wrote to the database.
+/// SQLite's count of writes by other connections.
 pub(super) fn written_by_others(connection: &Connection) -> Result<i64, StoreError> {
     connection
         .prepare_cached("PRAGMA data_version")

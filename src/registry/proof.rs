@@ -1,7 +1,7 @@
-//! Proofs that need no store: that a record is in the chain, and that the chain of today goes on from an earlier one.
+//! Proofs that need no store: that a record is in the chain, and that today's chain continues an earlier one.
 //!
-//! Each is one small JSON document, with the signed heads that it speaks of. It is checked with the store's public key
-//! alone. See [`merkle`](super::merkle) for the tree.
+//! Each is one small JSON document with its signed heads, checked with the store's public key alone. See
+//! [`merkle`](super::merkle) for the tree.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -11,16 +11,16 @@ use rusqlite::{Connection, OptionalExtension};
 use serde::{Deserialize, Serialize};
 
 use super::audit;
-use super::checkpoint::{Checkpoint, Kept, read_all};
+use super::chain_signature;
+use super::checkpoint::{Checkpoint, StoredCheckpoint, read_all};
 use super::error::StoreError;
 use super::merkle;
 use super::migrate::STORE;
 use super::open::open_reader;
-use super::signed;
 use super::store_id;
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_governance::words::Word;
 use holdpoint_text::Hint;
 use holdpoint_text::file::read_text;
 
@@ -38,7 +38,7 @@ pub struct ProvedRecord {
     pub hash: Digest,
     /// Virtual time, ms.
     pub at_ms: u64,
-    pub kind: Word<RecordKind>,
+    pub kind: Lenient<RecordKind>,
     pub subject: String,
     /// JSON text.
     pub body: String,
@@ -58,7 +58,7 @@ impl From<AuditRecord> for ProvedRecord {
     }
 }
 
-/// A proof with the heads that it speaks of.
+/// A proof with its heads.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "proof", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Proof {
@@ -80,19 +80,19 @@ pub enum Proof {
     },
 }
 
-/// A proof that cannot be made, or does not hold.
+/// A proof that cannot be made, or is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum ProofError {
     /// The store cannot be read.
     #[error(transparent)]
     Unreadable(#[from] StoreError),
-    /// There is nothing to prove it by.
+    /// No signed head proves it.
     #[error("there is no proof: {problem}")]
     Impossible { problem: String, hint: &'static str },
-    /// A file that is no proof.
+    /// The file is not a proof.
     #[error("{0}")]
     NoProof(String),
-    /// It proves nothing.
+    /// The proof is invalid.
     #[error("the proof does not hold: {0}")]
     Wrong(String),
 }
@@ -107,7 +107,7 @@ impl Hint for ProofError {
     }
 }
 
-/// What helps where a chain is not what was signed.
+/// Hint for a chain that does not match its signatures.
 const HINT_VERIFY: &str = "`holdpoint audit verify` says what is wrong with the store";
 
 fn impossible(problem: impl Into<String>, hint: &'static str) -> ProofError {
@@ -126,7 +126,7 @@ impl SignedChain {
         let connection = open_reader(database, &STORE)?;
         let failed = StoreError::sql("read the audit chain");
         connection.execute_batch("BEGIN").map_err(&failed)?;
-        let end = signed::read(&connection).map_err(|problem| impossible(problem, HINT_VERIFY))?;
+        let end = chain_signature::read(&connection).map_err(|problem| impossible(problem, HINT_VERIFY))?;
         let Some(end) = end.filter(|end| end.root.is_some()) else {
             let hint = "start an engine on the store once: it signs the tree of its records";
             return Err(impossible(
@@ -156,7 +156,7 @@ impl SignedChain {
     }
 }
 
-/// Proves that a record is in the chain of a store that is signed today.
+/// Proves that a record is in the signed chain of a store.
 ///
 /// # Errors
 /// [`ProofError::Unreadable`] and [`ProofError::Impossible`].
@@ -179,7 +179,7 @@ pub fn prove_record(database: &Path, seq: u64) -> Result<Proof, ProofError> {
     })
 }
 
-/// Proves that the chain of a store goes on from an earlier signed head.
+/// Proves that the chain of a store continues an earlier signed head.
 ///
 /// # Errors
 /// [`ProofError::Unreadable`] and [`ProofError::Impossible`].
@@ -213,15 +213,15 @@ pub fn prove_consistency(database: &Path, older: &Checkpoint) -> Result<Proof, P
     Ok(proof)
 }
 
-/// The signed head that a store keeps of a record.
+/// A store's signed head at a record.
 ///
 /// # Errors
 /// [`ProofError::Impossible`] with the nearest heads that there are.
-pub fn kept_head(folder: &Path, seq: u64) -> Result<Checkpoint, ProofError> {
+pub fn stored_head(folder: &Path, seq: u64) -> Result<Checkpoint, ProofError> {
     let kept = read_all(&folder.join("checkpoints")).map_err(|bad| {
         impossible(format!("the checkpoint {:?} is bad: {}", bad.file, bad.problem), HINT_VERIFY)
     })?;
-    let of = |kept: &Kept| kept.checkpoint.seq;
+    let of = |kept: &StoredCheckpoint| kept.checkpoint.seq;
     if let Some(found) = kept.iter().find(|kept| of(kept) == seq) {
         return Ok(found.checkpoint.clone());
     }
@@ -280,7 +280,7 @@ impl Proof {
         }
     }
 
-    /// Whether it shows what it says, and its heads are signed with this key.
+    /// Checks the proof, and that this key signed its heads.
     ///
     /// # Errors
     /// [`ProofError::Wrong`].

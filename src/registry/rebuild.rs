@@ -1,14 +1,13 @@
-//! Makes a store's tables anew from its audit chain, where somebody or something changed them.
+//! Rebuilds a store's tables from its audit chain, after an edit or damage.
 //!
-//! The chain is the truth: it has to be whole, and to reach the newest checkpoint. Every record is applied once more
-//! by the code that applied it first, into a database beside the damaged one. What a record does not repeat (long
-//! texts, and every text of records that were written before they repeated any) is taken from the damaged row, and
-//! counts only if the row then has the digest that its record holds. Measurements (`evidence.json`) and signatures
-//! (`approval.signed`) that cannot be had that way are lost: a mark stands for them, which neither counts as evidence
-//! nor lets anybody be activated, and the record of the rebuild names them. Whatever else cannot be had is refused by
-//! name, and nothing is changed.
+//! The chain is the truth: it must be whole, and reach the newest checkpoint. The original code applies every record
+//! again, into a database beside the damaged one. Texts that a record does not repeat (long ones, and all texts of old
+//! records) come from the damaged row. They count only if the row then has the digest in its record. Measurements
+//! (`evidence.json`) and signatures (`approval.signed`) may be lost: a mark replaces them, which counts neither as
+//! evidence nor as approval, and the rebuild's record names them. Any other loss is refused by name, and nothing is
+//! changed.
 //!
-//! The damaged file is kept under another name. Only then the rebuilt one takes its place, in one step.
+//! The damaged file is kept under another name. Only then the rebuilt one replaces it, in one step.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -18,49 +17,51 @@ use rusqlite::{Connection, params};
 use serde_json::{Value, json};
 
 use super::audit::{self, Head};
+use super::chain_signature;
 use super::change::Receipt;
 use super::check::{
-    check_key, check_newest_checkpoint, check_signed, check_tables, checked_records, kept_checkpoints,
-    refused_chain,
+    check_key, check_newest_checkpoint, check_signed, check_tables, checked_records, refused_chain,
+    stored_checkpoints,
 };
-use super::checkpoint::{Checkpoint, Kept, Link, check_links, check_newest, count_earlier};
+use super::checkpoint::{
+    Checkpoint, CheckpointLink, StoredCheckpoint, check_links, check_newest, count_earlier,
+};
 use super::compare::{compare, differing};
 use super::error::StoreError;
 use super::fold::Fold;
 use super::layout::{EngineLock, Layout, sync_folder};
-use super::loosened::first_unauthorized;
-use super::lost::{DifferingRow, Rebuilt, RebuiltChange, lost_mark, text_of};
 use super::merkle::Frontier;
 use super::migrate::STORE;
 use super::open::{
     HINT_REBUILD, HINT_UNSAID, HINT_UNSIGNED, damaged, make, not_the_chain, open_reader, remove_database,
     truncate_log, unsigned_records_refused,
 };
-use super::replay::{NotApplied, replay};
+use super::profile_downgrade::first_unauthorized;
+use super::rebuild_report::{DifferingRow, RebuildRecordChange, RebuildReport, lost_mark, text_of};
+use super::replay::{ReapplyError, replay};
+use super::row_images::{ChainedTable, RowName, differing_columns, row_digest};
 use super::row_limit;
-use super::rows::{ChainedTable, RowName, differing_columns, row_digest};
-use super::signed;
 use super::structure;
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
 
-/// Records that nobody signed and a refusal names.
+/// Unsigned records that a refusal names.
 const UNSIGNED_NAMED_MAX: usize = 8;
-/// How the name of a command begins whose row was lost.
+/// The start of the name of a command whose row was lost.
 const LOST_COMMAND: &str = "rebuilt";
 
-/// What a rebuild does with records at the end that nobody signed.
+/// How a rebuild treats unsigned records at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UnsignedRecords {
     /// Refuses, and names them.
     Refuse,
-    /// Takes them as they are; that nobody had signed them is on record from then on.
+    /// Takes them unchanged, and records that they were unsigned.
     Take,
 }
 
-/// Makes the tables of a store anew from its chain. `by` is who asked for it as the system says, JSON text. Tells what
-/// it did; `None` if there was nothing to mend, and nothing was done.
+/// Rebuilds the tables of a store from its chain. `by` is the requesting system user, JSON text. Returns a summary;
+/// `None` if there was nothing to repair.
 ///
 /// # Errors
 /// [`StoreError`] if an engine has the store, its chain is not whole, or a row cannot be rebuilt; nothing was changed.
@@ -69,7 +70,7 @@ pub fn rebuild(
     unsigned_records: UnsignedRecords,
     by: &str,
     wall_ms: i64,
-) -> Result<Option<Rebuilt>, StoreError> {
+) -> Result<Option<RebuildReport>, StoreError> {
     let layout = Layout::new(folder);
     let database = layout.database();
     fs::symlink_metadata(&database).map_err(StoreError::io("read", &database))?;
@@ -81,9 +82,9 @@ pub fn rebuild(
     let damaged_store = open_reader(&database, &STORE)?;
     row_limit::lift(&damaged_store).map_err(StoreError::sql("read the damaged database"))?;
     let fold = checked_records(&damaged_store, &database)?;
-    let kept = kept_checkpoints(&layout)?;
+    let kept = stored_checkpoints(&layout)?;
     let store_id = match kept.last() {
-        Some(Kept { checkpoint, .. }) => checkpoint.store_id.clone(),
+        Some(StoredCheckpoint { checkpoint, .. }) => checkpoint.store_id.clone(),
         None => super::store_id::read(&damaged_store, &database)?,
     };
     let by = (store_id.as_str(), &key.verifying_key());
@@ -99,25 +100,25 @@ pub fn rebuild(
     let sound = fold
         .check_end(&damaged_store)
         .map_err(refused_chain(&damaged_store, &database))
-        // What the tables are asked next is answered by their indexes.
+        // Later queries of the tables use their indexes.
         .and_then(|()| check_indexes(&damaged_store, &database))
         .and_then(|()| check_tables(&fold, &damaged_store, &database, &store_id))
         .and_then(|()| check_signed(&fold, &damaged_store, &layout, &kept, by));
     let problem = match sound {
         Ok(()) if has_id(&damaged_store, &store_id) => return Ok(None),
         Ok(()) => "its id is not the one its checkpoints are signed over".to_owned(),
-        // Records that are missing at the end cannot be made up.
+        // Records that are missing at the end cannot be restored.
         Err(error @ StoreError::Refused { hint, .. }) if ![HINT_REBUILD, HINT_UNSIGNED].contains(&hint) => {
             return Err(error);
         }
         Err(StoreError::Refused { problem, .. }) => problem,
         Err(error) => return Err(error),
     };
-    // Nobody is got to take a profile beside what an administrator has to sign.
+    // A rebuild cannot replace an administrator's authorization of a profile.
     let reading = StoreError::sql("read the words on profiles");
     let signed = fold.end().seq.saturating_sub(unsigned);
     if let Some((seq, problem)) = first_unauthorized(&damaged_store, signed).map_err(reading)? {
-        let problem = format!("nobody signed the record {seq}, and {problem}");
+        let problem = format!("no signature covers the record {seq}, and {problem}");
         return Err(StoreError::Refused { path: database, problem, hint: HINT_UNSAID });
     }
     if unsigned > 0 && unsigned_records == UnsignedRecords::Refuse {
@@ -128,18 +129,18 @@ pub fn rebuild(
     let mut made = make(&part, &STORE)?;
     row_limit::lift(&made).map_err(StoreError::sql("write the rebuilt database"))?;
     let kept_as = free_name(&layout, fold.end())?;
-    let told = ToldOfRebuild { by: asked_by, problem, kept_as: file_name(&kept_as), unsigned };
+    let told = RebuildSummary { by: asked_by, problem, kept_as: file_name(&kept_as), unsigned };
     let rebuilt = fill(&mut made, &damaged_store, &fold, (&store_id, told), wall_ms);
     let rebuilt = rebuilt.inspect_err(|_| drop(remove_database(&part)))?;
     let head = audit::head(&made).map_err(StoreError::sql("read the audit chain"))?;
     let root = audit::tree_after(&made, &Frontier::empty())?.root();
     let wall_ms = audit::wall_ms_of(&made, head.seq)?;
     let end = Checkpoint::sign(&store_id, (head, root), wall_ms, link, None, &key);
-    signed::write(&made, &end).inspect_err(|_| drop(remove_database(&part)))?;
+    chain_signature::write(&made, &end).inspect_err(|_| drop(remove_database(&part)))?;
     made.close().map_err(|(_, error)| StoreError::sql("write the rebuilt database")(error))?;
     drop(damaged_store);
     File::open(&part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", &part))?;
-    // What is still in the log of the damaged file goes into the file: its log would be taken for the rebuilt one's.
+    // The damaged file's log is merged into the file: otherwise it would be taken for the rebuilt one's.
     truncate_log(&database)?;
     fs::hard_link(&database, &kept_as).map_err(StoreError::io("keep the damaged file as", &kept_as))?;
     fs::rename(&part, &database).map_err(StoreError::io("rename", &part))?;
@@ -148,8 +149,7 @@ pub fn rebuild(
     Ok(Some(rebuilt))
 }
 
-/// Every index is what its table holds: one that is not shows or hides rows that are there all the same, and is made anew
-/// with the tables.
+/// Every index matches its table: a false index shows or hides rows, and is rebuilt with the tables.
 fn check_indexes(damaged_store: &Connection, database: &Path) -> Result<(), StoreError> {
     let forged = |problem: String| not_the_chain(database, &problem);
     structure::check_file(database).map_err(forged)?;
@@ -158,11 +158,11 @@ fn check_indexes(damaged_store: &Connection, database: &Path) -> Result<(), Stor
     structure::check_indexes(damaged_store, &summed).map_err(forged)
 }
 
-/// A refusal that names the records that nobody signed.
+/// A refusal that names the unsigned records.
 fn would_take(database: &Path, damaged_store: &Connection, end: Head, unsigned: u64) -> StoreError {
     let first = (end.seq + 1).saturating_sub(unsigned);
     let mut named = Vec::new();
-    // What cannot be read is not named.
+    // Unreadable records are not named.
     drop(audit::for_each::<rusqlite::Error>(damaged_store, first, |record| {
         if named.len() < UNSIGNED_NAMED_MAX {
             named.push(format!("{} {} {}", record.seq, record.kind, record.subject).trim_end().to_owned());
@@ -170,7 +170,8 @@ fn would_take(database: &Path, damaged_store: &Connection, end: Head, unsigned: 
         Ok(())
     }));
     let more = if unsigned > named.len() as u64 { ", ..." } else { "" };
-    let problem = format!("nobody signed the records {first} to {} ({}{more})", end.seq, named.join(", "));
+    let problem =
+        format!("no signature covers the records {first} to {} ({}{more})", end.seq, named.join(", "));
     unsigned_records_refused(database, &problem)
 }
 
@@ -178,25 +179,25 @@ fn has_id(connection: &Connection, store_id: &str) -> bool {
     text_of(connection, "SELECT value FROM meta WHERE +key = ?1", "store_id").as_deref() == Some(store_id)
 }
 
-/// What the record of a rebuild says beside what was rebuilt.
-struct ToldOfRebuild {
+/// The rebuild's record beside the rebuilt rows.
+struct RebuildSummary {
     by: Value,
     problem: String,
     kept_as: String,
     unsigned: u64,
 }
 
-/// Where the rebuilt store's checkpoint stands, and how many records at the end nobody signed.
+/// The place of the rebuilt store's checkpoint, and the number of unsigned records at the end.
 fn signed_before(
     fold: &Fold,
     damaged_store: &Connection,
-    kept: &[Kept],
+    kept: &[StoredCheckpoint],
     (store_id, key): (&str, &ed25519_dalek::VerifyingKey),
-) -> (Link, u64) {
+) -> (CheckpointLink, u64) {
     let newest = kept.last().map(|kept| &kept.checkpoint);
-    let end = signed::valid(damaged_store, store_id, Some(key)).ok().flatten();
+    let end = chain_signature::valid(damaged_store, store_id, Some(key)).ok().flatten();
     let whole = check_links(kept).is_ok() && end.as_ref().is_none_or(|end| check_newest(end, kept).is_ok());
-    let mut link = Link::after_all(kept);
+    let mut link = CheckpointLink::after_all(kept);
     if !whole {
         link.gap = true;
         link.earlier = count_earlier(kept);
@@ -206,7 +207,7 @@ fn signed_before(
     (link, fold.end().seq.saturating_sub(signed_to))
 }
 
-/// A name for the damaged file that no other has.
+/// An unused name for the damaged file.
 fn free_name(layout: &Layout, end: Head) -> Result<PathBuf, StoreError> {
     let named = |nth: u32| layout.folder().join(format!("holdpoint-damaged-{}-{nth}.db", end.seq));
     let free = (1..=1_000).map(named).find(|path| fs::symlink_metadata(path).is_err());
@@ -219,24 +220,24 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Fills a new database with the chain and what it says, and adds the record of it.
+/// Fills a new database with the chain and its rows, and adds the record of it.
 fn fill(
     made: &mut Connection,
     damaged_store: &Connection,
     fold: &Fold,
-    (store_id, told): (&str, ToldOfRebuild),
+    (store_id, told): (&str, RebuildSummary),
     wall_ms: i64,
-) -> Result<Rebuilt, StoreError> {
+) -> Result<RebuildReport, StoreError> {
     let error = StoreError::sql("write the rebuilt database");
     let tx = made.transaction().map_err(&error)?;
     tx.execute("UPDATE meta SET value = ?1 WHERE key = 'store_id'", [store_id]).map_err(&error)?;
     let mut lost = Vec::new();
-    audit::for_each::<NotApplied>(damaged_store, 0, |record| {
+    audit::for_each::<ReapplyError>(damaged_store, 0, |record| {
         lost.extend(replay(&tx, damaged_store, fold, &record)?);
         audit::copy(&tx, &record)?;
         Ok(())
     })
-    .map_err(|NotApplied(error)| error)?;
+    .map_err(|ReapplyError(error)| error)?;
     lost.extend(mark_lost_evidence(&tx, fold)?);
     if let Some(((table, key), problem)) = unmended(&tx, fold, &lost)? {
         let problem = format!(
@@ -253,7 +254,7 @@ fn fill(
         differed.push(DifferingRow { table: table.name().to_owned(), key, problem, columns });
     }
     let named = |(table, key): &RowName| (table.name().to_owned(), key.clone());
-    let rebuilt = Rebuilt {
+    let rebuilt = RebuildReport {
         from_seq: fold.end().seq,
         from_hash: fold.end().hash,
         problem: told.problem,
@@ -262,19 +263,19 @@ fn fill(
         kept_as: told.kept_as,
         unsigned: told.unsigned,
     };
-    let change = RebuiltChange { change: "store-rebuilt".to_owned(), by: told.by, rebuilt };
+    let change = RebuildRecordChange { change: "store-rebuilt".to_owned(), by: told.by, rebuilt };
     write_record(&tx, fold.end(), &change, &lost, wall_ms)?;
     let after = Fold::read(&tx).map_err(|fault| StoreError::Invariant(format!("{fault:?}")))?;
     if let Some(fault) = compare(&after, &tx).map_err(&error)? {
-        return Err(StoreError::Invariant(format!("the rebuilt store is not what its chain says: {fault}")));
+        return Err(StoreError::Invariant(format!("the rebuilt store differs from its chain: {fault}")));
     }
-    // What a start would refuse takes the place of nothing.
+    // A database that a start would refuse replaces nothing.
     check_tables(&after, &tx, damaged_store.path().map_or(Path::new(""), Path::new), store_id)?;
     tx.commit().map_err(&error)?;
     Ok(change.rebuilt)
 }
 
-/// Evidence whose text is not the one its record speaks of: a mark takes its place.
+/// Evidence whose text does not match its record: a mark replaces it.
 fn mark_lost_evidence(made: &Connection, fold: &Fold) -> Result<Vec<RowName>, StoreError> {
     let error = StoreError::sql("compare the rebuilt database");
     let mut lost = Vec::new();
@@ -288,7 +289,7 @@ fn mark_lost_evidence(made: &Connection, fold: &Fold) -> Result<Vec<RowName>, St
     Ok(lost)
 }
 
-/// The first row that is not as the chain says and is not lost.
+/// The first row that neither matches the chain nor is lost.
 fn unmended(
     made: &Connection,
     fold: &Fold,
@@ -298,8 +299,8 @@ fn unmended(
     Ok(found.into_iter().find(|(row, _)| row.0 != ChainedTable::Evidence || !lost.contains(row)))
 }
 
-/// Copies the receipts that are what the chain says. For records whose command is not known any more a name stands
-/// that nobody sends: a retry of that command would be applied again.
+/// Copies the receipts that match the chain. Records of unknown commands get a name that no command uses: a retry of
+/// that command would be applied again.
 fn copy_commands(made: &Connection, damaged_store: &Connection, fold: &Fold) -> Result<(), StoreError> {
     let error = StoreError::sql("copy the receipts");
     let mut select =
@@ -364,7 +365,7 @@ fn keep_lost_command(made: &Connection, fold: &Fold, first: u64, last: u64) -> R
 fn write_record(
     made: &Connection,
     end: Head,
-    change: &RebuiltChange,
+    change: &RebuildRecordChange,
     lost: &[RowName],
     wall_ms: i64,
 ) -> Result<(), StoreError> {

@@ -1,5 +1,4 @@
-//! One record of the chain applied once more, by the code that applied it first and without asking again whether it
-//! was allowed: it is on record.
+//! Applies one record of the chain again, by the original code and without a check of permission: it is on record.
 
 use std::collections::BTreeMap;
 
@@ -14,11 +13,11 @@ use super::change::Change;
 use super::compare::check_approval;
 use super::error::StoreError;
 use super::fold::Fold;
-use super::lost::{lost_mark, rows_lost, text_of};
 use super::migrate::{STORE, migrate};
-use super::rows::{ChainedTable, RowName, differing_columns, row_digest};
+use super::rebuild_report::{lost_mark, rows_lost, text_of};
+use super::row_images::{ChainedTable, RowName, differing_columns, row_digest};
 use holdpoint_approvals::SignedApproval;
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 
@@ -35,25 +34,25 @@ struct AppliedBody {
     rows: Vec<(String, String, Digest)>,
 }
 
-/// What a record says of an approval; the rest is under its signature.
+/// The approval's data in a record; the rest is in its signature.
 #[derive(Deserialize)]
-struct ApprovalOnRecord {
+struct ReplayedApproval {
     who: String,
-    decision: Answer,
+    decision: ApprovalDecision,
     row_version: u64,
     not_after_ms: u64,
     nonce: String,
 }
 
-/// Applies a record to the database being made. Texts that it does not repeat are those of the damaged store. Tells
-/// the rows of which a text is lost.
+/// Applies a record to the new database. Texts that it does not repeat come from the damaged store. Returns the rows
+/// with a lost text.
 pub(super) fn replay(
     made: &Connection,
     damaged_store: &Connection,
     fold: &Fold,
     record: &AuditRecord,
 ) -> Result<Vec<RowName>, StoreError> {
-    let Some(kind) = record.kind.known().copied().filter(|kind| super::names::is_own(*kind)) else {
+    let Some(kind) = record.kind.known().copied().filter(|kind| super::store_terms::is_own(*kind)) else {
         return Ok(Vec::new());
     };
     let unreadable = |error: serde_json::Error| StoreError::invalid("audit record", record.seq, error);
@@ -64,13 +63,13 @@ pub(super) fn replay(
     let body: AppliedBody = serde_json::from_str(&record.body).map_err(unreadable)?;
     let mut applier = Applier::replaying(made, fold, ApprovalBasis::none(), record);
     if kind == RecordKind::ApprovalPut {
-        let summary: ApprovalOnRecord = serde_json::from_value(body.change).map_err(unreadable)?;
+        let summary: ReplayedApproval = serde_json::from_value(body.change).map_err(unreadable)?;
         return put_approval(&applier, damaged_store, &record.subject, &summary);
     }
     let mut change = body.change;
     fill_texts(&mut change, damaged_store, record.seq);
     let change: Change = serde_json::from_value(change).map_err(unreadable)?;
-    applier.again(&change)?;
+    applier.reapply(&change)?;
     if let Change::RegisterVersion(new) = &change {
         mend_version(made, &new.id.to_string(), &new.manifest, &body.rows)?;
     }
@@ -78,8 +77,8 @@ pub(super) fn replay(
 }
 
 impl Applier<'_> {
-    /// Writes what a change wrote when it was allowed.
-    fn again(&mut self, change: &Change) -> Result<(), StoreError> {
+    /// Writes the effect of a change that was allowed.
+    fn reapply(&mut self, change: &Change) -> Result<(), StoreError> {
         let touched = match change {
             Change::SetState { version, expected_row_version, to, .. } => {
                 self.write_state(version, *expected_row_version, *to)
@@ -87,9 +86,9 @@ impl Applier<'_> {
             Change::SetActive { family, active, pinned, cause, robot } => {
                 self.write_active(family, (active.as_ref(), pinned.as_ref()), cause, robot.as_deref())
             }
-            // They write no row.
+            // These write no row.
             Change::SetWitness { .. } | Change::AllowProfile { .. } => return Ok(()),
-            // What was authorized when it was written is not asked again.
+            // The authorization was checked when it was written.
             Change::SetContext { profile, policy_digest, json, .. } => {
                 self.write_context(*profile, *policy_digest, json)
             }
@@ -116,7 +115,7 @@ impl Applier<'_> {
     }
 }
 
-/// A mark takes the place of a text that an earlier rebuild gave up.
+/// A mark replaces a text that an earlier rebuild gave up.
 fn mark(made: &Connection, table: &str, key: &str) -> Result<RowName, StoreError> {
     let known = ChainedTable::named(table);
     let (sql, table) = match known {
@@ -128,7 +127,7 @@ fn mark(made: &Connection, table: &str, key: &str) -> Result<RowName, StoreError
     Ok((table, key.to_owned()))
 }
 
-/// Puts the texts that a record does not repeat into its change.
+/// Adds the texts that a record does not repeat to its change.
 fn fill_texts(change: &mut Value, damaged_store: &Connection, seq: u64) {
     let Some(fields) = change.as_object_mut() else { return };
     let named = |field: &str| fields.get(field).and_then(Value::as_str).unwrap_or_default().to_owned();
@@ -164,22 +163,21 @@ fn fill_texts(change: &mut Value, damaged_store: &Connection, seq: u64) {
         let text = match (found, field) {
             (Some(text), _) => json!(text),
             (None, "signature") => Value::Null,
-            // Whatever stands here is held against the row's digest in the end.
+            // Any value here is compared with the row's digest in the end.
             (None, _) => json!("null"),
         };
         fields.insert(field.to_owned(), text);
     }
 }
 
-/// Permissions and environments of a version are its manifest's: where the row's own are not what was registered,
-/// they are read there.
+/// Permissions and environments of a version are its manifest's: if the row's own do not match, they come from there.
 fn mend_version(
     made: &Connection,
     name: &str,
     manifest: &str,
     rows: &[(String, String, Digest)],
 ) -> Result<(), StoreError> {
-    let error = StoreError::sql("mend a version");
+    let error = StoreError::sql("repair a version");
     let is_whole = || -> Result<bool, StoreError> {
         let digest = row_digest(made, ChainedTable::Version, name).map_err(&error)?;
         let table = ChainedTable::Version.name();
@@ -202,12 +200,12 @@ fn mend_version(
     Ok(())
 }
 
-/// Keeps an approval whose signature holds. Without it the claim alone is kept, and the approval counts no more.
+/// Stores an approval with a valid signature. Otherwise only the claim is stored, and the approval no longer counts.
 fn put_approval(
     applier: &Applier<'_>,
     damaged_store: &Connection,
     subject: &str,
-    summary: &ApprovalOnRecord,
+    summary: &ReplayedApproval,
 ) -> Result<Vec<RowName>, StoreError> {
     let nonce = &summary.nonce;
     let unreadable = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
@@ -228,7 +226,7 @@ fn put_approval(
         Some(signed) => signed.approval().claim_digest(),
         None => text_of(damaged_store, "SELECT claim FROM approval WHERE nonce = ?1", nonce)
             .and_then(|claim| claim.parse().ok())
-            .ok_or_else(|| unreadable("neither its claim nor its signature is there".to_owned()))?,
+            .ok_or_else(|| unreadable("its claim and its signature are missing".to_owned()))?,
     };
     let signed = match (&kept, text) {
         (Some(_), Some(text)) => text,
@@ -247,17 +245,17 @@ fn put_approval(
     Ok(if kept.is_some() { Vec::new() } else { vec![(ChainedTable::Approval, nonce.clone())] })
 }
 
-/// The columns of a row that it has otherwise by the chain; none if the chain cannot tell.
+/// The columns of a row that differ from the chain; none if the chain cannot tell.
 pub(crate) fn columns_otherwise(
     fold: &Fold,
     damaged_store: &Connection,
     table: ChainedTable,
     key: &str,
 ) -> Vec<String> {
-    let rebuilt = || -> Result<Vec<String>, NotApplied> {
+    let rebuilt = || -> Result<Vec<String>, ReapplyError> {
         let mut made = Connection::open_in_memory()?;
         migrate(&mut made, &STORE)?;
-        audit::for_each::<NotApplied>(damaged_store, 0, |record| {
+        audit::for_each::<ReapplyError>(damaged_store, 0, |record| {
             replay(&made, damaged_store, fold, &record)?;
             Ok(())
         })?;
@@ -266,16 +264,16 @@ pub(crate) fn columns_otherwise(
     rebuilt().unwrap_or_default()
 }
 
-/// A failure while records are applied once more.
-pub(super) struct NotApplied(pub(super) StoreError);
+/// A failure while records are applied again.
+pub(super) struct ReapplyError(pub(super) StoreError);
 
-impl From<rusqlite::Error> for NotApplied {
+impl From<rusqlite::Error> for ReapplyError {
     fn from(error: rusqlite::Error) -> Self {
         Self(StoreError::sql("read the audit chain")(error))
     }
 }
 
-impl From<StoreError> for NotApplied {
+impl From<StoreError> for ReapplyError {
     fn from(error: StoreError) -> Self {
         Self(error)
     }

@@ -1,24 +1,24 @@
-//! The longest row that is read of a database. Whoever can write the file could else have every reader load what fits into
-//! it: SQLite's own limit is a thousand million bytes.
+//! The longest row that is read from a database. Without it, a crafted file could make every reader load up to SQLite's
+//! own limit of a thousand million bytes.
 //!
-//! The limit holds for what is taken out of a row. A search by the key of a table without row ids loads the rows that it passes
-//! whole, so that `meta`, which is read before anything was looked at, is read from its beginning (`+key`).
+//! The limit applies to the values read from a row. A search by the key of a table without row ids loads whole rows on
+//! its way, so `meta`, which is read before any check, is read from its beginning (`+key`).
 
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, ErrorCode};
 
-/// The longest text of a row, and the longest row, bytes. This program writes none that is longer.
+/// The longest text of a row, and the longest row, bytes. This program writes shorter ones.
 pub(crate) const ROW_BYTES_MAX: i32 = 32 << 20;
 /// The table of the chain, whose records are read one by one anyway.
 const CHAIN: &str = "audit";
 
-/// Has a connection read and write no longer row.
+/// Sets the limit for a connection's reads and writes.
 pub(crate) fn set(connection: &Connection) -> rusqlite::Result<()> {
     connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, ROW_BYTES_MAX).map(drop)
 }
 
-/// Has a connection read and write what SQLite itself allows: for a rebuild, which puts other rows in the place of those
-/// that are too long and takes the memory that they need.
+/// Restores SQLite's own limit for a connection: a rebuild replaces rows that are too long, and takes the memory that
+/// they need.
 pub(crate) fn lift(connection: &Connection) -> rusqlite::Result<()> {
     connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, i32::MAX).map(drop)
 }
@@ -28,8 +28,8 @@ pub(crate) fn is_reached(error: &rusqlite::Error) -> bool {
     error.sqlite_error_code() == Some(ErrorCode::TooBig)
 }
 
-/// SQLite's error, with the limit where it is one.
-pub(crate) fn said(error: &rusqlite::Error) -> String {
+/// SQLite's error, with the limit if that is the cause.
+pub(crate) fn error_message(error: &rusqlite::Error) -> String {
     if is_reached(error) {
         return format!("there is a text of more than {ROW_BYTES_MAX} bytes, and so many are read");
     }
@@ -37,12 +37,12 @@ pub(crate) fn said(error: &rusqlite::Error) -> String {
 }
 
 /// As [`said`], of a row of this table.
-pub(crate) fn said_of(table: &str, error: &rusqlite::Error) -> String {
-    let said = said(error);
+pub(crate) fn error_message_for(table: &str, error: &rusqlite::Error) -> String {
+    let said = error_message(error);
     if is_reached(error) { format!("its table {table}: {said}") } else { said }
 }
 
-/// The first text beside the chain that is too long, by the lengths that the rows have at their beginning: none is loaded.
+/// The first text outside the chain that is too long, by the lengths in the rows' headers: no text is loaded.
 pub(crate) fn first_too_long(connection: &Connection) -> rusqlite::Result<Option<String>> {
     let sql = "SELECT t.name, c.name FROM sqlite_schema t JOIN pragma_table_info(t.name) c
                WHERE t.type = 'table' AND t.name NOT LIKE 'sqlite_%' AND t.name <> ?1 ORDER BY t.name, c.cid";

@@ -1,8 +1,8 @@
-//! Snapshots of the fold, so that the start of a store with a long chain need not read all of it.
+//! Snapshots of the fold, so that the start of a store with a long chain does not read all of it.
 //!
-//! A snapshot lies beside the checkpoint of the same record, and the checkpoint's signature covers its digest. One
-//! that is missing, damaged, of another store or of an earlier version is no snapshot: the chain is read from its first record. Records and
-//! receipts before a snapshot are not read at a start; `audit verify` and a rebuild read them always.
+//! A snapshot is stored beside the checkpoint of the same record, whose signature covers its digest. A missing, damaged
+//! or foreign snapshot, or one of an earlier version, is ignored: the chain is read from its first record. A start
+//! skips records and receipts before a snapshot; `audit verify` and a rebuild always read them.
 
 use std::collections::BTreeSet;
 use std::fs::{self, OpenOptions};
@@ -18,31 +18,31 @@ use sha2::{Digest as _, Sha256};
 use super::audit::Head;
 use super::checkpoint::{self, Checkpoint};
 use super::error::StoreError;
-use super::fold::{CellStop, Fold, FoldParts, Vouched};
+use super::fold::{CellStop, ChainedRow, Fold, FoldParts};
 use super::layout::write_atomically;
-use super::loosened::ProfileCourse;
 use super::merkle::Frontier;
-use super::rows::ChainedTable;
-use super::seals::TelemetryAccount;
+use super::profile_downgrade::ProfileHistory;
+use super::row_images::ChainedTable;
+use super::telemetry_seals::TelemetryAccount;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_text::file::{NO_LINK, regular};
 
 /// Domain tag of a snapshot's digest.
 const DOMAIN: &str = "holdpoint/fold-snapshot/v4";
-/// Records between two snapshots; a chain that is shorter is read as a whole.
+/// Records between two snapshots; a shorter chain is read whole.
 pub(crate) const EVERY_RECORDS: u64 = 32_768;
 /// The largest snapshot that is written or read, bytes.
 const BYTES_MAX: u64 = 512 << 20;
-/// Bytes of a snapshot that are looked at together.
+/// Bytes of a snapshot per read.
 const PIECE_BYTES: usize = 1 << 16;
 /// The ending of a snapshot's name.
 const ENDING: &str = "fold";
 
-/// A snapshot as its file has it.
+/// A snapshot in its file's form.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+struct SnapshotFile {
     seq: u64,
     hash: Digest,
     at_ms: u64,
@@ -53,17 +53,17 @@ struct File {
     tree: Frontier,
     witnesses: BTreeSet<String>,
     cell: CellStop,
-    profiles: ProfileCourse,
+    profiles: ProfileHistory,
 }
 
-/// Writes a snapshot and removes the earlier ones. Tells its digest, which a checkpoint has to cover; `None` if it
-/// would be too large.
+/// Writes a snapshot and removes the earlier ones. Returns its digest, which a checkpoint has to cover; `None` if it is
+/// too large.
 ///
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreError> {
     let FoldParts { end, rows, states, order, telemetry, tree, witnesses, cell, profiles } = fold.parts();
-    let file = File {
+    let file = SnapshotFile {
         seq: end.seq,
         hash: end.hash,
         at_ms: end.at_ms,
@@ -93,8 +93,8 @@ pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreE
     Ok(Some(Digest::of_parts(DOMAIN, &[&bytes])))
 }
 
-/// The fold up to the newest snapshot that a checkpoint of this store binds, and that is of this chain; `None` if
-/// there is none.
+/// The fold up to the newest snapshot that a checkpoint of this store covers, and that is of this chain; `None` without
+/// one.
 pub(crate) fn read(
     folder: &Path,
     connection: &Connection,
@@ -107,7 +107,7 @@ pub(crate) fn read(
     let bound = checkpoint.store_id == store_id && checkpoint.seq == seq && checkpoint.is_signed_by(key);
     let signed = checkpoint.fold.filter(|_| bound)?;
     let bytes = with_digest(&folder.join(name), signed)?;
-    let file: File = serde_json::from_slice(&bytes).ok()?;
+    let file: SnapshotFile = serde_json::from_slice(&bytes).ok()?;
     let end = Head { seq: file.seq, hash: file.hash, at_ms: file.at_ms };
     let there: Option<[u8; 32]> = connection
         .query_row("SELECT hash FROM audit WHERE seq = ?1", [seq], |row| row.get(0))
@@ -121,7 +121,7 @@ pub(crate) fn read(
     }
     let mut rows = std::collections::BTreeMap::new();
     for (table, key, digest, seq) in file.rows {
-        rows.insert((ChainedTable::named(&table)?, key), Vouched { digest, seq });
+        rows.insert((ChainedTable::named(&table)?, key), ChainedRow { digest, seq });
     }
     let states = file.states.into_iter().map(|(name, state, version)| (name, (state, version))).collect();
     Some(Fold::from_parts(
@@ -134,7 +134,7 @@ pub(crate) fn read(
     ))
 }
 
-/// A file's bytes, if they are those that were signed: they are looked at piece by piece before as many are loaded.
+/// A file's bytes, if they match the signature: the file is hashed piece by piece before it is loaded.
 fn with_digest(path: &Path, signed: Digest) -> Option<Vec<u8>> {
     let mut file = OpenOptions::new().read(true).custom_flags(NO_LINK).open(path).and_then(regular).ok()?;
     let length = file.metadata().ok()?.len();
@@ -195,7 +195,7 @@ mod tests {
             assert_eq!(with_digest(&path, signed), Some(bytes));
             assert_eq!(with_digest(&path, Digest::of_parts(DOMAIN, &[b"other"])), None);
         }
-        // One byte more than is ever written: not even hashed.
+        // One byte more than the largest snapshot: not even hashed.
         let empty = Digest::of_parts(DOMAIN, &[b""]);
         fs::File::create(&path).unwrap().set_len(BYTES_MAX + 1).unwrap();
         assert_eq!(with_digest(&path, empty), None);

@@ -1,8 +1,8 @@
-//! A stop of the cell that could not be put on record: kept beside the record, where the next engine looks for it.
+//! A stop of the cell that could not be recorded: stored beside the record, where the next engine finds it.
 //!
-//! It is written in every place that takes it: the store's folder, its folder of keys, and the user's runtime folder,
-//! which is on another disk and lasts until the machine ends. Whatever lies in one of these places stops the next
-//! engine. Each place holds one file of bounded size, and no file is written through a link.
+//! It is written in every place that accepts it: the store's folder, its folder of keys, and the user's runtime folder,
+//! which is on another disk and lasts until the machine shuts down. A mark in any of them stops the next engine. Each
+//! place holds one file of bounded size, and no file is written through a link.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::Write as _;
@@ -18,19 +18,19 @@ use super::layout::{Layout, sync_folder, write_atomically};
 /// The longest text of a stop, bytes.
 const STOP_BYTES_MAX: u64 = 64 * 1024;
 
-/// What a stop is called in each place.
+/// The mark's file name in each place.
 const NAME: &str = "stop.unrecorded";
 
 /// The places of one store.
 #[derive(Clone, Debug)]
 pub struct StopMarks {
     places: Vec<PathBuf>,
-    /// The folder of the last place, which is made when it is needed.
+    /// The folder of the last place, made on demand.
     runtime: Option<PathBuf>,
 }
 
 impl StopMarks {
-    /// The places of the store in this folder. Nothing is touched.
+    /// The places of the store in this folder. Touches nothing.
     #[must_use]
     pub fn of(layout: &Layout) -> Self {
         let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
@@ -41,7 +41,7 @@ impl StopMarks {
         let mut places = vec![layout.folder().join(NAME), layout.keys().join(NAME)];
         let runtime = runtime.map(|folder| folder.join("holdpoint"));
         places.extend(runtime.as_ref().map(|folder| {
-            // By the path of the store, which is there once.
+            // By the store's path, which is unique.
             let store = fs::canonicalize(layout.folder()).unwrap_or_else(|_| layout.folder().to_owned());
             let id = Digest::of_parts("holdpoint/stop-mark/v1", &[store.as_os_str().as_encoded_bytes()]);
             folder.join(format!("stop-{id}"))
@@ -55,15 +55,15 @@ impl StopMarks {
         &self.places
     }
 
-    /// Keeps a stop in every place that takes it.
+    /// Stores a stop in every place that accepts it.
     ///
     /// # Errors
-    /// Why the first place did not take it, if none did.
+    /// The first place's error, if none accepted it.
     pub fn keep(&self, text: &str) -> Result<(), StoreError> {
         let mut problem = None;
         let mut kept = false;
         if let Some(folder) = self.runtime.as_ref().filter(|folder| fs::symlink_metadata(folder).is_err()) {
-            // Where it cannot be made there is no such place.
+            // If it cannot be made, there is no such place.
             drop(DirBuilder::new().mode(0o700).create(folder));
         }
         for place in &self.places {
@@ -78,7 +78,7 @@ impl StopMarks {
         }
     }
 
-    /// The stop that is kept, as it was written; empty if there is one that cannot be read. `None`: there is none.
+    /// The stored stop, as written; empty if it cannot be read. `None`: there is none.
     #[must_use]
     pub fn found(&self) -> Option<String> {
         let lies = self.places.iter().filter(|place| fs::symlink_metadata(place).is_ok());
@@ -90,7 +90,7 @@ impl StopMarks {
     /// The stop is on record.
     pub fn remove(&self) {
         for place in &self.places {
-            // What cannot be removed stops the next engine, too: it can be let go.
+            // A mark that cannot be removed only stops the next engine, and an operator can start it again.
             drop(fs::remove_file(place));
         }
     }
@@ -98,23 +98,23 @@ impl StopMarks {
 
 fn keep_at(place: &Path, text: &str) -> Result<(), StoreError> {
     place.parent().map_or(Ok(()), own_folder)?;
-    // On a full disk no text can be written, and an entry in the folder still can: an empty mark stops as well.
+    // A full disk accepts no text, but still an entry in the folder: an empty mark stops as well.
     write_atomically(place, text.as_bytes()).or_else(|error| match made_new(place, text) {
         Ok(()) => Ok(()),
-        // An earlier stop lies there, which is as good.
+        // An earlier stop is there, with the same effect.
         Err(_) if fs::symlink_metadata(place).is_ok_and(|found| found.is_file()) => Ok(()),
         Err(_) => Err(error),
     })
 }
 
-/// A folder of somebody else is no place.
+/// Another user's folder is not a place.
 fn own_folder(folder: &Path) -> Result<(), StoreError> {
     // The store's own folder may lie behind a link.
     let found = fs::metadata(folder).map_err(StoreError::io("look at", folder))?;
     if found.is_dir() && found.uid() == rustix::process::geteuid().as_raw() {
         return Ok(());
     }
-    Err(StoreError::invalid("folder for a stop", folder.display(), "a folder of one's own"))
+    Err(StoreError::invalid("folder for a stop", folder.display(), "a folder of your own"))
 }
 
 fn made_new(place: &Path, text: &str) -> Result<(), StoreError> {
@@ -144,7 +144,7 @@ mod tests {
         fs::create_dir(&planted).unwrap();
         assert_eq!(marks.found().as_deref(), Some(""), "whatever lies there is a stop");
         marks.keep("by ana").unwrap();
-        // Whoever planted it takes it away again.
+        // Its owner removes it again.
         fs::remove_dir(&planted).unwrap();
         assert_eq!(marks.found().as_deref(), Some("by ana"));
         fs::remove_file(&marks.places[1]).unwrap();
@@ -177,6 +177,6 @@ mod tests {
         marks.remove();
         let pipe = std::process::Command::new("mkfifo").arg(&marks.places[0]).status().unwrap();
         assert!(pipe.success());
-        assert_eq!(marks.found().as_deref(), Some(""), "nobody waits for who writes into it");
+        assert_eq!(marks.found().as_deref(), Some(""), "the mark blocks on no reader");
     }
 }

@@ -1,7 +1,7 @@
-//! The id of a store says by which key it signs: whoever puts another key in its place has made another store, with
-//! another id, for which nobody's approvals and enrolments are signed and no witness has a folder.
+//! The id of a store is derived from its signing key. Another key makes another store with another id, for which no
+//! approvals and enrollments are signed and no witness has a folder.
 //!
-//! Stores of earlier versions have a random id, which says nothing of a key.
+//! Stores of earlier versions have a random id, without relation to a key.
 
 use std::path::Path;
 
@@ -13,11 +13,11 @@ use super::open::not_the_chain;
 use super::row_limit;
 use holdpoint_governance::ids::Digest;
 
-/// Domain tag of the digest that an id is made of.
+/// Domain tag of the digest in an id.
 const DOMAIN: &str = "holdpoint/store-id/v1";
-/// How the ids begin that say by which key their store signs.
+/// The prefix of ids that are derived from a key.
 const PREFIX: &str = "key-";
-/// Digits of the digest in an id: 128 bits, for which nobody finds a second key.
+/// Digits of the digest in an id: 128 bits, too many to find a second key.
 const DIGITS: usize = 32;
 
 /// The id of a store that signs with this key.
@@ -27,7 +27,7 @@ pub(crate) fn of_key(key: &VerifyingKey) -> String {
     format!("{PREFIX}{digits}")
 }
 
-/// Whether a store with this id signs with this key, as far as the id says.
+/// Whether a store with this id signs with this key, as far as the id shows.
 ///
 /// # Errors
 /// What is wrong, if it does not.
@@ -42,7 +42,10 @@ pub(crate) fn check_key(store_id: &str, key: &VerifyingKey) -> Result<(), String
 pub(crate) fn read(connection: &Connection, database: &Path) -> Result<String, StoreError> {
     connection.query_row("SELECT value FROM meta WHERE +key = 'store_id'", [], |row| row.get(0)).map_err(
         |error| {
-            not_the_chain(database, &format!("its id cannot be read: {}", row_limit::said_of("meta", &error)))
+            not_the_chain(
+                database,
+                &format!("its id cannot be read: {}", row_limit::error_message_for("meta", &error)),
+            )
         },
     )
 }

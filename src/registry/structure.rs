@@ -1,7 +1,7 @@
-//! SQLite's own look at the structure of the store's file, as far as nothing else has looked.
+//! SQLite's own check of the structure of the store's file, as far as no other check has covered it.
 //!
-//! What is not left to SQLite is what the fold has read anyway: that the content of a record is what it was is told by
-//! its hash, and the two indexes of the chain are held against the records by one pass over each.
+//! SQLite does not check what the fold has read anyway: a record's hash covers its content, and one pass over each of
+//! the two indexes of the chain compares it with the records.
 
 use std::hash::{BuildHasher, RandomState};
 use std::path::Path;
@@ -15,17 +15,17 @@ use holdpoint_governance::record::{RecordKind, RecordRef};
 
 /// The table of the chain: nearly all of a store's file.
 const CHAIN: &str = "audit";
-/// Its indexes, and what each is by.
+/// Its indexes, and their columns.
 const CHAIN_INDEXES: [(&str, &str); 2] = [("audit_subject", "subject"), ("audit_kind", "kind")];
 
-/// The structure of what a start reads and writes. Where the fold goes on from a snapshot the records before it were
-/// not read, and are not looked at here either; `verify` does.
+/// The structure of the part that a start reads and writes. If the fold continues from a snapshot, earlier records are
+/// not checked here; `verify` does.
 ///
 /// # Errors
 /// What is wrong, in SQLite's words.
 pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(), String> {
     check_cell(connection, fold)?;
-    // Pages that are free are looked at with the whole file alone.
+    // Only a check of the whole file covers free pages.
     if fold.since() == 0 || has_free_pages(connection).map_err(unreadable)? {
         return whole_file(connection);
     }
@@ -34,7 +34,7 @@ pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(),
             of_table(connection, "quick_check", &table)?;
         }
     }
-    // An entry that is not there hides a record from who asks by kind or subject, a stop for one.
+    // A missing entry hides a record, such as a stop, from queries by kind or subject.
     for (index, column) in CHAIN_INDEXES {
         let sql = format!("SELECT count({column}) FROM audit INDEXED BY {index}");
         let entries: u64 = connection.query_row(&sql, [], |row| row.get(0)).map_err(unreadable)?;
@@ -45,7 +45,8 @@ pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(),
     Ok(())
 }
 
-/// A stop of the cell, and how its last engine ended, are found by the kind of a record: what the index has of such records is what the chain says.
+/// The kind of a record finds a stop of the cell, and how its last engine ended: the index must match the chain for
+/// these kinds.
 fn check_cell(connection: &Connection, fold: &Fold) -> Result<(), String> {
     let number = |sql: &str, after: u64| -> Result<u64, String> {
         let found = connection.query_row(sql, [after], |row| row.get::<_, Option<u64>>(0));
@@ -62,11 +63,11 @@ fn check_cell(connection: &Connection, fold: &Fold) -> Result<(), String> {
     if fold.cell() == (CellStop { released, stopped, began }) {
         return Ok(());
     }
-    Err("the index \"audit_kind\" is not what its table holds".to_owned())
+    Err("the index \"audit_kind\" differs from its table".to_owned())
 }
 
-/// The structure of the whole file, and every index but those of the chain against its table. On a connection of its own:
-/// whoever reads the records meanwhile has another.
+/// The structure of the whole file, and every index but those of the chain against its table. On its own connection,
+/// because another one reads the records meanwhile.
 ///
 /// # Errors
 /// What is wrong.
@@ -81,19 +82,19 @@ pub(crate) fn check_file(database: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// The indexes of the chain against its records. `fold` is of the whole chain, and was asked for them.
+/// The indexes of the chain against its records. `fold` covers the whole chain, with index sums.
 ///
 /// # Errors
 /// What is wrong.
 pub(crate) fn check_indexes(connection: &Connection, fold: &Fold) -> Result<(), String> {
     let Some(indexes) = fold.indexes() else {
-        return Err("nobody summed up what the indexes hold".to_owned());
+        return Err("the sums of the indexes are missing".to_owned());
     };
     let differing = indexes.differing(connection, fold.end().seq).map_err(unreadable)?;
-    differing.map_or(Ok(()), |index| Err(format!("the index {index:?} is not what its table holds")))
+    differing.map_or(Ok(()), |index| Err(format!("the index {index:?} differs from its table")))
 }
 
-/// Every page, and every row but for the conditions on records: their content is what it was by their hashes.
+/// Every page, and every row without the constraints on records: hashes cover their content.
 fn whole_file(connection: &Connection) -> Result<(), String> {
     let ignore = |on: &str| {
         connection.execute_batch(&format!("PRAGMA ignore_check_constraints = {on}")).map_err(unreadable)
@@ -111,7 +112,7 @@ fn whole_file(connection: &Connection) -> Result<(), String> {
 }
 
 fn unreadable(error: rusqlite::Error) -> String {
-    row_limit::said(&error)
+    row_limit::error_message(&error)
 }
 
 fn has_free_pages(connection: &Connection) -> rusqlite::Result<bool> {
@@ -135,8 +136,8 @@ fn pragma(connection: &Connection, check: &str) -> Result<(), String> {
     if answer == "ok" { Ok(()) } else { Err(answer) }
 }
 
-/// Kind and subject of every record, as the indexes of the chain hold them: the sum of their hashes under a key that
-/// nobody knows before, so that no other entries can be made up that come to the same.
+/// Kind and subject of every record, as in the indexes of the chain: the sum of their hashes under a random key, so
+/// that no other entries with the same sum can be made.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct IndexSums {
     key: RandomState,
@@ -154,7 +155,7 @@ impl IndexSums {
         self.key.hash_one((text, seq))
     }
 
-    /// The index that has not an entry for each of so many records, in its order, and no other; `None` if both have.
+    /// The index without exactly one entry for each record, in its order; `None` if both have them.
     fn differing(&self, connection: &Connection, records: u64) -> rusqlite::Result<Option<&'static str>> {
         for ((index, column), sum) in CHAIN_INDEXES.into_iter().zip([self.subjects, self.kinds]) {
             if self.of_index(connection, index, column)? != Some((records, sum)) {

@@ -1,23 +1,23 @@
-//! Telemetry and kept cells: a second database file that may lose its newest batches to a power cut, until they are
-//! sealed; then their digests can enter the audit chain. What a cell may be believed for is [`super::kept`]'s.
+//! Telemetry and cached results: a second database file, whose newest batches a power cut may lose until they are
+//! sealed and their digests enter the audit chain. [`super::result_cache`] authenticates cached results.
 //!
-//! Batches are sealed in blocks: whatever waits is sealed together with the next record of any kind, or once a block
-//! is full or its first batch is old. So a record never rests on telemetry that is not sealed before it.
+//! Batches are sealed in blocks: together with the next record of any kind, or once a block is full or its first batch
+//! is old. So every record rests on telemetry that was sealed before it.
 //!
-//! Bounded: the oldest batches and the cells longest unused are removed beyond the limits; batches once it is on record
-//! that they go.
+//! Bounded: beyond the limits the oldest batches, once their removal is on record, and the least recently used cells
+//! are removed.
 
 use std::path::Path;
 
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
 
-use super::aside::Contents;
-use super::change::{BLOCK_BATCHES_MAX, BatchReceipt, Change, GAPS_MAX, SetAside};
+use super::change::{BLOCK_BATCHES_MAX, BatchReceipt, Change, GAPS_MAX, QuarantinedFile};
 use super::error::StoreError;
 use super::migrate::TELEMETRY;
-use super::open::{Durability, WrittenHere, open_writer};
-use super::seals::{BatchState, FoundTelemetry, Settled, TelemetryAccount, absent};
+use super::open::{Durability, WriterGuard, open_writer};
+use super::telemetry_quarantine::TelemetryContents;
+use super::telemetry_seals::{BatchState, SealProgress, StartupTelemetry, TelemetryAccount, absent};
 use holdpoint_governance::ids::{CapabilityId, Digest, is_name};
 
 /// How much the telemetry file keeps.
@@ -25,7 +25,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, is_name};
 pub struct TelemetryLimits {
     /// All batch bodies together, bytes.
     pub batch_bytes_max: u64,
-    /// All kept cells together, bytes.
+    /// All cached results together, bytes.
     pub cell_bytes_max: u64,
 }
 
@@ -55,10 +55,10 @@ pub struct Batch {
     pub body: Vec<u8>,
 }
 
-/// What an episode's result depends on.
+/// The inputs of an episode's result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EpisodeKey {
-    /// Digest of what ran.
+    /// Digest of the version.
     pub bundle: Digest,
     /// Digest of the scenario with its perturbations.
     pub scenario: Digest,
@@ -68,7 +68,7 @@ pub struct EpisodeKey {
 }
 
 impl EpisodeKey {
-    /// What it is kept under.
+    /// The key of its cached result.
     #[must_use]
     pub fn digest(&self) -> Digest {
         let seed = self.seed.to_le_bytes();
@@ -100,44 +100,43 @@ fn batch_digest(version: &str, stream: &str, [from_ms, to_ms, rows]: [u64; 3], b
 pub(crate) struct TelemetryFile {
     connection: Connection,
     limits: TelemetryLimits,
-    /// Number of the next batch: the chain and the rows say it, no count that lies in the file.
+    /// Number of the next batch: from the chain and the rows, not from a stored counter.
     next: u64,
     /// Bytes of all batches.
     batch_bytes: u64,
-    /// Of the kept cells, once somebody asked.
-    cells: Option<CellUse>,
+    /// Of the cached results, once requested.
+    cells: Option<CacheUsage>,
     /// In order, with the virtual time of the last row, ms.
     unsealed: Vec<(BatchReceipt, u64)>,
     // After the connection: fields are dropped in their order.
-    _written: WrittenHere,
+    _written: WriterGuard,
 }
 
-/// What is known of the kept cells by their rows.
+/// Usage of the cached results, from their rows.
 #[derive(Clone, Copy, Debug)]
-struct CellUse {
+struct CacheUsage {
     /// Bytes of all of them.
     bytes: u64,
     /// When the last one was used, in uses.
     tick: i64,
 }
 
-/// Batches between two seals at most; more than that is a caller that forgot to seal.
+/// The most batches between two seals; a caller with more forgot to seal.
 pub(crate) const UNSEALED_MAX: usize = 4096;
-/// Batches that wait at most, where nothing else is written.
+/// The most pending batches if nothing else is written.
 const WAITING_MAX: usize = 32;
-/// How long a batch waits at most, where nothing else is written; virtual time, ms.
+/// The longest wait of a batch if nothing else is written; virtual time, ms.
 const WAITS_MS_MAX: u64 = 5 * 60 * 1000;
 
 impl TelemetryFile {
-    /// Opens the file that was looked at and has these contents; makes it if there is none. `sealed` is the last
-    /// batch of the chain.
+    /// Opens the checked file with these contents; makes it if there is none. `sealed` is the last batch of the chain.
     pub(crate) fn open(
         path: &Path,
         limits: TelemetryLimits,
-        (contents, sealed): (&Contents, u64),
+        (contents, sealed): (&TelemetryContents, u64),
     ) -> Result<Self, StoreError> {
         let (connection, written) = open_writer(path, &TELEMETRY, Durability::Normal)?;
-        // What comes in while it is open acts on nothing either.
+        // Triggers added while it is open have no effect either.
         for config in [DbConfig::SQLITE_DBCONFIG_ENABLE_TRIGGER, DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW] {
             connection.set_db_config(config, false).map_err(StoreError::sql("set up its database"))?;
         }
@@ -153,7 +152,7 @@ impl TelemetryFile {
         })
     }
 
-    /// Keeps a batch.
+    /// Stores a batch.
     pub(crate) fn append(&mut self, batch: &Batch) -> Result<BatchReceipt, StoreError> {
         check_body("telemetry batch", &batch.body, batch.rows > 0)?;
         if !is_name(&batch.stream) {
@@ -207,19 +206,19 @@ impl TelemetryFile {
         Ok(receipt)
     }
 
-    /// The latest virtual time of a batch that waits to be sealed, ms; `None` if none does.
+    /// The latest virtual time of a pending batch, ms; `None` without one.
     pub(crate) fn waiting(&self) -> Option<u64> {
         self.unsealed.iter().map(|(_, to_ms)| *to_ms).max()
     }
 
-    /// Whether what waits has to be sealed now, although nothing else is written.
+    /// Whether pending batches must be sealed now, although nothing else is written.
     pub(crate) fn is_due(&self, now_ms: u64) -> bool {
         let first = self.unsealed.first();
         self.unsealed.len() >= WAITING_MAX
             || first.is_some_and(|(_, to_ms)| now_ms.saturating_sub(*to_ms) >= WAITS_MS_MAX)
     }
 
-    /// Forces everything to disk and returns what puts it into the audit chain; it waits until it is there.
+    /// Flushes everything and returns the changes that put it into the audit chain; batches stay pending until then.
     pub(crate) fn seal(&self) -> Result<Vec<Change>, StoreError> {
         if self.unsealed.is_empty() {
             return Ok(Vec::new());
@@ -241,7 +240,7 @@ impl TelemetryFile {
         Ok(changes)
     }
 
-    /// The last of the oldest batches that have to go for the others to be within the limit; the newest stays.
+    /// The last of the oldest batches to remove for the size limit; the newest stays.
     fn over_limit(&self) -> rusqlite::Result<Option<u64>> {
         let mut over = self.batch_bytes.saturating_sub(self.limits.batch_bytes_max);
         if over == 0 {
@@ -260,9 +259,9 @@ impl TelemetryFile {
         Ok(through)
     }
 
-    /// What these changes say is on record now: what they seal waits no more, what they remove goes.
-    pub(crate) fn settle(&mut self, settled: Settled) -> Result<(), StoreError> {
-        let Settled { sealed, pruned } = settled;
+    /// These changes are on record: sealed batches are no longer pending, and removed ones are deleted.
+    pub(crate) fn settle(&mut self, settled: SealProgress) -> Result<(), StoreError> {
+        let SealProgress { sealed, pruned } = settled;
         self.unsealed.retain(|(receipt, _)| receipt.batch > sealed);
         if pruned == 0 {
             return Ok(());
@@ -277,15 +276,15 @@ impl TelemetryFile {
         Ok(())
     }
 
-    /// Compares the file with what the chain says of it. Batches of versions that there are not are none of this
-    /// store's, and are left out.
-    pub(crate) fn found(
+    /// Compares the file with the chain's records about it. Batches of unknown versions are not this store's, and are
+    /// left out.
+    pub(crate) fn startup_report(
         &self,
         there: Vec<u64>,
         account: &TelemetryAccount,
-        aside: Vec<SetAside>,
+        aside: Vec<QuarantinedFile>,
         is_known: impl Fn(&CapabilityId) -> bool,
-    ) -> Result<FoundTelemetry, StoreError> {
+    ) -> Result<StartupTelemetry, StoreError> {
         let mut changes = Vec::new();
         let oldest = there.first().copied();
         let gaps = account.gaps(&there, oldest, GAPS_MAX);
@@ -316,10 +315,10 @@ impl TelemetryFile {
         for block in unsealed.chunks(BLOCK_BATCHES_MAX) {
             changes.push(Change::SealTelemetryBlock { batches: block.to_vec(), found: true });
         }
-        Ok(FoundTelemetry { changes, missing, unsealed: count, aside })
+        Ok(StartupTelemetry { changes, missing, unsealed: count, aside })
     }
 
-    /// A batch as it lies there; `None` if there is none, or it is none that an engine wrote.
+    /// A batch's row; `None` if there is none, or no engine wrote it.
     fn content(&self, number: u64) -> Result<Option<Batch>, StoreError> {
         let sql = "SELECT version, stream, from_ms, to_ms, rows, body FROM batch WHERE id = ?1";
         let read = |row: &rusqlite::Row<'_>| -> rusqlite::Result<Option<Batch>> {
@@ -339,8 +338,8 @@ impl TelemetryFile {
     /// A batch's rows, checked against their digest; `None` if it was removed.
     pub(crate) fn read(&self, batch: u64) -> Result<Option<Batch>, StoreError> {
         let sql = "SELECT version, stream, from_ms, to_ms, rows, digest, body FROM batch WHERE id = ?1";
-        type Found = (String, Batch);
-        let found: Option<Found> = self
+        type BatchRow = (String, Batch);
+        let found: Option<BatchRow> = self
             .connection
             .prepare_cached(sql)
             .and_then(|mut select| {
@@ -378,11 +377,11 @@ impl TelemetryFile {
         }
     }
 
-    /// A kept cell as it lies there: its code and its body. Nobody may believe it for that.
+    /// A cached cell's row: its MAC and its body, not yet authenticated.
     pub(crate) fn cell(&mut self, key: &Digest) -> Result<Option<(String, Vec<u8>)>, StoreError> {
         let key = key.to_string();
         let mut known = self.cell_use()?;
-        let found = self.write("read a kept cell", |tx| {
+        let found = self.write("read a cached result", |tx| {
             let found: Option<(String, Vec<u8>)> = tx
                 .prepare_cached("SELECT mac, body FROM cell WHERE key = ?1")?
                 .query_row([&key], |row| Ok((row.get(0)?, row.get(1)?)))
@@ -398,9 +397,9 @@ impl TelemetryFile {
         Ok(found)
     }
 
-    /// Keeps a cell with its code; removes those longest unused beyond the limit.
+    /// Stores a cell with its MAC; removes the least recently used beyond the limit.
     pub(crate) fn put_cell(&mut self, key: &Digest, mac: &str, body: &[u8]) -> Result<(), StoreError> {
-        check_body("kept cell", body, true)?;
+        check_body("cached result", body, true)?;
         let key = key.to_string();
         let limit = self.limits.cell_bytes_max;
         let mut known = self.cell_use()?;
@@ -428,27 +427,27 @@ impl TelemetryFile {
         Ok(())
     }
 
-    /// What the rows of the kept cells come to. Read once: a cell is only written here.
-    fn cell_use(&mut self) -> Result<CellUse, StoreError> {
+    /// Usage of the cached results. Read once: only this process writes cells.
+    fn cell_use(&mut self) -> Result<CacheUsage, StoreError> {
         if let Some(known) = self.cells {
             return Ok(known);
         }
-        let mut known: CellUse = self.write("count the kept cells", |tx| {
+        let mut known: CacheUsage = self.write("count the cached results", |tx| {
             let sql = "SELECT coalesce(sum(length(body)), 0), coalesce(max(used), 0) FROM cell";
-            tx.query_row(sql, [], |row| Ok(CellUse { bytes: row.get(0)?, tick: row.get(1)? }))
+            tx.query_row(sql, [], |row| Ok(CacheUsage { bytes: row.get(0)?, tick: row.get(1)? }))
         })?;
         if known.tick < 0 || known.tick > i64::MAX / 2 {
-            // Nobody used cells so often: somebody wrote the number.
-            self.write("count the kept cells", |tx| tx.execute("UPDATE cell SET used = 0", []))?;
+            // No engine reaches this count: the file was edited.
+            self.write("count the cached results", |tx| tx.execute("UPDATE cell SET used = 0", []))?;
             known.tick = 0;
         }
         self.cells = Some(known);
         Ok(known)
     }
 
-    /// Throws every kept cell away.
+    /// Deletes every cached result.
     pub(crate) fn void_cells(&mut self) -> Result<(), StoreError> {
-        self.write("throw the kept cells away", |tx| tx.execute("DELETE FROM cell", []))?;
+        self.write("delete the cached results", |tx| tx.execute("DELETE FROM cell", []))?;
         self.cells = None;
         Ok(())
     }
@@ -476,7 +475,7 @@ fn check_body(what: &'static str, body: &[u8], has_rows: bool) -> Result<(), Sto
     Ok(())
 }
 
-/// Removes a cell. Tells its bytes.
+/// Removes a cell. Returns its bytes.
 fn remove_cell(tx: &Transaction<'_>, key: &str) -> rusqlite::Result<u64> {
     let bytes: Option<u64> = tx
         .prepare_cached("DELETE FROM cell WHERE key = ?1 RETURNING length(body)")?
@@ -485,14 +484,14 @@ fn remove_cell(tx: &Transaction<'_>, key: &str) -> rusqlite::Result<u64> {
     Ok(bytes.unwrap_or(0))
 }
 
-/// Digest of a batch's fields as they lie there; `None` if there is no such batch.
+/// Digest of a batch's row; `None` if there is no such batch.
 pub(crate) fn content_digest(connection: &Connection, batch: u64) -> rusqlite::Result<Option<Digest>> {
-    let sql = format!("{LYING} WHERE id = ?1");
+    let sql = format!("{STORED_BATCH_SQL} WHERE id = ?1");
     connection.prepare_cached(&sql)?.query_row([batch], lying_digest).optional()
 }
 
-/// What a digest is over, and how much of a batch is looked at: longer than that none was written.
-pub(crate) const LYING: &str = "SELECT id, version, stream, from_ms, to_ms, rows,
+/// The hashed fields of a batch, and the longest accepted body: no engine writes a longer one.
+pub(crate) const STORED_BATCH_SQL: &str = "SELECT id, version, stream, from_ms, to_ms, rows,
     CASE WHEN length(body) <= 4194304 THEN body ELSE x'' END FROM batch";
 const _: () = assert!(BODY_BYTES_MAX == 4_194_304);
 

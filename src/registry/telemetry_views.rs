@@ -1,15 +1,15 @@
-//! What is left of a store's telemetry, to read; also while an engine has it.
+//! Read access to a store's telemetry, also while an engine has it open.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use rusqlite::{Connection, Row};
 
-use super::aside::wrong_shape;
 use super::error::StoreError;
 use super::migrate::TELEMETRY;
 use super::open::{not_telemetry, open_reader};
-use super::telemetry::{Batch, LYING, lying_digest};
+use super::telemetry::{Batch, STORED_BATCH_SQL, lying_digest};
+use super::telemetry_quarantine::wrong_shape;
 use holdpoint_governance::ids::Digest;
 
 /// See the module's head.
@@ -18,13 +18,13 @@ pub struct TelemetryViews {
     connection: Connection,
 }
 
-/// A batch as it lies there. Whether it is what was sealed, the audit chain says: to compare is the caller's.
+/// A batch's row. The caller compares it with its seal in the audit chain.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LyingBatch {
+pub struct StoredBatch {
     pub number: u64,
-    /// Digest of all its fields, as they are.
+    /// Digest of its present fields.
     pub digest: Digest,
-    /// `None` if it is none that an engine writes.
+    /// `None` if no engine writes such a row.
     pub batch: Option<Batch>,
 }
 
@@ -43,14 +43,14 @@ impl TelemetryViews {
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn each_batch(&self, to_batch: u64, mut visit: impl FnMut(LyingBatch)) -> Result<(), StoreError> {
-        let sql = format!("{LYING} WHERE id BETWEEN 1 AND ?1 ORDER BY id");
+    pub fn each_batch(&self, to_batch: u64, mut visit: impl FnMut(StoredBatch)) -> Result<(), StoreError> {
+        let sql = format!("{STORED_BATCH_SQL} WHERE id BETWEEN 1 AND ?1 ORDER BY id");
         let to_batch = i64::try_from(to_batch).unwrap_or(i64::MAX);
         let mut read = || {
             let mut select = self.connection.prepare_cached(&sql)?;
             let mut rows = select.query([to_batch])?;
             while let Some(row) = rows.next()? {
-                visit(LyingBatch {
+                visit(StoredBatch {
                     number: row.get(0)?,
                     digest: lying_digest(row)?,
                     batch: batch_of(row).ok().flatten(),
@@ -69,15 +69,15 @@ impl TelemetryViews {
         &self,
         [one, other]: [&str; 2],
         (first, last): (u64, u64),
-        mut visit: impl FnMut(LyingBatch),
+        mut visit: impl FnMut(StoredBatch),
     ) -> Result<(), StoreError> {
-        let sql = format!("{LYING} WHERE id BETWEEN ?1 AND ?2 AND stream IN (?3, ?4) ORDER BY id");
+        let sql = format!("{STORED_BATCH_SQL} WHERE id BETWEEN ?1 AND ?2 AND stream IN (?3, ?4) ORDER BY id");
         let bound = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
         let mut read = || {
             let mut select = self.connection.prepare_cached(&sql)?;
             let mut rows = select.query(rusqlite::params![bound(first), bound(last), one, other])?;
             while let Some(row) = rows.next()? {
-                visit(LyingBatch {
+                visit(StoredBatch {
                     number: row.get(0)?,
                     digest: lying_digest(row)?,
                     batch: batch_of(row).ok().flatten(),
@@ -88,7 +88,7 @@ impl TelemetryViews {
         read().map_err(StoreError::sql("read telemetry"))
     }
 
-    /// Calls `visit` with those of these numbers of which a batch is there.
+    /// Calls `visit` with each of these numbers that has a batch.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -105,7 +105,7 @@ impl TelemetryViews {
         look().map_err(StoreError::sql("read telemetry"))
     }
 
-    /// The number of the oldest batch that is there; `None` if none is.
+    /// The number of the oldest batch; `None` without one.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -115,7 +115,7 @@ impl TelemetryViews {
             .map_err(StoreError::sql("read telemetry"))
     }
 
-    /// The numbers of all batches that are there.
+    /// The numbers of all batches.
     ///
     /// # Errors
     /// If the file cannot be read.

@@ -1,7 +1,7 @@
-//! The verifier: says whether a store's history can be trusted, and names the first record that cannot.
+//! The verifier: judges whether a store's history can be trusted, and names the first record that cannot.
 //!
-//! Needs the database file and, to judge checkpoints, the store's public key. Looks at `checkpoints/` and
-//! `telemetry.db` beside the file if they are there. Never writes.
+//! Needs the database file and, to judge checkpoints, the store's public key. Reads `checkpoints/` and `telemetry.db`
+//! beside the file if they exist. Never writes.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,52 +10,52 @@ use ed25519_dalek::VerifyingKey;
 use rusqlite::Connection;
 use serde::Serialize;
 
-use super::aside::wrong_shape;
 use super::audit::{self, head};
-use super::checkpoint::{BadFile, Checkpoint, Kept, read_all};
+use super::authorizations::check_authorizations;
+use super::chain_signature::{self, SigningFault};
+use super::checkpoint::{BadCheckpointFile, Checkpoint, StoredCheckpoint, read_all};
 use super::compare::{check_approvals, compare};
-use super::copies::{ChainAt, HeldCopy, check_copy, read_copies, read_witness};
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold, FoldError};
+use super::head_copies::{ChainPoint, HeadCopy, check_copy, read_copies, read_witness};
 use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
-use super::people;
+use super::person_rows;
 use super::row_limit;
-use super::seals::{BatchState, absent};
-use super::shape::first_difference;
-use super::signed::{self, Unsigned};
+use super::schema_shape::first_difference;
 use super::store_id;
 use super::structure;
 use super::telemetry::check_batch;
-use super::unsound::VerifyError;
+use super::telemetry_quarantine::wrong_shape;
+use super::telemetry_seals::{BatchState, absent};
+use super::verify_error::VerifyError;
 use super::witness::folder_of;
-use super::words::check_words;
 use holdpoint_governance::ids::Digest;
 
-/// Where a database lies.
+/// The location of a database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
-    /// In its store: keys, checkpoints and telemetry have to be beside it, and its witnesses are asked.
+pub enum DatabaseLocation {
+    /// In its store: keys, checkpoints and telemetry must be beside it, and its witnesses are read.
     Store,
-    /// Elsewhere: what is not beside it may not have been copied, and it is older than what witnesses have.
+    /// Elsewhere: missing companions may not have been copied, and it is older than the witnesses' heads.
     Copy,
 }
 
-/// What a store is judged by, beside itself.
+/// Further inputs of a verification.
 #[derive(Clone, Copy)]
-pub struct JudgedBy<'a> {
+pub struct VerifyOptions<'a> {
     /// The store's public key; without one no signature is checked.
     pub key: Option<&'a VerifyingKey>,
     /// Files and folders with signed heads that were kept elsewhere.
     pub against: &'a [PathBuf],
     /// Whether it is the store in its place, or a copy of one.
-    pub place: Place,
-    /// Is told how far it is: what is looked at, how much of it was, and how much there is.
+    pub place: DatabaseLocation,
+    /// Gets the progress: the step, the finished part, and the total.
     pub tell: &'a dyn Fn(&'static str, u64, u64),
 }
 
-/// What was found sound.
+/// The sound content of a store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct VerifyReport {
     pub store_id: String,
@@ -67,9 +67,9 @@ pub struct VerifyReport {
     pub root: Digest,
     /// Checkpoints whose signature and record match.
     pub checkpoints: u64,
-    /// Heads kept elsewhere that are of this chain: those that were named, and those of its witnesses.
+    /// Heads kept elsewhere that are of this chain: named ones, and those of its witnesses.
     pub copies: u64,
-    /// Witnesses that could not be read, and files of theirs that are no heads, each with why.
+    /// Unreadable witnesses, and files of theirs that are not heads, each with the reason.
     pub witnesses_silent: Vec<String>,
     /// Whether a public key was given; without one, signatures of checkpoints were not checked.
     pub key_given: bool,
@@ -77,10 +77,11 @@ pub struct VerifyReport {
     pub approvals: u64,
     /// Persons, enrolled and revoked, whose acts are signed by an administrator of their time.
     pub persons: u64,
-    /// First and last of the records that nobody had signed when a rebuild took them: nothing speaks for those.
+    /// First and last of the unsigned records that a rebuild took: no signature covers those.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub taken_unsigned: Vec<(u64, u64)>,
-    /// Those of them for whom a confirmed administrator vouches with a protected key, the first administrator included.
+    /// Those of them whom a verified administrator verified with a passphrase-protected key, the first administrator
+    /// included.
     pub confirmed: u64,
     /// Sealed batches of telemetry that match.
     pub batches: u64,
@@ -88,14 +89,14 @@ pub struct VerifyReport {
     pub batches_pruned: u64,
     /// Sealed batches that are missing, which is on record.
     pub batches_missed: u64,
-    /// Sealed batches that could not be looked at: the database was copied away from its telemetry file.
+    /// Sealed batches that could not be checked: the database was copied without its telemetry file.
     pub batches_unseen: u64,
-    /// Which ones are not there, of all these.
+    /// The missing ones among all these.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub batches_missing: Option<MissingBatches>,
 }
 
-/// Sealed batches of telemetry that are not there: without a gap the oldest ones, or all.
+/// Missing sealed batches of telemetry: without a gap the oldest ones, or all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct MissingBatches {
     pub first: u64,
@@ -121,12 +122,12 @@ const STRAYS_TOLD_MAX: usize = 3;
 const CHECKPOINTS: &str = "checkpoints";
 const KEYS: &str = "keys";
 
-fn bad_file(BadFile { file, problem }: BadFile) -> VerifyError {
+fn bad_file(BadCheckpointFile { file, problem }: BadCheckpointFile) -> VerifyError {
     VerifyError::Checkpoint { file, problem }
 }
 
 fn unreadable(source: rusqlite::Error) -> VerifyError {
-    VerifyError::Damaged(row_limit::said(&source))
+    VerifyError::Damaged(row_limit::error_message(&source))
 }
 
 /// Verifies the store in its place that has this database file.
@@ -136,7 +137,7 @@ fn unreadable(source: rusqlite::Error) -> VerifyError {
 pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
     verify_against(
         database,
-        &JudgedBy { key: public_key, against: &[], place: Place::Store, tell: &|_, _, _| {} },
+        &VerifyOptions { key: public_key, against: &[], place: DatabaseLocation::Store, tell: &|_, _, _| {} },
     )
 }
 
@@ -147,15 +148,15 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
 pub fn verify_copy(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
     verify_against(
         database,
-        &JudgedBy { key: public_key, against: &[], place: Place::Copy, tell: &|_, _, _| {} },
+        &VerifyOptions { key: public_key, against: &[], place: DatabaseLocation::Copy, tell: &|_, _, _| {} },
     )
 }
 
-/// Verifies the store in this database file against heads of it that were kept elsewhere, too.
+/// Verifies the store in this database file, also against heads that were kept elsewhere.
 ///
 /// # Errors
 /// [`VerifyError`], the first thing found: file, chain, checkpoints, copies, end, state, invariants, approvals, telemetry.
-pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyReport, VerifyError> {
+pub fn verify_against(database: &Path, judged: &VerifyOptions<'_>) -> Result<VerifyReport, VerifyError> {
     let public_key = judged.key;
     let folder = database.parent().unwrap_or(Path::new("."));
     // Before the records: an engine may be writing both.
@@ -168,20 +169,22 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     }
     let sizes = kept.iter().map(|kept| kept.checkpoint.seq).collect();
     (judged.tell)("records", 0, head(&connection).map_err(unreadable)?.seq);
-    // The structure of the file has nothing to do with what the records say: both are looked at together.
+    // The structure of the file is independent of the records: both are checked in parallel.
     let (fold, file) = std::thread::scope(|scope| {
         let file = scope.spawn(|| structure::check_file(database));
         (Fold::read_noting(&connection, sizes), file.join())
     });
     let mut fold = fold.map_err(|error| match error {
         FoldError::Fault(fault) => of_fault(fault),
-        FoldError::Read { seq, source } => VerifyError::Record { seq, problem: row_limit::said(&source) },
+        FoldError::Read { seq, source } => {
+            VerifyError::Record { seq, problem: row_limit::error_message(&source) }
+        }
     })?;
     file.unwrap_or_else(|_| Err("looking at its structure failed".to_owned()))
         .map_err(VerifyError::Damaged)?;
     structure::check_indexes(&connection, &fold).map_err(VerifyError::Damaged)?;
     let store_id = store_id::read(&connection, database)?;
-    if let Ok(Some(end)) = signed::read(&connection)
+    if let Ok(Some(end)) = chain_signature::read(&connection)
         && end.number() > kept.last().map_or(0, |kept| kept.checkpoint.number()) + 1
     {
         kept = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
@@ -197,23 +200,23 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
         copies.extend(read_copies(path, &store_id).map_err(bad_copy)?);
     }
     let mut named = check_copies(&copies, &mut fold, by, |_| false)?;
-    let in_place = judged.place == Place::Store;
+    let in_place = judged.place == DatabaseLocation::Store;
     let (of_witnesses, witnesses_silent) =
         if in_place { heads_of_witnesses(&fold, &store_id) } else { (Vec::new(), Vec::new()) };
-    // An engine may have written on since, and its witnesses may know.
-    let since = |copy: &HeldCopy| is_on_record(database, &copy.checkpoint);
+    // An engine may have written since, and its witnesses may have later heads.
+    let since = |copy: &HeadCopy| is_on_record(database, &copy.checkpoint);
     named += check_copies(&of_witnesses, &mut fold, by, since)?;
     let fold = fold;
-    // A database that was copied away has neither checkpoints nor keys beside it.
+    // A copied database has neither checkpoints nor keys beside it.
     let alone = !in_place && kept.is_empty() && !folder.join(KEYS).is_dir();
-    let signed = match signed::read(&connection) {
+    let signed = match chain_signature::read(&connection) {
         Ok(None) if alone => Ok(()),
-        Ok(_) | Err(_) if alone => signed::check_end(&fold, &connection, &kept, by).map(drop),
-        Ok(_) | Err(_) => signed::check(&fold, &connection, &kept, by),
+        Ok(_) | Err(_) if alone => chain_signature::check_end(&fold, &connection, &kept, by).map(drop),
+        Ok(_) | Err(_) => chain_signature::check(&fold, &connection, &kept, by),
     };
     signed.map_err(|found| match found {
-        Unsigned::Chain { seq, problem } => VerifyError::Record { seq, problem },
-        Unsigned::Signature(problem) => VerifyError::Unsigned(problem),
+        SigningFault::Chain { seq, problem } => VerifyError::Record { seq, problem },
+        SigningFault::Signature(problem) => VerifyError::Unsigned(problem),
     })?;
     if let Some(fault) = compare(&fold, &connection).map_err(unreadable)? {
         return Err(of_fault(fault));
@@ -224,10 +227,10 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
         return Err(VerifyError::Invariant(violation.to_string()));
     }
     let approvals = check_approvals(&connection, &store_id, public_key).map_err(unreadable)??;
-    let persons = people::read(&connection, &store_id)
+    let persons = person_rows::read(&connection, &store_id)
         .map_err(unreadable)?
         .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
-    check_words(&connection, &persons).map_err(unreadable)??;
+    check_authorizations(&connection, &persons).map_err(unreadable)??;
     if let Some(problem) = first_difference(&connection, &STORE).map_err(unreadable)? {
         return Err(VerifyError::Damaged(problem));
     }
@@ -261,15 +264,15 @@ fn of_fault(fault: ChainFault) -> VerifyError {
     }
 }
 
-/// Every checkpoint names a record that is there with that hash, and is signed by the key.
+/// Every checkpoint names an existing record with that hash, and this key signed it.
 fn check_checkpoints(
-    (kept, connection): (&[Kept], &Connection),
+    (kept, connection): (&[StoredCheckpoint], &Connection),
     fold: &Fold,
     store_id: &str,
     public_key: Option<&VerifyingKey>,
 ) -> Result<u64, VerifyError> {
     let mut good = 0;
-    for Kept { file, checkpoint } in kept {
+    for StoredCheckpoint { file, checkpoint } in kept {
         let bad = |problem: String| VerifyError::Checkpoint { file: file.clone(), problem };
         if checkpoint.store_id != store_id {
             return Err(bad(format!("it belongs to the store {:?}", checkpoint.store_id)));
@@ -290,7 +293,7 @@ fn check_checkpoints(
                 good += 1;
             }
             Some(_) => {
-                let problem = format!("the checkpoint {file:?} says otherwise: history was rewritten");
+                let problem = format!("the checkpoint {file:?} differs: history was rewritten");
                 return Err(VerifyError::Record { seq: checkpoint.seq, problem });
             }
             None => {
@@ -302,16 +305,16 @@ fn check_checkpoints(
     Ok(good)
 }
 
-/// Every head that was kept elsewhere is signed by this store and a beginning of its chain. Tells how many there are.
+/// This store signed every head that was kept elsewhere, and its chain begins with it. Returns their number.
 fn check_copies(
-    copies: &[HeldCopy],
+    copies: &[HeadCopy],
     fold: &mut Fold,
     by: (&str, Option<&VerifyingKey>),
-    since: impl Fn(&HeldCopy) -> bool,
+    since: impl Fn(&HeadCopy) -> bool,
 ) -> Result<u64, VerifyError> {
     fold.note_roots(copies.iter().map(|copy| copy.checkpoint.seq).collect());
     let fold = &*fold;
-    let chain_at = |seq: u64| Some(ChainAt { hash: fold.hash(seq)?, root: fold.root(seq) });
+    let chain_at = |seq: u64| Some(ChainPoint { hash: fold.hash(seq)?, root: fold.root(seq) });
     for copy in copies {
         let checked = check_copy(&copy.checkpoint, by, fold.end().seq, chain_at);
         if let Err(problem) = checked
@@ -323,11 +326,11 @@ fn check_copies(
     Ok(copies.len() as u64)
 }
 
-/// The heads that the store's witnesses have, and the witnesses that cannot be read.
-fn heads_of_witnesses(fold: &Fold, store_id: &str) -> (Vec<HeldCopy>, Vec<String>) {
+/// The heads of the store's witnesses, and the unreadable witnesses.
+fn heads_of_witnesses(fold: &Fold, store_id: &str) -> (Vec<HeadCopy>, Vec<String>) {
     let (mut copies, mut silent) = (Vec::new(), Vec::new());
     for witness in fold.witnesses() {
-        let told = |BadFile { file, problem }: BadFile| format!("{file}: {problem}");
+        let told = |BadCheckpointFile { file, problem }: BadCheckpointFile| format!("{file}: {problem}");
         match read_witness(&folder_of(witness, store_id)) {
             Ok((heads, strays)) => {
                 copies.extend(heads);
@@ -343,7 +346,7 @@ fn heads_of_witnesses(fold: &Fold, store_id: &str) -> (Vec<HeldCopy>, Vec<String
     (copies, silent)
 }
 
-/// Whether a head is of the chain as it is by now.
+/// Whether a head is of the present chain.
 fn is_on_record(database: &Path, checkpoint: &Checkpoint) -> bool {
     let hash = open_reader(database, &STORE).and_then(|connection| {
         connection
@@ -353,7 +356,7 @@ fn is_on_record(database: &Path, checkpoint: &Checkpoint) -> bool {
     hash.is_ok_and(|hash| Digest::from_bytes(hash) == checkpoint.head)
 }
 
-fn bad_copy(BadFile { file, problem }: BadFile) -> VerifyError {
+fn bad_copy(BadCheckpointFile { file, problem }: BadCheckpointFile) -> VerifyError {
     VerifyError::Copy { file, problem }
 }
 

@@ -2,11 +2,11 @@
 
 use rusqlite::params;
 
-use super::apply::{Applier, Touched, check_json, check_text};
+use super::apply::{Applier, ChangeEffect, check_json, check_text};
 use super::change::NewVersion;
 use super::error::StoreError;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::record::RecordKind;
 
 /// The most versions a store holds.
@@ -30,7 +30,7 @@ fn sort_key(version: &semver::Version) -> String {
 }
 
 impl Applier<'_> {
-    pub(super) fn register(&mut self, new: &NewVersion) -> Result<Touched, StoreError> {
+    pub(super) fn register(&mut self, new: &NewVersion) -> Result<ChangeEffect, StoreError> {
         for (what, text) in [
             ("manifest", &new.manifest),
             ("submission", &new.submission),
@@ -89,7 +89,7 @@ impl Applier<'_> {
              ON CONFLICT (name) DO NOTHING",
             [&family],
         )?;
-        Ok(Touched::new(RecordKind::VersionRegistered, &name))
+        Ok(ChangeEffect::new(RecordKind::VersionRegistered, &name))
     }
 
     pub(super) fn set_state(
@@ -98,7 +98,7 @@ impl Applier<'_> {
         expected: (u64, State),
         to: State,
         reason: &str,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         check_text("reason", reason)?;
         let (state, row_version) = self.version(version)?;
         if (row_version, state) != expected {
@@ -116,13 +116,13 @@ impl Applier<'_> {
         self.write_state(version, row_version, to)
     }
 
-    /// Sets a state that may be set.
+    /// Sets a state after the checks.
     pub(super) fn write_state(
         &mut self,
         version: &CapabilityId,
         row_version: u64,
         to: State,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         let name = version.to_string();
         let terminal = matches!(to, State::Rejected | State::RolledBack);
         self.execute(
@@ -144,10 +144,14 @@ impl Applier<'_> {
         self.row_versions_before.entry(name.clone()).or_insert(row_version);
         self.row_versions.push((version.clone(), row_version + 1));
         self.families.insert(version.family.to_string());
-        Ok(Touched::new(RecordKind::StateSet, version))
+        Ok(ChangeEffect::new(RecordKind::StateSet, version))
     }
 
-    pub(super) fn set_flags(&mut self, version: &CapabilityId, flags: Flags) -> Result<Touched, StoreError> {
+    pub(super) fn set_flags(
+        &mut self,
+        version: &CapabilityId,
+        flags: VersionFlags,
+    ) -> Result<ChangeEffect, StoreError> {
         self.version(version)?;
         let name = version.to_string();
         self.execute(
@@ -166,7 +170,7 @@ impl Applier<'_> {
             ],
         )?;
         self.families.insert(version.family.to_string());
-        Ok(Touched::new(RecordKind::FlagsSet, version))
+        Ok(ChangeEffect::new(RecordKind::FlagsSet, version))
     }
 
     pub(super) fn set_scores(
@@ -174,12 +178,12 @@ impl Applier<'_> {
         version: &CapabilityId,
         kappas: &[Option<f64>; 4],
         signature: Option<&str>,
-    ) -> Result<Touched, StoreError> {
+    ) -> Result<ChangeEffect, StoreError> {
         self.version(version)?;
         if let Some(kappa) = kappas.iter().flatten().find(|kappa| !(0.0..=1.0).contains(*kappa)) {
             return Err(StoreError::invalid("kappa", kappa, "a number from 0 to 1, or none"));
         }
-        signature.map_or(Ok(()), |text| check_json("behavioural signature", text))?;
+        signature.map_or(Ok(()), |text| check_json("behavior signature", text))?;
         let name = version.to_string();
         let [i, p, b, r] = kappas;
         self.execute(
@@ -188,7 +192,7 @@ impl Applier<'_> {
                changed_ms = ?7 WHERE name = ?1",
             params![name, i, p, b, r, signature, self.at_ms],
         )?;
-        Ok(Touched::new(RecordKind::ScoresSet, version))
+        Ok(ChangeEffect::new(RecordKind::ScoresSet, version))
     }
 }
 

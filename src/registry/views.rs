@@ -1,4 +1,4 @@
-//! What can be read: the active, candidate and history views, one version in full, requests, alarms, the chain.
+//! Read access: active versions, candidates and history, one version in full, requests, alarms, the chain.
 //!
 //! Reading only. [`ActiveVersions`] can name active versions and nothing else, so that a dispatcher that holds one
 //! cannot reach a candidate.
@@ -11,37 +11,37 @@ use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
 
 use super::audit::{self, ExportError, Head};
 use super::change::ApprovalRequest;
-use super::check::{Reading, open_checked};
+use super::check::{VerificationDepth, open_checked};
 use super::columns::{conversion, parsed, parsed_option};
 use super::compare::is_lost;
 use super::entries::{
-    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, Course, EvidenceEntry, FamilyStatus,
-    VersionDetail, VersionFilter,
+    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
+    VersionFilter, VersionHistory,
 };
 use super::error::StoreError;
-use super::loosened::OnRecord;
 use super::migrate::{STORE, version};
-use super::names::EvidenceKind;
 use super::open::open_reader;
-use super::people;
-use holdpoint_approvals::Persons;
+use super::person_rows;
+use super::profile_downgrade::ProfileChangeBody;
+use super::store_terms::EvidenceKind;
+use holdpoint_approvals::PersonDirectory;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
-use holdpoint_governance::lifecycle::{Flags, State};
-use holdpoint_governance::loosened::LetIn;
+use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd, VersionSummary};
 use holdpoint_governance::wall_time::WallTime;
 
 /// The most rows one call returns.
 pub const PAGE_ROWS_MAX: usize = 10_000;
 
-/// Closings of one version's record that are looked through: there is one for each end an upgrade can have.
+/// The most closing records of one version that are read: one for each way an upgrade can end.
 const CLOSINGS_MAX: usize = 100;
 
-/// An active version and its way back.
+/// An active version and its rollback target.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ActiveVersion {
-    /// The version in control.
+    /// The active version.
     pub id: CapabilityId,
     /// Digest of what runs.
     pub bundle_digest: Digest,
@@ -49,7 +49,7 @@ pub struct ActiveVersion {
     pub manifest: String,
     /// Whether it is not yet confirmed.
     pub provisional: bool,
-    /// Whether it runs under a tighter envelope.
+    /// Whether it is restricted to a tighter envelope.
     pub restricted: bool,
     /// The pinned rollback target.
     pub pinned: Option<CapabilityId>,
@@ -98,7 +98,7 @@ fn read_active(row: &Row<'_>) -> rusqlite::Result<ActiveVersion> {
     })
 }
 
-/// Everything there is to read.
+/// Everything that can be read.
 #[derive(Debug)]
 pub struct Views {
     pub(super) connection: Connection,
@@ -114,7 +114,7 @@ impl Views {
         std::path::Path::new(self.connection.path()?).parent().map(std::path::Path::to_path_buf)
     }
 
-    /// Opens a store's database for reading, also while an engine has it.
+    /// Opens a store's database for reading, also while an engine has it open.
     ///
     /// # Errors
     /// If it cannot be opened.
@@ -122,22 +122,21 @@ impl Views {
         Ok(Self { connection: open_reader(database, &STORE)? })
     }
 
-    /// As [`Self::open`], once the chain was read from its newest snapshot on and every row is what it says: for whoever shows what the
-    /// tables hold where no engine vouches for it.
+    /// As [`Self::open`], after reading the chain from its newest snapshot and comparing every row: for displaying the
+    /// tables without an engine.
     ///
     /// # Errors
     /// If it cannot be opened, or its tables are not what its chain says.
     pub fn open_checked(database: &Path) -> Result<Self, StoreError> {
-        Ok(Self { connection: open_checked(database, Reading::Rows)? })
+        Ok(Self { connection: open_checked(database, VerificationDepth::Rows)? })
     }
 
-    /// As [`Self::open`], once every record was read and is what was signed: for whoever writes them out or counts what
-    /// they tell.
+    /// As [`Self::open`], after reading every record and checking its signatures: for exporting or counting records.
     ///
     /// # Errors
     /// If it cannot be opened, or its records are not what was signed.
     pub fn open_records(database: &Path) -> Result<Self, StoreError> {
-        Ok(Self { connection: open_checked(database, Reading::Records)? })
+        Ok(Self { connection: open_checked(database, VerificationDepth::Records)? })
     }
 
     /// The connection, for [`check_invariants`](super::check_invariants).
@@ -186,7 +185,7 @@ impl Views {
         Ok((rows, total))
     }
 
-    /// Versions that were let in by the emergency door and are not reviewed yet, with the time by which they have to be.
+    /// Versions that were activated by break-glass and are not reviewed yet, with the deadline of the review.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -282,7 +281,7 @@ impl Views {
             "SELECT signed, consumed_seq, at_ms FROM approval WHERE version = ?1 ORDER BY seq LIMIT 10000";
         let found = many(&self.connection, sql, [id.to_string()], |row| {
             let text: String = row.get(0)?;
-            // The mark of a rebuild for a text that was lost counts as no approval.
+            // The mark of a lost text is not an approval.
             if is_lost(&text) {
                 return Ok(None);
             }
@@ -292,16 +291,16 @@ impl Views {
         Ok(found.into_iter().flatten().collect())
     }
 
-    /// Whose keys may decide, and might once: each act is checked again.
+    /// All persons, revoked ones included: each act is checked again.
     ///
     /// # Errors
     /// If the store cannot be read, or an act does not hold.
-    pub fn persons(&self) -> Result<Persons, StoreError> {
+    pub fn persons(&self) -> Result<PersonDirectory, StoreError> {
         let reading = "read who may decide";
         let id = "SELECT value FROM meta WHERE +key = 'store_id'";
         let store_id: String =
             self.connection.query_row(id, [], |row| row.get(0)).map_err(StoreError::sql(reading))?;
-        people::read(&self.connection, &store_id)
+        person_rows::read(&self.connection, &store_id)
             .map_err(StoreError::sql(reading))?
             .map_err(|(name, problem)| StoreError::Person { name, problem })
     }
@@ -408,11 +407,11 @@ impl Views {
         })
     }
 
-    /// How a version came to the state it is in, by the audit chain.
+    /// The history of a version's state, by the audit chain.
     ///
     /// # Errors
-    /// If the store cannot be read, or a record of it is not what the program writes.
-    pub fn course(&self, id: &CapabilityId) -> Result<Course, StoreError> {
+    /// If the store cannot be read, or the program does not write such a record.
+    pub fn version_history(&self, id: &CapabilityId) -> Result<VersionHistory, StoreError> {
         #[derive(serde::Deserialize)]
         struct StateSetBody {
             change: StateSetChange,
@@ -427,7 +426,7 @@ impl Views {
         }
         #[derive(serde::Deserialize)]
         struct FlagsSetChange {
-            flags: Flags,
+            flags: VersionFlags,
         }
         #[derive(serde::Deserialize)]
         struct ActiveSetBody {
@@ -435,14 +434,14 @@ impl Views {
         }
         #[derive(serde::Deserialize)]
         struct ActiveSetChange {
-            cause: CauseOnRecord,
+            cause: RecordedCause,
         }
         #[derive(serde::Deserialize)]
-        struct CauseOnRecord {
+        struct RecordedCause {
             cause: ActivationCause,
         }
         #[derive(serde::Deserialize)]
-        struct ClosedBody {
+        struct AuditClosedFields {
             outcome: UpgradeEnd,
         }
         let records = |kind, limit, before_seq| {
@@ -460,7 +459,7 @@ impl Views {
         let last = last.first();
         let mut ran = None;
         if let Some(last) = last {
-            // What ran is in the flags as they stood before; the state is written first.
+            // The earlier flags show what ran; the state is written first.
             let flags = records(RecordKind::FlagsSet, 1, Some(last.seq))?;
             let flags =
                 flags.first().map(|record| serde_json::from_str::<FlagsSetBody>(&record.body)).transpose();
@@ -469,7 +468,7 @@ impl Views {
         let left = last.map(|record| serde_json::from_str::<StateSetBody>(&record.body)).transpose();
         let mut confirmed = false;
         for record in records(RecordKind::AuditClosed, CLOSINGS_MAX, None)? {
-            let closed: ClosedBody = serde_json::from_str(&record.body).map_err(unread)?;
+            let closed: AuditClosedFields = serde_json::from_str(&record.body).map_err(unread)?;
             confirmed |= closed.outcome == UpgradeEnd::Confirmed;
         }
         let mut let_in = None;
@@ -480,11 +479,16 @@ impl Views {
                 break;
             }
         }
-        Ok(Course { left: left.map_err(unread)?.map(|body| body.change.from), ran, confirmed, let_in })
+        Ok(VersionHistory {
+            left: left.map_err(unread)?.map(|body| body.change.from),
+            ran,
+            confirmed,
+            let_in,
+        })
     }
 
     /// The profile that was in force when a record was written.
-    fn in_force_at(&self, seq: u64) -> Result<LetIn, StoreError> {
+    fn in_force_at(&self, seq: u64) -> Result<AdmissionContext, StoreError> {
         let newest_before = AuditFilter {
             before_seq: Some(seq),
             kind: Some(RecordKind::ContextSet),
@@ -493,8 +497,8 @@ impl Views {
             ..AuditFilter::default()
         };
         let found = self.audit(&newest_before)?;
-        let read = |record: &AuditRecord| serde_json::from_str::<OnRecord>(&record.body).ok();
-        Ok(found.first().and_then(read).map_or(LetIn::LEAST, |set| set.change.let_in()))
+        let read = |record: &AuditRecord| serde_json::from_str::<ProfileChangeBody>(&record.body).ok();
+        Ok(found.first().and_then(read).map_or(AdmissionContext::LEAST, |set| set.change.admission_context()))
     }
 
     /// Calls `visit` with each record of the chain up to `to_seq`, in order, one at a time.
@@ -519,8 +523,8 @@ impl Views {
         audit::head(&self.connection).map_err(StoreError::sql("read the audit chain"))
     }
 
-    /// Writes the chain from `from_seq` on as JSON lines, printable ASCII only, and returns how many. A reader that
-    /// goes away is a clean end.
+    /// Writes the chain from `from_seq` on as JSON lines, printable ASCII only, and returns their number. A closed pipe
+    /// is a clean end.
     ///
     /// # Errors
     /// [`ExportError`].
@@ -529,7 +533,7 @@ impl Views {
     }
 }
 
-/// Rows to return, as SQLite takes it.
+/// Rows to return, for SQLite.
 pub(super) fn limit(asked: usize) -> i64 {
     let rows = if asked == 0 { PAGE_ROWS_MAX } else { asked.min(PAGE_ROWS_MAX) };
     i64::try_from(rows).unwrap_or(i64::MAX)
@@ -540,7 +544,7 @@ fn read_summary(row: &Row<'_>) -> rusqlite::Result<VersionSummary> {
         version: parsed(row, 0)?,
         state: parsed(row, 1)?,
         row_version: row.get(2)?,
-        flags: Flags {
+        flags: VersionFlags {
             running: parsed_option(row, 3)?,
             paused: row.get(4)?,
             awaiting_approval: row.get(5)?,

@@ -1,9 +1,9 @@
-//! Witnesses: folders elsewhere that get every new checkpoint, so that a store that is cut back or put back to an earlier
-//! state is found by its next start.
+//! Witnesses: folders elsewhere that get every new checkpoint, so that the next start detects a store that was cut back
+//! or restored from an older copy.
 //!
-//! Which folders they are is on record in the chain, and nowhere else. A witness has one folder for each store, which is
-//! made when the witness is added and never again: where a mount is gone, nothing is written under its mount point. Each
-//! is written by a thread of its own with a bounded queue, for a network folder may hang.
+//! Only the chain's records name the folders. A witness has one folder for each store, made when the witness is added
+//! and never again: if a mount is missing, nothing is written under its mount point. Each has its own thread and a
+//! bounded queue, because a network folder may hang.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -18,8 +18,8 @@ use serde::Deserialize;
 
 use super::change::Change;
 use super::checkpoint::{self, Checkpoint};
-use super::copies::{ChainAt, HEADS_MAX, check_copy};
 use super::error::StoreError;
+use super::head_copies::{ChainPoint, HEADS_MAX, check_copy};
 use super::layout::{sync_folder, write_atomically};
 use super::migrate::STORE;
 use super::open::open_reader;
@@ -28,39 +28,39 @@ use holdpoint_governance::record::RecordKind;
 
 /// The most witnesses of one store.
 pub const WITNESSES_MAX: usize = 8;
-/// Heads that may wait for one witness. A head stands for all before it, so that one left off is no loss.
+/// The most pending heads of one witness. A head stands for all before it, so that skipping one loses nothing.
 const QUEUE_MAX: usize = 64;
-/// A head that waits longer for its witness is told.
+/// A head that is pending longer is reported.
 const SLOW: Duration = Duration::from_secs(30);
-/// How long an end waits for heads that are still on their way to a witness.
+/// How long an end waits for heads on their way to a witness.
 const END_WAIT: Duration = Duration::from_secs(3);
-/// How long a start waits for what a witness has.
+/// How long a start waits for a witness's head.
 const READ_WAIT: Duration = Duration::from_secs(10);
-/// Files of a witness that a start looks at until one is a head that the store signed.
+/// Files of a witness that a start reads until one is a head signed by the store.
 const LOOKED_AT_MAX: usize = HEADS_MAX;
 /// The longest path, bytes.
 const PATH_BYTES_MAX: usize = 1024;
 
-/// The witnesses that cannot be written or read at present, each with why.
+/// Witnesses that cannot be written or read at present, each with the reason.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Problems(Arc<Mutex<Silent>>);
+pub(crate) struct WitnessProblems(Arc<Mutex<UnreachableWitnesses>>);
 
 #[derive(Debug, Default)]
-struct Silent {
-    /// Those that the start could not ask. That a head is written there later does not make up for what it did not say.
+struct UnreachableWitnesses {
+    /// Those that the start could not read. A later write does not make up for the missing head.
     unheard: BTreeMap<String, String>,
-    /// Those that did not take the last head.
+    /// Those that did not accept the last head.
     unwritten: BTreeMap<String, String>,
-    /// Those of `unheard` that nobody was told of yet: a head that is sent there would hide what is missing.
+    /// Those of `unheard` that no record names yet: a new head there would hide the missing one.
     untold: BTreeSet<String>,
 }
 
-impl Problems {
-    fn locked(&self) -> MutexGuard<'_, Silent> {
+impl WitnessProblems {
+    fn locked(&self) -> MutexGuard<'_, UnreachableWitnesses> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn unheard(&self, folder: &str, problem: String) {
+    fn record_unreachable(&self, folder: &str, problem: String) {
         let mut silent = self.locked();
         silent.unheard.insert(folder.to_owned(), problem);
         silent.untold.insert(folder.to_owned());
@@ -80,12 +80,12 @@ impl Problems {
         silent.untold.remove(folder);
     }
 
-    /// What the start found is on record: from now on all of them get heads.
-    pub(crate) fn told(&self) {
+    /// The start's findings are on record: from now on all witnesses get heads.
+    pub(crate) fn mark_reported(&self) {
         self.locked().untold.clear();
     }
 
-    fn is_untold(&self, folder: &str) -> bool {
+    fn is_unreported(&self, folder: &str) -> bool {
         self.locked().untold.contains(folder)
     }
 
@@ -97,22 +97,22 @@ impl Problems {
     }
 }
 
-/// Where a witness keeps the heads of one store.
+/// A witness's folder for the heads of one store.
 pub(crate) fn folder_of(witness: &str, store_id: &str) -> PathBuf {
     Path::new(witness).join(store_id)
 }
 
-/// The path of a witness as it goes on record.
+/// The path of a witness in its record's form.
 ///
 /// # Errors
-/// If it is no absolute path, or an address.
+/// If it is not an absolute path, or is an address.
 pub(crate) fn check_path(path: &str) -> Result<(), StoreError> {
     let bad = |allowed: &str| Err(StoreError::invalid("witness", path, allowed));
     let address = path.contains("://") || (path.contains('@') && path.contains(':'));
     if address {
         return bad(
-            "a folder; this program speaks to no network, so name one that something else carries there (a mount of \
-             NFS or sshfs, a clone that git pushes, a synchronised folder)",
+            "a folder; this program uses no network, so name one that other software synchronizes (a mount of NFS or \
+            sshfs, a clone that git pushes, a synchronized folder)",
         );
     }
     if !Path::new(path).is_absolute() || path.len() > PATH_BYTES_MAX || path.chars().any(char::is_control) {
@@ -145,7 +145,7 @@ fn put(folder: &Path, head: &Checkpoint) -> Result<(), StoreError> {
     let text =
         serde_json::to_string(head).map_err(|error| StoreError::invalid("checkpoint", head.seq, error))?;
     let path = folder.join(checkpoint::name(head.seq));
-    // A testimony is never replaced by one that says otherwise.
+    // An existing head is never replaced by a different one.
     if let Ok(there) = Checkpoint::read(&path)
         && there.store_id == head.store_id
         && there.head != head.head
@@ -155,13 +155,13 @@ fn put(folder: &Path, head: &Checkpoint) -> Result<(), StoreError> {
     write_atomically(&path, text.as_bytes())
 }
 
-/// The folders that get every checkpoint of a store, as its records say.
+/// The witness folders of a store, from its records.
 ///
 /// # Errors
 /// If the store cannot be read.
 pub fn witnesses(database: &Path) -> Result<BTreeSet<String>, StoreError> {
     #[derive(Deserialize)]
-    struct WitnessOnRecord {
+    struct RecordedWitness {
         change: Change,
     }
     let error = StoreError::sql("read the audit chain");
@@ -172,7 +172,7 @@ pub fn witnesses(database: &Path) -> Result<BTreeSet<String>, StoreError> {
     let mut found = BTreeSet::new();
     while let Some(row) = rows.next().map_err(&error)? {
         let (seq, body): (u64, String) = (row.get(0).map_err(&error)?, row.get(1).map_err(&error)?);
-        let read: WitnessOnRecord =
+        let read: RecordedWitness =
             serde_json::from_str(&body).map_err(|it| StoreError::invalid("audit record", seq, it))?;
         if let Change::SetWitness { folder, present, .. } = read.change {
             if present {
@@ -185,11 +185,11 @@ pub fn witnesses(database: &Path) -> Result<BTreeSet<String>, StoreError> {
     Ok(found)
 }
 
-/// Whether a witness takes heads of a store; looks, and writes nothing.
+/// Whether a witness accepts heads of a store; reads only.
 ///
 /// # Errors
 /// What is wrong with it.
-pub fn look_at_witness(witness: &str, store_id: &str) -> Result<u64, String> {
+pub fn check_witness(witness: &str, store_id: &str) -> Result<u64, String> {
     let folder = folder_of(witness, store_id);
     let names = checkpoint::names(&folder).map_err(|error| described(&error, &folder))?;
     let access = rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK;
@@ -199,22 +199,22 @@ pub fn look_at_witness(witness: &str, store_id: &str) -> Result<u64, String> {
 
 /// Sends heads to every witness.
 #[derive(Debug, Default)]
-pub(crate) struct Senders {
-    threads: Vec<Sender>,
-    problems: Problems,
+pub(crate) struct WitnessSenders {
+    threads: Vec<WitnessSender>,
+    problems: WitnessProblems,
 }
 
 #[derive(Debug)]
-struct Sender {
+struct WitnessSender {
     witness: String,
     heads: SyncSender<Checkpoint>,
     ended: Receiver<()>,
-    /// Since when a head waits, if one does.
+    /// When the oldest pending head was sent, if there is one.
     waits: Arc<Mutex<Option<Instant>>>,
 }
 
-impl Senders {
-    pub(crate) fn new(problems: Problems) -> Self {
+impl WitnessSenders {
+    pub(crate) fn new(problems: WitnessProblems) -> Self {
         Self { threads: Vec::new(), problems }
     }
 
@@ -223,7 +223,7 @@ impl Senders {
         let wanted: Vec<&String> = witnesses.collect();
         let (kept, gone) = std::mem::take(&mut self.threads)
             .into_iter()
-            .partition(|it: &Sender| wanted.contains(&&it.witness));
+            .partition(|it: &WitnessSender| wanted.contains(&&it.witness));
         self.threads = kept;
         for sender in gone {
             let witness = sender.witness.clone();
@@ -241,41 +241,41 @@ impl Senders {
         }
     }
 
-    /// Sends a head; never waits. Where the start found something missing, only once that is on record.
+    /// Sends a head; never waits. If the start found something missing, only after that is on record.
     pub(crate) fn send(&self, head: &Checkpoint) {
-        for sender in self.threads.iter().filter(|sender| !self.problems.is_untold(&sender.witness)) {
+        for sender in self.threads.iter().filter(|sender| !self.problems.is_unreported(&sender.witness)) {
             let since =
                 *sender.waits.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(Instant::now);
             let problem = match sender.heads.try_send(head.clone()) {
                 Ok(()) if since.elapsed() < SLOW => continue,
-                Ok(()) => format!("it has taken no head for {} s", since.elapsed().as_secs()),
+                Ok(()) => format!("it has accepted no head for {} s", since.elapsed().as_secs()),
                 Err(TrySendError::Full(_)) => {
                     format!(
                         "it has not taken the last {QUEUE_MAX} heads; whatever it is mounted from may hang"
                     )
                 }
-                Err(TrySendError::Disconnected(_)) => "what writes it has ended".to_owned(),
+                Err(TrySendError::Disconnected(_)) => "its sender has ended".to_owned(),
             };
             self.problems.set(&sender.witness, Some(problem));
         }
     }
 }
 
-impl Drop for Senders {
+impl Drop for WitnessSenders {
     fn drop(&mut self) {
         self.threads.drain(..).for_each(end);
     }
 }
 
-/// Lets a sender finish. One that hangs is left behind: it ends with the process.
-fn end(sender: Sender) {
+/// Lets a sender finish. A hanging one is abandoned: it ends with the process.
+fn end(sender: WitnessSender) {
     drop(sender.heads);
     match sender.ended.recv_timeout(END_WAIT) {
         Ok(()) | Err(RecvTimeoutError::Disconnected | RecvTimeoutError::Timeout) => {}
     }
 }
 
-fn start(witness: &str, store_id: &str, problems: Problems) -> std::io::Result<Sender> {
+fn start(witness: &str, store_id: &str, problems: WitnessProblems) -> std::io::Result<WitnessSender> {
     let (heads, incoming) = sync_channel::<Checkpoint>(QUEUE_MAX);
     let (done, ended) = sync_channel(1);
     let (name, folder) = (witness.to_owned(), folder_of(witness, store_id));
@@ -283,7 +283,7 @@ fn start(witness: &str, store_id: &str, problems: Problems) -> std::io::Result<S
     let waits_there = Arc::clone(&waits);
     thread::Builder::new().name("witness".to_owned()).spawn(move || {
         while let Ok(mut head) = incoming.recv() {
-            // The newest of those that wait stands for the others; each has its file where there is time for it.
+            // The newest pending head stands for the others; each gets its file if there is time.
             let mut waiting = vec![];
             while let Ok(next) = incoming.try_recv() {
                 waiting.push(std::mem::replace(&mut head, next));
@@ -293,10 +293,10 @@ fn start(witness: &str, store_id: &str, problems: Problems) -> std::io::Result<S
             *waits_there.lock().unwrap_or_else(PoisonError::into_inner) = None;
             problems.set(&name, written.err().map(|error| described(&error, &folder)));
         }
-        // Nobody may wait for it any more.
+        // The caller may have stopped waiting.
         let _ = done.send(());
     })?;
-    Ok(Sender { witness: witness.to_owned(), heads, ended, waits })
+    Ok(WitnessSender { witness: witness.to_owned(), heads, ended, waits })
 }
 
 fn described(error: &StoreError, folder: &Path) -> String {
@@ -306,63 +306,63 @@ fn described(error: &StoreError, folder: &Path) -> String {
     format!("{error}; the folder of this store is not there: what it is mounted from may be gone")
 }
 
-/// What a start found at a witness.
+/// A start's finding at a witness.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Testimony {
+pub(crate) enum WitnessFinding {
     /// The newest head there is of this chain.
     Agrees,
-    /// It cannot be asked.
+    /// It cannot be read.
     Silent(String),
     /// The store signed a head that is not of this chain.
-    Against { file: String, problem: String },
+    Contradicts { file: String, problem: String },
 }
 
-/// Asks a witness for the newest head that this store signed.
+/// Reads the newest head that this store signed from a witness.
 pub(crate) fn ask(
     witness: &str,
     (store_id, key): (&str, &VerifyingKey),
     end: u64,
-    chain_at: impl FnOnce(u64) -> Option<ChainAt>,
-) -> Testimony {
+    chain_at: impl FnOnce(u64) -> Option<ChainPoint>,
+) -> WitnessFinding {
     let (answer, newest) = sync_channel(1);
     let (folder, key_there, id) = (folder_of(witness, store_id), *key, store_id.to_owned());
     let asked = thread::Builder::new().name("witness".to_owned()).spawn(move || {
-        // A start that did not wait for it has gone on.
+        // The start no longer waits for it.
         let _ = answer.send(newest_signed(&folder, &id, &key_there));
     });
     let found = match asked {
         Ok(_) => newest.recv_timeout(READ_WAIT),
-        Err(error) => return Testimony::Silent(error.to_string()),
+        Err(error) => return WitnessFinding::Silent(error.to_string()),
     };
     match found {
-        Err(_) => Testimony::Silent(format!("it did not answer within {} s", READ_WAIT.as_secs())),
-        Ok(Err(NoTestimony::Unreadable(problem))) => Testimony::Silent(problem),
-        Ok(Err(NoTestimony::OtherKey(file))) => {
+        Err(_) => WitnessFinding::Silent(format!("it did not answer within {} s", READ_WAIT.as_secs())),
+        Ok(Err(WitnessFailure::Unreadable(problem))) => WitnessFinding::Silent(problem),
+        Ok(Err(WitnessFailure::OtherKey(file))) => {
             let problem =
                 "it is of this store, and signed with another key than the store has now".to_owned();
-            Testimony::Against { file, problem }
+            WitnessFinding::Contradicts { file, problem }
         }
         Ok(Ok((file, head))) => match check_copy(&head, (store_id, Some(key)), end, chain_at) {
-            Ok(()) => Testimony::Agrees,
-            Err(problem) => Testimony::Against { file, problem },
+            Ok(()) => WitnessFinding::Agrees,
+            Err(problem) => WitnessFinding::Contradicts { file, problem },
         },
     }
 }
 
-/// Why a witness has nothing to say of a chain.
-enum NoTestimony {
+/// Why a witness has no head of a chain.
+enum WitnessFailure {
     Unreadable(String),
-    /// All that it has of this store is signed with another key: the first such file.
+    /// Another key signed all its files of this store: the first such file.
     OtherKey(String),
 }
 
-/// The newest head in a folder that this store signed; beside one, what it did not sign proves nothing and is passed over.
+/// The newest head in a folder that this store signed; other files prove nothing and are skipped.
 fn newest_signed(
     folder: &Path,
     store_id: &str,
     key: &VerifyingKey,
-) -> Result<(String, Checkpoint), NoTestimony> {
-    let names = checkpoint::names(folder).map_err(|error| NoTestimony::Unreadable(error.to_string()))?;
+) -> Result<(String, Checkpoint), WitnessFailure> {
+    let names = checkpoint::names(folder).map_err(|error| WitnessFailure::Unreadable(error.to_string()))?;
     let mut other = None;
     for name in names.iter().rev().take(LOOKED_AT_MAX) {
         let path = folder.join(name);
@@ -376,31 +376,31 @@ fn newest_signed(
         }
     }
     Err(match other {
-        Some(file) => NoTestimony::OtherKey(file),
-        // The first head is put there when the witness is added, before that is on record.
-        None if names.is_empty() => NoTestimony::Unreadable(
-            "it is empty, although it got a head when it was added; what it had is gone".to_owned(),
+        Some(file) => WitnessFailure::OtherKey(file),
+        // Adding a witness writes the first head there, before the addition is on record.
+        None if names.is_empty() => WitnessFailure::Unreadable(
+            "it is empty, although it got a head when it was added: its files are lost".to_owned(),
         ),
-        None => NoTestimony::Unreadable("this store signed none of its newest files".to_owned()),
+        None => WitnessFailure::Unreadable("this store signed none of its newest files".to_owned()),
     })
 }
 
-/// Asks every witness, and notes those that are silent.
+/// Reads every witness, and notes the silent ones.
 ///
 /// # Errors
-/// The first that speaks against the chain.
+/// The first that contradicts the chain.
 pub(crate) fn ask_all<'a>(
     witnesses: impl Iterator<Item = &'a String>,
     by: (&str, &VerifyingKey),
     end: u64,
-    chain_at: impl Fn(u64) -> Option<ChainAt>,
-    problems: &Problems,
+    chain_at: impl Fn(u64) -> Option<ChainPoint>,
+    problems: &WitnessProblems,
 ) -> Result<(), (String, String)> {
     for witness in witnesses {
         match ask(witness, by, end, &chain_at) {
-            Testimony::Agrees => {}
-            Testimony::Silent(problem) => problems.unheard(witness, problem),
-            Testimony::Against { file, problem } => return Err((file, problem)),
+            WitnessFinding::Agrees => {}
+            WitnessFinding::Silent(problem) => problems.record_unreachable(witness, problem),
+            WitnessFinding::Contradicts { file, problem } => return Err((file, problem)),
         }
     }
     Ok(())
@@ -432,7 +432,7 @@ mod tests {
         let error = put(folder.path(), &head("other")).unwrap_err().to_string();
         assert!(error.contains("the head that it got before"), "{error}");
         assert_eq!(fs::read(&path).unwrap(), testimony);
-        // Nothing is written through a link that somebody put where the file is made.
+        // Nothing is written through a planted link in place of the file.
         let elsewhere = folder.path().join("elsewhere");
         fs::write(&elsewhere, "mine").unwrap();
         std::os::unix::fs::symlink(&elsewhere, path.with_extension("part")).unwrap();

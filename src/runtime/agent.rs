@@ -105,7 +105,7 @@ struct DispatchState {
 
 /// What was given up of a goal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct GivenUp {
+pub struct AbandonedGoal {
     /// The invocation that was begun under the version that left; it counts as not done.
     pub in_flight: Option<TaskKind>,
     /// Invocations that were planned after it.
@@ -180,12 +180,12 @@ impl Agent {
         self.dispatch.in_flight = None;
     }
 
-    /// After a rollback: what was in flight and what was planned after it are given up. Neither can be gone on with,
-    /// for between two sequences the cell is set up anew, another object on the table and the hand empty: whoever is
-    /// active then works the goal from its first primitive ([`Agent::take_up`]).
-    pub fn give_up(&mut self) -> GivenUp {
+    /// After a rollback, gives up the task in flight and the rest of the plan. Neither can continue: between two
+    /// sequences the cell is set up with another object on the table and the hand empty. The active version then runs
+    /// the goal from its first primitive ([`Agent::take_up`]).
+    pub fn give_up(&mut self) -> AbandonedGoal {
         let DispatchState { planned, in_flight, .. } = &mut self.dispatch;
-        let given_up = GivenUp { in_flight: in_flight.take(), planned: planned.len() };
+        let given_up = AbandonedGoal { in_flight: in_flight.take(), planned: planned.len() };
         planned.clear();
         given_up
     }
@@ -222,9 +222,9 @@ mod tests {
         assert_eq!(agent.next_task(), Some(TaskKind::Grasp));
         agent.finished();
         assert_eq!(agent.next_task(), Some(TaskKind::Align));
-        assert_eq!(agent.give_up(), GivenUp { in_flight: Some(TaskKind::Align), planned: 1 });
+        assert_eq!(agent.give_up(), AbandonedGoal { in_flight: Some(TaskKind::Align), planned: 1 });
         assert_eq!(agent.next_task(), None);
-        assert_eq!(agent.give_up(), GivenUp { in_flight: None, planned: 0 });
+        assert_eq!(agent.give_up(), AbandonedGoal { in_flight: None, planned: 0 });
         agent.take_up(Goal::PickAlignPlace);
         assert_eq!(agent.next_task(), Some(TaskKind::Grasp));
     }

@@ -2,7 +2,7 @@
 //!
 //! Exactly one [`ActuatorHandle`] exists per [`Arm`]: it is lent for the length of a task and
 //! cannot be copied. What holds no handle cannot send a command: a candidate in shadow is run
-//! against a [`Recorder`] instead, which is a different type.
+//! against a [`CommandRecorder`] instead, which is a different type.
 
 use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, Observation, Telemetry};
 
@@ -78,12 +78,12 @@ impl<B: Body> ActuatorHandle<'_, B> {
 
 /// Where the commands of a version in shadow go: into a list, and nowhere else.
 #[derive(Clone, Debug, Default)]
-pub struct Recorder {
+pub struct CommandRecorder {
     commands: Vec<(u64, Command)>,
     dropped: u64,
 }
 
-impl Recorder {
+impl CommandRecorder {
     /// The most commands that are kept; later ones are counted.
     pub const LIMIT: usize = 4096;
 

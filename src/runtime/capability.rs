@@ -21,7 +21,7 @@ use crate::skill::{Skill, SkillBundle, provided};
 use holdpoint_component::{Component, ComponentError, ComponentLimits};
 use holdpoint_governance::component::{COMPONENT_BYTES_MAX, ComponentBytes, ComponentTooLarge};
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
+use holdpoint_governance::manifest::{BundleSource, MANIFEST_BYTES_MAX, Manifest};
 use holdpoint_governance::submission::{
     AUTHOR_SIGNATURE_BYTES_MAX, Package, SUBMISSION_BYTES_MAX, Submission,
 };
@@ -133,14 +133,14 @@ impl std::fmt::Debug for Capability {
 
 /// A version's texts and what they say. Well formed, and nothing more is known of it: its bundle is not loaded.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parsed {
+pub struct ParsedPackage {
     pub manifest: Manifest,
     /// Who made it and how.
     pub submission: Submission,
     pub package: Package,
 }
 
-impl Parsed {
+impl ParsedPackage {
     /// Reads and parses a candidate's folder. Nothing outside the folder is opened, links included. In errors `name`
     /// stands before the files' names; if it is empty they are named as they are in the folder.
     ///
@@ -159,7 +159,7 @@ impl Parsed {
         };
         package.submission = files.text("submission.toml", SUBMISSION_BYTES_MAX)?;
         let submission = Submission::parse(&named(name, "submission.toml"), &package.submission)?;
-        if let Bundle::Wasm(file) = &manifest.deployment.bundle {
+        if let BundleSource::Wasm(file) = &manifest.deployment.bundle {
             package.component = Some(files.component(file.as_str())?);
         }
         if let Some(file) = &manifest.deployment.params {
@@ -177,14 +177,14 @@ impl Parsed {
         let manifest = Manifest::parse(&named(name, "manifest.toml"), &package.manifest)?;
         let submission = Submission::parse(&named(name, "submission.toml"), &package.submission)?;
         match (&manifest.deployment.bundle, &package.component) {
-            (Bundle::Wasm(_), Some(_)) | (Bundle::Native(_), None) => {
+            (BundleSource::Wasm(_), Some(_)) | (BundleSource::Native(_), None) => {
                 Ok(Self { manifest, submission, package })
             }
-            (Bundle::Wasm(path), None) => Err(PackageError::NoComponent {
+            (BundleSource::Wasm(path), None) => Err(PackageError::NoComponent {
                 file: named(name, "manifest.toml"),
                 bundle: path.as_str().to_owned(),
             }),
-            (native @ Bundle::Native(_), Some(_)) => Err(PackageError::ComponentUnnamed {
+            (native @ BundleSource::Native(_), Some(_)) => Err(PackageError::ComponentUnnamed {
                 file: named(name, "manifest.toml"),
                 bundle: native.clone().into(),
             }),
@@ -247,7 +247,7 @@ impl<'a> Files<'a> {
         Ok(Self { name, dir })
     }
 
-    /// A text of at most so many bytes.
+    /// A text of at most `bytes_max` bytes.
     fn text(&self, path: &str, bytes_max: usize) -> Result<String, PackageError> {
         let file = named(self.name, path);
         let bytes = self.bytes(path, bytes_max)?;
@@ -270,7 +270,7 @@ impl<'a> Files<'a> {
         ComponentBytes::new(bytes).map_err(too_large)
     }
 
-    /// What is in a file; of a larger one than is allowed no more is read than tells that it is.
+    /// The content of a file; of an oversized one only enough is read to detect the size.
     fn bytes(&self, path: &str, bytes_max: usize) -> Result<Vec<u8>, PackageError> {
         let file = named(self.name, path);
         let mut bytes = Vec::new();
@@ -299,19 +299,19 @@ pub fn shown(folder: &Path) -> String {
 /// The texts of a candidate's folder, as an engine is given them.
 ///
 /// # Errors
-/// As [`Parsed::read`].
+/// As [`ParsedPackage::read`].
 pub fn read(folder: &Path) -> Result<Package, PackageError> {
-    Ok(Parsed::read(&shown(folder), folder)?.package)
+    Ok(ParsedPackage::read(&shown(folder), folder)?.package)
 }
 
 impl Capability {
     /// Reads a candidate's folder and loads its bundle.
     ///
     /// # Errors
-    /// As [`Parsed::read`] and [`Capability::of`].
+    /// As [`ParsedPackage::read`] and [`Capability::of`].
     pub fn read(folder: &Path) -> Result<Self, PackageError> {
         let name = shown(folder);
-        Self::of(&name, Parsed::read(&name, folder)?)
+        Self::of(&name, ParsedPackage::read(&name, folder)?)
     }
 
     /// Parses a package and loads its bundle; `name` stands for the folder in errors.
@@ -319,15 +319,15 @@ impl Capability {
     /// # Errors
     /// If a text is not allowed or the bundle cannot be loaded.
     pub fn load(name: &str, package: Package) -> Result<Self, PackageError> {
-        Self::of(name, Parsed::parse(name, package)?)
+        Self::of(name, ParsedPackage::parse(name, package)?)
     }
 
     /// Loads the bundle of what was parsed; `name` stands for the folder in errors.
     ///
     /// # Errors
     /// If the bundle cannot be loaded.
-    pub fn of(name: &str, parsed: Parsed) -> Result<Self, PackageError> {
-        let Parsed { manifest, submission, package } = parsed;
+    pub fn of(name: &str, parsed: ParsedPackage) -> Result<Self, PackageError> {
+        let ParsedPackage { manifest, submission, package } = parsed;
         let manifest_file = named(name, "manifest.toml");
         let params_file = manifest.deployment.params.as_ref().map(|params| named(name, params.as_str()));
         let (alterations, own) = match &params_file {
@@ -336,7 +336,7 @@ impl Capability {
         };
         let params_text = own.as_deref().unwrap_or(&package.params);
         let bundle: Arc<dyn SkillBundle> = match &manifest.deployment.bundle {
-            Bundle::Native(controller) => {
+            BundleSource::Native(controller) => {
                 let Some(file) = &params_file else {
                     return Err(PackageError::NoParams { file: manifest_file });
                 };
@@ -361,7 +361,7 @@ impl Capability {
                     Arc::new(NativeBundle::new(controller).map_err(canonical)?)
                 }
             }
-            Bundle::Wasm(path) => {
+            BundleSource::Wasm(path) => {
                 let file = named(name, path.as_str());
                 let Some(component) = &package.component else {
                     let bundle = path.as_str().to_owned();
@@ -473,7 +473,7 @@ mod tests {
     #[test]
     fn folders_are_read_beneath_and_bounded() {
         let root = tempfile::tempdir().unwrap();
-        let error = |path: &Path| Parsed::read("", path).unwrap_err();
+        let error = |path: &Path| ParsedPackage::read("", path).unwrap_err();
         assert!(matches!(error(&root.path().join("none")), PackageError::Folder { .. }));
         let candidate = root.path().join("candidate");
         std::fs::create_dir(&candidate).unwrap();
@@ -490,7 +490,7 @@ mod tests {
         assert!(matches!(error(&candidate), PackageError::NotText { .. }), "{}", error(&candidate));
         std::fs::write(&manifest, "name = \"grasp\"\nsurprise = 1\n").unwrap();
         assert!(error(&candidate).to_string().starts_with("manifest.toml:2"), "{}", error(&candidate));
-        let named = Parsed::read("there", &candidate).unwrap_err().to_string();
+        let named = ParsedPackage::read("there", &candidate).unwrap_err().to_string();
         assert!(named.starts_with("there/manifest.toml:2"), "{named}");
     }
 

@@ -61,12 +61,12 @@ pub enum PolicyHit {
 impl PolicyHit {
     /// What happened, a few words.
     #[must_use]
-    pub const fn words(self) -> &'static str {
+    pub const fn label(self) -> &'static str {
         match self {
             Self::ModeUncovered => "no policy covers what it does",
             Self::ModeForbidden => "a policy forbids what it does",
             Self::ModeUnreviewed => "what it does was not reviewed",
-            Self::NotFinite => "it asks for a number that is none",
+            Self::NotFinite => "it asks for a non-finite value",
             Self::OutsideWorkspace => "it aims outside the workspace",
             Self::KeepOut => "it aims into the keep-out zone",
             Self::PredictedCollision => "its way would strike table or arm",
@@ -83,14 +83,14 @@ impl PolicyHit {
         }
     }
 
-    /// Whether the hit makes the episode a violation; a clamp is a warning, and so is a refusal that is nobody's fault.
+    /// Whether the hit makes the episode a violation; a clamp or a denial without its fault is a warning.
     #[must_use]
     pub const fn is_violation(self) -> bool {
         !matches!(self, Self::SpeedClamped | Self::ForceClamped | Self::PermissionWithdrawn)
     }
 
-    /// The hard stop that the hit is, if it is one: a number that is none, or what the version's own manifest does
-    /// not declare.
+    /// The hard stop that the hit is, if it is one: a non-finite number, or a command that the version's own manifest
+    /// does not declare.
     #[must_use]
     pub const fn hard_stop(self) -> Option<HardStop> {
         match self {
@@ -116,10 +116,10 @@ impl PolicyHit {
 
 /// What became of a command.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Checked {
+pub struct CheckedCommand {
     /// What the robot is given.
     pub command: Command,
-    /// What the skill is told.
+    /// The answer to the skill.
     pub verdict: GuardVerdict,
     /// Why, if it was not passed unchanged.
     pub hit: Option<PolicyHit>,
@@ -249,14 +249,18 @@ impl Guard {
 
     /// Passes, clamps or denies one command. A denied command becomes [`Command::Stop`].
     #[must_use]
-    pub fn check(&mut self, command: &Command, seen: &Telemetry) -> Checked {
+    pub fn check(&mut self, command: &Command, seen: &Telemetry) -> CheckedCommand {
         if let Some(grant) = &mut self.grant {
             grant.note_command(command);
         }
         match self.judge(command, seen) {
-            Ok((command, None)) => Checked { command, verdict: GuardVerdict::Allowed, hit: None },
-            Ok((command, Some(hit))) => Checked { command, verdict: GuardVerdict::Clamped, hit: Some(hit) },
-            Err(hit) => Checked { command: Command::Stop, verdict: GuardVerdict::Denied, hit: Some(hit) },
+            Ok((command, None)) => CheckedCommand { command, verdict: GuardVerdict::Allowed, hit: None },
+            Ok((command, Some(hit))) => {
+                CheckedCommand { command, verdict: GuardVerdict::Clamped, hit: Some(hit) }
+            }
+            Err(hit) => {
+                CheckedCommand { command: Command::Stop, verdict: GuardVerdict::Denied, hit: Some(hit) }
+            }
         }
     }
 
@@ -456,7 +460,7 @@ mod tests {
         let denied = guard(2).check(&command, &seen);
         assert_eq!((denied.verdict, denied.hit), (GuardVerdict::Denied, Some(PolicyHit::ModeUnreviewed)));
         assert_eq!(guard(2).reviewed(true).check(&command, &seen).verdict, GuardVerdict::Allowed);
-        // What a policy forbids stays forbidden, whoever approves.
+        // What a policy forbids stays forbidden despite any approval.
         let forbidden = guard(3).reviewed(true).check(&command, &seen);
         assert_eq!(forbidden.hit, Some(PolicyHit::ModeForbidden));
     }

@@ -6,7 +6,7 @@
 use holdpoint_body::{Command, Contacts, GuardVerdict, JointVec, TICK_SECS, Telemetry, Zone};
 use holdpoint_governance::harm::{DISTANCE_MAX, HarmMeasures};
 
-use super::guard::{Checked, Guard};
+use super::guard::{CheckedCommand, Guard};
 
 /// Ticks that a force has to last to be a sustained one, and the step of the tool's path: 50 ms.
 const WINDOW: usize = 12;
@@ -51,12 +51,12 @@ impl SlidingMean {
 
 /// Where the tool was in the last ticks.
 #[derive(Clone, Debug)]
-struct Path {
+struct ToolPath {
     points: [[f64; 3]; PATH],
     count: usize,
 }
 
-impl Path {
+impl ToolPath {
     fn note(&mut self, point: [f64; 3]) {
         if let Some(slot) = self.points.get_mut(self.count % PATH) {
             *slot = point;
@@ -119,7 +119,7 @@ pub struct HarmMeter {
     so_far: HarmMeasures,
     grip: SlidingMean,
     contact: SlidingMean,
-    path: Path,
+    path: ToolPath,
     /// Ticks measured.
     ticks: u64,
     /// Ticks in which the skill commanded, and of these with a command reduced or refused.
@@ -146,7 +146,7 @@ impl Default for HarmMeter {
             so_far: HarmMeasures::STILL,
             grip: SlidingMean::default(),
             contact: SlidingMean::default(),
-            path: Path { points: [[0.0; 3]; PATH], count: 0 },
+            path: ToolPath { points: [[0.0; 3]; PATH], count: 0 },
             ticks: 0,
             commanded: 0,
             clamped: 0,
@@ -170,7 +170,7 @@ impl HarmMeter {
     pub fn note_command(
         &mut self,
         asked: &Command,
-        checked: &Checked,
+        checked: &CheckedCommand,
         guard: &Guard,
         (tau, dq): (&JointVec, &JointVec),
     ) {

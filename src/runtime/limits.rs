@@ -62,7 +62,7 @@ pub struct WatchLimits {
     pub tracking_max_rad: f64,
     /// Force from which a contact is noticed, N.
     pub contact_noticed_n: f64,
-    /// Age of the newest picture while the arm moves, ticks.
+    /// Age of the newest camera frame while the arm moves, ticks.
     pub picture_age_max_ticks: u32,
     /// How long a commanded gripper may do nothing, ticks.
     pub grip_fault_ticks: u32,

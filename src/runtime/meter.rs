@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use holdpoint_body::{Command, Observation, RATE_HZ};
 
-use super::skill::{Confined, Hook, Skill};
+use super::skill::{ConfinementReport, Hook, Skill};
 
 /// Ticks that are looked at together: one second.
 const WINDOW_TICKS: u32 = RATE_HZ;
@@ -58,12 +58,12 @@ impl TickMeter {
 }
 
 /// A run whose ticks are timed.
-pub(crate) struct Timed {
+pub(crate) struct TimedSkill {
     pub(crate) skill: Box<dyn Skill>,
     pub(crate) meter: Arc<TickMeter>,
 }
 
-impl Skill for Timed {
+impl Skill for TimedSkill {
     fn tick(&mut self, seen: &Observation) -> Command {
         let begun = Instant::now();
         let command = self.skill.tick(seen);
@@ -79,7 +79,7 @@ impl Skill for Timed {
         Some(Box::new(Self { skill: self.skill.fork()?, meter: Arc::clone(&self.meter) }))
     }
 
-    fn confined(&self) -> Confined {
+    fn confined(&self) -> ConfinementReport {
         self.skill.confined()
     }
 }

@@ -1,8 +1,7 @@
 //! The recovery manager: brings the arm to a standstill, by the skill's hook or without it.
 //!
-//! First the skill's own safe-abort hook; if the arm still moves when the declared time is over,
-//! the interrupt that no skill can refuse. Whether the arm stands is read from joint speeds, never
-//! from what a hook returns.
+//! First the skill's own safe-abort hook; if the arm still moves when the declared time is over, the interrupt that
+//! no skill can refuse. Standstill is measured from joint speeds, never from the hook's result.
 
 use holdpoint_body::BodyError;
 use holdpoint_body::{GuardVerdict, Interrupt, JointVec, Pose, RATE_HZ, Telemetry};
@@ -15,7 +14,7 @@ use super::skill::{Hook, Skill, ask};
 use super::watcher::Watcher;
 use holdpoint_body::Body;
 
-/// Joint speed below which a joint stands, rad/s.
+/// Joint speed below which a joint is at standstill, rad/s.
 pub const STANDSTILL_RAD_S: f64 = 0.02;
 
 /// How long a standstill has to last, ticks.
@@ -64,7 +63,7 @@ impl Standstill {
     /// Ticks over which the mean is taken.
     pub const TICKS: usize = STANDSTILL_TICKS;
 
-    /// Takes one tick; tells whether the arm stands by now.
+    /// Takes one tick; returns whether the arm is at standstill.
     pub fn observe(&mut self, seen: &Telemetry) -> bool {
         self.window.push_back(seen.dq.clone());
         if self.window.len() > STANDSTILL_TICKS {

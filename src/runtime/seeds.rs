@@ -10,14 +10,14 @@ use holdpoint_governance::ids::Digest;
 pub struct SeedKey(Digest);
 
 impl SeedKey {
-    /// The key that a secret gives: whoever has not the secret cannot compute a seed.
+    /// The key that a secret gives: no one can compute a seed without the secret.
     #[must_use]
     pub fn secret(secret: &[u8; 32]) -> Self {
         Self(Digest::of_parts("holdpoint.bundle-seeds.secret.v1", &[secret]))
     }
 
-    /// The key of a run that has to come out the same everywhere: a script, an experiment. Its seeds are in no row
-    /// either, and anybody can compute them.
+    /// The key of a run that must be the same everywhere: a script, an experiment. Its seeds are not consecutive
+    /// either, but anyone can compute them.
     #[must_use]
     pub fn of_run(seed: u64) -> Self {
         Self(Digest::of_parts("holdpoint.bundle-seeds.run.v1", &[&seed.to_le_bytes()]))
@@ -63,7 +63,7 @@ mod tests {
         assert_ne!(SeedKey::secret(&[1; 32]).seed(7), SeedKey::secret(&[2; 32]).seed(7));
     }
 
-    /// Seeds of neighbouring episodes have nothing in common that a range or a bit would show.
+    /// Seeds of adjacent episodes share no visible range or bit.
     #[test]
     fn the_seeds_of_a_row_of_episodes_are_spread() {
         let key = SeedKey::of_run(1);

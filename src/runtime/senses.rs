@@ -1,13 +1,13 @@
 //! What a version is given to see: the parts of an observation whose sensor or tool its manifest declares.
 //!
-//! What is not declared is delivered as nothing: an empty vector, a number that is none, an absent estimate, a tool
-//! that does not answer. Code that works on it all the same gives numbers that are none, which the guard stops.
+//! An input that is not declared is delivered empty: an empty vector, a NaN, an absent estimate, a tool that does not
+//! answer. Code that uses it anyway computes NaN, which the guard stops.
 
 use holdpoint_body::{Command, Observation, Pose, Twist};
 use holdpoint_governance::manifest::Permissions;
 use holdpoint_governance::mode::{Sensor, Tool};
 
-use super::skill::{Confined, Hook, Skill};
+use super::skill::{ConfinementReport, Hook, Skill};
 
 /// Which parts of an observation are delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +38,7 @@ impl Senses {
     #[must_use]
     pub fn confine(self, skill: Box<dyn Skill>) -> Box<dyn Skill> {
         // Nothing is withheld, so nothing has to be copied.
-        if self.are_all() { skill } else { Box::new(Withheld { senses: self, skill }) }
+        if self.are_all() { skill } else { Box::new(FilteredSkill { senses: self, skill }) }
     }
 
     fn withhold(self, seen: &mut Observation) {
@@ -66,12 +66,12 @@ impl Senses {
 }
 
 /// A run behind its manifest's declaration.
-struct Withheld {
+struct FilteredSkill {
     senses: Senses,
     skill: Box<dyn Skill>,
 }
 
-impl Skill for Withheld {
+impl Skill for FilteredSkill {
     fn tick(&mut self, seen: &Observation) -> Command {
         let mut delivered = seen.clone();
         self.senses.withhold(&mut delivered);
@@ -86,7 +86,7 @@ impl Skill for Withheld {
         Some(Box::new(Self { senses: self.senses, skill: self.skill.fork()? }))
     }
 
-    fn confined(&self) -> Confined {
+    fn confined(&self) -> ConfinementReport {
         self.skill.confined()
     }
 }
@@ -100,9 +100,9 @@ mod tests {
 
     use super::*;
 
-    struct Teller(mpsc::Sender<Observation>);
+    struct ObservationSender(mpsc::Sender<Observation>);
 
-    impl Skill for Teller {
+    impl Skill for ObservationSender {
         fn tick(&mut self, seen: &Observation) -> Command {
             self.0.send(seen.clone()).unwrap();
             Command::Hold
@@ -138,7 +138,7 @@ mod tests {
         let less = less.replace(&format!("[\"{word}\"]"), "[]");
         let manifest = Manifest::parse("manifest.toml", &less).unwrap();
         let (told, seen) = mpsc::channel();
-        let mut skill = Senses::of(&manifest.permissions).confine(Box::new(Teller(told)));
+        let mut skill = Senses::of(&manifest.permissions).confine(Box::new(ObservationSender(told)));
         skill.tick(&whole());
         seen.recv().unwrap()
     }

@@ -12,10 +12,10 @@ use holdpoint_body::{BodyError, CodeFault, Command, Observation, TaskKind};
 
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::Digest;
-pub use holdpoint_skill::{Confined, Hook, Skill};
+pub use holdpoint_skill::{ConfinementReport, Hook, Skill};
 
 pub trait SkillBundle: Send + Sync {
-    /// SHA-256 over what determines the behaviour.
+    /// SHA-256 over what determines the behavior.
     fn digest(&self) -> Digest;
 
     /// What the code really offers and needs; never built from the manifest.

@@ -13,19 +13,19 @@ pub enum Stress {
     /// From one tick of the task to before another nothing may move, whatever is declared.
     Withdrawn { from_tick: u64, until_tick: u64 },
     /// A person stands where the version works.
-    Exposed { person: Person },
+    Exposed { person: PersonBox },
 }
 
 /// Where a person stands: a box that the tool must keep out of, m, world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Person {
+pub struct PersonBox {
     /// Corner with the smallest coordinates.
     pub min_m: [f64; 3],
     /// Corner with the largest coordinates.
     pub max_m: [f64; 3],
 }
 
-impl Person {
+impl PersonBox {
     /// A person who reaches from where people are, the keep-out zone, into the half of another zone next to it.
     #[must_use]
     pub fn reaching_into(zone: &Zone, keep_out: &Zone) -> Self {

@@ -21,13 +21,13 @@ use super::guard::{Guard, PolicyHit};
 use super::harm::HarmMeter;
 use super::limits::WatchLimits;
 use super::recovery::RecoveryReport;
-use super::skill::{Confined, Skill};
-use super::watcher::{Raised, Watcher, WatcherSignal};
+use super::skill::{ConfinementReport, Skill};
+use super::watcher::{RaisedSignal, Watcher, WatcherSignal};
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::{Conduct, EpisodeValues, HardStop};
 use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::permission::PermissionsUsed;
-use holdpoint_governance::senses::SensedValues;
+use holdpoint_governance::sensor_health::SensorReadings;
 
 /// Ticks between two points of a recorded path: 20 a second.
 pub const PATH_EVERY_TICKS: u64 = (RATE_HZ / 20) as u64;
@@ -94,7 +94,7 @@ pub struct TaskRecord {
     /// Denials and measured violations, the first of each kind with its tick.
     pub hits: Vec<(u64, PolicyHit)>,
     /// What the watcher raised.
-    pub signals: Vec<Raised>,
+    pub signals: Vec<RaisedSignal>,
     /// What the skill declared.
     pub declared: Option<FailureSignal>,
     /// How its code failed; the recovery manager took over.
@@ -110,7 +110,7 @@ pub struct TaskRecord {
     pub used: PermissionsUsed,
     /// What it showed of the cell.
     #[serde(default)]
-    pub sensed: SensedValues,
+    pub sensed: SensorReadings,
     /// The simulator failed; nothing else in the record counts.
     pub invalid: bool,
     /// The dispatcher refused the call; the arm has not moved.
@@ -193,7 +193,7 @@ impl TaskRecord {
             unsafe_continuation_ms: 0,
             hard_stop: None,
             used: PermissionsUsed::default(),
-            sensed: SensedValues::default(),
+            sensed: SensorReadings::default(),
             invalid: true,
             refused: false,
             path: Vec::new(),
@@ -270,7 +270,7 @@ impl Supervision {
     }
 }
 
-/// What passed in one tick, for whoever supervises.
+/// Results of one tick, for the supervisor.
 #[derive(Clone, Copy, Debug)]
 pub struct Tick<'a> {
     /// Ticks since the task started, this one included.
@@ -338,16 +338,16 @@ fn close(
     record: &mut TaskRecord,
     watcher: &Watcher,
     attempts: &AttemptCounter,
-    (guard, confined): (&Guard, Confined),
+    (guard, confined): (&Guard, ConfinementReport),
     tick: u64,
 ) {
     record.signals = watcher.raised().to_vec();
-    // Whoever runs out of time, or whose code fails, does not know how it stands with its work.
+    // A version that times out, or whose code fails, does not know the state of its task.
     record.anomaly = record.timeout
         || record.fault.is_some()
         || record.signals.iter().any(|raised| raised.signal.is_anomaly());
     record.used = guard.used();
-    record.used.note_confined(confined.fuel_tick_max, confined.memory_bytes, confined.fault);
+    record.used.record_sandbox_use(confined.fuel_tick_max, confined.memory_bytes, confined.fault);
     record.retries = attempts.retries();
     record.time_secs = tick_secs(tick);
 }
@@ -381,7 +381,7 @@ fn note_hit(record: &mut TaskRecord, tick: u64, hit: PolicyHit) {
 
 fn note_path(record: &mut TaskRecord, seen: &Telemetry, tick: u64) {
     if tick.is_multiple_of(PATH_EVERY_TICKS) {
-        // Drawing and envelopes need a tenth of a millimetre; f32 holds far more.
+        // Drawing and envelopes need a tenth of a millimeter; f32 holds far more.
         #[allow(clippy::cast_possible_truncation)]
         record.path.push(PathPoint {
             tick: u32::try_from(tick).unwrap_or(u32::MAX),

@@ -7,7 +7,7 @@ use holdpoint_body::{Geometry, RATE_HZ, TaskKind, Zone};
 use super::grant::Grant;
 use super::guard::Guard;
 use super::limits::{Envelope, WatchLimits};
-use super::meter::{TickMeter, Timed};
+use super::meter::{TickMeter, TimedSkill};
 use super::seeds::{BundleSeed, SeedKey};
 use super::skill::Skill;
 use super::stress::Stress;
@@ -111,7 +111,7 @@ impl SkillTerms {
     pub fn timed(&self, skill: Box<dyn Skill>) -> Box<dyn Skill> {
         match &self.meter {
             None => skill,
-            Some(meter) => Box::new(Timed { skill, meter: Arc::clone(meter) }),
+            Some(meter) => Box::new(TimedSkill { skill, meter: Arc::clone(meter) }),
         }
     }
 

@@ -21,7 +21,7 @@ pub enum WatcherSignal {
     TrackingError,
     /// Contact outside the phase it belongs to.
     UnexpectedContact,
-    /// The arm moves on pictures that are too old.
+    /// The arm moves on camera frames that are too old.
     StaleInput,
     /// The gripper does not answer.
     ToolLost,
@@ -48,13 +48,13 @@ impl WatcherSignal {
 
     /// What was seen, a few words.
     #[must_use]
-    pub const fn words(self) -> &'static str {
+    pub const fn label(self) -> &'static str {
         match self {
             Self::ObjectSlip => "the object slips in the hand",
             Self::ObjectLost => "the hand has lost the object",
             Self::TrackingError => "a joint is far from where it should be",
             Self::UnexpectedContact => "it touches what it should not",
-            Self::StaleInput => "it moves on pictures that are too old",
+            Self::StaleInput => "it moves on camera frames that are too old",
             Self::ToolLost => "the gripper does not answer",
             Self::GripFault => "the gripper does not follow",
             Self::Overrun => "the work takes too long",
@@ -71,7 +71,7 @@ impl WatcherSignal {
             | Self::StaleInput
             | Self::Overrun
             | Self::TelemetryInvalid => true,
-            // The skill may mend these itself (a new attempt, a wait).
+            // The skill may repair these itself (a new attempt, a wait).
             Self::ObjectSlip | Self::ObjectLost | Self::ToolLost | Self::GripFault => false,
         }
     }
@@ -87,7 +87,7 @@ impl WatcherSignal {
 
 /// A signal and when it was established.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Raised {
+pub struct RaisedSignal {
     pub signal: WatcherSignal,
     /// Ticks since the task started.
     pub tick: u64,
@@ -98,7 +98,7 @@ pub struct Watcher {
     task: TaskKind,
     limits: WatchLimits,
     lasting: [u32; WatcherSignal::ALL.len()],
-    raised: Vec<Raised>,
+    raised: Vec<RaisedSignal>,
     closed_on_object: bool,
     releasing: bool,
     closing: bool,
@@ -125,7 +125,7 @@ impl Watcher {
 
     /// Everything raised so far, in order.
     #[must_use]
-    pub fn raised(&self) -> &[Raised] {
+    pub fn raised(&self) -> &[RaisedSignal] {
         &self.raised
     }
 
@@ -176,7 +176,7 @@ impl Watcher {
             let lasting = &mut self.lasting[signal as usize];
             *lasting = if holds { lasting.saturating_add(1) } else { 0 };
             if *lasting == needed && !self.has(signal) {
-                self.raised.push(Raised { signal, tick: telemetry.tick });
+                self.raised.push(RaisedSignal { signal, tick: telemetry.tick });
                 now.push(signal);
             }
         }
@@ -264,8 +264,8 @@ mod tests {
 
     #[test]
     fn names_what_happens_and_nothing_else() {
-        type Change = fn(&mut Telemetry);
-        let table: [(Change, &[WatcherSignal]); 7] = [
+        type TelemetryEdit = fn(&mut Telemetry);
+        let table: [(TelemetryEdit, &[WatcherSignal]); 7] = [
             (|_| {}, &[]),
             (|t| t.slip_m = Some(0.02), &[WatcherSignal::ObjectSlip]),
             (|t| t.tracking_error_rad = 0.2, &[WatcherSignal::TrackingError]),

@@ -1,4 +1,4 @@
-//! The layout that a viewer shows at once: the scene on the left, charts on the right, phase, log and document below.
+//! The viewer's initial layout: the scene on the left, charts on the right, phase, log and document below.
 //!
 //! Written as plain rows with fixed ids, so that every recording holds the same bytes.
 
@@ -21,7 +21,7 @@ use rerun::{AsComponents, EntityPath, StoreId, StoreKind};
 
 use super::drawing::theme;
 use super::file::{APPLICATION, message, opening};
-use super::rows::Ids;
+use super::rows::RowIds;
 
 /// A view: number, class, name, origin, contents.
 type BlueprintView = (u8, &'static str, &'static str, &'static str, &'static [&'static str]);
@@ -47,10 +47,10 @@ const LOOK_AT_M: [f32; 3] = [0.36, 0.02, 0.24];
 /// The layout as messages.
 ///
 /// # Errors
-/// If a row is not well formed, which would be a fault of ours.
+/// If a row is not well formed, which is a defect of this program.
 pub fn messages() -> io::Result<Vec<LogMsg>> {
     let store = StoreId::new(StoreKind::Blueprint, APPLICATION, "holdpoint-layout");
-    let mut page = Page { ids: Ids::of_segment(0), store, messages: Vec::new() };
+    let mut page = BlueprintPage { ids: RowIds::of_segment(0), store, messages: Vec::new() };
     let first = opening(&page.store, &mut page.ids);
     page.messages.push(first);
     for view in VIEWS {
@@ -70,8 +70,8 @@ pub fn messages() -> io::Result<Vec<LogMsg>> {
     Ok(page.messages)
 }
 
-struct Page {
-    ids: Ids,
+struct BlueprintPage {
+    ids: RowIds,
     store: StoreId,
     messages: Vec<LogMsg>,
 }
@@ -95,7 +95,7 @@ fn container_path(number: u8) -> String {
     format!("container/{}", uuid(2, number))
 }
 
-impl Page {
+impl BlueprintPage {
     fn put(&mut self, path: &str, what: &dyn AsComponents) -> io::Result<()> {
         let mut point = TimePoint::default();
         point.insert_cell("blueprint", TimeCell::from_sequence(0));

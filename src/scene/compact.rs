@@ -1,6 +1,6 @@
-//! Ends and mends files: few large chunks instead of many small ones, a footer, one file instead of segments.
+//! Completes and repairs files: few large chunks instead of many small ones, a footer, one file instead of segments.
 //!
-//! A new file is written beside the old one, synced, and put in its place: a kill leaves the one or the other.
+//! A new file is written beside the old one, synced and renamed, so that a kill leaves one of them.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -13,20 +13,20 @@ use rerun::EntityPath;
 use rerun::log::Chunk;
 use sha2::{Digest as _, Sha256};
 
-use super::drawing::{Tail, paths, tail};
-use super::file::{Framed, message, opening, store};
-use super::guarded::guarded;
+use super::decoder_guard::guarded;
+use super::drawing::{RecordingTail, paths, tail};
+use super::file::{FramedWriter, message, opening, store};
 use super::limits::{CHUNK_ROWS_MAX, READ_BYTES_MAX};
-use super::read::{Contents, contents};
-use super::rows::{Ids, Rows};
+use super::reader::{RecordingContents, contents};
+use super::rows::{PendingRows, RowIds};
 use super::{ReadError, blueprint};
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::UpgradeEnd;
-use holdpoint_governance::words::Word;
 use holdpoint_text::Untrusted;
-use holdpoint_text::file::anew;
+use holdpoint_text::file::create_fresh;
 
-/// A file that is ended.
+/// A completed file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EndedFile {
     /// SHA-256 of its bytes.
@@ -39,11 +39,21 @@ pub struct EndedFile {
 ///
 /// # Errors
 /// If a segment cannot be read or is damaged, or the file not be written.
-pub fn join(stem: &str, segments: &[PathBuf], into: &Path, end: &Tail) -> Result<EndedFile, ReadError> {
+pub fn join(
+    stem: &str,
+    segments: &[PathBuf],
+    into: &Path,
+    end: &RecordingTail,
+) -> Result<EndedFile, ReadError> {
     guarded(into, || joined(stem, segments, into, end))
 }
 
-fn joined(stem: &str, segments: &[PathBuf], into: &Path, end: &Tail) -> Result<EndedFile, ReadError> {
+fn joined(
+    stem: &str,
+    segments: &[PathBuf],
+    into: &Path,
+    end: &RecordingTail,
+) -> Result<EndedFile, ReadError> {
     let mut all = Vec::new();
     for segment in segments {
         all.extend(contents(segment)?.chunks);
@@ -51,21 +61,21 @@ fn joined(stem: &str, segments: &[PathBuf], into: &Path, end: &Tail) -> Result<E
     let all = with_end(all, end);
     let ended = write_all(stem, all, into).map_err(|source| ReadError::file(into, source))?;
     for segment in segments.iter().filter(|segment| segment.as_path() != into) {
-        // What is left behind is found and joined at the next start.
+        // The next start finds and joins leftover segments.
         let _ = fs::remove_file(segment);
     }
     Ok(ended)
 }
 
-/// The chunks of a recording with what is said at its end, instead of what a segment said.
-fn with_end(mut chunks: Vec<Chunk>, end: &Tail) -> Vec<Chunk> {
+/// The chunks of a recording with the final properties in place of those of a segment.
+fn with_end(mut chunks: Vec<Chunk>, end: &RecordingTail) -> Vec<Chunk> {
     let said = [paths::TAIL, END].map(EntityPath::parse_forgiving);
     chunks.retain(|chunk| !said.contains(chunk.entity_path()));
-    let mut rows = Rows::new(Ids::of_segment(LAST_SEGMENT));
+    let mut rows = PendingRows::new(RowIds::of_segment(LAST_SEGMENT));
     tail(&mut rows, end);
     let outcome = end.outcome.as_ref().map_or_else(|| "open".to_owned(), ToString::to_string);
     let outcome = Untrusted::new(outcome).line();
-    let dropped = format!("{} pictures, {} events", end.dropped.0, end.dropped.1);
+    let dropped = format!("{} video frames, {} events", end.dropped.0, end.dropped.1);
     let facts = AnyValues::default()
         .with_component::<Text>("outcome", [Text::from(outcome.as_str())])
         .with_component::<Text>("dropped", [Text::from(dropped)]);
@@ -77,16 +87,16 @@ fn with_end(mut chunks: Vec<Chunk>, end: &Tail) -> Vec<Chunk> {
 /// The properties that are known at the end.
 pub const END: &str = "__properties/end";
 
-/// Ids of what is said at the end: after those of every segment.
+/// Ids of the final properties: after those of every segment.
 const LAST_SEGMENT: u32 = 0xf_ffff;
 
-/// Writes chunks as an ended file, and puts it in its place.
+/// Writes chunks as a completed file and renames it into place.
 ///
 /// # Errors
 /// If it cannot be written.
 pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<EndedFile> {
     let beside = into.with_extension("rrd.part");
-    let written = write_beside(stem, chunks, &beside).and_then(|ended| {
+    let written = write_temporary(stem, chunks, &beside).and_then(|ended| {
         fs::rename(&beside, into)?;
         if let Some(folder) = into.parent() {
             File::open(folder)?.sync_all()?;
@@ -99,11 +109,11 @@ pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<Ende
     written
 }
 
-fn write_beside(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<EndedFile> {
-    let file = BufWriter::new(Summed { file: anew(beside)?, sum: Sha256::new(), bytes: 0 });
-    let mut framed = Framed::indexed(file)?;
+fn write_temporary(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<EndedFile> {
+    let file = BufWriter::new(DigestingWriter { file: create_fresh(beside)?, sum: Sha256::new(), bytes: 0 });
+    let mut framed = FramedWriter::indexed(file)?;
     let store = store(stem);
-    let mut ids = Ids::of_segment(LAST_SEGMENT + 1);
+    let mut ids = RowIds::of_segment(LAST_SEGMENT + 1);
     for layout in blueprint::messages()? {
         framed.write(&layout)?;
     }
@@ -143,20 +153,20 @@ fn few(chunks: Vec<Chunk>) -> io::Result<Vec<Chunk>> {
     Ok(entities.into_values().flatten().collect())
 }
 
-/// Pictures in a recording.
+/// Video frames in a recording.
 fn pictures(chunks: &[Chunk]) -> u64 {
     let path = EntityPath::parse_forgiving(paths::FRAME);
     chunks.iter().filter(|chunk| *chunk.entity_path() == path).map(|chunk| chunk.num_rows() as u64).sum()
 }
 
 /// Counts and sums what passes.
-struct Summed {
+struct DigestingWriter {
     file: File,
     sum: Sha256,
     bytes: u64,
 }
 
-impl Write for Summed {
+impl Write for DigestingWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.file.write(bytes)?;
         self.sum.update(bytes.get(..written).unwrap_or(bytes));
@@ -169,34 +179,34 @@ impl Write for Summed {
     }
 }
 
-/// What is found of a file at the start.
+/// The state of a file at a start.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum StartFindings {
-    /// It was ended in good order, with this outcome.
-    Ended(EndedFile, Word<UpgradeEnd>),
-    /// It is readable; its upgrade may go on.
+pub enum FileAtStart {
+    /// The file is complete, with this outcome.
+    Ended(EndedFile, Lenient<UpgradeEnd>),
+    /// The file is readable and its upgrade may continue.
     Open,
 }
 
-/// Looks at a file of an earlier life and mends it if a kill left it without an end.
+/// Reads a file of an earlier session and repairs it if a kill left it without an end.
 ///
 /// # Errors
 /// If it cannot be read or written, or is damaged.
-pub fn mend(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<StartFindings, ReadError> {
-    guarded(path, || mended(stem, path, dropped))
+pub fn mend(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<FileAtStart, ReadError> {
+    guarded(path, || repair(stem, path, dropped))
 }
 
-fn mended(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<StartFindings, ReadError> {
-    let Contents { chunks, tail } = contents(path)?;
+fn repair(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<FileAtStart, ReadError> {
+    let RecordingContents { chunks, tail } = contents(path)?;
     let Some(tail) = tail else {
-        let chunks = with_end(chunks, &Tail { outcome: None, dropped });
+        let chunks = with_end(chunks, &RecordingTail { outcome: None, dropped });
         write_all(stem, chunks, path).map_err(|source| ReadError::file(path, source))?;
-        return Ok(StartFindings::Open);
+        return Ok(FileAtStart::Open);
     };
-    let Some(outcome) = tail.outcome else { return Ok(StartFindings::Open) };
+    let Some(outcome) = tail.outcome else { return Ok(FileAtStart::Open) };
     let pictures = pictures(&chunks);
     let bytes =
         holdpoint_text::file::read(path, READ_BYTES_MAX).map_err(|source| ReadError::file(path, source))?;
     let digest = Digest::from_bytes(Sha256::digest(&bytes).into());
-    Ok(StartFindings::Ended(EndedFile { digest, bytes: bytes.len() as u64, pictures }, outcome))
+    Ok(FileAtStart::Ended(EndedFile { digest, bytes: bytes.len() as u64, pictures }, outcome))
 }

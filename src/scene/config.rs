@@ -1,4 +1,4 @@
-//! What the sink is asked for, and why it refuses.
+//! Options of the sink, and its errors.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -6,16 +6,16 @@ use std::path::PathBuf;
 
 use holdpoint_text::{Hint, Untrusted};
 
-/// What is kept and served.
+/// What is recorded and served.
 #[derive(Clone, Debug, Default)]
 pub struct SceneConfig {
     /// The folder of the recordings; absent: none are written.
     pub recordings: Option<PathBuf>,
-    /// Names of the files whose digest is on the audit record: never touched again.
+    /// Names of the files whose digest is on the audit record: never modified again.
     pub closed: BTreeSet<String>,
     /// Serve a live viewer here from the start.
     pub view: Option<std::net::SocketAddr>,
-    /// Put the machine's time into the rows too. Not in scripts: there the same seed gives the same bytes.
+    /// Write wall time into the rows too. Not in scripts: there the same seed gives the same bytes.
     pub wall_clock: bool,
 }
 
@@ -26,7 +26,7 @@ pub enum SceneError {
     #[error("cannot use the folder of the recordings \"{path}\": {source}")]
     Folder {
         path: String,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     #[error("cannot start the scene thread: {0}")]
@@ -49,10 +49,10 @@ pub enum ReadError {
     #[error("cannot use the recording \"{path}\": {source}")]
     File {
         path: String,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// It is no recording of this program.
+    /// It is not a recording of this program.
     #[error("\"{path}\" is no recording of an upgrade: {text}")]
     Foreign {
         path: String,
@@ -73,16 +73,16 @@ impl Hint for ReadError {
 impl ReadError {
     /// The file cannot be used.
     pub(crate) fn file(path: &std::path::Path, source: std::io::Error) -> Self {
-        Self::File { path: shown(path), source }
+        Self::File { path: display_path(path), source }
     }
 
     /// The file is something else.
     pub(crate) fn foreign(path: &std::path::Path, text: impl Into<String>) -> Self {
-        Self::Foreign { path: shown(path), text: Untrusted::new(text).line().into_string() }
+        Self::Foreign { path: display_path(path), text: Untrusted::new(text).line().into_string() }
     }
 }
 
 /// A path for a message.
-pub(crate) fn shown(path: &std::path::Path) -> String {
+pub(crate) fn display_path(path: &std::path::Path) -> String {
     Untrusted::new(path.to_string_lossy()).line().into_string()
 }

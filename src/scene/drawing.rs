@@ -1,34 +1,34 @@
-//! Turns what the engine tells into rows: one drawing per upgrade, and one for the live viewer.
+//! Turns events and snapshots of the engine into rows: one drawing per upgrade, and one for the live viewer.
 //!
-//! Owns which entity shows what. It reads events, snapshots and pictures and writes rows; it decides nothing about
-//! files. Entities: `world/..` is the scene, `plots/..` are charts, `phase`, `log/..` and `upgrade` say how far the
-//! upgrade is, and `record/..` is what reading back needs and a viewer need not show.
+//! Owns which entity shows what. It reads events, snapshots and video frames and writes rows; it decides nothing about
+//! files. Entities: `world/..` is the scene, `plots/..` are charts, `phase`, `log/..` and `upgrade` give the progress
+//! of the upgrade, and `record/..` is data that only reading back needs.
 
+mod log_text;
 mod plots;
-mod record;
+mod readback;
 mod scenery;
 mod style;
-mod tell;
 pub mod theme;
 mod world;
 
 use std::collections::BTreeMap;
 
-pub use record::{PictureFacts, RecordingHead, Tail, head, paths, tail};
+pub use readback::{FrameFacts, RecordingHead, RecordingTail, head, paths, tail};
 
-use super::rows::{Ids, Moment, Rows};
+use super::rows::{PendingRows, RowIds, RowTime};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::film::{FilmFrame, FilmMark};
-use holdpoint_protocol::picture::{Picture, Point, Scenery};
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_protocol::video_frame::{Scenery, VideoFrame, WorldPoint};
 use holdpoint_recordings::recording::FilmSpan;
 
-/// A drawing: rows that wait, and what has to be remembered between two of them.
+/// A drawing: pending rows, and the state that it keeps between them.
 #[derive(Debug)]
 pub struct Drawing {
-    rows: Rows,
-    /// Whose charts are drawn; absent until the live viewer's drawing knows.
+    rows: PendingRows,
+    /// The version whose charts are drawn; absent until the live viewer's drawing knows.
     version: Option<CapabilityId>,
     since_ms: Option<u64>,
     sequence: u64,
@@ -38,7 +38,7 @@ pub struct Drawing {
     twin_shown: bool,
     /// The sequence whose blocks are drawn.
     standing: Option<u64>,
-    /// Limits by path: when they were last said, ms, and what.
+    /// Limits by path: when they were last written, ms, and their values.
     limits: BTreeMap<String, (u64, f64)>,
     /// Points of the shadow series that are drawn.
     shadow_drawn: usize,
@@ -46,24 +46,24 @@ pub struct Drawing {
     pairs_drawn: u64,
     /// Episodes of the monitor that are drawn.
     monitored: u32,
-    /// What is drawn of the upgrade's document.
-    upgrade: tell::UpgradeFacts,
+    /// The drawn part of the upgrade's document.
+    upgrade: log_text::UpgradeFacts,
 }
 
-/// The way of one tool in the running sequence.
+/// The path of one tool in the running sequence.
 #[derive(Debug, Default)]
 struct Trail {
     sequence: u64,
-    points: Vec<Point>,
+    points: Vec<WorldPoint>,
     said_ms: Option<u64>,
 }
 
 impl Drawing {
-    /// An empty one. The paths of the tools are renewed every `path_every_ms`.
+    /// An empty drawing. The paths of the tools are renewed every `path_every_ms`.
     #[must_use]
-    pub fn new(ids: Ids, version: Option<CapabilityId>, wall_clock: bool, path_every_ms: u64) -> Self {
+    pub fn new(ids: RowIds, version: Option<CapabilityId>, wall_clock: bool, path_every_ms: u64) -> Self {
         Self {
-            rows: Rows::new(ids),
+            rows: PendingRows::new(ids),
             version,
             since_ms: None,
             sequence: 0,
@@ -76,90 +76,90 @@ impl Drawing {
             shadow_drawn: 0,
             pairs_drawn: 0,
             monitored: 0,
-            upgrade: tell::UpgradeFacts::default(),
+            upgrade: log_text::UpgradeFacts::default(),
         }
     }
 
-    /// What holds always: the scene that does not move, and how everything is drawn.
+    /// Static data: the fixed scene and the style of everything drawn.
     pub fn begin(&mut self, scenery: &Scenery) {
         scenery::draw(&mut self.rows, scenery);
         style::draw(&mut self.rows);
     }
 
-    /// A moment of the live cell.
-    pub fn picture(&mut self, picture: &Picture) {
+    /// A frame of the live cell.
+    pub fn picture(&mut self, picture: &VideoFrame) {
         self.sequence = picture.sequence;
         let moment = self.moment(picture.at_ms, picture.sequence);
         let says_blocks = self.standing != Some(picture.sequence);
         self.draw_world(picture, &moment);
         self.draw_tool(picture, &moment);
-        record::frame(&mut self.rows, picture, &moment, says_blocks);
+        readback::frame(&mut self.rows, picture, &moment, says_blocks);
         self.standing = Some(picture.sequence);
     }
 
-    /// A piece of an evaluation begins, which is drawn as a sequence of this number.
+    /// Begins a part of an evaluation, drawn as a sequence of this number.
     pub fn film(&mut self, seen: &FilmSpan, sequence: u64) {
         self.sequence = sequence;
         let moment = self.moment(seen.from_ms, sequence);
-        self.tell_film(seen, &moment);
-        record::film(&mut self.rows, seen, &moment);
+        self.log_film(seen, &moment);
+        readback::film(&mut self.rows, seen, &moment);
     }
 
-    /// A moment of one version in a piece of an evaluation, as columns.
+    /// A frame of one version in a part of an evaluation, as columns.
     pub fn columns(&mut self, who: &str, frame: &FilmFrame, at_ms: u64) {
         let moment = self.moment(at_ms, self.sequence);
         self.draw_columns(who, frame, &moment);
     }
 
-    /// Something that happened to one version in a piece of an evaluation.
+    /// An event of one version in a part of an evaluation.
     pub fn mark(&mut self, who: &str, mark: &FilmMark, at_ms: u64) {
         let moment = self.moment(at_ms, self.sequence);
-        self.tell_mark(who, mark, &moment);
+        self.log_mark(who, mark, &moment);
     }
 
     pub fn event(&mut self, event: &Event) {
         let moment = self.moment(event.at_ms, self.sequence);
         self.draw_event(event, &moment);
-        self.tell(event, &moment);
-        record::event(&mut self.rows, event, &moment);
+        self.log_event(event, &moment);
+        readback::event(&mut self.rows, event, &moment);
     }
 
-    /// How things stand: what of it is new.
+    /// Draws the news of a snapshot.
     pub fn snapshot(&mut self, snapshot: &Snapshot) {
         let moment = self.moment(snapshot.at_ms, self.sequence);
         self.draw_snapshot(snapshot, &moment);
     }
 
-    /// Draws another version's charts from now on.
+    /// Draws the charts of another version from now on.
     pub fn turn_to(&mut self, version: &CapabilityId) {
         if self.version.as_ref() != Some(version) {
             self.version = Some(version.clone());
             self.shadow_drawn = 0;
             self.pairs_drawn = 0;
             self.monitored = 0;
-            self.upgrade = tell::UpgradeFacts::default();
+            self.upgrade = log_text::UpgradeFacts::default();
         }
     }
 
-    /// The rows that wait.
-    pub const fn rows(&mut self) -> &mut Rows {
+    /// The pending rows.
+    pub const fn rows(&mut self) -> &mut PendingRows {
         &mut self.rows
     }
 
-    fn moment(&mut self, at_ms: u64, sequence: u64) -> Moment {
+    fn moment(&mut self, at_ms: u64, sequence: u64) -> RowTime {
         let since_ms = *self.since_ms.get_or_insert(at_ms);
         let wall = self.wall_clock.then(wall_nanos);
-        Moment::new(at_ms, since_ms, sequence, wall)
+        RowTime::new(at_ms, since_ms, sequence, wall)
     }
 }
 
-/// The machine's time, ns since 1970.
+/// Wall time, ns since 1970.
 fn wall_nanos() -> i64 {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
 }
 
-/// A foreign name as one part of an entity's path: small letters, digits, `-` and `_`.
+/// A foreign name as one part of an entity's path: lowercase letters, digits, `-` and `_`.
 fn part(name: &str) -> String {
     let kept: String = name
         .chars()

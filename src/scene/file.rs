@@ -1,7 +1,7 @@
-//! A recording's bytes: a header, one framed message after the other, and in ended files a footer that indexes them.
+//! A recording's bytes: a header, framed messages, and in completed files a footer that indexes them.
 //!
-//! Framed here and not by rerun's own encoder, which orders a footer's parts by chance (the same run would not give
-//! the same bytes), writes when it is dropped, and keeps a footer in memory for files that may never be ended.
+//! Framed here because rerun's own encoder does not fit: it orders a footer's parts at random, so equal runs would
+//! differ. It also writes when it is dropped, and keeps a footer in memory for files that may never end.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -16,13 +16,13 @@ use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
 use rerun::log::{Chunk, LogMsg};
 use rerun::{StoreId, StoreKind};
 
-use super::rows::Ids;
+use super::rows::RowIds;
 
 /// The application's id in every recording.
 pub const APPLICATION: &str = "holdpoint";
 
-/// What a torn or foreign message is to whoever writes: an error like any other.
-fn other<E: std::fmt::Display>(error: E) -> io::Error {
+/// A torn or foreign message as an I/O error.
+fn io_error<E: std::fmt::Display>(error: E) -> io::Error {
     io::Error::other(error.to_string())
 }
 
@@ -33,7 +33,7 @@ pub fn store(name: &str) -> StoreId {
 }
 
 /// The message that begins a store.
-pub fn opening(store: &StoreId, ids: &mut Ids) -> LogMsg {
+pub fn opening(store: &StoreId, ids: &mut RowIds) -> LogMsg {
     let source = StoreSource::Other(APPLICATION.to_owned());
     LogMsg::SetStoreInfo(SetStoreInfo { row_id: ids.plain(), info: StoreInfo::new(store.clone(), source) })
 }
@@ -43,19 +43,19 @@ pub fn opening(store: &StoreId, ids: &mut Ids) -> LogMsg {
 /// # Errors
 /// If the chunk is not well formed.
 pub fn message(store: &StoreId, chunk: &Chunk) -> io::Result<LogMsg> {
-    Ok(LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg().map_err(other)?))
+    Ok(LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg().map_err(io_error)?))
 }
 
 #[derive(Debug)]
-pub struct Framed<W: Write> {
+pub struct FramedWriter<W: Write> {
     out: W,
     written: u64,
     scratch: Vec<u8>,
-    /// What the footer will name; absent for a file that may end at any time.
+    /// The content of the footer; absent for a file that may end at any time.
     manifests: Option<BTreeMap<StoreId, RrdManifestBuilder>>,
 }
 
-impl<W: Write> Framed<W> {
+impl<W: Write> FramedWriter<W> {
     /// Begins a file that may end at any time.
     ///
     /// # Errors
@@ -64,7 +64,7 @@ impl<W: Write> Framed<W> {
         Self::begin(out, None)
     }
 
-    /// Begins a file that is to have a footer.
+    /// Begins a file with a footer.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -89,20 +89,20 @@ impl<W: Write> Framed<W> {
     /// # Errors
     /// If it cannot be written.
     pub fn write(&mut self, message: &LogMsg) -> io::Result<()> {
-        let transport = message.to_transport(Compression::LZ4).map_err(other)?;
+        let transport = message.to_transport(Compression::LZ4).map_err(io_error)?;
         let start = self.written + MessageHeader::ENCODED_SIZE_BYTES as u64;
         self.put(&transport)?;
         if let (Some(manifests), LogMsg::ArrowMsg(store, arrow)) = (&mut self.manifests, message) {
             let batch =
-                Chunk::from_arrow_msg(arrow).and_then(|chunk| chunk.to_chunk_batch()).map_err(other)?;
+                Chunk::from_arrow_msg(arrow).and_then(|chunk| chunk.to_chunk_batch()).map_err(io_error)?;
             let span = Span { start, len: self.written.saturating_sub(start) };
             let manifest = manifests.entry(store.clone()).or_default();
-            manifest.append(&batch, span, transport.byte_size_uncompressed()).map_err(other)?;
+            manifest.append(&batch, span, transport.byte_size_uncompressed()).map_err(io_error)?;
         }
         Ok(())
     }
 
-    /// Hands everything over to the system.
+    /// Flushes everything to the system.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -110,19 +110,19 @@ impl<W: Write> Framed<W> {
         self.out.flush()
     }
 
-    /// Writes the footer, if there is to be one, and hands the file back.
+    /// Writes the footer, if there is one, and returns the file.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn finish(mut self) -> io::Result<W> {
         if let Some(manifests) = self.manifests.take() {
-            let mut footer = RrdFooter::default().to_transport(()).map_err(other)?;
+            let mut footer = RrdFooter::default().to_transport(()).map_err(io_error)?;
             for (store, manifest) in manifests {
-                let manifest = ordered(manifest.build(store).map_err(other)?);
-                footer.manifests.push(manifest.to_transport(()).map_err(other)?);
+                let manifest = ordered(manifest.build(store).map_err(io_error)?);
+                footer.manifests.push(manifest.to_transport(()).map_err(io_error)?);
             }
             let mut bytes = Vec::new();
-            footer.to_rrd_bytes(&mut bytes).map_err(other)?;
+            footer.to_rrd_bytes(&mut bytes).map_err(io_error)?;
             self.put(&MessageHeader { kind: MessageKind::End, len: bytes.len() as u64 })?;
             let start = self.written;
             self.put_bytes(&bytes)?;
@@ -135,7 +135,7 @@ impl<W: Write> Framed<W> {
     fn put(&mut self, what: &dyn Encodable) -> io::Result<()> {
         let mut scratch = std::mem::take(&mut self.scratch);
         scratch.clear();
-        what.to_rrd_bytes(&mut scratch).map_err(other)?;
+        what.to_rrd_bytes(&mut scratch).map_err(io_error)?;
         let put = self.put_bytes(&scratch);
         self.scratch = scratch;
         put
@@ -148,7 +148,7 @@ impl<W: Write> Framed<W> {
     }
 }
 
-/// The same index with its columns in order; its own digest of them does not depend on that.
+/// The same index with its columns in order; its own digest of them does not depend on the order.
 fn ordered(mut manifest: RawRrdManifest) -> RawRrdManifest {
     let mut fields = manifest.sorbet_schema.fields().to_vec();
     fields.sort();

@@ -1,37 +1,36 @@
-//! Scenes: what the live cell does while an upgrade is judged, kept in recordings and shown in a rerun viewer.
+//! Scenes: the live cell during an upgrade, kept in recordings and shown in a rerun viewer.
 //!
-//! Another reader of events, snapshots and pictures. It runs on a thread of its own behind a bounded queue: what does
-//! not fit is dropped and counted, the engine never waits for it, and no decision hangs on it. Recordings are read
-//! back as plain values ([`holdpoint_recordings::recording::Recording`]), which is what a replay in the terminal works
-//! on.
+//! Reads events, snapshots and video frames on its own thread behind a bounded queue. Items that do not fit are dropped
+//! and counted; the engine never waits, and no decision depends on this crate. Recordings are read back as plain values
+//! ([`holdpoint_recordings::recording::Recording`]) for replay in the terminal.
 //!
-//! Pieces: `feed` is the queue; `router` sorts what comes to the upgrades it belongs to; a `writer` keeps one upgrade's
-//! file and lets `pace` choose the pictures; `drawing` and its parts turn values into rows, `rows` turns rows into
-//! chunks; `file` frames chunks; `compact` ends and mends files; `read` turns a file back into values; `server`
-//! serves a live viewer.
+//! Modules: `feed` is the queue; `router` assigns its items to upgrades; a `writer` keeps one upgrade's file and lets
+//! `frame_sampling` select the frames; `drawing` turns values into rows and `rows` turns rows into chunks; `file`
+//! frames chunks; `compact` completes and repairs files; `reader` turns a file back into values; `server` serves a live
+//! viewer.
 
 mod blueprint;
 mod compact;
 mod config;
-mod credible;
+mod decoder_guard;
 mod drawing;
 pub mod feed;
 mod file;
-pub mod film;
-mod guarded;
+pub mod film_file;
+mod frame_sampling;
+mod labels;
 mod limits;
-mod live;
-mod pace;
-mod read;
+mod live_view;
+mod reader;
 mod router;
 mod rows;
 mod server;
 mod sink;
-mod until;
-mod words;
+mod size_check;
+mod truncated_copy;
 mod writer;
 
 pub use config::{ReadError, SceneConfig, SceneError};
-pub use read::read;
-pub use sink::Scenes;
-pub use until::until;
+pub use reader::read;
+pub use sink::SceneSink;
+pub use truncated_copy::until;

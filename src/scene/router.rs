@@ -1,35 +1,35 @@
-//! Sorts what comes to the upgrades it belongs to: opens, feeds and ends their files.
+//! Assigns items to upgrades: opens, feeds and completes their files.
 //!
-//! A fault of one file is reported once and ends that file; the others go on.
+//! A fault of one file is reported once and ends that file; the others continue.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::compact::{self, StartFindings};
-use super::config::shown;
+use super::compact::{self, FileAtStart};
+use super::config::display_path;
 use super::drawing::RecordingHead;
 use super::limits::{OPEN_MAX, RING_MAX, RING_MS};
-use super::writer::{Open, RecordingPlace, Writer};
-use super::{read, words};
+use super::writer::{OpenFile, RecordingPlace, RecordingWriter};
+use super::{labels, reader};
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::UpgradeEnd;
-use holdpoint_governance::words::Word;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::film::Film;
-use holdpoint_protocol::picture::{Picture, Scenery};
-use holdpoint_protocol::sink::{Closed, Report};
+use holdpoint_protocol::sink::{ClosedRecording, SinkReport};
 use holdpoint_protocol::snapshot::Snapshot;
-use holdpoint_recordings::folder::file_stem;
-use holdpoint_recordings::recording::About;
+use holdpoint_protocol::video_frame::{Scenery, VideoFrame};
+use holdpoint_recordings::recording::RecordingSubject;
+use holdpoint_recordings::recording_folder::file_stem;
 use holdpoint_text::{Hint, Problem, Untrusted};
 
-/// What a recording begins with.
+/// The first data of a recording.
 #[derive(Debug, Default)]
-struct Known {
-    profile: Word<ProfileName>,
+struct RecordingPreamble {
+    profile: Lenient<ProfileName>,
     robot: String,
     seed: u64,
     scenery: Scenery,
@@ -39,28 +39,28 @@ struct Known {
 
 pub struct Router {
     folder: PathBuf,
-    /// Names of files that are never touched again.
+    /// Names of files that are never modified again.
     closed: BTreeSet<String>,
     wall_clock: bool,
-    open: Box<Open>,
-    known: Known,
-    writers: BTreeMap<CapabilityId, Writer>,
-    /// Versions whose recording failed: nothing more is written of them until their upgrade ends.
+    open: Box<OpenFile>,
+    known: RecordingPreamble,
+    writers: BTreeMap<CapabilityId, RecordingWriter>,
+    /// Versions whose recording failed: no more is written of them until their upgrade ends.
     failed: BTreeSet<CapabilityId>,
-    ring: VecDeque<Arc<Picture>>,
-    reports: Vec<Report>,
+    ring: VecDeque<Arc<VideoFrame>>,
+    reports: Vec<SinkReport>,
 }
 
 impl Router {
-    /// A router over a folder, which exists.
+    /// A router over an existing folder.
     #[must_use]
-    pub fn new(folder: PathBuf, closed: BTreeSet<String>, wall_clock: bool, open: Box<Open>) -> Self {
+    pub fn new(folder: PathBuf, closed: BTreeSet<String>, wall_clock: bool, open: Box<OpenFile>) -> Self {
         Self {
             folder,
             closed,
             wall_clock,
             open,
-            known: Known::default(),
+            known: RecordingPreamble::default(),
             writers: BTreeMap::new(),
             failed: BTreeSet::new(),
             ring: VecDeque::new(),
@@ -68,7 +68,7 @@ impl Router {
         }
     }
 
-    /// Mends what an earlier life left behind, and tells of files that were ended and not put on record.
+    /// Repairs the files of an earlier session, and reports completed files that are not on record.
     pub fn recover(&mut self) {
         for (name, path) in recordings(&self.folder) {
             if self.closed.contains(&name) {
@@ -76,11 +76,11 @@ impl Router {
             }
             let (stem, _) = segment_of(&name);
             match compact::mend(stem, &path, (0, 0)) {
-                Ok(StartFindings::Open) => {}
-                Ok(StartFindings::Ended(ended, outcome)) => {
-                    let Ok(recording) = read(&path) else { continue };
+                Ok(FileAtStart::Open) => {}
+                Ok(FileAtStart::Ended(ended, outcome)) => {
+                    let Ok(recording) = reader::read(&path) else { continue };
                     self.closed.insert(name.clone());
-                    self.reports.push(Report::Closed(Closed {
+                    self.reports.push(SinkReport::Closed(ClosedRecording {
                         version: recording.about.version,
                         outcome,
                         file: name,
@@ -90,13 +90,15 @@ impl Router {
                         dropped: recording.dropped,
                     }));
                 }
-                Err(error) => self.reports.push(Report::Failed { version: None, text: error.to_string() }),
+                Err(error) => {
+                    self.reports.push(SinkReport::Failed { version: None, text: error.to_string() })
+                }
             }
         }
     }
 
-    /// A moment of the live cell.
-    pub fn picture(&mut self, picture: Arc<Picture>) {
+    /// A frame of the live cell.
+    pub fn picture(&mut self, picture: Arc<VideoFrame>) {
         let taking: Vec<CapabilityId> = self
             .writers
             .iter()
@@ -113,12 +115,12 @@ impl Router {
         }
     }
 
-    /// A piece of a version's evaluation, worked again.
+    /// A re-run part of a version's evaluation.
     pub fn film(&mut self, version: &CapabilityId, film: &Film) {
         self.with(version, |writer| writer.film(film));
     }
 
-    /// Things that happened, and how they stood afterwards.
+    /// Events, and the snapshot after them.
     pub fn events(&mut self, events: &[Event], snapshot: Option<&Snapshot>, dropped: (u64, u64)) {
         if let Some(snapshot) = snapshot {
             self.known.learn(snapshot);
@@ -135,7 +137,7 @@ impl Router {
     }
 
     fn event(&mut self, event: &Event, dropped: (u64, u64)) {
-        if let Some(version) = words::version_of(&event.kind).cloned() {
+        if let Some(version) = labels::version_of(&event.kind).cloned() {
             if let EventKind::Registered { digest, .. } = &event.kind {
                 self.known.digests.insert(version.clone(), *digest);
             }
@@ -155,7 +157,7 @@ impl Router {
         }
     }
 
-    /// Begins a recording, unless too many are open or nothing is known of the version.
+    /// Begins a recording, unless too many are open or the version is unknown.
     fn begin(&mut self, version: &CapabilityId, at_ms: u64) {
         let Some(digest) = self.known.digests.get(version).copied() else { return };
         if self.writers.len() >= OPEN_MAX {
@@ -165,7 +167,7 @@ impl Router {
         }
         let head = self.known.head(version, digest);
         let place = self.place(&file_stem(version, &digest));
-        match Writer::begin(head, place, self.wall_clock, at_ms, &self.open) {
+        match RecordingWriter::begin(head, place, self.wall_clock, at_ms, &self.open) {
             Ok(writer) => {
                 self.writers.insert(version.clone(), writer);
             }
@@ -173,7 +175,7 @@ impl Router {
         }
     }
 
-    /// The next segment's place, after those that are there.
+    /// The path of the next segment.
     fn place(&self, stem: &str) -> RecordingPlace {
         let mut segments = Vec::new();
         let mut last = 0;
@@ -197,13 +199,13 @@ impl Router {
         }
     }
 
-    /// Pictures came before the event that makes them part of a recording.
+    /// Frames came before the event that makes them part of a recording.
     fn recall(&mut self, event: &Event) {
-        let Some(version) = words::version_of(&event.kind).cloned() else { return };
+        let Some(version) = labels::version_of(&event.kind).cloned() else { return };
         let Some(writer) = self.writers.get(&version) else { return };
         let of_twin =
-            |picture: &Arc<Picture>| picture.twin.as_ref().is_some_and(|twin| twin.version == version);
-        let pictures: Vec<Arc<Picture>> = match &event.kind {
+            |picture: &Arc<VideoFrame>| picture.twin.as_ref().is_some_and(|twin| twin.version == version);
+        let pictures: Vec<Arc<VideoFrame>> = match &event.kind {
             EventKind::StageStarted { stage: Stage::Shadow, .. } => {
                 self.ring.iter().filter(|picture| of_twin(picture)).cloned().collect()
             }
@@ -223,12 +225,12 @@ impl Router {
         match writer.end(Some(outcome), dropped) {
             Ok(Some(closed)) => {
                 self.closed.insert(closed.file.clone());
-                self.reports.push(Report::Closed(closed));
+                self.reports.push(SinkReport::Closed(closed));
             }
             Ok(None) => {}
             Err(error) => {
                 let text = error.to_string();
-                self.reports.push(Report::Failed { version: Some(version.clone()), text });
+                self.reports.push(SinkReport::Failed { version: Some(version.clone()), text });
             }
         }
     }
@@ -236,25 +238,29 @@ impl Router {
     pub fn flush(&mut self) {
         let ids: Vec<CapabilityId> = self.writers.keys().cloned().collect();
         for version in ids {
-            self.with(&version, Writer::flush);
+            self.with(&version, RecordingWriter::flush);
         }
     }
 
-    /// Ends every file in good order; their upgrades go on in the next life.
+    /// Completes every file; their upgrades continue in the next session.
     pub fn end(&mut self, dropped: (u64, u64)) {
         for (version, writer) in std::mem::take(&mut self.writers) {
             if let Err(error) = writer.end(None, dropped) {
-                self.reports.push(Report::Failed { version: Some(version), text: error.to_string() });
+                self.reports.push(SinkReport::Failed { version: Some(version), text: error.to_string() });
             }
         }
     }
 
-    /// What there is to tell since the last time.
-    pub fn reports(&mut self) -> Vec<Report> {
+    /// The reports since the last call.
+    pub fn reports(&mut self) -> Vec<SinkReport> {
         std::mem::take(&mut self.reports)
     }
 
-    fn with(&mut self, version: &CapabilityId, act: impl FnOnce(&mut Writer) -> std::io::Result<()>) {
+    fn with(
+        &mut self,
+        version: &CapabilityId,
+        act: impl FnOnce(&mut RecordingWriter) -> std::io::Result<()>,
+    ) {
         let Some(writer) = self.writers.get_mut(version) else { return };
         if let Err(error) = act(writer) {
             self.writers.remove(version);
@@ -264,7 +270,7 @@ impl Router {
 
     fn fail(&mut self, version: &CapabilityId, problem: Problem) {
         self.failed.insert(version.clone());
-        self.reports.push(Report::Failed { version: Some(version.clone()), text: problem.sentence() });
+        self.reports.push(SinkReport::Failed { version: Some(version.clone()), text: problem.sentence() });
     }
 }
 
@@ -273,7 +279,7 @@ fn cannot_write(error: &std::io::Error) -> Problem {
     Problem::new(format!("the recording cannot be written: \"{why}\"")).with_hint("make room on the disk")
 }
 
-impl Known {
+impl RecordingPreamble {
     fn learn(&mut self, snapshot: &Snapshot) {
         self.profile = snapshot.profile.into();
         self.robot.clone_from(&snapshot.robot);
@@ -288,7 +294,7 @@ impl Known {
         }
     }
 
-    /// Who is active after an event.
+    /// The active version after an event.
     fn follow(&mut self, kind: &EventKind) {
         match kind {
             EventKind::EngineStarted { active, .. } => {
@@ -309,7 +315,7 @@ impl Known {
     }
 
     fn head(&self, version: &CapabilityId, digest: Digest) -> RecordingHead {
-        let about = About {
+        let about = RecordingSubject {
             version: version.clone(),
             digest,
             predecessor: self.active.get(&version.family).filter(|active| *active != version).cloned(),
@@ -322,8 +328,8 @@ impl Known {
     }
 }
 
-/// Whether a version's recording begins with an event. A version that was made from none, as those that the cell was
-/// commissioned with, has one only once it is judged.
+/// Whether a version's recording begins with an event. A version without a parent, such as a commissioned one, is
+/// recorded only once it is evaluated.
 const fn begins(kind: &EventKind) -> bool {
     matches!(
         kind,
@@ -354,7 +360,7 @@ fn recordings(folder: &Path) -> Vec<(String, PathBuf)> {
 fn segment_of(name: &str) -> (&str, u32) {
     let stem = name.strip_suffix(".rrd").unwrap_or(name);
     let numbered = stem.rsplit_once('.').and_then(|(stem, number)| Some((stem, number.parse().ok()?)));
-    // The digest's eight digits end the stem: what is short and a number is a segment.
+    // The digest's eight digits end the stem: a short number is a segment.
     match numbered {
         Some((of, number)) if number >= 2 && of.rsplit_once('-').is_some_and(|(_, end)| end.len() == 8) => {
             (of, number)
@@ -365,8 +371,8 @@ fn segment_of(name: &str) -> (&str, u32) {
 
 /// A folder, for a message.
 #[must_use]
-pub fn folder_shown(folder: &Path) -> String {
-    shown(folder)
+pub fn display_folder(folder: &Path) -> String {
+    display_path(folder)
 }
 
 #[cfg(test)]

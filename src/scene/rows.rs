@@ -1,6 +1,6 @@
-//! Rows, gathered per entity, and the chunks that are made of them.
+//! Rows by entity, and the chunks made of them.
 //!
-//! Ids are counted, never drawn: the same rows give the same bytes.
+//! Ids are counted, never random: the same rows give the same bytes.
 
 use std::collections::BTreeMap;
 
@@ -15,12 +15,12 @@ use holdpoint_protocol::clock::tick_of;
 /// The timeline of the cell's ticks.
 pub const TICK: &str = "tick";
 
-/// When a row is.
+/// The time of a row.
 #[derive(Clone, Debug)]
-pub struct Moment(TimePoint);
+pub struct RowTime(TimePoint);
 
-impl Moment {
-    /// Virtual time in ms, when the recording began, the live world's sequence, and the machine's time in ns.
+impl RowTime {
+    /// Virtual time in ms, when the recording began, the live cell's sequence, and wall time in ns.
     #[must_use]
     pub fn new(at_ms: u64, since_ms: u64, sequence: u64, wall_nanos: Option<i64>) -> Self {
         let signed = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
@@ -36,15 +36,15 @@ impl Moment {
     }
 }
 
-/// Counts ids of rows and chunks, each by itself: how often rows are written changes no row's id. Those of a later
-/// segment come after those of an earlier one.
+/// Counts ids of rows and chunks separately, so that the number of writes changes no row's id. Ids of a later segment
+/// follow those of an earlier one.
 #[derive(Clone, Debug)]
-pub struct Ids {
+pub struct RowIds {
     rows: Tuid,
     chunks: Tuid,
 }
 
-impl Ids {
+impl RowIds {
     /// The ids of a segment, counting from 1.
     #[must_use]
     pub fn of_segment(segment: u32) -> Self {
@@ -61,36 +61,36 @@ impl Ids {
         ChunkId::from_tuid(self.chunks)
     }
 
-    /// As a row's, for what is none.
+    /// An id in the form of a row's id, for other uses.
     pub fn plain(&mut self) -> Tuid {
         self.rows = self.rows.next();
         self.rows
     }
 }
 
-/// A row that waits: its id, its time (none for what does not change), its columns.
-type Waiting = (RowId, TimePoint, Vec<rerun::SerializedComponentBatch>);
+/// A pending row: its id, its time (none for static data), its columns.
+type PendingRow = (RowId, TimePoint, Vec<rerun::SerializedComponentBatch>);
 
-/// Rows that wait to be written.
+/// Pending rows.
 #[derive(Debug)]
-pub struct Rows {
-    ids: Ids,
-    waiting: BTreeMap<(String, bool), Vec<Waiting>>,
+pub struct PendingRows {
+    ids: RowIds,
+    waiting: BTreeMap<(String, bool), Vec<PendingRow>>,
     longest: usize,
 }
 
-impl Rows {
+impl PendingRows {
     #[must_use]
-    pub const fn new(ids: Ids) -> Self {
+    pub const fn new(ids: RowIds) -> Self {
         Self { ids, waiting: BTreeMap::new(), longest: 0 }
     }
 
-    /// A row that holds from a moment on.
-    pub fn at(&mut self, path: &str, moment: &Moment, what: &dyn AsComponents) {
+    /// A row that is valid from a moment on.
+    pub fn at(&mut self, path: &str, moment: &RowTime, what: &dyn AsComponents) {
         self.push((path.to_owned(), false), moment.0.clone(), what);
     }
 
-    /// A row that holds always.
+    /// A static row.
     pub fn always(&mut self, path: &str, what: &dyn AsComponents) {
         self.push((path.to_owned(), true), TimePoint::STATIC, what);
     }
@@ -102,13 +102,13 @@ impl Rows {
         self.longest = self.longest.max(rows.len());
     }
 
-    /// Whether an entity has so many rows that they are worth a chunk.
+    /// Whether an entity has enough rows for a chunk.
     #[must_use]
     pub const fn are_many(&self) -> bool {
         self.longest >= BLOCK_ROWS
     }
 
-    /// All rows as chunks; none are left. Rows that make no chunk (a fault of ours) are left out and counted.
+    /// Takes all rows as chunks. Rows that make no chunk (a defect of this program) are left out and counted.
     pub fn take(&mut self) -> (Vec<Chunk>, u64) {
         self.longest = 0;
         let mut left_out = 0;

@@ -1,5 +1,5 @@
-//! The server that viewers connect to, in this process. It never makes anybody wait: not when no viewer is there, not
-//! when one was killed, and not at the end.
+//! The server that viewers connect to, in this process. It never blocks a caller: without a viewer, after a viewer was
+//! killed, and at its end.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
 
@@ -17,7 +17,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves at an address and at no other.
+    /// Serves at this address only.
     ///
     /// # Errors
     /// The port is taken, or the address is not this machine's.
@@ -26,7 +26,7 @@ impl Server {
             Problem::new(format!("cannot serve a viewer at \"{address}\": {error}"))
                 .with_hint("name another address or port")
         };
-        // The server itself would say nothing about a port that is taken.
+        // The server itself reports no error for a taken port.
         let probe = TcpListener::bind(address).map_err(|error| refused(&error))?;
         let address = probe.local_addr().map_err(|error| refused(&error))?;
         drop(probe);
@@ -42,13 +42,13 @@ impl Server {
         Ok(Self { sink: Some(sink), url: url(address) })
     }
 
-    /// What a viewer connects to.
+    /// The address for viewers.
     #[must_use]
     pub fn url(&self) -> &str {
         &self.url
     }
 
-    /// Sends a message to whoever looks, and keeps it for who comes later.
+    /// Sends a message to the connected viewers, and keeps it for later ones.
     pub fn send(&self, message: LogMsg) {
         if let Some(sink) = &self.sink {
             sink.send(message);
@@ -59,12 +59,12 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         let sink = self.sink.take();
-        // Ending it waits for everything that is sent, however long that takes: on a thread that nobody waits for.
+        // Dropping the server waits until everything is sent, however long: a detached thread does that.
         let _ = std::thread::Builder::new().name("scene-server-end".to_owned()).spawn(move || drop(sink));
     }
 }
 
-/// The url of an address; one that stands for every address of the machine is reached here at the loopback.
+/// The URL of an address; an unspecified address is reached at the loopback here.
 fn url(address: SocketAddr) -> String {
     let host = match address.ip() {
         IpAddr::V4(host) if host.is_unspecified() => IpAddr::V4(Ipv4Addr::LOCALHOST),

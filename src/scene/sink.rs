@@ -1,5 +1,4 @@
-//! The sink's thread: takes what waits in the queue, hands it to the files and to the live viewer, tells what became
-//! of it.
+//! The sink's thread: takes items from the queue, passes them to the files and the live viewer, and reports the result.
 
 use std::fs::File;
 use std::net::SocketAddr;
@@ -8,41 +7,41 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use super::feed::{Drain, Feed, Item, queue};
+use super::feed::{Feed, FeedItem, FeedReceiver, queue};
 use super::limits::{FLUSH_EVERY, PATIENCE, REPORTS_MAX, SEND_EVERY};
-use super::live::LiveServer;
-use super::router::{Router, folder_shown};
-use super::writer::Open;
+use super::live_view::LiveServer;
+use super::router::{Router, display_folder};
+use super::writer::OpenFile;
 use super::{SceneConfig, SceneError};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::film::Film;
-use holdpoint_protocol::sink::{Pictures, Report, Serve, Sink};
+use holdpoint_protocol::sink::{ServeScene, Sink, SinkReport, VideoFrameSink};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_text::Hint;
-use holdpoint_text::file::anew;
+use holdpoint_text::file::create_fresh;
 
-/// The running sink. Dropped, it ends by itself and nobody waits for it.
+/// The running sink. After a drop it ends by itself.
 #[derive(Debug)]
-pub struct Scenes {
+pub struct SceneSink {
     feed: Feed,
-    reports: Receiver<Report>,
+    reports: Receiver<SinkReport>,
 }
 
-impl Scenes {
-    /// Starts it.
+impl SceneSink {
+    /// Starts the sink.
     ///
     /// # Errors
-    /// If the folder cannot be made, or no thread be started. A port that is taken is no error but a report.
+    /// If the folder cannot be made, or no thread can start. A taken port is a report, not an error.
     pub fn start(config: SceneConfig) -> Result<Self, SceneError> {
         Self::start_with(config, Box::new(open))
     }
 
     /// As above, with files made by `open`.
-    fn start_with(config: SceneConfig, open: Box<Open>) -> Result<Self, SceneError> {
+    fn start_with(config: SceneConfig, open: Box<OpenFile>) -> Result<Self, SceneError> {
         if let Some(folder) = &config.recordings {
             std::fs::create_dir_all(folder)
-                .map_err(|source| SceneError::Folder { path: folder_shown(folder), source })?;
+                .map_err(|source| SceneError::Folder { path: display_folder(folder), source })?;
         }
         let (feed, drain) = queue();
         let (sender, reports) = sync_channel(REPORTS_MAX);
@@ -59,15 +58,15 @@ impl Scenes {
         self.feed.clone()
     }
 
-    /// What there is to tell; never waits.
+    /// The pending reports; never waits.
     #[must_use]
-    pub fn reports(&mut self) -> Vec<Report> {
+    pub fn reports(&mut self) -> Vec<SinkReport> {
         self.reports.try_iter().collect()
     }
 
-    /// Ends it: writes what waits and ends every file in good order, and waits at most `patience` for that.
+    /// Ends the sink: writes pending rows and completes every file; waits at most `patience`.
     #[must_use]
-    pub fn finish(self, patience: Duration) -> Vec<Report> {
+    pub fn finish(self, patience: Duration) -> Vec<SinkReport> {
         let until = Instant::now() + patience;
         let mut reports = Vec::new();
         let mut asked = self.feed.end();
@@ -85,13 +84,13 @@ impl Scenes {
     }
 }
 
-impl Sink for Scenes {
-    fn pictures(&self) -> Option<Pictures> {
+impl Sink for SceneSink {
+    fn video_frames(&self) -> Option<VideoFrameSink> {
         let feed = self.feed();
         Some(Arc::new(move |picture| feed.picture(picture)))
     }
 
-    fn serve(&self) -> Option<Serve> {
+    fn serve(&self) -> Option<ServeScene> {
         let feed = self.feed();
         Some(Arc::new(move |address| feed.serve(address)))
     }
@@ -104,25 +103,25 @@ impl Sink for Scenes {
         self.feed.film(version, film);
     }
 
-    fn reports(&mut self) -> Vec<Report> {
+    fn reports(&mut self) -> Vec<SinkReport> {
         Self::reports(self)
     }
 
-    fn finish(self: Box<Self>, patience: Duration) -> Vec<Report> {
+    fn finish(self: Box<Self>, patience: Duration) -> Vec<SinkReport> {
         Self::finish(*self, patience)
     }
 }
 
-/// Makes a recording's file. In a build that checks itself `HOLDPOINT_TEST_DISK=full` makes one on a disk without room.
+/// Makes a recording's file. In a self-test build, `HOLDPOINT_TEST_DISK=full` makes one on a full disk.
 fn open(path: &Path) -> std::io::Result<File> {
     let full = || std::env::var_os("HOLDPOINT_TEST_DISK").is_some_and(|value| value == "full");
     if cfg!(debug_assertions) && full() {
         return File::options().write(true).open("/dev/full");
     }
-    anew(path)
+    create_fresh(path)
 }
 
-impl Drop for Scenes {
+impl Drop for SceneSink {
     fn drop(&mut self) {
         // If the queue is full, the thread ends when the engine's feed is gone too.
         let _ = self.feed.end();
@@ -133,30 +132,30 @@ struct SinkWorker {
     router: Option<Router>,
     live: Option<LiveServer>,
     view: Option<SocketAddr>,
-    reports: SyncSender<Report>,
+    reports: SyncSender<SinkReport>,
     last: Option<Box<Snapshot>>,
     flushed: Instant,
     sent: Instant,
 }
 
 impl SinkWorker {
-    fn new(config: SceneConfig, open: Box<Open>, reports: SyncSender<Report>) -> Self {
+    fn new(config: SceneConfig, open: Box<OpenFile>, reports: SyncSender<SinkReport>) -> Self {
         let SceneConfig { recordings, closed, view, wall_clock } = config;
         let router = recordings.map(|folder| Router::new(folder, closed, wall_clock, open));
         Self { router, live: None, view, reports, last: None, flushed: Instant::now(), sent: Instant::now() }
     }
 
-    fn run(mut self, drain: &Drain) {
+    fn run(mut self, drain: &FeedReceiver) {
         if let Some(address) = self.view.take() {
             self.serve(address);
         }
         if let Some(router) = &mut self.router {
             router.recover();
         }
-        self.tell();
+        self.send_reports();
         loop {
             match drain.next(PATIENCE) {
-                Ok(Some(Item::End)) | Err(_) => break,
+                Ok(Some(FeedItem::End)) | Err(_) => break,
                 Ok(Some(item)) => self.take(item, drain),
                 Ok(None) => {}
             }
@@ -172,7 +171,7 @@ impl SinkWorker {
                     router.flush();
                 }
             }
-            self.tell();
+            self.send_reports();
         }
         if let Some(live) = &mut self.live {
             live.flush();
@@ -180,12 +179,12 @@ impl SinkWorker {
         if let Some(router) = &mut self.router {
             router.end(drain.dropped.counts());
         }
-        self.tell();
+        self.send_reports();
     }
 
-    fn take(&mut self, item: Item, drain: &Drain) {
+    fn take(&mut self, item: FeedItem, drain: &FeedReceiver) {
         match item {
-            Item::Picture(picture) => {
+            FeedItem::Picture(picture) => {
                 if let Some(live) = &mut self.live {
                     live.picture(&picture);
                 }
@@ -193,7 +192,7 @@ impl SinkWorker {
                     router.picture(Arc::new(*picture));
                 }
             }
-            Item::Events(events, snapshot) => {
+            FeedItem::Events(events, snapshot) => {
                 if let Some(live) = &mut self.live {
                     live.events(&events, snapshot.as_deref());
                     live.flush();
@@ -205,20 +204,20 @@ impl SinkWorker {
                     self.last = snapshot;
                 }
             }
-            Item::Film(version, film) => {
+            FeedItem::Film(version, film) => {
                 if let Some(router) = &mut self.router {
                     router.film(&version, &film);
                 }
             }
-            Item::Serve(address) => self.serve(address),
-            Item::End => {}
+            FeedItem::Serve(address) => self.serve(address),
+            FeedItem::End => {}
         }
     }
 
     fn serve(&mut self, address: SocketAddr) {
         if let Some(live) = &self.live {
-            // There is one live scene; who asks again is told where.
-            self.say(Report::Serving { url: live.url().to_owned() });
+            // There is one live scene; a second request gets its address.
+            self.send_report(SinkReport::Serving { url: live.url().to_owned() });
             return;
         }
         match LiveServer::start(address) {
@@ -227,21 +226,22 @@ impl SinkWorker {
                     live.look(snapshot);
                 }
                 self.live = Some(live);
-                self.say(report);
+                self.send_report(report);
             }
-            Err(problem) => self.say(Report::NotServing { text: problem.sentence() }),
+            Err(problem) => self.send_report(SinkReport::NotServing { text: problem.sentence() }),
         }
     }
 
-    fn tell(&mut self) {
+    fn send_reports(&mut self) {
         let reports = self.router.as_mut().map(Router::reports).unwrap_or_default();
         for report in reports {
-            self.say(report);
+            self.send_report(report);
         }
     }
 
-    fn say(&self, report: Report) {
-        // Who does not listen misses it: an ended file that is not on record is told again at the next start.
+    fn send_report(&self, report: SinkReport) {
+        // If the queue is full, the report is lost: the next start reports a completed file that is not on record
+        // again.
         let _ = self.reports.try_send(report);
     }
 }

@@ -1,4 +1,4 @@
-//! One upgrade's file: rows become chunks in it, and every fault of the disk ends it and nothing else.
+//! One upgrade's file: rows become chunks in it, and a fault of the disk ends this file alone.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -10,57 +10,57 @@ use re_sdk_types::components;
 use rerun::{EntityPath, RecordingInfo, StoreId};
 
 use super::compact;
-use super::drawing::{self, Drawing, RecordingHead, Tail};
-use super::file::{Framed, message, opening, store};
+use super::drawing::{self, Drawing, RecordingHead, RecordingTail};
+use super::file::{FramedWriter, message, opening, store};
+use super::frame_sampling::{EventWeight, FrameSampler};
 use super::limits::{FILE_BYTES_MAX, FILM_GAP_MS, PATH_EVERY_MS};
-use super::pace::{News, PictureSampler};
-use super::rows::Ids;
-use super::{ReadError, blueprint, words};
+use super::rows::RowIds;
+use super::{ReadError, blueprint, labels};
 use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::film::Film;
-use holdpoint_protocol::picture::Picture;
-use holdpoint_protocol::sink::Closed;
+use holdpoint_protocol::sink::ClosedRecording;
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_recordings::recording::FilmSpan;
 use holdpoint_text::Untrusted;
 
 /// How a file is made; tests make some that cannot be written.
-pub type Open = dyn Fn(&std::path::Path) -> io::Result<File> + Send;
+pub type OpenFile = dyn Fn(&std::path::Path) -> io::Result<File> + Send;
 
 /// The file an upgrade is recorded in.
 #[derive(Clone, Debug)]
 pub struct RecordingPlace {
     pub stem: String,
-    /// Its segments that are not closed, in order; the last one is written now.
+    /// Its segments that are not closed, in order; the last one is being written.
     pub segments: Vec<PathBuf>,
     /// The number of the last one, counting from 1.
     pub segment: u32,
 }
 
-pub struct Writer {
+pub struct RecordingWriter {
     pub head: RecordingHead,
     place: RecordingPlace,
     store: StoreId,
-    framed: Framed<BufWriter<File>>,
+    framed: FramedWriter<BufWriter<File>>,
     drawing: Drawing,
-    pace: PictureSampler,
+    pace: FrameSampler,
     shadow: bool,
     active: bool,
-    /// The live world's last sequence that ended.
+    /// The live cell's last sequence that ended.
     worked: Option<u64>,
-    /// Until when pieces of its evaluation are laid, virtual ms; at first where the file begins.
+    /// End of the parts of its evaluation, virtual ms; at first the start of the file.
     filmed_ms: u64,
-    /// How many of them there are.
+    /// Number of these parts.
     films: u64,
-    /// The newest shadowed sequence in which twin and live world did not agree.
+    /// The newest shadowed sequence in which twin and live cell diverged.
     disagreed: Option<u64>,
 }
 
-impl Writer {
-    /// Begins a file with what is known.
+impl RecordingWriter {
+    /// Begins a file with the known data.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -69,12 +69,12 @@ impl Writer {
         place: RecordingPlace,
         wall_clock: bool,
         at_ms: u64,
-        open: &Open,
+        open: &OpenFile,
     ) -> io::Result<Self> {
         let path = place.segments.last().ok_or_else(|| io::Error::other("no file is named"))?;
-        let mut framed = Framed::open_ended(BufWriter::new(open(path)?))?;
+        let mut framed = FramedWriter::open_ended(BufWriter::new(open(path)?))?;
         let store = store(&place.stem);
-        let mut ids = Ids::of_segment(place.segment);
+        let mut ids = RowIds::of_segment(place.segment);
         for layout in blueprint::messages()? {
             framed.write(&layout)?;
         }
@@ -85,7 +85,7 @@ impl Writer {
         drawing::head(drawing.rows(), &head);
         properties(&mut drawing, &head);
         drawing.introduce(&head.about, at_ms);
-        let pace = PictureSampler::default();
+        let pace = FrameSampler::default();
         let mut writer = Self {
             head,
             place,
@@ -104,46 +104,46 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Whether pictures that come now are part of it.
+    /// Whether frames that arrive now are part of it.
     #[must_use]
     pub const fn takes_pictures(&self) -> bool {
         self.shadow || self.active
     }
 
-    /// A picture that is part of it.
+    /// A frame that is part of it.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn picture(&mut self, picture: &Arc<Picture>) -> io::Result<()> {
-        let mut chosen = self.pace.came(picture);
+    pub fn picture(&mut self, picture: &Arc<VideoFrame>) -> io::Result<()> {
+        let mut chosen = self.pace.on_picture(picture);
         if picture.stopped || picture.unexpected_contact {
-            chosen.extend(self.pace.happened(Some(picture.sequence), News::Noted));
+            chosen.extend(self.pace.on_event(Some(picture.sequence), EventWeight::Notable));
         }
         self.draw(&chosen)
     }
 
-    /// Pictures of before, that turn out to be part of it.
+    /// Earlier frames that turn out to be part of it.
     ///
     /// # Errors
     /// If they cannot be written.
-    pub fn earlier(&mut self, pictures: Vec<Arc<Picture>>) -> io::Result<()> {
+    pub fn earlier(&mut self, pictures: Vec<Arc<VideoFrame>>) -> io::Result<()> {
         let chosen = self.pace.new_ones(pictures);
         self.draw(&chosen)
     }
 
-    /// A piece of its evaluation, worked again: pictures of both versions, their joints and tools as columns, what
-    /// happened in the log. The first one is laid where the file begins, each further one after the one before.
+    /// A re-run part of its evaluation: frames of both versions, their joints and tools as columns, the events in the
+    /// log. The first part is placed at the start of the file, each further one after the one before.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn film(&mut self, film: &Film) -> io::Result<()> {
         let from_ms = self.filmed_ms;
-        let at_ms = |tick: u64| from_ms.saturating_add(holdpoint_recordings::film::at_ms(tick));
+        let at_ms = |tick: u64| from_ms.saturating_add(holdpoint_recordings::episode_recording::at_ms(tick));
         self.films += 1;
         let seen =
             FilmSpan { from_ms, until_ms: at_ms(film.end()), title: film.title(), why: film.why.clone() };
         self.drawing.film(&seen, self.films);
-        for mut picture in holdpoint_recordings::film::pictures(film) {
+        for mut picture in holdpoint_recordings::episode_recording::pictures(film) {
             picture.at_ms = from_ms.saturating_add(picture.at_ms);
             picture.sequence = self.films;
             self.earlier(vec![Arc::new(picture)])?;
@@ -166,7 +166,7 @@ impl Writer {
         Ok(())
     }
 
-    fn draw(&mut self, chosen: &[Arc<Picture>]) -> io::Result<()> {
+    fn draw(&mut self, chosen: &[Arc<VideoFrame>]) -> io::Result<()> {
         for picture in chosen {
             if self.is_full() {
                 return Ok(());
@@ -179,17 +179,17 @@ impl Writer {
         Ok(())
     }
 
-    /// Whether the file is so large that no more pictures go in.
+    /// Whether the file is too large for more frames.
     fn is_full(&self) -> bool {
         self.framed.written() >= FILE_BYTES_MAX
     }
 
-    /// Something that happened.
+    /// An event.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn event(&mut self, event: &Event) -> io::Result<()> {
-        let ours = words::version_of(&event.kind).is_none_or(|version| *version == self.head.about.version);
+        let ours = labels::version_of(&event.kind).is_none_or(|version| *version == self.head.about.version);
         if matches!(event.kind, EventKind::Progress { .. }) && (!ours || self.is_full()) {
             return Ok(());
         }
@@ -200,7 +200,7 @@ impl Writer {
         if ours {
             self.turn(&event.kind);
             if let Some((sequence, news)) = news(&event.kind) {
-                let held_back = self.pace.happened(sequence, news);
+                let held_back = self.pace.on_event(sequence, news);
                 if self.takes_pictures() {
                     self.draw(&held_back)?;
                 }
@@ -212,7 +212,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Which pictures are part of it from now on.
+    /// Which frames are part of it from now on.
     fn turn(&mut self, kind: &EventKind) {
         match kind {
             EventKind::StageStarted { stage: Stage::Shadow, .. } => self.shadow = true,
@@ -225,7 +225,7 @@ impl Writer {
         }
     }
 
-    /// How things stand.
+    /// A snapshot.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -238,17 +238,17 @@ impl Writer {
             return Ok(());
         }
         self.disagreed = newest;
-        let held_back = self.pace.happened(self.worked, News::Noted);
+        let held_back = self.pace.on_event(self.worked, EventWeight::Notable);
         self.draw(&held_back)
     }
 
-    /// Writes the rows that wait.
+    /// Writes the pending rows.
     ///
     /// # Errors
     /// If they cannot be written.
     pub fn flush(&mut self) -> io::Result<()> {
         let mut chunks = self.drawing.rows().take().0;
-        // A picture's frame comes last: if a kill tears the block, no frame stands for a picture that is not there.
+        // A frame's record comes last: if a kill tears the block, no record refers to a missing frame.
         let frames = EntityPath::parse_forgiving(drawing::paths::FRAME);
         chunks.sort_by_key(|chunk| *chunk.entity_path() == frames);
         for chunk in chunks {
@@ -257,7 +257,7 @@ impl Writer {
         self.framed.flush()
     }
 
-    /// Ends the file: for good with an outcome, or for this life of the program.
+    /// Ends the file: finally with an outcome, or until the next session.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -265,7 +265,7 @@ impl Writer {
         mut self,
         outcome: Option<UpgradeEnd>,
         dropped: (u64, u64),
-    ) -> Result<Option<Closed>, ReadError> {
+    ) -> Result<Option<ClosedRecording>, ReadError> {
         let into = self.place.segments.first().cloned().unwrap_or_default();
         let failed = |source| ReadError::file(&into, source);
         self.flush().map_err(failed)?;
@@ -276,9 +276,9 @@ impl Writer {
             }
             return Ok(None);
         };
-        let tail = Tail { outcome: Some(outcome.into()), dropped };
+        let tail = RecordingTail { outcome: Some(outcome.into()), dropped };
         let ended = compact::join(&self.place.stem, &self.place.segments, &into, &tail)?;
-        Ok(Some(Closed {
+        Ok(Some(ClosedRecording {
             version: self.head.about.version.clone(),
             outcome: outcome.into(),
             file: into.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
@@ -290,24 +290,24 @@ impl Writer {
     }
 }
 
-/// What makes a sequence worth its full rate.
-fn news(kind: &EventKind) -> Option<(Option<u64>, News)> {
+/// Whether an event makes a sequence worth its full rate.
+fn news(kind: &EventKind) -> Option<(Option<u64>, EventWeight)> {
     match kind {
-        EventKind::Sequence { index, success: false, .. } => Some((Some(*index), News::Noted)),
+        EventKind::Sequence { index, success: false, .. } => Some((Some(*index), EventWeight::Notable)),
         EventKind::Sequence { index, tasks, .. }
             if tasks.iter().any(|task| task.violation || task.anomaly) =>
         {
-            Some((Some(*index), News::Noted))
+            Some((Some(*index), EventWeight::Notable))
         }
         EventKind::Monitor { .. } | EventKind::Rung { .. } | EventKind::RolledBack { .. } => {
-            Some((None, News::Decisive))
+            Some((None, EventWeight::Decisive))
         }
-        EventKind::Alarm { state, .. } if *state != AlarmState::Normal => Some((None, News::Noted)),
+        EventKind::Alarm { state, .. } if *state != AlarmState::Normal => Some((None, EventWeight::Notable)),
         _ => None,
     }
 }
 
-/// What should be on the disk at once.
+/// Whether an event should be on disk at once.
 const fn matters(kind: &EventKind) -> bool {
     matches!(
         kind,

@@ -9,23 +9,23 @@ use super::motion::{
     AbortStyle, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something, ticks,
     wrap_quarter, yaw_of,
 };
-use super::phases::{PhaseFrame, Phased, Run};
+use super::phases::{PhaseFrame, PhaseRun, Phased};
 
-/// Everything a version of the align controller may set. Lengths in metres, speeds in m/s.
+/// The parameters of an align version. Lengths in meters, speeds in m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AlignParams {
-    /// Pictures of the tray averaged before the transit, 1 to 60.
+    /// Camera frames of the tray averaged before the transit, 1 to 60.
     pub look_pictures: u32,
     /// Tool height of the transit; a lower one than the present height makes the path a diagonal.
     pub transit_height_m: f64,
     /// Tool speed of the transit.
     pub transit_speed_m_s: f64,
-    /// Height of the object's centre above its seat when aligned.
+    /// Height of the object's center above its seat when aligned.
     pub hover_height_m: f64,
     /// Tool speed of the last part.
     pub lower_speed_m_s: f64,
-    /// Pictures of object and tray averaged for a measurement over the tray; 0 trusts the transit.
+    /// Camera frames of object and tray averaged for a measurement over the tray; 0 trusts the transit.
     pub measure_pictures: u32,
     /// Largest measured error that is left uncorrected.
     pub tolerance_m: f64,
@@ -45,7 +45,7 @@ pub struct AlignParams {
     pub safe_height_m: f64,
 }
 
-/// What it is at.
+/// Its phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AlignPhase {
     Look,
@@ -83,7 +83,7 @@ impl Align {
         }
     }
 
-    /// Tool pose that puts the object's centre `height_m` above its seat, hand straight down.
+    /// Tool pose that puts the object's center `height_m` above its seat, hand straight down.
     fn tool_over_seat(&self, seen: &Observation, height_m: f64) -> Option<Pose> {
         let ([x, y, z], tray_yaw) = self.seat?;
         let tool_yaw = yaw_of(&seen.tool);
@@ -105,7 +105,7 @@ impl Align {
         }
     }
 
-    fn measure(&mut self, run: &mut Run<AlignPhase>, seen: &Observation) -> Command {
+    fn measure(&mut self, run: &mut PhaseRun<AlignPhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         if run.tick > ticks(3.0) {
             return run.finish(Some(FailureSignal::TargetNotFound));
@@ -168,7 +168,7 @@ impl Phased for Align {
         }
     }
 
-    fn work(&mut self, run: &mut Run<AlignPhase>, seen: &Observation) -> Command {
+    fn work(&mut self, run: &mut PhaseRun<AlignPhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         if run.tick > 24 && !holds_something(seen) {
             return run.finish(Some(FailureSignal::ObjectSlipped));

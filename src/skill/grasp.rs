@@ -8,22 +8,22 @@ use super::motion::{
     AbortStyle, PoseAverage, RollbackStyle, arrived, at_height, hand_down, holds_something, ticks,
     wrap_quarter, yaw_of,
 };
-use super::phases::{PhaseFrame, Phased, Run};
+use super::phases::{PhaseFrame, PhaseRun, Phased};
 
-/// Everything a version of the grasp controller may set. Lengths in metres, speeds in m/s.
+/// The parameters of a grasp version. Lengths in meters, speeds in m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GraspParams {
-    /// Pictures of the object averaged before the approach, 1 to 60.
+    /// Camera frames of the object averaged before the approach, 1 to 60.
     pub look_pictures: u32,
-    /// Height of the pre-grasp pose above the object's centre.
+    /// Height of the pre-grasp pose above the object's center.
     pub approach_height_m: f64,
     /// Tool speed of the approach.
     pub approach_speed_m_s: f64,
-    /// How far towards the tray side (+y) of the object the hand comes down to the approach height before it goes
-    /// over the object; 0 comes straight. Short for an arm that comes from the tray, and low over what stands there.
+    /// Distance on the tray side (+y) of the object at which the hand descends to the approach height before it moves
+    /// over the object; 0 comes straight. Shortens the path of an arm that comes from the tray, low over obstacles.
     pub entry_offset_m: f64,
-    /// Follow the object with new pictures during the approach and the descent.
+    /// Follow the object with new camera frames during the approach and the descent.
     pub track: bool,
     /// Look again at the pre-grasp pose and go back if the object has moved.
     pub pregrasp_check: bool,
@@ -35,7 +35,7 @@ pub struct GraspParams {
     pub contact_speed_m_s: f64,
     /// Force on wrist or pads in the descent that makes the hand stop and back off, N.
     pub contact_stop_n: f64,
-    /// Height of the pads above the object's centre when they close.
+    /// Height of the pads above the object's center when they close.
     pub grasp_offset_m: f64,
     /// Closing speed of the pad distance.
     pub close_speed_m_s: f64,
@@ -63,14 +63,14 @@ pub struct GraspParams {
     pub safe_height_m: f64,
 }
 
-/// Height of the tool above the object's centre at which the pads' tips reach the object's top, m.
+/// Height of the tool above the object's center at which the pads' tips reach the object's top, m.
 const TOUCH_HEIGHT_M: f64 = 0.033;
 /// What the object's height is uncertain by, with room to spare, m.
 const TOUCH_MARGIN_M: f64 = 0.008;
 /// Time from a decision until the hand goes slower: latency and braking, s.
 const REACTION_SECS: f64 = 0.1;
 
-/// What it is at.
+/// Its phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GraspPhase {
     Rise,
@@ -111,9 +111,9 @@ impl Grasp {
         }
     }
 
-    /// Sends a pose once per phase, or again if it moved by more than half a millimetre or the
-    /// speed is another.
-    fn move_to(&mut self, run: &mut Run<GraspPhase>, pose: Pose, max_speed_m_s: f64) -> Command {
+    /// Sends a pose once per phase, or again if it moved by more than half a millimeter or the speed is
+    /// another.
+    fn move_to(&mut self, run: &mut PhaseRun<GraspPhase>, pose: Pose, max_speed_m_s: f64) -> Command {
         if run.commanded && pose.distance_m(&run.target) < 5e-4 && max_speed_m_s == self.speed_m_s {
             return Command::Hold;
         }
@@ -143,7 +143,7 @@ impl Grasp {
         }
     }
 
-    fn retry(&mut self, run: &mut Run<GraspPhase>, signal: FailureSignal) -> Command {
+    fn retry(&mut self, run: &mut PhaseRun<GraspPhase>, signal: FailureSignal) -> Command {
         if self.retries >= self.params.retries_max {
             run.finish(Some(signal));
             return Command::Stop;
@@ -171,7 +171,7 @@ impl Grasp {
         }
     }
 
-    fn open(&mut self, run: &mut Run<GraspPhase>, seen: &Observation) -> Command {
+    fn open(&mut self, run: &mut PhaseRun<GraspPhase>, seen: &Observation) -> Command {
         if !seen.tool_available {
             return self.wait_for_tool(run);
         }
@@ -196,14 +196,14 @@ impl Grasp {
         Command::Hold
     }
 
-    fn wait_for_tool(&self, run: &mut Run<GraspPhase>) -> Command {
+    fn wait_for_tool(&self, run: &mut PhaseRun<GraspPhase>) -> Command {
         if run.tick > ticks(self.params.tool_wait_secs) {
             run.finish(Some(FailureSignal::ToolUnavailable));
         }
         Command::Hold
     }
 
-    fn close(&mut self, run: &mut Run<GraspPhase>, seen: &Observation) -> Command {
+    fn close(&mut self, run: &mut PhaseRun<GraspPhase>, seen: &Observation) -> Command {
         if !run.commanded {
             if !seen.tool_available {
                 return self.wait_for_tool(run);
@@ -227,7 +227,7 @@ impl Grasp {
         Command::Hold
     }
 
-    fn verify(&mut self, run: &mut Run<GraspPhase>, seen: &Observation) -> Command {
+    fn verify(&mut self, run: &mut PhaseRun<GraspPhase>, seen: &Observation) -> Command {
         if !holds_something(seen) {
             return self.retry(run, FailureSignal::ObjectSlipped);
         }
@@ -271,7 +271,7 @@ impl Phased for Grasp {
         }
     }
 
-    fn work(&mut self, run: &mut Run<GraspPhase>, seen: &Observation) -> Command {
+    fn work(&mut self, run: &mut PhaseRun<GraspPhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         match run.phase {
             GraspPhase::Rise => {

@@ -1,9 +1,9 @@
 //! What a skill is: observation in, command out, and no other power; and the controllers written to it.
 //!
-//! A [`Skill`] is one run: it works one task. It holds no handle to the robot, a clock, a file or a source of
-//! randomness: time arrives in the observation and the seed at the start. So the same code works in the sandbox,
-//! against a recorder in shadow, in a twin world or on the arm, compiled into the engine or confined as a WebAssembly
-//! component: this crate depends on the messages alone, and is built for both.
+//! A [`Skill`] is one run of one task. It holds no handle to the robot, a clock, a file or a source of randomness:
+//! time arrives in the observation and the seed at the start. So the same code runs in the sandbox, against a
+//! recorder in shadow, in a twin or on the arm, compiled into the engine or confined as a WebAssembly component: this
+//! crate depends on the messages alone, and builds for both.
 
 pub mod align;
 pub mod grasp;
@@ -25,7 +25,7 @@ pub enum Hook {
 
 /// What a run of confined code has used, and whether it failed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Confined {
+pub struct ConfinementReport {
     /// The most that a tick needed, in the fuel of its confinement; 0 for code that is compiled in.
     pub fuel_tick_max: u64,
     /// The most memory it had, bytes; 0 for code that is compiled in.
@@ -42,15 +42,15 @@ pub trait Skill: Send {
     /// Turns to a hook; ordinary work ends.
     fn enter(&mut self, hook: Hook);
 
-    /// A second run in the state of this one, hook and all: from here on equal observations give both equal
-    /// commands. `None` for a run that cannot be copied; whoever wants its state a second time then works
-    /// it again from the start, which costs time and changes nothing.
+    /// A second run in the state of this one, hook and all: from here on equal observations give both equal commands.
+    /// `None` for a run that cannot be copied; the caller then re-runs the task from the start, which costs time and
+    /// gives the same result.
     fn fork(&self) -> Option<Box<dyn Skill>> {
         None
     }
 
     /// What it has used of its confinement so far. Code that is compiled in is not confined.
-    fn confined(&self) -> Confined {
-        Confined::default()
+    fn confined(&self) -> ConfinementReport {
+        ConfinementReport::default()
     }
 }

@@ -1,5 +1,5 @@
-//! What the three native controllers share: poses with the hand pointing down, averages of
-//! pictures, arrival tests and the behaviour of the hooks.
+//! What the three native controllers share: poses with the hand pointing down, averages of camera frames, arrival
+//! tests and the behavior of the hooks.
 
 use holdpoint_body::{Command, Estimate, Observation, Pose, TICK_SECS};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -12,7 +12,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 /// Below this pad distance the hand is empty, m.
 pub const EMPTY_WIDTH_M: f64 = 0.012;
 
-/// Half the edge of the object, m: its centre rests this far above what it stands on.
+/// Half the edge of the object, m: its center rests this far above its support.
 pub const OBJECT_HALF_M: f64 = 0.025;
 
 /// Tool pose at a point with the hand straight down and the pads turned by `yaw_rad`.
@@ -43,7 +43,7 @@ pub fn wrap_quarter(angle_rad: f64) -> f64 {
     angle_rad - libm::round(angle_rad / FRAC_PI_2) * FRAC_PI_2
 }
 
-/// Mean of several pictures of one square thing.
+/// Mean of several measurements of one square object.
 #[derive(Clone, Debug, Default)]
 pub struct PoseAverage {
     last_sequence: Option<u32>,
@@ -55,7 +55,7 @@ pub struct PoseAverage {
 }
 
 impl PoseAverage {
-    /// Adds a picture unless it was added before; tells whether it was new.
+    /// Adds a measurement unless it was added before; returns whether it is new.
     pub fn add(&mut self, seen: &Estimate) -> bool {
         if self.last_sequence == Some(seen.sequence) {
             return false;
@@ -109,7 +109,7 @@ pub fn ticks(secs: f64) -> u64 {
     ticks
 }
 
-/// What a controller does when it is told to abort.
+/// What a controller does when an abort is requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum AbortStyle {

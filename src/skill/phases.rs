@@ -32,12 +32,12 @@ pub trait Phased: Send {
     fn frame(&self) -> PhaseFrame;
 
     /// One decision in the present phase.
-    fn work(&mut self, run: &mut Run<Self::Phase>, seen: &Observation) -> Command;
+    fn work(&mut self, run: &mut PhaseRun<Self::Phase>, seen: &Observation) -> Command;
 }
 
 /// Where a run stands.
 #[derive(Clone, Debug)]
-pub struct Run<P> {
+pub struct PhaseRun<P> {
     pub phase: P,
     /// Ticks in it, 1 in its first.
     pub tick: u64,
@@ -45,17 +45,17 @@ pub struct Run<P> {
     pub commanded: bool,
     /// Where the tool was sent last.
     pub target: Pose,
-    ended: Option<End>,
+    ended: Option<PhaseRunEnd>,
 }
 
 /// How the work ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum End {
+enum PhaseRunEnd {
     Done,
     Failed(FailureSignal),
 }
 
-impl<P> Run<P> {
+impl<P> PhaseRun<P> {
     /// Goes to a phase.
     pub fn go(&mut self, phase: P) {
         self.phase = phase;
@@ -63,11 +63,11 @@ impl<P> Run<P> {
         self.commanded = false;
     }
 
-    /// Ends the work, with what failed or without; it is said at the next tick.
+    /// Ends the task, with a failure or without; the next tick reports it.
     pub const fn finish(&mut self, failure: Option<FailureSignal>) -> Command {
         self.ended = Some(match failure {
-            None => End::Done,
-            Some(signal) => End::Failed(signal),
+            None => PhaseRunEnd::Done,
+            Some(signal) => PhaseRunEnd::Failed(signal),
         });
         Command::Hold
     }
@@ -75,21 +75,22 @@ impl<P> Run<P> {
 
 /// One run of a phased controller.
 #[derive(Clone, Debug)]
-pub struct Runner<C: Phased> {
+pub struct PhaseRunner<C: Phased> {
     controller: C,
-    run: Run<C::Phase>,
+    run: PhaseRun<C::Phase>,
     began: Option<u64>,
     hook: Option<HookRun>,
 }
 
-impl<C: Phased> Runner<C> {
+impl<C: Phased> PhaseRunner<C> {
     pub const fn new(controller: C) -> Self {
-        let run = Run { phase: C::FIRST, tick: 0, commanded: false, target: Pose::IDENTITY, ended: None };
+        let run =
+            PhaseRun { phase: C::FIRST, tick: 0, commanded: false, target: Pose::IDENTITY, ended: None };
         Self { controller, run, began: None, hook: None }
     }
 }
 
-impl<C: Phased + Clone + 'static> Skill for Runner<C> {
+impl<C: Phased + Clone + 'static> Skill for PhaseRunner<C> {
     fn tick(&mut self, seen: &Observation) -> Command {
         let frame = self.controller.frame();
         if let Some(hook) = &mut self.hook {
@@ -97,11 +98,11 @@ impl<C: Phased + Clone + 'static> Skill for Runner<C> {
         }
         let began = *self.began.get_or_insert(seen.tick);
         if seen.tick.saturating_sub(began) > ticks(frame.timeout_secs) {
-            self.run.ended.get_or_insert(End::Failed(FailureSignal::TimedOut));
+            self.run.ended.get_or_insert(PhaseRunEnd::Failed(FailureSignal::TimedOut));
         }
         match self.run.ended {
-            Some(End::Done) => Command::Done,
-            Some(End::Failed(signal)) => Command::Fail { signal },
+            Some(PhaseRunEnd::Done) => Command::Done,
+            Some(PhaseRunEnd::Failed(signal)) => Command::Fail { signal },
             None => {
                 self.run.tick += 1;
                 self.controller.work(&mut self.run, seen)

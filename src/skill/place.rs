@@ -8,21 +8,21 @@ use super::motion::{
     AbortStyle, OBJECT_HALF_M, PoseAverage, RollbackStyle, arrived, at_height, holds_something, ticks,
     wrap_quarter, yaw_of,
 };
-use super::phases::{PhaseFrame, Phased, Run};
+use super::phases::{PhaseFrame, PhaseRun, Phased};
 
-/// Everything a version of the place controller may set. Lengths in metres, speeds in m/s.
+/// The parameters of a place version. Lengths in meters, speeds in m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlaceParams {
-    /// Pictures of object and tray averaged for a correction before lowering; 0 lowers as it is.
+    /// Camera frames of object and tray averaged for a correction before lowering; 0 lowers without one.
     pub look_pictures: u32,
     /// Tool speed of the descent.
     pub lower_speed_m_s: f64,
     /// Wrist force that ends the descent, N.
     pub contact_force_n: f64,
-    /// Height above the seat at which a contact still counts as having arrived.
+    /// Height above the tray floor at which a contact still counts as arrival.
     pub seat_tolerance_m: f64,
-    /// Height above the seat at which the object is let go without contact.
+    /// Height above the tray floor at which the gripper releases the object without contact.
     pub release_gap_m: f64,
     /// Pad distance after letting go.
     pub release_width_m: f64,
@@ -30,12 +30,12 @@ pub struct PlaceParams {
     pub release_speed_m_s: f64,
     /// Seconds between opening and retreat.
     pub settle_secs: f64,
-    /// How far the tool rises afterwards.
+    /// How far the tool rises after the release.
     pub retreat_height_m: f64,
     /// Tool speed of the retreat.
     pub retreat_speed_m_s: f64,
-    /// How far the hand then goes towards the pick side (-y) at that height; 0 stays over the tray. Saves the next
-    /// grasp a part of its way, low over what stands there.
+    /// Distance that the hand then moves to the pick side (-y) at that height; 0 stays over the tray. Saves the next
+    /// grasp a part of its path, low over obstacles.
     pub exit_offset_m: f64,
     /// Sideways step of the search after an early contact; 0 gives up at once.
     pub search_step_m: f64,
@@ -55,7 +55,7 @@ pub struct PlaceParams {
     pub safe_height_m: f64,
 }
 
-/// What it is at.
+/// Its phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlacePhase {
     Look,
@@ -74,7 +74,7 @@ pub struct Place {
     params: PlaceParams,
     tray: PoseAverage,
     object: PoseAverage,
-    /// Height of the object's centre below the tool, m.
+    /// Height of the object's center below the tool, m.
     hang_m: f64,
     seat_height_m: f64,
     retries: u32,
@@ -94,7 +94,7 @@ impl Place {
         }
     }
 
-    fn look(&mut self, run: &mut Run<PlacePhase>, seen: &Observation) -> Command {
+    fn look(&mut self, run: &mut PhaseRun<PlacePhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         if run.tick == 1 && !holds_something(seen) {
             // Taken over after the object was let go: only the retreat is left.
@@ -108,7 +108,7 @@ impl Place {
         if let Some(picture) = seen.object.as_ref().filter(|picture| fresh(picture.age_ticks)) {
             self.object.add(picture);
         }
-        // Even a version that does not correct needs one picture to know how deep the seat is.
+        // A version that does not correct also needs one camera frame to know the height of the tray floor.
         let wanted = p.look_pictures.max(1);
         if self.tray.count() < wanted || self.object.count() < wanted {
             if run.tick > ticks(2.5) {
@@ -140,7 +140,7 @@ impl Place {
         Command::ToolPose { pose: run.target, max_speed_m_s: p.lower_speed_m_s }
     }
 
-    fn lower(&mut self, run: &mut Run<PlacePhase>, seen: &Observation) -> Command {
+    fn lower(&mut self, run: &mut PhaseRun<PlacePhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         let released_at = self.seat_height_m + self.hang_m + p.release_gap_m;
         if !run.commanded {
@@ -167,7 +167,7 @@ impl Place {
         Command::Hold
     }
 
-    fn verify(&mut self, run: &mut Run<PlacePhase>, seen: &Observation) -> Command {
+    fn verify(&mut self, run: &mut PhaseRun<PlacePhase>, seen: &Observation) -> Command {
         if !self.params.verify {
             return run.finish(None);
         }
@@ -215,7 +215,7 @@ impl Phased for Place {
         }
     }
 
-    fn work(&mut self, run: &mut Run<PlacePhase>, seen: &Observation) -> Command {
+    fn work(&mut self, run: &mut PhaseRun<PlacePhase>, seen: &Observation) -> Command {
         let p = self.params.clone();
         let carrying = matches!(
             run.phase,

@@ -1,6 +1,6 @@
-//! Files that somebody else may have put there: regular ones alone, and never more bytes than are allowed.
+//! Files that another user may have put there: regular files only, and never more bytes than are allowed.
 //!
-//! A named pipe would keep whoever opens it waiting for ever, and a device has no end.
+//! A named pipe would block its reader forever, and a device has no end.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, Read as _};
@@ -9,11 +9,11 @@ use std::path::Path;
 
 use rustix::fs::OFlags;
 
-/// With this flag (`open(2)`) a pipe is opened without waiting for whoever writes to it.
+/// With this flag (`open(2)`), opening a pipe does not wait for its writer.
 #[allow(clippy::cast_possible_wrap, reason = "a flag's bits, which the kernel takes as they are")]
 pub const AT_ONCE: i32 = OFlags::NONBLOCK.bits() as i32;
 
-/// With these flags a link at the end of a path is not followed, and a pipe not waited for.
+/// With these flags, opening follows no link at the end of a path and does not wait for a pipe.
 #[allow(clippy::cast_possible_wrap, reason = "flags' bits, which the kernel takes as they are")]
 pub const NO_LINK: i32 = OFlags::NOFOLLOW.union(OFlags::NONBLOCK).bits() as i32;
 
@@ -25,7 +25,7 @@ pub fn open(path: &Path) -> io::Result<File> {
     regular(OpenOptions::new().read(true).custom_flags(AT_ONCE).open(path)?)
 }
 
-/// A file that was opened with [`AT_ONCE`], if it is a regular one.
+/// The file, opened with [`AT_ONCE`], if it is a regular one.
 ///
 /// # Errors
 /// If it is a folder, a pipe, a socket or a device.
@@ -36,12 +36,11 @@ pub fn regular(file: File) -> io::Result<File> {
     Err(io::Error::new(ErrorKind::InvalidInput, "it is no regular file, and only those are read"))
 }
 
-/// Makes a file anew. What lies there is removed and never written through: it may be a link to something else,
-/// or a pipe.
+/// Creates a file. What exists there is removed and never written through: it may be a link or a pipe.
 ///
 /// # Errors
-/// If what lies there cannot be removed, as a folder, or the file not be made.
-pub fn anew(path: &Path) -> io::Result<File> {
+/// If an existing entry, such as a folder, cannot be removed, or the file cannot be created.
+pub fn create_fresh(path: &Path) -> io::Result<File> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
         Ok(()) | Err(_) => {}
@@ -49,7 +48,7 @@ pub fn anew(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).write(true).create_new(true).open(path)
 }
 
-/// What something is that is no regular file, for people.
+/// The name of the kind of a non-regular file, for people.
 #[must_use]
 pub fn kind_of(found: &Metadata) -> &'static str {
     let kind = found.file_type();
@@ -102,15 +101,15 @@ mod tests {
         let [file, other, pipe] = ["file", "other", "pipe"].map(|name| folder.path().join(name));
         std::fs::write(&other, "kept").unwrap();
         std::os::unix::fs::symlink(&other, &file).unwrap();
-        anew(&file).unwrap().write_all(b"new").unwrap();
+        create_fresh(&file).unwrap().write_all(b"new").unwrap();
         assert_eq!(
             (read_text(&file, 9).unwrap(), read_text(&other, 9).unwrap()),
             ("new".into(), "kept".into())
         );
         rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR).unwrap();
-        anew(&pipe).unwrap();
+        create_fresh(&pipe).unwrap();
         assert_eq!(read_text(&pipe, 9).unwrap(), "");
-        anew(folder.path()).unwrap_err();
+        create_fresh(folder.path()).unwrap_err();
     }
 
     #[test]

@@ -1,13 +1,13 @@
-//! What would help, kept apart from what is wrong.
+//! Hints, separate from error messages.
 //!
-//! A message quotes names and values that others wrote. Were the hint a part of it, such a value could spell out one
-//! of its own, and readers would take it for the program's. So an error says the two separately, and whoever shows
-//! them puts them together last: on two lines, or by [`Hint::sentence`] on one.
+//! A message quotes foreign names and values. If the hint were part of it, such a value could imitate a hint of the
+//! program. So an error states the two separately, and its caller joins them last: on two lines, or by
+//! [`Hint::sentence`] on one.
 
 use std::borrow::Cow;
 use std::fmt;
 
-/// An error that can say what would help beside what is wrong. Its `Display` is the message alone.
+/// An error with an optional hint. Its `Display` is the message alone.
 pub trait Hint: fmt::Display {
     /// What the reader can do about it, as one phrase without a full stop; `None` if nothing is known to help.
     fn hint(&self) -> Option<Cow<'static, str>>;

@@ -1,10 +1,10 @@
 //! Foreign text: everything that people, manifests, bundles or files wrote.
 //!
-//! An [`Untrusted`] value cannot be printed: it has no `Display`, and its `Debug` is sanitised. What may reach a
-//! widget, log, title, table or error is a [`Shown`], which only the sanitiser here makes. It shows as
-//! `\u{..}` whatever a terminal would act on or a reader would not see: control characters (C0, C1, DEL),
-//! bidirectional overrides, tag and zero-width characters, unusual spaces, private and unassigned code points.
-//! It also bounds the width in columns and the bytes of one grapheme, as a pile of accents makes one huge cell.
+//! An [`Untrusted`] value cannot be printed: it has no `Display`, and its `Debug` is sanitized. Only the sanitizer
+//! here makes a [`Shown`], which may reach a widget, log, title, table or error. It shows as `\u{..}` what a terminal
+//! would act on or a reader would not see: control characters (C0, C1, DEL), bidirectional overrides, tag and
+//! zero-width characters, unusual spaces, private and unassigned code points. It also bounds the width in columns and
+//! the bytes of one grapheme, as a pile of accents makes one huge cell.
 //!
 //! An error keeps what would help ([`Hint`]) apart from its message, because messages quote foreign text.
 //!
@@ -13,14 +13,14 @@
 
 pub mod file;
 mod hint;
-mod sanitise;
+mod sanitize;
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
 pub use hint::{Hint, Problem};
-pub use sanitise::{GRAPHEME_BYTES_MAX, WIDTH_MAX, escape_json, is_visible, sanitise};
+pub use sanitize::{GRAPHEME_BYTES_MAX, WIDTH_MAX, escape_json, is_visible, sanitize};
 
 /// The width, in columns, for errors, logs and other places without a width of their own.
 pub const LINE_WIDTH_MAX: usize = 240;
@@ -49,27 +49,27 @@ impl Untrusted {
         !is_visible(&self.0)
     }
 
-    /// The text on one line of at most `width_max` columns (see [`sanitise`]).
+    /// The text on one line of at most `width_max` columns (see [`sanitize`]).
     #[must_use]
-    pub fn display(&self, width_max: usize) -> Shown {
-        sanitise(&self.0, width_max)
+    pub fn display(&self, width_max: usize) -> SafeText {
+        sanitize(&self.0, width_max)
     }
 
     /// The text on one line of at most [`LINE_WIDTH_MAX`] columns.
     #[must_use]
-    pub fn line(&self) -> Shown {
+    pub fn line(&self) -> SafeText {
         self.display(LINE_WIDTH_MAX)
     }
 
     /// The text's own lines, at most `lines_max` of them; where some are left off the last one is `…`.
     #[must_use]
-    pub fn lines(&self, width_max: usize, lines_max: usize) -> Vec<Shown> {
-        let mut shown: Vec<Shown> =
-            self.0.lines().take(lines_max).map(|line| sanitise(line, width_max)).collect();
+    pub fn lines(&self, width_max: usize, lines_max: usize) -> Vec<SafeText> {
+        let mut shown: Vec<SafeText> =
+            self.0.lines().take(lines_max).map(|line| sanitize(line, width_max)).collect();
         if let Some(last) = shown.last_mut()
             && self.0.lines().nth(lines_max).is_some()
         {
-            *last = sanitise("…", width_max);
+            *last = sanitize("…", width_max);
         }
         shown
     }
@@ -93,11 +93,11 @@ impl fmt::Debug for Untrusted {
     }
 }
 
-/// Sanitised text: printable characters on one line, of bounded width. Only the sanitiser makes it.
+/// Sanitized text: printable characters on one line, of bounded width. Only the sanitizer makes it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Shown(String);
+pub struct SafeText(String);
 
-impl Shown {
+impl SafeText {
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
@@ -116,13 +116,13 @@ impl Shown {
     }
 }
 
-impl AsRef<str> for Shown {
+impl AsRef<str> for SafeText {
     fn as_ref(&self) -> &str {
         &self.0
     }
 }
 
-impl fmt::Display for Shown {
+impl fmt::Display for SafeText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(&self.0)
     }
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn debug_is_sanitised_and_serde_keeps_the_text() {
+    fn debug_is_sanitized_and_serde_keeps_the_text() {
         let text = Untrusted::new("a\u{1b}[31m\u{202e}b");
         assert_eq!(format!("{text:?}"), r#""a\u{1b}[31m\u{202e}b""#);
         let json = serde_json::to_string(&text).unwrap();

@@ -18,10 +18,10 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Result, bail};
 use holdpoint::engine::cell::{Cell, Conditions};
-use holdpoint::engine::trial::crew::Crew;
-use holdpoint::engine::trial::drills::{Cast, DrillResult, drill};
+use holdpoint::engine::trial::drills::{DrillResult, DrillVersions, drill};
 use holdpoint::engine::trial::episodes::batch;
 use holdpoint::engine::trial::worker::Worker;
+use holdpoint::engine::trial::worker_pool::WorkerPool;
 use holdpoint::governance::evidence::{DrillKind, Pair};
 use holdpoint::governance::harm::HarmKind;
 use holdpoint::governance::policy::PolicyTable;
@@ -71,14 +71,20 @@ fn main() -> Result<()> {
         .iter()
         .map(|folder| Ok(Capability::load(folder, capability::read(Path::new(folder))?)?))
         .collect::<Result<Vec<_>>>()?;
-    let crew = Crew::new(2);
+    let worker_pool = WorkerPool::new(2);
     let mut first: Option<Vec<TaskRecord>> = None;
     for (version, capability) in capabilities.iter().enumerate() {
         let declared = &capability.manifest.permissions;
         let terms = terms.clone().capped(declared.max_speed_m_s, declared.max_force_n);
         let start = std::time::Instant::now();
-        let records =
-            batch(&crew, &AtomicBool::new(false), &cell, (capability, &terms), conditions, from..from + n)?;
+        let records = batch(
+            &worker_pool,
+            &AtomicBool::new(false),
+            &cell,
+            (capability, &terms),
+            conditions,
+            from..from + n,
+        )?;
         println!("{} {}", capability.id(), summary(&records, start.elapsed().as_secs_f64()));
         match &first {
             None => first = Some(records),
@@ -108,7 +114,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Pass rates of the recovery drills, rollback to the first version named; `rho` with the weights of the profile.
+/// Pass rates of the recovery drills, with rollback to the first version; `rho` with the weights of the profile.
 fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
     let cell = Cell::builtin()?;
     let profile = Profile::builtin(ProfileName::Sim)?;
@@ -121,7 +127,7 @@ fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
     let versions = folders.iter().map(|folder| load(folder)).collect::<Result<Vec<_>>>()?;
     let predecessor = versions.first().context("name a folder")?;
     for version in &versions {
-        let cast = Cast { version, predecessor, fallback: Some(&fallback) };
+        let cast = DrillVersions { version, predecessor, fallback: Some(&fallback) };
         let mut rates = Vec::new();
         for kind in DrillKind::ALL {
             let mut passed = (0_u32, 0_u32);
@@ -148,8 +154,8 @@ fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// What both did to their surroundings: means and the spread of the difference where both did their work, and what one in
-/// twenty and one in a hundred of all episodes are past.
+/// The effects of both versions on their surroundings: means and the standard deviation of the difference where
+/// both succeeded, and the values that one in twenty and one in a hundred of all episodes exceed.
 #[allow(clippy::cast_precision_loss)]
 fn harm(pairs: &[Pair]) -> String {
     let mut lines = Vec::new();
@@ -181,7 +187,7 @@ fn harm(pairs: &[Pair]) -> String {
     lines.join("\n")
 }
 
-/// The pairs of which both episodes could be carried out.
+/// The pairs with two executable episodes.
 fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
     let both = active.iter().zip(candidate);
     both.filter_map(|(old, new)| {
@@ -212,7 +218,7 @@ fn summary(records: &[TaskRecord], wall: f64) -> String {
         };
         *ends.entry(end).or_default() += 1;
     }
-    // What would take a provisional version off at once in the live world.
+    // Values that would roll a provisional version back at once in the live cell.
     let trips = share(&|r| {
         r.signals.iter().any(|raised| raised.signal == WatcherSignal::UnexpectedContact)
             || r.hits

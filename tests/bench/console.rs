@@ -1,17 +1,16 @@
-//! What the console costs: `cargo build --release && cargo run --release --example console_cost`.
+//! The cost of the console: `cargo build --release && cargo run --release --example console_cost`.
 //!
-//! Measures against the budget of the design: building a frame at 200x60 with 10,000 versions, the first frame after
-//! the start, key to repaint while the evaluation uses every core, and the processor's time of a console nobody
-//! uses; each with the engine in a process of its own and in the console's, in turns; then what one more console costs
-//! an engine. Prints a table with the budget beside each figure, whether it is kept, and the load of the machine at
-//! that moment: what else runs makes times longer. Says nothing about correctness. `HOLDPOINT_COST_LINES=2` types fewer
-//! lines.
+//! Measures against the budget of the design: a frame at 200x60 with 10,000 versions, the first frame after the
+//! start, key to repaint while the evaluation uses every core, and the processor time of an idle console. Each runs
+//! alternately with the engine in a separate process and in the console's; then the cost of one more console for an
+//! engine. Prints a table with budgets, verdicts and the load of the machine, which makes times longer. Does not
+//! test correctness. `HOLDPOINT_COST_LINES=2` types fewer lines.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::panic,
     clippy::print_stdout,
-    reason = "a measurement says so by failing, and prints what it found"
+    reason = "a measurement reports by failing, and prints its results"
 )]
 
 #[path = "../support/pty.rs"]
@@ -25,8 +24,8 @@ use std::time::{Duration, Instant};
 use holdpoint::console::frame;
 use holdpoint::console::keymap::Keymap;
 use holdpoint::console::look::{Look, LookOptions};
-use holdpoint::console::model::{ConsoleSettings, Model, View};
-use holdpoint::governance::lifecycle::{Flags, State};
+use holdpoint::console::model::{ConsoleModel, ConsoleSettings, View};
+use holdpoint::governance::lifecycle::{State, VersionFlags};
 use holdpoint::governance::record::VersionSummary;
 use holdpoint::governance::submission::{Provenance, Risk};
 use holdpoint::protocol::detail::RegistryPage;
@@ -43,7 +42,7 @@ const FRAMES: usize = 300;
 /// Starts that are timed.
 const STARTS: usize = 10;
 
-/// Keys that are timed: so many lines of so many letters.
+/// Keys that are timed: lines, and letters in each.
 const LINES: usize = 8;
 const LETTERS: usize = 40;
 
@@ -56,7 +55,7 @@ const FIRST_FRAME_MS: f64 = 150.0;
 const KEY_MS: f64 = 50.0;
 const IDLE_PERCENT: f64 = 2.0;
 
-/// How long nobody does anything.
+/// The idle time.
 const IDLE: Duration = Duration::from_secs(20);
 
 /// The kernel counts processor time in hundredths of a second.
@@ -64,7 +63,7 @@ const TICKS_PER_SEC: f64 = 100.0;
 
 const SIZE: (u16, u16) = (200, 60);
 
-/// Where the engine is, and how that is asked for.
+/// The place of the engine, and the option for it.
 const PLACES: [(&str, &[&str]); 2] = [("attached", &["--linger=5"]), ("in process", &["--in-process"])];
 
 fn main() {
@@ -72,7 +71,7 @@ fn main() {
     println!("{cores} cores; load: processes that ran or waited to, mean of the last minute");
     line("what", ["median", "p99", "budget", "", "load"]);
     row("frame at 200x60, 10,000 versions", frames(), Some(FRAME_MS));
-    // In turns, so that what else the machine does is in both.
+    // Alternating, so that other load affects both.
     let mut starts = PLACES.map(|_| (Vec::new(), Vec::new()));
     for _ in 0..STARTS {
         for ((_, more), (frames, shown)) in PLACES.iter().zip(&mut starts) {
@@ -86,7 +85,7 @@ fn main() {
         row(&format!("engine on the screen after the start, {place}"), shown, None);
     }
     for (place, more) in PLACES {
-        row(&format!("key to repaint, every core at work, {place}"), keys(more), Some(KEY_MS));
+        row(&format!("key to repaint, every core busy, {place}"), keys(more), Some(KEY_MS));
     }
     for (place, more) in PLACES {
         idle(place, more);
@@ -108,7 +107,7 @@ const fn kept(is_kept: bool) -> &'static str {
     if is_kept { "kept" } else { "OVER" }
 }
 
-/// A row of times; the budget is held against the 99th percentile.
+/// A row of times; the budget applies to the 99th percentile.
 fn row(what: &str, mut times: Vec<Duration>, budget_ms: Option<f64>) {
     times.sort();
     let at = |share: f64| {
@@ -122,7 +121,7 @@ fn row(what: &str, mut times: Vec<Duration>, budget_ms: Option<f64>) {
     line(&format!("{what} (n {})", times.len()), [&ms(at(0.5)), &ms(at(0.99)), &budget, kept, &load()]);
 }
 
-/// A row of a share of one core.
+/// A row of a fraction of one core.
 fn share_row(what: &str, percent: f64, budget_percent: Option<f64>) {
     let budget = budget_percent.map_or_else(String::new, |budget| format!("{budget:.0} %"));
     let kept = budget_percent.map_or("", |budget| kept(percent <= budget));
@@ -132,12 +131,12 @@ fn share_row(what: &str, percent: f64, budget_percent: Option<f64>) {
 fn frames() -> Vec<Duration> {
     let settings =
         ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
-    let mut model = Model::new(settings, Arc::new(Keymap::default()), Vec::new());
+    let mut model = ConsoleModel::new(settings, Arc::new(Keymap::default()), Vec::new());
     let version = |number: u64| VersionSummary {
         version: format!("family{}@1.0.{number}", number % 50).parse().unwrap(),
         state: State::Superseded,
         row_version: 1,
-        flags: Flags::default(),
+        flags: VersionFlags::default(),
         kappas: [Some(0.97), Some(0.95), Some(0.9), None],
         baseline: false,
         author: "refinery".to_owned(),
@@ -148,9 +147,9 @@ fn frames() -> Vec<Duration> {
     };
     let mut rows: Vec<VersionSummary> = (0..ROWS).map(version).collect();
     rows.sort_by(|a, b| a.version.cmp(&b.version));
-    model.told.registry.page =
+    model.engine_data.registry.page =
         Arc::new(RegistryPage { rows, total: ROWS, thresholds: [0.95, 0.9, 0.85, 0.8] });
-    model.place.view = View::Registry;
+    model.view_state.view = View::Registry;
     model.size = SIZE;
     let options = LookOptions {
         term: Some("xterm-256color".to_owned()),
@@ -168,7 +167,7 @@ fn frames() -> Vec<Duration> {
     (0..FRAMES).map(frame).collect()
 }
 
-/// How long until there is a frame, and until the engine is on it.
+/// The time until the first frame, and until the engine is on it.
 fn first_frame(more: &[&str]) -> (Duration, Duration) {
     let home = Home::new();
     let begun = Instant::now();
@@ -186,7 +185,7 @@ fn first_frame(more: &[&str]) -> (Duration, Duration) {
 fn end(console: &mut Console) {
     console.keys("1q");
     console.wait_for_text(" y does it");
-    // The key counts as soon as the screen says so.
+    // The key counts once the screen shows it.
     console.keys("y");
     console.end();
 }
@@ -248,9 +247,9 @@ fn idle(place: &str, more: &[&str]) {
     end(&mut console);
 }
 
-/// Shares of one core that processes or threads use while nobody does anything, per cent.
+/// The fractions of one core that processes or threads use while idle, per cent.
 fn shares(files: &[String]) -> Vec<f64> {
-    // Nobody sends: the time passes.
+    // No input: the time passes.
     let (_kept, never) = sync_channel::<()>(1);
     never.recv_timeout(Duration::from_secs(3)).ok();
     let before: Vec<u64> = files.iter().map(|file| ticks(file)).collect();
@@ -267,7 +266,7 @@ fn engine_of(home: &Home) -> u32 {
     owner.split(' ').nth(1).unwrap().parse().unwrap()
 }
 
-/// What a console that looks at the arm costs the engine it is attached to: so many more, against one.
+/// The cost of consoles that show the arm, for their engine: this number of them, compared with one.
 fn attached() {
     let home = Home::new();
     let mut first = home.console(&["run", "--no-tour", "--linger=5"], SIZE);
@@ -290,7 +289,8 @@ fn attached() {
         console.keys("q");
         console.end();
     }
-    // Whether somebody else still counts as seated decides what `q` asks; the engine ends a while after the last has left.
+    // `q` asks a question that depends on the other attached consoles; the engine ends a while after the last one
+    // leaves.
     first.keys(":detach\r");
     first.end();
 }

@@ -1,16 +1,15 @@
-//! Whether a service stays as small as it was: `cargo run --release --example serve_endurance -- PROGRAM SEQUENCES`.
+//! Whether a service stays small: `cargo run --release --example serve_endurance -- PROGRAM SEQUENCES`.
 //!
-//! Starts `PROGRAM serve` on a store of its own at the fastest pace, counts the sequences of its live cell as they are
-//! told, and reads from the system what the process holds: memory, descriptors, threads, and the size of its store.
-//! Alarms are counted too: nothing drifts, so each is a false one.
-//! A row is printed at each step, so a run that is cut short has shown what it saw. At the end the service is told to
-//! end, and has to do so in good order. Says what was measured; nothing is judged but that end.
+//! Starts `PROGRAM serve` on a new store at the fastest pace, counts the reported sequences of its live cell, and
+//! reads the process's resources from the system: memory, descriptors, threads, and the size of its store. Counts
+//! alarms, too: nothing drifts, so each is false. Prints a row at each step, so a shortened run has results. At the
+//! end the service must end cleanly; nothing else is judged.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::panic,
     clippy::print_stdout,
-    reason = "a measurement says so by failing, and prints what it found"
+    reason = "a measurement reports by failing, and prints its results"
 )]
 
 use std::collections::BTreeMap;
@@ -26,12 +25,12 @@ use serde_json::Value;
 /// Rows that are printed.
 const ROWS: u64 = 40;
 
-/// The first rows are the process's growing up: caches fill, the allocator settles.
+/// The first rows are the start-up: caches fill, the allocator settles.
 const WARM_SHARE: f64 = 0.1;
 
 const SECONDS_OF_A_DAY: f64 = 86_400.0;
 
-/// What the process and its store hold at one moment.
+/// The resources of the process and its store at one moment.
 #[derive(Clone, Copy)]
 struct Sample {
     sequences: u64,
@@ -115,14 +114,14 @@ fn main() {
     for line in lines {
         let event: Value = serde_json::from_str(&line.unwrap()).expect("a line is a document");
         if event["event"] == "alarm" {
-            // Nothing drifts here: whatever alarms, alarms falsely.
+            // Nothing drifts here: every alarm is false.
             let name = event["alarm"].as_str().expect("it has a name").to_owned();
             *alarms.entry(name).or_insert(0_u64) += 1;
         }
         if event["event"] != "sequence" {
             continue;
         }
-        // Sequences that were not told because of this reader are counted by their index.
+        // Sequences that were not reported because of this slow reader are counted by their index.
         done = event["index"].as_u64().expect("it has an index") + 1;
         simulated += task_secs(&event);
         counted += 1;
@@ -146,7 +145,7 @@ fn main() {
     let late = &samples[samples.len() - warm..];
     let sequence_secs = simulated / f64::from(u32::try_from(counted).unwrap());
     let a_day = SECONDS_OF_A_DAY / sequence_secs;
-    println!("states of alarms told in {done} sequences without a drift: {alarms:?}");
+    println!("states of alarms in {done} sequences without a drift: {alarms:?}");
     println!("from sequence {} on, growth per 1,000 sequences:", late[0].sequences);
     println!("  resident memory {:.1} KiB", 1_000.0 * slope(late, |one| one.resident_kib));
     println!(

@@ -1,14 +1,14 @@
-//! What scenes cost: `cargo run --release --example scene_cost`.
+//! The cost of scenes: `cargo run --release --example scene_cost`.
 //!
-//! The live cell works sequences as fast as it computes; everything the process spends is counted, the sink's thread
-//! and the server's included. The ways take turns, so that a busy machine is unfair to none. Prints a table; says
-//! nothing about correctness.
+//! The live cell runs sequences as fast as it computes; all processor time of the process counts, including the
+//! sink's thread and the server's. The variants alternate, so that other load affects all. Prints a table; does not
+//! test correctness.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::panic,
     clippy::print_stdout,
-    reason = "a measurement says so by failing, and prints what it found"
+    reason = "a measurement reports by failing, and prints its results"
 )]
 
 use std::net::{SocketAddr, TcpListener};
@@ -24,14 +24,14 @@ use holdpoint::governance::ids::{CapabilityId, Digest};
 use holdpoint::governance::lifecycle::Stage;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::event::{Event, EventKind};
-use holdpoint::protocol::picture::Picture;
-use holdpoint::scene::{SceneConfig, Scenes};
+use holdpoint::protocol::video_frame::VideoFrame;
+use holdpoint::scene::{SceneConfig, SceneSink};
 use rustix::time::{ClockId, clock_gettime};
 
-/// Turns of each way.
+/// Turns of each variant.
 const ROUNDS: usize = 5;
 
-/// Sequences of one turn: some two minutes of the cell's work.
+/// Sequences of one turn: about two minutes of the cell's time.
 const SEQUENCES: u64 = 8;
 
 /// A run seed of the calibration pool.
@@ -50,18 +50,18 @@ enum Way {
 const WAYS: [(Way, &str); 4] = [
     (Way::Off, "off"),
     (Way::File, "file"),
-    (Way::Live, "live server, nobody looks"),
+    (Way::Live, "live server, no viewer"),
     (Way::Both, "file and live server"),
 ];
 
-/// What one turn gave.
+/// The results of one turn.
 #[derive(Clone, Copy, Debug, Default)]
 struct Turn {
-    /// Processor time of the process a tick, us.
+    /// Processor time of the process for each tick, us.
     tick_us: f64,
-    /// The longest a picture was handed over, us.
+    /// The longest handover of a camera frame, us.
     longest_us: f64,
-    /// Bytes on the disk a minute of the cell's work.
+    /// Bytes on the disk for a minute of the cell's time.
     bytes_a_minute: f64,
     dropped: u64,
 }
@@ -119,16 +119,16 @@ fn turn(way: Way) -> Turn {
     let to_file = matches!(way, Way::File | Way::Both);
     let view = matches!(way, Way::Live | Way::Both).then(free);
     let config = SceneConfig { recordings: to_file.then(|| folder.clone()), view, ..SceneConfig::default() };
-    let scenes = (to_file || view.is_some()).then(|| Scenes::start(config).unwrap());
+    let scenes = (to_file || view.is_some()).then(|| SceneSink::start(config).unwrap());
     if let Some(scenes) = &scenes {
         scenes.feed().events(&started, || engine.snapshot());
-        // Everything that is drawn belongs to an upgrade in shadow.
+        // All drawing belongs to an upgrade in shadow.
         scenes.feed().events(&in_shadow(engine.now_ms()), || engine.snapshot());
     }
     let longest = Arc::new(AtomicU64::new(0));
-    let feed = Mutex::new(scenes.as_ref().map(Scenes::feed));
+    let feed = Mutex::new(scenes.as_ref().map(SceneSink::feed));
     let seen = Arc::clone(&longest);
-    let pictures = move |picture: Picture| {
+    let pictures = move |picture: VideoFrame| {
         let begun = Instant::now();
         if let Some(feed) = &*feed.lock().unwrap() {
             feed.picture(picture);
@@ -146,7 +146,7 @@ fn turn(way: Way) -> Turn {
             events.iter().filter(|event| matches!(event.kind, EventKind::Sequence { .. })).count() as u64;
         match &scenes {
             Some(scenes) if !events.is_empty() => scenes.feed().events(&events, || engine.snapshot()),
-            // The thread that works the cell is the one that is measured, not this one.
+            // The measured thread is the one that runs the cell, not this one.
             _ => drop(rest.recv_timeout(Duration::from_millis(1))),
         }
     }

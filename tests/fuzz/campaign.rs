@@ -1,4 +1,4 @@
-//! Many inputs for one parser: what it must hold for each, how many it gets, and the input that broke it.
+//! Many inputs for one parser: the property for each, their number, and the input that broke it.
 
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -7,21 +7,21 @@ use std::time::{Duration, Instant};
 
 use crate::mutate::{Random, mutant};
 
-/// What a parser made of an input.
+/// A parser's result for an input.
 pub enum Outcome {
     Accepted,
-    /// As it would be printed.
+    /// As it is printed.
     Refused(String),
 }
 
-/// Inputs beyond those given that are built upon: each was refused in a way of its own, or was accepted.
+/// Inputs beyond the given ones to build on: each was refused in a new way, or was accepted.
 const KEPT_MAX: usize = 256;
-/// So many inputs are written for keeping, and only such as are smaller.
+/// The most inputs that are written for keeping, and their largest size.
 const WRITTEN_MAX: usize = 24;
 const WRITTEN_BYTES_MAX: usize = 2_500;
-/// No input may take longer, on however busy a machine.
+/// The time limit for an input, even on a busy machine.
 const TIME_MAX: Duration = Duration::from_secs(20);
-/// The longest message: the widest line the sanitiser makes, a hint, and what stands before them.
+/// The longest message: the widest line of the sanitizer, a hint, and their labels.
 const MESSAGE_BYTES_MAX: usize = 40_000;
 
 /// A number from the environment.
@@ -29,11 +29,10 @@ fn asked(name: &str) -> Option<u64> {
     std::env::var(name).ok().map(|text| text.parse().unwrap())
 }
 
-/// Gives `check` every input of `corpus`, which it must not refuse, and then so many mutants.
+/// Gives `check` every input of `corpus`, which it must not refuse, and then a number of mutants.
 ///
-/// `HOLDPOINT_FUZZ_RUNS` is how many instead, `HOLDPOINT_FUZZ_SECS` ends it earlier, `HOLDPOINT_FUZZ_SEED` is the
-/// seed (1); with `HOLDPOINT_FUZZ_WAYS` it prints each way in which something was refused. A failure says seed and run
-/// and leaves the input in a file.
+/// `HOLDPOINT_FUZZ_RUNS` is that number, `HOLDPOINT_FUZZ_SECS` a time limit, `HOLDPOINT_FUZZ_SEED` the seed (1);
+/// `HOLDPOINT_FUZZ_WAYS` prints each way of refusal. A failure names seed and run and leaves the input in a file.
 pub fn campaign(
     name: &str,
     named: Option<&str>,
@@ -117,7 +116,7 @@ pub fn campaign(
     );
 }
 
-/// What becomes of one input: neither a panic, nor a hang, nor a message that cannot be printed.
+/// Runs one input: no panic, no hang, and a printable message.
 fn tried(
     named: Option<&str>,
     input: &[u8],
@@ -134,7 +133,7 @@ fn tried(
     if took > TIME_MAX { Err(format!("it took {took:?}")) } else { outcome }
 }
 
-/// The inputs that are kept for a parser, in the order of their names.
+/// The stored inputs of a parser, by name.
 fn kept(name: &str) -> Vec<(PathBuf, Vec<u8>)> {
     let crate_folder = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let workspace = if crate_folder.join("tests/fuzz").is_dir() { "." } else { "../.." };
@@ -147,7 +146,7 @@ fn kept(name: &str) -> Vec<(PathBuf, Vec<u8>)> {
     files.into_iter().map(|file| (file.clone(), std::fs::read(file).unwrap())).collect()
 }
 
-/// What is printed is one line and perhaps a hint, of bounded length, and no terminal acts on it.
+/// The output is one line and perhaps a hint, of limited length, without terminal control characters.
 fn check_message(text: &str, named: Option<&str>) -> Result<(), String> {
     let lines = text.trim_end_matches('\n').lines().count();
     let shown: String = text.chars().take(400).collect();
@@ -166,7 +165,7 @@ fn check_message(text: &str, named: Option<&str>) -> Result<(), String> {
     }
 }
 
-/// A message without what it quotes and counts: inputs that are refused alike have the same.
+/// A message without its quotes and numbers: inputs refused alike have the same.
 fn shape(text: &str) -> String {
     let mut quoted = false;
     let words = text.chars().filter(|ch| {

@@ -1,5 +1,5 @@
-//! Whatever others hand in, mutated: each parser answers with a value that means the same when it is written and read
-//! again, or with one line that says what is wrong. Never with a panic, a hang, or bytes that a terminal acts on.
+//! Mutated input for every parser of foreign data: each returns a value that survives writing and reading, or one
+//! line with the error. Never a panic, a hang, or terminal control characters.
 //!
 //! `cargo test` runs each campaign briefly. A long one, of one parser:
 //!
@@ -7,16 +7,16 @@
 //! HOLDPOINT_FUZZ_RUNS=1000000 HOLDPOINT_FUZZ_SEED=7 cargo test --test fuzz -- --nocapture manifest
 //! ```
 //!
-//! What once broke a parser, or was refused in a way of its own, lies in `corpus/NAME` and is tried first, each time;
-//! `HOLDPOINT_FUZZ_KEEP=DIR` writes such inputs, where they are small.
+//! Inputs that once broke a parser, or were refused in a new way, are in `corpus/NAME` and run first each time;
+//! `HOLDPOINT_FUZZ_KEEP=DIR` writes such inputs if they are small.
 //!
-//! The database has its own, beside the store's other tests (`--test store -- --nocapture databases`).
+//! The database has its own campaign, beside the store's other tests (`--test store -- --nocapture databases`).
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::panic,
     clippy::print_stdout,
-    reason = "a test says what it expects by failing, and a campaign says how far it got"
+    reason = "a test reports by failing, and a campaign prints its progress"
 )]
 
 mod campaign;
@@ -26,32 +26,32 @@ mod paths;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use holdpoint::approvals::{Approval, Nonce, ShownQuestion, SignedApproval};
+use holdpoint::approvals::{Approval, DisplayBinding, Nonce, SignedApproval};
 use holdpoint::error::CliError;
-use holdpoint::governance::approval::{Answer as Decided, Role};
+use holdpoint::governance::approval::{ApprovalDecision as Decided, Role};
 use holdpoint::governance::ids::Digest;
 use holdpoint::governance::manifest::Manifest;
-use holdpoint::governance::own_profile::{OwnProfile, ProfileTexts};
 use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::governance::site_profile::{ProfileTexts, SiteProfile};
 use holdpoint::governance::submission::{Package, Submission};
 use holdpoint::headless::script::Script;
 use holdpoint::protocol::command::{Command, Operation, Request};
-use holdpoint::protocol::snapshot::Purpose;
-use holdpoint::protocol::wire::{self, ANSWER_BYTES_MAX, Answer, Call};
+use holdpoint::protocol::snapshot::RequestKind;
+use holdpoint::protocol::wire::{self, ANSWER_BYTES_MAX, ClientMessage, ServerMessage};
 use holdpoint::runtime::skill::native::Controller;
 use holdpoint::sim::robot::RobotModel;
-use holdpoint::text::{Hint, WIDTH_MAX, escape_json, sanitise};
+use holdpoint::text::{Hint, WIDTH_MAX, escape_json, sanitize};
 
 use campaign::{Outcome, campaign};
 
-/// The name under which inputs are parsed, which every message has to say.
+/// The file name of the inputs, which every message must contain.
 const FILE: &str = "some/input.file";
 
 fn root(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
-/// The files of this name, or with this ending, in a folder and the folders in it.
+/// The files with this name or extension beneath a folder.
 fn files(folder: &str, ending: &str) -> Vec<Vec<u8>> {
     let mut open = vec![root(folder)];
     let mut found = Vec::new();
@@ -70,7 +70,7 @@ fn files(folder: &str, ending: &str) -> Vec<Vec<u8>> {
     found.into_iter().map(|path| fs::read(path).unwrap()).collect()
 }
 
-/// What the program prints of an error.
+/// The printed form of an error.
 fn printed(error: &CliError) -> String {
     let mut out = Vec::new();
     error.print(&mut out);
@@ -82,12 +82,12 @@ fn refused(error: impl Hint) -> Result<Outcome, String> {
     Ok(Outcome::Refused(printed(&CliError::usage(error))))
 }
 
-/// Text of an input; files that are no text are refused where they are read.
+/// The text of an input; the reader refuses files that are not text.
 fn text(input: &[u8]) -> String {
     String::from_utf8_lossy(input).into_owned()
 }
 
-/// A value written down again and read back is the same.
+/// A value survives writing and reading.
 fn same<T: PartialEq + std::fmt::Debug>(
     before: &T,
     after: Result<T, impl std::fmt::Display>,
@@ -95,12 +95,12 @@ fn same<T: PartialEq + std::fmt::Debug>(
     match after {
         Ok(after) if after == *before => Ok(()),
         Ok(after) => Err(format!("written and read again it is another:\n{before:?}\n{after:?}")),
-        Err(error) => Err(format!("what was accepted is refused once written: {error}")),
+        Err(error) => Err(format!("an accepted value is refused once written: {error}")),
     }
 }
 
 fn toml_of(value: &impl serde::Serialize) -> Result<String, String> {
-    toml::to_string(value).map_err(|error| format!("what was accepted cannot be written: {error}"))
+    toml::to_string(value).map_err(|error| format!("an accepted value cannot be written: {error}"))
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn submission() {
     });
 }
 
-/// Parameters of a controller: what is accepted is finite.
+/// Parameters of a controller: accepted ones are finite.
 #[test]
 fn parameters() {
     let families = ["grasp", "align", "place"];
@@ -139,7 +139,8 @@ fn parameters() {
     for family in families {
         let manifest = fs::read_to_string(root(&format!("manifests/{family}/1.0.0/manifest.toml"))).unwrap();
         let manifest = Manifest::parse(FILE, &manifest).unwrap();
-        let holdpoint::governance::manifest::Bundle::Native(controller) = &manifest.deployment.bundle else {
+        let holdpoint::governance::manifest::BundleSource::Native(controller) = &manifest.deployment.bundle
+        else {
             panic!("{family} has another kind of bundle");
         };
         campaign(&format!("parameters-{family}"), Some(FILE), 1_000, vec![of(family)], |input| {
@@ -178,7 +179,7 @@ fn profile() {
     });
 }
 
-/// The policies of a site's own profile: whatever they say, they compile to a table or are refused.
+/// The policies of a site profile: they compile to a table or are refused.
 #[test]
 fn policies() {
     let (file, shipped) = Profile::builtin_text(ProfileName::Sim);
@@ -190,7 +191,7 @@ fn policies() {
             policy_file: FILE.to_owned(),
             policy: text(input),
         };
-        match OwnProfile::parse(texts) {
+        match SiteProfile::parse(texts) {
             Err(error) => refused(error),
             Ok(_) => Ok(Outcome::Accepted),
         }
@@ -219,7 +220,7 @@ fn call() {
         Command::Decide { signed: Box::new(signed()) },
         Command::Question {
             version: "grasp@1.1.0".parse().unwrap(),
-            purpose: Purpose::Activation,
+            purpose: RequestKind::Activation,
             who: "ana".into(),
         },
         Command::Rollback(operation("worse")),
@@ -230,17 +231,19 @@ fn call() {
         Command::VerifyAudit,
         Command::Shutdown,
     ];
-    let call = |(id, command)| Call::Ask { request: Box::new(Request::unsigned(format!("c{id}"), command)) };
-    let mut calls: Vec<Call> = (0..).zip(commands).map(call).collect();
-    calls.push(Call::Subscribe {});
+    let call = |(id, command)| ClientMessage::Ask {
+        request: Box::new(Request::unsigned(format!("c{id}"), command)),
+    };
+    let mut calls: Vec<ClientMessage> = (0..).zip(commands).map(call).collect();
+    calls.push(ClientMessage::Subscribe {});
     let lines = calls.iter().map(|call| wire::line(call).unwrap().into_bytes()).collect();
-    campaign("call", None, 4_000, lines, |input| match serde_json::from_slice::<Call>(input) {
+    campaign("call", None, 4_000, lines, |input| match serde_json::from_slice::<ClientMessage>(input) {
         Err(error) => {
             let text = error.to_string();
-            let line =
-                wire::line(&Answer::Closed { text: text.clone() }).map_err(|error| error.to_string())?;
+            let line = wire::line(&ServerMessage::Closed { text: text.clone() })
+                .map_err(|error| error.to_string())?;
             if line.len() > ANSWER_BYTES_MAX || line.trim_end_matches('\n').contains('\n') {
-                return Err(format!("the answer to it is no line of the protocol: {} bytes", line.len()));
+                return Err(format!("its answer is not a line of the protocol: {} bytes", line.len()));
             }
             refused(text)
         }
@@ -255,7 +258,7 @@ fn call() {
     });
 }
 
-/// A robot's two files: what is accepted has numbers throughout, and moves.
+/// A robot's two files: accepted ones have only numbers, and move.
 fn moves(urdf: &[u8], toml: &[u8]) -> Result<Outcome, String> {
     match RobotModel::from_texts(FILE, &text(urdf), FILE, &text(toml)) {
         Err(error) => refused(error.to_string()),
@@ -263,7 +266,7 @@ fn moves(urdf: &[u8], toml: &[u8]) -> Result<Outcome, String> {
             let chain = &robot.geometry.chain;
             let numbers = chain.joints.iter().flat_map(|joint| [joint.lower_rad, joint.upper_rad]);
             if numbers.into_iter().chain(robot.home.iter().copied()).any(|number| !number.is_finite()) {
-                return Err("a limit is no number".to_owned());
+                return Err("a limit is not a number".to_owned());
             }
             let tool = chain.tool(&robot.home);
             if tool.translation.vector.iter().any(|number| !number.is_finite()) {
@@ -274,7 +277,7 @@ fn moves(urdf: &[u8], toml: &[u8]) -> Result<Outcome, String> {
     }
 }
 
-/// The description and the numbers of an arm that is shipped.
+/// The description and parameters of an arm of this repository.
 fn arm(name: &str) -> [Vec<u8>; 2] {
     ["urdf", "toml"].map(|ending| fs::read(root(&format!("sim/assets/{name}.{ending}"))).unwrap())
 }
@@ -314,7 +317,7 @@ fn signed() -> SignedApproval {
         nonce: Nonce::from_bytes([7; 16]),
         not_after_ms: 1_000,
         break_glass: false,
-        shown: Some(ShownQuestion {
+        shown: Some(DisplayBinding {
             renderer: 1,
             lines: digest("lines"),
             facts: digest("facts"),
@@ -325,12 +328,12 @@ fn signed() -> SignedApproval {
     .unwrap()
 }
 
-/// A signed decision: nothing but what was signed has a signature that holds.
+/// A signed decision: only the signed bytes have a valid signature.
 #[test]
 fn approval() {
     let signed = signed();
     let json = serde_json::to_vec(&signed).unwrap();
-    // What an earlier version of the program signed still holds on record; no engine takes it for a new decision.
+    // A signature of an earlier program version stays valid on record; no engine accepts it for a new decision.
     let earlier = Approval { shown: None, ..signed.approval().clone() };
     campaign("approval", None, 3_000, vec![json], |input| {
         match serde_json::from_slice::<SignedApproval>(input) {
@@ -344,9 +347,9 @@ fn approval() {
     });
 }
 
-/// What is shown of any text has nothing that a terminal acts on, is as narrow as asked, and stays as it is.
+/// Sanitized text has no terminal control characters, has the requested width, and is stable.
 #[test]
-fn sanitiser() {
+fn sanitizer() {
     let texts = [
         "plain text",
         "漢字 приве́т\u{202e}",
@@ -358,11 +361,11 @@ fn sanitiser() {
     campaign("sanitiser", None, 4_000, corpus, |input| {
         run += 1;
         let (text, width) = (text(input), [0, 1, 2, 7, 80, WIDTH_MAX][run % 6]);
-        let shown = sanitise(&text, width);
+        let shown = sanitize(&text, width);
         if shown.width() > width || shown.as_str().chars().any(char::is_control) {
-            return Err(format!("{width} columns were asked for: {shown:?}"));
+            return Err(format!("{width} columns were requested: {shown:?}"));
         }
-        same(&shown, Ok::<_, String>(sanitise(shown.as_str(), width)))?;
+        same(&shown, Ok::<_, String>(sanitize(shown.as_str(), width)))?;
         let json = serde_json::Value::String(text);
         let escaped = escape_json(&json.to_string());
         if escaped.chars().any(char::is_control) {
@@ -373,13 +376,13 @@ fn sanitiser() {
     });
 }
 
-/// A recording, as a file of which anything may have been overwritten or cut off.
+/// A recording with any part overwritten or cut off.
 #[cfg(feature = "rerun")]
 #[test]
 fn recording() {
     let whole = root("tests/fixtures/store-4831bf5/store/recordings/align-1.1.0-08189f45.rrd");
     let folder = tempfile::tempdir().unwrap();
-    // The beginnings of one have all that it is made of, and cost a tenth.
+    // The beginning of a recording has all its parts, and costs a tenth.
     let beginnings = [500, 2_000].map(|until_ms| {
         let beginning = folder.path().join("beginning.rrd");
         holdpoint::scene::until(&whole, until_ms, &beginning).unwrap();
@@ -391,7 +394,7 @@ fn recording() {
         fs::write(&file, input).unwrap();
         run += 1;
         if run.is_multiple_of(8) {
-            // A copy of what can be read can be read.
+            // A readable copy can be read again.
             if let Err(error) = holdpoint::scene::until(&file, 5_000, &copy) {
                 return refused(error);
             }

@@ -1,6 +1,6 @@
 //! Seeded mutation of bytes: the same seed gives the same inputs on every machine, with a stable compiler.
 //!
-//! It knows texts by their words and lines and binary files by their bytes, and nothing of any format.
+//! Mutates texts by words and lines and binary files by bytes; knows no format.
 
 /// A stream of random numbers (SplitMix64).
 #[derive(Clone, Debug)]
@@ -30,7 +30,8 @@ impl Random {
     }
 }
 
-/// What parsers stumble over: ends of ranges, terminal escapes, invisible and half characters, ways out of a folder.
+/// Difficult values for parsers: ends of ranges, terminal escapes, invisible and half characters, paths out of a
+/// folder.
 const HOSTILE: [&[u8]; 44] = [
     b"0",
     b"-1",
@@ -78,14 +79,14 @@ const HOSTILE: [&[u8]; 44] = [
     b"{\"a\":{\"a\":{\"a\":{\"a\":{\"a\":{\"a\":{\"a\":{\"a\":",
 ];
 
-/// The largest input that is made, bytes.
+/// The largest generated input, bytes.
 const INPUT_BYTES_MAX: usize = 1 << 21;
 
-/// An input made from the inputs that are there, the first `given` of which are good ones.
+/// An input made from existing ones, of which the first `given` are good.
 pub fn mutant(random: &mut Random, from: &[Vec<u8>], given: usize) -> Vec<u8> {
     let built_on = if random.below(4) > 0 { &from[..given] } else { from };
     let mut input = random.of(built_on).clone();
-    // Most inputs are changed a little, so that some get far.
+    // Most inputs change a little, so that some get far.
     let changes = 1 + (random.next().trailing_zeros() as usize).min(7);
     for _ in 0..changes {
         change(random, &mut input, from);
@@ -136,7 +137,7 @@ fn change(random: &mut Random, input: &mut Vec<u8>, from: &[Vec<u8>]) {
             input.splice(at..at, other[by].iter().copied());
         }
         13 => {
-            // A number of a binary format, in either order of its bytes.
+            // A number of a binary format, in either byte order.
             let value = *random.of(&[0, 1, 0x7f, 0xff, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff_u32, 1 << 24]);
             let bytes = if random.below(2) == 0 { value.to_le_bytes() } else { value.to_be_bytes() };
             if let Some(at) = place(random, input) {
@@ -145,7 +146,7 @@ fn change(random: &mut Random, input: &mut Vec<u8>, from: &[Vec<u8>]) {
             }
         }
         _ => {
-            // The front of this and the back of another.
+            // The front of this one and the back of another.
             let other = random.of(from);
             let (end, start) = (random.below(input.len() + 1), random.below(other.len() + 1));
             input.truncate(end);
@@ -170,7 +171,7 @@ fn piece(random: &mut Random, length: usize, most: usize) -> std::ops::Range<usi
     start..(start + random.below(most) + 1).min(length)
 }
 
-/// The word around some place: letters, digits, and what numbers and names are written with.
+/// The word at a place: letters, digits, and the characters of numbers and names.
 fn word(random: &mut Random, input: &[u8]) -> std::ops::Range<usize> {
     let is_word = |byte: &u8| byte.is_ascii_alphanumeric() || b"_-.+@".contains(byte);
     let at = random.below(input.len() + 1);
@@ -181,7 +182,7 @@ fn word(random: &mut Random, input: &[u8]) -> std::ops::Range<usize> {
     start - front..start + back
 }
 
-/// The line around some place, with its end.
+/// The line at a place, with its end.
 fn line(random: &mut Random, input: &[u8]) -> std::ops::Range<usize> {
     let at = random.below(input.len() + 1);
     let start = input[..at].iter().rposition(|byte| *byte == b'\n').map_or(0, |before| before + 1);

@@ -1,4 +1,4 @@
-//! Paths and names that are read out of files: none leads out of the folder it is meant for.
+//! Paths and names from files: none leads out of its folder.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -6,13 +6,13 @@ use std::os::unix::fs::symlink;
 use holdpoint::error::CliError;
 use holdpoint::governance::ids::CapabilityId;
 use holdpoint::governance::manifest::RelativePath;
-use holdpoint::recordings::folder::Name;
-use holdpoint::runtime::capability::Parsed;
+use holdpoint::recordings::recording_folder::RecordingName;
+use holdpoint::runtime::capability::ParsedPackage;
 
 use crate::campaign::{Outcome, campaign};
 use crate::{printed, root};
 
-/// What nobody may get at through a candidate's folder.
+/// The content that no candidate's folder may reach.
 const SECRET: &str = "# kept outside\nsecret = true\n";
 
 /// Parameters named by a manifest, in a folder with links that lead out of it, a pipe and a folder.
@@ -39,14 +39,14 @@ fn path_of_parameters() {
     let read = |path: &str| {
         let line = format!("params = {}", serde_json::Value::from(path));
         fs::write(folder.join("manifest.toml"), manifest.replace(&named, &line)).unwrap();
-        Parsed::read("", &folder)
+        ParsedPackage::read("", &folder)
     };
     for bad in
         ["link.toml", "out/secret.toml", "in/far/secret.toml", "pipe", "in", "../secret.toml", "in/../out"]
     {
         assert!(read(bad).is_err(), "{bad}");
     }
-    // Tried above; from here on their words are in the mutants.
+    // Tried above; from here on the mutants contain their words.
     corpus.push(b"in/side/params.toml".to_vec());
     campaign("path", None, 300, corpus, |input| {
         let text = String::from_utf8_lossy(input).into_owned();
@@ -66,7 +66,7 @@ fn path_of_parameters() {
     });
 }
 
-/// Names of versions and of recordings' files: what is understood is a name, and is written as it was read.
+/// Names of versions and of recordings' files: an accepted name is written as it was read.
 #[test]
 fn names() {
     let corpus = [
@@ -78,7 +78,7 @@ fn names() {
     let corpus = corpus.iter().map(|name| name.as_bytes().to_vec()).collect();
     campaign("names", None, 5_000, corpus, |input| {
         let text = String::from_utf8_lossy(input).into_owned();
-        if let Some(name) = Name::parse(&text) {
+        if let Some(name) = RecordingName::parse(&text) {
             if text.contains(['/', '\0', '\n']) || name.segment == 0 {
                 return Err(format!("{text:?} is taken for a recording's name: {name:?}"));
             }

@@ -1,4 +1,4 @@
-//! What a console asks of the engine, command by command: what is answered, and what is refused and why.
+//! Requests of a console to the engine, command by command: the answers, and the refusals with their reasons.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use holdpoint::engine::cell::Cell;
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::alarms::AlarmState;
-use holdpoint::governance::approval::Answer;
+use holdpoint::governance::approval::ApprovalDecision;
 use holdpoint::governance::approval::Role;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::{RecordKind, VersionGroup};
@@ -50,7 +50,7 @@ impl Bench {
         self.engine.advance();
     }
 
-    /// A family that is stopped, and so an alarm that latches while its condition is there.
+    /// A safe-stopped family, and so an alarm that latches while its condition persists.
     fn safe_stop(&mut self) {
         let reply = self.ask(Command::Vacate(operation("grasp@1.0.0")));
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
@@ -148,7 +148,7 @@ fn what_was_shown_is_kept_with_decisions_alone() {
     let candidate = snapshot.candidates.first().unwrap();
     let folder = bench.engine.layout().identities();
     let identity = Identity::create(&folder, "ada", Role::Engineer).unwrap();
-    let enrolment = holdpoint::lab::approver::enrolment(
+    let enrolment = holdpoint::lab::scripted_approver::enrolment(
         &bench.engine,
         "ada",
         holdpoint_governance::approval::Role::Engineer,
@@ -161,7 +161,7 @@ fn what_was_shown_is_kept_with_decisions_alone() {
             .sign(Approval {
                 who: String::new(),
                 role: identity.info().role,
-                decision: Answer::Approve,
+                decision: ApprovalDecision::Approve,
                 reason: text("a test"),
                 version: candidate.version.clone(),
                 candidate_digest: candidate.digest,
@@ -180,7 +180,7 @@ fn what_was_shown_is_kept_with_decisions_alone() {
         let Reply::Refused { code, .. } = reply else { panic!("not refused: {reply:?}") };
         code
     };
-    // Nothing waits for a decision, so there is nothing to keep.
+    // No version waits for a decision, so there is nothing to keep.
     assert_eq!(decide(), Refusal::NotFound);
     let audit = bench.ask(Command::Audit {
         before: None,
@@ -206,13 +206,9 @@ fn a_version_is_told_in_full() {
     assert!(!detail.decisions.is_empty());
     assert!(!detail.audit.is_empty());
     assert!(detail.evidence.is_some());
-    assert!(
-        detail.untested.iter().any(|text| text.contains("no value for behaviour")),
-        "{:?}",
-        detail.untested
-    );
+    assert!(detail.untested.iter().any(|text| text.contains("no value for")), "{:?}", detail.untested);
     assert!(detail.untested.iter().any(|text| text.contains("twin")), "{:?}", detail.untested);
-    // What was not measured is not there.
+    // Unmeasured values are absent.
     assert!(detail.modes.is_empty() && detail.behavior.is_empty());
 }
 
@@ -251,7 +247,7 @@ fn pages_are_bounded_and_go_on() {
     let older = page(bench.ask(audit(Some(last), 4)));
     assert_eq!(older.rows.first().unwrap().seq, last - 1);
     assert!(page(bench.ask(audit(None, u64::MAX))).rows.len() <= PAGE_MAX);
-    // What is left out takes no row from what is wanted.
+    // Omitted records take no row from the requested ones.
     let left_out = newest.rows.iter().filter_map(|row| row.kind.known().copied()).collect();
     let others = Command::Audit { before: None, subject: String::new(), without: left_out, limit: 4 };
     let others = page(bench.ask(others)).rows;

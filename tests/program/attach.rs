@@ -1,13 +1,15 @@
-//! Seats at an engine: what is shown there, who sits, what fifty of them cost the engine, and what a sleeper gets.
+//! Attached consoles: what they show, who is attached, the cost of fifty, and the data of a slow one.
 
 use std::time::Instant;
 
-use holdpoint::body::rehearsal::{DriftKind, Magnitude};
-use holdpoint::engine::door::{Attachment, Client, DoorError, LET_GO_AFTER, Shown};
-use holdpoint::engine::host::{Host, Update};
+use holdpoint::body::disturbance::{DriftKind, Magnitude};
+use holdpoint::engine::control_socket::{
+    Client, ConsoleConnection, ConsoleMessage, ControlSocketError, LET_GO_AFTER,
+};
+use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate};
 use holdpoint::protocol::command::{Command, Reply, Request};
+use holdpoint::protocol::console_presence::{CONSOLE_TEXT_BYTES_MAX, ConsolePresence};
 use holdpoint::protocol::event::EventKind;
-use holdpoint::protocol::seat::{SEAT_BYTES_MAX, Sitting};
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
@@ -15,15 +17,15 @@ use holdpoint::runtime::capability;
 use crate::door::{PATIENCE, Raw, client};
 use crate::host::Front;
 
-fn sitting(who: &str, view: &str) -> Sitting {
-    Sitting { who: Some(who.to_owned()), view: view.to_owned(), ..Sitting::default() }
+fn sitting(who: &str, view: &str) -> ConsolePresence {
+    ConsolePresence { who: Some(who.to_owned()), view: view.to_owned(), ..ConsolePresence::default() }
 }
 
-/// The next snapshot that is as wanted; everything before it is passed over.
-fn snapshot(seat: &mut Attachment, wanted: impl Fn(&Snapshot) -> bool) -> Snapshot {
+/// The next snapshot that matches; earlier ones are skipped.
+fn snapshot(seat: &mut ConsoleConnection, wanted: impl Fn(&Snapshot) -> bool) -> Snapshot {
     let until = Instant::now() + PATIENCE;
     while Instant::now() < until {
-        if let Some(Shown::Snapshot(snapshot)) = seat.next(PATIENCE).unwrap()
+        if let Some(ConsoleMessage::Snapshot(snapshot)) = seat.next(PATIENCE).unwrap()
             && wanted(&snapshot)
         {
             return *snapshot;
@@ -45,33 +47,33 @@ fn whoever_sits_down_is_shown_everything_and_seen_by_the_others() {
     let first = snapshot(&mut ana, |_| true);
     assert_eq!(first.families.len(), 4);
     let mut bert = client(folder.path()).attach(sitting("bert", "Audit")).unwrap();
-    assert_eq!((ana.seat(), bert.seat()), (1, 2));
+    assert_eq!((ana.console_number(), bert.console_number()), (1, 2));
     let both = [("ana".to_owned(), "Overview".to_owned()), ("bert".to_owned(), "Audit".to_owned())];
     snapshot(&mut ana, |snapshot| seated(snapshot) == both);
-    let own = bert.seat();
+    let own = bert.console_number();
     let shown = snapshot(&mut bert, |snapshot| seated(snapshot) == both);
     let process = shown.seats.iter().find(|one| one.seat == own).and_then(|one| one.process);
-    assert_eq!(process, Some(std::process::id()), "whose it is, the system says");
-    // Whoever asks without a seat is told the same.
+    assert_eq!(process, Some(std::process::id()), "the system names its process");
+    // A client without an attached console gets the same.
     let Reply::Snapshot { snapshot: asked } = client(folder.path()).ask(Command::Snapshot).unwrap() else {
         panic!("no snapshot")
     };
     assert_eq!(seated(&asked), both);
-    // A word of one of them reaches the other, and so does the end of it.
-    let mut says = bert.sayer().unwrap();
-    says.say(sitting("bert", "Approvals"));
+    // A message of one reaches the other, and so does its end.
+    let mut says = bert.presence_sender().unwrap();
+    says.send_presence(sitting("bert", "Approvals"));
     snapshot(&mut ana, |snapshot| seated(snapshot).contains(&("bert".to_owned(), "Approvals".to_owned())));
     drop((bert, says));
     snapshot(&mut ana, |snapshot| snapshot.seats.len() == 1);
     // The live cell is shown as it moves.
     let until = Instant::now() + PATIENCE;
-    while !matches!(ana.next(PATIENCE).unwrap(), Some(Shown::Picture(_))) {
+    while !matches!(ana.next(PATIENCE).unwrap(), Some(ConsoleMessage::Picture(_))) {
         assert!(Instant::now() < until);
     }
     drop(front);
     let until = Instant::now() + PATIENCE;
     while ana.next(PATIENCE).is_ok() {
-        assert!(Instant::now() < until, "the end of the engine is the end of the seat");
+        assert!(Instant::now() < until, "the end of the engine detaches the console");
     }
 }
 
@@ -79,7 +81,7 @@ fn whoever_sits_down_is_shown_everything_and_seen_by_the_others() {
 fn a_seat_takes_words_about_itself_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let _front = Front::start(folder.path(), Some(1.0));
-    let long = "v".repeat(SEAT_BYTES_MAX + 1);
+    let long = "v".repeat(CONSOLE_TEXT_BYTES_MAX + 1);
     let closed = |lines: &[&str]| -> String {
         let mut raw = Raw::connect(folder.path());
         for line in lines {
@@ -90,12 +92,12 @@ fn a_seat_takes_words_about_itself_and_nothing_else() {
                 return answer["text"].as_str().unwrap().to_owned();
             }
         }
-        panic!("it was not closed with a word");
+        panic!("it was not closed with a message");
     };
     let attach = r#"{"call":"attach","sitting":{"view":"Overview"}}"#;
     for (lines, text) in [
         (vec![r#"{"call":"sit","sitting":{"view":"Overview"}}"#], "`attach` comes first"),
-        (vec![attach, r#"{"call":"subscribe"}"#], "takes `sit` alone"),
+        (vec![attach, r#"{"call":"subscribe"}"#], "accepts only `sit`"),
         (vec![attach, "{}"], "no call"),
         (vec![&format!(r#"{{"call":"attach","sitting":{{"view":"{long}"}}}}"#)], "view has at most"),
         (
@@ -107,7 +109,7 @@ fn a_seat_takes_words_about_itself_and_nothing_else() {
     }
 }
 
-/// Two consoles count their requests from the same number: what one of them asked must not be taken for the other's.
+/// Two consoles count their requests from the same number: their answers must not be mixed up.
 #[test]
 fn what_is_asked_at_two_seats_is_told_apart() {
     let folder = tempfile::tempdir().unwrap();
@@ -115,19 +117,19 @@ fn what_is_asked_at_two_seats_is_told_apart() {
     let layout = Layout::new(folder.path());
     let host = |who: &str| {
         let client = Client::connect(&layout).unwrap().unwrap();
-        Host::attach(layout.clone(), client, sitting(who, "Overview")).unwrap()
+        EngineHandle::attach(layout.clone(), client, sitting(who, "Overview")).unwrap()
     };
     let (mut ana, mut bert) = (host("ana"), host("bert"));
     assert!(ana.is_attached());
-    let answered = |host: &mut Host, command: Command| {
+    let answered = |host: &mut EngineHandle, command: Command| {
         host.ask(Request::unsigned("console-2".to_owned(), command)).unwrap();
         loop {
             match host.updates.blocking_recv().unwrap() {
-                Update::Answer { id, reply } => {
+                EngineUpdate::Answer { id, reply } => {
                     assert_eq!(id, "console-2");
                     return reply;
                 }
-                Update::Ended(ended) => panic!("{ended:?}"),
+                EngineUpdate::Ended(ended) => panic!("{ended:?}"),
                 _ => {}
             }
         }
@@ -138,7 +140,7 @@ fn what_is_asked_at_two_seats_is_told_apart() {
     assert!(matches!(answered(&mut bert, stop), Reply::Stopped { .. }));
 }
 
-/// A stop waited behind what the same console had asked before, which was answered after the sequence alone.
+/// A stop once waited behind the same console's earlier request, which was answered only after the sequence.
 #[test]
 fn a_stop_waits_for_nothing_that_was_asked_before_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -146,26 +148,26 @@ fn a_stop_waits_for_nothing_that_was_asked_before_it() {
     front.picture(|_| true);
     let layout = Layout::new(folder.path());
     let client = Client::connect(&layout).unwrap().unwrap();
-    let mut host = Host::attach(layout.clone(), client, sitting("ana", "Overview")).unwrap();
+    let mut host = EngineHandle::attach(layout.clone(), client, sitting("ana", "Overview")).unwrap();
     let drift = Command::Drift { kind: Some(DriftKind::SensorNoise), magnitude: Some(Magnitude::Mild) };
     host.ask(Request::unsigned("slow".to_owned(), drift)).unwrap();
     let stop = Command::Stop { by: "ana".to_owned(), reason: String::new() };
     host.ask(Request::unsigned("stop".to_owned(), stop)).unwrap();
     loop {
         match host.updates.blocking_recv().unwrap() {
-            Update::Answer { id, reply } => {
+            EngineUpdate::Answer { id, reply } => {
                 assert_eq!(id, "stop", "{reply:?}");
                 assert!(matches!(reply, Reply::Stopped { .. }), "{reply:?}");
                 break;
             }
-            Update::Ended(ended) => panic!("{ended:?}"),
+            EngineUpdate::Ended(ended) => panic!("{ended:?}"),
             _ => {}
         }
     }
 }
 
-/// The engine works for nobody's eyes: fifty that look on change nothing of an evaluation, and one that reads nothing of it
-/// gets what is newest once it reads.
+/// Fifty attached consoles change nothing of an evaluation, and one that reads nothing gets the newest data once it
+/// reads.
 #[test]
 fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
     let folder = tempfile::tempdir().unwrap();
@@ -183,10 +185,12 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
                 let (mut snapshots, mut missed) = (0, 0);
                 loop {
                     match seat.next(PATIENCE).unwrap().expect("something is shown in time") {
-                        Shown::Snapshot(_) => snapshots += 1,
-                        Shown::Missed(some) => missed += some,
-                        Shown::Picture(_) | Shown::Past { .. } | Shown::Ended { .. } => {}
-                        Shown::Event(event) => {
+                        ConsoleMessage::Snapshot(_) => snapshots += 1,
+                        ConsoleMessage::Missed(some) => missed += some,
+                        ConsoleMessage::Picture(_)
+                        | ConsoleMessage::Past { .. }
+                        | ConsoleMessage::Ended { .. } => {}
+                        ConsoleMessage::Event(event) => {
                             if matches!(event.kind, EventKind::AuditClosed { .. }) {
                                 return (snapshots, missed);
                             }
@@ -204,12 +208,12 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
     }
     let now = front.snapshot();
     assert!(now.candidates.iter().all(|one| one.state.is_terminal()), "it was judged");
-    // One that slept for longer than it may has lost its seat, and takes another one.
+    // One that slept beyond the limit is detached, and attaches again.
     let until = Instant::now() + PATIENCE;
     let fresh = loop {
         assert!(Instant::now() < until, "no such snapshot came");
         match sleeper.next(PATIENCE) {
-            Ok(Some(Shown::Snapshot(shown)))
+            Ok(Some(ConsoleMessage::Snapshot(shown)))
                 if shown.at_ms >= now.at_ms
                     && shown.seats.iter().any(|one| one.sitting.who.as_deref() == Some("looker-0")) =>
             {
@@ -222,7 +226,7 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
     assert!(fresh.candidates.iter().all(|one| one.state.is_terminal()));
 }
 
-/// A console that was stopped was shown as present for ever, and its connection was never closed.
+/// A suspended console was once shown as present forever, and its connection was never closed.
 #[test]
 fn whoever_never_reads_is_shown_as_such_and_let_go() {
     let folder = tempfile::tempdir().unwrap();
@@ -239,30 +243,30 @@ fn whoever_never_reads_is_shown_as_such_and_let_go() {
     snapshot(&mut ana, |snapshot| reads(snapshot) == Some(false));
     snapshot(&mut ana, |snapshot| reads(snapshot).is_none());
     assert!(begun.elapsed() >= LET_GO_AFTER, "it had {:?}", begun.elapsed());
-    // Whoever reads is not touched by it.
+    // A reading console is not affected.
     snapshot(&mut ana, |snapshot| snapshot.seats.len() == 1);
     drop(sleeper);
 }
 
-/// A seat took the orderly end of its engine for a crash.
+/// A console once took the orderly end of its engine for a crash.
 #[test]
 fn an_orderly_end_is_told_with_whose_it_was() {
     let folder = tempfile::tempdir().unwrap();
     let _front = Front::start(folder.path(), Some(1.0));
     let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
     snapshot(&mut ana, |_| true);
-    // Whoever asks may be answered by the end itself.
+    // The end itself may be the answer to a request.
     drop(client(folder.path()).ask(Command::Shutdown));
     let by = loop {
-        if let Some(Shown::Ended { by }) = ana.next(PATIENCE).unwrap() {
+        if let Some(ConsoleMessage::Ended { by }) = ana.next(PATIENCE).unwrap() {
             break by;
         }
     };
-    assert_eq!(by, "ana", "she sits in the process that asked");
-    assert!(matches!(ana.next(PATIENCE), Err(DoorError::Ended { .. })));
+    assert_eq!(by, "ana", "she is attached in the process that asked");
+    assert!(matches!(ana.next(PATIENCE), Err(ControlSocketError::Ended { .. })));
 }
 
-/// A seat knew nothing of what had happened before it came.
+/// A console once knew nothing of the events before it attached.
 #[test]
 fn what_happened_before_is_told_at_once_and_nothing_twice() {
     let folder = tempfile::tempdir().unwrap();
@@ -271,7 +275,7 @@ fn what_happened_before_is_told_at_once_and_nothing_twice() {
     assert!(matches!(front.carry_out(stop), Reply::Stopped { .. }));
     front.until(|kind| matches!(kind, EventKind::ArmStands { .. }));
     let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
-    let Some(Shown::Past { events, earlier: 0 }) = ana.next(PATIENCE).unwrap() else {
+    let Some(ConsoleMessage::Past { events, earlier: 0 }) = ana.next(PATIENCE).unwrap() else {
         panic!("the past comes first")
     };
     assert!(
@@ -282,7 +286,7 @@ fn what_happened_before_is_told_at_once_and_nothing_twice() {
     let go = Command::Go { by: "bert".to_owned(), reason: "it is empty".to_owned(), since_ms, stops: 1 };
     assert!(matches!(front.carry_out(go), Reply::Accepted { .. }));
     loop {
-        if let Some(Shown::Event(event)) = ana.next(PATIENCE).unwrap() {
+        if let Some(ConsoleMessage::Event(event)) = ana.next(PATIENCE).unwrap() {
             assert_eq!(event.seq, last + 1, "{event:?}");
             break;
         }

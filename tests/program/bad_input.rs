@@ -1,5 +1,4 @@
-//! Bad input, through the real program: one error that names what is wrong, exit code 2, and a store that is as
-//! it was.
+//! Bad input, through the real program: one error that names the problem, exit code 2, and an unchanged store.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -58,7 +57,7 @@ impl Fixture {
         path.to_str().unwrap().to_owned()
     }
 
-    /// Exit code 2, one error with these words, nothing else said, and the store as it was.
+    /// Exit code 2, one error with these words, no other output, and an unchanged store.
     fn refuses(&self, case: &str, words: &[&str], expected: &[&str]) {
         let before = self.head();
         check(case, &holdpoint(&self.data(), words), expected);
@@ -159,13 +158,13 @@ fn candidates() {
     for (name, change, expected) in cases {
         let folder = fixture.candidate(name, change);
         fixture.refuses(name, &["candidate", "register", &folder], expected);
-        // The check that needs no store says the same.
+        // The check that needs no store reports the same.
         let checked = holdpoint(&fixture.data(), &["candidate", "check", &folder]);
         assert_eq!(checked.status.code(), Some(2), "{name}: {checked:?}");
     }
     fixture.refuses("no folder", &["candidate", "register", "/nowhere/at-all"], &["/nowhere/at-all"]);
     fixture.refuses("a second time", &["candidate", "register", IMPROVED], &["grasp@1.1.0"]);
-    // The same folder unchanged is good: what was refused was the change.
+    // The same folder unchanged is good: only the change was refused.
     let good = fixture.candidate("good", |folder| manifest(folder, "1.7.0", "1.8.0"));
     let taken = holdpoint(&fixture.data(), &["candidate", "register", &good]);
     assert!(taken.status.success(), "{taken:?}");
@@ -199,7 +198,7 @@ fn what_a_candidate_says_is_never_the_programs_hint() {
             &["candidate", "check", &folder, "--json"],
         ] {
             let output = holdpoint(&fixture.data(), words);
-            // The check without a store has no advice about files.
+            // The check without a store gives no advice about files.
             let hint = hint.filter(|_| words[1] == "register");
             if words.contains(&"--json") {
                 assert_eq!(output.status.code(), Some(2), "{output:?}");
@@ -261,7 +260,7 @@ fn scenarios_and_robots() {
     fixture.refuses("no robot", &["run", "--plain", "--robot", "/nowhere.urdf"], &["/nowhere.urdf"]);
 }
 
-/// Pipes kept the program waiting for ever, and devices filled its memory.
+/// Pipes once kept the program waiting forever, and devices filled its memory.
 #[test]
 fn what_is_no_regular_file_is_not_read() {
     let fixture = Fixture::new();
@@ -286,7 +285,7 @@ fn what_is_no_regular_file_is_not_read() {
 #[test]
 fn places_that_cannot_be_used() {
     let fixture = Fixture::new();
-    // A folder below a file can be made by nobody, not even by root.
+    // No process can create a folder below a file, not even root.
     let below_a_file = PathBuf::from(fixture.file("file", "")).join("store");
     let output = holdpoint(&below_a_file, &["candidate", "register", IMPROVED]);
     check("unwritable", &output, &["store", "Not a directory"]);
@@ -338,14 +337,14 @@ fn a_second_engine_on_the_same_store() {
     ] {
         fixture.refuses(&words.join(" "), words, &["in use", &owner]);
     }
-    // Without its file the lock is there all the same; only who has it cannot be said.
+    // The lock exists without its file; only its holder is unknown.
     fs::remove_file(Layout::new(fixture.data()).lock()).unwrap();
     fixture.refuses("no lock file", &["run", "--plain"], &["in use", "another process"]);
     drop(first);
 }
 
-/// A circle of dependencies is no bad input but an incompatible candidate: it is taken in, and rejected by the
-/// rules with the reason on record.
+/// A circle of dependencies is not bad input but an incompatible candidate: it is registered, and the rules reject
+/// it with the reason on record.
 #[test]
 fn a_circle_of_dependencies_is_rejected() {
     let fixture = Fixture::new();
@@ -376,7 +375,7 @@ fn a_circle_of_dependencies_is_rejected() {
     assert_eq!(status.status.code(), Some(1), "{status:?}");
 }
 
-/// A program that asked for JSON got prose in its error.
+/// A program that requested JSON once got a plain-text error.
 #[test]
 fn errors_are_json_for_whoever_asked_for_json() {
     let fixture = Fixture::new();

@@ -1,9 +1,9 @@
-//! `holdpoint bench` measures everything it names, and says of how many samples; its study refutes no stated rate.
+//! `holdpoint bench` measures everything it names, with its number of samples; its study refutes no stated rate.
 
 use assert_cmd::Command;
 use serde_json::Value;
 
-/// What there has to be a figure of, by the start of its name.
+/// The required figures, by the start of their names.
 const MEASURED: [&str; 15] = [
     "sandbox episode, grasp",
     "sandbox episode, align",
@@ -15,7 +15,7 @@ const MEASURED: [&str; 15] = [
     "drill, detect",
     "shadow sequence",
     "static check, policies compiled",
-    "behaviour assessment, 120 pairs",
+    "behavior assessment, 120 pairs",
     "gate",
     "monitor, one episode",
     "audit commit, on disk",
@@ -52,7 +52,7 @@ fn quick_bench_has_a_figure_of_everything() {
     }
 }
 
-/// The rules whose error rates are stated, by the name in the study.
+/// The rules with stated error rates, by their names in the study.
 const STUDIED: [&str; 6] = [
     "exact curtailment",
     "finite population, pass rule",
@@ -64,7 +64,7 @@ const STUDIED: [&str; 6] = [
 
 #[test]
 fn a_short_study_refutes_no_stated_rate() {
-    // A refuted rate ends with another code than 0, which `unwrap` does not forgive.
+    // A refuted rate ends with another code than 0, and `unwrap` then fails.
     let run = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .args(["bench", "stats", "--runs", "100", "--json"])
         .unwrap();
@@ -74,14 +74,14 @@ fn a_short_study_refutes_no_stated_rate() {
     for rule in STUDIED {
         let of = findings.iter().filter(|finding| finding["rule"] == rule);
         let stated = of.clone().filter(|finding| !finding["stated"].is_null()).count();
-        assert!(stated > 0 && stated < of.count(), "{rule} has stated and told figures");
+        assert!(stated > 0 && stated < of.count(), "{rule} has stated and other figures");
     }
     let value = |what: &str, under: &str| {
         let found =
             findings.iter().find(|f| f["what"] == what && f["under"].as_str().unwrap().starts_with(under));
         found.unwrap_or_else(|| panic!("{what}, {under}"))["value"].as_f64().unwrap()
     };
-    // What the study is for, with margins of more than four standard errors at a hundred runs.
+    // The findings of the study, with margins of more than four standard errors at a hundred runs.
     assert!(value("equally good: compatible", "align-improved, 300 pairs") > 0.9);
     assert!(value("equally good: compatible", "align-improved, 120 pairs") < 0.97);
     assert!(value("+.13 anomalies: incompatible", "place-robust, 300 pairs") > 0.95);

@@ -1,5 +1,5 @@
-//! A program between a person and the engine, which alters what goes over the socket: whatever it alters, nothing is
-//! accepted. The question is one about a release, which people are asked at once.
+//! A program between a person and the engine that alters what goes over the socket: no altered message is accepted.
+//! The request is for a release, which needs an approval at once.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -8,36 +8,37 @@ use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use holdpoint::approvals::keyfile::Keep;
-use holdpoint::approvals::{Cost, Identity, Nonce};
-use holdpoint::engine::door::Client;
-use holdpoint::governance::approval::{Answer, Requester, Role};
+use holdpoint::approvals::keyfile::KeyEncoding;
+use holdpoint::approvals::{Identity, KdfCost, Nonce};
+use holdpoint::engine::control_socket::Client;
+use holdpoint::governance::approval::{ApprovalDecision, Requester, Role};
 use holdpoint::governance::ids::{CapabilityId, canonical_json};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
+use holdpoint::protocol::approval_document::{ApprovalDocument, ApprovalFacts};
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
-use holdpoint::protocol::question::{QuestionFacts, QuestionView, render};
-use holdpoint::protocol::snapshot::Purpose;
-use holdpoint::protocol::wire::Call;
+use holdpoint::protocol::snapshot::RequestKind;
+use holdpoint::protocol::wire::ClientMessage;
 use holdpoint::registry::{AuditFilter, Layout, Store, Views, verify};
+use holdpoint::wording::approval::render;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use crate::signed::{engine, person, store, words};
 
-/// Longer than anything here takes.
+/// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(1);
 const VERSION: &str = "grasp@1.0.0";
 
-/// What is altered: of what a person asks, and of what they are answered.
+/// The altered part: of the person's requests, and of the answers.
 type Alter = fn(&mut Value, &Known);
 
-/// What the program in between has seen before.
+/// The earlier messages that the program in between has seen.
 #[derive(Default)]
 struct Known {
-    /// Another person's question.
+    /// Another person's request.
     of_ben: Value,
-    /// The question that was answered before this one.
+    /// The request that was answered before this one.
     older: Value,
 }
 
@@ -90,7 +91,7 @@ fn passes(
     }
 }
 
-/// What a person's program does, over whatever socket it takes for the engine's.
+/// The approver's program, over any socket that it takes for the engine's.
 struct Person {
     stream: UnixStream,
     answers: std::io::Lines<BufReader<UnixStream>>,
@@ -108,23 +109,24 @@ impl Person {
 
     fn ask(&mut self, command: Command) -> Reply {
         let id = Nonce::random().unwrap().to_string();
-        let call = Call::Ask { request: Box::new(Request::unsigned(id, command)) };
+        let call = ClientMessage::Ask { request: Box::new(Request::unsigned(id, command)) };
         writeln!(self.stream, "{}", serde_json::to_string(&call).unwrap()).unwrap();
         let answer: Value = serde_json::from_str(&self.answers.next().unwrap().unwrap()).unwrap();
         serde_json::from_value(answer["reply"].clone()).unwrap()
     }
 
-    /// Asks for the question and approves what is shown; an error is what the person's own program found.
+    /// Gets the approval request and approves what is shown; an error is a finding of the approver's own program.
     fn approves(&mut self, who: &Identity) -> Result<Reply, String> {
         let (version, name) = (version(), who.info().name.clone());
         let asked =
-            Command::Question { version: version.clone(), purpose: Purpose::Release, who: name.clone() };
+            Command::Question { version: version.clone(), purpose: RequestKind::Release, who: name.clone() };
         let question = match self.ask(asked) {
             Reply::Question { question } => question,
             other => return Ok(other),
         };
-        question.bound(&version, Purpose::Release, &name).map_err(|error| error.to_string())?;
-        let command = question.answer(who, Answer::Approve, "read").map_err(|error| error.to_string())?;
+        question.bound(&version, RequestKind::Release, &name).map_err(|error| error.to_string())?;
+        let command =
+            question.answer(who, ApprovalDecision::Approve, "read").map_err(|error| error.to_string())?;
         Ok(self.ask(command))
     }
 }
@@ -133,17 +135,17 @@ fn version() -> CapabilityId {
     VERSION.parse().unwrap()
 }
 
-/// The question in a reply, as JSON; nothing for another reply.
+/// The approval request in a reply, as JSON; nothing for another reply.
 fn question(answer: &mut Value) -> Option<&mut Value> {
     answer.get_mut("reply")?.get_mut("question")
 }
 
-fn facts(of: &Value) -> QuestionFacts {
+fn facts(of: &Value) -> ApprovalFacts {
     serde_json::from_str(of["facts"].as_str().unwrap()).unwrap()
 }
 
-/// Tells a lie about the facts: the text of the facts alone, and the lines that go with it.
-fn lie(answer: &mut Value, whole: bool, lie: impl FnOnce(&mut QuestionFacts)) {
+/// Alters the facts: only their text, and the lines that go with it.
+fn lie(answer: &mut Value, whole: bool, lie: impl FnOnce(&mut ApprovalFacts)) {
     let Some(question) = question(answer) else { return };
     let mut told = facts(question);
     lie(&mut told);
@@ -178,7 +180,7 @@ fn of_decision(asked: &mut Value, place: &[&str], value: Value) {
     at[*last] = value;
 }
 
-/// What a program in between may try.
+/// The attacks of a program in between.
 fn attacks() -> Vec<(&'static str, Alter, Alter)> {
     fn zeros(count: usize) -> Value {
         json!("0".repeat(count))
@@ -210,7 +212,7 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
         ("profile", nothing, |a, _| lie(a, true, |facts| facts.profile = ProfileName::Sim)),
         ("row version", nothing, |a, _| lie(a, true, |facts| facts.row_version += 1)),
         ("version", nothing, |a, _| lie(a, true, |facts| facts.version = "align@1.0.0".parse().unwrap())),
-        ("purpose", nothing, |a, _| lie(a, true, |facts| facts.purpose = Purpose::Review)),
+        ("purpose", nothing, |a, _| lie(a, true, |facts| facts.purpose = RequestKind::Review)),
         ("who is asked", nothing, |a, _| {
             lie(a, true, |facts| facts.asked.as_mut().unwrap().name = String::from("ben"));
         }),
@@ -277,14 +279,14 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
         ("decision: validity", |a, _| of_decision(a, &["not_after_ms"], json!(1_u64 << 50)), nothing),
         ("decision: lines", |a, _| of_decision(a, &["shown", "lines"], zeros(64)), nothing),
         ("decision: facts", |a, _| of_decision(a, &["shown", "facts"], zeros(64)), nothing),
-        ("decision: renderer", |a, _| of_decision(a, &["shown", "renderer"], json!(2)), nothing),
+        ("decision: renderer", |a, _| of_decision(a, &["shown", "renderer"], json!(7)), nothing),
         ("decision: store key", |a, _| of_decision(a, &["shown", "store_key"], zeros(64)), nothing),
         ("decision: request", |a, _| of_decision(a, &["shown", "request"], zeros(32)), nothing),
         ("decision: nothing shown", |a, _| of_decision(a, &["shown"], Value::Null), nothing),
     ]
 }
 
-/// An engine under `human` that asks people whether a restriction is lifted, and everybody's keys.
+/// An engine under `human` that requests approvals for lifting a restriction, and all persons' keys.
 struct Site {
     folder: TempDir,
     client: Client,
@@ -296,7 +298,7 @@ impl Site {
         let folder = store();
         let opened = Store::open(folder.path()).unwrap();
         for name in ["ann", "ben"] {
-            person(&opened, name, Role::Safety, Keep::Sealed(&words(), Cost::LEAST));
+            person(&opened, name, Role::Safety, KeyEncoding::Sealed(&words(), KdfCost::LEAST));
         }
         drop(opened);
         let (ended, has_ended) = channel();
@@ -325,7 +327,7 @@ impl Site {
         Operation { version: version(), by: "mara".to_owned(), reason: "a test".to_owned() }
     }
 
-    /// People are asked to release it.
+    /// Approvers are asked to lift the restriction.
     fn asks(&mut self) {
         let command = Command::Release { operation: Self::operation(), profiles: Vec::new() };
         let mara = self.key("mara");
@@ -334,15 +336,16 @@ impl Site {
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     }
 
-    fn question(&mut self, who: &str) -> QuestionView {
-        let asked = Command::Question { version: version(), purpose: Purpose::Release, who: who.to_owned() };
+    fn question(&mut self, who: &str) -> ApprovalDocument {
+        let asked =
+            Command::Question { version: version(), purpose: RequestKind::Release, who: who.to_owned() };
         match self.client.ask(asked).unwrap() {
             Reply::Question { question } => *question,
             other => panic!("{other:?}"),
         }
     }
 
-    /// How many decisions are on record.
+    /// The number of decisions on record.
     fn decisions(&self) -> usize {
         let views = Views::open(&Layout::new(self.folder.path()).database()).unwrap();
         let of = |kind| AuditFilter { kind: Some(kind), ..AuditFilter::default() };
@@ -364,11 +367,11 @@ fn whoever_stands_between_gets_nothing_accepted() {
     let mut site = Site::new();
     let reply = site.client.ask(Command::Restrict(Site::operation())).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    // A question that was answered: its lines and facts are known to whoever listens.
+    // An answered request: every listener knows its lines and facts.
     site.asks();
     let older = site.question("ann");
     let ben = site.key("ben");
-    let refusal = site.question("ben").answer(&ben, Answer::Reject, "not yet").unwrap();
+    let refusal = site.question("ben").answer(&ben, ApprovalDecision::Reject, "not yet").unwrap();
     let reply = site.client.ask(refusal).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     site.asks();
@@ -381,7 +384,7 @@ fn whoever_stands_between_gets_nothing_accepted() {
     let ann = site.key("ann");
     for (what, asked, answered) in attacks() {
         *between.alter.lock().unwrap() = (asked, answered);
-        // What the person's own program finds is not even sent.
+        // A finding of the approver's own program is not even sent.
         if let Ok(reply) = Person::at(&between.socket).approves(&ann) {
             let Reply::Refused { code, .. } = &reply else { panic!("{what}: {reply:?}") };
             let found = matches!(code, Refusal::Stale | Refusal::NotAllowed | Refusal::NotFound);
@@ -391,7 +394,7 @@ fn whoever_stands_between_gets_nothing_accepted() {
         assert!(open.approved_by.is_empty(), "{what}: {:?}", open.approved_by);
         assert_eq!(site.decisions(), before, "{what}");
     }
-    // What nobody alters passes, between or not, and what was signed is what is on record.
+    // Unaltered messages pass, with or without the program in between, and the signed content is on record.
     *between.alter.lock().unwrap() = (nothing, nothing);
     let reply = Person::at(&between.socket).approves(&ann).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
@@ -404,6 +407,6 @@ fn whoever_stands_between_gets_nothing_accepted() {
     let shown = views.audit(&filter).unwrap().pop().unwrap();
     let body: Value = serde_json::from_str(&shown.body).unwrap();
     assert!(body["lines"].to_string().contains("You are asked as ann, safety"), "{body}");
-    let told: QuestionFacts = serde_json::from_str(body["facts"].as_str().unwrap()).unwrap();
+    let told: ApprovalFacts = serde_json::from_str(body["facts"].as_str().unwrap()).unwrap();
     assert_eq!(json!(render(&told)), body["lines"]);
 }

@@ -1,7 +1,8 @@
-//! What takes authority away waits for nobody: not for readers, not for the slice that is worked, not for the record.
+//! Acts that take authority away wait for nothing: not for readers, not for the current slice, not for the record.
 //!
-//! `HOLDPOINT_BRAKES=200` measures, with a version that has all its evidence to be read: it prints the median, the 99th percentile and the worst of the time from the request
-//! to the arm that is told to stand, and to the answer, which comes when it is on record.
+//! `HOLDPOINT_BRAKES=200` measures with a version that has all its evidence. It prints the median, the 99th
+//! percentile and the worst time from the request to the stop command, and to the answer, which comes when it is on
+//! record.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,15 +12,15 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use holdpoint::engine::cell::Cell;
-use holdpoint::engine::door::{Client, Signals};
-use holdpoint::engine::pipeline::Progress;
+use holdpoint::engine::control_socket::{Client, SignalHandling};
+use holdpoint::engine::pipeline::SliceOutcome;
 use holdpoint::engine::pump::Pump;
 use holdpoint::engine::trial::cache::EpisodeCache;
-use holdpoint::engine::world::switch::Switch;
+use holdpoint::engine::world::stop_switch::StopSwitch;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::ids::CapabilityId;
 use holdpoint::governance::profile::ProfileName;
-use holdpoint::protocol::command::{Command, Reply, StopKept};
+use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::{Layout, verify};
 use holdpoint::runtime::capability;
@@ -27,17 +28,17 @@ use holdpoint::runtime::capability;
 use crate::door::{PATIENCE, client};
 use crate::host::{Front, operation};
 
-/// As many connections ask without pause.
+/// The number of connections that send requests without pause.
 const READERS: usize = 32;
 
-/// As many connections look without pause: fewer than there is room for.
+/// The number of connections that read without pause: fewer than the limit.
 const LOOKERS: usize = 20;
 
-/// From the request to the arm that is told to stand.
+/// The time from the request to the stop command.
 const TOLD_WITHIN: Duration = Duration::from_millis(250);
 
-/// An engine on a thread of its own, whose live world works at the pace of a clock, and its switch.
-fn at_work(folder: &Path) -> (JoinHandle<()>, Arc<Switch>) {
+/// An engine on a thread of its own, whose live cell runs at the pace of a clock, and its switch.
+fn at_work(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
     let folder = folder.to_owned();
     let (ready, is_ready) = channel();
     let thread = std::thread::spawn(move || {
@@ -51,11 +52,11 @@ fn at_work(folder: &Path) -> (JoinHandle<()>, Arc<Switch>) {
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
-        pump.open_door(Signals::Left).unwrap();
+        pump.open_socket(SignalHandling::Default).unwrap();
         pump.pace_live_world(Some(1.0), Arc::new(|_| ()));
         ready.send(pump.engine().switch()).unwrap();
         while !pump.engine().has_ended() {
-            if matches!(pump.turn().0, Progress::Idle { .. }) {
+            if matches!(pump.turn().0, SliceOutcome::Idle { .. }) {
                 pump.wait(Duration::from_millis(5));
             }
         }
@@ -64,14 +65,14 @@ fn at_work(folder: &Path) -> (JoinHandle<()>, Arc<Switch>) {
     (thread, switch)
 }
 
-/// Connections that ask for a version in full as fast as they are answered, until this is dropped.
+/// Connections that request a version in full as fast as they are answered, until this is dropped.
 struct Readers {
     go_on: Arc<AtomicBool>,
     threads: Vec<JoinHandle<u64>>,
 }
 
 impl Readers {
-    /// As many of them, who read evidence; each eighth has the whole audit chain verified.
+    /// As many that read evidence; each eighth verifies the whole audit chain.
     fn start(folder: &Path, version: &str) -> Self {
         let version: CapabilityId = version.parse().unwrap();
         Self::asking(folder, READERS, |number| match number % 8 {
@@ -103,7 +104,7 @@ impl Readers {
         Self { go_on, threads }
     }
 
-    /// How often they were answered.
+    /// The number of answers.
     fn end(self) -> u64 {
         self.go_on.store(false, Ordering::Release);
         self.threads.into_iter().map(|thread| thread.join().unwrap()).sum()
@@ -118,15 +119,15 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     }
 }
 
-/// Asks for something: how long until the arm was told to stand, and until the answer.
-fn asked(folder: &Path, switch: &Switch, command: Command) -> (Duration, Duration, Reply) {
+/// Sends a request; returns the time to the stop command, and to the answer.
+fn asked(folder: &Path, switch: &StopSwitch, command: Command) -> (Duration, Duration, Reply) {
     let mut asking = client(folder);
     wait_until("nothing works", || switch.is_at_work() && !switch.lets_nothing_work());
     let begun = Instant::now();
     let reply = asking.ask(command).unwrap();
     let answered = begun.elapsed();
-    let told = switch.told_at().and_then(|told| told.checked_duration_since(begun));
-    (told.unwrap_or_else(|| panic!("the arm was not told to stand: {reply:?}")), answered, reply)
+    let told = switch.braked_at().and_then(|told| told.checked_duration_since(begun));
+    (told.unwrap_or_else(|| panic!("the arm got no stop command: {reply:?}")), answered, reply)
 }
 
 fn register(folder: &Path, candidate: &str) {
@@ -137,7 +138,7 @@ fn register(folder: &Path, candidate: &str) {
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
-/// A store in which a candidate became active, with everything that was measured of it.
+/// A store in which a candidate became active, with all its evidence.
 fn with_a_new_version(folder: &Path) {
     let mut front = Front::start(folder, None);
     register(folder, "align-improved");
@@ -150,7 +151,7 @@ fn copy(from: &Path, to: &Path) {
     assert!(copied.success());
 }
 
-/// With 31 readers a rollback was carried out after 19 to 27 s, and the version worked on until then.
+/// With 31 readers a rollback once took 19 to 27 s, while the version stayed active.
 #[test]
 fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
     let measured = std::env::var("HOLDPOINT_BRAKES").map(|text| text.parse().unwrap());
@@ -182,7 +183,7 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
         let stop = Command::Stop { by: "ana".to_owned(), reason: "a hand".to_owned() };
         let (arm, reply, said) = asked(folder.path(), &switch, stop);
         assert!(
-            matches!(said, Reply::Stopped { kept: StopKept::OnRecord | StopKept::InMark, .. }),
+            matches!(said, Reply::Stopped { kept: StopPersistence::OnRecord | StopPersistence::InMark, .. }),
             "{said:?}"
         );
         told.push(arm);
@@ -193,7 +194,7 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
         verify(&Layout::new(folder.path()).database(), None).unwrap();
         println!("{} of {wanted} measured", told.len());
     }
-    for (what, times) in [("the arm told to stand", &mut told), ("answered", &mut answered)] {
+    for (what, times) in [("the stop command", &mut told), ("answered", &mut answered)] {
         times.sort_unstable();
         let at = |share: usize| times[(times.len() * share / 100).min(times.len() - 1)];
         println!(
@@ -206,10 +207,10 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
     }
     let p99 = told[(told.len() * 99 / 100).min(told.len() - 1)];
     assert!(p99 <= TOLD_WITHIN, "{told:?}");
-    assert!(reads > 0, "nobody read meanwhile");
+    assert!(reads > 0, "no reader was active");
 }
 
-/// Connections that asked how things stand, without pause, had every other request refused.
+/// Connections that requested the snapshot without pause once had every other request refused.
 #[test]
 fn looks_without_pause_keep_no_other_request_out() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,38 +1,48 @@
-//! The verbs that only read, on a store that holds something, in both output forms.
+//! The verbs that only read, on a store with content, in both output forms.
 
 use std::path::Path;
 
 use clap::Parser as _;
 use holdpoint::cli::{
-    Cli, CliContext, CliError, EngineVerbs, Exit, Output, bench, candidate, decide, demo, dispatch, run,
-    serve, status,
+    Cli, CliContext, CliError, CommandOutput, EngineVerbs, Exit, bench, candidate, decide, demo, dispatch,
+    run, serve, status,
 };
 use holdpoint::registry::{Batch, Store};
 use serde_json::Value;
 
 use crate::store::{bootstrap, commit, shadowing, transaction};
 
-/// An engine that nobody may ask here.
+/// An engine that must not be used here.
 struct NoEngine;
 
 impl EngineVerbs for NoEngine {
-    fn run(&mut self, _: &CliContext, _: &run::RunArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn run(&mut self, _: &CliContext, _: &run::RunArgs, _: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to run"))
     }
-    fn without_verb(&mut self, _: &CliContext, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn without_verb(&mut self, _: &CliContext, _: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to open the console"))
     }
-    fn serve(&mut self, _: &CliContext, _: &serve::ServeArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn serve(
+        &mut self,
+        _: &CliContext,
+        _: &serve::ServeArgs,
+        _: &mut CommandOutput<'_>,
+    ) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to serve"))
     }
-    fn demo(&mut self, _: &CliContext, _: &demo::DemoArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
-        Err(CliError::internal("asked for the demonstration"))
+    fn demo(
+        &mut self,
+        _: &CliContext,
+        _: &demo::DemoArgs,
+        _: &mut CommandOutput<'_>,
+    ) -> Result<Exit, CliError> {
+        Err(CliError::internal("requested the demonstration"))
     }
     fn register(
         &mut self,
         _: &CliContext,
         _: &candidate::RegisterArgs,
-        _: &mut Output<'_>,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to register"))
     }
@@ -41,37 +51,42 @@ impl EngineVerbs for NoEngine {
         _: &CliContext,
         _: &candidate::StageArgs,
         _: holdpoint::governance::lifecycle::Stage,
-        _: &mut Output<'_>,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        Err(CliError::internal("asked for a stage"))
+        Err(CliError::internal("requested a stage"))
     }
     fn status(
         &mut self,
         _: &CliContext,
         _: &status::StatusArgs,
-        _: &mut Output<'_>,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        Err(CliError::internal("asked for the status"))
+        Err(CliError::internal("requested the status"))
     }
     fn decide(
         &mut self,
         _: &CliContext,
-        _: &decide::AskedDecision,
-        _: &mut Output<'_>,
+        _: &decide::RequestedDecision,
+        _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to decide"))
     }
-    fn bench(&mut self, _: &CliContext, _: &bench::BenchArgs, _: &mut Output<'_>) -> Result<Exit, CliError> {
+    fn bench(
+        &mut self,
+        _: &CliContext,
+        _: &bench::BenchArgs,
+        _: &mut CommandOutput<'_>,
+    ) -> Result<Exit, CliError> {
         Err(CliError::internal("asked to measure"))
     }
 }
 
-/// Runs a command line on a store; answers how it ended and what was printed.
+/// Runs a command line on a store; returns its exit code and output.
 fn ask(data: &Path, line: &str) -> (Exit, String) {
     let words = ["holdpoint", "--data", data.to_str().unwrap()].into_iter().chain(line.split_whitespace());
     let cli = Cli::try_parse_from(words).unwrap();
     let mut printed = Vec::new();
-    let ended = dispatch(&cli, &mut NoEngine, &mut Output::to(&mut printed, cli.json)).unwrap();
+    let ended = dispatch(&cli, &mut NoEngine, &mut CommandOutput::to(&mut printed, cli.json)).unwrap();
     (ended, String::from_utf8(printed).unwrap())
 }
 
@@ -148,7 +163,7 @@ fn the_audit_log_is_listed_exported_and_verified() {
     let newest = records[0]["seq"].as_u64().unwrap();
     assert_eq!(records.len() as u64, newest, "the newest first, none left out");
     assert_eq!(ask(data, "audit list --limit 2 --json").1.lines().count(), 2);
-    // Seals are the most by far, and stand in nobody's way.
+    // Telemetry digests are most of the records, and are omitted by default.
     let sealed = |record: &&Value| record["kind"].as_str().is_some_and(|kind| kind.starts_with("telemetry-"));
     let seals = records.iter().filter(sealed).count();
     assert!(seals > 0);
@@ -170,7 +185,7 @@ fn a_forged_record_is_named_and_ends_with_a_rejection() {
     let folder = filled();
     let database = folder.path().join("holdpoint.db");
     let bytes = std::fs::read(&database).unwrap();
-    // The bodies of evidence are kept as text: changing one word in place leaves the file well formed.
+    // The bodies of evidence are stored as text: changing one word in place leaves the file well formed.
     let (from, to) = (b"gate grasp@1.1.0", b"gate grasp@9.9.9");
     let forged: Vec<u8> = {
         let mut bytes = bytes.clone();
@@ -189,7 +204,7 @@ fn a_forged_record_is_named_and_ends_with_a_rejection() {
     let (ended, text) = ask(folder.path(), "audit verify --json");
     assert_eq!(ended, Exit::Rejected);
     assert_eq!(serde_json::from_str::<Value>(&text).unwrap()["sound"], false);
-    // Put back, it is sound again.
+    // Restored, it is sound again.
     std::fs::write(&database, bytes).unwrap();
     assert_eq!(ask(folder.path(), "audit verify").0, Exit::Confirmed);
 }

@@ -1,4 +1,4 @@
-//! What takes a running engine's socket or database away does not take the way to stop, nor a stop that was answered.
+//! The loss of a running engine's socket or database disables neither the stop nor an answered one.
 
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -6,20 +6,20 @@ use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::door::{Client, socket_path};
+use holdpoint::engine::control_socket::{Client, socket_path};
 use holdpoint::engine::halt::recall;
 use holdpoint::governance::record::RecordKind;
-use holdpoint::protocol::command::{Command, Reply, StopKept};
+use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::registry::{AuditFilter, Layout, Views};
 
 use crate::door::{PATIENCE, client, engine};
 
-/// Where a stop lies that is on no record, first of all.
+/// The first place of an unrecorded stop.
 fn mark(layout: &Layout) -> PathBuf {
     layout.stop_marks().places()[0].clone()
 }
 
-/// Whoever removes the socket, or puts another in its place, takes nobody the way to stop.
+/// A process that removes or replaces the socket cannot prevent a stop.
 #[test]
 fn a_socket_that_is_removed_is_there_again() {
     let folder = tempfile::tempdir().unwrap();
@@ -27,7 +27,7 @@ fn a_socket_that_is_removed_is_there_again() {
     let layout = Layout::new(folder.path());
     let socket = socket_path(&layout);
     let removed = || fs::remove_file(&socket).unwrap();
-    // Left by a process that is gone.
+    // Left by an ended process.
     let replaced = || {
         fs::remove_file(&socket).unwrap();
         drop(UnixListener::bind(&socket).unwrap());
@@ -49,7 +49,7 @@ fn a_socket_that_is_removed_is_there_again() {
             if let Ok(Some(asking)) = Client::connect(&layout) {
                 break asking;
             }
-            assert!(Instant::now() < until, "{what}: nobody answers");
+            assert!(Instant::now() < until, "{what}: no engine answers");
             std::thread::yield_now();
         };
         let stop = Command::Stop { by: "ana".to_owned(), reason: what.to_owned() };
@@ -63,8 +63,8 @@ fn a_socket_that_is_removed_is_there_again() {
     assert!(!socket.exists());
 }
 
-/// Another program that keeps the database for itself keeps nobody from stopping the arm, nor from hearing that it is
-/// stopped; what is missing on record comes when it can be written.
+/// A program that locks the database cannot prevent the stop of the arm or its report; the missing record follows
+/// when it can be written.
 #[test]
 fn a_stop_is_answered_while_another_program_has_the_database() {
     let folder = tempfile::tempdir().unwrap();
@@ -73,9 +73,9 @@ fn a_stop_is_answered_while_another_program_has_the_database() {
     let other = rusqlite::Connection::open(Layout::new(folder.path()).database()).unwrap();
     other.execute_batch("BEGIN EXCLUSIVE").unwrap();
     let began = Instant::now();
-    let stop = Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() };
+    let stop = Command::Stop { by: "ana".to_owned(), reason: "a person is in the cell".to_owned() };
     let reply = asking.ask(stop).unwrap();
-    assert!(matches!(&reply, Reply::Stopped { kept: StopKept::InMark, .. }), "{reply:?}");
+    assert!(matches!(&reply, Reply::Stopped { kept: StopPersistence::InMark, .. }), "{reply:?}");
     // Less than the time for which a write waits for another program.
     assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
     other.execute_batch("ROLLBACK").unwrap();
@@ -95,8 +95,8 @@ fn a_stop_is_answered_while_another_program_has_the_database() {
     running.join().unwrap();
 }
 
-/// A stop that was answered while nothing could be written is in force after the next start, however the engine ended, and
-/// on record as soon as it can be.
+/// A stop that was answered while nothing could be written is in force after the next start, however the engine
+/// ended, and on record as soon as possible.
 #[test]
 fn a_stop_that_could_not_be_written_outlasts_the_engine() {
     let folder = tempfile::tempdir().unwrap();
@@ -105,19 +105,19 @@ fn a_stop_that_could_not_be_written_outlasts_the_engine() {
     let mut asking = client(folder.path());
     let other = rusqlite::Connection::open(layout.database()).unwrap();
     other.execute_batch("BEGIN IMMEDIATE").unwrap();
-    let stop = Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() };
+    let stop = Command::Stop { by: "ana".to_owned(), reason: "a person is in the cell".to_owned() };
     let reply = asking.ask(stop).unwrap();
-    assert!(matches!(&reply, Reply::Stopped { kept: StopKept::InMark, .. }), "{reply:?}");
+    assert!(matches!(&reply, Reply::Stopped { kept: StopPersistence::InMark, .. }), "{reply:?}");
     let until = Instant::now() + PATIENCE;
     while !mark(&layout).is_file() {
         assert!(Instant::now() < until, "it is not kept beside the database");
         std::thread::yield_now();
     }
-    // Whoever looks at the store without the engine, or after a sudden end of it, is told.
+    // A reader of the store without the engine, or after its sudden end, sees the stop.
     assert!(recall(&Views::open(&layout.database()).unwrap()).unwrap().is_some());
     other.execute_batch("ROLLBACK").unwrap();
     drop(other);
-    // Ended in an orderly way, it is on record before the end.
+    // After a clean end it was recorded before the end.
     assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     running.join().unwrap();
     assert!(!mark(&layout).exists(), "it is on record by now");
@@ -125,7 +125,7 @@ fn a_stop_that_could_not_be_written_outlasts_the_engine() {
     assert_eq!(recalled.map(|stopped| stopped.by), Some("ana".to_owned()));
 }
 
-/// A mark beside the database stops the next engine, which puts it on record; one that cannot be read does, too.
+/// A mark beside the database stops the next engine, which records it; an unreadable mark does, too.
 #[test]
 fn a_stop_beside_the_database_stops_the_next_engine() {
     for text in ["{\"by\":\"ana\",\"caller\":{\"kind\":\"script\"},\"reason\":\"x\"}", "what is this"] {

@@ -1,4 +1,4 @@
-//! The door between processes: who is answered, what is refused, what a slow subscriber loses, how it ends.
+//! The engine's socket: which clients are answered, what is refused, what a slow subscriber loses, how it ends.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -11,11 +11,11 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use holdpoint::engine::cell::Cell;
-use holdpoint::engine::door::{
-    ASKING_MAX, Client, Door, DoorError, EVENTS_KEPT, IDLE_MAX, Notification, OBSERVERS_MAX, Signals,
-    socket_path,
+use holdpoint::engine::control_socket::{
+    ASKING_MAX, Client, ControlSocket, ControlSocketError, EVENTS_KEPT, IDLE_MAX, Notification,
+    OBSERVERS_MAX, SignalHandling, socket_path,
 };
-use holdpoint::engine::pipeline::Progress;
+use holdpoint::engine::pipeline::SliceOutcome;
 use holdpoint::engine::pump::Pump;
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
@@ -24,21 +24,21 @@ use holdpoint::governance::record::UpgradeEnd;
 use holdpoint::governance::submission::Package;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::event::{Event, EventKind};
-use holdpoint::protocol::wire::{Answer, CALL_BYTES_MAX};
+use holdpoint::protocol::wire::{CALL_BYTES_MAX, ServerMessage};
 use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
 use holdpoint_text::Hint as _;
 use serde_json::{Value, json};
 
-/// Longer than anything here takes.
+/// A generous time limit.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
 
-fn door(folder: &Path) -> Result<Door, DoorError> {
+fn door(folder: &Path) -> Result<ControlSocket, ControlSocketError> {
     let (cancel, switch) = (Arc::new(AtomicBool::new(false)), Arc::default());
-    Door::open(&Layout::new(folder), cancel, switch, Signals::Left)
+    ControlSocket::open(&Layout::new(folder), cancel, switch, SignalHandling::Default)
 }
 
-/// An engine in a thread of its own, behind its door.
+/// An engine on a thread of its own, with its socket.
 pub(crate) fn engine(folder: &Path) -> JoinHandle<()> {
     let folder = folder.to_owned();
     let (ready, is_ready) = channel();
@@ -53,10 +53,10 @@ pub(crate) fn engine(folder: &Path) -> JoinHandle<()> {
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
-        pump.open_door(Signals::Left).unwrap();
+        pump.open_socket(SignalHandling::Default).unwrap();
         ready.send(()).unwrap();
         while !pump.engine().has_ended() {
-            if matches!(pump.turn().0, Progress::Idle { .. }) {
+            if matches!(pump.turn().0, SliceOutcome::Idle { .. }) {
                 pump.wait(Duration::from_millis(500));
             }
         }
@@ -73,7 +73,7 @@ fn told(seq: u64, text: &str) -> Event {
     Event { seq, at_ms: seq, kind: EventKind::Scene { text: text.to_owned(), failed: false } }
 }
 
-/// A connection that speaks by hand.
+/// A connection that sends raw lines.
 pub(crate) struct Raw(BufReader<UnixStream>);
 
 impl Raw {
@@ -84,7 +84,7 @@ impl Raw {
     }
 
     pub(crate) fn send(&mut self, line: &str) {
-        // A door that has closed the connection already is what some of these are about.
+        // Some tests are about a connection that the socket has closed already.
         drop(self.0.get_mut().write_all(line.as_bytes()));
     }
 
@@ -101,7 +101,7 @@ impl Raw {
 #[test]
 fn a_client_is_answered_and_told_what_happens() {
     let folder = tempfile::tempdir().unwrap();
-    assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_none(), "nobody answers yet");
+    assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_none(), "no engine answers yet");
     let running = engine(folder.path());
     let socket = socket_path(&Layout::new(folder.path()));
     assert_eq!(socket.metadata().unwrap().permissions().mode() & 0o777, 0o600);
@@ -119,17 +119,17 @@ fn a_client_is_answered_and_told_what_happens() {
     let again = asking.ask(command).unwrap();
     assert!(matches!(again, Reply::Refused { code: Refusal::Exists, .. }), "{again:?}");
 
-    // Told in order: taken in, looked at, and rejected by the rules, without anybody asking again.
+    // The events in order: registered, validated, and rejected by the rules, without a further request.
     let mut kinds = Vec::new();
     let mut last_seq = 0;
     loop {
         let Some(Notification::Event(event)) = told.next(PATIENCE).unwrap() else {
-            panic!("nothing told: {kinds:?}")
+            panic!("no such event: {kinds:?}")
         };
         assert!(event.seq > last_seq);
         last_seq = event.seq;
         match event.kind {
-            // Who subscribes at once is told of the baselines as well.
+            // An early subscriber gets the baselines as well.
             EventKind::Registered { version: ref registered, .. } if *registered == version => {
                 kinds.push("registered");
             }
@@ -148,13 +148,13 @@ fn a_client_is_answered_and_told_what_happens() {
 
     assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     running.join().unwrap();
-    assert!(!socket.exists(), "the door is closed behind it");
-    assert!(matches!(asking.ask(Command::Snapshot), Err(DoorError::Ended { .. })));
+    assert!(!socket.exists(), "the socket is removed");
+    assert!(matches!(asking.ask(Command::Snapshot), Err(ControlSocketError::Ended { .. })));
     assert!(loop {
         match told.next(PATIENCE) {
             Ok(Some(_)) => {}
             Ok(None) => break false,
-            Err(error) => break matches!(error, DoorError::Ended { .. }),
+            Err(error) => break matches!(error, ControlSocketError::Ended { .. }),
         }
     });
 }
@@ -241,7 +241,7 @@ fn what_is_no_call_closes_the_connection_and_no_other() {
         assert!(closed["text"].as_str().unwrap().contains(expected), "{closed}");
         assert_eq!(raw.read(), None);
     }
-    // An id without measure is refused by itself.
+    // An id without a limit is refused by itself.
     let mut raw = Raw::connect(folder.path());
     raw.read().unwrap();
     for id in [String::new(), "i".repeat(129)] {
@@ -267,9 +267,9 @@ fn a_slow_subscriber_is_told_how_much_it_missed() {
     }
     let (mut read, mut missed, mut last) = (0, 0, 0);
     while last < count {
-        match slow.next(PATIENCE).unwrap().expect("the rest is told") {
+        match slow.next(PATIENCE).unwrap().expect("the rest arrives") {
             Notification::Event(event) => {
-                assert_eq!(event.seq, last + 1, "what is missing was said before");
+                assert_eq!(event.seq, last + 1, "the gap was reported before");
                 last = event.seq;
                 read += 1;
             }
@@ -284,7 +284,7 @@ fn a_slow_subscriber_is_told_how_much_it_missed() {
     assert!(read >= EVENTS_KEPT as u64);
 }
 
-/// Thirty-two that said nothing kept everybody else out, whoever wanted to roll back or to pause included.
+/// Thirty-two silent connections once kept all other clients out, even for a rollback or a pause.
 #[test]
 fn whoever_says_nothing_keeps_nobody_out() {
     let folder = tempfile::tempdir().unwrap();
@@ -324,8 +324,8 @@ fn only_so_many_are_told_events() {
         })
         .collect();
     let (_, refused) = subscribed();
-    assert!(refused["text"].as_str().unwrap().contains("are told events"), "{refused}");
-    // One that leaves makes room, as soon as the door has noticed.
+    assert!(refused["text"].as_str().unwrap().contains("receive events"), "{refused}");
+    // One that leaves makes room, as soon as the engine has noticed.
     open.pop();
     let until = std::time::Instant::now() + PATIENCE;
     while subscribed().1["answer"] != "subscribed" {
@@ -333,11 +333,11 @@ fn only_so_many_are_told_events() {
     }
 }
 
-/// Whoever asks for more than can be answered gets a word at once.
+/// A client that requests more than can be answered gets a message at once.
 #[test]
 fn a_crowd_of_requests_is_told_so() {
     let folder = tempfile::tempdir().unwrap();
-    // The engine never comes to what is asked.
+    // The engine never reaches the request.
     let _door = door(folder.path()).unwrap();
     let mut crowd: Vec<Raw> = (0..=ASKING_MAX)
         .map(|id| {
@@ -349,7 +349,7 @@ fn a_crowd_of_requests_is_told_so() {
             raw
         })
         .collect();
-    // Which of them was one too many is the door's to say.
+    // The socket decides which of them was one too many.
     let until = std::time::Instant::now() + PATIENCE;
     let refused = loop {
         if let Some(answer) = crowd.iter_mut().find_map(Raw::read) {
@@ -367,7 +367,7 @@ fn whoever_waits_when_the_engine_ends_is_told() {
     let mut door = door(folder.path()).unwrap();
     let mut asking = client(folder.path());
     let asked = std::thread::spawn(move || asking.ask(Command::Snapshot));
-    // The request is there; the engine never comes to it.
+    // The request is there; the engine never reaches it.
     door.wait(PATIENCE);
     drop(door);
     let reply = asked.join().unwrap().unwrap();
@@ -378,7 +378,7 @@ fn whoever_waits_when_the_engine_ends_is_told() {
 fn the_name_is_taken_from_the_dead_and_from_nobody_else() {
     let folder = tempfile::tempdir().unwrap();
     let socket = socket_path(&Layout::new(folder.path()));
-    // A leftover: bound once, nobody listens any more.
+    // A leftover socket file: bound once, without a listener.
     drop(std::os::unix::net::UnixListener::bind(&socket).unwrap());
     assert!(socket.exists());
     assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_none());
@@ -388,7 +388,7 @@ fn the_name_is_taken_from_the_dead_and_from_nobody_else() {
     assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_some());
     drop(first);
     assert!(!socket.exists());
-    // A file of that name is not removed.
+    // A regular file of that name is not removed.
     std::fs::write(&socket, "mine").unwrap();
     let error = door(folder.path()).err().unwrap().to_string();
     assert!(error.contains("is not a socket"), "{error}");
@@ -408,19 +408,19 @@ fn a_path_that_does_not_fit_is_said() {
 #[test]
 fn every_answer_survives_the_wire() {
     for answer in [
-        Answer::Hello { protocol: 1, version: "0.1.0".to_owned(), process: 7 },
-        Answer::Subscribed,
-        Answer::Event { event: Box::new(told(1, "\u{1b}[2J\n")) },
-        Answer::Lagged { missed: 3 },
-        Answer::Closed { text: "why".to_owned() },
-        Answer::Past { events: vec![told(1, "\u{1b}[2J\n")], earlier: 7 },
-        Answer::Ended { by: "ana".to_owned() },
-        Answer::Kept,
-        Answer::Scene { served: true },
+        ServerMessage::Hello { protocol: 1, version: "0.1.0".to_owned(), process: 7 },
+        ServerMessage::Subscribed,
+        ServerMessage::Event { event: Box::new(told(1, "\u{1b}[2J\n")) },
+        ServerMessage::Lagged { missed: 3 },
+        ServerMessage::Closed { text: "why".to_owned() },
+        ServerMessage::Past { events: vec![told(1, "\u{1b}[2J\n")], earlier: 7 },
+        ServerMessage::Ended { by: "ana".to_owned() },
+        ServerMessage::Kept,
+        ServerMessage::Scene { served: true },
     ] {
         let line = holdpoint::protocol::wire::line(&answer).unwrap();
         assert_eq!(line.matches('\n').count(), 1, "{line}");
-        assert_eq!(serde_json::from_str::<Answer>(&line).unwrap(), answer);
+        assert_eq!(serde_json::from_str::<ServerMessage>(&line).unwrap(), answer);
     }
 }
 
@@ -445,23 +445,27 @@ fn verbs_talk_to_the_engine_that_runs() {
         ("status grasp --until validated --timeout 60", 1, "rejected"),
         ("status", 0, "engine   running, profile sim"),
         ("approve grasp@1.0.0 --as mara --reason read --digest 0123abcd", 3, "nothing waits"),
-        ("pause grasp --as mara --reason look", 3, "no version of grasp is on its way"),
-        ("restrict align@1.0.0 --as nobody-known --reason visitor", 0, "restricted"),
-        ("release align@1.0.0 --as nobody-known --reason left", 2, "nobody-known"),
-        ("release align@1.0.0 --as mara --reason left", 0, "released"),
+        ("pause grasp --as mara --reason look", 3, "no version of grasp is advancing"),
+        ("restrict align@1.0.0 --as unknown-person --reason visitor", 0, "restricted"),
+        ("release align@1.0.0 --as unknown-person --reason left", 2, "unknown-person"),
+        ("release align@1.0.0 --as mara --reason left", 0, "full envelope"),
         ("release align@1.0.0 --as mara --reason left", 3, "not restricted"),
         ("continue align@1.0.0 --as mara --reason known", 3, "no monitor asks"),
         ("demote align@1.0.0 --profile human --as mara --reason fast", 0, "closed to align@1.0.0: human"),
-        ("release align@1.0.0 --profile human --as mara --reason slow", 0, "closed to align@1.0.0: none"),
+        ("release align@1.0.0 --profile human --as mara --reason slow", 0, "align@1.0.0: none"),
         ("repeat align@1.0.0 --as mara --reason again", 3, "not possible in the state active"),
-        ("break-glass align@1.0.0 --as mara --reason now", 3, "emergency door is not for"),
+        ("break-glass align@1.0.0 --as mara --reason now", 3, "break-glass does not apply"),
         ("demote grasp@1.0.0 --as mara --reason again", 3, "the last version of grasp"),
         ("rollback grasp --as mara --reason drops", 3, "--stop-family"),
         ("rollback grasp --stop-family --as mara --reason drops", 3, "no version of grasp is active"),
         ("rollback grasp --as mara --reason drops", 3, "safe-stopped"),
         ("status grasp@1.0.0 --until confirmed --timeout 1", 3, "demoted"),
-        ("rearm grasp@1.0.0 --as mara --reason mended", 0, "active again"),
-        ("rollback place --stop-family --as nobody-known --reason drops", 3, "no version of place is active"),
+        ("rearm grasp@1.0.0 --as mara --reason repaired", 0, "active again"),
+        (
+            "rollback place --stop-family --as unknown-person --reason drops",
+            3,
+            "no version of place is active",
+        ),
         ("status place@1.0.0 --until demoted --timeout 1", 0, "SAFE-STOPPED"),
         ("audit verify", 0, "sound"),
     ] {

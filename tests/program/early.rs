@@ -1,21 +1,21 @@
-//! Before the engine is up: what is shown while the record is read, what is refused, a stop that holds, and a record
-//! that turns out not to be what it must be.
+//! Before the engine is up: the display while it reads its history, the refusals, a stop that works, and a damaged
+//! record.
 
 use std::path::Path;
 use std::process::Command as Process;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::anteroom::{Anteroom, ReadWatch};
+use holdpoint::engine::bootstrap::{EngineBootstrap, ReadProgressFn};
 use holdpoint::engine::cell::Cell;
-use holdpoint::engine::door::{Client, DoorError, Signals, socket_path};
-use holdpoint::engine::host::{Host, HostConfig, Update};
+use holdpoint::engine::control_socket::{Client, ControlSocketError, SignalHandling, socket_path};
+use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig};
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, StartError};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
-use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, Request, StopKept};
-use holdpoint::protocol::seat::Sitting;
+use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, Request, StopPersistence};
+use holdpoint::protocol::console_presence::ConsolePresence;
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::{AuditBody, AuditFilter, Layout, Store, StoreError, Transaction, Views};
 use holdpoint::runtime::capability;
@@ -26,7 +26,7 @@ use crate::host::{Front, PATIENCE};
 /// Records that are added to a store, 256 a transaction.
 const TRANSACTIONS: u64 = 40;
 
-/// A store that an engine made, with a chain of more than ten thousand records. Tells how many.
+/// A store that an engine made, with a chain of more than ten thousand records. Returns their number.
 fn long_store(folder: &Path) -> u64 {
     Front::start(folder, None).host.stop(PATIENCE).unwrap();
     let store = Store::open(folder).unwrap();
@@ -44,8 +44,8 @@ fn long_store(folder: &Path) -> u64 {
     store.views().unwrap().head().unwrap().seq
 }
 
-/// Looks on while the record is read, and has the reading wait at its first report until it is let go.
-fn gate() -> (ReadWatch, Receiver<u64>, SyncSender<()>) {
+/// Observes the reading of the history, and pauses it at its first report until released.
+fn gate() -> (ReadProgressFn, Receiver<u64>, SyncSender<()>) {
     let (reached, at) = sync_channel(1);
     let (go, wait) = sync_channel(1);
     let mut waits = true;
@@ -58,8 +58,8 @@ fn gate() -> (ReadWatch, Receiver<u64>, SyncSender<()>) {
     (watch, at, go)
 }
 
-fn start(folder: &Path, watch: ReadWatch) -> Host {
-    let config = HostConfig {
+fn start(folder: &Path, watch: ReadProgressFn) -> EngineHandle {
+    let config = LaunchConfig {
         data: folder.to_owned(),
         profile: ProfileName::Sim.into(),
         seed: 1,
@@ -68,12 +68,12 @@ fn start(folder: &Path, watch: ReadWatch) -> Host {
         pace: Some(1.0),
         sinks: Vec::new(),
         alone_max: Some(Duration::from_hours(1)),
-        seats: None,
+        console_folder: None,
     };
-    Host::start_watched(config, watch)
+    EngineHandle::start_watched(config, watch)
 }
 
-fn next(host: &mut Host) -> Update {
+fn next(host: &mut EngineHandle) -> EngineUpdate {
     host.updates.blocking_recv().expect("the engine tells")
 }
 
@@ -122,8 +122,8 @@ fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
     let reading = shown.reading.unwrap();
     assert_eq!((reading.read, reading.of), (read, records));
     assert!(shown.families.iter().any(|family| family.active.is_some()), "{:?}", shown.families);
-    // Who sits there is known from the start, and that the engine ends with them.
-    let seat = Client::connect(&layout).unwrap().unwrap().attach(Sitting::default()).unwrap();
+    // The attached operator is known from the start, and that the engine ends with them.
+    let seat = Client::connect(&layout).unwrap().unwrap().attach(ConsolePresence::default()).unwrap();
     let shown = look(&mut client);
     assert_eq!((shown.seats.len(), shown.ends_alone_s), (1, Some(60 * 60)));
     drop(seat);
@@ -131,7 +131,7 @@ fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains(&format!("not verified yet: {read} of {records} records read")), "{said}");
 
-    // Nothing is carried out: from the socket, from a verb that decides, from the front end itself.
+    // No request runs: from the socket, from a verb that decides, from the front end itself.
     let refused = |reply: &Reply| match reply {
         Reply::Refused { code: Refusal::NotNow, text, .. } => text.contains("the record is being verified"),
         _ => false,
@@ -141,13 +141,13 @@ fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
     let (code, said) = verb(folder.path(), &["reject", "grasp@1.0.0", "--as", "ana", "--reason", "no"]);
     assert_ne!(code, Some(0), "{said}");
     host.ask(Request::unsigned("own".to_owned(), register())).unwrap();
-    let Update::Answer { id, reply } = next(&mut host) else { panic!("an answer is told") };
+    let EngineUpdate::Answer { id, reply } = next(&mut host) else { panic!("an answer arrives") };
     assert!(id == "own" && refused(&reply), "{reply:?}");
 
-    let by = || ("ana".to_owned(), "somebody is in the cell".to_owned());
+    let by = || ("ana".to_owned(), "a person is in the cell".to_owned());
     let (who, reason) = by();
     let reply = client.ask(Command::Stop { by: who, reason }).unwrap();
-    assert!(matches!(&reply, Reply::Stopped { kept: StopKept::InMark, .. }), "{reply:?}");
+    assert!(matches!(&reply, Reply::Stopped { kept: StopPersistence::InMark, .. }), "{reply:?}");
     assert_eq!(look(&mut client).stopped.map(|stopped| (stopped.by, stopped.reason)), Some(by()));
     assert_eq!(
         stops_on_record(&layout),
@@ -156,16 +156,16 @@ fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
     );
 
     go.send(()).unwrap();
-    while !matches!(next(&mut host), Update::Started) {}
+    while !matches!(next(&mut host), EngineUpdate::Started) {}
     let shown = look(&mut client);
     assert_eq!(shown.reading, None);
     let stopped = shown.stopped.unwrap();
     let Caller::Process { process, .. } = &stopped.caller else { panic!("{:?}", stopped.caller) };
     assert_eq!((stopped.by.clone(), *process), (by().0, Some(std::process::id())));
     let on_record = stops_on_record(&layout);
-    assert!(on_record.len() == 1 && on_record[0].contains("somebody is in the cell"), "{on_record:?}");
-    assert_eq!(shown.live.sequences, 0, "it came up stopped");
-    assert_eq!(shown.candidates, Vec::new(), "what was refused was not done later");
+    assert!(on_record.len() == 1 && on_record[0].contains("a person is in the cell"), "{on_record:?}");
+    assert_eq!(shown.live.sequences, 0, "it started stopped");
+    assert_eq!(shown.candidates, Vec::new(), "a refused request did not run later");
     host.stop(PATIENCE).unwrap();
 }
 
@@ -181,24 +181,24 @@ fn a_row_that_is_not_the_records_ends_the_engine_before_it_was_one() {
     at.recv_timeout(PATIENCE).unwrap();
     let mut client = Client::connect(&layout).unwrap().unwrap();
     assert!(look(&mut client).reading.is_some());
-    let mut seat = Client::connect(&layout).unwrap().unwrap().attach(Sitting::default()).unwrap();
+    let mut seat = Client::connect(&layout).unwrap().unwrap().attach(ConsolePresence::default()).unwrap();
     go.send(()).unwrap();
-    let Update::Ended(Err(why)) = next(&mut host) else { panic!("it came up") };
+    let EngineUpdate::Ended(Err(why)) = next(&mut host) else { panic!("it started") };
     assert!(why.text.contains("the version \"grasp@") && why.text.contains("author"), "{why}");
-    assert_eq!(host.snapshots.borrow().as_ref(), None, "what was shown is withdrawn");
-    // Whoever sits at it learns why, and not alone that it is gone.
+    assert_eq!(host.snapshots.borrow().as_ref(), None, "the snapshot is withdrawn");
+    // The operator sees the reason, and not only that the engine is gone.
     let last = loop {
         if let Err(error) = seat.next(PATIENCE) {
             break error;
         }
     };
-    assert!(matches!(&last, DoorError::Closed { text, .. } if *text == why.text), "{last}");
+    assert!(matches!(&last, ControlSocketError::Closed { text, .. } if *text == why.text), "{last}");
     assert!(!socket_path(&layout).exists() && Client::connect(&layout).unwrap().is_none());
     drop(host);
     assert_eq!(Views::open(&layout.database()).unwrap().head().unwrap().seq, records);
 }
 
-/// What is changed and put back between the comparison of the tables and the first write is found by no comparison.
+/// An edit that is reverted between the comparison of the tables and the first write is found by no comparison.
 #[test]
 fn what_another_program_wrote_while_it_came_up_lets_no_engine_up() {
     let folder = tempfile::tempdir().unwrap();
@@ -214,7 +214,7 @@ fn what_another_program_wrote_while_it_came_up_lets_no_engine_up() {
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
         };
-        let mut anteroom = Anteroom::open(config, Signals::Left, Box::new(|_| ())).unwrap();
+        let mut anteroom = EngineBootstrap::open(config, SignalHandling::Default, Box::new(|_| ())).unwrap();
         while !anteroom.turn() {}
         meanwhile();
         anteroom.enter().map(drop)
@@ -241,7 +241,7 @@ fn an_engine_that_is_told_to_end_while_it_reads_ends() {
     at.recv_timeout(PATIENCE).unwrap();
     let mut client = Client::connect(&Layout::new(folder.path())).unwrap().unwrap();
     assert!(matches!(client.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
-    assert!(matches!(next(&mut host), Update::Ended(Ok(()))));
+    assert!(matches!(next(&mut host), EngineUpdate::Ended(Ok(()))));
     go.send(()).unwrap();
 }
 
@@ -257,7 +257,7 @@ fn an_engine_that_a_signal_stopped_is_named_soon_and_the_store_is_shown() {
         .unwrap();
     let until = Instant::now() + PATIENCE;
     while !verb(&data, &["status"]).1.contains("engine   running") {
-        assert!(Instant::now() < until, "the engine does not come up");
+        assert!(Instant::now() < until, "the engine does not start");
     }
     let signal = |name: &str| {
         assert!(Process::new("kill").args([name, &engine.id().to_string()]).status().unwrap().success());
@@ -274,7 +274,7 @@ fn an_engine_that_a_signal_stopped_is_named_soon_and_the_store_is_shown() {
     {
         assert!(said.contains(part), "{part:?} is not in {said}");
     }
-    // It waits for less than two seconds by itself; the rest is for a machine at work.
+    // It waits for less than two seconds by itself; the rest is for a busy machine.
     assert!(took < Duration::from_secs(6), "{took:?}");
     signal("-TERM");
     assert_eq!(engine.wait().unwrap().code(), Some(0));

@@ -1,4 +1,4 @@
-//! `holdpoint explain` on the stores of scenarios, against what it is to print.
+//! `holdpoint explain` on the stores of scenarios, compared with the expected output.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -13,7 +13,7 @@ fn printed(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
-/// Scenarios that simulate nothing: their stores are the same whatever the physics becomes.
+/// Scenarios without simulation: their stores do not depend on the physics.
 const GOLDEN: [(&str, &str, &str); 2] = [
     ("reject-interface", "grasp-tool-frame", include_str!("explain/reject-interface.txt")),
     ("reject-policy", "grasp-direct-bus", include_str!("explain/reject-policy.txt")),
@@ -32,7 +32,7 @@ fn what_is_printed_is_what_was_agreed() {
         let value: serde_json::Value = serde_json::from_str(&json).unwrap();
         let decisions = value["decisions"].as_array().unwrap();
         assert!(!decisions.is_empty());
-        // Nothing that was decided is lost on the way to a program.
+        // JSON has every decision.
         for reason in decisions.iter().flat_map(|decision| decision["reasons"].as_array().unwrap()) {
             assert!(reason["code"].as_str().unwrap().contains('-') && reason["rule"]["source"].is_string());
         }

@@ -1,4 +1,4 @@
-//! Work of an evaluation, seen again: it is what was recorded, and it shows why.
+//! Films: re-run episodes of an evaluation match the recorded ones, and show the reasons.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use holdpoint::governance::evidence::DrillKind;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint::protocol::detail::{Detail, FindingVerdict};
-use holdpoint::protocol::film::{Film, FilmAsked, FilmOf};
+use holdpoint::protocol::film::{Film, FilmRequest, FilmSubject};
 use holdpoint::runtime::capability;
 
 struct Bench {
@@ -37,7 +37,7 @@ impl Bench {
         self.engine.submit(Request::unsigned(format!("film-{}", self.asked), command))
     }
 
-    /// Takes a candidate as far as it comes.
+    /// Takes a candidate as far as it gets.
     fn judge(&mut self, name: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(name);
         let package = capability::read(&path).unwrap();
@@ -54,8 +54,13 @@ impl Bench {
         panic!("{version} is still under way");
     }
 
-    fn film(&mut self, version: &str, of: FilmOf, number: Option<u32>) -> Result<Film, (Refusal, String)> {
-        let asked = FilmAsked { of, number };
+    fn film(
+        &mut self,
+        version: &str,
+        of: FilmSubject,
+        number: Option<u32>,
+    ) -> Result<Film, (Refusal, String)> {
+        let asked = FilmRequest { of, number };
         match self.ask(Command::Film { version: version.parse().unwrap(), asked }) {
             Reply::Film { film } => Ok(*film),
             Reply::Refused { code, text, .. } => Err((code, text)),
@@ -77,7 +82,7 @@ fn the_worst_episode_is_what_was_recorded() {
     let mut bench = Bench::at(folder.path());
     bench.judge("grasp-hard-grip");
     let version = "grasp@1.1.2";
-    let film = bench.film(version, FilmOf::Episode, None).unwrap();
+    let film = bench.film(version, FilmSubject::Episode, None).unwrap();
     assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), Some(true)));
     assert!(film.doubts.is_empty(), "{:?}", film.doubts);
     assert!(film.candidate.failed_at().is_some(), "{:?}", film.candidate.marks);
@@ -85,29 +90,29 @@ fn the_worst_episode_is_what_was_recorded() {
     let ticks: Vec<u64> = film.candidate.frames.iter().map(|frame| frame.tick).collect();
     assert!(ticks.windows(2).all(|two| two[1] == two[0] + 8), "{ticks:?}");
 
-    // Every one of them is as recorded, also in an engine that comes up on the store later.
+    // Each one is as recorded, also in an engine that opens the store later.
     drop(bench);
     let mut later = Bench::at(folder.path());
     for number in [1, film.count / 2, film.count] {
-        let film = later.film(version, FilmOf::Episode, Some(number)).unwrap();
+        let film = later.film(version, FilmSubject::Episode, Some(number)).unwrap();
         assert_eq!((film.number, film.why.as_str()), (number, ""));
         assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), Some(true)));
     }
-    let (code, text) = later.film(version, FilmOf::Episode, Some(film.count + 1)).unwrap_err();
+    let (code, text) = later.film(version, FilmSubject::Episode, Some(film.count + 1)).unwrap_err();
     assert_eq!(code, Refusal::NotFound);
     assert!(text.contains(&format!("number {} is not among the {}", film.count + 1, film.count)), "{text}");
-    let (code, text) = later.film("grasp@1.0.0", FilmOf::Episode, None).unwrap_err();
+    let (code, text) = later.film("grasp@1.0.0", FilmSubject::Episode, None).unwrap_err();
     assert_eq!(code, Refusal::NotFound, "{text}");
 
     let detail = later.detail(version);
     let why = detail.why.iter().find(|why| why.about == Dimension::Behavior).unwrap();
     assert!(why.decisive.contains(" episodes, the active version in "), "{}", why.decisive);
-    assert_eq!(why.film, Some(FilmAsked { of: FilmOf::Episode, number: None }));
+    assert_eq!(why.film, Some(FilmRequest { of: FilmSubject::Episode, number: None }));
     assert_eq!(why.findings.first().map(|finding| finding.verdict), Some(FindingVerdict::Worse));
     assert!(!why.change.is_empty());
 }
 
-/// What is stopped before anything is compared can be seen all the same.
+/// Episodes of a version that is stopped before the pairs can be seen, too.
 #[test]
 fn what_ended_an_evaluation_is_seen_alone() {
     let folder = tempfile::tempdir().unwrap();
@@ -115,15 +120,15 @@ fn what_ended_an_evaluation_is_seen_alone() {
     bench.judge("align-past-permissions");
     let version = &bench.engine.snapshot().candidates[0].version.to_string();
     let why = bench.detail(version).why;
-    let behaviour = why.iter().find(|why| why.about == Dimension::Behavior).unwrap();
-    let alone = FilmAsked { of: FilmOf::Alone, number: None };
-    assert_eq!(behaviour.film, Some(alone), "{behaviour:?}");
-    let film = bench.film(version, FilmOf::Alone, None).unwrap();
+    let behavior = why.iter().find(|why| why.about == Dimension::Behavior).unwrap();
+    let alone = FilmRequest { of: FilmSubject::Alone, number: None };
+    assert_eq!(behavior.film, Some(alone), "{behavior:?}");
+    let film = bench.film(version, FilmSubject::Alone, None).unwrap();
     assert!(film.why.ends_with("which ends an evaluation"), "{}", film.why);
     assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), None));
     assert!(film.candidate.failed_at().is_some());
-    // Under stress as well, each as it was.
-    let last = bench.film(version, FilmOf::Alone, Some(film.count)).unwrap();
+    // The same under stress.
+    let last = bench.film(version, FilmSubject::Alone, Some(film.count)).unwrap();
     assert_eq!(last.candidate.as_recorded, Some(true), "{}", last.candidate.ended);
 }
 
@@ -133,13 +138,13 @@ fn a_failed_drill_is_rehearsed_again() {
     let mut bench = Bench::at(folder.path());
     bench.judge("align-no-stop");
     let version = bench.engine.snapshot().candidates.first().unwrap().version.to_string();
-    let film = bench.film(&version, FilmOf::Drill, None).unwrap();
+    let film = bench.film(&version, FilmSubject::Drill, None).unwrap();
     assert!(film.drill.is_some_and(|kind| DrillKind::ALL.contains(&kind)) && film.count > 0);
     assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), Some(true)));
     assert!(film.candidate.failed_at().is_some());
     let begins = film.candidate.marks.iter().find(|mark| !mark.bad).unwrap();
     assert!(begins.tick > 0 && begins.tick < film.end(), "{:?}", film.candidate.marks);
-    // The work before it is in the picture, too, and time goes on from there without a leap.
+    // The run before it is visible, too, and time continues without a jump.
     let ticks: Vec<u64> = film.candidate.frames.iter().map(|frame| frame.tick).collect();
     assert!(ticks.first() == Some(&0) && ticks.windows(2).all(|two| two[1] == two[0] + 8), "{ticks:?}");
     let why = bench.detail(&version).why;

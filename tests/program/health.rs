@@ -1,17 +1,17 @@
-//! `holdpoint health` on a store whose tasks are counted a second time with SQL, and the engine's clock over a sudden end.
+//! `holdpoint health` on a store whose tasks SQL counts a second time, and the engine's clock over a sudden end.
 
 use std::fs;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::door::Client;
+use holdpoint::engine::control_socket::Client;
 use holdpoint::protocol::command::{Command as Ask, Reply};
 use holdpoint::registry::Layout;
 use rusqlite::Connection;
 use serde_json::Value;
 
-/// Longer than anything here takes.
+/// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(1);
 
 fn holdpoint(arguments: &[&str], data: &Path) -> Output {
@@ -22,7 +22,8 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
-/// A store of an earlier version with twenty live tasks of two versions; a script's, so that it knows no machine's time.
+/// A store of an earlier version with twenty live tasks of two versions; a script made it, so it has no machine
+/// time.
 fn store() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/store-4831bf5/store");
@@ -58,7 +59,7 @@ fn tasks_marks_and_verdicts_are_what_the_store_holds() {
     assert!(
         fs::read_to_string(&svg).unwrap().contains("<svg") && fs::read_to_string(&csv).unwrap().len() > 200
     );
-    // No file is written over.
+    // No file is overwritten.
     let again = holdpoint(&asked, data);
     assert_eq!((again.status.code(), said(&again).contains("cannot write")), (Some(2), true));
     let courses = said(&holdpoint(&["alarms", "--history", "--courses"], data));
@@ -69,13 +70,13 @@ fn tasks_marks_and_verdicts_are_what_the_store_holds() {
 fn what_cannot_be_asked_is_one_sentence() {
     let folder = store();
     for (asked, word) in [
-        (vec!["--since", "soon"], "no moment; allowed"),
-        (vec!["--since", "tuesday"], "no time of the machine's clock"),
-        (vec!["--since", "@9999999"], "there is no time between"),
-        (vec!["--since", "@10", "--until", "@5"], "there is no time between"),
-        (vec!["--since", "@1", "--until", "2026-11-17"], "moments of two clocks"),
-        (vec!["--bucket", "1s"], "no width of a bucket"),
-        (vec!["--bucket", "2d"], "no width of a bucket"),
+        (vec!["--since", "soon"], "not a moment; allowed"),
+        (vec!["--since", "tuesday"], "no machine time"),
+        (vec!["--since", "@9999999"], "span from --since"),
+        (vec!["--since", "@10", "--until", "@5"], "span from --since"),
+        (vec!["--since", "@1", "--until", "2026-11-17"], "moments are of two clocks"),
+        (vec!["--bucket", "1s"], "not a width of a bucket"),
+        (vec!["--bucket", "2d"], "not a width of a bucket"),
         (vec!["--family", "No Family"], "No Family"),
     ] {
         let output = holdpoint(&[&["health"], asked.as_slice()].concat(), folder.path());
@@ -87,7 +88,7 @@ fn what_cannot_be_asked_is_one_sentence() {
     assert_eq!(holdpoint(&["health"], nothing.path()).status.code(), Some(2));
 }
 
-/// An engine at work; it does not outlive the test.
+/// A running engine; it does not outlive the test.
 struct Service(Child);
 
 impl Service {
@@ -105,7 +106,7 @@ impl Drop for Service {
     }
 }
 
-/// The engine's time as soon as it is at least this.
+/// The engine's time once it is at least this.
 fn time_from(data: &Path, at_least_ms: u64) -> u64 {
     let until = Instant::now() + PATIENCE;
     let layout = Layout::new(data);

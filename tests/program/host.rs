@@ -1,31 +1,31 @@
-//! The engine on a thread of its own: it answers, works the live world, stops in flight, ends, and survives a panic.
+//! The engine on a thread of its own: it answers, runs the live cell, stops in flight, ends, and survives a panic.
 
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use holdpoint::body::TaskKind;
-use holdpoint::body::rehearsal::{DriftKind, Magnitude};
-use holdpoint::engine::host::{Host, HostConfig, OUTSTANDING_MAX, Update};
+use holdpoint::body::disturbance::{DriftKind, Magnitude};
+use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig, OUTSTANDING_MAX};
 use holdpoint::governance::alarms::AlarmState;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::event::{Event, EventKind};
-use holdpoint::protocol::picture::Picture;
 use holdpoint::protocol::snapshot::Snapshot;
+use holdpoint::protocol::video_frame::VideoFrame;
 use holdpoint::registry::Store;
 use holdpoint::runtime::capability;
 use holdpoint::scenes::SceneOptions;
 use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
-/// Longer than anything here takes.
+/// A generous time limit.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(2);
 
 /// A front end without a screen.
 pub(crate) struct Front {
-    pub(crate) host: Host,
+    pub(crate) host: EngineHandle,
     runtime: Runtime,
     pub(crate) events: Vec<Event>,
     answers: Vec<(String, Reply)>,
@@ -37,7 +37,7 @@ impl Front {
         let data = folder.to_owned();
         let profile = ProfileName::Sim.into();
         let scenes = SceneOptions::default();
-        let host = Host::start(HostConfig {
+        let host = EngineHandle::start(LaunchConfig {
             data,
             profile,
             seed: 1,
@@ -46,22 +46,25 @@ impl Front {
             pace,
             sinks: scenes.sinks().unwrap(),
             alone_max: None,
-            seats: None,
+            console_folder: None,
         });
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let mut front = Self { host, runtime, events: Vec::new(), answers: Vec::new(), asked: 0 };
-        assert!(matches!(front.next(), Update::Started));
+        assert!(matches!(front.next(), EngineUpdate::Started));
         front
     }
 
-    fn next(&mut self) -> Update {
+    fn next(&mut self) -> EngineUpdate {
         let next = async { timeout(PATIENCE, self.host.updates.recv()).await };
         let update = self.runtime.block_on(next).expect("in time").expect("the engine tells");
         match &update {
-            Update::Events(events) => self.events.extend(events.iter().cloned()),
-            Update::Answer { id, reply } => self.answers.push((id.clone(), reply.clone())),
-            Update::Started | Update::Past { .. } | Update::Lagged { .. } | Update::Returned(_) => {}
-            Update::Ended(ended) => panic!("the engine ended: {ended:?}"),
+            EngineUpdate::Events(events) => self.events.extend(events.iter().cloned()),
+            EngineUpdate::Answer { id, reply } => self.answers.push((id.clone(), reply.clone())),
+            EngineUpdate::Started
+            | EngineUpdate::Past { .. }
+            | EngineUpdate::Lagged { .. }
+            | EngineUpdate::Returned(_) => {}
+            EngineUpdate::Ended(ended) => panic!("the engine ended: {ended:?}"),
         }
         update
     }
@@ -87,7 +90,7 @@ impl Front {
         self.answer(&id)
     }
 
-    /// The first event of the kind, told already or still to come.
+    /// The first event of the kind, received already or still to come.
     pub(crate) fn until(&mut self, wanted: impl Fn(&EventKind) -> bool) -> Event {
         loop {
             if let Some(found) = self.events.iter().find(|event| wanted(&event.kind)) {
@@ -104,12 +107,12 @@ impl Front {
         }
     }
 
-    pub(crate) fn picture(&mut self, wanted: impl Fn(&Picture) -> bool) -> Arc<Picture> {
+    pub(crate) fn picture(&mut self, wanted: impl Fn(&VideoFrame) -> bool) -> Arc<VideoFrame> {
         let pictures = &mut self.host.pictures;
-        let wanted = |picture: &Option<Arc<Picture>>| picture.as_deref().is_some_and(&wanted);
+        let wanted = |picture: &Option<Arc<VideoFrame>>| picture.as_deref().is_some_and(&wanted);
         let look = async {
             let seen = timeout(PATIENCE, pictures.wait_for(wanted));
-            seen.await.expect("in time").expect("a picture").clone()
+            seen.await.expect("in time").expect("a camera frame").clone()
         };
         self.runtime.block_on(look).unwrap()
     }
@@ -164,7 +167,7 @@ fn an_abort_stops_the_arm_in_flight() {
     let reply = front.carry_out(Command::Vacate(operation("grasp@1.0.0")));
     let took = asked.elapsed();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    // Half a second is the aim on a machine that is not shared; a whole sequence takes more than ten.
+    // The aim is half a second on a machine that is not shared; a whole sequence takes more than ten.
     assert!(took < Duration::from_secs(5), "{took:?}");
     let told = front.until(|kind| matches!(kind, EventKind::RolledBack { .. }));
     let EventKind::RolledBack { record, .. } = told.kind else { unreachable!() };
@@ -178,7 +181,7 @@ fn an_abort_stops_the_arm_in_flight() {
     let snapshot = front.snapshot();
     let grasp = snapshot.families.iter().find(|family| family.family.as_str() == "grasp").unwrap();
     assert!(grasp.safe_stopped && grasp.active.is_none());
-    // The next sequence is refused for want of a grasp, which is a failure, and may have been by now.
+    // The next sequence is refused for lack of a grasp, which is a failure, and may have been by now.
     let stopped =
         |refused: &Option<String>| refused.as_ref().is_some_and(|why| why.contains("the arm was stopped"));
     let others = front
@@ -190,7 +193,7 @@ fn an_abort_stops_the_arm_in_flight() {
         others.count(),
         "work that was stopped is neither done nor failed"
     );
-    // Nobody resets an alarm whose condition is there.
+    // An alarm whose condition persists cannot be reset.
     let alarm = "safe-stopped:grasp".to_owned();
     let by = "ada".to_owned();
     let reset = Command::ResetAlarm { alarm, by, reason: "looked at it".to_owned() };
@@ -217,7 +220,7 @@ fn what_happens_between_sequences_waits_and_the_rest_does_not() {
     assert!(front.answers.iter().all(|(id, _)| *id != drift), "the drift waits for the end of the sequence");
     let fast = front.carry_out(Command::Pace { times: Some(50.0) });
     assert!(matches!(fast, Reply::Accepted { .. }), "{fast:?}");
-    // What the cell did in an hour is told from its pace: it is on record, before who asked for it.
+    // The cell's actions in an hour follow from its pace: they are on record before their requester.
     let without = RecordKind::ALL.into_iter().filter(|kind| *kind != RecordKind::PaceSet).collect();
     let paces = Command::Audit { before: None, subject: String::new(), without, limit: 10 };
     let Reply::Audit { page } = front.carry_out(paces) else { panic!("no page") };
@@ -253,7 +256,7 @@ fn a_lost_front_end_ends_the_engine() {
 fn requests_are_bounded() {
     let folder = tempfile::tempdir().unwrap();
     let front = Front::start(folder.path(), Some(1.0));
-    // Nobody reads the answers, so no more are taken than there is room for.
+    // The answers are not read, so no more requests are accepted than fit.
     let taken = (0..4 * OUTSTANDING_MAX)
         .filter(|number| {
             let id = format!("flood-{number}");
@@ -276,7 +279,7 @@ fn a_panic_holds_the_pipeline_and_no_more() {
     assert!(said.contains("1 passed"), "{said}");
 }
 
-/// Run by the test above, with the panic armed; without it there is only a registration to see.
+/// Run by the test above, with the panic armed; by itself it only registers.
 #[test]
 fn inside_a_panic() {
     let armed = cfg!(debug_assertions) && std::env::var_os("HOLDPOINT_TEST_PANIC").is_some();
@@ -296,7 +299,7 @@ fn inside_a_panic() {
         let held = front.carry_out(Command::Pause(operation("align@1.1.0")));
         assert_eq!(refusal(&held), Refusal::Holding);
         let seen = Command::AcknowledgeAlarm { alarm: "engine-fault".to_owned(), by: "ada".to_owned() };
-        assert!(matches!(front.carry_out(seen), Reply::Accepted { .. }), "who holds can still acknowledge");
+        assert!(matches!(front.carry_out(seen), Reply::Accepted { .. }), "a halted engine acknowledges");
     } else {
         front.until(|kind| matches!(kind, EventKind::StageStarted { .. }));
     }

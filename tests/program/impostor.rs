@@ -1,8 +1,9 @@
-//! A program of the same account that takes the name of the engine's socket, again and again, and answers in its place: it
-//! does all but hold the store's lock. Stops do not depend on it, and nothing it says is taken for the engine's.
+//! A program of the same account that repeatedly takes the name of the engine's socket and answers in its place;
+//! only the store's lock stays with the engine. Stops do not depend on it, and no answer of it counts as the
+//! engine's.
 //!
-//! `HOLDPOINT_IMPOSTOR_STOPS` is how many stops are made under attack (3); with it set each has to bring the arm to a
-//! standstill within a second. `HOLDPOINT_CONFIRMED_STOPS` is how many are made without attack (20).
+//! `HOLDPOINT_IMPOSTOR_STOPS` is the number of stops under attack (3); if set, each must stop the arm within a
+//! second. `HOLDPOINT_CONFIRMED_STOPS` is the number without attack (20).
 
 mod signing;
 
@@ -19,7 +20,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::door::{Client, Doubt, Origin, StopCall, StopOutcome, socket_path};
+use holdpoint::engine::control_socket::{
+    AnswerOrigin, Client, StopCall, StopOutcome, UnverifiedOrigin, socket_path,
+};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Reply};
 use holdpoint::protocol::wire::PROTOCOL;
@@ -28,17 +31,17 @@ use serde_json::{Value, json};
 
 use crate::host::PATIENCE;
 
-/// How often the impostor takes the name again.
+/// The interval at which the impostor takes the name again.
 const TAKES_EVERY: Duration = Duration::from_millis(2);
 
-/// What the impostor answers to whatever is asked.
+/// The impostor's answer to every request.
 const LIE: &str = "all is well, says the impostor";
 
 fn count(name: &str, otherwise: usize) -> usize {
     std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
 }
 
-/// Waits for something that no event tells of.
+/// Waits for a condition without an event.
 fn until(what: &str, mut holds: impl FnMut() -> bool) {
     let until = Instant::now() + PATIENCE;
     while !holds() {
@@ -47,7 +50,7 @@ fn until(what: &str, mut holds: impl FnMut() -> bool) {
     }
 }
 
-/// An engine in a process of its own, and what it prints.
+/// An engine in another process, and its output.
 struct Served {
     child: Child,
     told: Receiver<(Instant, Value)>,
@@ -72,14 +75,14 @@ impl Served {
             }
         });
         let served = Self { child, told, data: data.to_owned() };
-        until("the engine does not come up", || served.is_up());
+        until("the engine does not start", || served.is_up());
         served
     }
 
     fn is_up(&self) -> bool {
         let Ok(Some(mut client)) = Client::connect(&self.layout()) else { return false };
         let shown = client.ask(Command::Snapshot);
-        client.doubt().is_none()
+        client.unverified_origin().is_none()
             && matches!(shown, Ok(Reply::Snapshot { snapshot }) if snapshot.reading.is_none())
     }
 
@@ -96,7 +99,7 @@ impl Served {
             .unwrap()
     }
 
-    /// When the engine told of an event of this kind next.
+    /// The time of the engine's next event of this kind.
     fn tells(&self, kind: &str) -> Instant {
         loop {
             let (at, told) = self.told.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("no {kind}"));
@@ -111,7 +114,7 @@ impl Served {
         assert!(Process::new("kill").args([name, &pid]).status().unwrap().success());
     }
 
-    /// Lets the cell work, over the engine's own socket, wherever that is by now.
+    /// Starts the cell, over the engine's own socket, wherever that is by now.
     fn go(socket: &Path) {
         let until = Instant::now() + PATIENCE;
         loop {
@@ -145,13 +148,13 @@ impl Served {
 
 impl Drop for Served {
     fn drop(&mut self) {
-        // One that was ended has been waited for, and this does nothing then.
+        // An ended process has been waited for, and this then does nothing.
         drop(self.child.kill());
         drop(self.child.wait());
     }
 }
 
-/// Asks by hand; an answer that does not come is null.
+/// Sends a raw request; a missing answer is null.
 fn ask(socket: &Path, command: &Value) -> Value {
     let Ok(mut stream) = UnixStream::connect(socket) else { return Value::Null };
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -167,15 +170,15 @@ fn ask(socket: &Path, command: &Value) -> Value {
     lines.next().map_or(Value::Null, |line| serde_json::from_str(&line).unwrap())
 }
 
-/// See the module's head. It lives in this process, which is not the engine's.
+/// See the module comment. It lives in this process, which is not the engine's.
 struct Impostor {
-    /// Its end is the thread's.
+    /// Ends the thread.
     end: Option<Sender<()>>,
-    /// Whether nothing is answered any more.
+    /// Whether it answers nothing any more.
     over: Arc<AtomicBool>,
     taken: Arc<AtomicUsize>,
     thread: Option<JoinHandle<()>>,
-    /// Where the engine's own socket is now.
+    /// The current path of the engine's own socket.
     real: PathBuf,
 }
 
@@ -230,7 +233,7 @@ impl Drop for Impostor {
     }
 }
 
-/// Speaks the engine's protocol and accepts whatever is asked.
+/// Speaks the engine's protocol and accepts every request.
 fn lie(stream: UnixStream) -> Option<()> {
     let hello =
         json!({ "answer": "hello", "protocol": PROTOCOL, "version": "0.1.0", "process": std::process::id() });
@@ -282,8 +285,8 @@ fn what_an_impostor_answers_is_never_taken_for_the_engines() {
     assert_eq!(lock_holder(folder.path()), LockHolder::Process(holds));
     let client = Client::connect(&served.layout()).unwrap().unwrap();
     let answers = i32::try_from(std::process::id()).unwrap();
-    assert_eq!(client.doubt(), Origin::Other { answers, holds: Some(holds) }.doubt());
-    // A verb that changes authority says so, and ends with a code of its own, whatever it is told.
+    assert_eq!(client.unverified_origin(), AnswerOrigin::Other { answers, holds: Some(holds) }.unverified());
+    // A verb that changes authority reports it and ends with its own exit code, whatever the answer.
     let words = ["demote", "grasp@1.0.0", "--as", "ana", "--reason", "it drops parts"];
     for json in [&[][..], &["--json"]] {
         let demoted = served.verb(&[&words[..], json].concat());
@@ -291,19 +294,19 @@ fn what_an_impostor_answers_is_never_taken_for_the_engines() {
         assert!(said(&demoted).contains("not known to come from the engine"), "{}", said(&demoted));
         if !json.is_empty() {
             let reply: Value = serde_json::from_slice(&demoted.stdout).unwrap();
-            assert_eq!((&reply["text"], &reply["unverified"]), (&json!(LIE), &json!(Doubt::CODE)));
+            assert_eq!((&reply["text"], &reply["unverified"]), (&json!(LIE), &json!(UnverifiedOrigin::CODE)));
         }
     }
     // So does one that only reads.
     let status = served.verb(&["status"]);
     assert!(said(&status).contains("not known to come from the engine"), "{}", said(&status));
     let status = served.verb(&["status", "--json"]);
-    assert!(said(&status).contains(Doubt::CODE), "{}", said(&status));
+    assert!(said(&status).contains(UnverifiedOrigin::CODE), "{}", said(&status));
     drop(impostor);
     served.end();
 }
 
-/// A program that takes the name and removes the mark in the same moment defeated the stop.
+/// A program that took the name and removed the mark at the same moment once defeated the stop.
 #[test]
 fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
     let folder = tempfile::tempdir().unwrap();
@@ -324,7 +327,7 @@ fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
         let told = served.tells("cell-stopped");
         served.tells("arm-stands");
         println!("{} ms, exit code {:?}", told.duration_since(asked).as_millis(), stopped.status.code());
-        // Confirmed by the kernel, or not said.
+        // Confirmed by the kernel, or not reported.
         match stopped.status.code() {
             Some(0) => {
                 assert!(said(&stopped).contains("the process that has the store"), "{}", said(&stopped));
@@ -355,16 +358,16 @@ fn a_stop_that_nobody_confirms_is_no_stop_and_is_made_good() {
         assert!(!said.contains("is stopped;") && !said.contains(LIE), "{said}");
         assert!(json.is_empty() || said.contains("\"code\":6"), "{said}");
     }
-    // The mark lies there: the engine goes on and stops by it.
+    // The mark is there: the engine continues and stops because of it.
     served.signal("-CONT");
     served.tells("cell-stopped");
     until("the mark stays", || !served.layout().stop_asked().exists());
-    assert_eq!(served.stops_on_record(), 1, "two that asked for the same mark are one stop");
+    assert_eq!(served.stops_on_record(), 1, "two requests with the same mark are one stop");
     drop(impostor);
     served.end();
 }
 
-/// Without attack every stop is confirmed by the engine's own words, and counts once.
+/// Without attack the engine itself confirms every stop, which counts once.
 #[test]
 fn every_stop_is_confirmed_and_counts_once() {
     let stops = count("HOLDPOINT_CONFIRMED_STOPS", 20);
@@ -392,7 +395,7 @@ fn every_stop_is_confirmed_and_counts_once() {
     served.end();
 }
 
-/// What a verified answer costs: connections with a look at how things stand.
+/// The cost of a verified answer: connections that read the snapshot.
 #[test]
 fn a_verified_answer_is_quick() {
     let looks = count("HOLDPOINT_VERIFIED_ANSWERS", 50);
@@ -402,7 +405,7 @@ fn a_verified_answer_is_quick() {
         .map(|_| {
             let begun = Instant::now();
             let mut client = Client::connect(&served.layout()).unwrap().unwrap();
-            assert_eq!(client.doubt(), None);
+            assert_eq!(client.unverified_origin(), None);
             assert!(matches!(client.ask(Command::Snapshot).unwrap(), Reply::Snapshot { .. }));
             begun.elapsed()
         })
@@ -418,14 +421,14 @@ fn a_verified_answer_is_quick() {
         .collect();
     looked.sort_unstable();
     println!(
-        "of these, to ask who has the store: p50 {:?}, p99 {:?}",
+        "of these, to find the holder of the store: p50 {:?}, p99 {:?}",
         looked[looks / 2],
         looked[looks * 99 / 100]
     );
     served.end();
 }
 
-/// Each time the name is taken there is an alarm of high priority, and nothing piles up in the folder.
+/// Each time the name is taken there is an alarm of high priority, and nothing accumulates in the folder.
 #[test]
 fn a_name_that_was_taken_is_an_alarm_and_leaves_no_heap() {
     let folder = tempfile::tempdir().unwrap();
@@ -447,7 +450,7 @@ fn a_name_that_was_taken_is_an_alarm_and_leaves_no_heap() {
     drop(fs::remove_file(folder.path().join(".x")));
     let socket = socket_path(&served.layout());
     for displaced in 0..3 {
-        // Somebody's folder with something in it.
+        // A foreign folder that is not empty.
         until(&format!("{displaced}: the name is not the engine's"), || served.is_up());
         fs::remove_file(&socket).unwrap();
         fs::write(&socket, "kept").unwrap();
@@ -464,7 +467,7 @@ fn a_name_that_was_taken_is_an_alarm_and_leaves_no_heap() {
     served.end();
 }
 
-/// Whatever lies in the place of the mark stops the cell, which is let go once it is gone.
+/// Any object in the place of the mark stops the cell, which can start once the object is gone.
 #[test]
 fn whatever_lies_in_the_place_of_the_mark_is_a_stop() {
     let folder = tempfile::tempdir().unwrap();
@@ -490,7 +493,7 @@ fn whatever_lies_in_the_place_of_the_mark_is_a_stop() {
         Served::go(&socket);
         served.tells("cell-released");
     }
-    // What cannot be removed keeps the cell stopped.
+    // An object that cannot be removed keeps the cell stopped.
     fs::create_dir(&mark).unwrap();
     fs::write(mark.join("inside"), "").unwrap();
     served.tells("cell-stopped");
@@ -506,7 +509,7 @@ fn whatever_lies_in_the_place_of_the_mark_is_a_stop() {
     served.end();
 }
 
-/// A mark that was left when nobody was there stops the engine that comes next, which puts it on record once.
+/// A mark left without an engine stops the next engine, which records it once.
 #[test]
 fn a_mark_that_was_left_stops_the_next_engine() {
     let folder = tempfile::tempdir().unwrap();
@@ -526,8 +529,8 @@ fn a_mark_that_was_left_stops_the_next_engine() {
     served.end();
 }
 
-/// A seat of another account: it stops the cell over the socket of its group alone, and nobody outside that group is heard.
-/// Only the root account can try this, for it alone starts programs of others.
+/// A console of another account: it stops the cell over the socket of its group alone, and no account outside that
+/// group is accepted. Only root can run this, because only root starts programs of other accounts.
 #[test]
 fn a_seat_of_another_account_stops_the_cell_and_a_stranger_does_not() {
     let folder = tempfile::tempdir().unwrap();
@@ -539,7 +542,7 @@ fn a_seat_of_another_account_stops_the_cell_and_a_stranger_does_not() {
         serve.args(["serve", "--json", "--no-recording", "--data"]).arg(&data).arg("--seats").arg(&seats);
         serve
     };
-    // A folder that others may write to is none.
+    // A folder that others may write to is refused.
     let refused = serve().output().unwrap();
     assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
     assert!(said(&refused).contains("may be written to by others"), "{}", said(&refused));
@@ -554,8 +557,8 @@ fn a_seat_of_another_account_stops_the_cell_and_a_stranger_does_not() {
     let socket = socket_path(&Layout::new(&seats)).metadata().unwrap();
     assert_eq!((socket.mode() & 0o777, socket.gid()), (0o660, fs::metadata(&seats).unwrap().gid()));
     let words = ["stop", "--as", "night", "--data"];
-    // The folder that the program was built in may be closed to other accounts. A program that this process had open to
-    // write could not be started while another test starts one.
+    // The build folder may be closed to other accounts. A program that this process had open for writing could not
+    // be started while another test starts one.
     let program = folder.path().join("holdpoint");
     let copied = Process::new("cp").arg(env!("CARGO_BIN_EXE_holdpoint")).arg(&program).status().unwrap();
     assert!(copied.success(), "{copied}");

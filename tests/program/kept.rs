@@ -1,4 +1,4 @@
-//! Kept results through the program: whose they are, the attack that edits them, and what is said of them.
+//! Cached results through the program: their key, an attack that edits them, and its report.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -66,7 +66,8 @@ fn the_key_of_a_shared_folder_is_outside_it_and_its_owners() {
     );
 }
 
-/// The store's own rows, edited so that the baseline fails: what it was compared with let `grasp-hard-grip` through
+/// The store's own rows, edited so that the baseline fails: the comparison let `grasp-hard-grip` pass sandbox,
+/// shadow and gate.
 /// sandbox, shadow and gate.
 #[test]
 fn a_poisoned_store_does_not_let_a_bad_candidate_through() {
@@ -98,17 +99,18 @@ fn a_poisoned_store_does_not_let_a_bad_candidate_through() {
         .unwrap();
     assert!(edited >= 280, "{edited} episodes were edited");
     drop(kept);
-    // The scenario itself expects the candidate to be rejected by its behaviour.
+    // The scenario itself expects the rejection of the candidate by its behavior.
     let attacked = run(root.path(), HARD_GRIP, &["--data", data]);
     assert_eq!(attacked.status.code(), Some(1), "{}", said(&attacked));
     let explained = holdpoint(root.path(), &["explain", "grasp-hard-grip", "--data", data]);
     let text = String::from_utf8(explained.stdout).unwrap().replace("\n      ", " ");
-    assert!(text.contains("were not what was kept here"), "{text}");
+    assert!(text.contains("had no MAC or a wrong one"), "{text}");
     let verified = holdpoint(root.path(), &["audit", "verify", "--data", data]);
     assert!(verified.status.success(), "{}", said(&verified));
 }
 
-/// The same log whether results were kept or not, for any number of workers; and the record says which were kept.
+/// The log is the same with and without cached results, for any number of workers; the record names the cached
+/// ones.
 #[test]
 fn what_is_kept_changes_no_event() {
     let root = tempfile::tempdir().unwrap();

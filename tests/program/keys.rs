@@ -1,4 +1,4 @@
-//! Keys under a passphrase, without a terminal: made, changed, listed, and used by the verbs that sign.
+//! Passphrase-protected keys, without a terminal: created, changed, listed, and used by the verbs that sign.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -42,13 +42,13 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     let [oak_text, elm_text, short_text] = [&oak, &elm, &short].map(|path| path.to_str().unwrap());
     let run = |words: &[&str]| holdpoint(&data, words, None);
 
-    // Without a terminal something has to be said of the passphrase.
+    // Without a terminal an option must supply the passphrase.
     ends(&run(&["identity", "new", "mara"]), 2, &["no terminal", "--passphrase-file", "--unprotected"]);
     let short = run(&["identity", "new", "mara", "--passphrase-file", short_text]);
     ends(&short, 2, &["5 characters", "at least 8"]);
     assert!(!data.exists(), "nothing was made");
     let made = run(&["identity", "new", "mara", "--passphrase-file", oak_text]);
-    let text = ends(&made, 0, &["made the identity mara (operator, passphrase)"]);
+    let text = ends(&made, 0, &["created the identity mara (operator, passphrase)"]);
     assert!(!text.contains("oak"), "{text}");
     ends(&run(&["identity", "new", "rig", "--unprotected"]), 0, &["(operator, unprotected)"]);
     let key = data.join("keys/identities/mara.key");
@@ -66,7 +66,7 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     ends(&run(&["identity", "list"]), 0, &["PROTECTION", "unprotected"]);
 
     // A verb that signs.
-    ends(&run(&["stop"]), 6, &["no engine is at work"]);
+    ends(&run(&["stop"]), 6, &["no engine runs on"]);
     let go = ["go", "--as", "mara", "--stops", "1", "--reason", "checked"];
     let with = |path: &str| run(&[go.as_slice(), &["--passphrase-file", path]].concat());
     ends(&run(&go), 2, &["the key of mara has a passphrase", "no terminal", "HOLDPOINT_PASSPHRASE_FILE"]);
@@ -76,23 +76,23 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     fs::set_permissions(&oak, fs::Permissions::from_mode(0o600)).unwrap();
     ends(&run(&["status"]), 0, &["STOPPED"]);
     ends(&with(oak_text), 0, &[]);
-    ends(&run(&["stop"]), 6, &["no engine is at work"]);
+    ends(&run(&["stop"]), 6, &["no engine runs on"]);
     ends(&holdpoint(&data, &go, Some(&oak)), 0, &[]);
 
-    // Another passphrase, none, and one again: the key stays the same.
+    // A new passphrase, none, and one again: the key stays the same.
     let change = |words: &[&str]| run(&[&["identity", "passphrase", "mara"], words].concat());
     ends(&change(&["--passphrase-file", elm_text, "--new-passphrase-file", elm_text]), 2, &["wrong"]);
     assert_eq!(fs::read_to_string(&key).unwrap(), kept);
     let changed = change(&["--passphrase-file", oak_text, "--new-passphrase-file", elm_text]);
-    ends(&changed, 0, &["another passphrase"]);
+    ends(&changed, 0, &["new passphrase"]);
     ends(&change(&["--passphrase-file", oak_text, "--remove"]), 2, &["wrong"]);
     ends(&change(&["--passphrase-file", elm_text, "--remove"]), 0, &["no passphrase now"]);
     ends(&change(&["--passphrase-file", elm_text, "--remove"]), 2, &["has no passphrase"]);
-    ends(&change(&["--new-passphrase-file", oak_text]), 0, &["has a passphrase now"]);
+    ends(&change(&["--new-passphrase-file", oak_text]), 0, &["now has a passphrase"]);
     let list: Vec<Value> = serde_json::from_slice(&run(&["identity", "list", "--json"]).stdout).unwrap();
     assert_eq!((&list[1]["name"], &list[1]["protection"]), (&"mara".into(), &"passphrase".into()));
 
-    // A file that is damaged is said to be so, with the field and what is allowed.
+    // The error for a damaged file names the field and the allowed values.
     fs::write(&key, kept.replace("memory-kib 65536", "memory-kib 4194304000")).unwrap();
     ends(&with(oak_text), 2, &["mara.key", "memory-kib", "4194304000", "8192 to 1048576"]);
 }

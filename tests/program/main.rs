@@ -1,13 +1,8 @@
-//! The program from outside: its verbs as a user starts them, and an engine as a front end holds it.
+//! The program from outside: its verbs as a user starts them, and an engine as a front end uses it.
 //!
-//! One binary, because each links everything. Whatever needs a process of its own stands beside it: a terminal
-//! (`console_pty`), being killed (`kill`).
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    reason = "a test says what it expects by failing"
-)]
+//! One binary, because each links everything. Tests that need a process of their own are beside it: a terminal
+//! (`console_pty`), kills (`kill`).
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test reports by failing")]
 
 mod asked;
 mod attach;

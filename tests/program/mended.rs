@@ -1,11 +1,11 @@
-//! A store whose tables somebody edited: no verb takes it for what it says, no write makes it good, and it is mended.
+//! A store with edited tables: no verb trusts it, no write hides the edit, and a rebuild repairs it.
 
 use rusqlite::Connection;
 use tempfile::TempDir;
 
 use crate::old_stores::{OPEN_ROLES, copied, holdpoint, text};
 
-/// A copy of an earlier version's store, edited with SQL past triggers, which are as before afterwards.
+/// A copy of an earlier version's store, edited with SQL past its triggers, which are then restored.
 fn edited(sql: &str) -> TempDir {
     let folder = copied(OPEN_ROLES);
     let connection = Connection::open(folder.path().join("store/holdpoint.db")).unwrap();
@@ -25,13 +25,13 @@ fn edited(sql: &str) -> TempDir {
     folder
 }
 
-/// The code a call ends with, and all it says.
+/// The exit code of a call, and all its output.
 fn ended(folder: &TempDir, words: &[&str]) -> (i32, String) {
     let output = holdpoint(folder, words);
     (output.status.code().unwrap(), text(&output.stdout) + &text(&output.stderr))
 }
 
-/// A rejected version set active was shown active; the next write of any kind then made the edit sound.
+/// A rejected version edited to active was once shown as active; the next write then made the edit sound.
 #[test]
 fn a_rejected_version_set_active_by_sql_is_nowhere_shown_active() {
     let folder = edited(
@@ -75,7 +75,8 @@ fn a_rejected_version_set_active_by_sql_is_nowhere_shown_active() {
     let (_, said) = ended(&folder, &["audit", "list", "--kind", "store-rebuilt", "--json"]);
     assert!(said.contains("\\\"uid\\\"") && said.contains("grasp@1.2.0"), "{said}");
     let (code, said) = ended(&folder, &["rollback", "grasp", "--as", "omar", "--reason", "it is worse"]);
-    // No administrator authorized the profile as this program has it: the arm stands, and the predecessor does not act.
+    // No administrator authorized this program's profile: the arm is at standstill, and the rollback target does
+    // not act.
     assert!(code == 3 && said.contains("grasp@1.1.0 is rolled back"), "{said}");
     let (_, said) = ended(&folder, &["store", "rebuild", "--from-chain", "--json"]);
     assert_eq!(said.trim(), "{\"rebuilt\":null}");
@@ -94,7 +95,7 @@ fn an_edited_author_or_a_standing_that_is_gone_is_refused_by_name() {
         assert!(code == 2 && said.contains(named), "{sql}: {code} {said}");
         assert_eq!(ended(&folder, &["audit", "verify"]).0, 1, "{sql}");
     }
-    // What no record repeats cannot be made up.
+    // Data without a record cannot be reconstructed.
     let folder = edited("UPDATE family SET standing = NULL WHERE name = 'grasp'");
     let (code, said) = ended(&folder, &["store", "rebuild", "--from-chain"]);
     assert!(code == 2 && said.contains("the family \"grasp\" cannot be rebuilt"), "{said}");

@@ -1,4 +1,4 @@
-//! `holdpoint metrics` on stores whose numbers are counted here a second time, with SQL and nothing of the program.
+//! `holdpoint metrics` on stores whose numbers are counted a second time, with SQL and none of the program's code.
 
 use std::fs;
 use std::path::Path;
@@ -17,8 +17,8 @@ fn metrics(arguments: &[&str], data: &Path) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// A store of an earlier version, with two activations by the gate and twenty live tasks; copied, for readers of a
-/// database make files beside it.
+/// A copy of an earlier version's store, with two activations by the gate and twenty live tasks; readers of a
+/// database create files beside it.
 fn store() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/store-4831bf5/store");
@@ -35,7 +35,7 @@ fn tables(data: &Path) -> Connection {
     connection
 }
 
-/// Live tasks of versions that the gate let in, since a record.
+/// Live tasks of gate-activated versions, since a record.
 const LIVE: &str = "FROM t.batch AS b
     JOIN audit AS a ON a.kind = 'telemetry-sealed' AND json_extract(a.body, '$.change.batch') = b.id
     WHERE b.stream = 'live' AND a.seq >= ?1 AND b.version IN (SELECT active FROM activation WHERE cause = 'gate')";
@@ -52,7 +52,7 @@ fn pair(rate: &Value) -> (u64, u64) {
 fn rates_are_what_telemetry_and_record_hold() {
     let folder = store();
     let sql = tables(folder.path());
-    // The middle of the live tasks is a moment too: the tenth of twenty.
+    // The middle of the live tasks is a moment, too: the tenth of twenty.
     let tenth = "SELECT a.seq FROM audit AS a JOIN t.batch AS b
         ON a.kind = 'telemetry-sealed' AND json_extract(a.body, '$.change.batch') = b.id
         WHERE b.stream = 'live' AND ?1 > 0 ORDER BY a.seq LIMIT 1 OFFSET 9";
@@ -100,7 +100,7 @@ fn rates_are_what_telemetry_and_record_hold() {
             ON a.kind = 'version-registered' AND a.subject = v.name WHERE v.baseline = 0 AND a.seq >= ?1";
         assert_eq!(rates["screening_observed"]["candidates"], count(&sql, candidates, from));
     }
-    // As `MADE.md` beside the store tells it.
+    // As in `MADE.md` beside the store.
     let found = metrics(&[], folder.path());
     let (rates, screened) = (&found["metrics"], &found["metrics"]["screening_observed"]);
     assert_eq!(pair(&rates["rsr_observed"]), (1, 1));
@@ -148,7 +148,7 @@ fn what_is_no_time_is_said_with_what_is_allowed() {
     assert!(!nowhere.exists(), "reading made a store");
 }
 
-/// Changes one number of the evidence that a decision rests on.
+/// Changes one number of the evidence of a decision.
 fn edit(data: &Path, kind: &str, change: impl FnOnce(&mut Value)) -> u64 {
     let connection = Connection::open(data.join("holdpoint.db")).unwrap();
     let (seq, json): (u64, String) = connection
@@ -183,7 +183,7 @@ fn every_decision_comes_out_again_until_its_evidence_is_edited() {
     assert_eq!(pair(&whole["metrics"]["auditability_observed"]), (2, 2), "{}", whole["unequal"]);
     assert_eq!(whole["unequal"], serde_json::json!([]));
 
-    // A drill that failed is said to have passed, and one value of an episode was another.
+    // A failed drill is changed to passed, and one value of an episode is changed.
     type Edit = fn(&mut Value);
     let edits: [(&str, Edit, &str); 3] = [
         (
@@ -200,7 +200,7 @@ fn every_decision_comes_out_again_until_its_evidence_is_edited() {
                 let candidate = &mut evidence["pairs"][0]["candidate"];
                 candidate["success"] = (!candidate["success"].as_bool().unwrap()).into();
             },
-            "behaviour",
+            "behavior",
         ),
         ("compat", |evidence| evidence["kappas"]["interface"]["kappa"] = 0.96.into(), "kappa_I"),
     ];

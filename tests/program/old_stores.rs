@@ -1,7 +1,7 @@
-//! Stores of earlier versions: each is opened as it is, answers as it did, and is carried on.
+//! Stores of earlier versions: each opens, answers as it did, and continues.
 //!
-//! A store lies in `tests/fixtures` beside what its own program printed about it (`MADE.md` there says how it was
-//! made). What is told otherwise on purpose is listed here, each with its reason; everything else is as it was.
+//! A store in `tests/fixtures` is beside the output of its own program (`MADE.md` there tells how it was made).
+//! Intended differences are listed here, each with its reason; everything else is unchanged.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -16,21 +16,21 @@ use tempfile::TempDir;
 /// Before roles were a closed set.
 pub const OPEN_ROLES: &str = "store-4831bf5";
 
-/// Before an administrator's word was about the rules of a profile, and not its class alone.
+/// Before an authorization covered the rules of a profile, and not only its class.
 const WORDS_OF_CLASSES: &str = "store-d43131bc";
 
-/// What is said about somebody whose role does not exist.
+/// The text for a person with an unknown role.
 const NO_ROLE: &str = "error: the identity \"mara\" cannot decide anything: \"safety-officer\" is not a role; \
     allowed: operator, engineer, safety, admin\nHint: make another identity with one of these\n";
 
-/// When its one recording was written: 2026-11-22 07:36 UTC.
+/// The time of its only recording: 2026-11-22 07:36 UTC.
 const WRITTEN_SECS: u64 = 1_795_332_990;
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
 }
 
-/// Copies a folder. Keys become the owner's alone again and recordings as old as they were: a checkout keeps neither.
+/// Copies a folder. Restores the modes of keys and the times of recordings, which a checkout loses.
 fn copy(from: &Path, to: &Path) {
     let written = SystemTime::UNIX_EPOCH + Duration::from_secs(WRITTEN_SECS);
     fs::create_dir(to).unwrap();
@@ -49,14 +49,14 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// A copy of a store, as `store` in a folder of its own.
+/// A copy of a store, as `store` in a new folder.
 pub fn copied(name: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     copy(&fixture(name).join("store"), &folder.path().join("store"));
     folder
 }
 
-/// The program on the copy, as it was called then.
+/// Runs the program on the copy with the fixture's arguments.
 pub fn holdpoint(folder: &TempDir, words: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .current_dir(folder.path())
@@ -70,14 +70,14 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 
-/// The program has to end well; what it printed.
+/// Runs the program, which must succeed; returns its output.
 fn printed(folder: &TempDir, words: &[&str]) -> String {
     let output = holdpoint(folder, words);
     assert_eq!(output.status.code(), Some(0), "{words:?}: {}", text(&output.stderr));
     text(&output.stdout)
 }
 
-/// What a call ended with: its code, what it printed, what it said beside.
+/// The result of a call: its code, its output, and its errors.
 #[derive(Debug, PartialEq)]
 struct Ended {
     code: i32,
@@ -85,8 +85,8 @@ struct Ended {
     said: String,
 }
 
-/// What `identity list` answers now: with how somebody stands, what protects a key and who enrolled it, and that mara's
-/// role is none; beside the table, or in the document.
+/// The present answer of `identity list`: with each person's state, the protection of the key and its enroller, and
+/// with mara's unknown role; beside the table, or in the document.
 fn with_a_problem(then: Ended) -> Ended {
     if then.printed.starts_with('[') {
         return Ended { code: 1, ..then };
@@ -103,7 +103,7 @@ fn with_a_problem(then: Ended) -> Ended {
     Ended { code: 1, printed: then.printed.lines().map(row).collect(), said: NO_ROLE.to_owned() }
 }
 
-/// What ends otherwise on purpose, by the start of the call: a role outside the set decides nothing, and is named.
+/// Intended differences of exit codes, by the start of the call: an unknown role decides nothing, and is named.
 fn changed(call: &str, then: Ended) -> Ended {
     match call {
         _ if call.starts_with("identity list") => with_a_problem(then),
@@ -112,7 +112,7 @@ fn changed(call: &str, then: Ended) -> Ended {
     }
 }
 
-/// The fixture leaves out the bodies of evidence, which are long.
+/// The fixture omits the bodies of evidence, which are long.
 fn without_bodies(printed: &str) -> String {
     let mut shown: Value = serde_json::from_str(printed).unwrap();
     for evidence in shown["evidence"].as_array_mut().unwrap() {
@@ -121,8 +121,7 @@ fn without_bodies(printed: &str) -> String {
     shown.to_string()
 }
 
-/// What a later version says beyond what it said before is no change: fields may come in, none may go or say
-/// otherwise.
+/// Additions by a later version are no difference: it may add fields, but may not remove or change one.
 fn without_new_fields(now: &mut Value, then: &Value) {
     match (now, then) {
         (Value::Object(now), Value::Object(then)) => {
@@ -140,15 +139,15 @@ fn without_new_fields(now: &mut Value, then: &Value) {
     }
 }
 
-/// Both answers, line by line, as far as the older one said anything: without fields that came in since, and without
-/// the words of decisions and questions, whose conditions were data before and are sentences now.
+/// Both answers, line by line, as far as the older one has them: without newer fields, and without the texts of
+/// decisions and requests, whose conditions changed from data to sentences.
 fn as_far_as_it_said(then: &str, now: &str) -> (String, String) {
     let parsed = |line: &str| serde_json::from_str::<Value>(line).ok();
     let reworded = |line: &str| [" decide ", " ask "].iter().any(|word| line.contains(word));
     let same_number = then.lines().count() == now.lines().count();
     let pairs = then.lines().zip(now.lines()).map(|(then, now)| match (parsed(then), parsed(now)) {
         (Some(mut before), Some(mut shown)) => {
-            // A deadline in engine time is no time of day, and is not told any more.
+            // A deadline in engine time is not a time of day, and is no longer printed.
             if before["event"] == "approval-requested"
                 && let Some(fields) = before.as_object_mut()
             {
@@ -172,7 +171,7 @@ fn every_verb_that_reads_answers_as_it_did() {
     for line in calls.lines() {
         let (code, rest) = line.split_once(' ').unwrap();
         let (file, call) = rest.split_once(": holdpoint ").unwrap();
-        // Without scenes nothing is replayed.
+        // A build without scenes replays nothing.
         if call.starts_with("replay") && !BUILT_IN {
             continue;
         }
@@ -183,7 +182,7 @@ fn every_verb_that_reads_answers_as_it_did() {
             said: read(&Path::new(file).with_extension("err")),
         };
         let mut then = changed(call, then);
-        // A list leaves seals of telemetry out now, unless they are asked for.
+        // A list now omits telemetry digests unless they are requested.
         let all = if call.starts_with("audit list") && !call.contains("--kind") { " --all" } else { "" };
         let line = format!("{call}{all}");
         let output = holdpoint(&folder, &line.split(' ').collect::<Vec<_>>());
@@ -192,7 +191,7 @@ fn every_verb_that_reads_answers_as_it_did() {
             printed: text(&output.stdout),
             said: text(&output.stderr),
         };
-        // Nobody signed the profile as this program has it, which earlier ones did not ask for.
+        // No administrator authorized this program's profile, which earlier programs did not require.
         let unauthorized = ["profile  NOT AUTHORIZED: ", "profile: gate-profile-unauthorized: "];
         let told = |line: &&str| !unauthorized.iter().any(|said| line.starts_with(said));
         now.printed = now.printed.split_inclusive('\n').filter(told).collect();
@@ -200,7 +199,7 @@ fn every_verb_that_reads_answers_as_it_did() {
             then.printed = serde_json::from_str::<Value>(&then.printed).unwrap().to_string();
             now.printed = without_bodies(&now.printed);
         }
-        // Whoever asks for JSON gets the error so, too, now.
+        // Errors, too, are now JSON on request.
         if call.contains("--json") && then.code != 0 && then.said.starts_with("error: ") {
             let document: Value = serde_json::from_str(&now.said).unwrap();
             let hint = document["hint"].as_str().map_or_else(String::new, |hint| format!("Hint: {hint}\n"));
@@ -220,7 +219,7 @@ fn an_engine_carries_it_on_and_every_old_record_stays() {
     assert_eq!(scripted.status.code(), Some(3), "{}", text(&scripted.stderr));
     assert!(text(&scripted.stderr).contains("no script uses this store"), "{}", text(&scripted.stderr));
     let run = || holdpoint(&folder, &["run", "--plain", "--profile", "sim"]);
-    // It was last used where people decide: nobody goes on with it in simulation alone without an administrator's word.
+    // Last used under a profile with approvals: changing to simulation needs an administrator's authorization.
     let refused = run();
     let said = text(&refused.stderr);
     assert_eq!(refused.status.code(), Some(3), "{said}");
@@ -253,7 +252,7 @@ fn an_engine_carries_it_on_and_every_old_record_stays() {
     assert!(printed(&folder, &["recordings", "verify"]).ends_with(", 0 not as recorded\n"));
 }
 
-/// People decided in it, and this program has another profile than the one that it was used under.
+/// Used with approvals, and this program has another profile than its last one.
 #[test]
 fn it_activates_nothing_until_an_administrator_signs_the_profile_as_this_program_has_it() {
     let folder = copied(OPEN_ROLES);
@@ -270,9 +269,9 @@ fn it_activates_nothing_until_an_administrator_signs_the_profile_as_this_program
     let missing = ["NOT AUTHORIZED", "not on record", "`holdpoint profile allow --by ADMIN --reason TEXT`"];
     says(&holdpoint(&folder, &["status"]), 0, &missing);
     says(&holdpoint(&folder, &["explain", "align@1.1.1"]), 0, &["gate-profile-unauthorized"]);
-    // It comes up, and what takes authority away is done.
+    // It starts, and acts that take authority away succeed.
     let rollback = ["rollback", "grasp", "--as", "omar", "--reason", "a try"];
-    // The arm stands, so that nobody takes over either.
+    // The arm is at standstill, so no other version takes control either.
     says(&holdpoint(&folder, &rollback), 3, &["grasp@1.1.0 is rolled back", "no version of grasp is active"]);
     says(&holdpoint(&folder, &["status"]), 0, &["version  grasp@1.1.0: demoted", "NOT AUTHORIZED"]);
     says(&holdpoint(&folder, &["candidate", "compat", "align@1.1.1"]), 3, &["no administrator authorized"]);
@@ -287,9 +286,9 @@ fn it_activates_nothing_until_an_administrator_signs_the_profile_as_this_program
     says(
         &holdpoint(&folder, &[&allow[..], &passphrase[..]].concat()),
         0,
-        &["profile  not on record", "is allowed"],
+        &["profile  not on record", "allows the profile"],
     );
-    // From the next start on it is as any store.
+    // After the next start it is like any other store.
     says(&holdpoint(&folder, &["run", "--plain"]), 4, &["align@1.1.1 held", "grasp@1.1.0 rolled back"]);
     let voided = printed(&folder, &["audit", "list", "--kind", "family-voided"]);
     assert!(["align", "grasp", "park", "place"].iter().all(|family| voided.contains(family)), "{voided}");
@@ -297,7 +296,7 @@ fn it_activates_nothing_until_an_administrator_signs_the_profile_as_this_program
     says(&holdpoint(&folder, &["audit", "verify"]), 0, &["sound"]);
 }
 
-/// A site's own profile goes on with its texts, and the word of then still holds.
+/// A site profile keeps its texts, and the old authorization stays valid.
 #[test]
 fn a_store_whose_profile_is_its_own_waits_for_an_authorization_and_verifies() {
     let folder = copied(WORDS_OF_CLASSES);
@@ -320,10 +319,7 @@ fn a_store_whose_profile_is_its_own_waits_for_an_authorization_and_verifies() {
     fs::set_permissions(folder.path().join("words"), fs::Permissions::from_mode(0o600)).unwrap();
     let allow = ["profile", "allow", "--by", "admin", "--reason", "read", "--passphrase-file", "words"];
     let allowed = printed(&folder, &allow);
-    assert!(
-        allowed.ends_with("the profile human (line-4) is allowed by admin for the start that is next\n"),
-        "{allowed}"
-    );
+    assert!(allowed.ends_with("admin allows the profile human (line-4) for the next start\n"), "{allowed}");
     let taken = run();
     assert!(taken.contains("void") && !taken.contains("profile-unauthorized [high, unack"), "{taken}");
     assert!(!printed(&folder, &["status"]).contains("NOT AUTHORIZED"));
@@ -338,11 +334,12 @@ fn a_role_outside_the_set_is_refused_by_name_and_stops_nobody_else() {
     let resume = |who| holdpoint(&folder, &["resume", "align", "--as", who, "--reason", "the tray is back"]);
     let refused = resume("mara");
     assert_eq!((refused.status.code(), text(&refused.stderr).as_str()), (Some(2), NO_ROLE));
-    // It was last used where people decide, and nobody has enrolled this key.
+    // Last used under a profile with approvals, and this key is not enrolled.
     let resumed = resume("omar");
     let said = text(&resumed.stderr);
     assert!(resumed.status.code() == Some(3) && said.contains("identity enrol omar --by admin"), "{said}");
-    // The first administrator, that telemetry is removed on record from now on, and that nobody signed the profile.
+    // The first administrator, the recorded removal of telemetry from now on, and the missing authorization of the
+    // profile.
     let verified = printed(&folder, &["audit", "verify"]);
     assert!(verified.starts_with("sound: 325 records"), "{verified}");
     let made = holdpoint(&folder, &["identity", "new", "eve", "--role", "safety-officer"]);

@@ -1,4 +1,4 @@
-//! Who may decide, from outside: enrolled and revoked by an administrator, whatever lies in the folder of keys.
+//! The right to decide, from outside: an administrator enrolls and revokes, whatever is in the folder of keys.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use crate::agent::Agent;
 use crate::old_stores::{OPEN_ROLES, copied, holdpoint, text};
 
-/// A call that has to end with this code; what it printed and said.
+/// A call that must end with this code; returns its output and errors.
 #[track_caller]
 fn ends(folder: &TempDir, call: &str, code: i32) -> String {
     let words: Vec<&str> = call.split(' ').collect();
@@ -27,7 +27,7 @@ fn says(said: &str, parts: &[&str]) {
     }
 }
 
-/// Everybody's name and standing.
+/// The name and state of every person.
 fn standings(folder: &TempDir) -> Vec<(String, String)> {
     let output = holdpoint(folder, &["identity", "list", "--json"]);
     let list: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap();
@@ -52,21 +52,21 @@ fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
 fn people_come_and_go_by_an_administrators_act_alone() {
     let folder = tempfile::tempdir().unwrap();
     let said = ends(&folder, "identity new mara --role safety --unprotected", 0);
-    says(&said, &["made the identity mara", "enrolled by admin, whose key has no passphrase"]);
+    says(&said, &["created the identity mara", "enrolled by admin, whose key has no passphrase"]);
     ends(&folder, "identity new omar --unprotected --by admin", 0);
     is(&folder, &[("admin", "enrolled"), ("mara", "enrolled"), ("omar", "enrolled")]);
     let mode = fs::metadata(folder.path().join("store/keys/identities/admin.key")).unwrap().permissions();
     assert_eq!(mode.mode() & 0o7777, 0o600);
-    // Who is no administrator enrols and revokes nobody.
+    // A person who is not an administrator enrolls and revokes no one.
     let said = ends(&folder, "identity new eve --unprotected --by mara", 3);
     says(&said, &["mara", "only an administrator"]);
-    // Of an enrolment that was refused nothing is left.
+    // A refused enrollment leaves nothing.
     is(&folder, &[("admin", "enrolled"), ("mara", "enrolled"), ("omar", "enrolled")]);
     let said = ends(&folder, "identity revoke omar --by mara --reason envy", 3);
     says(&said, &["only an administrator"]);
     let said = ends(&folder, "identity revoke admin --by admin --reason tired", 3);
-    says(&said, &["last administrator", "enrol another administrator first"]);
-    // A name and a key are somebody's for good.
+    says(&said, &["last administrator", "enroll another administrator first"]);
+    // A name and a key belong to a person permanently.
     ends(&folder, "identity revoke omar --by admin --reason left", 0);
     let said = ends(&folder, "identity enrol omar --by admin --reason back", 3);
     says(&said, &["revoked in this store already"]);
@@ -78,7 +78,7 @@ fn people_come_and_go_by_an_administrators_act_alone() {
     says(&said, &["that of \"mara\" already", "one key is one person"]);
     let all = [("admin", "enrolled"), ("alias", "not-enrolled"), ("mara", "enrolled"), ("omar", "revoked")];
     is(&folder, &all);
-    // Public files are read for signing: edited, removed or added they change nothing.
+    // Public files are read for signing: edited, removed or added ones change nothing.
     let elsewhere = tempfile::tempdir().unwrap();
     ends(&elsewhere, "identity new eve --unprotected", 0);
     fs::copy(elsewhere.path().join("store/keys/identities/eve.pub"), keys.join("eve.pub")).unwrap();
@@ -117,14 +117,10 @@ fn of_an_enrolment_that_is_refused_nothing_is_left() {
     };
     let before = files();
     let new = format!("identity new mara --passphrase-file {elm} --by admin");
-    // Without the passphrase of the administrator, with a wrong one, with a file that is not there, by nobody.
+    // Without the administrator's passphrase, with a wrong one, with a missing file, by an unknown person.
     for (call, code, words) in [
         (new.clone(), 2, "--by-passphrase-file FILE"),
-        (
-            format!("{new} --by-passphrase-file {elm}"),
-            2,
-            "that of admin, of which --by-passphrase-file names the file",
-        ),
+        (format!("{new} --by-passphrase-file {elm}"), 2, "--by-passphrase-file names its file"),
         (format!("{new} --by-passphrase-file nowhere"), 2, "nowhere"),
         (format!("identity new mara --passphrase-file {elm} --by eve"), 2, "eve"),
         (format!("identity new mara --passphrase-file {elm} --by rig"), 3, "only an administrator"),
@@ -132,9 +128,9 @@ fn of_an_enrolment_that_is_refused_nothing_is_left() {
         says(&ends(&folder, &call, code), &[words]);
         assert_eq!(files(), before, "{call}");
     }
-    // So the name is free for the call as it should have been.
+    // So the name is free for the correct call.
     let said = ends(&folder, &format!("{new} --by-passphrase-file {oak}"), 0);
-    says(&said, &["made the identity mara", "enrolled by admin"]);
+    says(&said, &["created the identity mara", "enrolled by admin"]);
     says(&ends(&folder, "audit verify", 0), &["sound"]);
 }
 
@@ -142,7 +138,7 @@ fn of_an_enrolment_that_is_refused_nothing_is_left() {
 fn a_store_of_an_earlier_version_trusts_no_file() {
     let folder = copied(OPEN_ROLES);
     assert!(standings(&folder).iter().all(|(_, state)| state == "not-enrolled"));
-    // The first opening makes the administrator, and nobody else.
+    // Only the first opening makes the administrator.
     let said = ends(&folder, "resume align --as omar --reason back", 3);
     says(&said, &["omar is not enrolled in this store", "`holdpoint identity enrol omar --by admin"]);
     let found = standings(&folder);
@@ -150,7 +146,7 @@ fn a_store_of_an_earlier_version_trusts_no_file() {
     assert!(found.iter().all(|(name, state)| name == "admin" || state == "not-enrolled"), "{found:?}");
     let made = ends(&folder, "audit list --kind person-enrolled --json", 0);
     says(&made, &["made when a store of an earlier version was opened"]);
-    // It was last used where people decide.
+    // Last used under a profile with approvals.
     let said = ends(&folder, "identity enrol omar --by admin --reason known", 3);
     says(&said, &["the key of admin has no passphrase"]);
     let oak = file(folder.path(), "oak", "under the oak\n");
@@ -158,7 +154,7 @@ fn a_store_of_an_earlier_version_trusts_no_file() {
     ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
     let enrol = |who: &str| format!("identity enrol {who} --by admin --reason known --passphrase-file {oak}");
     ends(&folder, &enrol("omar"), 0);
-    // A role outside the set is chosen anew.
+    // A role outside the set must be chosen again.
     ends(&folder, &enrol("mara --role safety"), 0);
     let found = standings(&folder);
     for name in ["mara", "omar"] {
@@ -173,10 +169,10 @@ fn under_human_the_first_administrator_needs_a_passphrase_first() {
     let script = file(folder.path(), "human.toml", "profile = \"human\"\n[[step]]\npass = { for_s = 1 }\n");
     let oak = file(folder.path(), "oak", "under the oak\n");
     let (script, oak) = (script.display(), oak.display());
-    // Nothing was judged by it.
+    // It judged nothing.
     ends(&folder, &format!("run --headless --script {script}"), 5);
     let said = ends(&folder, &format!("identity new ben --passphrase-file {oak}"), 0);
-    says(&said, &["not enrolled", "`holdpoint identity enrol ben --by admin --reason TEXT` enrols the key"]);
+    says(&said, &["not enrolled", "`holdpoint identity enrol ben --by admin --reason TEXT` enrolls the key"]);
     let enrol = format!("identity enrol ben --by admin --reason joins --passphrase-file {oak}");
     let said = ends(&folder, &enrol, 3);
     says(&said, &["the key of admin has no passphrase", "`holdpoint identity passphrase admin` sets one"]);
@@ -231,11 +227,11 @@ fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     assert!(keys.join("mara.agent").exists() && !keys.join("mara.key").exists());
     let said = with("identity list", Some(&socket), 0);
     assert!(said.lines().any(|row| row.starts_with("mara") && row.contains("elsewhere")), "{said}");
-    // What she answers for, the agent signs.
+    // She is accountable, and the agent signs.
     ends(&folder, "stop", 6);
     let go = "go --stops 1 --as mara --reason empty";
     says(&with(go, None, 2), &["SSH_AUTH_SOCK names no ssh-agent"]);
-    says(&with(go, Some(&socket), 0), &["works again"]);
+    says(&with(go, Some(&socket), 0), &["runs again"]);
     let asked = ends(&folder, "audit list --kind asked --json", 0);
     says(&asked, &["mara", "verified"]);
     agent.forget();

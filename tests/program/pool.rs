@@ -1,4 +1,4 @@
-//! Pools of candidates: what is generated loads, is what the truth says as far as it can be read, and tells nothing.
+//! Pools of candidates: each loads, matches its ground truth as far as readable, and reveals nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -6,27 +6,27 @@ use std::path::Path;
 
 use holdpoint::engine;
 use holdpoint::governance::decision::Dimension;
-use holdpoint::governance::interface::{self, InterfaceInput, Registered};
+use holdpoint::governance::interface::{self, InterfaceInput, RegisteredVersion};
 use holdpoint::governance::outcome::{InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint::governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::{self, StaticInput};
 use holdpoint::governance::submission::Package;
-use holdpoint::lab::pool::generate::{FAMILIES, Order, SETS_MAX, draw, write};
-use holdpoint::lab::pool::listed::Listed;
-use holdpoint::lab::pool::{Class, INDEX_FILE, Pool, PoolError, PoolTruth, Preset, truth_path};
+use holdpoint::lab::candidate_pool::generate::{FAMILIES, PoolSpec, SETS_MAX, draw, write};
+use holdpoint::lab::candidate_pool::paper_kinds::Listed;
+use holdpoint::lab::candidate_pool::{Class, INDEX_FILE, Pool, PoolError, PoolTruth, Preset, truth_path};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint_body::FailureSignal;
 
-/// Seeds for calibration: pools that are reported on are drawn from others.
+/// Seeds for calibration: reported pools use other seeds.
 const SEEDS: [u64; 4] = [100, 101, 102, 103];
 
-const fn order(seed: u64, sets: u32, preset: Preset) -> Order {
-    Order { seed, sets, preset }
+const fn order(seed: u64, sets: u32, preset: Preset) -> PoolSpec {
+    PoolSpec { seed, sets, preset }
 }
 
-/// Each generated candidate, loaded, with its entry in the truth.
-fn loaded(order: Order) -> (Vec<Capability>, PoolTruth) {
+/// Each generated candidate, loaded, with its entry in the ground truth.
+fn loaded(order: PoolSpec) -> (Vec<Capability>, PoolTruth) {
     let drawn = draw(order).unwrap();
     let truth: PoolTruth = serde_json::from_slice(&drawn.truth).unwrap();
     let names = drawn.index.candidates.iter().map(|candidate| candidate.name.clone());
@@ -40,7 +40,7 @@ struct Verdict {
     recovery: RecoveryOutcome,
 }
 
-/// What stage 2 says under a profile, with the baselines active.
+/// The verdict of stage 2 under a profile, with the baselines active.
 fn verdict(
     candidate: &Capability,
     profile: &Profile,
@@ -49,9 +49,9 @@ fn verdict(
 ) -> Verdict {
     let active = baselines.iter().find(|baseline| baseline.id().family == candidate.id().family).unwrap();
     let exports = candidate.bundle.interface();
-    let registered: Vec<Registered> = baselines
+    let registered: Vec<RegisteredVersion> = baselines
         .iter()
-        .map(|baseline| Registered {
+        .map(|baseline| RegisteredVersion {
             id: baseline.id(),
             active: true,
             dependencies: baseline.manifest.deployment.dependencies.clone(),
@@ -118,7 +118,7 @@ fn what_can_be_read_has_the_verdict_it_was_made_for() {
                     PolicyOutcome::Compatible | PolicyOutcome::Conditional => !grabs,
                     PolicyOutcome::NoData => false,
                 };
-                // A fault of recovery shows in the drills alone.
+                // Only the drills show a fault of recovery.
                 let recovery = found.recovery == RecoveryOutcome::Compatible;
                 if !(interface && policy && recovery) {
                     problems.push(format!(
@@ -136,15 +136,16 @@ fn what_can_be_read_has_the_verdict_it_was_made_for() {
         }
     }
     assert!(problems.is_empty(), "{}", problems.join("\n"));
-    // Every mechanism there is occurred in the pools looked at.
-    for kind in
-        holdpoint::lab::pool::structure::INTERFACE.iter().chain(&holdpoint::lab::pool::structure::PERMISSION)
+    // Every mechanism occurs in the generated pools.
+    for kind in holdpoint::lab::candidate_pool::structure::INTERFACE
+        .iter()
+        .chain(&holdpoint::lab::candidate_pool::structure::PERMISSION)
     {
         assert!(seen.contains(kind.0), "{} never occurred", kind.0);
     }
 }
 
-/// What of appendix C stands in the manifest is refused at the desk, and each kind is in every set.
+/// Faults of appendix C that are in the manifest are rejected in stage 2, and each kind is in every set.
 #[test]
 fn the_rest_of_appendix_c_has_the_verdict_it_was_made_for() {
     let baselines = engine::embedded::baselines().unwrap();
@@ -153,7 +154,7 @@ fn the_rest_of_appendix_c_has_the_verdict_it_was_made_for() {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     for seed in SEEDS {
         let (candidates, truth) = loaded(order(seed, 2, Preset::AppendixC));
-        // What was drawn before these kinds were there is drawn as it was.
+        // Samples from before these kinds existed are unchanged.
         let (without, _) = loaded(order(seed, 2, Preset::Full10));
         let params =
             |of: &[Capability]| of.iter().map(|one| one.package.params.clone()).collect::<BTreeSet<_>>();
@@ -196,7 +197,8 @@ fn a_set_holds_the_kinds_of_its_preset_and_two_of_a_kind_differ_in_their_way() {
             let ways: BTreeSet<&String> = of(Class::Faulty).into_iter().collect();
             assert_eq!(ways.len(), faulty, "{family}: two candidates are made in the same way: {ways:?}");
         }
-        let grasp_force = |entry: &&holdpoint::lab::pool::TruthEntry| entry.kind == "behavior-force";
+        let grasp_force =
+            |entry: &&holdpoint::lab::candidate_pool::TruthEntry| entry.kind == "behavior-force";
         let named = truth.entries.iter().find(grasp_force).expect("the paper's own example is in every set");
         assert!(named.what.contains("grip_force_n 18.0 -> 25.2"), "{}", named.what);
         assert!(named.what.contains("pregrasp_check true -> false"), "{}", named.what);
@@ -226,7 +228,7 @@ fn no_two_candidates_are_equal_and_versions_are_new() {
 
 #[test]
 fn names_versions_and_submissions_do_not_tell_the_class() {
-    // The mean place of benign candidates in their family's order would give a sorted pool away.
+    // The mean place of benign candidates in their family's order would reveal a sorted pool.
     let (mut places, mut count) = (0.0, 0.0);
     let mut told: BTreeMap<String, BTreeSet<bool>> = BTreeMap::new();
     for seed in 100..120 {
@@ -277,9 +279,9 @@ fn a_written_pool_is_read_and_its_truth_is_sealed() {
         let loaded = Capability::load(&candidate.name, package).unwrap();
         assert_eq!((&loaded.id().family, &loaded.id().version), (&candidate.family, &candidate.version));
     }
-    // Nothing that stands there is overwritten.
+    // Existing files are not overwritten.
     assert!(matches!(write(order(100, 1, Preset::Paper8), &dir), Err(PoolError::Exists(_))));
-    // A truth that was changed in one letter scores nothing.
+    // A ground truth with one changed letter scores nothing.
     let path = truth_path(&dir);
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, text.replacen("faulty", "benign", 1)).unwrap();

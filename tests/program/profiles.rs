@@ -1,5 +1,5 @@
-//! Profiles of one's own, through the real program: checked before anything is opened, on record, and what a store goes
-//! on under, with or without the files.
+//! Custom profiles, through the real program: checked before anything is opened, on record, and kept by a store
+//! with or without their files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ fn text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
-/// A profile of class human, named line-4 and changed, in the folder of the store's own profiles.
+/// A changed profile of class human, named line-4, in the folder of the store's own profiles.
 fn line_4(store: &Path, from: &str, to: &str) -> PathBuf {
     let folder = store.join("profiles");
     fs::create_dir_all(&folder).unwrap();
@@ -31,7 +31,7 @@ fn line_4(store: &Path, from: &str, to: &str) -> PathBuf {
     path
 }
 
-/// Records of a kind, the newest first.
+/// Records of a kind, newest first.
 fn records(store: &Path, kind: &str) -> Vec<Value> {
     let listed = on(store, &["audit", "list", "--kind", kind, "--json"]);
     String::from_utf8(listed.stdout)
@@ -63,10 +63,10 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
     assert!(body.contains("timeout_s = 500.0") && body.contains("keep-out"), "numbers and policies: {body}");
     assert_eq!(records(&store, "context-set").len(), 1);
 
-    // The files are gone, and the store still knows what it is under.
+    // The files are gone, and the store still knows its profile.
     fs::remove_dir_all(store.join("profiles")).unwrap();
     let signed = ["candidate", "register", IMPROVED, "--as", "mara", "--passphrase-file", oak];
-    // Nobody whom an open key made lets anything go on among people.
+    // A person enrolled by an unencrypted key lets nothing continue among people.
     let registered = on(&store, &signed);
     assert!(
         !registered.status.success() && text(&registered).contains("identity confirm mara"),
@@ -84,16 +84,16 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
     assert!(text(&on(&store, &["status"])).contains("human (line-4)"));
     assert_eq!(records(&store, "context-set").len(), 1, "nothing was voided");
 
-    // Another number is another profile: what was made under the first is void, and both are on record.
+    // Another number is another profile: evidence under the first is void, and both are on record.
     line_4(&store, "timeout_s = 600.0 ", "timeout_s = 300.0 ");
     let paused = on(&store, &["pause", "--as", "mara", "--reason", "only the profile is of interest"]);
     assert!(paused.status.success(), "{}", text(&paused));
-    // An administrator signs that, although no field is looser.
+    // An administrator signs that, although no field is less strict.
     let run = || on(&store, &["run", "--plain", "--profile", path.to_str().unwrap()]);
     let refused = run();
     let said = text(&refused);
     assert_eq!(refused.status.code(), Some(3), "{said}");
-    assert!(said.contains("it changes the profile human, no field is looser"), "{said}");
+    assert!(said.contains("it changes the profile human, no field is"), "{said}");
     assert!(said.contains(&format!("holdpoint profile allow {}", path.display())), "{said}");
     assert_eq!(records(&store, "profile-loaded").len(), 1);
     let allow =
@@ -107,7 +107,7 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
     assert_eq!(on(&store, &["audit", "verify"]).status.code(), Some(0));
 }
 
-/// A file of the owner's alone with a passphrase.
+/// A private file with a passphrase.
 fn words(root: &Path) -> String {
     let path = root.join("oak");
     fs::write(&path, "under the oak\n").unwrap();
@@ -121,7 +121,7 @@ fn ends(output: &Output, code: i32, parts: &[&str]) {
     assert!(parts.iter().all(|part| said.contains(part)), "{said}");
 }
 
-/// An option alone would do away with the people whom the stricter profile asks.
+/// An option alone would remove the approvers whom the stricter profile requires.
 #[test]
 fn a_change_of_profile_takes_an_administrators_authorization() {
     let root = tempfile::tempdir().unwrap();
@@ -133,12 +133,12 @@ fn a_change_of_profile_takes_an_administrators_authorization() {
     let allow = ["profile", "allow", "sim", "--by", "admin", "--reason", "taken apart"];
     assert_eq!(on(&store, &["run", "--plain", "--profile", "human"]).status.code(), Some(5));
     let before = records(&store, "context-set").len();
-    let refused = ["goes over from the profile human to sim", "fields are looser", "profile allow sim"];
+    let refused = ["goes over from the profile human to sim", "fields are", "profile allow sim"];
     ends(&on(&store, &["run", "--plain", "--profile", "sim"]), 3, &refused);
     ends(&on(&store, &["run", "--plain", "--profile", "real"]), 3, &["profile allow real"]);
     ends(&scenario("reject-interface"), 3, &["no script uses this store"]);
     assert_eq!(records(&store, "context-set").len(), before);
-    // Whoever can read a key without a passphrase is not the administrator.
+    // The reader of an unencrypted key is not the administrator.
     ends(&on(&store, &allow), 3, &["had no passphrase", "identity passphrase admin"]);
     let oak = words(root.path());
     let kept = on(&store, &["identity", "passphrase", "admin", "--new-passphrase-file", &oak]);
@@ -147,7 +147,7 @@ fn a_change_of_profile_takes_an_administrators_authorization() {
         ["profile", "allow", "real", "--by", "nobody", "--reason", "a try", "--passphrase-file", &oak];
     ends(&on(&store, &human), 2, &["nobody"]);
     let signed = on(&store, &[&allow[..], &["--passphrase-file", &oak]].concat());
-    let shown = ["activation.approval_bound", "the profile sim is allowed by admin for the start that"];
+    let shown = ["activation.approval_bound", "admin allows the profile sim for the next start"];
     ends(&signed, 0, &shown);
     let word = records(&store, "profile-allowed").remove(0).to_string();
     assert!(word.contains("taken apart") && word.contains("activation.approval_bound"), "{word}");
@@ -156,13 +156,14 @@ fn a_change_of_profile_takes_an_administrators_authorization() {
     ends(
         &on(&store, &[&allow[..], &["--passphrase-file", &oak]].concat()),
         2,
-        &["sim takes no authorization"],
+        &["sim needs no authorization"],
     );
     let verified = on(&store, &["audit", "verify"]);
     assert!(verified.status.success(), "{}", text(&verified));
 }
 
-/// Numbers of a file of class `real` at the loose ends of their ranges, as an attacker wrote it; all are well formed.
+/// Numbers of a file of class `real` at the least strict ends of their ranges, as an attacker wrote it; all are
+/// well formed.
 const LOOSE: &[(&str, &str)] = &[
     ("sandbox_pairs", "60"),
     ("alpha", "0.0001"),
@@ -207,7 +208,7 @@ const LOOSE: &[(&str, &str)] = &[
     ("slow_factor", "10.0"),
 ];
 
-/// The attack `red-team/16`: what is looser than the profile that comes with the program lies in a file of its class.
+/// The attack `red-team/16`: fields that are less strict than the built-in profile are in a file of its class.
 #[test]
 fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorization() {
     let root = tempfile::tempdir().unwrap();
@@ -216,7 +217,7 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
     let line = |line: &str| {
         let (key, rest) = line.split_once('=')?;
         let (_, value) = LOOSE.iter().find(|(name, _)| *name == key.trim())?;
-        // `rate_min` and others are there twice, in tables that the attack left alone.
+        // `rate_min` and others occur twice, in tables that the attack did not change.
         rest.contains('#').then(|| format!("{} = {value}  # a reason", key.trim()))
     };
     let loose: Vec<String> =
@@ -226,18 +227,18 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
     fs::write(&path, loose).unwrap();
     fs::copy(Path::new(PROFILES).join("real.cedar"), root.path().join("line.cedar")).unwrap();
     let path = path.to_str().unwrap();
-    let checked = ["real (line) is well formed", "fields are looser", "an administrator has to sign that"];
+    let checked = ["real (line) is well formed", "fields are", "an administrator must sign that"];
     ends(&on(&store, &["profile", "check", path]), 0, &checked);
-    // At the first start of all ...
+    // At the first start ...
     let hint = format!("holdpoint profile allow {path} --by ADMIN");
-    let refused = ["it begins with the profile real", "fields are looser, the first of them", &hint];
+    let refused = ["it begins with the profile real", "the first of them", &hint];
     ends(&on(&store, &["run", "--plain", "--profile", path]), 3, &refused);
     assert!(!store.join("holdpoint.db").exists(), "no store is made for it");
-    // ... and after one under the profile that comes with the program.
+    // ... and after one under the built-in profile.
     assert_eq!(on(&store, &["run", "--plain", "--profile", "real"]).status.code(), Some(5));
     ends(&on(&store, &["serve", "--profile", path]), 3, &["it changes the profile real", &hint]);
     assert_eq!(records(&store, "context-set").len(), 1);
-    // What an administrator signs names every field.
+    // The administrator's signature names every field.
     let allow = ["profile", "allow", path, "--by", "admin", "--reason", "a test cell", "--json"];
     let allowed = on(&store, &allow);
     ends(&allowed, 0, &[]);
@@ -253,7 +254,7 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
     }
     assert_eq!(records(&store, "profile-allowed").len(), 1);
     assert_eq!(on(&store, &["run", "--plain", "--profile", path]).status.code(), Some(5));
-    // It goes on under it without another authorization, and not back without one.
+    // It continues under that profile without another authorization, and not back without one.
     assert_eq!(on(&store, &["run", "--plain"]).status.code(), Some(5));
     assert_eq!(records(&store, "context-set").len(), 2);
     ends(
@@ -261,7 +262,7 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
         3,
         &["it changes the profile real", "allow real"],
     );
-    // For a store that there is not yet, too; among people by a guarded key.
+    // Before the store exists, too; among people by a passphrase-protected key.
     let other = root.path().join("other");
     let human = line_4(&other, "timeout_s = 600.0 ", "timeout_s = 900.0 ");
     let human =
@@ -277,7 +278,7 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
     }
 }
 
-/// Whoever could choose the seed of each life would try a candidate under one after another.
+/// A free choice of the seed for each session would let a candidate be tried under one after another.
 #[test]
 fn a_store_keeps_the_seed_that_it_was_begun_with() {
     let root = tempfile::tempdir().unwrap();
@@ -292,7 +293,7 @@ fn a_store_keeps_the_seed_that_it_was_begun_with() {
         let run = run(same);
         assert!(run.status.code() == Some(5) && text(&run).contains("seed 7"), "{}", text(&run));
     }
-    // A script names any, and chooses none for others.
+    // A script names any seed, and chooses none for others.
     let script = format!("{}/tests/scenarios/reject-interface.toml", env!("CARGO_MANIFEST_DIR"));
     let script = ["run", "--headless", "--seed", "8", "--script", &script];
     ends(&on(&store, &script), 1, &["seed 8"]);
@@ -383,7 +384,7 @@ fn check_judges_under_a_sites_own_policies_too() {
     let shipped = fs::read_to_string(&policies).unwrap();
     let own = shipped + "\n@id(\"no-grip\")\nforbid (principal, action == Action::\"gripper\", resource);\n";
     fs::write(&policies, own).unwrap();
-    // Asked for, it is the only one, and it refuses.
+    // If requested, it is the only one, and it refuses.
     let check = ["candidate", "check", IMPROVED, "--json"];
     let asked = on(&store, &[&check[..], &["--profile", "line-4"]].concat());
     assert_eq!(asked.status.code(), Some(1), "{}", text(&asked));
@@ -392,7 +393,7 @@ fn check_judges_under_a_sites_own_policies_too() {
     assert_eq!(verdicts.len(), 1, "{verdicts:?}");
     assert_eq!(verdicts[0]["profile"], "human (line-4)");
     assert!(verdicts[0]["admitted"] == false && verdicts[0]["reasons"].to_string().contains("no-grip"));
-    // A store that is used under it says so of its own accord, beside those that come with the program.
+    // A store under that profile adds it to the built-in ones.
     assert_eq!(on(&store, &["run", "--plain", "--profile", "line-4"]).status.code(), Some(5));
     fs::remove_dir_all(store.join("profiles")).unwrap();
     let checked = on(&store, &check);

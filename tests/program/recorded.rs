@@ -6,17 +6,17 @@ use std::time::Duration;
 
 use holdpoint::protocol::clock::tick_of;
 use holdpoint::protocol::event::Event;
-use holdpoint::protocol::sink::{Closed, Report};
-use holdpoint::recordings::record::{KIND, Recorded};
+use holdpoint::protocol::sink::{ClosedRecording, SinkReport};
+use holdpoint::recordings::audit_record::{KIND, RecordingClosure};
 use holdpoint::registry::{AuditBody, Store, Transaction};
-use holdpoint::scene::{SceneConfig, Scenes, read};
+use holdpoint::scene::{SceneConfig, SceneSink, read};
 
 use crate::{shift, upgrade};
 
-/// Lets the sink record the upgrade that was made by hand, in a folder.
-fn record(folder: &Path) -> Closed {
+/// Lets the sink record the hand-made upgrade, in a folder.
+fn record(folder: &Path) -> ClosedRecording {
     let config = SceneConfig { recordings: Some(folder.to_owned()), ..SceneConfig::default() };
-    let scenes = Scenes::start(config).unwrap();
+    let scenes = SceneSink::start(config).unwrap();
     let feed = scenes.feed();
     let made = upgrade::recording();
     let mut pictures = made.pictures.into_iter().peekable();
@@ -28,8 +28,8 @@ fn record(folder: &Path) -> Closed {
     }
     let reports = scenes.finish(Duration::from_mins(1));
     let closed = reports.iter().find_map(|report| match report {
-        Report::Closed(closed) => Some(closed.clone()),
-        Report::Failed { .. } | Report::Serving { .. } | Report::NotServing { .. } => None,
+        SinkReport::Closed(closed) => Some(closed.clone()),
+        SinkReport::Failed { .. } | SinkReport::Serving { .. } | SinkReport::NotServing { .. } => None,
     });
     closed.unwrap_or_else(|| panic!("{reports:?}"))
 }
@@ -69,7 +69,7 @@ fn it_is_printed_whole_or_up_to_a_moment() {
     assert_eq!(holdpoint(root.path(), &words).0, Some(0));
     assert_eq!(read(&cut).unwrap().events.len(), earlier);
     let (code, text) = holdpoint(root.path(), &words);
-    assert!(code == Some(2) && text.contains("is there already"), "{text}");
+    assert!(code == Some(2) && text.contains("exists already"), "{text}");
 }
 
 /// A store with a closed recording whose digest is on record.
@@ -77,7 +77,7 @@ fn store(root: &Path) -> PathBuf {
     let store = Store::open(root).unwrap();
     let folder = store.layout().recordings();
     let closed = record(&folder);
-    let recorded = Recorded {
+    let recorded = RecordingClosure {
         file: closed.file.clone(),
         sha256: closed.digest,
         bytes: closed.bytes,
@@ -108,7 +108,7 @@ fn one_changed_byte_is_found_before_it_is_opened() {
         holdpoint(root.path(), &["store", "backup", to.to_str().unwrap(), "--with-recordings"])
     };
     let (code, text) = copied("good");
-    assert!(code == Some(0) && text.contains("with 1 recording, each as recorded"), "{text}");
+    assert!(code == Some(0) && text.contains("with 1 recording, each with its recorded digest"), "{text}");
     let all = ["audit", "verify", "--all"];
     let (code, text) = holdpoint(&elsewhere.path().join("good"), &all);
     assert!(code == Some(0) && text.contains("recordings         1"), "{text}");
@@ -120,7 +120,7 @@ fn one_changed_byte_is_found_before_it_is_opened() {
     assert!(code == Some(1) && text.contains("DIFFERS"), "{text}");
     for form in ["--plain", "--json"] {
         let (code, text) = holdpoint(root.path(), &["replay", "place@1.1.0", form]);
-        assert!(code == Some(1) && text.contains("does not match what was recorded at closure"), "{text}");
+        assert!(code == Some(1) && text.contains("does not match its digest at closure"), "{text}");
     }
     let (code, text) = copied("edited");
     assert!(code == Some(1) && text.contains("LEFT OUT") && text.contains("another SHA-256"), "{text}");

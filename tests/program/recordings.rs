@@ -1,4 +1,5 @@
-//! Recordings of whole upgrades, through the program: what they hold, what they survive, and that they change nothing.
+//! Recordings of whole upgrades, through the program: their content, their robustness, and that they change
+//! nothing.
 
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -7,12 +8,12 @@ use std::time::{Duration, Instant};
 
 use holdpoint::governance::record::UpgradeEnd;
 use holdpoint::protocol::event::{Event, EventKind};
-use holdpoint::recordings::folder;
 use holdpoint::recordings::recording::Recording;
+use holdpoint::recordings::recording_folder;
 use holdpoint::registry::{Layout, Views};
-use holdpoint::scene::{self, SceneConfig, Scenes};
+use holdpoint::scene::{self, SceneConfig, SceneSink};
 
-/// Longer than anything here takes.
+/// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(5);
 
 const IN_SHADOW: &str = "reject-in-shadow";
@@ -36,7 +37,7 @@ fn events(output: &Output) -> Vec<Event> {
     text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
 }
 
-/// Without what is about the recordings themselves.
+/// Without events about the recordings themselves.
 fn decisions(events: &[Event]) -> Vec<Event> {
     let about_scenes =
         |event: &&Event| matches!(event.kind, EventKind::RecordingKept { .. } | EventKind::Scene { .. });
@@ -52,7 +53,7 @@ fn failures(events: &[Event]) -> Vec<String> {
 }
 
 fn only_recording(data: &Path) -> (PathBuf, Recording) {
-    let filed = folder::list(&Layout::new(data).recordings()).unwrap();
+    let filed = recording_folder::list(&Layout::new(data).recordings()).unwrap();
     assert_eq!(filed.len(), 1, "{filed:?}");
     let path = filed[0].path.clone();
     let recording = scene::read(&path).unwrap();
@@ -67,7 +68,7 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     let without =
         events(&script(IN_SHADOW, plain.path(), cache.path()).arg("--no-recording").output().unwrap());
     assert!(without.len() > 20, "{without:?}");
-    assert!(folder::list(&Layout::new(plain.path()).recordings()).unwrap().is_empty());
+    assert!(recording_folder::list(&Layout::new(plain.path()).recordings()).unwrap().is_empty());
 
     let kept = fresh();
     let with = events(&script(IN_SHADOW, kept.path(), cache.path()).output().unwrap());
@@ -80,9 +81,9 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
         }
         _ => None,
     });
-    let (file, digest, bytes, pictures, dropped) = told.expect("its digest is told");
+    let (file, digest, bytes, pictures, dropped) = told.expect("an event has its digest");
     assert_eq!(path.file_name().unwrap().to_str().unwrap(), file);
-    assert_eq!(folder::digest(&path).unwrap(), digest);
+    assert_eq!(recording_folder::digest(&path).unwrap(), digest);
     assert_eq!(std::fs::metadata(&path).unwrap().len(), bytes);
     assert_eq!((recording.pictures.len() as u64, recording.dropped), (pictures, (0, 0)));
     assert_eq!(dropped, [0, 0]);
@@ -96,7 +97,7 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
         events.iter().filter(ours).cloned().collect()
     };
     assert!(decided(&with).len() >= 3);
-    assert_eq!(decided(&recording.events), decided(&with), "decisions read back as they were told");
+    assert_eq!(decided(&recording.events), decided(&with), "decisions read back as they were reported");
     let names: Vec<&str> = recording.series.iter().map(|series| series.name.as_str()).collect();
     for name in ["kappa/B", "shadow/output", "tool/speed", "tool/force"] {
         assert!(names.contains(&name), "{names:?}");
@@ -104,7 +105,7 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     let verified = holdpoint().args(["recordings", "verify", "--data"]).arg(kept.path()).output().unwrap();
     assert!(verified.status.success(), "{verified:?}");
 
-    // What somebody puts beside it is signed by nobody: under no recording's name, under another version's, under its own.
+    // Foreign files beside it are unsigned: under no recording's name, under another version's, under its own.
     let planted =
         ["evil.rrd".to_owned(), file.replace(".rrd", ".2.rrd"), "grasp-9.9.9-deadbeef.rrd".to_owned()];
     for name in &planted {
@@ -119,10 +120,10 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
         std::fs::remove_file(path.with_file_name(name)).unwrap();
     }
 
-    // What was not refused in the sandbox has pictures of the live cell alone.
+    // A version that passed the sandbox has camera frames of the live cell only.
     assert!(recording.films.is_empty(), "{:?}", recording.films);
 
-    // The same run again, with a viewer's address that somebody stalls: same bytes.
+    // The same run again, with a viewer that stalls: same bytes.
     let viewed = fresh();
     let port = free_port();
     let mut run = script(IN_SHADOW, viewed.path(), cache.path());
@@ -134,10 +135,14 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     child.wait().unwrap();
     drop(stalled);
     let seen: Vec<Event> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
-    assert_eq!(decisions(&seen), without, "who looks on changes nothing");
-    assert_eq!(folder::digest(&only_recording(viewed.path()).0).unwrap(), digest, "same seed, same bytes");
+    assert_eq!(decisions(&seen), without, "a viewer changes nothing");
+    assert_eq!(
+        recording_folder::digest(&only_recording(viewed.path()).0).unwrap(),
+        digest,
+        "same seed, same bytes"
+    );
 
-    // A disk that is full, and an address that is taken.
+    // A full disk, and an address in use.
     let full = fresh();
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let mut run = script(IN_SHADOW, full.path(), cache.path());
@@ -149,7 +154,7 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     assert!(said.iter().any(|text| text.contains(&taken.local_addr().unwrap().to_string())), "{said:?}");
 }
 
-/// The commonest refusal can be watched: what it was refused for, from the recording's first moment on.
+/// The most common rejection can be watched from the recording's first moment.
 #[test]
 fn a_refusal_in_the_sandbox_shows_what_it_was_for() {
     let cache = tempfile::tempdir().unwrap();
@@ -204,9 +209,9 @@ fn what_was_written_before_a_kill_is_read_and_the_file_is_mended_at_the_next_sta
     let folder = Layout::new(data.path()).recordings();
     let until = Instant::now() + PATIENCE;
     let path = loop {
-        let filed = folder::list(&folder).unwrap();
+        let filed = recording_folder::list(&folder).unwrap();
         let grown = filed.iter().find(|filed| {
-            // Some of the work in the live cell is in it.
+            // Part of the live cell's run is in it.
             filed.bytes > 60_000 && scene::read(&filed.path).is_ok_and(|read| read.pictures.len() > 100)
         });
         if let Some(filed) = grown {
@@ -223,19 +228,19 @@ fn what_was_written_before_a_kill_is_read_and_the_file_is_mended_at_the_next_sta
     assert!(torn.pictures.len() > 100 && torn.outcome.is_none());
 
     let config = SceneConfig { recordings: Some(folder.clone()), ..SceneConfig::default() };
-    let reports = Scenes::start(config).unwrap().finish(PATIENCE);
-    assert_eq!(reports, Vec::new(), "the upgrade goes on: nothing of it is closed");
+    let reports = SceneSink::start(config).unwrap().finish(PATIENCE);
+    assert_eq!(reports, Vec::new(), "the upgrade continues: nothing of it is closed");
     assert_eq!(scene::read(&path).unwrap(), torn, "nothing of it is lost");
 
-    // The next engine goes on with the upgrade beside another one: in a segment of its own, until it is closed.
+    // The next engine continues the upgrade beside another one: in a segment of its own, until it is closed.
     let again = script("reject-interface", data.path(), cache.path()).output().unwrap();
     assert_eq!(again.status.code(), Some(1), "{}", String::from_utf8_lossy(&again.stderr));
-    let filed = folder::list(&folder).unwrap();
+    let filed = recording_folder::list(&folder).unwrap();
     let segments: Vec<Recording> = filed.iter().map(|filed| scene::read(&filed.path).unwrap()).collect();
     let ours = segments.iter().filter(|segment| segment.about.version == torn.about.version);
     let pictures: Vec<_> = ours.flat_map(|segment| &segment.pictures).collect();
-    // What was not on record when it was killed is worked again, at the same virtual times: of two pictures with one
-    // time the later life's is read.
+    // Episodes that were not on record at the kill are re-run at the same virtual times: of two camera frames with
+    // one time, that of the later session is read.
     assert!(pictures.len() > torn.pictures.len(), "{} of {}", pictures.len(), torn.pictures.len());
     let verified = holdpoint().args(["recordings", "verify", "--data"]).arg(data.path()).output().unwrap();
     assert!(verified.status.success(), "{verified:?}");

@@ -1,4 +1,5 @@
-//! The optimiser as its user sees it: same candidate however it was run, nothing overwritten, one clear error.
+//! The optimizer as its user sees it: the same candidate for any way of running, nothing overwritten, one clear
+//! error.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -7,18 +8,18 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint::governance::submission::Provenance;
-use holdpoint::lab::refine::journal::FILE;
-use holdpoint::lab::refine::settings::{RefineError, Settings};
-use holdpoint::lab::refine::{RefineReport, refine};
+use holdpoint::lab::parameter_search::journal::FILE;
+use holdpoint::lab::parameter_search::settings::{RefineError, SearchSettings};
+use holdpoint::lab::parameter_search::{RefineReport, refine};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint_body::TaskKind;
 
-/// The quickest family, with as little effort as still finds something better.
-fn settings(out: &Path, jobs: usize) -> Settings<'_> {
-    Settings { task: TaskKind::Place, generations: 2, episodes: 2, seed: 3, jobs, out, version: None }
+/// The quickest family, with the least effort that still finds an improvement.
+fn settings(out: &Path, jobs: usize) -> SearchSettings<'_> {
+    SearchSettings { task: TaskKind::Place, generations: 2, episodes: 2, seed: 3, jobs, out, version: None }
 }
 
-/// Runs to the end, or until `after` evaluations were told of.
+/// Runs to the end, or until `after` evaluations were reported.
 fn run(out: &Path, jobs: usize, after: Option<usize>) -> Result<RefineReport, RefineError> {
     let cancel = AtomicBool::new(false);
     let mut told = 0;
@@ -28,7 +29,7 @@ fn run(out: &Path, jobs: usize, after: Option<usize>) -> Result<RefineReport, Re
     })
 }
 
-/// The files of a folder with what is in them.
+/// The files of a folder with their content.
 fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let entry = |entry: std::io::Result<fs::DirEntry>| {
         let entry = entry.unwrap();
@@ -61,7 +62,7 @@ fn interrupted_and_resumed_equals_uninterrupted_for_any_number_of_workers() {
     let resumed = run(broken.path(), 1, None).unwrap();
     assert_eq!(contents(&resumed.folder), expected);
 
-    // What was made is there to stay, and nothing is simulated for the refusal.
+    // The result stays, and the refusal simulates nothing.
     let again = run(plain.path(), 2, None).unwrap_err();
     assert!(matches!(again, RefineError::Exists(_)), "{again}");
     assert_eq!(contents(&report.folder), expected);
@@ -80,7 +81,7 @@ fn interrupted_and_resumed_equals_uninterrupted_for_any_number_of_workers() {
     assert_eq!(check.status.code(), Some(0), "{}", String::from_utf8_lossy(&check.stderr));
 }
 
-/// (arguments, exit code, what is said).
+/// (arguments, exit code, error text).
 #[test]
 fn bad_input_gets_one_clear_error() {
     let out = tempfile::tempdir().unwrap();

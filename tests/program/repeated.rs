@@ -27,10 +27,7 @@ fn a_killed_script_goes_on_and_one_that_ended_names_the_way_to_begin_anew() {
     let said = String::from_utf8(again.stdout).unwrap();
     let wrong = String::from_utf8(again.stderr).unwrap();
     assert_eq!(again.status.code(), Some(1), "{said}{wrong}");
-    assert!(
-        said.contains("is registered already, by a run that did not end; it goes on from validated"),
-        "{said}"
-    );
+    assert!(said.contains("already registered by an interrupted run; it continues from validated"), "{said}");
 
     let third = run(&data).output().unwrap();
     let wrong = String::from_utf8(third.stderr).unwrap();

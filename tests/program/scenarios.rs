@@ -24,12 +24,12 @@ fn verified(data: &Path) -> bool {
     verify.status.success()
 }
 
-/// (scenario, exit code, what its last state change says).
+/// (scenario, exit code, text of its last state change).
 const FAST: [(&str, i32, &str); 4] = [
     ("reject-interface", 1, "interface-signature-breaking"),
     ("reject-policy", 1, "policy-uncovered-high-risk"),
     ("reject-recovery", 1, "recovery-"),
-    ("permission-exceeded", 1, "behavior-hard-stop: command-past-guard was seen"),
+    ("permission-exceeded", 1, "behavior-hard-stop"),
 ];
 
 #[test]
@@ -46,7 +46,7 @@ fn scenarios_end_as_named_and_their_audit_verifies() {
     }
 }
 
-/// After the sandbox it is on record what a version declared and what it was seen to use.
+/// After the sandbox the record has the declared and the observed use of a version.
 #[test]
 fn declared_and_observed_permissions_are_on_record() {
     let data = tempfile::tempdir().unwrap();

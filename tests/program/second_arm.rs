@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint::engine::cell::{Cell, Conditions};
-use holdpoint::engine::trial::crew::Crew;
 use holdpoint::engine::trial::episodes::batch;
+use holdpoint::engine::trial::worker_pool::WorkerPool;
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::runtime::capability::{self, Capability};
@@ -25,9 +25,15 @@ fn a_six_axis_arm_grasps_through_the_same_code() {
     let grasp =
         Capability::load("grasp", capability::read(Path::new("manifests/grasp/1.0.0")).unwrap()).unwrap();
     let cancel = AtomicBool::new(false);
-    let records =
-        batch(&Crew::new(2), &cancel, &cell, (&grasp, &terms), Conditions::Canonical, 1_000_000..1_000_012)
-            .unwrap();
+    let records = batch(
+        &WorkerPool::new(2),
+        &cancel,
+        &cell,
+        (&grasp, &terms),
+        Conditions::Canonical,
+        1_000_000..1_000_012,
+    )
+    .unwrap();
     let done = records.iter().filter(|record| record.success).count();
     assert!(done >= 11, "{done} of 12 grasps: {records:?}");
 }

@@ -1,4 +1,4 @@
-//! The engine as a service, and what a run without a screen claims: nothing that it did not judge.
+//! The engine as a service, and the outcome of a run without a screen: only what it judged.
 
 use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixDatagram;
@@ -6,12 +6,12 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::door::socket_path;
+use holdpoint::engine::control_socket::socket_path;
 use holdpoint::registry::Layout;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-/// Longer than anything here takes.
+/// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(2);
 
 /// A candidate that the static rules reject at once.
@@ -41,7 +41,7 @@ fn versions(store: &Path) -> Vec<String> {
     rows.iter().map(|row| row["version"].as_str().unwrap().to_owned()).collect()
 }
 
-/// A program at work; it does not outlive the test.
+/// A running program; it does not outlive the test.
 struct Running(Child);
 
 impl Running {
@@ -57,7 +57,7 @@ impl Running {
         kill_process(Pid::from_raw(i32::try_from(self.0.id()).unwrap()).unwrap(), signal).unwrap();
     }
 
-    /// The code it ends with.
+    /// Its exit code.
     fn code(&mut self) -> Option<i32> {
         self.0.wait().unwrap().code()
     }
@@ -70,7 +70,7 @@ impl Drop for Running {
     }
 }
 
-/// What a service manager hears.
+/// The messages that a service manager receives.
 struct Manager(UnixDatagram);
 
 impl Manager {
@@ -80,7 +80,7 @@ impl Manager {
         Self(socket)
     }
 
-    /// Everything up to a message that begins so.
+    /// All messages up to one with this beginning.
     fn until(&self, wanted: &str) -> Vec<String> {
         let mut heard = Vec::new();
         let mut buffer = [0; 4096];
@@ -106,16 +106,16 @@ fn a_service_tells_its_manager_answers_and_ends_in_good_order() {
             .env("NOTIFY_SOCKET", &notify)
             .env("WATCHDOG_USEC", "5000000"),
     );
-    assert_eq!(manager.until("READY=1"), ["READY=1"], "ready is said first, once the engine answers");
+    assert_eq!(manager.until("READY=1"), ["READY=1"], "READY=1 comes first, once the engine answers");
     assert!(manager.until("STATUS=")[0].contains("sim, 4 of 4 families active"));
-    // Alive again and again, and not only once.
+    // Alive repeatedly, and not only once.
     manager.until("WATCHDOG=1");
     let begun = Instant::now();
     manager.until("WATCHDOG=1");
     assert!(begun.elapsed() > Duration::from_millis(500), "not all the time either");
 
     let baselines = versions(&store);
-    assert_eq!(baselines.len(), 4, "nothing of its own: {baselines:?}");
+    assert_eq!(baselines.len(), 4, "no own submission: {baselines:?}");
     let registered = on(&store, &["candidate", "register", REJECTED]);
     assert!(registered.status.success(), "{registered:?}");
     let awaited = ["status", "grasp", "--until", "rejected", "--timeout", "60"];
@@ -125,7 +125,7 @@ fn a_service_tells_its_manager_answers_and_ends_in_good_order() {
     service.tell(Signal::TERM);
     manager.until("STOPPING=1");
     assert_eq!(service.code(), Some(0));
-    assert!(!socket_path(&Layout::new(&store)).exists(), "its door is closed");
+    assert!(!socket_path(&Layout::new(&store)).exists(), "its socket is removed");
     let kinds: Vec<String> = told
         .map(|line| serde_json::from_str::<Value>(&line).unwrap())
         .map(|event| event["event"].as_str().unwrap().to_owned())
@@ -142,7 +142,7 @@ fn a_service_that_nobody_reads_and_nobody_manages_goes_on() {
     let mut service = Running::start(program(&["serve", "--quiet"]).arg("--data").arg(&store));
     let first = service.lines().next().unwrap();
     assert!(first.contains("engine"), "{first:?}");
-    // The reader is gone by now; what happens next cannot be printed.
+    // The reader is gone by now; further events cannot be printed.
     let socket = socket_path(&Layout::new(&store));
     let begun = Instant::now();
     while !socket.exists() && begun.elapsed() < PATIENCE {
@@ -182,7 +182,7 @@ fn a_run_submits_nothing_and_says_an_outcome_of_named_versions_alone() {
     assert_eq!(run.status.code(), Some(1), "{}", text(&run));
     assert!(text(&run).contains("outcome: grasp@1.2.0 rejected"), "{}", text(&run));
     let again = on(&store, &["run", "--plain"]);
-    assert_eq!(again.status.code(), Some(5), "what is history is not judged again: {}", text(&again));
+    assert_eq!(again.status.code(), Some(5), "history is not judged again: {}", text(&again));
 }
 
 #[test]
@@ -201,7 +201,7 @@ fn the_demonstration_leaves_the_users_store_alone() {
     assert_eq!(demo.code(), Some(3), "{rest:?}");
     assert!(rest.iter().any(|line| line.contains("outcome: align@1.1.0 held")), "{rest:?}");
     let left: Vec<_> = std::fs::read_dir(root.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
-    assert!(left.is_empty(), "its store is removed, and there is no other: {left:?}");
+    assert!(left.is_empty(), "its store is removed, and no other exists: {left:?}");
 }
 
 #[test]
@@ -215,7 +215,7 @@ fn a_demonstration_with_nothing_left_to_show_confirms_nothing() {
     let demo = on(&store, &["demo"]);
     assert_eq!(demo.status.code(), Some(5), "{}", text(&demo));
     assert!(text(&demo).contains("every demonstration candidate is registered"));
-    // Without a verb a store that was named is not one to try things on.
+    // Without a verb, a named store is not used for a demonstration.
     let output = on(&store, &[]);
     assert_eq!(output.status.code(), Some(2), "{}", text(&output));
     assert!(text(&output).contains("holdpoint serve"), "{}", text(&output));

@@ -1,16 +1,16 @@
-//! Signed requests, from outside: under `real` and `human` nothing gives authority unless an enrolled person signed it,
-//! once, for this engine and this request; stopping and taking away needs no signature ever.
+//! Signed requests, from outside: under `real` and `human` only an enrolled person's signature grants authority,
+//! once, for this engine and this request. A stop and every act that takes authority away need no signature.
 
 use std::path::Path;
 use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use holdpoint::approvals::keyfile::Keep;
-use holdpoint::approvals::{Cost, Identity, Passphrase, SignedCall};
+use holdpoint::approvals::keyfile::KeyEncoding;
+use holdpoint::approvals::{Identity, KdfCost, Passphrase, SignedCall};
 use holdpoint::engine::cell::Cell;
-use holdpoint::engine::door::{Client, Signals};
-use holdpoint::engine::pipeline::Progress;
+use holdpoint::engine::control_socket::{Client, SignalHandling};
+use holdpoint::engine::pipeline::SliceOutcome;
 use holdpoint::engine::pump::Pump;
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
@@ -23,7 +23,7 @@ use holdpoint::registry::{AuditFilter, Change, Layout, Store, Transaction, Views
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Longer than anything here takes.
+/// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(1);
 const CANDIDATE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-tool-frame");
 
@@ -31,26 +31,26 @@ pub fn words() -> Passphrase {
     Passphrase::new("under the oak".to_owned().into()).unwrap()
 }
 
-/// A store whose persons were enrolled before an engine has it: mara and omar, and the first administrator.
+/// A store whose persons were enrolled before an engine runs on it: mara and omar, and the first administrator.
 pub fn store() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).unwrap();
     store.first_administrator(0).unwrap();
     for name in ["mara", "omar"] {
-        person(&store, name, Role::Operator, Keep::Sealed(&words(), Cost::LEAST));
+        person(&store, name, Role::Operator, KeyEncoding::Sealed(&words(), KdfCost::LEAST));
     }
-    person(&store, "open", Role::Engineer, Keep::Plain);
+    person(&store, "open", Role::Engineer, KeyEncoding::Plain);
     folder
 }
 
-pub fn person(store: &Store, name: &str, role: Role, keep: Keep<'_>) {
+pub fn person(store: &Store, name: &str, role: Role, keep: KeyEncoding<'_>) {
     let folder = store.layout().identities();
     let who = Identity::create_kept(&folder, name, role, keep).unwrap();
     let persons = store.persons().unwrap();
-    let plain = persons.unasked(&folder).unwrap();
-    plain.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+    let plain = persons.unprotected_administrator(&folder).unwrap();
+    plain.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
     let admin = Identity::open(&folder, "admin").unwrap().unlock(Some(&words())).unwrap();
-    plain.keep(&folder, Keep::Plain).unwrap();
+    plain.keep(&folder, KeyEncoding::Plain).unwrap();
     let act = persons.enrolment(who.info(), false, &admin, "a test").unwrap();
     write(store, format!("enrol-{name}"), Change::EnrolPerson(Box::new(act)));
 }
@@ -61,7 +61,7 @@ fn write(store: &Store, command_id: String, change: Change) {
     store.commit(transaction).unwrap();
 }
 
-/// An engine in a thread of its own, behind its door.
+/// An engine on a thread of its own, with its socket.
 pub fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
     let folder = folder.to_owned();
     let (ready, is_ready) = channel();
@@ -76,10 +76,10 @@ pub fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
-        pump.open_door(Signals::Left).unwrap();
+        pump.open_socket(SignalHandling::Default).unwrap();
         ready.send(()).unwrap();
         while !pump.engine().has_ended() {
-            if matches!(pump.turn().0, Progress::Idle { .. }) {
+            if matches!(pump.turn().0, SliceOutcome::Idle { .. }) {
                 pump.wait(Duration::from_millis(100));
             }
         }
@@ -158,7 +158,7 @@ fn refused(reply: &Reply, expected: Refusal, part: &str) {
 }
 
 thread_local! {
-    /// The last standstill that this test asked for: since when, virtual ms, and its stops.
+    /// The last standstill that this test requested: its start, virtual ms, and its stops.
     static STOPPED: std::cell::Cell<(u64, u64)> = const { std::cell::Cell::new((0, 0)) };
 }
 
@@ -180,7 +180,7 @@ fn register() -> Command {
     Command::Register { package, name: "grasp-tool-frame".to_owned(), by: None }
 }
 
-/// Who asked, as the records have it, the newest first.
+/// The requesters on record, newest first.
 fn asked(folder: &TempDir) -> Vec<Value> {
     let filter = AuditFilter {
         kind: Some(RecordKind::Asked),
@@ -201,14 +201,14 @@ fn signs_once_and_here(profile: ProfileName) {
     refused(&asking.client.ask(go("mara")).unwrap(), Refusal::NotAllowed, "--as NAME");
     refused(&asking.client.ask(register()).unwrap(), Refusal::NotAllowed, "an enrolled person signs");
 
-    // Nobody but an enrolled person, of a role that lets things go on.
+    // Only an enrolled person of a role that may let versions continue.
     let eve = Identity::create(&Layout::new(folder.path()).identities(), "eve", Role::Safety).unwrap();
     let view = asking.signing();
     let by_eve = view.sign(&eve, &go("eve")).unwrap();
     asking.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, "not enrolled");
     let by_admin = asking.sign("admin", &go("admin"));
     asking.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "lets nothing go on");
-    // Nothing else than what was signed, here and in time.
+    // Only the signed request, here and in time.
     let seal = asking.sign("mara", &go("mara"));
     let other = go_because("mara", "another reason");
     asking.refuses(&other, &seal, Refusal::NotAllowed, "signed another request");
@@ -227,19 +227,19 @@ fn signs_once_and_here(profile: ProfileName) {
     let forged: SignedCall = serde_json::from_value(forged).unwrap();
     asking.refuses(&go("omar"), &forged, Refusal::NotAllowed, "another key");
 
-    // A key that anybody may read lets nothing go on where people are near.
+    // An unencrypted key grants nothing where people are near.
     let by_open = asking.sign("open", &go("open"));
     if profile == ProfileName::Human {
         asking.refuses(&go("open"), &by_open, Refusal::NotAllowed, "identity passphrase open");
     } else {
         assert!(matches!(asking.with(&go("open"), &by_open), Reply::Accepted { .. }));
-        // What she signed for that standstill is not for the next one.
+        // Her signature for that standstill is not valid for the next one.
         let before = go("mara");
         asking.stop();
-        asking.refuses(&before, &seal, Refusal::NotNow, "stopped anew");
+        asking.refuses(&before, &seal, Refusal::NotNow, "stopped again");
     }
 
-    // It counts, once, and is on record.
+    // It counts once, and is on record.
     let mine = go("mara");
     let seal = asking.sign("mara", &mine);
     let reply = asking.with(&mine, &seal);
@@ -257,18 +257,18 @@ fn signs_once_and_here(profile: ProfileName) {
     asking.stop();
     asking.refuses(&mine, &seal, Refusal::Stale, "used already");
 
-    // Another signature of hers is another; a candidate is submitted so, and resumed so.
+    // A second signature of hers is a different one; it submits a candidate, and resumes one.
     let by_mara = asking.sign("mara", &register());
     let reply = asking.with(&register(), &by_mara);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     asking.accepts(&Command::Pause(of("grasp@1.2.0", "nobody-at-all")));
-    assert_eq!(asked(&folder)[0].get("actor"), None, "who pauses is nobody in particular");
+    assert_eq!(asked(&folder)[0].get("actor"), None, "a pause names no person");
     let resume = Command::Resume(of("grasp@1.2.0", "mara"));
     refused(&asking.client.ask(resume.clone()).unwrap(), Refusal::NotAllowed, "--as NAME");
     let seal_of_resume = asking.sign("mara", &resume);
     assert!(matches!(asking.with(&resume, &seal_of_resume), Reply::Accepted { .. }));
 
-    // What was signed in one life of an engine is nothing in the next, used or not.
+    // A signature for one session of an engine is invalid in the next, used or not.
     let later = go("mara");
     let unused = asking.sign("mara", &later);
     asking.end(running);
@@ -279,13 +279,13 @@ fn signs_once_and_here(profile: ProfileName) {
 
     // A revoked key signs nothing any more.
     let persons = Views::open(&Layout::new(folder.path()).database()).unwrap().persons().unwrap();
-    let admin = persons.unasked(&Layout::new(folder.path()).identities()).unwrap();
+    let admin = persons.unprotected_administrator(&Layout::new(folder.path()).identities()).unwrap();
     let act = persons.revocation(persons.named("omar").unwrap(), &admin, "left").unwrap();
     asking.accepts(&Command::Person { signed: Box::new(act) });
     let by_omar = asking.sign("omar", &go("omar"));
     asking.refuses(&go("omar"), &by_omar, Refusal::NotAllowed, "was revoked by admin");
 
-    // Taking away needs no signature; a bad one is in nobody's way.
+    // An act that takes authority away needs no signature; a bad one does not block it.
     asking.stop();
     let stop = Command::Stop { by: "omar".to_owned(), reason: "smoke".to_owned() };
     assert!(matches!(asking.with(&stop, &by_omar), Reply::Stopped { .. }));
@@ -324,7 +324,7 @@ fn under_sim_a_signature_may_be_left_out_and_counts_where_it_is_given() {
     asking.end(running);
 }
 
-/// The verbs sign with `--as`, with an engine of another process or with one of their own.
+/// The verbs sign with `--as`, with a running engine or with one opened for the verb.
 #[test]
 fn the_verbs_sign_as_who_they_are_told() {
     use crate::old_stores::{holdpoint, text};
@@ -347,14 +347,15 @@ fn the_verbs_sign_as_who_they_are_told() {
     let go = ["go", "--stops", "1", "--reason", "empty", "--as"];
     ends(&[&go[..], &["eve"]].concat(), 3, "identity passphrase eve");
     let go_mara = [&go[..], &["mara", "--passphrase-file", oak]].concat();
-    // An open key enrolled her; the engine that runs takes the confirmation, and an enrolment, through its socket.
+    // An unencrypted key enrolled her; the running engine receives the confirmation, and an enrollment, through its
+    // socket.
     ends(&go_mara, 3, "`holdpoint identity confirm mara --by admin --reason TEXT`");
     let act = ["--by", "admin", "--reason", "known", "--passphrase-file", oak];
     let confirm = [&["identity", "confirm", "mara"][..], &act].concat();
     ends(&[&confirm[..7]].concat(), 3, "the key of admin has no passphrase");
-    ends(&["identity", "passphrase", "admin", "--new-passphrase-file", oak], 0, "has a passphrase now");
+    ends(&["identity", "passphrase", "admin", "--new-passphrase-file", oak], 0, "now has a passphrase");
     ends(&confirm, 0, "is confirmed by admin");
-    ends(&confirm, 3, "\"mara\" is confirmed already, by \"admin\"");
+    ends(&confirm, 3, "already, by \"admin\"");
     ends(&["identity", "new", "omar", "--unprotected"], 0, "not enrolled");
     ends(&[&["identity", "enrol", "omar"][..], &act].concat(), 0, "omar is enrolled as operator by admin");
     ends(&["audit", "verify"], 0, "4, 3 of them confirmed");
@@ -363,21 +364,21 @@ fn the_verbs_sign_as_who_they_are_told() {
     let by = |name: &str| listed.iter().find(|one| one["name"] == name).unwrap()["confirmed_by"].clone();
     assert_eq!((by("mara"), by("omar"), by("eve")), ("admin".into(), "admin".into(), Value::Null));
     ends(&["identity", "list"], 0, "nobody");
-    ends(&go_mara, 0, "works again");
-    // Near people one's own name under a stop is no proof that it was read.
+    ends(&go_mara, 0, "runs again");
+    // Near people, your own name under a stop is not evidence that you read it.
     ends(&["stop", "--as", "mara"], 0, "stopped");
     ends(&["go", "--reason", "empty", "--as", "mara", "--passphrase-file", oak], 3, "--stops 1");
-    ends(&go_mara, 0, "works again");
+    ends(&go_mara, 0, "runs again");
     ends(&["candidate", "register", CANDIDATE], 3, "--as NAME");
     ends(&["identity", "new", "zoe", "--role", "admin", "--unprotected"], 0, "not enrolled");
-    ends(&[&["identity", "enrol", "zoe"][..], &act].concat(), 2, "`--role admin` says so");
+    ends(&[&["identity", "enrol", "zoe"][..], &act].concat(), 2, "with `--role admin`");
     ends(&["stop"], 0, "stopped");
     Client::connect(&Layout::new(&data)).unwrap().unwrap().ask(Command::Shutdown).unwrap();
     running.join().unwrap();
-    // Without an engine the store's last profile holds.
+    // Without an engine the store's last profile applies.
     ends(&["candidate", "register", CANDIDATE], 3, "--as NAME");
     let register = ["candidate", "register", CANDIDATE, "--as", "mara", "--passphrase-file", oak];
     ends(&register, 0, "is registered");
-    ends(&[&go[..], &["mara", "--passphrase-file", oak]].concat(), 0, "works again");
+    ends(&[&go[..], &["mara", "--passphrase-file", oak]].concat(), 0, "runs again");
     ends(&["audit", "verify"], 0, "sound");
 }

@@ -1,7 +1,7 @@
 //! From nothing to a registered candidate in five commands, in both languages.
 //!
-//! Where a toolchain for WebAssembly is missing, the program has to say so and how to get it; the component that is kept built
-//! then stands in for what would have been built, and the test says that it does.
+//! Without a WebAssembly toolchain, the program must report it and how to install it; the test then uses the
+//! prebuilt component, and says so.
 
 use std::fs;
 use std::path::Path;
@@ -20,7 +20,7 @@ fn holdpoint(data: &Path, line: &[&str]) -> (Option<i32>, String, String) {
     (run.status.code(), text(run.stdout), text(run.stderr))
 }
 
-#[allow(clippy::print_stderr, reason = "what is left out is said")]
+#[allow(clippy::print_stderr, reason = "the test reports what it skips")]
 fn walk(lang: &str, prebuilt: &str) {
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("my-grasp");
@@ -82,7 +82,7 @@ fn a_missing_toolchain_is_named_with_how_to_get_it() {
     }
 }
 
-/// What is kept of compiled code is code: a byte of it that is changed is never run, and somebody is told.
+/// Cached compiled code with a changed byte never runs, and an alarm reports it.
 #[test]
 fn a_compiled_form_that_was_changed_is_not_loaded_and_raises_an_alarm() {
     let root = tempfile::tempdir().unwrap();
@@ -97,7 +97,7 @@ fn a_compiled_form_that_was_changed_is_not_loaded_and_raises_an_alarm() {
     let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt/template-c.wasm");
     fs::copy(kept, folder.join("my-grasp.wasm")).unwrap();
     done(&["candidate", "register", &named]);
-    // An engine that comes up again compiles what it finds in the store, and keeps it.
+    // A restarted engine compiles the code in the store and caches it.
     done(&["candidate", "register", "manifests/candidates/place-robust"]);
     assert!(!done(&["alarms"]).contains("kept-false"));
     let compiled = root.path().join("store/compiled");

@@ -1,4 +1,4 @@
-//! One stage of one candidate by itself: `candidate compat`, `sandbox` and `shadow`, each on record and none beyond.
+//! One stage of one candidate: `candidate compat`, `sandbox` and `shadow`, each on record and none beyond.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -21,7 +21,7 @@ fn state(store: &Path, version: &str) -> String {
     shown["summary"]["state"].as_str().unwrap().to_owned()
 }
 
-/// The exit code, and what was said of an error.
+/// The exit code and the error text.
 fn ended(output: &Output) -> (Option<i32>, String) {
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
@@ -33,7 +33,7 @@ fn a_stage_ends_where_it_ends_and_begins_no_other() {
     register(store, "align-low-transit");
     let version = "align@1.1.1";
     assert_eq!(state(store, version), "registered");
-    // No stage is jumped over.
+    // No stage is skipped.
     let (code, said) = ended(&on(store, &["candidate", "shadow", version]));
     assert_eq!(code, Some(3), "{said}");
     assert!(said.contains("registered") && said.contains("sandboxed"), "{said}");
@@ -43,7 +43,7 @@ fn a_stage_ends_where_it_ends_and_begins_no_other() {
     assert_eq!((code, state(store, version).as_str()), (Some(0), "validated"), "{said}");
     let (code, said) = ended(&on(store, &["candidate", "sandbox", version, "--jobs", "2"]));
     assert_eq!((code, state(store, version).as_str()), (Some(0), "sandboxed"), "{said}");
-    // What was passed is not run again without a word of it.
+    // A passed stage is not silently run again.
     let (code, _) = ended(&on(store, &["candidate", "sandbox", version]));
     assert_eq!((code, state(store, version).as_str()), (Some(3), "sandboxed"));
     let verified = on(store, &["audit", "verify"]);

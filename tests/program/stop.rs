@@ -1,26 +1,26 @@
-//! Stopping the cell: in the tick it is asked for, whatever is under way, until a person lets it go.
+//! Stopping the cell: in the tick of the request, at any time, until a person starts it again.
 //!
-//! `HOLDPOINT_STOPS=50` measures: it prints median and worst ticks from the request to the standing arm.
+//! `HOLDPOINT_STOPS=50` measures: it prints the median and worst ticks from the request to the standstill.
 
 use std::path::Path;
 use std::process::{Command as Process, Output};
 use std::time::{Duration, Instant};
 
 use holdpoint::body::RATE_HZ;
-use holdpoint::engine::door::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
+use holdpoint::engine::control_socket::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
 use holdpoint::governance::record::RecordKind;
-use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, StopKept};
+use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::{AuditFilter, Layout, Views};
 use holdpoint::runtime::capability;
 
 use crate::host::{Front, PATIENCE, operation, refusal};
 
-/// Braking takes a quarter of a second at most, and what is measured as a standstill a twentieth.
+/// Braking takes a quarter of a second at most, and the measurement of the standstill a twentieth.
 const STANDS_WITHIN_TICKS: u64 = (RATE_HZ / 4 + RATE_HZ / 20) as u64;
 
 fn stop() -> Command {
-    Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() }
+    Command::Stop { by: "ana".to_owned(), reason: "a person is in the cell".to_owned() }
 }
 
 fn go_knowing(since_ms: u64, stops: u64) -> Command {
@@ -28,7 +28,8 @@ fn go_knowing(since_ms: u64, stops: u64) -> Command {
 }
 
 fn accepted(reply: &Reply) {
-    let done = matches!(reply, Reply::Accepted { .. } | Reply::Stopped { kept: StopKept::OnRecord, .. });
+    let done =
+        matches!(reply, Reply::Accepted { .. } | Reply::Stopped { kept: StopPersistence::OnRecord, .. });
     assert!(done, "{reply:?}");
 }
 
@@ -39,7 +40,7 @@ impl Front {
         accepted(&self.carry_out(Command::Register { package, name: candidate.to_owned(), by: None }));
     }
 
-    /// How many ticks the arm took to its standstill, the newest time.
+    /// The ticks from the request to the standstill, for the latest stop.
     fn stands(&mut self) -> u64 {
         self.events.clear();
         accepted(&self.carry_out(stop()));
@@ -48,26 +49,27 @@ impl Front {
         ticks
     }
 
-    /// Lets the cell work, knowing how it stands.
+    /// Starts the cell with full knowledge of its stops.
     fn go(&mut self) -> Reply {
         let stopped = self.snapshot().stopped;
         let (since_ms, stops) = stopped.map_or((0, 0), |stopped| (stopped.since_ms, stopped.stops));
         self.carry_out(go_knowing(since_ms, stops))
     }
 
-    /// Lets the live world work for a moment, so that the arm is somewhere on its way.
+    /// Runs the live cell for a moment, so that the arm is on its way.
     fn works_for(&mut self, moment: Duration) {
-        // Some way into a sequence, another one each time.
+        // Part of a sequence, another one each time.
         let at_secs = 0.3 + 10.0 * moment.as_secs_f64();
         self.picture(|picture| !picture.stopped && picture.task.is_some() && picture.at_secs >= at_secs);
     }
 
-    /// Stops and lets go, so many times, and on until one of them met the arm at work; the ticks to the standstill in order.
+    /// Stops and starts this many times, and on until a stop met a moving arm; returns the sorted ticks to the
+    /// standstill.
     fn stops(&mut self, times: u64, meets_it_at_work: bool) -> Vec<u64> {
         let mut ticks = Vec::new();
         let until = Instant::now() + PATIENCE;
         for index in 0.. {
-            // On a busy machine the picture is told late, and a sequence may be over by then.
+            // On a busy machine the camera frame arrives late, and a sequence may be over by then.
             let met = !meets_it_at_work || ticks.iter().any(|ticks| *ticks > 0);
             if index >= times && (met || Instant::now() >= until) {
                 break;
@@ -99,12 +101,9 @@ fn the_arm_stands_whatever_is_under_way() {
     measured.push(("provisional", front.stops(times, true)));
     for (state, ticks) in &measured {
         let (median, worst) = (ticks[ticks.len() / 2], ticks[ticks.len() - 1]);
-        println!("{state}: median {median}, worst {worst} of {} ticks to the standing arm", ticks.len());
+        println!("{state}: median {median}, worst {worst} of {} ticks to the standstill", ticks.len());
         assert!(worst <= STANDS_WITHIN_TICKS, "{state}: {ticks:?}");
-        assert!(
-            *state == "held" || ticks.iter().any(|ticks| *ticks > 0),
-            "{state}: the arm was never at work"
-        );
+        assert!(*state == "held" || ticks.iter().any(|ticks| *ticks > 0), "{state}: the arm never moved");
     }
     front.host.stop(PATIENCE).unwrap();
 }
@@ -116,12 +115,12 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
     front.works_for(Duration::from_millis(20));
     assert!(front.stands() <= STANDS_WITHIN_TICKS);
     let stopped = front.snapshot().stopped.unwrap();
-    assert_eq!((stopped.by.as_str(), stopped.reason.as_str()), ("ana", "somebody is in the cell"));
+    assert_eq!((stopped.by.as_str(), stopped.reason.as_str()), ("ana", "a person is in the cell"));
     assert!(
         matches!(stopped.caller, Caller::Process { process: Some(own), .. } if own == std::process::id()),
         "{stopped:?}"
     );
-    // Whoever stops a stopped cell may know of something else: that is on record too, once, and stops nothing anew.
+    // A second stop may have another reason: it is recorded, too, once, and triggers no second stop.
     front.events.clear();
     accepted(
         &front.carry_out(Command::Stop { by: "bo".to_owned(), reason: "there is a second one".to_owned() }),
@@ -144,13 +143,13 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
     let mut front = Front::start(folder.path(), None);
     assert_eq!(named(&mut front), both, "and so they are after a restart");
     front.submit("grasp-tool-frame");
-    // Each answer comes between two slices of work, of which there are none.
+    // Each answer comes between two slices, of which there are none.
     let still = (0..50).map(|_| front.snapshot()).last().unwrap();
     assert_eq!((still.live.sequences, still.candidates[0].state.name()), (0, "registered"), "after {worked}");
     let since = front.snapshot().stopped.unwrap().since_ms;
     let blank = Command::Go { by: "ana".to_owned(), reason: " ".to_owned(), since_ms: since, stops: 2 };
     assert_eq!(refusal(&front.carry_out(blank)), Refusal::BadInput);
-    // Who knows of one stop does not let go what the second one was for.
+    // A person who knows of one stop cannot release the second.
     for (since, known) in [(since, 0), (since, 1), (since, 3), (since + 1, 2), (0, 2)] {
         assert_eq!(refusal(&front.carry_out(go_knowing(since, known))), Refusal::NotNow);
     }
@@ -169,10 +168,10 @@ fn a_version_can_be_taken_off_while_the_arm_stands() {
     front.stands();
     let off = front.carry_out(Command::Vacate(operation("grasp@1.0.0")));
     accepted(&off);
-    // The baseline has no predecessor: the family is stopped, and nothing moved the arm on the way.
+    // The baseline has no rollback target: the family is safe-stopped, and the arm does not move on the way.
     let up = front.until(|kind| matches!(kind, EventKind::Rung { rung, .. } if rung.name() == "retract"));
     let EventKind::Rung { text, ms, .. } = up.kind else { unreachable!() };
-    assert!(ms == 0 && text.contains("stays where it stands"), "{text}");
+    assert!(ms == 0 && text.contains("stays where it is"), "{text}");
     front.host.stop(PATIENCE).unwrap();
 }
 
@@ -198,10 +197,10 @@ fn inside_a_hold() {
     front.works_for(Duration::from_millis(20));
     front.submit("align-improved");
     front.until(|kind| matches!(kind, EventKind::Fault { .. }));
-    // The sequence that ran when the engine failed is still on its way, at the pace of the clock; on a machine with much
-    // else to do it has ended by now, and the arm stands already.
+    // The sequence of the failed engine is still running at the pace of the clock; on a busy machine it has ended
+    // by now, and the arm is at standstill already.
     let ticks = front.stands();
-    println!("holding: {ticks} ticks to the standing arm");
+    println!("holding: {ticks} ticks to the standstill");
     assert!(ticks <= STANDS_WITHIN_TICKS, "{ticks}");
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
     assert_eq!(refusal(&front.go()), Refusal::Holding);
@@ -216,7 +215,7 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
-/// The last of their marks was made when its stop was on record already: nobody removed it, and nobody could let the cell go.
+/// The last mark was made after its stop was on record: it was never removed, and the cell could not be started.
 #[test]
 fn people_who_stop_at_once_leave_nothing_that_keeps_the_cell_stopped() {
     let folder = tempfile::tempdir().unwrap();
@@ -242,14 +241,14 @@ fn people_who_stop_at_once_leave_nothing_that_keeps_the_cell_stopped() {
     front.host.stop(PATIENCE).unwrap();
 }
 
-/// With a mistyped folder it made a store, stopped its cell, and said so.
+/// With a mistyped folder it once created a store, stopped that cell, and reported success.
 #[test]
 fn a_stop_without_an_engine_is_not_confirmed() {
     let folder = tempfile::tempdir().unwrap();
     let none = folder.path().join("mistyped");
     let stopped = holdpoint(&none, &["stop", "--as", "ana"]);
     assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
-    for part in ["no engine is at work", "stopped no arm", "emergency stop", "--data DIR"] {
+    for part in ["no engine runs on", "no arm was stopped", "emergency stop", "--data DIR"] {
         assert!(said(&stopped).contains(part), "{part:?}: {}", said(&stopped));
     }
     assert!(!none.exists(), "no store is made");
@@ -258,7 +257,7 @@ fn a_stop_without_an_engine_is_not_confirmed() {
     front.host.stop(PATIENCE).unwrap();
     let stopped = holdpoint(&data, &["stop", "--as", "ana"]);
     assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
-    assert!(said(&stopped).contains("the next engine there comes up stopped"), "{}", said(&stopped));
+    assert!(said(&stopped).contains("the next engine there starts stopped"), "{}", said(&stopped));
     let mut front = Front::start(&data, None);
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
     front.host.stop(PATIENCE).unwrap();
@@ -274,23 +273,23 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
     );
     let stopped = holdpoint(&data, &["stop"]);
     assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
-    assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED  by somebody"));
+    assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED  by an unnamed person"));
     let nobody = holdpoint(&data, &["go", "--as", "ben", "--reason", "checked"]);
-    assert_eq!(nobody.status.code(), Some(2), "going on needs an identity: {}", said(&nobody));
+    assert_eq!(nobody.status.code(), Some(2), "a start needs an identity: {}", said(&nobody));
     let words = ["go", "--as", "ana", "--reason", "checked"];
     let one = [&words[..], &["--stops", "1"]].concat();
-    // Somebody else stopped it, and nobody says that it was read who and why.
+    // Another person stopped it, and the operator has not confirmed reading who and why.
     let kept_so = holdpoint(&data, &words);
     assert_eq!(kept_so.status.code(), Some(3), "{}", said(&kept_so));
     assert!(
-        said(&kept_so).contains("by somebody") && said(&kept_so).contains("--stops 1"),
+        said(&kept_so).contains("by an unnamed person") && said(&kept_so).contains("--stops 1"),
         "{}",
         said(&kept_so)
     );
     assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED"));
     assert_eq!(holdpoint(&data, &one).status.code(), Some(0));
     assert!(!said(&holdpoint(&data, &["status"])).contains("STOPPED"));
-    // One's own is known.
+    // The operator knows their own stop.
     assert_eq!(holdpoint(&data, &["stop", "--as", "ana"]).status.code(), Some(6));
     assert_eq!(holdpoint(&data, &words).status.code(), Some(0));
     assert_eq!(holdpoint(&data, &words).status.code(), Some(3), "it is not stopped");
@@ -303,8 +302,8 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
     let own = rustix::process::geteuid().as_raw();
     let Caller::Process { uid, process, .. } = kept.caller else { panic!("{kept:?}") };
     assert_eq!((kept.by.as_str(), uid), ("bo", own));
-    assert_ne!(process, Some(std::process::id()), "whose process it was is the system's word");
-    // A second stop that nobody says they know of is not let go, and who stopped it is printed.
+    assert_ne!(process, Some(std::process::id()), "the system names the process");
+    // A second unknown stop keeps the cell stopped, and its author is printed.
     assert_eq!(holdpoint(&data, &["stop", "--as", "cy", "--reason", "smoke"]).status.code(), Some(0));
     let kept_so = holdpoint(&data, &words);
     assert_eq!(kept_so.status.code(), Some(3), "{}", said(&kept_so));
@@ -317,16 +316,16 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
         panic!("{released:?}")
     };
     assert_eq!(uid, own);
-    assert_ne!(process, Some(std::process::id()), "who let it go is not the engine");
+    assert_ne!(process, Some(std::process::id()), "the caller is not the engine");
     let asked = AuditFilter { kind: Some(RecordKind::Asked), ..AuditFilter::default() };
     let asked = Views::open(&Layout::new(&data).database()).unwrap().audit(&asked).unwrap();
     let found =
         asked.iter().filter(|record| record.body.contains(&format!("\"process\":{}", process.unwrap())));
-    assert_eq!(found.count(), 1, "what was asked is on record with whose process it was: {asked:?}");
+    assert_eq!(found.count(), 1, "the request is on record with its process: {asked:?}");
     front.host.stop(PATIENCE).unwrap();
 }
 
-/// Connections that say nothing, and as many as are told events, keep nobody from stopping the cell or a version.
+/// Silent connections and the most subscribers do not keep an operator from stopping the cell or a version.
 #[test]
 fn idle_connections_lock_nobody_out() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Connections by the hundred that say nothing, half of something, rubbish, or never read what they are told: the cell
-//! stops in time all the same, the engine decides as before, and its record is sound.
+//! Hundreds of connections that send nothing, half a line or garbage, or never read: the cell still stops in time,
+//! the engine decides as before, and its record is sound.
 //!
 //! `HOLDPOINT_STORM` is how many connections (150), `HOLDPOINT_STORM_SEED` the seed (1).
 
@@ -7,7 +7,7 @@ use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::door::{Client, socket_path};
+use holdpoint::engine::control_socket::{Client, socket_path};
 use holdpoint::protocol::command::{Command, Reply};
 use holdpoint::protocol::wire::CALL_BYTES_MAX;
 use holdpoint::registry::{Layout, verify};
@@ -15,7 +15,7 @@ use holdpoint::registry::{Layout, verify};
 use crate::host::{Front, PATIENCE};
 use crate::mutate::{Random, mutant};
 
-/// No stop may take longer than this to be answered, on however busy a machine.
+/// The time limit for the answer to a stop, even on a busy machine.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(10);
 
 fn number(name: &str, otherwise: usize) -> usize {
@@ -47,17 +47,17 @@ fn a_storm_of_connections_keeps_nobody_from_stopping() {
         };
         stream.set_write_timeout(Some(Duration::from_millis(50))).unwrap();
         match random.below(6) {
-            // Says nothing.
+            // Sends nothing.
             0 => {}
             // Half a line, and no more.
             1 => drop(stream.write_all(&lines[1][..20])),
-            // Rubbish.
+            // Garbage.
             2 => drop(stream.write_all(&mutant(&mut random, &lines, lines.len()))),
             // A line without an end.
             3 => drop(stream.write_all(&vec![b'x'; random.below(CALL_BYTES_MAX.min(1 << 16) + 2)])),
-            // Told everything, and reads nothing.
+            // Subscribes to all events, and reads nothing.
             4 => drop(stream.write_all(&lines[0])),
-            // Asks, reads a little, and is gone.
+            // Sends a request, reads a little, and is gone.
             _ => {
                 drop(stream.write_all(&lines[random.below(3)]));
                 stream.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
@@ -78,12 +78,12 @@ fn a_storm_of_connections_keeps_nobody_from_stopping() {
             (worst, stops) = (worst.max(took), stops + 1);
         }
     }
-    assert!(stops > 0 && refused < connections / 2, "{refused} of {connections} found no door");
+    assert!(stops > 0 && refused < connections / 2, "{refused} of {connections} were refused");
     assert_eq!(front.snapshot().holding, None);
     let held = held.len();
     front.host.stop(PATIENCE).unwrap();
     verify(&layout.database(), None).unwrap();
     println!(
-        "storm: seed {seed}, {connections} connections, {held} kept open, {refused} without a door, {stops} stops, worst {worst:?}"
+        "storm: seed {seed}, {connections} connections, {held} open, {refused} refused, {stops} stops, worst {worst:?}"
     );
 }

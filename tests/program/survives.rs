@@ -1,5 +1,5 @@
-//! A stop survives: the end of its engine, however that comes, whatever lies in the place of its mark, and a process without
-//! a file descriptor left.
+//! A stop survives any end of its engine, any object in the place of its mark, and a process without a free file
+//! descriptor.
 
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::os::unix::net::UnixStream;
@@ -7,22 +7,22 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::door::socket_path;
+use holdpoint::engine::control_socket::socket_path;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::registry::{AuditFilter, Layout, Views, verify};
 use serde_json::Value;
 
-/// Longer than anything here takes.
+/// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(2);
 
-/// An engine of a process of its own; it does not outlive the test.
+/// An engine in another process; it does not outlive the test.
 struct Served {
     child: Child,
     lines: std::io::Lines<BufReader<std::process::ChildStdout>>,
 }
 
 impl Served {
-    /// Up, and its first events told. `limit` is how many file descriptors it may have.
+    /// Started, with its first events received. `limit` is its number of file descriptors.
     fn start(store: &Path, profile: &str, limit: Option<u32>) -> Self {
         let limit = limit.map_or_else(|| "unlimited".to_owned(), |limit| limit.to_string());
         let ulimit = if limit == "unlimited" { String::new() } else { format!("ulimit -n {limit}; ") };
@@ -96,7 +96,8 @@ fn records(store: &Path, kind: RecordKind) -> Vec<Value> {
     found.iter().map(|record| serde_json::from_str(&record.body).unwrap()).collect()
 }
 
-/// With a folder in the place of the mark, another program at the database and a kill, an answered stop was forgotten.
+/// With a folder in the place of the mark, another program at the database and a kill, an answered stop was once
+/// forgotten.
 #[test]
 fn an_answered_stop_is_in_force_after_a_kill_whatever_lay_in_the_place_of_its_mark() {
     let folder = tempfile::tempdir().unwrap();
@@ -118,7 +119,7 @@ fn an_answered_stop_is_in_force_after_a_kill_whatever_lay_in_the_place_of_its_ma
     first.kill();
     other.execute_batch("ROLLBACK").unwrap();
     drop(other);
-    // Whoever planted it takes it away again.
+    // The test removes the object again.
     std::fs::remove_dir(&planted).unwrap();
     let second = Served::start(&store, "sim", None);
     let now = snapshot(&store);
@@ -132,7 +133,7 @@ fn an_answered_stop_is_in_force_after_a_kill_whatever_lay_in_the_place_of_its_ma
     second.ends(&store);
 }
 
-/// An engine that was killed came up at work, whatever stood in the cell by then.
+/// A killed engine once came up running, whatever was in the cell by then.
 #[test]
 fn after_a_sudden_end_under_real_and_human_the_cell_is_stopped_until_a_person_says_so() {
     for profile in ["real", "human"] {
@@ -154,7 +155,7 @@ fn after_a_sudden_end_under_real_and_human_the_cell_is_stopped_until_a_person_sa
         assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");
         let nobody = holdpoint(&store, &["go", "--as", "ana", "--stops", "1", "--reason", "it is empty"]);
         assert!(!nobody.status.success(), "{}", said(&nobody));
-        // It ends in good order, stopped; that it was killed is not counted twice.
+        // It ends cleanly, stopped; the kill is not counted twice.
         second.ends(&store);
         let third = Served::start(&store, profile, None);
         assert_eq!(
@@ -184,7 +185,7 @@ fn after_an_end_in_good_order_and_under_sim_the_cell_works_on() {
     assert!(records(&store, RecordKind::CellStopped).is_empty());
 }
 
-/// With 40 file descriptors and 60 connections that said nothing, nobody was answered.
+/// With 40 file descriptors and 60 silent connections, no client was answered.
 #[test]
 fn a_stop_is_answered_where_all_file_descriptors_are_used_up() {
     let folder = tempfile::tempdir().unwrap();
@@ -205,7 +206,7 @@ fn a_stop_is_answered_where_all_file_descriptors_are_used_up() {
     );
     println!("a stop beside {} idle connections was answered after {took:?}", idle.len());
     assert!(took < PATIENCE);
-    // And those that gave way were told so, not left without a word.
+    // The connections that gave way get a message.
     idle[0].set_read_timeout(Some(PATIENCE)).unwrap();
     let mut heard = String::new();
     idle[0].read_to_string(&mut heard).unwrap();

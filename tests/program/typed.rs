@@ -16,7 +16,7 @@ fn plain(data: &Path, words: &[&str], lines: &str) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // A run that takes no commands may have ended before it was written to.
+    // A run that reads no commands may have ended before the write.
     let mut input = child.stdin.take().unwrap();
     drop(input.write_all(lines.as_bytes()));
     drop(input);
@@ -32,14 +32,14 @@ fn verbs_are_carried_out_line_by_line_beside_the_engine() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
     let lines = "# a remark\nhelp\nfly\n:status\nidentity new mara --unprotected\n\
-                 goal grasp --as mara --reason 'only the first'\nstatus --family \"nobody\n";
+                 goal grasp --as mara --reason 'only the first'\nstatus --family \"omar\n";
     let output = plain(&data, &["--plain"], lines);
     let text = said(&output);
     for part in [
         "a line is a verb of holdpoint",
         "there is no command \"fly\"",
         "> status",
-        "made the identity mara",
+        "created the identity mara",
         "> goal grasp --as mara --reason only the first",
         "a quote is not closed; nothing was done",
         "nothing was judged",
@@ -47,9 +47,9 @@ fn verbs_are_carried_out_line_by_line_beside_the_engine() {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
     assert_eq!(output.status.code(), Some(5), "{text}");
-    let order = ["> status", "made the identity mara", "> goal"].map(|part| text.find(part));
+    let order = ["> status", "created the identity mara", "> goal"].map(|part| text.find(part));
     assert!(order.is_sorted(), "in the order in which they were typed: {text}");
-    // What was done stands in the record, as from a shell.
+    // The actions are on record, as from a shell.
     let listed = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .args(["audit", "list", "--kind", "goal-set", "--data"])
         .arg(&data)
@@ -71,20 +71,20 @@ fn what_stops_waits_for_nothing_and_quit_ends() {
     assert!(!said(&output).contains("> status"), "{}", said(&output));
 }
 
-/// What a script had written before its last line was dropped without a word.
+/// A script's input before its last line was once dropped silently.
 #[test]
 fn quit_ends_after_what_was_typed_before_it() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
     let lines = "identity new mara --unprotected\ngoal grasp --as mara --reason 'only the first'\nstatus\nquit\nfly\n";
     let text = said(&plain(&data, &["--plain"], lines));
-    for part in ["made the identity mara", "> goal grasp", "> status", "ends once what was typed before"] {
+    for part in ["created the identity mara", "> goal grasp", "> status", "ends after the earlier commands"] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
     assert!(!text.contains("fly"), "{text}");
 }
 
-/// Where it was chosen for want of a terminal, the input is somebody else's: a loop in a shell reads on from it.
+/// Chosen for lack of a terminal: the input belongs to another program, such as a loop in a shell.
 #[test]
 fn without_the_flag_the_input_is_left_alone() {
     let folder = tempfile::tempdir().unwrap();

@@ -4,23 +4,26 @@ use std::sync::Arc;
 
 use holdpoint::approvals::keyfile::Protection;
 use holdpoint::console::action::Action;
+use holdpoint::console::approval_screen::{ApprovalScreen, RequestChange};
 use holdpoint::console::form::{Abort, Form, Intent};
 use holdpoint::console::frame::{draw, text_of};
 use holdpoint::console::line::EditLine;
-use holdpoint::console::look::{Depth, Glyphs, Look, Theme};
-use holdpoint::console::model::{Frozen, HISTORY_PANE, ListCursor, Model, Notice, Overlay, Typing, View};
+use holdpoint::console::look::{ColorDepth, Glyphs, Look, Theme};
+use holdpoint::console::model::{
+    ConsoleModel, ConsoleNotice, FrozenView, HISTORY_PANE, ListCursor, Overlay, Typing, View,
+};
 use holdpoint::console::operator::Operator;
 use holdpoint::console::palette::Palette;
-use holdpoint::console::prompt::{Prompt, Stale};
 use holdpoint::console::theme;
 use holdpoint::governance::alarms::AlarmSummary;
 use holdpoint::governance::approval::Role;
+use holdpoint::governance::closed_set::Lenient;
 use holdpoint::governance::evidence::StaleCause;
 use holdpoint::governance::profile::ProfileName;
-use holdpoint::governance::words::Word;
-use holdpoint::protocol::detail::Verified;
-use holdpoint::protocol::question::{QuestionFacts, render};
+use holdpoint::protocol::approval_document::ApprovalFacts;
+use holdpoint::protocol::detail::AuditVerification;
 use holdpoint::protocol::snapshot::Snapshot;
+use holdpoint::wording::approval::render;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::Color;
@@ -31,10 +34,10 @@ use crate::support;
 const SIZES: [(u16, u16); 4] = [(120, 36), (100, 30), (80, 24), (60, 16)];
 
 fn look() -> Look {
-    Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Unicode)
+    Look::new(Theme::builtin("calm-dark").unwrap(), ColorDepth::True, Glyphs::Unicode)
 }
 
-fn shown(model: &Model, (width, height): (u16, u16)) -> String {
+fn shown(model: &ConsoleModel, (width, height): (u16, u16)) -> String {
     text_of(model, &look(), width, height)
 }
 
@@ -56,14 +59,14 @@ fn health_over_time_as_it_is_looked_at() {
     let grasp = 1;
     for (pane, name) in ["success", "violations", "time", "force"].into_iter().enumerate() {
         let mut model = base.clone();
-        model.place.panes[View::Health as usize] = pane;
-        model.place.cursors.insert((View::Health, pane), ListCursor { row: grasp, item: None });
-        let series = model.told.health.as_ref().unwrap().0.clone();
-        model.place.health.cursor_ms = Some(series.start_ms(40));
+        model.view_state.panes[View::Health as usize] = pane;
+        model.view_state.cursors.insert((View::Health, pane), ListCursor { row: grasp, item: None });
+        let series = model.engine_data.health.as_ref().unwrap().0.clone();
+        model.view_state.health.cursor_ms = Some(series.start_ms(40));
         insta::assert_snapshot!(format!("health_{name}_80x24"), shown(&model, (80, 24)));
         if pane == 0 {
             insta::assert_snapshot!("health_at_a_mark_200x60", shown(&model, (200, 60)));
-            let ascii = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+            let ascii = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
             insta::assert_snapshot!("health_ascii_80x24", text_of(&model, &ascii, 80, 24));
         }
     }
@@ -71,69 +74,68 @@ fn health_over_time_as_it_is_looked_at() {
     let mut series = support::health();
     series.points.clear();
     series.marks.clear();
-    empty.told.health = Some((Arc::new(series), empty.now_ms));
+    empty.engine_data.health = Some((Arc::new(series), empty.now_ms));
     insta::assert_snapshot!("health_empty_80x24", shown(&empty, (80, 24)));
     let mut unread = base;
-    unread.told.health = None;
+    unread.engine_data.health = None;
     insta::assert_snapshot!("health_unread_80x24", shown(&unread, (80, 24)));
 }
 
 #[test]
 fn the_course_of_alarms_beside_the_open_ones() {
     let mut model = support::at(View::Alarms);
-    model.place.panes[View::Alarms as usize] = HISTORY_PANE;
-    model.told.alarm_history = Some(Arc::new(support::health()));
+    model.view_state.panes[View::Alarms as usize] = HISTORY_PANE;
+    model.engine_data.alarm_history = Some(Arc::new(support::health()));
     for (row, name) in ["stands", "closed"].into_iter().enumerate() {
-        model.place.cursors.insert((View::Alarms, HISTORY_PANE), ListCursor { row, item: None });
+        model.view_state.cursors.insert((View::Alarms, HISTORY_PANE), ListCursor { row, item: None });
         insta::assert_snapshot!(format!("alarm_history_{name}_80x24"), shown(&model, (80, 24)));
     }
     insta::assert_snapshot!("alarm_history_120x36", shown(&model, (120, 36)));
-    model.told.alarm_history = None;
+    model.engine_data.alarm_history = None;
     insta::assert_snapshot!("alarm_history_unread_80x24", shown(&model, (80, 24)));
 }
 
 /// A prompt over the waiting candidate at a tier, opened long enough ago that keys count.
-fn prompted(tier: u8) -> Model {
+fn prompted(tier: u8) -> ConsoleModel {
     let mut model = support::at(View::Approvals);
     let mut snapshot = support::snapshot();
     snapshot.prompts = vec![support::question(tier)];
-    let mut prompt = Prompt::open(&support::question(tier), &snapshot, model.now_ms - 5_000);
-    if let Some(who) = model.seat.operator.as_ref().map(|who| who.name.clone()) {
-        prompt.asked(who.clone(), "q".to_owned());
+    let mut prompt = ApprovalScreen::open(&support::question(tier), &snapshot, model.now_ms - 5_000);
+    if let Some(who) = model.session.operator.as_ref().map(|who| who.name.clone()) {
+        prompt.mark_requested(who.clone(), "q".to_owned());
         prompt.take("q", Ok(support::asked(tier, &who)));
     }
-    model.told.snapshot = Some(Arc::new(snapshot));
-    model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+    model.engine_data.snapshot = Some(Arc::new(snapshot));
+    model.input.overlay = Some(Overlay::Approval(Box::new(prompt)));
     model
 }
 
-fn with_prompt(model: &mut Model, change: impl FnOnce(&mut Prompt)) {
-    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { panic!("no prompt") };
+fn with_prompt(model: &mut ConsoleModel, change: impl FnOnce(&mut ApprovalScreen)) {
+    let Some(Overlay::Approval(prompt)) = &mut model.input.overlay else { panic!("no prompt") };
     change(prompt);
 }
 
-fn formed(intent: Intent) -> Model {
+fn formed(intent: Intent) -> ConsoleModel {
     let mut model = support::at(View::Overview);
-    let consequences =
-        vec!["grasp@1.0.0 takes over at once; the candidate goes back to evaluation".to_owned()];
-    model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(intent, consequences))));
+    let consequences = vec!["grasp@1.0.0 takes over at once; the candidate returns to evaluation".to_owned()];
+    model.input.overlay = Some(Overlay::Form(Box::new(Form::new(intent, consequences))));
     model
 }
 
-/// What lies over a view, and the states of a console that are not everyday ones.
-fn occasions() -> Vec<(&'static str, Model)> {
+/// Overlays, and unusual states of a console.
+fn occasions() -> Vec<(&'static str, ConsoleModel)> {
     let mut occasions =
         vec![("prompt_tier0", prompted(0)), ("prompt_tier1", prompted(1)), ("prompt_tier2", prompted(2))];
     let mut stale = prompted(2);
     with_prompt(&mut stale, |prompt| {
-        prompt.stale = Some(Stale { at_ms: support::NOW_MS, what: "the evidence changed" });
+        prompt.stale = Some(RequestChange { at_ms: support::NOW_MS, what: "the evidence changed" });
     });
     occasions.push(("prompt_stale", stale));
     let mut palette = support::at(View::Alarms);
-    palette.entry.overlay = Some(Overlay::Palette(Palette::new(Action::ALL.to_vec())));
+    palette.input.overlay = Some(Overlay::Palette(Palette::new(Action::ALL.to_vec())));
     occasions.push(("palette", palette));
     let mut rollback = formed(Intent::Rollback(support::id("place@1.0.0")));
-    if let Some(Overlay::Form(form)) = &mut rollback.entry.overlay {
+    if let Some(Overlay::Form(form)) = &mut rollback.input.overlay {
         form.problem = Some("a reason is needed".to_owned());
     }
     occasions.push(("form_rollback", rollback));
@@ -141,10 +143,10 @@ fn occasions() -> Vec<(&'static str, Model)> {
     occasions.push(("form_shelve", formed(Intent::Shelve("camera:align@1.0.0".to_owned()))));
     let mut first = support::model();
     first.settings.tour = Some(0);
-    first.told.picture = None;
-    first.seat.operator = None;
-    first.told.story.clear();
-    first.told.snapshot = Some(Arc::new(Snapshot {
+    first.engine_data.picture = None;
+    first.session.operator = None;
+    first.engine_data.events.clear();
+    first.engine_data.snapshot = Some(Arc::new(Snapshot {
         candidates: Vec::new(),
         prompts: Vec::new(),
         questions: Vec::new(),
@@ -166,22 +168,25 @@ fn occasions() -> Vec<(&'static str, Model)> {
     let mut held = support::snapshot();
     held.holding = Some("paused by grace: lens is being cleaned".to_owned());
     held.profile = ProfileName::Real;
-    doubtful.place.frozen =
-        Some(Frozen { at_ms: 700_000, snapshot: Arc::new(held.clone()), story: doubtful.told.story.clone() });
-    doubtful.told.snapshot = Some(Arc::new(held));
-    doubtful.told.snapshot_ms = 48_000;
+    doubtful.view_state.frozen = Some(FrozenView {
+        at_ms: 700_000,
+        snapshot: Arc::new(held.clone()),
+        story: doubtful.engine_data.events.clone(),
+    });
+    doubtful.engine_data.snapshot = Some(Arc::new(held));
+    doubtful.engine_data.snapshot_ms = 48_000;
     doubtful.settings.read_only = true;
-    doubtful.told.missed = 3;
-    doubtful.place.zoom = 1;
+    doubtful.engine_data.missed = 3;
+    doubtful.view_state.zoom = 1;
     occasions.push(("doubtful", doubtful));
     let mut typing = support::at(View::Registry);
-    typing.entry.typing = Some(Typing::Filter(EditLine::new("place")));
+    typing.input.typing = Some(Typing::Filter(EditLine::new("place")));
     occasions.push(("filter", typing));
     occasions.push(("flood", flood()));
     occasions
 }
 
-fn flood() -> Model {
+fn flood() -> ConsoleModel {
     let mut model = support::at(View::Alarms);
     let mut snapshot = support::snapshot();
     let high = snapshot.alarms[1].clone();
@@ -193,7 +198,7 @@ fn flood() -> Model {
     }
     snapshot.alarm_summary.flood = true;
     snapshot.alarm_summary.unacknowledged = [1, 13, 1];
-    model.told.snapshot = Some(Arc::new(snapshot));
+    model.engine_data.snapshot = Some(Arc::new(snapshot));
     model
 }
 
@@ -211,7 +216,7 @@ fn the_whole_decision_is_readable() {
     for tier in 0..=2 {
         let whole = shown(&prompted(tier), (100, 30));
         assert!(whole.contains("all of it"), "tier {tier}:\n{whole}");
-        // What does not fit is said, with the key that leads there.
+        // A line shows that more follows, with the key that leads there.
         let small = shown(&prompted(tier), (80, 24));
         assert!(
             small.contains("all of it") || small.contains("more below: pagedown"),
@@ -223,7 +228,7 @@ fn the_whole_decision_is_readable() {
             with_prompt(&mut model, |prompt| prompt.scroll = page * 4);
             seen += &shown(&model, (60, 16));
         }
-        let Some(Overlay::Prompt(prompt)) = &model.entry.overlay else { panic!("no prompt") };
+        let Some(Overlay::Approval(prompt)) = &model.input.overlay else { panic!("no prompt") };
         let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
         let seen_words: std::collections::BTreeSet<String> = words(&seen).into_iter().collect();
         for line in prompt.text() {
@@ -243,12 +248,12 @@ fn stale_evidence_is_said_where_the_candidate_is_read_and_decided_upon() {
     for candidate in &mut snapshot.candidates {
         candidate.stale = vec![StaleCause::Profile, StaleCause::Environment];
     }
-    let stale = QuestionFacts {
+    let stale = ApprovalFacts {
         stale: vec![StaleCause::Profile, StaleCause::Environment],
         ..support::facts(1, None)
     };
     assert!(render(&stale).contains(&STALE.to_owned()), "{:#?}", render(&stale));
-    model.told.snapshot = Some(Arc::new(snapshot));
+    model.engine_data.snapshot = Some(Arc::new(snapshot));
     for size in SIZES {
         let text = shown(&model, size);
         assert!(text.contains(STALE), "{size:?}:\n{text}");
@@ -257,7 +262,7 @@ fn stale_evidence_is_said_where_the_candidate_is_read_and_decided_upon() {
 
 #[test]
 fn every_window_is_drawn_and_the_gravest_alarm_and_the_way_out_are_in_it() {
-    let mut models: Vec<Model> = View::ALL.into_iter().map(support::at).collect();
+    let mut models: Vec<ConsoleModel> = View::ALL.into_iter().map(support::at).collect();
     models.extend(occasions().into_iter().map(|(_, model)| model));
     let widths = [1, 2, 3, 5, 9, 19, 31, 59, 60, 79, 81, 99, 101, 200, 500];
     let heights = [1, 2, 3, 4, 5, 7, 9, 15, 16, 23, 25, 29, 31, 60];
@@ -266,7 +271,7 @@ fn every_window_is_drawn_and_the_gravest_alarm_and_the_way_out_are_in_it() {
             for height in heights {
                 let text = shown(model, (width, height));
                 assert_eq!(text.lines().count(), usize::from(height));
-                if model.told.snapshot.as_ref().is_some_and(|snapshot| !snapshot.alarms.is_empty())
+                if model.engine_data.snapshot.as_ref().is_some_and(|snapshot| !snapshot.alarms.is_empty())
                     && width >= 19
                 {
                     assert!(text.contains("1▲ CRIT"), "{width}x{height}:\n{text}");
@@ -278,7 +283,7 @@ fn every_window_is_drawn_and_the_gravest_alarm_and_the_way_out_are_in_it() {
     assert!(text.contains("q quits") && text.contains("2 wait"), "{text}");
 }
 
-/// Texts that a terminal or a reader would be taken in by.
+/// Texts that would deceive a terminal or a reader.
 fn hostile() -> Vec<String> {
     vec![
         "\u{1b}[2J\u{1b}]0;owned\u{7}\u{9b}31m\r\n\0gone".to_owned(),
@@ -290,7 +295,7 @@ fn hostile() -> Vec<String> {
     ]
 }
 
-fn poisoned(text: &str, view: View) -> Model {
+fn poisoned(text: &str, view: View) -> ConsoleModel {
     let mut model = support::at(view);
     let mut snapshot = support::snapshot();
     text.clone_into(&mut snapshot.robot);
@@ -305,7 +310,9 @@ fn poisoned(text: &str, view: View) -> Model {
     }
     for candidate in &mut snapshot.candidates {
         text.clone_into(&mut candidate.author);
-        candidate.reasons.iter_mut().for_each(|reason| text.clone_into(&mut reason.text));
+        for reason in &mut candidate.reasons {
+            (reason.finding, reason.older_text) = (None, text.to_owned());
+        }
         if let Some(progress) = &mut candidate.progress {
             text.clone_into(&mut progress.what);
             text.clone_into(&mut progress.early);
@@ -321,33 +328,35 @@ fn poisoned(text: &str, view: View) -> Model {
         .flat_map(|one| &mut one.charts)
         .for_each(|one| text.clone_into(&mut one.0));
     snapshot.scenery.keep_outs.iter_mut().for_each(|one| text.clone_into(&mut one.name));
-    model.told.snapshot = Some(Arc::new(snapshot));
+    model.engine_data.snapshot = Some(Arc::new(snapshot));
     let mut detail = support::detail();
     text.clone_into(&mut detail.summary);
-    detail.reasons.iter_mut().for_each(|reason| text.clone_into(&mut reason.text));
+    for reason in &mut detail.reasons {
+        (reason.finding, reason.older_text) = (None, text.to_owned());
+    }
     detail.untested = vec![text.to_owned()];
     detail.differences.iter_mut().for_each(|one| one.new = Some(text.into()));
-    model.told.detail = model.told.detail.map(|_| Arc::new(detail));
-    let mut page = (*model.told.audit).clone();
+    model.engine_data.detail = model.engine_data.detail.map(|_| Arc::new(detail));
+    let mut page = (*model.engine_data.audit).clone();
     for row in &mut page.rows {
-        row.kind = Word::read(text.to_owned());
+        row.kind = Lenient::read(text.to_owned());
         for field in [&mut row.subject, &mut row.body] {
             text.clone_into(field);
         }
     }
-    model.told.audit = Arc::new(page);
-    let mut registry = (*model.told.registry.page).clone();
+    model.engine_data.audit = Arc::new(page);
+    let mut registry = (*model.engine_data.registry.page).clone();
     registry.rows.iter_mut().for_each(|row| text.clone_into(&mut row.author));
-    model.told.registry.page = Arc::new(registry);
-    model.told.story.iter_mut().for_each(|told| text.clone_into(&mut told.text));
-    model.seat.operator =
+    model.engine_data.registry.page = Arc::new(registry);
+    model.engine_data.events.iter_mut().for_each(|told| text.clone_into(&mut told.text));
+    model.session.operator =
         Some(Operator { name: text.to_owned(), role: Role::Operator, protection: Protection::None });
-    model.told.verified = Some(Verified { holds: false, records: 3, text: text.to_owned() });
-    model.notice = Some(Notice { text: text.to_owned(), bad: true, until_ms: 99_000 });
+    model.engine_data.verified = Some(AuditVerification { holds: false, records: 3, text: text.to_owned() });
+    model.notice = Some(ConsoleNotice { text: text.to_owned(), bad: true, until_ms: 99_000 });
     model
 }
 
-fn drawn(model: &Model, look: &Look, (width, height): (u16, u16)) -> Buffer {
+fn drawn(model: &ConsoleModel, look: &Look, (width, height): (u16, u16)) -> Buffer {
     let area = Rect::new(0, 0, width, height);
     let mut buf = Buffer::empty(area);
     draw(model, look, area, &mut buf);
@@ -360,7 +369,7 @@ fn hostile_texts_act_on_nothing() {
         for view in View::ALL {
             for pane in 0..view.panes().len() {
                 let mut model = poisoned(&text, view);
-                model.place.panes[view as usize] = pane;
+                model.view_state.panes[view as usize] = pane;
                 for size in [(120, 36), (80, 24), (60, 16), (30, 8)] {
                     let buf = drawn(&model, &look(), size);
                     for y in 0..size.1 {
@@ -382,17 +391,17 @@ fn hostile_texts_act_on_nothing() {
 }
 
 #[test]
-fn colours_add_nothing_that_is_not_said_without_them() {
+fn colors_add_nothing_that_is_not_said_without_them() {
     for view in View::ALL {
         let model = support::at(view);
-        let plain = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
+        let plain = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Unicode);
         assert_eq!(text_of(&model, &plain, 100, 30), shown(&model, (100, 30)), "{view:?}");
         for name in theme::names() {
-            let look = Look::new(Theme::builtin(name).unwrap(), Depth::Mono, Glyphs::Unicode);
+            let look = Look::new(Theme::builtin(name).unwrap(), ColorDepth::Mono, Glyphs::Unicode);
             let buf = drawn(&model, &look, (100, 30));
-            let coloured =
+            let colored =
                 buf.content().iter().filter(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset);
-            assert_eq!(coloured.count(), 0, "{name} {view:?}");
+            assert_eq!(colored.count(), 0, "{name} {view:?}");
         }
     }
     let alarms = shown(&support::at(View::Alarms), (100, 30));
@@ -412,21 +421,21 @@ fn colours_add_nothing_that_is_not_said_without_them() {
 
 #[test]
 fn ascii_alone_where_it_is_asked_for() {
-    let look = Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Ascii);
-    let mut models: Vec<Model> = View::ALL.into_iter().map(support::at).collect();
+    let look = Look::new(Theme::builtin("calm-dark").unwrap(), ColorDepth::True, Glyphs::Ascii);
+    let mut models: Vec<ConsoleModel> = View::ALL.into_iter().map(support::at).collect();
     models.extend(occasions().into_iter().map(|(_, model)| model));
     for model in &models {
         for size in SIZES {
             let text = text_of(model, &look, size.0, size.1);
             let strange: Vec<char> = text.chars().filter(|sign| !sign.is_ascii()).collect();
-            assert!(strange.is_empty(), "{:?} {size:?}: {strange:?}\n{text}", model.place.view);
+            assert!(strange.is_empty(), "{:?} {size:?}: {strange:?}\n{text}", model.view_state.view);
         }
     }
     insta::assert_snapshot!("overview_ascii_100x30", text_of(&support::at(View::Overview), &look, 100, 30));
 }
 
 /// The styles of each line, in order, each once: `12 bold fg=Red`.
-fn styles(model: &Model, look: &Look, (width, height): (u16, u16)) -> String {
+fn styles(model: &ConsoleModel, look: &Look, (width, height): (u16, u16)) -> String {
     let buf = drawn(model, look, (width, height));
     let mut text = String::new();
     for y in 0..height {
@@ -446,7 +455,7 @@ fn styles(model: &Model, look: &Look, (width, height): (u16, u16)) -> String {
 #[test]
 fn styles_of_every_theme_at_every_depth() {
     for name in theme::names() {
-        for depth in Depth::ALL {
+        for depth in ColorDepth::ALL {
             let look = Look::new(Theme::builtin(name).unwrap(), depth, Glyphs::Unicode);
             let mut text = String::new();
             for view in View::ALL {

@@ -1,16 +1,16 @@
-//! What must be readable at 3 a.m., in every view and at every size: who has the arm and how, what is stopped, and the
-//! key that stops.
+//! The facts that must be readable at 3 a.m., in every view and at every size: active versions, stopped parts, and
+//! the key that stops.
 
 use std::sync::Arc;
 
+use holdpoint::console::approval_screen::ApprovalScreen;
 use holdpoint::console::form::{Form, Intent};
 use holdpoint::console::frame::{decision_on_screen, text_of};
 use holdpoint::console::line::EditLine;
-use holdpoint::console::look::{Depth, Glyphs, Look, Theme};
-use holdpoint::console::model::{Frozen, Model, Notice, Overlay, Typing, View};
-use holdpoint::console::prompt::Prompt;
+use holdpoint::console::look::{ColorDepth, Glyphs, Look, Theme};
+use holdpoint::console::model::{ConsoleModel, ConsoleNotice, FrozenView, Overlay, Typing, View};
 use holdpoint::governance::alarms::{AlarmState, Priority};
-use holdpoint::governance::lifecycle::{Flags, State};
+use holdpoint::governance::lifecycle::{State, VersionFlags};
 use holdpoint::protocol::command::Caller;
 use holdpoint::protocol::snapshot::{AlarmView, Snapshot, StoppedView};
 use ratatui::layout::Rect;
@@ -20,23 +20,23 @@ use crate::support;
 const SIZES: [(u16, u16); 4] = [(120, 36), (100, 30), (80, 24), (60, 16)];
 
 fn look() -> Look {
-    Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Unicode)
+    Look::new(Theme::builtin("calm-dark").unwrap(), ColorDepth::True, Glyphs::Unicode)
 }
 
-fn shown(model: &Model, (width, height): (u16, u16)) -> String {
+fn shown(model: &ConsoleModel, (width, height): (u16, u16)) -> String {
     text_of(model, &look(), width, height)
 }
 
-fn told(model: &mut Model, change: impl FnOnce(&mut Snapshot)) {
-    let mut snapshot = (**model.told.snapshot.as_ref().unwrap()).clone();
+fn told(model: &mut ConsoleModel, change: impl FnOnce(&mut Snapshot)) {
+    let mut snapshot = (**model.engine_data.snapshot.as_ref().unwrap()).clone();
     change(&mut snapshot);
-    model.told.snapshot = Some(Arc::new(snapshot));
+    model.engine_data.snapshot = Some(Arc::new(snapshot));
 }
 
-/// `place@1.1.0` has the arm, provisionally, and somebody holds its promotion.
-fn held_provisional(view: View, pane: usize) -> Model {
+/// `place@1.1.0` is active, provisionally, and an operator holds its promotion.
+fn held_provisional(view: View, pane: usize) -> ConsoleModel {
     let mut model = support::at(view);
-    let flags = Flags { provisional: true, paused: true, ..Flags::default() };
+    let flags = VersionFlags { provisional: true, paused: true, ..VersionFlags::default() };
     told(&mut model, |snapshot| {
         let place = snapshot.families.iter_mut().find(|family| family.family.as_str() == "place").unwrap();
         place.active = Some(support::id("place@1.1.0"));
@@ -48,17 +48,17 @@ fn held_provisional(view: View, pane: usize) -> Model {
     });
     let mut picture = support::picture();
     picture.version = Some(support::id("place@1.1.0"));
-    model.told.picture = Some(Arc::new(picture));
-    let mut page = (*model.told.registry.page).clone();
+    model.engine_data.picture = Some(Arc::new(picture));
+    let mut page = (*model.engine_data.registry.page).clone();
     for row in &mut page.rows {
         (row.state, row.flags) = (State::Active, flags);
     }
-    model.told.registry.page = Arc::new(page);
+    model.engine_data.registry.page = Arc::new(page);
     let mut detail = support::detail();
     detail.version = support::id("place@1.1.0");
-    model.told.detail = Some(Arc::new(detail));
-    model.place.chosen = Some(support::id("place@1.1.0"));
-    model.place.panes[view as usize] = pane;
+    model.engine_data.detail = Some(Arc::new(detail));
+    model.view_state.chosen = Some(support::id("place@1.1.0"));
+    model.view_state.panes[view as usize] = pane;
     model
 }
 
@@ -96,11 +96,11 @@ fn the_strip_shows_it_watched_and_its_confirmation_held() {
     assert!(text.contains("◌monitor ‖confirm"), "{text}");
 }
 
-fn freeze(model: &mut Model) {
-    model.place.frozen = Some(Frozen {
+fn freeze(model: &mut ConsoleModel) {
+    model.view_state.frozen = Some(FrozenView {
         at_ms: 700_000,
-        snapshot: model.told.snapshot.clone().unwrap(),
-        story: model.told.story.clone(),
+        snapshot: model.engine_data.snapshot.clone().unwrap(),
+        story: model.engine_data.events.clone(),
     });
 }
 
@@ -109,7 +109,7 @@ fn who_has_the_arm_alarms_stops_and_questions_are_never_frozen() {
     for view in View::ALL {
         for pane in 0..view.panes().len() {
             let mut model = support::at(view);
-            model.place.panes[view as usize] = pane;
+            model.view_state.panes[view as usize] = pane;
             freeze(&mut model);
             told(&mut model, |snapshot| {
                 snapshot.families[2].active = Some(support::id("place@7.7.7"));
@@ -121,7 +121,7 @@ fn who_has_the_arm_alarms_stops_and_questions_are_never_frozen() {
             });
             let mut picture = support::picture();
             picture.version = Some(support::id("grasp@8.8.8"));
-            model.told.picture = Some(Arc::new(picture));
+            model.engine_data.picture = Some(Arc::new(picture));
             for size in SIZES {
                 let text = shown(&model, size);
                 let at = format!("{view:?} pane {pane} {size:?}:\n{text}");
@@ -147,47 +147,47 @@ fn who_has_the_arm_alarms_stops_and_questions_are_never_frozen() {
 fn a_frozen_story_stands_still_and_says_since_when() {
     for size in SIZES {
         let mut model = support::at(View::Overview);
-        model.place.panes[0] = 2;
+        model.view_state.panes[0] = 2;
         freeze(&mut model);
         let before = shown(&model, size);
-        let mut newest = model.told.story.back().unwrap().clone();
+        let mut newest = model.engine_data.events.back().unwrap().clone();
         newest.seq += 1;
         newest.text = "the newest".to_owned();
-        model.told.story.push_back(newest);
+        model.engine_data.events.push_back(newest);
         assert_eq!(shown(&model, size), before, "{size:?}");
         assert!(before.contains("FROZEN since 00:11:40"), "{size:?}:\n{before}");
-        model.place.frozen = None;
+        model.view_state.frozen = None;
         assert!(shown(&model, size).contains("the newest"), "{size:?}");
     }
 }
 
 #[test]
 fn the_key_that_stops_is_in_the_footer_whatever_else_is_there() {
-    let mut models: Vec<(String, Model, &str)> =
+    let mut models: Vec<(String, ConsoleModel, &str)> =
         View::ALL.into_iter().map(|view| (format!("{view:?}"), support::at(view), "X stop")).collect();
-    let mut with = |name: &str, key: &'static str, change: &dyn Fn(&mut Model)| {
+    let mut with = |name: &str, key: &'static str, change: &dyn Fn(&mut ConsoleModel)| {
         let mut model = support::at(View::Alarms);
         change(&mut model);
         models.push((name.to_owned(), model, key));
     };
     let long = "something that was answered at length ".repeat(20);
     with("notice", "X stop", &|model| {
-        model.notice = Some(Notice { text: long.clone(), bad: true, until_ms: 99_000 });
+        model.notice = Some(ConsoleNotice { text: long.clone(), bad: true, until_ms: 99_000 });
     });
-    with("typing", "f9 stop", &|model| model.entry.typing = Some(Typing::Command(EditLine::new(&long))));
+    with("typing", "f9 stop", &|model| model.input.typing = Some(Typing::Command(EditLine::new(&long))));
     with("form", "f9 stop", &|model| {
-        model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(
+        model.input.overlay = Some(Overlay::Form(Box::new(Form::new(
             Intent::Go { since_ms: 1, stops: 1, last_ms: 1 },
             Vec::new(),
         ))));
     });
     with("quit", "X stop", &|model| {
-        model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(Intent::Quit, Vec::new()))));
+        model.input.overlay = Some(Overlay::Form(Box::new(Form::new(Intent::Quit, Vec::new()))));
     });
     with("prompt", "X stop", &|model| {
         let snapshot = support::snapshot();
-        let prompt = Prompt::open(&support::question(1), &snapshot, model.now_ms);
-        model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+        let prompt = ApprovalScreen::open(&support::question(1), &snapshot, model.now_ms);
+        model.input.overlay = Some(Overlay::Approval(Box::new(prompt)));
     });
     with("read-only", "X stop", &|model| model.settings.read_only = true);
     for (name, model, key) in &models {
@@ -203,25 +203,25 @@ fn the_key_that_stops_is_in_the_footer_whatever_else_is_there() {
 fn a_decision_says_how_much_of_it_is_unread_and_which_key_shows_it() {
     let mut model = support::at(View::Approvals);
     let snapshot = support::snapshot();
-    let mut prompt = Prompt::open(&support::question(2), &snapshot, 0);
+    let mut prompt = ApprovalScreen::open(&support::question(2), &snapshot, 0);
     let all = prompt.text().len();
-    model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt.clone())));
+    model.input.overlay = Some(Overlay::Approval(Box::new(prompt.clone())));
     let text = shown(&model, (80, 24));
     assert!(text.contains(&format!("{all} of {all} lines unread: pagedown shows the next")), "{text}");
     assert!(text.contains("[Y Promote]"), "{text}");
     // Page by page, as frames are drawn.
     for _ in 0..all {
-        model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt.clone())));
+        model.input.overlay = Some(Overlay::Approval(Box::new(prompt.clone())));
         let seen = decision_on_screen(&model, &look(), Rect::new(0, 0, 80, 24)).unwrap();
         let text = shown(&model, (80, 24));
         for row in &seen.rows {
-            assert!(text.contains(row.text.trim()), "{:?} is said to be on the screen:\n{text}", row.text);
+            assert!(text.contains(row.text.trim()), "{:?} should be on the screen:\n{text}", row.text);
         }
         prompt.saw(&seen);
         prompt.scroll_by(true, true);
     }
     assert_eq!(prompt.unread(), 0);
-    model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
+    model.input.overlay = Some(Overlay::Approval(Box::new(prompt)));
     assert!(!shown(&model, (80, 24)).contains("unread"));
 }
 
@@ -242,7 +242,7 @@ fn the_alarm_that_comes_first_is_on_the_alarm_line() {
             alarm("standing", AlarmState::Unacknowledged, 2_000),
         ];
     });
-    let line = |model: &Model| shown(model, (120, 36)).lines().rev().nth(1).unwrap().to_owned();
+    let line = |model: &ConsoleModel| shown(model, (120, 36)).lines().rev().nth(1).unwrap().to_owned();
     assert!(line(&model).starts_with("1▲ CRIT standing:"), "{}", line(&model));
     told(&mut model, |snapshot| snapshot.alarms[1].state = AlarmState::Shelved);
     assert!(line(&model).starts_with("1▲ CRIT older (returned):"), "{}", line(&model));

@@ -1,4 +1,4 @@
-//! Every screen of the console and of a replay, as somebody sees it.
+//! Every screen of the console and of a replay, as a user sees it.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

@@ -1,13 +1,13 @@
-//! The replay of a recording as somebody sees it, and as it is printed.
+//! The replay of a recording as a user sees it, and as it is printed.
 
 use holdpoint::console::line::EditLine;
-use holdpoint::console::look::{Depth, Glyphs, Look, Theme};
+use holdpoint::console::look::{ColorDepth, Glyphs, Look, Theme};
 use holdpoint::console::replay::frame::draw;
 use holdpoint::console::replay::model::ReplayModel;
 use holdpoint::console::replay::print;
 use holdpoint::console::replay::speed::Speed;
 use holdpoint::console::replay::timeline::Timeline;
-use holdpoint::governance::words::Word;
+use holdpoint::governance::closed_set::Lenient;
 use holdpoint::protocol::event::EventKind;
 use holdpoint::recordings::recording::Recording;
 use ratatui::buffer::Buffer;
@@ -27,7 +27,7 @@ fn replayed(at_ms: u64) -> ReplayModel {
 }
 
 fn look() -> Look {
-    Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Unicode)
+    Look::new(Theme::builtin("calm-dark").unwrap(), ColorDepth::True, Glyphs::Unicode)
 }
 
 fn drawn(model: &ReplayModel, look: &Look, (width, height): (u16, u16)) -> Buffer {
@@ -66,7 +66,7 @@ fn every_cursor_at_every_size() {
     }
 }
 
-/// What lies over the screen, and recordings that lack something.
+/// Overlays, and incomplete recordings.
 fn occasions() -> Vec<(&'static str, ReplayModel)> {
     let mut help = replayed(766_400);
     help.help = Some(0);
@@ -75,7 +75,7 @@ fn occasions() -> Vec<(&'static str, ReplayModel)> {
     let mut playing = replayed(771_000);
     playing.playing = true;
     playing.speed = Speed::of(8.0).unwrap();
-    playing.tell("skipped 5 s without pictures; s plays them through", false);
+    playing.show_notice("skipped 5 s without frames; s plays them through", false);
     let whole = upgrade::recording();
     let without_pictures = Recording { pictures: Vec::new(), ..whole.clone() };
     let without_events = Recording { events: Vec::new(), outcome: None, ..whole.clone() };
@@ -100,7 +100,7 @@ fn every_occasion() {
 
 #[test]
 fn ascii_alone_where_it_is_asked_for() {
-    let look = Look::new(Theme::builtin("calm-dark").unwrap(), Depth::True, Glyphs::Ascii);
+    let look = Look::new(Theme::builtin("calm-dark").unwrap(), ColorDepth::True, Glyphs::Ascii);
     let at = upgrade::CURSORS.map(|(_, at_ms)| replayed(at_ms));
     for model in at.into_iter().chain(occasions().into_iter().map(|(_, model)| model)) {
         for size in SIZES {
@@ -112,14 +112,14 @@ fn ascii_alone_where_it_is_asked_for() {
 }
 
 #[test]
-fn colours_add_nothing_that_is_not_said_without_them() {
-    let mono = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
+fn colors_add_nothing_that_is_not_said_without_them() {
+    let mono = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Unicode);
     for (name, at_ms) in upgrade::CURSORS {
         let model = replayed(at_ms);
         assert_eq!(text_of(&model, &mono, (100, 30)), text_of(&model, &look(), (100, 30)), "{name}");
         let buf = drawn(&model, &mono, (100, 30));
-        let coloured = buf.content().iter().filter(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset);
-        assert_eq!(coloured.count(), 0, "{name}");
+        let colored = buf.content().iter().filter(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset);
+        assert_eq!(colored.count(), 0, "{name}");
     }
     insta::assert_snapshot!("rollback_mono_80x24", text_of(&replayed(851_300), &mono, (80, 24)));
 }
@@ -149,23 +149,24 @@ fn every_window_is_drawn_and_says_that_it_is_a_replay() {
     }
 }
 
-/// Texts that a terminal or a reader would be taken in by.
+/// Texts that would deceive a terminal or a reader.
 const HOSTILE: &str = "\u{1b}[2J\u{1b}]0;owned\u{7}\u{9b}31m\r\n\u{202e}evom\u{2066}\u{200b}\u{feff}";
 
 fn poisoned() -> Recording {
     let mut recording = upgrade::recording();
     let poison = |text: &mut String| HOSTILE.clone_into(text);
     poison(&mut recording.about.robot);
-    recording.about.profile = Word::read(HOSTILE.to_owned());
+    recording.about.profile = Lenient::read(HOSTILE.to_owned());
     poison(&mut recording.about.engine_build);
-    recording.outcome = Some(Word::read(HOSTILE.to_owned()));
+    recording.outcome = Some(Lenient::read(HOSTILE.to_owned()));
     recording.series.iter_mut().for_each(|series| series.name = format!("shadow/{HOSTILE}"));
     recording.scenery.keep_outs.iter_mut().for_each(|region| poison(&mut region.name));
     for event in &mut recording.events {
         match &mut event.kind {
             EventKind::Decided { reasons, .. } => {
                 for reason in reasons {
-                    poison(&mut reason.text);
+                    reason.finding = None;
+                    poison(&mut reason.older_text);
                 }
             }
             EventKind::StateChanged { reason, .. } => poison(reason),
@@ -193,7 +194,7 @@ fn hostile_texts_act_on_nothing() {
     assert!(!printed.contains(|sign: char| sign != '\n' && sign.is_control()), "{printed:?}");
 }
 
-/// Numbers of a broken file: nothing of them may stop the screen.
+/// Numbers of a broken file: the screen must survive all of them.
 #[test]
 fn senseless_numbers_are_drawn_somehow() {
     let mut recording = upgrade::recording();
@@ -233,10 +234,7 @@ fn prints_one_line_an_event() {
         until.lines().count(),
         2 + recording.events.iter().filter(|event| event.at_ms <= 757_000).count()
     );
-    assert!(
-        until.ends_with("the recording goes on; 0 pictures; not kept: 12 pictures, 0 events\n"),
-        "{until}"
-    );
+    assert!(until.ends_with("the recording goes on; 0 frames; not kept: 12 frames, 0 events\n"), "{until}");
     let open = Recording { outcome: None, ..recording };
     assert!(printed(&open, None).contains("not closed"), "an open recording says so");
 }

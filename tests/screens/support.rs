@@ -4,35 +4,38 @@ use std::sync::Arc;
 
 use holdpoint::approvals::keyfile::Protection;
 use holdpoint::console::keymap::Keymap;
-use holdpoint::console::model::{ConsoleSettings, EngineState, Listing, Model, StoryLine, View};
+use holdpoint::console::model::{
+    ConsoleModel, ConsoleSettings, EngineState, EventLogLine, RegistryListing, View,
+};
 use holdpoint::console::operator::Operator;
 use holdpoint::governance::approval::Role;
-use holdpoint::protocol::detail::{AuditPage, Verified};
+use holdpoint::protocol::detail::{AuditPage, AuditVerification};
 
 pub use crate::health::health;
 pub use crate::shift::*;
 
-/// A console without anything told yet.
-pub fn blank() -> Model {
+/// A console without any data yet.
+pub fn blank() -> ConsoleModel {
     let settings =
         ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
-    let mut model = Model::new(settings, Arc::new(Keymap::default()), vec!["calm-dark".to_owned()]);
+    let mut model = ConsoleModel::new(settings, Arc::new(Keymap::default()), vec!["calm-dark".to_owned()]);
     model.now_ms = 60_000;
-    model.told.snapshot_ms = 60_000;
+    model.engine_data.snapshot_ms = 60_000;
     model
 }
 
 /// A console in the middle of a shift.
-pub fn model() -> Model {
+pub fn model() -> ConsoleModel {
     let mut model = blank();
-    model.told.engine = EngineState::Running;
-    model.told.snapshot = Some(Arc::new(snapshot()));
-    model.told.picture = Some(Arc::new(picture()));
-    model.seat.operator =
+    model.engine_data.engine = EngineState::Running;
+    model.engine_data.snapshot = Some(Arc::new(snapshot()));
+    model.engine_data.picture = Some(Arc::new(picture()));
+    model.session.operator =
         Some(Operator { name: "linus".to_owned(), role: Role::Operator, protection: Protection::None });
-    model.told.registry = Listing { page: Arc::new(registry_page()), ..Listing::default() };
-    model.told.audit = Arc::new(AuditPage { rows: audit_rows(), head: 391 });
-    model.told.verified = Some(Verified {
+    model.engine_data.registry =
+        RegistryListing { page: Arc::new(registry_page()), ..RegistryListing::default() };
+    model.engine_data.audit = Arc::new(AuditPage { rows: audit_rows(), head: 391 });
+    model.engine_data.verified = Some(AuditVerification {
         holds: true,
         records: 391,
         text: "every record follows from the one before".to_owned(),
@@ -45,7 +48,7 @@ pub fn model() -> Model {
         "progress grasp@1.1.0 sandbox 137 of 480",
     ];
     for (seq, text) in (1u64..).zip(told) {
-        model.told.story.push_back(StoryLine {
+        model.engine_data.events.push_back(EventLogLine {
             seq,
             at_ms: 720_000 + 8_000 * seq,
             text: text.to_owned(),
@@ -56,16 +59,16 @@ pub fn model() -> Model {
 }
 
 /// The same, in a view.
-pub fn at(view: View) -> Model {
+pub fn at(view: View) -> ConsoleModel {
     let mut model = model();
-    model.place.view = view;
+    model.view_state.view = view;
     match view {
         View::Candidate => {
-            model.place.chosen = Some(id("align@2.0.0"));
-            model.told.detail = Some(Arc::new(detail()));
+            model.view_state.chosen = Some(id("align@2.0.0"));
+            model.engine_data.detail = Some(Arc::new(detail()));
         }
-        View::Shadow => model.place.chosen = Some(id("place@1.1.0")),
-        View::Health => model.told.health = Some((Arc::new(health()), model.now_ms)),
+        View::Shadow => model.view_state.chosen = Some(id("place@1.1.0")),
+        View::Health => model.engine_data.health = Some((Arc::new(health()), model.now_ms)),
         View::Overview | View::Registry | View::Alarms | View::Approvals | View::Audit => {}
     }
     model

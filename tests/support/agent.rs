@@ -1,4 +1,4 @@
-//! OpenSSH's agent with one key, for tests of whoever signs with it.
+//! OpenSSH's agent with one key, for tests of signing with an agent.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
@@ -18,8 +18,8 @@ impl Drop for Agent {
 }
 
 impl Agent {
-    /// Starts one that holds a new key of this comment. `None`, said aloud: there is no agent on this machine.
-    #[allow(clippy::print_stdout, reason = "what was left out is said where the test ran")]
+    /// Starts one with a new key of this comment. Returns `None`, with a message, if this machine has no agent.
+    #[allow(clippy::print_stdout, reason = "the test's output names what was left out")]
     pub fn with_key(folder: &Path, comment: &str) -> Option<Self> {
         let socket = folder.join("agent");
         let Ok(child) = Command::new("ssh-agent").arg("-D").arg("-a").arg(&socket).spawn() else {
@@ -38,12 +38,12 @@ impl Agent {
         Some(agent)
     }
 
-    /// Where it is asked.
+    /// The address of its socket.
     pub fn socket(&self) -> PathBuf {
         self.folder.join("agent")
     }
 
-    /// Takes every key from it.
+    /// Removes every key from it.
     pub fn forget(&self) {
         self.must("ssh-add", &["-q", "-D"]);
     }

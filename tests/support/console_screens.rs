@@ -1,5 +1,5 @@
-//! Prints the console's main views as a person sees them: the program on a terminal of its own, real keys, real
-//! physics. The README's screens come from here.
+//! Prints the console's main views as a user sees them: the program on its own terminal, real keys, real physics. The
+//! README's screens come from here.
 //!
 //!     cargo build --release && cargo run --release --example console_screens
 #![allow(
@@ -65,7 +65,7 @@ fn in_simulation() {
     end(console);
 }
 
-/// A candidate that waits for two people, and the prompt one of them opens.
+/// A candidate that waits for two approvers, and an open prompt.
 fn among_people() {
     let home = Home::new();
     for name in ["ana", "bo"] {
@@ -95,7 +95,7 @@ fn among_people() {
 }
 
 fn show(name: &str, console: &Console) {
-    // Never half a frame: each ends with the end of a synchronised update.
+    // Never half a frame: each ends with the end of a synchronized update.
     console.wait_for_bytes("a whole frame", |bytes| bytes.ends_with(b"\x1b[?2026l"));
     println!("## {name}\n\n```text");
     for line in console.contents().lines() {

@@ -1,10 +1,9 @@
-//! What a program did to a folder on disk, as the system's tracer saw it, and what a power cut at any moment of it may
+//! A program's changes to a folder on disk, as the system's tracer saw them, and the states that a power cut may
 //! leave: a test plays thousands of them from one trace.
 //!
-//! The disk that is modelled keeps less of a promise than any file system in use: what was not forced to it may be there
-//! or not, by sectors of 512 bytes and in any order; a name that was made, moved or removed is there once its folder was
-//! forced, and before that as far as a beginning of the folder's changes goes. A file that was forced may have lost its
-//! name all the same.
+//! The modeled disk guarantees less than any file system in use. Unforced data may be there or not, by sectors of 512
+//! bytes and in any order. A name that was made, moved or removed is certain once its folder was forced; before, only
+//! a beginning of the folder's changes counts. A forced file may still have lost its name.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,16 +13,16 @@ use std::process::{Command, Stdio};
 
 use crate::mutate::Random;
 
-/// What is cut off, or kept, as a whole.
+/// The unit that is cut off, or kept, as a whole.
 const SECTOR: usize = 512;
-/// Every call that changes a folder or a file, or forces it to disk. One that is not understood below ends the test.
+/// All calls that change a folder or a file, or force it to disk. An unknown one ends the test.
 const CALLS: &str = "/^(open(at)?|creat|p?writev?2?|pwrite64|f(data)?sync|f?truncate|rename(at2?)?|unlink(at)?|mkdir(at)?|\
                      rmdir|link(at)?|symlink(at)?|lseek|f?chmod|fchmodat|fallocate|copy_file_range|sendfile|\
                      sync_file_range)$";
 
 type Inode = usize;
 
-/// One thing that was done.
+/// One change.
 #[derive(Clone, Debug)]
 enum Act {
     /// A file got a name; `new` is its permissions if it is a new one.
@@ -57,7 +56,7 @@ enum Act {
     ForceFolder {
         path: PathBuf,
     },
-    /// The program said how much is kept.
+    /// The program reported how much is kept.
     Acknowledge {
         kept: u64,
     },
@@ -97,7 +96,7 @@ impl Content {
     }
 }
 
-/// What was there before, and everything that was done since.
+/// The state before, and all changes since.
 #[derive(Debug)]
 pub struct Trace {
     before: BTreeMap<PathBuf, Content>,
@@ -105,23 +104,23 @@ pub struct Trace {
     acts: Vec<Act>,
 }
 
-/// What the disk keeps of what it was not told to force.
+/// The unforced data that the disk keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Loss {
-    /// Everything: the program alone ended.
+    /// All of it: only the program ended.
     Nothing,
-    /// What the seed says, in sectors and names.
+    /// A selection by seed, in sectors and names.
     Unforced,
-    /// As [`Loss::Unforced`], and forcing does nothing: a disk that lies. A check that finds nothing here finds nothing.
+    /// As [`Loss::Unforced`], and forcing has no effect: a lying disk. A check without a finding here is worthless.
     Anything,
 }
 
 impl Trace {
-    /// Runs a program and records what it does to files below `folder`; none where nobody may trace. `said` reads out
-    /// of each piece that it prints how much is kept.
+    /// Runs a program and records its changes to files below `folder`; `None` where tracing is not permitted. `said`
+    /// reads from each printed piece how much is kept.
     ///
     /// # Panics
-    /// If the program fails, or does something to the folder that is not understood.
+    /// If the program fails, or changes the folder in an unknown way.
     pub fn record(
         folder: &Path,
         program: &mut Command,
@@ -171,7 +170,7 @@ impl Trace {
                 unfinished.insert(thread, start);
             } else if rest.starts_with("<... ") {
                 let end = rest.split_once(" resumed>").unwrap().1;
-                // What was begun outside of the trace's view is none of its calls.
+                // Calls begun outside of the trace are not in it.
                 if let Some(start) = unfinished.remove(thread) {
                     reader.read(&format!("{start}{end}"), &mut said);
                 }
@@ -182,18 +181,18 @@ impl Trace {
         Some(Self { before, folders, acts: reader.acts })
     }
 
-    /// Moments at which the power can go: after none, one, ... all of what was done.
+    /// Moments of a power cut: after none, one, ... all of the changes.
     pub fn moments(&self) -> usize {
         self.acts.len() + 1
     }
 
-    /// What was acknowledged by then.
+    /// The changes acknowledged by then.
     pub fn acknowledged(&self, moment: usize) -> u64 {
         let said = |act: &Act| if let Act::Acknowledge { kept } = act { Some(*kept) } else { None };
         self.acts[..moment].iter().filter_map(said).max().unwrap_or(0)
     }
 
-    /// Writes into the empty `folder` what is left if the power goes at a moment.
+    /// Writes the state after a power cut at a moment into the empty `folder`.
     pub fn play(&self, moment: usize, loss: Loss, random: &mut Random, folder: &Path) {
         let acts = &self.acts[..moment];
         let (names, folders) = self.names(acts, loss, random);
@@ -205,7 +204,7 @@ impl Trace {
         }
         for (path, inode) in names {
             let path = folder.join(path);
-            // A folder that was never made: what is in it is lost as well.
+            // A folder that was never made: its contents are lost as well.
             if !path.parent().unwrap().is_dir() {
                 continue;
             }
@@ -214,7 +213,7 @@ impl Trace {
         }
     }
 
-    /// The names that are there, and the folders.
+    /// The existing names, and the folders.
     fn names(
         &self,
         acts: &[Act],
@@ -223,7 +222,7 @@ impl Trace {
     ) -> (BTreeMap<PathBuf, Inode>, Vec<PathBuf>) {
         let mut names: BTreeMap<PathBuf, Inode> = self.before.keys().cloned().zip(0..).collect();
         let mut folders = self.folders.clone();
-        // Of each folder: how many of its changes are kept, and how many there were so far.
+        // For each folder: how many of its changes are kept, and how many there were so far.
         let mut changes: BTreeMap<&Path, (usize, usize)> = BTreeMap::new();
         for act in acts {
             if let Some(folder) = act.folder() {
@@ -265,10 +264,10 @@ impl Trace {
         (names, folders)
     }
 
-    /// The files that are there, by their numbers.
+    /// The existing files, by their numbers.
     fn contents(&self, acts: &[Act], loss: Loss, random: &mut Random) -> Vec<Content> {
         let mut files: Vec<Content> = self.before.values().cloned().collect();
-        // Where each file was forced for the last time.
+        // Where each file was last forced.
         let mut forced = BTreeMap::new();
         for (at, act) in acts.iter().enumerate() {
             match act {
@@ -342,11 +341,11 @@ impl<'a> Reader<'a> {
             return;
         }
         let result = result.split(['<', ' ']).next().unwrap();
-        // A call that failed did nothing.
+        // A failed call changed nothing.
         let Ok(result) = result.parse::<u64>() else { return };
         let arguments = arguments.trim_end().strip_suffix(')').unwrap_or(arguments);
         let arguments: Vec<&str> = arguments.split(", ").collect();
-        // Paths that were given, and those that the tracer knows for descriptors, in the folder.
+        // The call's paths, and the tracer's paths of descriptors, in the folder.
         let inside = |bytes: Vec<u8>| {
             let path = PathBuf::from(String::from_utf8(bytes).ok()?);
             path.strip_prefix(self.folder).ok().map(Path::to_owned)
@@ -401,7 +400,7 @@ impl<'a> Reader<'a> {
                     assert!(named.is_empty(), "{line}");
                     return;
                 };
-                // Of a file whose name is gone nothing is left.
+                // An unlinked file leaves nothing.
                 if arguments[0].ends_with("(deleted)") {
                     return;
                 }
@@ -421,7 +420,7 @@ impl<'a> Reader<'a> {
                 let inode = self.lengths.len();
                 self.lengths.push(0);
                 self.names.insert(path.to_owned(), inode);
-                // The result of a call that another thread interrupted stands apart, behind any number of spaces.
+                // The result of an interrupted call stands apart, behind any number of spaces.
                 let call = line.rsplit_once(" = ").unwrap().0.trim_end().trim_end_matches(')');
                 let mode = call.rsplit(", ").next().unwrap();
                 let mode = u32::from_str_radix(mode.trim_start_matches('0'), 8).unwrap_or(0) & !0o022;

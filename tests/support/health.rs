@@ -1,15 +1,15 @@
-//! Health over time as an engine would tell it in the middle of a shift, made by hand.
+//! Handmade health over time, as from an engine in the middle of a shift.
 
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::stats::wilson;
 use holdpoint_protocol::health::{
-    AlarmSpell, AlarmStep, HealthClock, HealthCoverage, HealthMark, HealthPoint, HealthSeries, MarkKind,
+    AlarmEpisode, AlarmStep, HealthClock, HealthCoverage, HealthMark, HealthPoint, HealthSeries, MarkKind,
 };
 
 use crate::shift::{NOW_MS, WALL_MS, id};
 
-/// A shift of three families by the quarter of an hour: grasp gets worse after an upgrade, align has a gap, place is even.
+/// A shift of three families in 15-minute buckets: grasp gets worse after an upgrade, align has a gap, place is even.
 pub fn health() -> HealthSeries {
     const QUARTER_MS: i64 = 900_000;
     let buckets = 73;
@@ -56,7 +56,7 @@ pub fn health() -> HealthSeries {
             MarkKind::EngineOff,
             5,
             None,
-            "no engine was at work for 8 h 12 min before this, or the machine slept",
+            "no engine was running for 8 h 12 min before this, or the machine slept",
         ),
         mark(MarkKind::Promotion, 40, Some("grasp"), "grasp@1.1.0 took over"),
         mark(
@@ -84,15 +84,15 @@ pub fn health() -> HealthSeries {
     }
 }
 
-/// The course of two alarms, one of which stands.
-fn spells() -> Vec<AlarmSpell> {
+/// The course of two alarms, one of which is still open.
+fn spells() -> Vec<AlarmEpisode> {
     let step = |back_ms: u64, by: Option<&str>, reason: Option<&str>| AlarmStep {
         at_ms: NOW_MS - back_ms,
         wall_ms: Some(WALL_MS - i64::try_from(back_ms).unwrap()),
         by: by.map(str::to_owned),
         reason: reason.map(str::to_owned),
     };
-    let open = AlarmSpell {
+    let open = AlarmEpisode {
         alarm: "degraded:grasp@1.1.0".to_owned(),
         priority: Priority::High,
         text: Some(
@@ -108,7 +108,7 @@ fn spells() -> Vec<AlarmSpell> {
         state: AlarmState::Acknowledged,
         changes: 2,
     };
-    let closed = AlarmSpell {
+    let closed = AlarmEpisode {
         alarm: "cell-degraded".to_owned(),
         text: Some(
             "the camera shakes: 2.1 mm from picture to picture in the last task; look at its mount"

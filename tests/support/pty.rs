@@ -1,6 +1,6 @@
-//! The program on a terminal of its own: keys go in, bytes come out, and a parser says what a person would see.
+//! The program on its own terminal: keys go in, bytes come out, and a parser gives the visible screen.
 //!
-//! Everything waits for a condition, never for a time. The reading thread alone touches the parser's input.
+//! Each wait is for a condition, never for a time. Only the reading thread touches the parser's input.
 
 use std::ffi::OsStr;
 use std::io::{Read as _, Write};
@@ -14,10 +14,10 @@ use std::time::{Duration, Instant};
 
 use portable_pty::{Child, CommandBuilder, ExitStatus, MasterPty, PtySize, native_pty_system};
 
-/// Longer than anything takes on two busy cores.
+/// Longer than any step takes on two busy cores.
 pub const PATIENCE: Duration = Duration::from_mins(1);
 
-/// What came out so far.
+/// The output so far.
 struct Seen {
     parser: vt100::Parser,
     raw: Vec<u8>,
@@ -35,7 +35,7 @@ pub struct Console {
     reader: Option<JoinHandle<()>>,
 }
 
-/// A home and a store of their own.
+/// A separate home and store.
 pub struct Home {
     folder: tempfile::TempDir,
 }
@@ -53,12 +53,12 @@ impl Home {
         self.folder.path()
     }
 
-    /// The log that fd 2 goes to.
+    /// The log file that fd 2 goes to.
     pub fn log(&self) -> String {
         std::fs::read_to_string(self.folder.path().join("state/holdpoint/holdpoint.log")).unwrap_or_default()
     }
 
-    /// The log of the engine that a console has started.
+    /// The log of an engine that a console started.
     pub fn engine_log(&self) -> String {
         std::fs::read_to_string(self.data().join("logs/engine.log")).unwrap_or_default()
     }
@@ -85,7 +85,7 @@ impl Home {
             .unwrap()
     }
 
-    /// Runs the program without a terminal and takes nothing but success.
+    /// Runs the program without a terminal and accepts only success.
     pub fn must(&self, words: &[&str]) -> String {
         let output = self.run(words);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -93,7 +93,7 @@ impl Home {
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// Opens the console on a terminal of so many columns and rows.
+    /// Opens the console on a terminal of this size, in columns and rows.
     pub fn console(&self, words: &[&str], size: (u16, u16)) -> Console {
         self.console_with(words, size, &[])
     }
@@ -112,7 +112,7 @@ impl Home {
             command.env(name, value);
         }
         command.env("TERM", "xterm-256color");
-        // The background is known, so that nobody waits for an answer that this terminal does not give.
+        // The background is known, so that the console does not wait for an answer that this terminal does not give.
         command.env("COLORFGBG", "15;0");
         for (name, value) in variables {
             command.env(name, value);
@@ -137,7 +137,7 @@ impl Console {
             let mut bytes = [0; 16 * 1024];
             loop {
                 let count = output.read(&mut bytes).unwrap_or(0);
-                // A test that failed has said so already.
+                // A failed test has already reported this.
                 let Ok(mut seen) = told.0.lock() else { return };
                 seen.parser.process(&bytes[..count]);
                 seen.raw.extend_from_slice(&bytes[..count]);
@@ -152,7 +152,7 @@ impl Console {
         Self { child, master: Some(pair.master), writer: Some(writer), seen, let_go, reader: Some(reader) }
     }
 
-    /// Waits until what is seen is as it should be.
+    /// Waits until the screen meets a condition.
     pub fn wait_for(&self, what: &str, is: impl Fn(&vt100::Screen) -> bool) {
         self.wait_until(what, |seen| is(seen.parser.screen()));
     }
@@ -162,13 +162,13 @@ impl Console {
         self.wait_for(text, |screen| screen.contents().contains(text));
     }
 
-    /// Waits until the bytes so far are as they should be.
+    /// Waits until the bytes so far meet a condition.
     pub fn wait_for_bytes(&self, what: &str, is: impl Fn(&[u8]) -> bool) {
         self.wait_until(what, |seen| is(&seen.raw));
     }
 
-    /// Waits until what was drawn since the screen was last cleared, on a screen of this size, is as it should be.
-    /// For a size that was changed: what was drawn for another one counts no more.
+    /// Waits until the output since the last clearing, on a screen of this size, meets a condition. After a change of
+    /// size, older output does not count.
     pub fn wait_for_repainted(&self, what: &str, size: (u16, u16), is: impl Fn(&vt100::Screen) -> bool) {
         self.wait_until(what, |seen| {
             let clear = b"\x1b[2J";
@@ -188,13 +188,13 @@ impl Console {
             let ended = if seen.closed { ", the program has ended" } else { "" };
             assert!(
                 !left.is_zero() && !seen.closed,
-                "waited in vain for {what:?}{ended}; on the screen:\n{screen}"
+                "waited too long for {what:?}{ended}; on the screen:\n{screen}"
             );
             seen = self.seen.1.wait_timeout(seen, left).unwrap().0;
         }
     }
 
-    /// What is on the screen.
+    /// The text of the screen.
     pub fn contents(&self) -> String {
         self.lock().parser.screen().contents()
     }
@@ -215,7 +215,7 @@ impl Console {
         writer.flush().unwrap();
     }
 
-    /// Makes the terminal as large as this. What the program draws from now on is read at that size.
+    /// Resizes the terminal. Later output is read at that size.
     pub fn resize(&self, columns: u16, rows: u16) {
         self.lock().parser.set_size(nonzero(rows), nonzero(columns));
         self.master.as_ref().unwrap().resize(pty_size(columns, rows)).unwrap();
@@ -232,7 +232,7 @@ impl Console {
         self.child.process_id().unwrap()
     }
 
-    /// Whether the terminal is as a shell wants it: lines, echo, signals.
+    /// Whether the terminal is in a shell's state: lines, echo, signals.
     pub fn is_cooked(&self) -> bool {
         use rustix::termios::LocalModes;
         let path = self.master.as_ref().unwrap().tty_name().unwrap();
@@ -249,7 +249,7 @@ impl Console {
                 break status;
             }
             assert!(Instant::now() < until, "the program does not end; on the screen:\n{}", self.contents());
-            // Its end closes its side of the terminal, which wakes the reader; until then nothing is to be done.
+            // The end of the program closes its side of the terminal, which wakes the reader.
             let seen = self.lock();
             drop(self.seen.1.wait_timeout(seen, Duration::from_millis(20)).unwrap());
         };
@@ -259,11 +259,11 @@ impl Console {
         status
     }
 
-    /// Closes this side of the terminal, as a window that is closed does. Answers how long the program took to end,
-    /// and how it did.
+    /// Closes this side of the terminal, like closing a window. Returns how long the program took to end, and its
+    /// status.
     pub fn hang_up(&mut self) -> (Duration, ExitStatus) {
         self.let_go.store(true, Ordering::Release);
-        // The next frame lets the reader go; there is one twice a second at least.
+        // The next frame releases the reader; there are at least two a second.
         self.reader.take().unwrap().join().unwrap();
         drop(self.writer.take());
         let begun = Instant::now();
@@ -275,13 +275,13 @@ impl Console {
 
 impl Drop for Console {
     fn drop(&mut self) {
-        // A test that failed leaves no program behind.
+        // A failed test leaves no program behind.
         drop(self.child.kill());
         drop(self.child.wait());
     }
 }
 
-/// The program that was built with this test, or lies beside the folder of this example.
+/// The program that was built with this test, or beside the folder of this example.
 fn program() -> PathBuf {
     match option_env!("CARGO_BIN_EXE_holdpoint") {
         Some(path) => PathBuf::from(path),

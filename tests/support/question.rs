@@ -1,27 +1,29 @@
-//! A question to people, made by hand: as whoever looks on reads it, and as one person gets it.
+//! A handmade approval request: the read-only view, and the text for one person.
 
 use holdpoint_governance::approval::{Author, Authorship, Requester, Role};
 use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::risk::{RiskCause, RiskClass};
 use holdpoint_governance::submission::Risk;
-use holdpoint_protocol::detail::{Changes, Difference};
-use holdpoint_protocol::question::{
-    AskedPerson, OnDrift, PairsFacts, QuestionFacts, QuestionView, RENDERER_VERSION, Untested, render,
+use holdpoint_protocol::approval_document::{
+    ApprovalDocument, ApprovalFacts, DriftResponse, PairsFacts, RequestedSigner, UntestedAspect,
 };
-use holdpoint_protocol::snapshot::{PromptView, Purpose};
+use holdpoint_protocol::detail::{FieldDiff, VersionDiff};
+use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
+use holdpoint_wording::approval::{RENDERER_VERSION, render};
 use serde_json::Value;
 
 use super::{TIME, candidates, digest, id};
 
-fn changed(field: &str, old: Option<Value>, new: Option<Value>) -> Difference {
-    Difference { field: field.to_owned(), old, new }
+fn changed(field: &str, old: Option<Value>, new: Option<Value>) -> FieldDiff {
+    FieldDiff { field: field.to_owned(), old, new }
 }
 
 /// The difference between `align@2.0.0` and the version before it.
-fn differences() -> Changes {
-    Changes {
+fn differences() -> VersionDiff {
+    VersionDiff {
         fields: vec![
             changed("manifest.permissions.max_force_n", Some(15.0.into()), Some(20.0.into())),
             changed("manifest.permissions.zones", None, Some("tray".into())),
@@ -31,14 +33,14 @@ fn differences() -> Changes {
     }
 }
 
-/// The facts of a question about `align@2.0.0`, as the person at the console gets it, or as whoever looks on reads it.
-pub fn facts(tier: u8, who: Option<&str>) -> QuestionFacts {
+/// The facts of a request about `align@2.0.0`, for the operator at the console or for the read-only view.
+pub fn facts(tier: u8, who: Option<&str>) -> ApprovalFacts {
     let candidate = candidates().into_iter().find(|one| one.version == id("align@2.0.0"));
-    let asked = who.map(|name| AskedPerson { name: name.to_owned(), role: Role::Safety, void: None });
-    QuestionFacts {
+    let asked = who.map(|name| RequestedSigner { name: name.to_owned(), role: Role::Safety, void: None });
+    ApprovalFacts {
         asked,
         question: "approval:align@2.0.0".to_owned(),
-        purpose: Purpose::Activation,
+        purpose: RequestKind::Activation,
         version: id("align@2.0.0"),
         replaces: Some(id("align@1.0.0")),
         robot: "arm7".to_owned(),
@@ -76,8 +78,8 @@ pub fn facts(tier: u8, who: Option<&str>) -> QuestionFacts {
         new_permissions: vec!["zone tray".to_owned(), "force 20 N (was 15 N)".to_owned()],
         changes: differences(),
         conditions: Vec::new(),
-        untested: vec![Untested::PhysicalArm, Untested::Drill(DrillKind::Rollback)],
-        on_drift: Some(OnDrift {
+        untested: vec![UntestedAspect::PhysicalArm, UntestedAspect::Drill(DrillKind::Rollback)],
+        on_drift: Some(DriftResponse {
             back: Some(id("align@1.0.0")),
             coupled: true,
             restricted_to: 0.5,
@@ -89,10 +91,13 @@ pub fn facts(tier: u8, who: Option<&str>) -> QuestionFacts {
     }
 }
 
-/// The question as one person gets it.
-pub fn asked(tier: u8, who: &str) -> Box<QuestionView> {
-    let (lines, facts) = QuestionView::texts(&facts(tier, Some(who))).unwrap();
-    Box::new(QuestionView {
+/// The request as one person gets it.
+pub fn asked(tier: u8, who: &str) -> Box<ApprovalDocument> {
+    let (lines, facts) = {
+        let facts = facts(tier, Some(who));
+        (render(&facts), canonical_json(&facts).unwrap())
+    };
+    Box::new(ApprovalDocument {
         lines,
         facts,
         renderer: RENDERER_VERSION,
@@ -103,10 +108,10 @@ pub fn asked(tier: u8, who: &str) -> Box<QuestionView> {
     })
 }
 
-/// A question about `align@2.0.0` at a tier of friction.
-pub fn question(tier: u8) -> PromptView {
+/// A request about `align@2.0.0` at a tier.
+pub fn question(tier: u8) -> ApprovalRequestView {
     let facts = facts(tier, None);
-    PromptView {
+    ApprovalRequestView {
         id: facts.question.clone(),
         version: facts.version.clone(),
         replaces: facts.replaces.clone(),
@@ -125,7 +130,7 @@ pub fn question(tier: u8) -> PromptView {
         store_id: "store".to_owned(),
         asked: TIME.minus_secs(58.0),
         tier,
-        author: facts.author.in_words(),
+        author: facts.author.label(),
         requester: facts.requester.clone(),
         risk: facts.assessed.clone(),
         new_permissions: facts.new_permissions.clone(),

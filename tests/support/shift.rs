@@ -1,15 +1,15 @@
-//! What an engine shows in the middle of a shift, made by hand: every screen has something to show.
+//! A handmade engine state in the middle of a shift: every screen has contents.
 
 use holdpoint_body::TaskKind;
-use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude};
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, SandboxMode, Signature};
 use holdpoint_governance::ids::Family;
-use holdpoint_governance::lifecycle::{Flags, Stage, State};
-use holdpoint_governance::metrics::observed::ObservedCounts;
+use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
+use holdpoint_governance::metrics::store_metrics::ObservedCounts;
 use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
@@ -17,15 +17,17 @@ use holdpoint_governance::risk::RiskCause;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure, ModeView, RegistryPage, WhyView};
-use holdpoint_protocol::event::DimensionResult;
-use holdpoint_protocol::explained::{Explained, ExplainedReason, Rule, Ruling};
-use holdpoint_protocol::film::{FilmAsked, FilmOf};
-use holdpoint_protocol::picture::{ArmPicture, EnvelopePicture, NO_TURN, Picture, Region, Scenery, Twin};
-use holdpoint_protocol::snapshot::{
-    AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
-    QuestionView, ShadowView, Snapshot,
+use holdpoint_protocol::detail::{
+    Detail, DrillView, FieldDiff, MeasuredValue, ModeView, RationaleView, RegistryPage,
 };
+use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::explanation::{DecisionExplanation, ExplainedReason, Rule, Ruling};
+use holdpoint_protocol::film::{FilmRequest, FilmSubject};
+use holdpoint_protocol::snapshot::{
+    AlarmView, CandidateView, Disagreement, EscalationView, FamilyView, LiveView, MonitorView, PairsView,
+    ProgressView, ShadowView, Snapshot,
+};
+use holdpoint_protocol::video_frame::{ArmView, EnvelopeView, NO_TURN, Region, Scenery, Twin, VideoFrame};
 
 #[path = "question.rs"]
 mod question;
@@ -48,7 +50,14 @@ pub const WALL_MS: i64 = 1_794_903_161_000;
 pub const TIME: WallTime = WallTime::from_ms(WALL_MS);
 
 fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
-    Reason { code, dimension, text: text.to_owned(), evidence: Some(0.871), limit: Some(0.9) }
+    Reason {
+        code,
+        dimension,
+        finding: None,
+        older_text: text.to_owned(),
+        evidence: Some(0.871),
+        limit: Some(0.9),
+    }
 }
 
 fn dimensions(kappas: [Option<f64>; 4]) -> Vec<DimensionResult> {
@@ -89,7 +98,7 @@ fn signature(success: f64) -> Signature {
     }
 }
 
-fn candidate(version: &str, state: State, flags: Flags) -> CandidateView {
+fn candidate(version: &str, state: State, flags: VersionFlags) -> CandidateView {
     CandidateView {
         version: id(version),
         digest: digest(version),
@@ -154,16 +163,16 @@ fn shadow() -> ShadowView {
 }
 
 fn candidates() -> Vec<CandidateView> {
-    let running = |stage| Flags { running: Some(stage), ..Flags::default() };
-    let mut rejected = candidate("grasp@1.0.9", State::Rejected, Flags::default());
+    let running = |stage| VersionFlags { running: Some(stage), ..VersionFlags::default() };
+    let mut rejected = candidate("grasp@1.0.9", State::Rejected, VersionFlags::default());
     rejected.left = Some(State::Validated);
     rejected.reasons = vec![reason(
         ReasonCode::BehaviorEstablishedWorse,
         Dimension::Behavior,
-        "the established worsening brings the behavioural value to 0.871, below 0.90",
+        "the established worsening brings the behavior value to 0.871, below 0.90",
     )];
     rejected.dimensions = dimensions([Some(1.0), Some(0.96), Some(0.871), None]);
-    let waits = Flags { awaiting_approval: true, ..Flags::default() };
+    let waits = VersionFlags { awaiting_approval: true, ..VersionFlags::default() };
     let mut approval = candidate("align@2.0.0", State::Shadowed, waits);
     approval.pairs = Some(PairsView {
         n: 480,
@@ -242,7 +251,7 @@ fn alarms() -> Vec<AlarmView> {
 }
 
 fn families() -> Vec<FamilyView> {
-    let family = |name: &str, active: Option<&str>, pinned: Option<&str>, flags: Flags| FamilyView {
+    let family = |name: &str, active: Option<&str>, pinned: Option<&str>, flags: VersionFlags| FamilyView {
         family: Family::new(name.to_owned()).unwrap(),
         active: active.map(id),
         pinned: pinned.map(id),
@@ -251,12 +260,17 @@ fn families() -> Vec<FamilyView> {
         provisional: flags.provisional.then_some((7, 40)),
         review: None,
     };
-    let provisional = Flags { provisional: true, ..Flags::default() };
+    let provisional = VersionFlags { provisional: true, ..VersionFlags::default() };
     vec![
-        family("align", Some("align@1.0.0"), None, Flags::default()),
-        family("grasp", Some("grasp@1.0.0"), None, Flags { restricted: true, ..Flags::default() }),
+        family("align", Some("align@1.0.0"), None, VersionFlags::default()),
+        family(
+            "grasp",
+            Some("grasp@1.0.0"),
+            None,
+            VersionFlags { restricted: true, ..VersionFlags::default() },
+        ),
         family("place", Some("place@1.0.0"), Some("place@0.9.4"), provisional),
-        family("wipe", None, None, Flags::default()),
+        family("wipe", None, None, VersionFlags::default()),
     ]
 }
 
@@ -299,8 +313,8 @@ fn scenery() -> Scenery {
     }
 }
 
-fn body(reach: f32, held: bool) -> ArmPicture {
-    ArmPicture {
+fn body(reach: f32, held: bool) -> ArmView {
+    ArmView {
         links: vec![
             [0.0, 0.0, 0.0],
             [0.0, 0.0, 0.33],
@@ -318,8 +332,8 @@ fn body(reach: f32, held: bool) -> ArmPicture {
 }
 
 /// The live cell with a twin.
-pub fn picture() -> Picture {
-    Picture {
+pub fn picture() -> VideoFrame {
+    VideoFrame {
         sequence: 211,
         at_ms: NOW_MS,
         at_secs: 3.42,
@@ -329,7 +343,7 @@ pub fn picture() -> Picture {
         speed_m_s: 0.21,
         force_n: 4.1,
         contact_n: 0.0,
-        envelope: Some(EnvelopePicture { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 }),
+        envelope: Some(EnvelopeView { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 }),
         contacts: Vec::new(),
         blocks: Vec::new(),
         unexpected_contact: false,
@@ -338,7 +352,7 @@ pub fn picture() -> Picture {
     }
 }
 
-/// How things stand.
+/// The current snapshot.
 pub fn snapshot() -> Snapshot {
     Snapshot {
         at_ms: NOW_MS,
@@ -360,7 +374,7 @@ pub fn snapshot() -> Snapshot {
         candidates: candidates(),
         prompts: vec![question(2)],
         emergencies: Vec::new(),
-        questions: vec![QuestionView {
+        questions: vec![EscalationView {
             version: id("grasp@1.0.0"),
             reasons: vec![reason(
                 ReasonCode::BehaviorSuspicious,
@@ -402,16 +416,16 @@ pub fn registry_page() -> RegistryPage {
         changed_ms: 300_000,
         unreviewed: false,
     };
-    let none = Flags::default();
-    let running = |stage| Flags { running: Some(stage), ..none };
+    let none = VersionFlags::default();
+    let running = |stage| VersionFlags { running: Some(stage), ..none };
     let full = [Some(1.0), Some(0.97), Some(0.931), Some(0.871)];
     let rows = vec![
         row("align@1.0.0", State::Active, none, [Some(1.0), Some(1.0), None, None]),
-        row("align@2.0.0", State::Shadowed, Flags { awaiting_approval: true, ..none }, full),
+        row("align@2.0.0", State::Shadowed, VersionFlags { awaiting_approval: true, ..none }, full),
         row(
             "grasp@1.0.0",
             State::Active,
-            Flags { restricted: true, ..none },
+            VersionFlags { restricted: true, ..none },
             [Some(1.0), Some(1.0), None, None],
         ),
         row("grasp@1.0.9", State::Rejected, none, [Some(1.0), Some(0.96), Some(0.871), None]),
@@ -422,7 +436,7 @@ pub fn registry_page() -> RegistryPage {
             [Some(1.0), Some(0.97), Some(0.914), None],
         ),
         row("place@0.9.4", State::Superseded, none, [Some(1.0), Some(0.97), Some(0.95), Some(0.9)]),
-        row("place@1.0.0", State::Active, Flags { provisional: true, ..none }, full),
+        row("place@1.0.0", State::Active, VersionFlags { provisional: true, ..none }, full),
         row("place@1.1.0", State::Sandboxed, running(Stage::Shadow), full),
     ];
     let total = rows.len() as u64;
@@ -453,8 +467,8 @@ pub fn audit_rows() -> Vec<AuditRecord> {
     ]
 }
 
-fn measure(name: &str, candidate: f64, active: f64, limit: Option<f64>) -> Measure {
-    Measure {
+fn measure(name: &str, candidate: f64, active: f64, limit: Option<f64>) -> MeasuredValue {
+    MeasuredValue {
         name: name.to_owned(),
         candidate: Some(candidate),
         active: Some(active),
@@ -500,25 +514,25 @@ pub fn detail() -> Detail {
             ),
         ],
         conditions: vec![Condition::TighterEnvelope { speed_max_m_s: 0.25, force_max_n: 20.0 }],
-        why: vec![WhyView {
+        why: vec![RationaleView {
             about: Dimension::Recovery,
             decisive: "fails 9 of 50 fallback drills, the active version 2 of 50".to_owned(),
             change: vec!["they have to pass as often as the active version's".to_owned()],
             findings: Vec::new(),
-            film: Some(FilmAsked { of: FilmOf::Drill, number: None }),
+            film: Some(FilmRequest { of: FilmSubject::Drill, number: None }),
         }],
         differences: vec![
-            Difference {
+            FieldDiff {
                 field: "envelope.force_max_n".to_owned(),
                 old: Some("12".into()),
                 new: Some("20".into()),
             },
-            Difference {
+            FieldDiff {
                 field: "permissions.force_control".to_owned(),
                 old: None,
                 new: Some("up to 20 N".into()),
             },
-            Difference { field: "inputs.tray_height".to_owned(), old: Some("optional, m".into()), new: None },
+            FieldDiff { field: "inputs.tray_height".to_owned(), old: Some("optional, m".into()), new: None },
         ],
         behavior: measures(),
         modes: vec![
@@ -534,7 +548,7 @@ pub fn detail() -> Detail {
             },
             DrillView { kind: DrillKind::Abort, candidate: [41, 50], active: [48, 50], phases: Vec::new() },
         ],
-        decisions: vec![Explained {
+        decisions: vec![DecisionExplanation {
             record: 371,
             at_ms: 700_000,
             ruling: Ruling::Sandbox(StageOutcome::RollbackReview.into()),

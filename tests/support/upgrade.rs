@@ -1,7 +1,7 @@
 //! A recording made by hand: an upgrade that passes sandbox and shadow, is activated, drifts and is rolled back.
 
 use holdpoint::body::TaskKind;
-use holdpoint::governance::approval::Answer;
+use holdpoint::governance::approval::ApprovalDecision;
 use holdpoint::governance::monitor::MonitorOutcome;
 use holdpoint::governance::outcome::StageOutcome;
 use holdpoint::governance::profile::ProfileName;
@@ -13,8 +13,8 @@ use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::ActivationMode;
 use holdpoint_governance::rollback::{RollbackRecord, Trigger, TriggerKind};
 use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
-use holdpoint_protocol::picture::{EnvelopePicture, Picture, Twin};
-use holdpoint_recordings::recording::{About, Recording, Series};
+use holdpoint_protocol::video_frame::{EnvelopeView, Twin, VideoFrame};
+use holdpoint_recordings::recording::{Recording, RecordingSubject, Series};
 
 use super::shift::{digest, id, picture, snapshot};
 
@@ -24,19 +24,26 @@ const NEW: &str = "place@1.1.0";
 /// The version it replaces.
 const OLD: &str = "place@1.0.0";
 
-/// Cursors that a screen is looked at from, virtual ms: in the sandbox, in shadow, after the rollback.
+/// Cursors for screens, virtual ms: in the sandbox, in shadow, after the rollback.
 pub const CURSORS: [(&str, u64); 3] = [("sandbox", 720_000), ("shadow", 766_400), ("rollback", 851_300)];
 
-/// First pictures of sequences, virtual ms, and whether the twin was beside them.
+/// First frames of sequences, virtual ms, and whether the twin was beside them.
 const SEQUENCES: [(u64, bool); 5] =
     [(760_000, true), (775_000, true), (790_000, true), (830_000, false), (845_000, false)];
 
-/// Pictures of a sequence, and the time between two of them, ms.
+/// Frames of a sequence, and the time between two of them, ms.
 const PICTURES: u64 = 180;
 const EVERY_MS: u64 = 50;
 
 fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
-    Reason { code, dimension, text: text.to_owned(), evidence: Some(0.971), limit: Some(0.9) }
+    Reason {
+        code,
+        dimension,
+        finding: None,
+        older_text: text.to_owned(),
+        evidence: Some(0.971),
+        limit: Some(0.9),
+    }
 }
 
 fn at(at_ms: u64, kind: EventKind) -> (u64, EventKind) {
@@ -189,7 +196,7 @@ fn upgrade() -> Vec<(u64, EventKind)> {
             conditions: Vec::new(),
             untested: vec!["objects heavier than 0.4 kg".to_owned()],
             on_drift: "place@1.0.0 takes over by itself".to_owned(),
-            purpose: holdpoint_protocol::snapshot::Purpose::Activation,
+            purpose: holdpoint_protocol::snapshot::RequestKind::Activation,
         },
     ));
     events.push(at(
@@ -197,7 +204,7 @@ fn upgrade() -> Vec<(u64, EventKind)> {
         EventKind::ApprovalReceived {
             version: id(NEW),
             by: "grace".to_owned(),
-            decision: Answer::Approve,
+            decision: ApprovalDecision::Approve,
             reason: "read the evidence".to_owned(),
             have: 1,
             needed: 1,
@@ -235,10 +242,10 @@ fn upgrade() -> Vec<(u64, EventKind)> {
     events
 }
 
-fn pictures() -> Vec<Picture> {
+fn pictures() -> Vec<VideoFrame> {
     let mut pictures = Vec::new();
     for (index, (start_ms, with_twin)) in (0..).zip(SEQUENCES) {
-        // The last sequence is stopped while it is worked.
+        // The last sequence is stopped while it runs.
         let count = if index == 4 { 122 } else { PICTURES };
         for number in 0..count {
             let swing = (number as f32 / 12.0).sin();
@@ -250,7 +257,7 @@ fn pictures() -> Vec<Picture> {
             one.version = Some(id(if with_twin { OLD } else { NEW }));
             one.speed_m_s = 0.22 + 0.18 * swing;
             one.force_n = if index == 4 && number > 115 { 31.0 } else { 6.0 + 4.0 * swing };
-            one.envelope = Some(EnvelopePicture { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 });
+            one.envelope = Some(EnvelopeView { speed_m_s: 0.5, force_n: 25.0, contact_n: 30.0 });
             one.stopped = index == 4 && number > 119;
             one.twin =
                 one.twin.filter(|_| with_twin).map(|twin| Twin { version: id(NEW), body: twin.body.clone() });
@@ -296,7 +303,7 @@ pub fn recording() -> Recording {
     let mut events = upgrade();
     events.sort_by_key(|(at_ms, _)| *at_ms);
     Recording {
-        about: About {
+        about: RecordingSubject {
             version: id(NEW),
             digest: digest(NEW),
             predecessor: Some(id(OLD)),

@@ -1,4 +1,4 @@
-//! Every file of data is read by the code it is for, and stands where a reader looks for it.
+//! Every data file is read by its code, and is where a reader expects it.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -11,7 +11,7 @@ use holdpoint::runtime::capability::Capability;
 
 use crate::report;
 
-/// What may be seen at the top of the tree.
+/// The allowed entries at the top of the tree.
 const TOP: &[&str] = &[
     "Cargo.lock",
     "Cargo.toml",
@@ -148,10 +148,10 @@ fn every_scenario_submits_what_there_is_and_expects_something() {
             problems.push(format!("{name}: submits nothing"));
         }
         if script.about.trim().is_empty() {
-            problems.push(format!("{name}: does not say what it shows"));
+            problems.push(format!("{name}: lacks a description"));
         }
         if !works && script.steps.last().is_none_or(|step| step.expect.is_none()) {
-            problems.push(format!("{name}: does not end with what is expected"));
+            problems.push(format!("{name}: does not end with an expectation"));
         }
     }
     report(&problems);

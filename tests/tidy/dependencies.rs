@@ -1,4 +1,4 @@
-//! What cargo knows of dependencies is what is written of them: the crates' order, and the third-party notices.
+//! The documented dependencies match cargo's: the order of the crates, and the third-party notices.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -10,7 +10,7 @@ use crate::data::root;
 use crate::readme::{quoted, table};
 use crate::report;
 
-/// What cargo answers.
+/// The answer of cargo.
 fn ask_cargo(line: &[&str]) -> String {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let asked = Command::new(cargo).current_dir(root()).args(line).output();
@@ -48,7 +48,7 @@ fn the_crates_depend_as_the_architecture_says() {
     }
 }
 
-/// Crate and licence of every dependency that is linked into the program on this machine.
+/// Crate and license of every dependency that is linked into the program on this machine.
 fn linked() -> BTreeSet<(String, String)> {
     let text = ask_cargo(&[
         "tree",
@@ -64,16 +64,16 @@ fn linked() -> BTreeSet<(String, String)> {
         "{p}\t{l}",
     ]);
     let row = |line: &str| {
-        let (package, licence) = line.split_once('\t')?;
+        let (package, license) = line.split_once('\t')?;
         let name = package.split_whitespace().next()?;
-        // A crate that was listed before has a mark behind its licence.
-        Some((name.to_owned(), licence.trim_end_matches("(*)").trim().to_owned()))
+        // A crate that was listed before has a mark behind its license.
+        Some((name.to_owned(), license.trim_end_matches("(*)").trim().to_owned()))
     };
     text.lines().filter_map(row).filter(|(name, _)| !name.starts_with("holdpoint")).collect()
 }
 
 #[test]
-fn every_linked_crate_is_listed_with_its_licence() {
+fn every_linked_crate_is_listed_with_its_license() {
     let said: BTreeSet<(String, String)> = table("src/guide/third-party.md", "Crates")
         .into_iter()
         .map(|row| (row[0].clone(), row[1].clone()))
@@ -82,9 +82,9 @@ fn every_linked_crate_is_listed_with_its_licence() {
     assert!(linked.len() > 200, "{} crates", linked.len());
     let mut problems: Vec<String> = linked
         .difference(&said)
-        .map(|(name, licence)| format!("{name} ({licence}) is not in src/guide/third-party.md"))
+        .map(|(name, license)| format!("{name} ({license}) is not in src/guide/third-party.md"))
         .collect();
-    // Other platforms have crates of their own, so what is listed need only be locked.
+    // Other platforms have other crates, so a listed crate only has to be locked.
     let lock = fs::read_to_string(root().join("Cargo.lock")).unwrap();
     let gone = said.iter().filter(|(name, _)| !lock.contains(&format!("\nname = \"{name}\"\n")));
     problems.extend(gone.map(|(name, _)| format!("{name} is listed, and not in Cargo.lock any more")));

@@ -1,4 +1,4 @@
-//! What README and guide say is so.
+//! The statements of README and guide match the code.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -16,7 +16,7 @@ use serde_json::Value;
 use crate::data::{names, root, scenarios};
 use crate::report;
 
-/// The longest README, bytes: it is read in one sitting, and the rest is in the guide.
+/// The largest README, bytes: readable in one sitting; the rest is in the guide.
 const README_BYTES_MAX: usize = 15 * 1024;
 
 /// The rows of the first table beneath a heading of a page, cell by cell, without its head.
@@ -40,7 +40,7 @@ fn the_readme_is_short() {
     assert!(bytes <= README_BYTES_MAX as u64, "README.md has {bytes} bytes; {README_BYTES_MAX} are allowed");
 }
 
-/// Where a Markdown link leads: `](path)`, without what stands behind `#`; addresses on the web aside.
+/// The targets of Markdown links `](path)`, without the part after `#`; web addresses excluded.
 fn targets(text: &str) -> impl Iterator<Item = &str> {
     let links = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());
     let paths = links.filter(|link| !link.contains("://")).filter_map(|link| link.split('#').next());
@@ -138,7 +138,7 @@ fn keys_are_the_programs() {
     assert_eq!(said, there);
 }
 
-/// The variants of an enum of the protocol, in kebab case as they travel, read from its source.
+/// The variants of an enum of the protocol, in kebab case as on the wire, read from its source.
 fn variants(file: &str, name: &str) -> BTreeSet<String> {
     let text = fs::read_to_string(root().join("src/protocol").join(file)).unwrap();
     let (_, body) = text.split_once(&format!("\npub enum {name} {{\n")).expect("the enum is there");
@@ -171,7 +171,7 @@ fn commands_refusals_and_events_are_the_protocols() {
     }
 }
 
-/// The fields of each variant of a document that is told apart by `tag`, as its schema has them.
+/// The fields of each variant of a document with the tag `tag`, as in its schema.
 fn fields_of(document: &str, tag: &str) -> BTreeMap<String, BTreeSet<String>> {
     let schema = documents().into_iter().find(|(name, _)| *name == document).unwrap().1.to_value();
     let names = |value: &Value| -> BTreeSet<String> {
@@ -180,7 +180,7 @@ fn fields_of(document: &str, tag: &str) -> BTreeMap<String, BTreeSet<String>> {
     let variants = schema["oneOf"].as_array().unwrap().iter();
     let fields = variants.map(|variant| {
         let mut fields = names(variant);
-        // What several commands have in common is a type of its own.
+        // Fields shared by several commands are a type of their own.
         if let Some(shared) = variant["$ref"].as_str().and_then(|path| path.strip_prefix('#')) {
             fields.extend(names(schema.pointer(shared).unwrap()));
         }
@@ -253,7 +253,7 @@ fn profile_numbers_are_the_profiles() {
     }
 }
 
-/// Each row of the limits names a constant as the source has it.
+/// Each row of the limits names a constant with its value in the source.
 #[test]
 fn limits_are_those_of_the_source() {
     let page = fs::read_to_string(root().join("src/guide/limits.md")).unwrap();

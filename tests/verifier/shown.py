@@ -62,17 +62,17 @@ class Shown:
         text(body["nonce"]), text(body["by"])
         facts = bound_facts(text(body["facts"]).decode())
         if facts["asked"]["name"] != body["by"] or facts["version"] != subject:
-            raise ValueError("what was shown is another person's, or of another version")
+            raise ValueError("the displayed text belongs to another person or version")
         if self.registered.get(subject) != facts["candidate"]:
-            raise ValueError("what was shown says otherwise of the candidate than the records before it")
+            raise ValueError("the displayed text differs in the candidate from the records before it")
         told = (
             subject, facts["question"], facts["row_version"], facts["evidence"], facts["policy"], facts["needed"],
         )
         # The emergency door asks nobody beforehand.
         if facts["purpose"] != "emergency" and self.asked.get(facts["question"]) != told:
-            raise ValueError("what was shown says otherwise of the question than the records before it")
+            raise ValueError("the displayed text differs in the question from the records before it")
         if body["nonce"] in self.kept:
-            raise ValueError("what was shown with this decision is on record already")
+            raise ValueError("the displayed text of this decision is on record already")
         self.kept[body["nonce"]] = (lines_digest(body["lines"]), facts_digest(body["facts"]), facts)
 
     def check(self, approval, store_key):
@@ -84,7 +84,7 @@ class Shown:
         if shown["store_key"] != store_key.hex():
             return "it was signed for a store with another key"
         if kept is None:
-            return "no record has what was shown with it"
+            return "no record has its displayed text"
         lines, facts, bound = kept
         if lines != digits(shown["lines"], 32):
             return "the lines on record are not those that it was signed over"

@@ -231,7 +231,7 @@ class Persons:
         text(change["change"]), text(change["public_key"])
         signature = signature_of(change["signature"])
         if ACTS[record["kind"]] != (change["change"], kind) or record["subject"] != name:
-            raise Bad("person", name, "the act is not what was recorded")
+            raise Bad("person", name, "the act differs from its record")
         if not NAME.fullmatch(name) or not is_reason(act["reason"]):
             raise Bad("person", name, "its name, or the reason of the act, is none")
         try:
@@ -319,7 +319,7 @@ class Persons:
         is_right_before = seq == record["seq"] - 1 and allowed_for == profile
         if rules is None:
             if self.ruled and any(at_risk):
-                raise Bad("record", record["seq"], "it does not say by what rules it is")
+                raise Bad("record", record["seq"], "it does not name its rules")
             is_looser = last is not None and PROFILES.index(profile) < PROFILES.index(last)
             if (self.asked or asks) and is_looser and not is_right_before:
                 raise Bad("record", record["seq"], f"nobody signed that {profile} may come after {last}")
@@ -387,9 +387,9 @@ class Persons:
     def key_of(self, who, role):
         """The key of somebody who is enrolled in that role; none before anybody was."""
         if self.keys and (who in self.revoked or who not in self.keys):
-            raise LookupError("whoever gave it was not enrolled then")
+            raise LookupError("its approver was not enrolled then")
         if self.keys and self.roles[who] != role:
-            raise LookupError("whoever gave it has another role")
+            raise LookupError("its approver has another role")
         return self.keys.get(who)
 
 
@@ -439,9 +439,9 @@ class Export:
             raise Bad("line", line, "it does not belong here")
         if kind == "head" and len(self.heads) >= HEADS_MAX:
             raise Bad("line", line, f"it is one checkpoint more than {HEADS_MAX}, and so many are allowed")
-        # One more than there can be: it is there twice, or no record speaks of it.
+        # One more than there can be: it is there twice, or no record names it.
         if kind == "approval" and len(self.approvals) > len(self.put):
-            raise Bad("line", line, "it is one approval more than records speak of")
+            raise Bad("line", line, "no record names this further approval")
         try:
             if kind == "head":
                 self.heads.append(Head(content, line))
@@ -520,7 +520,7 @@ class Export:
             digits(put["facts"], 32), digits(put["lines"], 32), digits(put["request"], 16)
             whole(put["renderer"], 0, 2**32 - 1)
         if change["nonce"] in self.put:
-            raise Bad("approval", change["nonce"], "two records speak of it")
+            raise Bad("approval", change["nonce"], "two records name it")
         try:
             key = self.persons.key_of(change["who"], change["role"])
         except LookupError as error:
@@ -529,15 +529,15 @@ class Export:
 
     def check(self, key):
         if self.seq != self.header["records"]:
-            raise Bad("record", self.seq + 1, f"it is missing; the file is said to have {self.header['records']}")
+            raise Bad("record", self.seq + 1, f"it is missing; the first line names {self.header['records']} records")
         for head in self.heads:
             self.check_head("head", head, key)
         if self.end is not None:
             self.check_head("end", self.end, key)
             if self.end.seq != self.seq:
-                raise Bad("end", None, f"nobody signed the records after {self.end.seq}")
+                raise Bad("end", None, f"no signature covers the records after {self.end.seq}")
         elif self.seq > 0:
-            raise Bad("end", None, f"nobody signed where the audit chain ends, at record {self.seq}")
+            raise Bad("end", None, f"no signature covers the end of the audit chain, record {self.seq}")
         if not (self.end is not None and self.end.gap):
             self.check_links()
         self.check_approvals(key)
@@ -595,12 +595,12 @@ class Export:
             if approval.store_id != self.header["store_id"]:
                 raise Bad("approval", nonce, "it was made for another store")
             if nonce not in self.put:
-                raise Bad("approval", nonce, "no record speaks of it")
+                raise Bad("approval", nonce, "no record names it")
             own, told = self.put[nonce]
             if own is not None and text(own) != approval.public_key:
-                raise Bad("approval", nonce, "it was signed with another key than that of who gave it")
+                raise Bad("approval", nonce, "it was signed with another key than its approver's")
             if told != approval.told:
-                raise Bad("approval", nonce, "it is not what its record tells of it")
+                raise Bad("approval", nonce, "it differs from its record")
             if problem := self.shown.check(approval, key):
                 raise Bad("approval", nonce, problem)
             if nonce in found:

@@ -171,7 +171,7 @@ fn disturbances_do_not_depend_on_the_commands() {
         for _ in 0..200 {
             world.step(&command).expect("step");
             let o = world.observe();
-            // The tray stands still, so its picture is bias and noise alone.
+            // The tray does not move, so its measurement is bias and noise alone.
             seen.push((o.target, world.telemetry().picture_age_ticks));
         }
         pictures.push(seen);

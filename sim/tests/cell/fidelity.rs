@@ -90,11 +90,11 @@ fn where_the_pads_touch_is_known_while_the_engine_rests() {
             }
         }
     }
-    let lever = |(points, truth): &(Vec<_>, holdpoint_sim::Truth), axis: usize| {
+    let lever = |(points, truth): &(Vec<_>, holdpoint_sim::WorldTruth), axis: usize| {
         let one: &holdpoint_sim::readout::ContactPoint = &points[0];
         one.force_n[axis].signum() * (one.at_m[axis] - truth.object.position[axis])
     };
-    // The pads press the object away from themselves, so it presses each pad outwards.
+    // The pads press the object away from themselves, so it presses each pad outward.
     for axis in 0..2 {
         assert!(held.iter().all(|of| lever(of, axis) > -1e-3), "{held:?}");
     }

@@ -157,7 +157,7 @@ fn a_bad_scene_names_file_and_key() {
     let cases: [(&str, &str, &[&str]); 7] = [
         ("format = 1", "format = 2", &["format", "2"]),
         ("half_m = 0.025", "half_m = nan", &["half_m", "NaN"]),
-        ("half_m = 0.025", "half_m = 0.025\ncolour = \"red\"", &["colour"]),
+        ("half_m = 0.025", "half_m = 0.025\ncolor = \"red\"", &["color"]),
         ("clearance_m = 0.003", "clearance_m = -0.003", &["clearance_m", "-0.003"]),
         ("name = \"tray\"", "name = \"human\"", &["zone \"human\"", "twice"]),
         ("max_m = [0.66, -0.04, 0.35]", "max_m = [0.2, -0.04, 0.35]", &["zone \"work\"", "0.2"]),

@@ -37,7 +37,7 @@ fn pictures_come_at_thirty_hertz_with_the_noise_asked_for() {
     d.camera.sigma_m = Range::exactly(0.003);
     d.camera.bias_m = Range::exactly(0.002);
     let errors = picture_errors(&d, 4, 4800);
-    assert!((595..=601).contains(&errors.len()), "{} pictures in 20 s", errors.len());
+    assert!((595..=601).contains(&errors.len()), "{} camera frames in 20 s", errors.len());
     let (mean, sigma, lag) = moments(&errors);
     assert!((mean - 0.002).abs() < 0.0005, "mean {mean}");
     assert!((0.0027..0.0033).contains(&sigma), "sigma {sigma}");
@@ -68,7 +68,7 @@ fn lost_pictures_are_absent_and_late_ones_say_their_age() {
             None => absent += 1,
         }
     }
-    assert!((480..960).contains(&absent), "{absent} of 2400 ticks without a picture");
+    assert!((480..960).contains(&absent), "{absent} of 2400 ticks without a camera frame");
     assert_eq!((youngest, oldest), (12, 19), "50 ms are 12 ticks, a period is 8");
 }
 

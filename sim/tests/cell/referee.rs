@@ -82,7 +82,7 @@ fn reaching_into_the_keep_out_zone_is_seen() {
 fn throwing_the_object_is_seen() {
     let mut world = world("arm7");
     world.reset(&setup(TaskKind::Align, false)).expect("reset");
-    // Swing up and let go on the way.
+    // Swing up and let the object go on the way.
     let mut high = world.truth().tool.isometry();
     high.translation.z += 0.3;
     let script = [(arm(&high, 1.5), 60), (fingers(0.08, 30.0), 240)];

@@ -1,4 +1,4 @@
-//! Which acts about people a store takes, each attack by itself.
+//! Which acts about people a store accepts, each attack by itself.
 
 use super::*;
 
@@ -6,21 +6,21 @@ fn made(folder: &Path, name: &str, role: Role) -> Identity {
     Identity::create(folder, name, role).unwrap()
 }
 
-fn enrol(persons: &mut Persons, who: &Identity, by: &Identity) -> Result<(), PersonError> {
+fn enrol(persons: &mut PersonDirectory, who: &Identity, by: &Identity) -> Result<(), PersonError> {
     let act = persons.enrolment(who.info(), true, by, "a test").unwrap();
     persons.push(&act)
 }
 
-fn revoke(persons: &mut Persons, name: &str, by: &Identity) -> Result<(), PersonError> {
+fn revoke(persons: &mut PersonDirectory, name: &str, by: &Identity) -> Result<(), PersonError> {
     let who = persons.named(name).cloned().unwrap();
     let act = persons.revocation(&who, by, "a test").unwrap();
     persons.push(&act)
 }
 
 /// A store with an administrator and an engineer.
-fn begun(folder: &Path) -> (Persons, Identity, Identity) {
+fn begun(folder: &Path) -> (PersonDirectory, Identity, Identity) {
     let (root, ada) = (made(folder, "admin", Role::Admin), made(folder, "ada", Role::Engineer));
-    let mut persons = Persons::none("a store");
+    let mut persons = PersonDirectory::none("a store");
     enrol(&mut persons, &root, &root).unwrap();
     enrol(&mut persons, &ada, &root).unwrap();
     (persons, root, ada)
@@ -30,7 +30,7 @@ fn begun(folder: &Path) -> (Persons, Identity, Identity) {
 fn the_first_person_is_an_administrator_who_enrols_their_own_key() {
     let folder = tempfile::tempdir().unwrap();
     let (root, ada) = (made(folder.path(), "admin", Role::Admin), made(folder.path(), "ada", Role::Engineer));
-    let mut persons = Persons::none("a store");
+    let mut persons = PersonDirectory::none("a store");
     assert_eq!(enrol(&mut persons, &ada, &ada), Err(PersonError::NotTheFirst("ada".into())));
     assert_eq!(enrol(&mut persons, &ada, &root), Err(PersonError::NotTheFirst("ada".into())));
     enrol(&mut persons, &root, &root).unwrap();
@@ -51,7 +51,7 @@ fn only_an_administrator_who_is_enrolled_enrols_and_revokes() {
     revoke(&mut persons, "admin", &second).unwrap();
     assert_eq!(enrol(&mut persons, &ben, &root), Err(PersonError::SignerUnknown("admin".into())));
     assert!(persons.named("ben").is_none());
-    // Who claims an administrator's name has the key to show for it.
+    // An administrator's name needs the administrator's key.
     let other = tempfile::tempdir().unwrap();
     let impostor = made(other.path(), "second", Role::Admin);
     assert_eq!(enrol(&mut persons, &ben, &impostor), Err(PersonError::SignerUnknown("second".into())));
@@ -88,7 +88,7 @@ fn an_act_is_for_one_store_and_one_moment() {
     let (mut persons, root, _) = begun(folder.path());
     let ben = made(folder.path(), "ben", Role::Engineer);
     let early = persons.enrolment(ben.info(), false, &root, "a test").unwrap();
-    let mut elsewhere = Persons::none("another store");
+    let mut elsewhere = PersonDirectory::none("another store");
     enrol(&mut elsewhere, &root, &root).unwrap();
     assert!(matches!(elsewhere.push(&early), Err(PersonError::OtherStore { .. })));
     persons.push(&early).unwrap();
@@ -121,34 +121,34 @@ fn any_edit_voids_an_act() {
         edit(&mut forged.act);
         assert!(persons.check(&forged).is_err(), "{name}");
     }
-    for reason in ["", " \u{200b}", &"x".repeat(super::super::signed::REASON_BYTES_MAX + 1)] {
+    for reason in ["", " \u{200b}", &"x".repeat(super::super::signed_approval::REASON_BYTES_MAX + 1)] {
         let act = persons.enrolment(ben.info(), false, &root, reason).unwrap();
         assert!(matches!(persons.check(&act), Err(PersonError::Field { field: "reason", .. })));
-        // What of a record can be read is not asked, for no table of that is the last one.
+        // Readability of a recorded reason is not checked, because the Unicode tables change.
         assert_eq!(persons.judge(&act).is_ok(), reason == " \u{200b}", "{reason:?}");
     }
 }
 
 /// The same key under a passphrase.
 fn guarded(folder: &Path, who: &Identity) -> Identity {
-    use crate::keyfile::Keep;
-    use crate::{Cost, Passphrase};
+    use crate::keyfile::KeyEncoding;
+    use crate::{KdfCost, Passphrase};
     let words = Passphrase::new("under the oak".to_owned().into()).unwrap();
-    who.keep(folder, Keep::Sealed(&words, Cost::LEAST)).unwrap();
+    who.keep(folder, KeyEncoding::Sealed(&words, KdfCost::LEAST)).unwrap();
     Identity::open(folder, &who.info().name).unwrap().unlock(Some(&words)).unwrap()
 }
 
-fn confirm(persons: &mut Persons, name: &str, by: &Identity) -> Result<(), PersonError> {
+fn confirm(persons: &mut PersonDirectory, name: &str, by: &Identity) -> Result<(), PersonError> {
     let who = persons.named(name).cloned().unwrap();
     let act = persons.confirmation(&who, by, "a test").unwrap();
     persons.push(&act)
 }
 
-fn confirmed_by<'a>(persons: &'a Persons, name: &str) -> Option<&'a str> {
+fn confirmed_by<'a>(persons: &'a PersonDirectory, name: &str) -> Option<&'a str> {
     persons.named(name).unwrap().confirmed_by.as_deref()
 }
 
-/// An administrator whose key lay open could make anybody a person; that lent whom it made the standing of others.
+/// An administrator with an unencrypted key could enroll any person, who then counted as verified.
 #[test]
 fn an_unguarded_key_vouches_for_nobody_until_a_guarded_one_confirms() {
     let folder = tempfile::tempdir().unwrap();
@@ -156,7 +156,7 @@ fn an_unguarded_key_vouches_for_nobody_until_a_guarded_one_confirms() {
     assert_eq!(confirmed_by(&persons, "ada"), None);
     assert_eq!(confirmed_by(&persons, "admin"), Some("admin"), "where trust begins");
     assert_eq!(confirm(&mut persons, "ada", &root), Err(PersonError::Unguarded("admin".into())));
-    // The same key, protected: what it signs from now on stands, and what it signed before does not.
+    // The same key, now protected: its signatures count from now on, and its earlier ones do not.
     let root = guarded(folder.path(), &root);
     assert_eq!(confirmed_by(&persons, "ada"), None);
     confirm(&mut persons, "ada", &root).unwrap();
@@ -165,12 +165,12 @@ fn an_unguarded_key_vouches_for_nobody_until_a_guarded_one_confirms() {
     assert_eq!(again, PersonError::Confirmed { name: "ada".into(), by: "admin".into() });
     let ben = made(folder.path(), "ben", Role::Safety);
     enrol(&mut persons, &ben, &root).unwrap();
-    assert_eq!(confirmed_by(&persons, "ben"), Some("admin"), "enrolled by a guarded key");
+    assert_eq!(confirmed_by(&persons, "ben"), Some("admin"), "enrolled by a passphrase-protected key");
     revoke(&mut persons, "ben", &root).unwrap();
     let who = Person { confirmed_by: None, ..persons.named("ben").cloned().unwrap() };
     let act = persons.confirmation(&who, &root, "a test").unwrap();
     assert_eq!(persons.check(&act), Err(PersonError::NotEnrolled("ben".into())));
-    // Who is no administrator confirms nobody, and the signature covers that the key was guarded.
+    // Only an administrator can verify a person, and the signature covers whether the key was protected.
     let cleo = made(folder.path(), "cleo", Role::Safety);
     let mut act =
         persons.enrolment(cleo.info(), false, &made(folder.path(), "x", Role::Admin), "a test").unwrap();
@@ -179,7 +179,7 @@ fn an_unguarded_key_vouches_for_nobody_until_a_guarded_one_confirms() {
     assert!(matches!(persons.check(&act), Err(PersonError::Signature(_))));
 }
 
-/// A protected administrator whom an open key enrolled: trust does not begin with them, for anybody.
+/// An administrator whose own enrollment was signed by an unencrypted key cannot verify any person.
 #[test]
 fn trust_leads_back_to_the_first_administrator_alone() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Makes components of core modules: `encode MODULE COMPONENT [MODULE COMPONENT ...]`.
+//! Makes components from core modules: `encode MODULE COMPONENT [MODULE COMPONENT ...]`.
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let files: Vec<String> = std::env::args().skip(1).collect();

@@ -1,4 +1,4 @@
-//! The components that are kept built are those whose digests are kept, and none is without one.
+//! The prebuilt components match the stored digests one to one.
 #![allow(clippy::unwrap_used, reason = "a test says what it expects by failing")]
 
 use std::collections::BTreeMap;

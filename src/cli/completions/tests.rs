@@ -1,14 +1,14 @@
-//! What the scripts ask for, what is answered, and the bash script at work.
+//! The requests of the scripts, the answers, and a run of the bash script.
 
 use std::process::Command as Process;
 
 use clap::CommandFactory as _;
 
 use super::*;
-use crate::cli::side::Side;
+use crate::cli::verb_executor::VerbExecutor;
 use crate::cli::{Cli, CliContext};
 
-/// What `completions` prints.
+/// The output of `completions`.
 fn printed(data: &Path, line: &[&str]) -> String {
     use clap::Parser as _;
     let words = ["holdpoint", "completions"].into_iter().chain(line.iter().copied());
@@ -16,7 +16,7 @@ fn printed(data: &Path, line: &[&str]) -> String {
         panic!("no completions: {line:?}");
     };
     let mut bytes = Vec::new();
-    run(Cli::command(), Some(data), &args, &mut Output::to(&mut bytes, false)).unwrap();
+    run(Cli::command(), Some(data), &args, &mut CommandOutput::to(&mut bytes, false)).unwrap();
     String::from_utf8(bytes).unwrap()
 }
 
@@ -64,9 +64,9 @@ fn a_store_is_asked_for_its_names() {
     for names in ["versions", "families", "subjects"] {
         assert_eq!(printed(root.path(), &["--list", names]), "", "there is no store");
     }
-    assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 0, "asking makes no store");
+    assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 0, "completion creates no store");
     let context = CliContext { data: root.path().to_owned(), data_given: true, json: false };
-    let engine = Side::open(&context).unwrap();
+    let engine = VerbExecutor::open(&context).unwrap();
     assert!(engine.is_own());
     // Also while an engine has the store.
     assert_eq!(printed(root.path(), &["--list", "families"]), "align\ngrasp\npark\nplace\n");
@@ -89,7 +89,7 @@ fn no_script_has_a_marker_left() {
         assert!(calls.iter().all(|call| text.contains(call) == asks), "{shell}");
     }
     let zsh = printed(Path::new("/nowhere"), &["zsh"]);
-    assert!(zsh.starts_with("#compdef holdpoint\n"), "the first line says what it is for");
+    assert!(zsh.starts_with("#compdef holdpoint\n"), "the first line names the command");
     assert!(zsh.contains("'::subject -- "), "{zsh}");
     assert!(zsh.contains(":_holdpoint_subjects'"), "{zsh}");
     let fish = printed(Path::new("/nowhere"), &["fish"]);

@@ -1,7 +1,7 @@
 //! The verb on a store with recordings: listed, verified, removed with a record.
 
 use super::*;
-use holdpoint_recordings::record::{KIND, Recorded};
+use holdpoint_recordings::audit_record::{KIND, RecordingClosure};
 use holdpoint_registry::{AuditBody, Store, Transaction};
 
 const FILE: &str = "grasp-1.1.0-0123abcd.rrd";
@@ -16,9 +16,9 @@ fn store() -> (tempfile::TempDir, CliContext) {
     let mut audit = Vec::new();
     for (file, on_record) in [(FILE, true), (SECOND, true), (OPEN, false)] {
         std::fs::write(folder.join(file), file).unwrap();
-        let recorded = Recorded {
+        let recorded = RecordingClosure {
             file: file.to_owned(),
-            sha256: folder::digest(&folder.join(file)).unwrap(),
+            sha256: recording_folder::digest(&folder.join(file)).unwrap(),
             bytes: file.len() as u64,
             pictures: 3,
             dropped_pictures: 0,
@@ -40,7 +40,7 @@ fn store() -> (tempfile::TempDir, CliContext) {
 
 fn ask(context: &CliContext, verb: RecordingsVerb, json: bool) -> (Result<Exit, CliError>, String) {
     let mut printed = Vec::new();
-    let ended = run(context, &RecordingsArgs { verb }, &mut Output::to(&mut printed, json));
+    let ended = run(context, &RecordingsArgs { verb }, &mut CommandOutput::to(&mut printed, json));
     (ended, String::from_utf8(printed).unwrap())
 }
 
@@ -63,7 +63,7 @@ fn they_are_listed_with_what_is_on_record() {
     assert_eq!((&first["version"], &first["on_record"]), (&json!("grasp@1.1.0"), &json!(true)));
 }
 
-/// A pipe with a recording's name was passed over without a word.
+/// A pipe with a recording's name was once skipped silently.
 #[test]
 fn what_has_a_recordings_name_and_is_none_is_named() {
     const PIPE: &str = "align-1.1.0-0123abcd.rrd";
@@ -74,14 +74,14 @@ fn what_has_a_recordings_name_and_is_none_is_named() {
     std::fs::create_dir(folder.join(SECOND)).unwrap();
     let (ended, text) = ask(&context, RecordingsVerb::List, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
-    assert!(text.contains(&format!("passed over: {PIPE} is a socket, and no recording")), "{text}");
+    assert!(text.contains(&format!("skipped: {PIPE} is a socket, not a recording")), "{text}");
     assert!(text.contains("2 files, ") && text.contains(&format!("{SECOND} is a folder")), "{text}");
     let (_, text) = ask(&context, RecordingsVerb::List, true);
     let last: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
     assert_eq!((&last["file"], &last["no_file"]), (&json!(SECOND), &json!("a folder")));
     let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
     assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
-    assert!(text.contains(&format!("{PIPE}  passed over: it is a socket")), "{text}");
+    assert!(text.contains(&format!("{PIPE}  skipped: it is a socket")), "{text}");
     assert!(text.contains("no removal is on record; a folder has its name"), "{text}");
     assert_eq!(text.matches(SECOND).count(), 1, "{text}");
 }
@@ -92,10 +92,7 @@ fn what_was_changed_or_is_missing_is_found() {
     let folder = Layout::new(root.path()).recordings();
     let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed, "{text}");
-    assert!(
-        text.ends_with("sound: 3 recordings, 0 not as recorded, 1 that nothing on record speaks of\n"),
-        "{text}"
-    );
+    assert!(text.ends_with("sound: 3 recordings, 0 not as recorded, 1 not on record\n"), "{text}");
     std::fs::write(folder.join(FILE), "longer than what was recorded").unwrap();
     let (_, text) = ask(&context, RecordingsVerb::Verify, false);
     assert!(text.contains(&format!("{FILE}  DIFFERS: it has 29 bytes, 24 were recorded")), "{text}");
@@ -135,7 +132,7 @@ fn a_removal_is_on_record_and_then_nothing_is_missing() {
 fn what_is_open_or_unknown_stays_and_a_store_in_use_is_left_alone() {
     let (root, context) = store();
     let (ended, text) = ask(&context, keep_none(false), false);
-    // No version of these is registered here, so nothing is known of their upgrades.
+    // No version of these is registered here, so their upgrades are unknown.
     assert_eq!((ended.unwrap(), text.as_str()), (Exit::Confirmed, "0 files, 0 B, removed\n"));
     let engine = Store::open(root.path()).unwrap();
     let error = ask(&context, keep_none(false), false).0.unwrap_err();

@@ -1,70 +1,72 @@
-//! `holdpoint replay VERSION --episode …`: a piece of its evaluation, worked again.
+//! `holdpoint replay VERSION --episode …`: re-runs an episode of its evaluation.
 //!
-//! Asks the engine that runs on the store, or one opened for this alone, and shows what it answers: in the terminal, as
-//! lines, as JSON, or in a file for the viewer. Nothing of it is stored or decided.
+//! Asks the running engine, or one opened for this verb, and shows the answer: in the terminal, as lines, as JSON,
+//! or in a file for the viewer. Stores and decides nothing.
 
 use std::path::Path;
 
 use serde_json::json;
 
-use super::{ReplayArgs, Wanted};
+use super::{ReplayArgs, ReplaySubject};
 use crate::cli::context::CliContext;
-use crate::cli::output::Output;
-use crate::cli::side::{Side, refused};
+use crate::cli::output::CommandOutput;
+use crate::cli::verb_executor::{VerbExecutor, refused};
 use crate::error::{CliError, Exit};
 use crate::scenes;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
 use holdpoint_protocol::command::{Command, Reply};
-use holdpoint_protocol::film::{Film, FilmAsked, FilmOf, FilmedRun};
-use holdpoint_recordings::film::recording;
-use holdpoint_recordings::recording::About;
+use holdpoint_protocol::film::{Film, FilmRequest, FilmSubject, FilmedRun};
+use holdpoint_recordings::episode_recording::recording;
+use holdpoint_recordings::recording::RecordingSubject;
 use holdpoint_text::Untrusted;
 
-/// Which piece: a number from 1, or the worst.
+/// Which episode: a number from 1, or the worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Which(pub Option<u32>);
+pub struct EpisodeSelector(pub Option<u32>);
 
 /// Reads `worst` or a number.
-pub(super) fn parse_which(text: &str) -> Result<Which, String> {
+pub(super) fn parse_which(text: &str) -> Result<EpisodeSelector, String> {
     if text == "worst" {
-        return Ok(Which(None));
+        return Ok(EpisodeSelector(None));
     }
     let number = text.parse().ok().filter(|number| *number > 0);
-    number.map(|number| Which(Some(number))).ok_or_else(|| "worst is allowed, or a number from 1".to_owned())
+    number
+        .map(|number| EpisodeSelector(Some(number)))
+        .ok_or_else(|| "worst is allowed, or a number from 1".to_owned())
 }
 
-/// What is asked for, if a piece of the evaluation is.
-pub(super) fn asked(args: &ReplayArgs) -> Option<FilmAsked> {
+/// The requested episode, if one is requested.
+pub(super) fn film_request(args: &ReplayArgs) -> Option<FilmRequest> {
     let all = [
-        (FilmOf::Episode, args.episode),
-        (FilmOf::Drill, args.drill),
-        (FilmOf::Alone, args.alone),
-        (FilmOf::Confirmation, args.confirmation),
+        (FilmSubject::Episode, args.episode),
+        (FilmSubject::Drill, args.drill),
+        (FilmSubject::Alone, args.alone),
+        (FilmSubject::Confirmation, args.confirmation),
     ];
     let (of, which) = all.into_iter().find_map(|(of, which)| Some((of, which?)))?;
-    Some(FilmAsked { of, number: which.0 })
+    Some(FilmRequest { of, number: which.0 })
 }
 
-/// Does it. What is not what was recorded ends with 1.
+/// Runs the verb. A result that differs from the recorded one exits with 1.
 pub(super) fn run(
     context: &CliContext,
     args: &ReplayArgs,
-    asked: FilmAsked,
+    asked: FilmRequest,
     has_terminal: bool,
-    out: &mut Output<'_>,
+    out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    let Wanted::Version(version) = &args.upgrade else {
+    let ReplaySubject::Version(version) = &args.upgrade else {
         return Err(CliError::usage("an episode is of a version, not of a recording's file")
             .with_hint("name the version, such as grasp@1.1.0"));
     };
-    let mut side = Side::open(context)?;
+    let mut side = VerbExecutor::open(context)?;
     let command = Command::Film { version: version.clone(), asked };
-    let film = match side.ask(command)? {
+    let film = match side.send(command)? {
         Reply::Film { film } => film,
         Reply::Refused { code, text, hint } => return Err(refused(code, &text, hint.as_deref())),
         other => {
-            return Err(CliError::internal(format!("the engine answered with something else: {other:?}")));
+            return Err(CliError::internal(format!("the engine sent an unexpected answer: {other:?}")));
         }
     };
     let unlike = |run: &FilmedRun| run.as_recorded == Some(false);
@@ -73,7 +75,7 @@ pub(super) fn run(
         let about = about(&mut side, version, &film)?;
         scenes::write_film(path, about, &film)?;
         let value = json!({ "file": path.display().to_string(), "frames": film.candidate.frames.len() });
-        out.answer(&value, |out| said(path, &film, out))?;
+        out.answer(&value, |out| print_film(path, &film, out))?;
     } else if context.json {
         out.json(&film)?;
     } else if args.plain || !has_terminal {
@@ -85,12 +87,12 @@ pub(super) fn run(
     Ok(exit)
 }
 
-fn about(side: &mut Side, version: &CapabilityId, film: &Film) -> Result<About, CliError> {
+fn about(side: &mut VerbExecutor, version: &CapabilityId, film: &Film) -> Result<RecordingSubject, CliError> {
     let snapshot = side.snapshot()?;
-    let Reply::Detail { detail } = side.ask(Command::Detail { version: version.clone() })? else {
+    let Reply::Detail { detail } = side.send(Command::Detail { version: version.clone() })? else {
         return Err(CliError::internal("the engine answered without a detail"));
     };
-    Ok(About {
+    Ok(RecordingSubject {
         version: version.clone(),
         digest: detail.digest,
         predecessor: Some(film.active.version.clone()),
@@ -101,17 +103,17 @@ fn about(side: &mut Side, version: &CapabilityId, film: &Film) -> Result<About, 
     })
 }
 
-fn said(path: &Path, film: &Film, out: &mut Output<'_>) -> Result<(), CliError> {
+fn print_film(path: &Path, film: &Film, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let path = Untrusted::new(path.to_string_lossy()).line();
     out.line(&format!("wrote {}: {}", path.as_str(), film.title()))
 }
 
-/// The film in words: what it is, what came of it, what happened, and two moments a second.
-pub(in crate::cli) fn lines(film: &Film, out: &mut Output<'_>) -> Result<(), CliError> {
+/// The film in words: its title, result and marks, and two moments a second.
+pub(in crate::cli) fn lines(film: &Film, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let why = if film.why.is_empty() { String::new() } else { format!(": {}", film.why) };
     out.paragraph("", &format!("{}{why}", film.title()))?;
     for doubt in &film.doubts {
-        out.paragraph("", &format!("NOT WHAT WAS JUDGED: {doubt}"))?;
+        out.paragraph("", &format!("NOT THE JUDGED EPISODE: {doubt}"))?;
     }
     for (name, run) in [("candidate", &film.candidate), ("active", &film.active)] {
         let checked = match run.as_recorded {
@@ -152,8 +154,8 @@ mod tests {
 
     #[test]
     fn a_piece_is_named_by_its_number_or_as_the_worst() {
-        assert_eq!(parse_which("worst"), Ok(Which(None)));
-        assert_eq!(parse_which("17"), Ok(Which(Some(17))));
+        assert_eq!(parse_which("worst"), Ok(EpisodeSelector(None)));
+        assert_eq!(parse_which("17"), Ok(EpisodeSelector(Some(17))));
         for wrong in ["0", "-1", "best", "", "1.5"] {
             assert_eq!(parse_which(wrong).unwrap_err(), "worst is allowed, or a number from 1", "{wrong}");
         }

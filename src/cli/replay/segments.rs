@@ -1,4 +1,4 @@
-//! The recordings of one upgrade read as one: an engine that came up again goes on in a further file.
+//! Joins the recordings of one upgrade: a restarted engine continues in another file.
 
 use std::path::PathBuf;
 
@@ -18,14 +18,14 @@ pub(super) fn read(files: &[PathBuf]) -> Result<Recording, CliError> {
     join(parts).ok_or_else(|| CliError::internal("no file was named"))
 }
 
-/// One recording of several parts. What does not move is taken from the last part that has it, and so is how it ended:
-/// only the last part is closed.
+/// Joins the parts of one recording. Static objects and the end come from the last part that has them: only the
+/// last part is closed.
 fn join(parts: Vec<Recording>) -> Option<Recording> {
     let mut parts = parts.into_iter();
     let mut whole = parts.next()?;
     for part in parts {
         whole.outcome = part.outcome;
-        if part.scenery != holdpoint_protocol::picture::Scenery::default() {
+        if part.scenery != holdpoint_protocol::video_frame::Scenery::default() {
             whole.scenery = part.scenery;
         }
         whole.pictures.extend(part.pictures);
@@ -37,7 +37,7 @@ fn join(parts: Vec<Recording>) -> Option<Recording> {
         whole.dropped.0 += part.dropped.0;
         whole.dropped.1 += part.dropped.1;
     }
-    // Stable: what came at the same time stays in the order in which it came.
+    // Stable: events of the same time keep their order.
     whole.pictures.sort_by_key(|picture| picture.at_ms);
     whole.events.sort_by_key(|event| event.at_ms);
     Some(whole)
@@ -57,11 +57,11 @@ fn add(all: &mut Vec<Series>, more: Series) {
 mod tests {
     use super::*;
     use holdpoint_governance::record::UpgradeEnd;
-    use holdpoint_recordings::recording::About;
+    use holdpoint_recordings::recording::RecordingSubject;
 
     fn part(outcome: Option<UpgradeEnd>, points: &[(u64, f64)], name: &str) -> Recording {
         Recording {
-            about: About {
+            about: RecordingSubject {
                 version: "grasp@1.1.0".parse().unwrap(),
                 digest: holdpoint_governance::ids::Digest::from_bytes([1; 32]),
                 predecessor: None,
@@ -71,7 +71,7 @@ mod tests {
                 engine_build: "test".to_owned(),
             },
             outcome: outcome.map(Into::into),
-            scenery: holdpoint_protocol::picture::Scenery::default(),
+            scenery: holdpoint_protocol::video_frame::Scenery::default(),
             pictures: Vec::new(),
             events: Vec::new(),
             series: vec![Series { name: name.to_owned(), points: points.to_vec() }],

@@ -1,7 +1,7 @@
-//! The verb as far as it needs no scene crate: which files, whether they are as recorded, and the viewer's start.
+//! The verb without a scene crate: its files, their check, and the viewer's start.
 
 use super::*;
-use holdpoint_recordings::record::{KIND, Recorded};
+use holdpoint_recordings::audit_record::{KIND, RecordingClosure};
 use holdpoint_registry::{AuditBody, Store, Transaction};
 
 const FILES: [&str; 2] = ["grasp-1.1.0-0123abcd.rrd", "grasp-1.1.0-0123abcd.2.rrd"];
@@ -14,9 +14,9 @@ fn store() -> (tempfile::TempDir, CliContext) {
     for file in FILES {
         std::fs::write(folder.join(file), file).unwrap();
     }
-    let recorded = Recorded {
+    let recorded = RecordingClosure {
         file: FILES[0].to_owned(),
-        sha256: folder::digest(&folder.join(FILES[0])).unwrap(),
+        sha256: recording_folder::digest(&folder.join(FILES[0])).unwrap(),
         bytes: FILES[0].len() as u64,
         pictures: 1,
         dropped_pictures: 0,
@@ -40,18 +40,22 @@ fn args(upgrade: &str, more: &[&str]) -> ReplayArgs {
     args
 }
 
-/// A viewer that writes down what it was asked for.
-fn viewer_in(folder: &Path) -> Surroundings {
+/// A viewer that writes down its arguments.
+fn viewer_in(folder: &Path) -> ProcessEnvironment {
     let path = folder.join("rerun");
     let text = "#!/bin/sh\n[ \"$1\" = --version ] && echo 'rerun-cli 0.36.3' && exit 0\nfor f; do echo \"$f\"; done > \"$0.asked\"\n";
     std::fs::write(&path, text).unwrap();
     std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
-    Surroundings { path: Some(folder.into()), has_screen: true, has_terminal: false }
+    ProcessEnvironment { path: Some(folder.into()), has_screen: true, has_terminal: false }
 }
 
-fn ask(context: &CliContext, args: &ReplayArgs, around: &Surroundings) -> (Result<Exit, CliError>, String) {
+fn ask(
+    context: &CliContext,
+    args: &ReplayArgs,
+    around: &ProcessEnvironment,
+) -> (Result<Exit, CliError>, String) {
     let mut printed = Vec::new();
-    let ended = replay(context, args, around, &mut Output::to(&mut printed, context.json));
+    let ended = replay(context, args, around, &mut CommandOutput::to(&mut printed, context.json));
     (ended, String::from_utf8(printed).unwrap())
 }
 
@@ -78,16 +82,16 @@ fn what_is_not_as_recorded_is_not_opened_unless_forced() {
     for upgrade in ["grasp@1.1.0", file.to_str().unwrap()] {
         let (ended, text) = ask(&context, &args(upgrade, &[]), &around);
         assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
-        assert!(text.starts_with("NOT WHAT WAS RECORDED: ") && text.contains("--force"), "{text}");
+        assert!(text.starts_with("DIFFERS FROM ITS RECORD: ") && text.contains("--force"), "{text}");
         assert!(!root.path().join("rerun.asked").exists());
     }
-    // Elsewhere nothing is known of it.
+    // In another folder the files have no record.
     let copy = root.path().join("copy.rrd");
     std::fs::copy(&file, &copy).unwrap();
     assert_eq!(ask(&context, &args(copy.to_str().unwrap(), &[]), &around).0.unwrap(), Exit::Confirmed);
     let (ended, text) = ask(&context, &args("grasp@1.1.0", &["--force"]), &around);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
-    assert!(text.contains("NOT WHAT WAS RECORDED") && text.contains("opened in rerun"), "{text}");
+    assert!(text.contains("DIFFERS FROM ITS RECORD") && text.contains("opened in rerun"), "{text}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! What the verbs on a skill of one's own say, and how they end.
+//! Output and exit codes of the verbs for custom skills.
 
 use std::fs;
 
@@ -16,7 +16,7 @@ fn did(line: &[&str], json: bool) -> (Result<Exit, CliError>, String) {
     let cli = Cli::try_parse_from(arguments).unwrap();
     let (mut written, mut engine) = (Vec::new(), RealEngine);
     let engine: &mut dyn EngineVerbs = &mut engine;
-    let ended = dispatch(&cli, engine, &mut Output::to(&mut written, json));
+    let ended = dispatch(&cli, engine, &mut CommandOutput::to(&mut written, json));
     (ended, String::from_utf8(written).unwrap())
 }
 
@@ -60,7 +60,7 @@ fn a_manifest_that_is_not_admitted_fails_the_test() {
     for name in ["manifest.toml", "submission.toml", "params.toml"] {
         fs::copy(from.join(name), root.path().join(name)).unwrap();
     }
-    // Its callers are given the duration in another unit.
+    // Its callers pass the duration in another unit.
     let path = root.path().join("manifest.toml");
     let text = fs::read_to_string(&path).unwrap();
     assert!(text.contains("unit = \"s\""), "{text}");

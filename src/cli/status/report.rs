@@ -1,30 +1,30 @@
-//! What `holdpoint status` shows: read from the store, completed by what a running engine adds.
+//! The report of `holdpoint status`: read from the store, completed by a running engine.
 //!
-//! The store is the authority on states; only progress, holding and the provisional window come from the engine.
-//! One formatter for all forms of the verb.
+//! The store is the authority on states; only progress, a halt and the provisional window come from the engine. One
+//! formatter for all forms of the verb.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
 use super::StatusSubject;
-use super::waiting::WaitingRow;
-use crate::cli::profile_on_record;
+use super::pending_approval::PendingApprovalRow;
+use crate::cli::profile_authorization;
 use crate::cli::prune::wall_ms;
 use crate::error::CliError;
 use holdpoint_engine::context::ContextRecord;
-use holdpoint_engine::door::{DoorError, Doubt};
+use holdpoint_engine::control_socket::{ControlSocketError, UnverifiedOrigin};
 use holdpoint_engine::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
-use holdpoint_governance::decision::telling;
+use holdpoint_governance::decision::lead_reason;
 use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::snapshot::{Purpose, QuestionView, ReadingView, Snapshot, StoppedView};
-use holdpoint_protocol::words::clock_time;
+use holdpoint_protocol::clock::clock_time;
+use holdpoint_protocol::snapshot::{EscalationView, RequestKind, Snapshot, StartupProgressView, StoppedView};
 use holdpoint_registry::{AuditFilter, Layout, VersionFilter, Views, lock_owner};
 use holdpoint_text::Untrusted;
 
@@ -32,46 +32,47 @@ use holdpoint_text::Untrusted;
 pub(super) struct StatusReport {
     /// Whether an engine runs on the store and answers.
     pub(super) engine_running: bool,
-    /// Who has the store although no engine answers at its socket.
+    /// The process that has the store although no engine answers at its socket.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) in_use_by: Option<String>,
-    /// Why the engine that is there said nothing, if so: what is shown is what the store holds.
+    /// Why the running engine did not answer, if so; the report then shows the store.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) silent: Option<String>,
-    /// Why what was answered is not known to come from the engine.
+    /// Why the answer is not known to come from the engine.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) unverified: Option<DoubtRow>,
-    /// The last record, where the engine said nothing.
+    pub(super) unverified: Option<UnverifiedAnswerRow>,
+    /// The last record, if the engine did not answer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) last_record: Option<AuditRecord>,
-    /// How far the engine has read its record, while it comes up: nothing shown is verified.
+    /// The engine's progress in reading its history while it starts: nothing shown is verified yet.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) reading: Option<ReadingView>,
-    /// Why it holds, if it does.
+    pub(super) reading: Option<StartupProgressView>,
+    /// Why it is halted, if it is.
     pub(super) holding: Option<String>,
-    /// Who stopped the cell, while it is stopped.
+    /// The person who stopped the cell, while it is stopped.
     pub(super) stopped: Option<StoppedView>,
-    /// Why nothing becomes active and the arm stands until an administrator authorizes the profile, if so.
+    /// Why nothing is activated and the arm stays at standstill until an administrator authorizes the profile, if
+    /// so.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) unauthorized: Option<String>,
     /// The profile the store was last used with.
     pub(super) profile: Option<ProfileName>,
-    /// Its own name, if it does not come with the program.
+    /// The name of a site profile.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) site: Option<SiteName>,
     pub(super) families: Vec<FamilyStatusRow>,
     pub(super) versions: Vec<VersionRow>,
-    pub(super) waiting: Vec<WaitingRow>,
-    /// Monitors' questions, if an engine runs.
-    pub(super) questions: Vec<QuestionRow>,
-    /// Versions that one person may let in by the emergency door, if an engine runs.
+    pub(super) waiting: Vec<PendingApprovalRow>,
+    /// Escalations, if an engine runs.
+    pub(super) questions: Vec<MonitorQuestionRow>,
+    /// Versions that one person may activate by break-glass, if an engine runs.
     pub(super) emergencies: Vec<CapabilityId>,
     pub(super) alarms: Vec<AlarmRow>,
 }
 
-/// That an answer is not known to come from the engine.
+/// The warning that an answer is not known to come from the engine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct DoubtRow {
+pub(super) struct UnverifiedAnswerRow {
     code: &'static str,
     text: String,
 }
@@ -81,13 +82,13 @@ pub(super) struct FamilyStatusRow {
     pub(super) family: String,
     pub(super) active: Option<CapabilityId>,
     pub(super) rollback_target: Option<CapabilityId>,
-    /// Why no version is active, if none may be.
+    /// Why no version is active, if the family is safe-stopped.
     pub(super) safe_stopped: Option<String>,
-    /// Episodes worked and needed, while the active version is provisional and an engine runs.
+    /// Episodes run and needed, while the active version is provisional and an engine runs.
     pub(super) provisional_episodes: Option<(u32, u32)>,
-    /// Whether the active version is provisional: it works, and is not confirmed.
+    /// Whether the active version is provisional.
     pub(super) provisional: bool,
-    /// Whether somebody holds the promotion of the active version, which works on.
+    /// Whether the promotion of the active version is paused; the version still runs.
     pub(super) promotion_paused: bool,
 }
 
@@ -101,17 +102,17 @@ pub(super) struct VersionRow {
     pub(super) provisional: bool,
     pub(super) restricted: bool,
     pub(super) rollback_pending: bool,
-    /// Let in by the emergency door, and not reviewed yet.
+    /// Activated by break-glass, and not reviewed yet.
     pub(super) unreviewed: bool,
-    /// Waits for somebody to resume it, if an engine runs.
+    /// Waits for an operator to resume it, if an engine runs.
     pub(super) held: bool,
-    /// Profiles closed to it, if an engine runs.
+    /// Profiles it is blocked under, if an engine runs.
     pub(super) closed: Vec<ProfileName>,
-    /// Why what was measured of it does not count any more, if an engine runs.
+    /// Why its evidence is stale, if an engine runs.
     pub(super) stale: Vec<StaleCause>,
     /// `kappa_I`, `kappa_P`, `kappa_B`, `kappa_R`; absent if not measured.
     pub(super) kappas: [Option<f64>; 4],
-    /// What the running stage does: so many done of so many.
+    /// The progress of the running stage: done and total.
     pub(super) progress: Option<ProgressRow>,
     /// The first reason of the last decision, if an engine runs.
     pub(super) reason: Option<String>,
@@ -133,11 +134,11 @@ pub(super) struct AlarmRow {
 }
 
 impl StatusReport {
-    /// What concerns the subject, or everything.
+    /// The report on the subject, or on everything.
     pub(super) fn new(
         views: &Views,
         engine: Option<&Snapshot>,
-        silent: Option<&DoorError>,
+        silent: Option<&ControlSocketError>,
         subject: Option<&StatusSubject>,
     ) -> Result<Self, CliError> {
         let wanted = |version: &CapabilityId| match subject {
@@ -155,7 +156,7 @@ impl StatusReport {
         let families = views.families().map_err(CliError::usage)?;
         let flags = |active: Option<&CapabilityId>| {
             let found = versions.iter().find(|version| Some(&version.version) == active);
-            found.map_or_else(Flags::default, |version| version.flags)
+            found.map_or_else(VersionFlags::default, |version| version.flags)
         };
         let families = families
             .into_iter()
@@ -172,13 +173,15 @@ impl StatusReport {
                 family: status.name,
             })
             .collect();
-        // A running engine knows what it asks now; without one the store tells what was asked last.
+        // A running engine knows its requests; otherwise the store has the last ones.
         let waiting = match engine {
-            Some(engine) => {
-                engine.prompts.iter().map(|prompt| WaitingRow::asked(prompt, engine.time)).collect()
-            }
+            Some(engine) => engine
+                .prompts
+                .iter()
+                .map(|prompt| PendingApprovalRow::from_request(prompt, engine.time))
+                .collect(),
             None => {
-                // An engine that was interrupted may have left an earlier question of the same version.
+                // An interrupted engine may have left an earlier request for the same version.
                 let requests = views.open_requests().map_err(CliError::usage)?;
                 let asked = |id: &CapabilityId| {
                     versions.iter().any(|version| version.version == *id && version.flags.awaiting_approval)
@@ -194,8 +197,14 @@ impl StatusReport {
                     let is_active = versions
                         .iter()
                         .any(|version| version.version == request.version && version.state == State::Active);
-                    let purpose = if is_active { Purpose::Release } else { Purpose::Activation };
-                    Ok(WaitingRow::stored(request, purpose, &answers, &persons, WallTime::from_ms(wall_ms())))
+                    let purpose = if is_active { RequestKind::Release } else { RequestKind::Activation };
+                    Ok(PendingApprovalRow::stored(
+                        request,
+                        purpose,
+                        &answers,
+                        &persons,
+                        WallTime::from_ms(wall_ms()),
+                    ))
                 });
                 rows.collect::<Result<Vec<_>, CliError>>()?
             }
@@ -213,14 +222,14 @@ impl StatusReport {
             last_record: silent.map(|_| last_record(views)).transpose()?.flatten(),
             reading: engine.and_then(|engine| engine.reading),
             holding: engine.and_then(|engine| engine.holding.clone()),
-            // Without an engine the store tells; a stop outlives the engine.
+            // The store knows of stops without an engine; a stop outlives the engine.
             stopped: match engine {
                 Some(engine) => engine.stopped.clone(),
                 None => halt::recall(views).map_err(CliError::usage)?,
             },
             unauthorized: match engine {
                 Some(engine) => engine.unauthorized.clone(),
-                None => profile_on_record::missing(views),
+                None => profile_authorization::missing(views),
             },
             site: context.as_ref().and_then(|(_, _, json)| record(json)?.site),
             profile: context.map(|(profile, _, _)| profile),
@@ -231,7 +240,7 @@ impl StatusReport {
                 .iter()
                 .flat_map(|engine| &engine.questions)
                 .filter(|question| wanted(&question.version))
-                .map(QuestionRow::new)
+                .map(MonitorQuestionRow::new)
                 .collect(),
             emergencies: engine
                 .iter()
@@ -243,40 +252,42 @@ impl StatusReport {
         })
     }
 
-    /// One line a row, for people. A line says all of its row, so that lines can be compared.
+    /// One line for each row, for people. A line states its whole row, so that lines can be compared.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines = Vec::new();
         let profile =
             self.profile.map_or_else(|| "none".to_owned(), |profile| titled(profile, self.site.as_ref()));
         lines.push(match (self.engine_running, &self.holding) {
             _ if self.silent.is_some() => {
-                format!("engine   SILENT, last profile {profile}: what follows is what the store holds")
+                format!("engine   SILENT, last profile {profile}: the following lines come from the store")
             }
             (true, _) if self.reading.is_some() => {
                 let reading = self.reading.map_or_else(String::new, |reading| reading.to_string());
                 format!(
-                    "engine   coming up, profile {profile}; {reading}: nothing is carried out yet but `stop`"
+                    "engine   coming up, profile {profile}; {reading}: only `stop` works yet"
                 )
             }
             (true, None) => format!("engine   running, profile {profile}"),
-            (true, Some(why)) => format!("engine   HOLDING, profile {profile}: {why}"),
+            (true, Some(why)) => format!("engine   HALTED, profile {profile}: {why}"),
             (false, _) => match &self.in_use_by {
                 Some(owner) => format!(
-                    "engine   NOT ANSWERING: {owner} has the store and is at no socket; last profile {profile}"
+                    "engine   NOT ANSWERING: {owner} has the store open and has no socket; last profile {profile}"
                 ),
                 None => format!("engine   not running, last profile {profile}"),
             },
         });
-        lines.extend(self.unverified.as_ref().map(|doubt| format!("DOUBT    {}", doubt.text)));
+        lines.extend(self.unverified.as_ref().map(|doubt| format!("WARNING  {}", doubt.text)));
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped.as_ref().map(stopped_line));
         lines.extend(self.unauthorized.as_ref().map(|why| format!("profile  NOT AUTHORIZED: {why}")));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
-        lines.extend(self.waiting.iter().map(WaitingRow::line));
-        lines.extend(self.questions.iter().map(QuestionRow::line));
+        lines.extend(self.waiting.iter().map(PendingApprovalRow::line));
+        lines.extend(self.questions.iter().map(MonitorQuestionRow::line));
         lines.extend(self.emergencies.iter().map(|version| {
-            format!("door     {version} is held back by people or the calendar; `holdpoint break-glass` lets it in")
+            format!(
+                "on hold  {version} waits for approvers or a freeze; `holdpoint break-glass` activates it"
+            )
         }));
         lines.extend(self.alarms.iter().map(AlarmRow::line));
         lines
@@ -299,9 +310,9 @@ fn last_record_line(record: &AuditRecord) -> String {
     )
 }
 
-/// Everybody who stopped the cell, and what ends it.
+/// All persons who stopped the cell, and how to start it.
 pub(in crate::cli) fn stopped_line(stopped: &StoppedView) -> String {
-    let by = if stopped.by.is_empty() { "somebody" } else { &stopped.by };
+    let by = if stopped.by.is_empty() { "an unnamed person" } else { &stopped.by };
     let since = clock_time(stopped.since_ms);
     let mut line = format!("STOPPED  by {by}, {}, since {since}", stopped.caller);
     if !stopped.reason.is_empty() {
@@ -311,19 +322,19 @@ pub(in crate::cli) fn stopped_line(stopped: &StoppedView) -> String {
         line.push_str(&format!(", and {} more times", stopped.unnamed));
     }
     for stop in &stopped.again {
-        let by = if stop.by.is_empty() { "somebody" } else { &stop.by };
+        let by = if stop.by.is_empty() { "an unnamed person" } else { &stop.by };
         line.push_str(&format!(", and by {by}, {}, {}", stop.caller, clock_time(stop.at_ms)));
         if !stop.reason.is_empty() {
             line.push_str(&format!(": {}", stop.reason));
         }
     }
-    line.push_str(&format!("; `holdpoint go --stops {}` says that all of it is known", stopped.stops));
+    line.push_str(&format!("; `holdpoint go --stops {}` confirms that you know of all stops", stopped.stops));
     line
 }
 
-impl From<Doubt> for DoubtRow {
-    fn from(doubt: Doubt) -> Self {
-        Self { code: Doubt::CODE, text: doubt.to_string() }
+impl From<UnverifiedOrigin> for UnverifiedAnswerRow {
+    fn from(doubt: UnverifiedOrigin) -> Self {
+        Self { code: UnverifiedOrigin::CODE, text: doubt.to_string() }
     }
 }
 
@@ -380,7 +391,7 @@ impl VersionRow {
                 done: progress.done,
                 budget: progress.budget,
             }),
-            reason: view.and_then(|view| telling(&view.reasons)).map(ToString::to_string),
+            reason: view.and_then(|view| lead_reason(&view.reasons)).map(holdpoint_wording::line),
         }
     }
 
@@ -390,13 +401,13 @@ impl VersionRow {
             line.push_str(&format!(", running {stage}"));
         }
         let flags = [
-            (self.paused, self.state.paused_word()),
+            (self.paused, self.state.paused_label()),
             (self.awaiting_approval, "awaiting approval"),
             (self.provisional, "provisional"),
             (self.restricted, "restricted"),
             (self.rollback_pending, "being rolled back"),
             (self.held, "held"),
-            (self.unreviewed, "UNREVIEWED emergency activation"),
+            (self.unreviewed, "UNREVIEWED break-glass activation"),
         ];
         for (_, word) in flags.iter().filter(|(set, _)| *set) {
             line.push_str(", ");
@@ -404,7 +415,7 @@ impl VersionRow {
         }
         if !self.closed.is_empty() {
             let closed: Vec<&str> = self.closed.iter().map(|profile| profile.name()).collect();
-            line.push_str(&format!(", closed under {}", closed.join(", ")));
+            line.push_str(&format!(", blocked under {}", closed.join(", ")));
         }
         if !self.stale.is_empty() {
             let causes: Vec<&str> = self.stale.iter().map(|cause| cause.name()).collect();
@@ -426,20 +437,22 @@ impl VersionRow {
     }
 }
 
-/// A monitor's question: the version is rolled back at the deadline unless somebody answers.
+/// An escalation: the version is rolled back at the deadline without an answer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct QuestionRow {
+pub(super) struct MonitorQuestionRow {
     pub(super) version: CapabilityId,
     pub(super) reason: String,
     pub(super) deadline_ms: u64,
 }
 
-impl QuestionRow {
-    fn new(question: &QuestionView) -> Self {
+impl MonitorQuestionRow {
+    fn new(question: &EscalationView) -> Self {
         let reason = question.reasons.first();
         Self {
             version: question.version.clone(),
-            reason: reason.map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text)),
+            reason: reason.map_or_else(String::new, |reason| {
+                format!("{}: {}", reason.code, holdpoint_wording::reason(reason))
+            }),
             deadline_ms: question.deadline_ms,
         }
     }
@@ -447,7 +460,7 @@ impl QuestionRow {
     fn line(&self) -> String {
         let by = self.deadline_ms / 1000;
         format!(
-            "question {}: its monitor asks people ({}); unanswered by {by} s it is rolled back",
+            "question {}: its drift monitor escalates ({}); without an answer by {by} s it is rolled back",
             self.version, self.reason
         )
     }

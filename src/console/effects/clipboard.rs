@@ -5,14 +5,14 @@ use std::io;
 use ratatui::crossterm::Command as _;
 use ratatui::crossterm::clipboard::CopyToClipboard;
 
-use super::{Outcome, good};
+use super::{EffectOutcome, good};
 use crate::run::screen::Screen;
 
-/// The most bytes a copy holds: terminals take 100,000 bytes of base64, which makes four bytes of three.
+/// The most bytes of a copy: terminals accept 100,000 bytes of base64, which encodes three bytes in four.
 pub const COPY_BYTES_MAX: usize = 74_994;
 
-/// Copies text, cut to what terminals take. Whether the terminal did it is not known: it gives no answer.
-pub fn copy(screen: &mut Screen, text: &str) -> io::Result<Outcome> {
+/// Copies text, cut to the terminals' limit. The terminal does not confirm it.
+pub fn copy(screen: &mut Screen, text: &str) -> io::Result<EffectOutcome> {
     let copied = bounded(text);
     screen.send(sequence(copied)?.as_bytes())?;
     Ok(good(if copied.len() < text.len() {

@@ -1,7 +1,7 @@
-//! A view as two files: the text as it is drawn, without styles, and the data behind it as JSON.
+//! Exports a view as two files: the drawn text without styles, and its data as JSON.
 //!
-//! Files are new, their owner's alone, and never replace another. Text passed the sanitiser on its way into the
-//! view; JSON is escaped.
+//! Each file is new, readable only by its owner, and never replaces another. The view has sanitized its text; JSON is
+//! escaped.
 
 use std::fs::OpenOptions;
 use std::io::{self, Write as _};
@@ -13,21 +13,21 @@ use ratatui::layout::Rect;
 
 use crate::frame;
 use crate::look::{Look, LookOptions};
-use crate::model::{HISTORY_PANE, Model, Typed, View};
+use crate::model::{ConsoleModel, HISTORY_PANE, InputState, View};
 use holdpoint_engine::health_series;
 use holdpoint_text::{Hint, Untrusted, escape_json};
 
 /// Columns and rows of the text: wide enough for every column, long enough for a screen of a tall monitor.
 const TEXT_SIZE: (u16, u16) = (160, 100);
 
-/// Numbers that are tried for a free name.
+/// The most numbers tried for a free name.
 const NAMES_MAX: u32 = 1000;
 
-/// Writes a view into the first folder that takes it. Answers one sentence with the paths.
+/// Writes a view into the first writable folder and returns one sentence with the paths.
 ///
 /// # Errors
 /// One sentence.
-pub fn write(folders: &[PathBuf], view: View, model: &Model) -> Result<String, String> {
+pub fn write(folders: &[PathBuf], view: View, model: &ConsoleModel) -> Result<String, String> {
     let text = text(view, model)?;
     let json = json(view, model)?;
     let mut problem = "there is no folder to write to".to_owned();
@@ -66,8 +66,8 @@ fn into_folder(folder: &Path, view: View, text: &str, json: &str) -> io::Result<
     Err(io::Error::other(format!("{NAMES_MAX} exports of this view are there already")))
 }
 
-/// What the health view writes besides: the numbers as CSV, and a picture of each family as SVG.
-fn health_files(stem: &Path, model: &Model) -> Result<String, String> {
+/// Extra files of the health view: the numbers as CSV, and a chart of each family as SVG.
+fn health_files(stem: &Path, model: &ConsoleModel) -> Result<String, String> {
     let Some(series) = model.health() else { return Ok(String::new()) };
     let said = |error: io::Error| format!("cannot write beside the text: {error}");
     new_file(&stem.with_extension("csv"), &health_series::csv(series)).map_err(said)?;
@@ -93,12 +93,12 @@ fn new_file(path: &Path, text: &str) -> io::Result<()> {
 }
 
 /// The view as it is drawn, in ASCII and without styles.
-fn text(view: View, model: &Model) -> Result<String, String> {
+fn text(view: View, model: &ConsoleModel) -> Result<String, String> {
     let options = LookOptions { ascii: true, ..LookOptions::default() };
     let look = Look::detect(&options).map_err(|error| error.sentence())?;
     let mut shown = model.clone();
-    shown.place.view = view;
-    shown.entry = Typed::default();
+    shown.view_state.view = view;
+    shown.input = InputState::default();
     let area = Rect::new(0, 0, TEXT_SIZE.0, TEXT_SIZE.1);
     let mut buffer = Buffer::empty(area);
     frame::draw(&shown, &look, area, &mut buffer);
@@ -122,17 +122,17 @@ fn lines(buffer: &Buffer) -> String {
 }
 
 /// The data behind a view.
-fn json(view: View, model: &Model) -> Result<String, String> {
+fn json(view: View, model: &ConsoleModel) -> Result<String, String> {
     let value = match view {
-        View::Registry => serde_json::to_value(&*model.told.registry.page),
-        View::Candidate => serde_json::to_value(model.told.detail.as_deref()),
-        View::Audit => serde_json::to_value(&*model.told.audit),
-        View::Health => serde_json::to_value(model.told.health.as_ref().map(|(series, _)| &**series)),
-        View::Alarms if model.place.pane_of(View::Alarms) == HISTORY_PANE => {
-            serde_json::to_value(model.told.alarm_history.as_ref().map(|series| &series.alarms))
+        View::Registry => serde_json::to_value(&*model.engine_data.registry.page),
+        View::Candidate => serde_json::to_value(model.engine_data.detail.as_deref()),
+        View::Audit => serde_json::to_value(&*model.engine_data.audit),
+        View::Health => serde_json::to_value(model.engine_data.health.as_ref().map(|(series, _)| &**series)),
+        View::Alarms if model.view_state.pane_of(View::Alarms) == HISTORY_PANE => {
+            serde_json::to_value(model.engine_data.alarm_history.as_ref().map(|series| &series.alarms))
         }
         View::Overview | View::Shadow | View::Alarms | View::Approvals => {
-            serde_json::to_value(model.told.snapshot.as_deref())
+            serde_json::to_value(model.engine_data.snapshot.as_deref())
         }
     };
     let text = value.and_then(|value| serde_json::to_string(&value)).map_err(|error| error.to_string())?;
@@ -152,7 +152,7 @@ mod tests {
     fn files_are_new_private_and_never_replace_another() {
         let settings =
             ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "mono".to_owned() };
-        let model = Model::new(settings, Arc::new(Keymap::default()), Vec::new());
+        let model = ConsoleModel::new(settings, Arc::new(Keymap::default()), Vec::new());
         let folder = tempfile::tempdir().unwrap();
         let folders = [PathBuf::from("/proc/nowhere"), folder.path().join("exports")];
         for number in 1..=2 {

@@ -1,15 +1,15 @@
-//! What a typed path could become, by what its folder holds. Must not open a file.
+//! Completions of a typed path, from the contents of its folder. Must not open a file.
 
 use std::path::Path;
 
-/// Entries of a folder that are looked at, at most.
+/// The most entries of a folder that are read.
 const ENTRIES_MAX: usize = 2_000;
 
-/// Names that are offered, at most.
+/// The most names that are offered.
 const NAMES_MAX: usize = 200;
 
-/// Whole lines: what was typed with its last part as the name of a folder, in the order of names. A folder in which
-/// others lie ends with a slash, one with a manifest does not: it is a candidate's.
+/// Whole lines: the typed text with a folder's name as its last part, in the order of names. A folder with subfolders
+/// ends with a slash; one with a manifest does not: it is a candidate.
 pub fn completions(typed: &str, path: &str) -> Vec<String> {
     let Some(before) = typed.strip_suffix(path) else { return Vec::new() };
     let (parent, begun) = path.rfind('/').map_or(("", path), |at| path.split_at(at + 1));
@@ -19,7 +19,7 @@ pub fn completions(typed: &str, path: &str) -> Vec<String> {
         .take(ENTRIES_MAX)
         .flatten()
         .filter(|entry| entry.path().is_dir())
-        // A name that is no text cannot be typed either.
+        // A name that is not UTF-8 cannot be typed either.
         .filter_map(|entry| entry.file_name().into_string().ok())
         .filter(|name| name.starts_with(begun) && (begun.starts_with('.') || !name.starts_with('.')))
         .filter(|name| !name.chars().any(char::is_control))

@@ -1,19 +1,19 @@
-//! Who sits here, and their signature under what they decided.
+//! The operator's identity, and the signature under each decision.
 //!
 //! A key is read for one signature and forgotten. Must not make identities: [`super::MakeIdentity`] does.
 
 use std::path::Path;
 
+use crate::approval_screen::ApprovalAnswer;
 use crate::operator::Operator;
-use crate::prompt::PromptAnswer;
 use holdpoint_approvals::keyfile::{KeyError, Protection};
-use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, Passphrase, SealedError, SignedCall};
-use holdpoint_governance::approval::Answer;
+use holdpoint_approvals::{EncryptedKeyError, Identity, IdentityError, IdentityInfo, Passphrase, SignedCall};
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::SigningView;
 use holdpoint_text::Problem;
 
-/// Everybody who could sit here; nobody if no identity was made yet.
+/// All identities of this console; empty if there are none yet.
 pub fn list(folder: &Path) -> Result<Vec<Operator>, IdentityError> {
     if !folder.is_dir() {
         return Ok(Vec::new());
@@ -28,25 +28,27 @@ pub fn find(folder: &Path, name: &str) -> Result<Operator, Problem> {
         .map_err(|error| Problem::new(error.to_string()).with_hint(made))
 }
 
-/// The engine's command for a decision, signed by who made it.
+/// Signs an operator's decision and returns the engine's command.
 ///
-/// The passphrase is asked for at every signature and kept nowhere: a console stands open for a whole shift, and who
-/// walks past it must not be able to sign as who sits there. What stops something is signed by nobody and never asks.
+/// Each signature asks for the passphrase, which is not stored: a passer-by at an open console must not be able to
+/// sign as the operator. A command that stops something needs no signature and never asks.
 pub fn sign(
     folder: &Path,
-    decision: &PromptAnswer,
+    decision: &ApprovalAnswer,
     passphrase: Option<Passphrase>,
 ) -> Result<Command, Problem> {
     let identity = opened(folder, decision.by(), passphrase)?;
     let command = match (decision.question(), decision.answer()) {
         (Some(question), answer) => question.answer(&identity, answer, decision.reason()),
-        (None, Answer::Reject) => decision.over().refuse(&identity, decision.reason()),
-        (None, Answer::Approve) => return Err(Problem::new("nothing was shown that could be approved")),
+        (None, ApprovalDecision::Reject) => decision.over().refuse(&identity, decision.reason()),
+        (None, ApprovalDecision::Approve) => {
+            return Err(Problem::new("nothing was shown that could be approved"));
+        }
     };
     command.map_err(|error| Problem::of(&error))
 }
 
-/// Somebody's signature under a request that gives authority.
+/// Signs a request that gives authority, with the key of a named person.
 pub fn seal(
     folder: &Path,
     name: &str,
@@ -59,7 +61,7 @@ pub fn seal(
     Ok(Box::new(seal))
 }
 
-/// Somebody's key, opened for one signature.
+/// Opens a named person's key for one signature.
 fn opened(folder: &Path, name: &str, passphrase: Option<Passphrase>) -> Result<Identity, Problem> {
     let kept = Identity::open(folder, name).map_err(|error| Problem::of(&error))?;
     if passphrase.is_some() != (kept.protection() == Protection::Passphrase) {
@@ -67,7 +69,7 @@ fn opened(folder: &Path, name: &str, passphrase: Option<Passphrase>) -> Result<I
         return Err(Problem::new(text).with_hint(format!("`:as {name}`, then again")));
     }
     kept.unlock(passphrase.as_ref()).map_err(|error| match error {
-        IdentityError::Key(KeyError::Sealed { problem: SealedError::Passphrase, .. }) => {
+        IdentityError::Key(KeyError::Sealed { problem: EncryptedKeyError::Passphrase, .. }) => {
             Problem::new("wrong passphrase, nothing was signed")
         }
         other => Problem::of(&other),
@@ -75,7 +77,7 @@ fn opened(folder: &Path, name: &str, passphrase: Option<Passphrase>) -> Result<I
 }
 
 fn operator(folder: &Path, info: &IdentityInfo) -> Operator {
-    // A key file that cannot be read is told when something is signed.
+    // An unreadable key file is reported when it has to sign.
     let protection = Identity::protection(folder, &info.name).unwrap_or(Protection::None);
     Operator { name: info.name.clone(), role: info.role, protection }
 }

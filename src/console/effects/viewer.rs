@@ -1,7 +1,7 @@
 //! Shows a recording or the live scene in an installed viewer, beside this program.
 //!
-//! Finding and starting one may take seconds, so a thread of its own does it and tells how it went. The viewer
-//! writes to a log and never to this terminal; what becomes of it changes nothing here.
+//! Finding and starting one may take seconds, so a separate thread does it and reports the result. The viewer writes
+//! to a log, never to this terminal; its end changes nothing here.
 
 use std::ffi::OsString;
 use std::net::{SocketAddr, TcpStream};
@@ -10,27 +10,27 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc;
 
-use super::{Errand, bad, good};
-use crate::effects::Outcome;
+use super::{BackgroundResult, bad, good};
+use crate::effects::EffectOutcome;
 use crate::msg::MsgKind;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_recordings::{folder, viewer};
+use holdpoint_recordings::{recording_folder, viewer};
 use holdpoint_text::{Hint, Untrusted};
 
-/// Where the live scene is served when the console asks for it: on this machine alone.
+/// The address of the live scene if the console starts it: this machine only.
 pub(super) const LIVE: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 9876);
 
 /// How long the live scene may take to be served.
 const SERVED_WITHIN: Duration = Duration::from_secs(3);
 
-/// How often it is looked whether it is.
+/// How often its address is tried.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
-/// How soon a viewer that cannot work ends: it finds no screen or no graphics.
+/// How soon a viewer without a screen or graphics ends.
 const FAILS_WITHIN: Duration = Duration::from_secs(2);
 
-/// What a viewer is to show.
+/// What the viewer shows.
 pub(super) enum ViewerScene {
     Files(Vec<PathBuf>),
     Live(SocketAddr),
@@ -39,20 +39,20 @@ pub(super) enum ViewerScene {
 /// The files of an upgrade, in order.
 pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<PathBuf>, String> {
     let shown = || Untrusted::new(recordings.display().to_string()).line().into_string();
-    let own = folder::of(recordings, version);
+    let own = recording_folder::of(recordings, version);
     let own = own.map_err(|error| format!("cannot read {}: {error}", shown()))?;
     if own.is_empty() { Err(format!("there is no recording of {version} in {}", shown())) } else { Ok(own) }
 }
 
-/// Has it shown; what came of it is told later.
-pub(super) fn open(shown: ViewerScene, logs: PathBuf, tell: mpsc::Sender<Errand>) -> Outcome {
+/// Opens the viewer; the result is reported later.
+pub(super) fn open(shown: ViewerScene, logs: PathBuf, tell: mpsc::Sender<BackgroundResult>) -> EffectOutcome {
     let work = move || {
         let what = match start(&shown, &logs) {
             Ok(text) => MsgKind::Done { text, bad: false },
             Err(text) => MsgKind::Done { text: Untrusted::new(text).line().into_string(), bad: true },
         };
         // The console may have ended meanwhile.
-        drop(tell.blocking_send(Errand::Told(what)));
+        drop(tell.blocking_send(BackgroundResult::Message(what)));
     };
     match std::thread::Builder::new().name("viewer-start".to_owned()).spawn(work) {
         Ok(_) => good("starting the scene viewer".to_owned()),

@@ -1,12 +1,12 @@
-//! What of the cell the robot's pane has to hold: everything that has moved so far, so that the picture keeps its scale
-//! from one sequence to the next.
+//! The bounds of the robot pane: everything that has moved so far, so that the scale stays the same in every
+//! sequence.
 
-use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::video_frame::VideoFrame;
 
-/// The metre grid that the bounds are rounded to, m: a moving arm does not change them all the time.
+/// The step to which the bounds are rounded, m: a moving arm does not change them all the time.
 const STEP_M: f32 = 0.2;
 
-/// Nothing of a cell is further away, m: such a number is a mistake.
+/// Nothing in a cell is further away, m: a larger number is an error.
 const FAR_M: f32 = 10.0;
 
 /// Lowest and highest x, y and z that were seen, m, on the grid; they only grow.
@@ -18,14 +18,14 @@ pub struct Framing {
 impl Framing {
     /// Of one moment alone.
     #[must_use]
-    pub fn of(picture: &Picture) -> Self {
+    pub fn of(picture: &VideoFrame) -> Self {
         let mut framing = Self::default();
         framing.see(picture);
         framing
     }
 
     /// Takes in a moment.
-    pub fn see(&mut self, picture: &Picture) {
+    pub fn see(&mut self, picture: &VideoFrame) {
         let arms = std::iter::once(&picture.body).chain(picture.twin.as_ref().map(|twin| &twin.body));
         let joints = arms.flat_map(|body| body.links.iter().chain(std::iter::once(&body.object)));
         joints.for_each(|joint| self.reach(*joint));

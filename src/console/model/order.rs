@@ -1,12 +1,12 @@
 //! The order of the registry's rows: as a tree, or by one column.
 //!
-//! The rows are many and are drawn often: they are put in order when they or the column change, and not for a frame.
+//! The rows are many and are drawn often: they are sorted when they or the column change, not for each frame.
 
 use std::cmp::Ordering;
 
 use holdpoint_governance::record::VersionSummary;
 
-/// What the registry's rows are in the order of.
+/// The column that sorts the registry's rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SortBy {
     /// Families, and their versions in them.
@@ -17,12 +17,12 @@ pub enum SortBy {
     Kappa(usize),
     /// The last change, the newest first.
     Age,
-    /// Who made it.
+    /// The author.
     Author,
 }
 
 impl SortBy {
-    /// In the order in which a key goes through them: that of the columns.
+    /// In the order of the columns, which a key steps through.
     pub const ALL: [Self; 8] = [
         Self::Tree,
         Self::State,
@@ -42,7 +42,7 @@ impl SortBy {
     }
 
     #[must_use]
-    pub const fn words(self) -> &'static str {
+    pub const fn label(self) -> &'static str {
         match self {
             Self::Tree => "family and version",
             Self::State => "state",
@@ -64,7 +64,7 @@ pub struct SortOrder {
 }
 
 impl SortOrder {
-    /// The places of the rows in this order; none for the tree as it comes.
+    /// The places of the rows in this order; empty for the tree.
     #[must_use]
     pub fn places(self, rows: &[VersionSummary]) -> Vec<usize> {
         if self == Self::default() {
@@ -78,11 +78,11 @@ impl SortOrder {
         places
     }
 
-    /// What is not measured is last, whichever way round.
+    /// Unmeasured values come last in either direction.
     fn compare(self, one: &VersionSummary, other: &VersionSummary) -> Ordering {
         let turned = |order: Ordering| if self.reversed { order.reverse() } else { order };
         match self.by {
-            // Families stay in their order: their versions are turned round.
+            // Families keep their order; the versions in them are reversed.
             SortBy::Tree => one
                 .version
                 .family

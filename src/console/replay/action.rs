@@ -38,9 +38,9 @@ macro_rules! actions {
 actions! {
     /// Play, or pause
     Play = "play", "space p";
-    /// One picture on
+    /// Next frame
     NextPicture = "picture", "right l";
-    /// one picture back
+    /// previous frame
     PreviousPicture = "picture back", "left h";
     /// One second on
     SecondOn = "second", ". shift-right";
@@ -68,7 +68,7 @@ actions! {
     NextCharts = "charts", "tab";
     /// the ones before
     PreviousCharts = "charts back", "shift-tab";
-    /// Skip what has no pictures while playing, or not
+    /// Skip gaps without frames while playing, or not
     SkipGaps = "skip gaps", "s";
     /// This help
     Help = "help", "? f1";

@@ -1,15 +1,14 @@
-//! Which charts a recording has: series with their limits, in groups by the first part of their names.
+//! The charts of a recording: series with their limits, in groups by the first part of their names.
 //!
-//! A recording without charts of the tool still has them: its pictures carry speed, force and what was allowed.
-//! Must not draw.
+//! Without charts of the tool, speed, force and their limits come from the video frames. Must not draw.
 
-use holdpoint_protocol::picture::{EnvelopePicture, Picture};
+use holdpoint_protocol::video_frame::{EnvelopeView, VideoFrame};
 use holdpoint_recordings::recording::{Recording, Series};
 
 /// Last parts of names that make a series the limit of another.
 const LIMITS: [&str; 2] = ["limit", "threshold"];
 
-/// What charts are about, in the order in which they are gone through.
+/// The subject of a group of charts, in the order of Tab.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ChartGroup {
     /// The tool's speed and forces.
@@ -20,11 +19,11 @@ pub enum ChartGroup {
     Kappa,
     /// What the monitor charts of an active version.
     Monitor,
-    /// The live cell; what has no group in its name is about it.
+    /// The live cell, and every series without a group in its name.
     Cell,
     /// Candidate and active version on the same episodes.
     Pairs,
-    /// A group that another build wrote, by its name.
+    /// A group from another build, by its name.
     Other(String),
 }
 
@@ -59,13 +58,13 @@ impl ChartGroup {
 
 /// Charts of one kind.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Group {
+pub struct ChartSection {
     pub about: ChartGroup,
     /// The charts, at least one.
     pub charts: Vec<LimitedSeries>,
 }
 
-/// A series and the limit it is held to.
+/// A series and its limit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LimitedSeries {
     /// What it shows, with its unit.
@@ -78,7 +77,7 @@ pub struct LimitedSeries {
     pub at_least: bool,
     /// Whether the values are moments of a movement; else each holds until the next.
     pub moving: bool,
-    /// Whether the limit is the mean's and not each value's, as with what shadow finds in a sequence.
+    /// Whether the limit applies to the mean and not to each value, as for shadow's findings in a sequence.
     pub limits_mean: bool,
 }
 
@@ -98,14 +97,14 @@ impl LimitedSeries {
         Some(values.iter().map(|(_, value)| value).sum::<f64>() / values.len() as f64)
     }
 
-    /// Whether a value is on the wrong side of a limit. What is no number is.
+    /// Whether a value is on the wrong side of a limit. A value that is not a number always is.
     #[must_use]
     pub fn is_past(&self, value: f64, limit: f64) -> bool {
         if self.at_least { !(value >= limit) } else { !(value <= limit) }
     }
 }
 
-/// The last value up to a time.
+/// The last value at or before a time.
 fn in_force(points: &[(u64, f64)], at_ms: u64) -> Option<f64> {
     let next = points.partition_point(|(time_ms, _)| *time_ms <= at_ms);
     next.checked_sub(1).and_then(|last| points.get(last)).map(|(_, value)| *value)
@@ -113,12 +112,12 @@ fn in_force(points: &[(u64, f64)], at_ms: u64) -> Option<f64> {
 
 /// The charts of a recording.
 #[must_use]
-pub fn groups(recording: &Recording) -> Vec<Group> {
+pub fn groups(recording: &Recording) -> Vec<ChartSection> {
     let mut all: Vec<Series> = recording.series.clone();
     if !all.iter().any(|series| ChartGroup::of(&series.name) == ChartGroup::Tool) {
         all.extend(of_pictures(&recording.pictures));
     }
-    let mut groups: Vec<Group> = Vec::new();
+    let mut groups: Vec<ChartSection> = Vec::new();
     for series in all.iter().filter(|series| limit_of(&series.name).is_none() && !series.points.is_empty()) {
         let limits = all.iter().find(|other| limit_of(&other.name) == Some(series.name.as_str()));
         let about = ChartGroup::of(&series.name);
@@ -132,14 +131,14 @@ pub fn groups(recording: &Recording) -> Vec<Group> {
         };
         match groups.iter_mut().find(|group| group.about == about) {
             Some(group) => group.charts.push(chart),
-            None => groups.push(Group { about, charts: vec![chart] }),
+            None => groups.push(ChartSection { about, charts: vec![chart] }),
         }
     }
     groups.sort_by(|a, b| a.about.cmp(&b.about));
     groups
 }
 
-/// The series that one of this name is the limit of.
+/// The series that a limit of this name belongs to.
 fn limit_of(name: &str) -> Option<&str> {
     let (of, last) = name.rsplit_once('/')?;
     LIMITS.contains(&last).then_some(of)
@@ -161,18 +160,18 @@ fn title(name: &str) -> String {
     }
 }
 
-/// Speed and forces as the pictures tell them.
-fn of_pictures(pictures: &[Picture]) -> Vec<Series> {
-    type Value = fn(&Picture) -> f32;
-    type Limit = fn(&EnvelopePicture) -> f32;
+/// Speed and forces from the video frames.
+fn of_pictures(pictures: &[VideoFrame]) -> Vec<Series> {
+    type Value = fn(&VideoFrame) -> f32;
+    type Limit = fn(&EnvelopeView) -> f32;
     let table: [(&str, Value, Limit); 3] = [
         ("tool/speed", |picture| picture.speed_m_s, |envelope| envelope.speed_m_s),
         ("tool/force", |picture| picture.force_n, |envelope| envelope.force_n),
         ("tool/contact", |picture| picture.contact_n, |envelope| envelope.contact_n),
     ];
     let both = table.into_iter().map(|(name, value, limit)| {
-        let points = |of: &dyn Fn(&Picture) -> Option<f32>| {
-            let point = |picture: &Picture| of(picture).map(|value| (picture.at_ms, f64::from(value)));
+        let points = |of: &dyn Fn(&VideoFrame) -> Option<f32>| {
+            let point = |picture: &VideoFrame| of(picture).map(|value| (picture.at_ms, f64::from(value)));
             pictures.iter().filter_map(point).collect()
         };
         let values = points(&|picture| Some(value(picture)));

@@ -1,18 +1,18 @@
-//! The whole screen of a replay: which parts there are at which size, and where.
+//! The whole screen of a replay: its parts at each size, and their places.
 //!
 //! ```text
-//! header     what is replayed, how it ended; how it stood, how it plays, when
+//! header     the recording and its outcome; state, playing, time
 //! robot      │ charts
 //! events
-//! time bar   marks, pictures, the cursor
-//! hints      keys, answer, or what is typed
+//! time bar   marks, frames, the cursor
+//! hints      keys, answer, or typed text
 //! ```
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 
 use super::model::ReplayModel;
-use super::views::{bar, charts, events, header, help, hints, robot, tiny};
+use super::views::{bar, charts, events, header, help, hints, robot, small_window};
 use crate::look::Look;
 use crate::widgets::pen::{Fit, Pen, above, below, cut};
 
@@ -31,7 +31,7 @@ pub fn draw(model: &ReplayModel, look: &Look, area: Rect, buf: &mut Buffer) {
     let mut pen = Pen::new(look, buf, Fit::of(area.width, area.height));
     pen.clear(area);
     if pen.fit == Fit::Tiny {
-        tiny::draw(model, &mut pen, area);
+        small_window::draw(model, &mut pen, area);
     } else {
         header::draw(model, &mut pen, above(area, HEAD));
         let (body, foot) = cut(below(area, HEAD), area.height - HEAD - FOOT);
@@ -40,7 +40,7 @@ pub fn draw(model: &ReplayModel, look: &Look, area: Rect, buf: &mut Buffer) {
         hints::draw(model, &mut pen, below(foot, FOOT - 1));
     }
     if let Some(first) = model.help {
-        // The line with the way out stays in sight.
+        // The line with the keys that leave stays in sight.
         help::draw(first, &mut pen, above(area, area.height - u16::from(area.height > 1)));
     }
 }
@@ -53,7 +53,7 @@ fn body(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
         Fit::Full => (area.height / 3).max(8),
     };
     let (upper, lower) = cut(area, area.height.saturating_sub(lower));
-    // Below 30 columns the arm is drawn from the side alone, and larger.
+    // Below 30 columns only the side view is drawn, and larger.
     let left = if pen.fit <= Fit::One { 29 } else { upper.width * 5 / 9 };
     let (left, right) = pen.split(upper, left);
     robot::draw(model, pen, left);

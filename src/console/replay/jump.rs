@@ -1,16 +1,16 @@
-//! Where to jump: the text that is typed for it.
+//! Jump targets, parsed from typed text.
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Target {
+pub enum JumpTarget {
     /// This virtual time, ms.
     At(u64),
-    /// So many ms on.
+    /// This many ms forward.
     On(u64),
-    /// So many ms back.
+    /// This many ms back.
     Back(u64),
 }
 
-/// A text that is no place to jump to.
+/// A text that is not a jump target.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("cannot jump to \"{0}\"; allowed are 12.5s, 1:02.5, t 3000, +5s and -5s")]
 pub struct JumpError(String);
@@ -18,18 +18,18 @@ pub struct JumpError(String);
 /// Reads a target: `12.5s`, `12.5`, `1:02.5`, `1:00:00`, `t 3000`, `+5s`, `-1:00`.
 ///
 /// # Errors
-/// [`JumpError`] with the text, sanitised.
-pub fn parse(text: &str) -> Result<Target, JumpError> {
+/// [`JumpError`] with the text, sanitized.
+pub fn parse(text: &str) -> Result<JumpTarget, JumpError> {
     let wrong = || JumpError(holdpoint_text::Untrusted::new(text).display(20).into_string());
     let plain = text.trim().to_ascii_lowercase();
     let time = |part: &str| span_ms(part.trim()).ok_or_else(wrong);
     if let Some(on) = plain.strip_prefix('+') {
-        return time(on).map(Target::On);
+        return time(on).map(JumpTarget::On);
     }
     if let Some(back) = plain.strip_prefix('-') {
-        return time(back).map(Target::Back);
+        return time(back).map(JumpTarget::Back);
     }
-    time(&plain).map(Target::At)
+    time(&plain).map(JumpTarget::At)
 }
 
 /// The first ms of a tick.
@@ -70,17 +70,17 @@ mod tests {
     #[test]
     fn texts_and_targets() {
         for (text, target) in [
-            ("12.5s", Target::At(12_500)),
-            (" 12.5 s ", Target::At(12_500)),
-            ("7", Target::At(7_000)),
-            (".5", Target::At(500)),
-            ("1:02.5", Target::At(62_500)),
-            ("1:00:00", Target::At(3_600_000)),
-            ("t 3000", Target::At(12_500)),
-            ("T240", Target::At(1_000)),
-            ("tick 1", Target::At(5)),
-            ("+5s", Target::On(5_000)),
-            ("- 1:00", Target::Back(60_000)),
+            ("12.5s", JumpTarget::At(12_500)),
+            (" 12.5 s ", JumpTarget::At(12_500)),
+            ("7", JumpTarget::At(7_000)),
+            (".5", JumpTarget::At(500)),
+            ("1:02.5", JumpTarget::At(62_500)),
+            ("1:00:00", JumpTarget::At(3_600_000)),
+            ("t 3000", JumpTarget::At(12_500)),
+            ("T240", JumpTarget::At(1_000)),
+            ("tick 1", JumpTarget::At(5)),
+            ("+5s", JumpTarget::On(5_000)),
+            ("- 1:00", JumpTarget::Back(60_000)),
         ] {
             assert_eq!(parse(text), Ok(target), "{text}");
         }

@@ -1,13 +1,13 @@
-//! What a replay knows: the recording, where the cursor is, and how it plays.
+//! The state of a replay: the recording, the cursor, and the playing.
 
 use std::sync::Arc;
 
-use super::charts::Group;
+use super::charts::ChartSection;
 use super::speed::Speed;
-use super::timeline::{Cursor, Timeline};
+use super::timeline::{Timeline, TimelineCursor};
 use crate::line::EditLine;
 
-/// How long an answer stands at the foot, ms.
+/// How long an answer is shown at the foot, ms.
 pub const NOTICE_MS: u64 = 5_000;
 
 /// An answer at the foot of the screen.
@@ -19,28 +19,28 @@ pub struct ReplayNotice {
     pub until_ms: u64,
 }
 
-/// Everything a replay's screen is drawn from.
+/// The data for a replay's screen.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReplayModel {
     pub timeline: Arc<Timeline>,
-    pub cursor: Cursor,
+    pub cursor: TimelineCursor,
     pub playing: bool,
     pub speed: Speed,
-    /// Whether playing skips what has no pictures.
+    /// Whether playing skips gaps without frames.
     pub skips_gaps: bool,
     /// The group of charts that was chosen; by the stage if absent.
     pub charts: Option<usize>,
     /// Whether the help lies over the screen, and its first line that is shown.
     pub help: Option<u16>,
-    /// The place to jump to that is being typed.
+    /// The jump target that is being typed.
     pub typing: Option<EditLine>,
     /// The answer to the last key.
     pub notice: Option<ReplayNotice>,
     /// The screen's clock, ms; monotonic.
     pub now_ms: u64,
-    /// Playing stands on an event until then, so that it can be read, ms of the screen's clock.
+    /// Playing pauses on an event until this time, so that it can be read, ms of the screen's clock.
     pub rests_until_ms: u64,
-    /// Recorded time that was played and is less than a ms, quarters of one.
+    /// Played time of less than one ms, in quarters of a ms.
     pub carried_quarters: u64,
 }
 
@@ -65,29 +65,29 @@ impl ReplayModel {
         }
     }
 
-    /// The group of charts that the stage at the cursor asks for; 0 if it is not recorded.
+    /// The group of charts for the stage at the cursor; 0 if it is not recorded.
     #[must_use]
     pub fn charts_by_stage(&self) -> usize {
-        let wanted = self.timeline.standing(self.cursor).charts();
+        let wanted = self.timeline.version_status(self.cursor).charts();
         self.timeline.groups().iter().position(|group| group.about == wanted).unwrap_or(0)
     }
 
-    /// The group of charts that is shown, and its place; absent if nothing was charted.
+    /// The group of charts on the screen, and its place; absent if there are no charts.
     #[must_use]
-    pub fn shown_charts(&self) -> Option<(usize, &Group)> {
+    pub fn shown_charts(&self) -> Option<(usize, &ChartSection)> {
         let place = self.charts.unwrap_or_else(|| self.charts_by_stage());
         self.timeline.groups().get(place).map(|group| (place, group))
     }
 
-    /// How much older than the cursor the picture is, ms; absent without a picture.
+    /// How much older than the cursor the frame is, ms; absent without a frame.
     #[must_use]
     pub fn picture_age_ms(&self) -> Option<u64> {
         let picture = self.timeline.picture(self.cursor.picture?)?;
         Some(self.cursor.at_ms.saturating_sub(picture.at_ms))
     }
 
-    /// Says something at the foot for a while.
-    pub fn tell(&mut self, text: impl Into<String>, bad: bool) {
+    /// Shows a message at the foot for a while.
+    pub fn show_notice(&mut self, text: impl Into<String>, bad: bool) {
         let until_ms = self.now_ms.saturating_add(NOTICE_MS);
         self.notice = Some(ReplayNotice { text: text.into(), bad, until_ms });
     }

@@ -1,18 +1,18 @@
-//! The replay if there is no screen: one line an event, as the plain stream tells it.
+//! The replay without a screen: one line for each event, as in the plain stream.
 //!
-//! Must not move a cursor or wait: this is also what a screen reader gets.
+//! Must not move a cursor or wait: screen readers get the same output.
 
 use std::io::{self, Write};
 
 use holdpoint_protocol::clock::tick_of;
-use holdpoint_protocol::words;
 use holdpoint_recordings::recording::Recording;
 use holdpoint_text::Untrusted;
+use holdpoint_wording::event as event_text;
 
-/// Prints whose recording it is, its events with virtual time in seconds and tick, up to `to_ms`, and how it ended.
+/// Prints the recording's version, its events with virtual time in seconds and tick, up to `to_ms`, and its end.
 ///
 /// # Errors
-/// If `out` takes no more.
+/// If `out` cannot be written to.
 pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> io::Result<()> {
     let about = &recording.about;
     let against = about.predecessor.as_ref().map_or_else(String::new, |id| format!(" against {id}"));
@@ -26,9 +26,9 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
         writeln!(out, "{:>8} {}", tick_of(film.from_ms), Untrusted::new(film.sentence()).line())?;
     }
     for event in recording.events.iter().filter(|event| is_shown(event.at_ms)) {
-        writeln!(out, "{:>8} {}", tick_of(event.at_ms), words::line(event))?;
+        writeln!(out, "{:>8} {}", tick_of(event.at_ms), event_text::line(event))?;
     }
-    let pictures = recording.pictures.iter().filter(|picture| is_shown(picture.at_ms)).count();
+    let frames = recording.pictures.iter().filter(|picture| is_shown(picture.at_ms)).count();
     let all_shown = recording.span_ms().is_none_or(|(_, last_ms)| is_shown(last_ms));
     let end = match (&recording.outcome, all_shown) {
         (_, false) => "the recording goes on".to_owned(),
@@ -39,7 +39,7 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     let lost = if recording.dropped == (0, 0) {
         String::new()
     } else {
-        format!("; not kept: {lost_pictures} pictures, {lost_events} events")
+        format!("; not kept: {lost_pictures} frames, {lost_events} events")
     };
-    writeln!(out, "{}; {pictures} pictures{lost}", Untrusted::new(end).line())
+    writeln!(out, "{}; {frames} frames{lost}", Untrusted::new(end).line())
 }

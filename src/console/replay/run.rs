@@ -1,6 +1,6 @@
-//! The run loop of a replay: waits for a key, a signal or the next picture, folds it in, draws what changed.
+//! The run loop of a replay: waits for a key, a signal or the next frame, updates the model, and draws the changes.
 //!
-//! Owns terminal and clock while a replay is open. Nothing wakes it while nothing changes.
+//! Owns terminal and clock while a replay is open. It sleeps until something changes.
 
 use std::borrow::Cow;
 use std::io;
@@ -14,12 +14,12 @@ use tokio::sync::mpsc;
 use super::frame;
 use super::jump::ms_of_tick;
 use super::model::ReplayModel;
-use super::playing::wakes_in_ms;
+use super::playback::wakes_in_ms;
 use super::speed::Speed;
 use super::timeline::Timeline;
 use super::update::{ReplayEffect, ReplayMsg, ReplayMsgKind, update};
 use crate::frame::plain;
-use crate::look::{Depth, Look, ThemeError};
+use crate::look::{ColorDepth, Look, ThemeError};
 use crate::msg;
 use crate::options::Options;
 use crate::run::input;
@@ -32,7 +32,7 @@ use crate::theme::Themes;
 use holdpoint_recordings::recording::Recording;
 use holdpoint_text::Hint;
 
-/// Keys that are folded in before a frame is drawn.
+/// Keys that are processed before a frame is drawn.
 const BATCH_MAX: usize = 64;
 
 /// How a replay is shown.
@@ -42,25 +42,25 @@ pub struct ReplayOptions {
     pub start_tick: Option<u64>,
     /// How fast it plays.
     pub speed: Speed,
-    /// Theme, colours and signs, as the console's settings have them.
+    /// Theme, colors and glyphs from the console's settings.
     pub console: Options,
     /// The themes there are.
     pub themes: Themes,
 }
 
-/// Why there was no replay, or none any more.
+/// Why a replay did not start, or ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// The theme does not exist.
     #[error(transparent)]
     Theme(#[from] ThemeError),
-    /// The recording has no moment.
-    #[error("the recording of \"{0}\" holds neither pictures nor events")]
+    /// The recording is empty.
+    #[error("the recording of \"{0}\" holds neither frames nor events")]
     Empty(String),
     /// The terminal, or what is needed beside it, cannot be used.
     #[error("cannot use this terminal: {0}")]
     Terminal(#[from] io::Error),
-    /// A fault of the replay's own; it is in the words that were printed before.
+    /// A fault of the replay itself; its message was printed before.
     #[error("the replay failed; nothing was changed")]
     Failed,
 }
@@ -76,8 +76,8 @@ impl Hint for ReplayError {
     }
 }
 
-/// Replays a recording on this terminal until somebody leaves or a signal comes. Both standard input and output are
-/// a terminal's.
+/// Replays a recording on this terminal until the user leaves or a signal comes. Standard input and output are a
+/// terminal.
 ///
 /// # Errors
 /// [`ReplayError`]; the terminal is as it was.
@@ -85,7 +85,7 @@ pub fn run(recording: Recording, options: ReplayOptions) -> Result<(), ReplayErr
     if recording.span_ms().is_none() {
         return Err(ReplayError::Empty(recording.about.version.to_string()));
     }
-    // What is wrong with the settings is said on the terminal as it is.
+    // Problems of the settings are printed before the screen opens.
     let look = look(&options.console, &options.themes, None)?;
     let mut model = ReplayModel::new(Timeline::new(recording), options.speed);
     if let Some(tick) = options.start_tick {
@@ -98,7 +98,7 @@ pub fn run(recording: Recording, options: ReplayOptions) -> Result<(), ReplayErr
     ended.unwrap_or(Err(ReplayError::Failed))
 }
 
-/// One moment of a recording as plain text, lines without blanks at their end: where the options say that it begins.
+/// One moment of a recording as plain text, without blanks at the ends of lines; the options set the moment.
 ///
 /// # Errors
 /// [`ReplayError::Theme`] or [`ReplayError::Empty`].
@@ -131,8 +131,8 @@ fn on_screen(
     // A replay without a log is better than none.
     let log = state_folder().and_then(|folder| LogFile::open(&folder).ok());
     let terminal = TerminalGuard::enter(log, false)?;
-    let look = if options.console.theme.is_none() && look.depth() != Depth::Mono {
-        // Nothing reads keys yet: the terminal's answer cannot be taken for some.
+    let look = if options.console.theme.is_none() && look.depth() != ColorDepth::Mono {
+        // No thread reads keys yet, so the terminal's answer cannot be taken for keys.
         self::look(&options.console, &options.themes, background::is_light())?
     } else {
         look
@@ -140,14 +140,15 @@ fn on_screen(
     let mut screen = Screen::new()?;
     screen.draw(|area, buffer| frame::draw(&model, &look, area, buffer))?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
-    let showing = Showing { begun: Instant::now(), model, look, screen, inputs: input::start()?, guard };
+    let showing =
+        ReplaySession { begun: Instant::now(), model, look, screen, inputs: input::start()?, guard };
     let ended = runtime.block_on(showing.run());
     drop(terminal);
     ended.map_err(ReplayError::Terminal)
 }
 
 /// A replay on the screen.
-struct Showing {
+struct ReplaySession {
     begun: Instant,
     model: ReplayModel,
     look: Look,
@@ -162,8 +163,8 @@ enum ReplayInput {
     Time,
 }
 
-impl Showing {
-    /// Works until somebody leaves; a terminal that is gone or a signal is leaving too.
+impl ReplaySession {
+    /// Runs until the user leaves; a lost terminal or a signal counts as leaving.
     async fn run(mut self) -> io::Result<()> {
         loop {
             let effects = match self.wait().await {
@@ -193,7 +194,7 @@ impl Showing {
         }
     }
 
-    /// Keys that wait are folded in together, so that the frame shows their end.
+    /// Waiting keys are processed together, so that the frame shows their final state.
     fn fold_inputs(&mut self, first: msg::MsgKind) -> io::Result<Vec<ReplayEffect>> {
         let mut effects = self.fold_input(first)?;
         for _ in 0..BATCH_MAX {
@@ -211,14 +212,14 @@ impl Showing {
                 self.screen.resize(columns, rows)?;
                 ReplayMsgKind::Resize
             }
-            // The mouse was not taken, and no engine is here to tell the rest.
+            // The mouse is off, and there is no engine to send the other messages.
             msg::MsgKind::Wheel(_)
             | msg::MsgKind::Click(..)
             | msg::MsgKind::EngineStarted
             | msg::MsgKind::Events(_)
             | msg::MsgKind::Past { .. }
-            | msg::MsgKind::Seated(..)
-            | msg::MsgKind::Sought(_)
+            | msg::MsgKind::Attached(..)
+            | msg::MsgKind::ReconnectFailed(_)
             | msg::MsgKind::Answer { .. }
             | msg::MsgKind::Lagged(_)
             | msg::MsgKind::Snapshot(_)
@@ -228,7 +229,7 @@ impl Showing {
             | msg::MsgKind::Operator(_)
             | msg::MsgKind::Done { .. }
             | msg::MsgKind::NoIdentity { .. }
-            | msg::MsgKind::OwnFiles { .. }
+            | msg::MsgKind::OperatorFiles { .. }
             | msg::MsgKind::Completions { .. }
             | msg::MsgKind::Unsigned { .. }
             | msg::MsgKind::Theme(_)
@@ -245,7 +246,7 @@ impl Showing {
     }
 }
 
-/// The test of the panic policy: a screen that fails while it is drawn. Not in a release.
+/// Tests the panic policy: a screen that fails while it is drawn. Not in a release.
 #[cfg(debug_assertions)]
 #[allow(clippy::panic, reason = "that is what is tested")]
 fn fail_if_asked() {
@@ -254,7 +255,7 @@ fn fail_if_asked() {
     }
 }
 
-/// Waits so long; for ever if there is nothing to wait for.
+/// Waits this long; for ever without a duration.
 async fn after(span: Option<Duration>) {
     match span {
         Some(span) => tokio::time::sleep(span).await,

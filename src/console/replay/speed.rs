@@ -1,10 +1,10 @@
 //! How fast a replay plays.
 
-/// A speed of those there are, in quarters of the recorded time.
+/// One of the allowed speeds, in quarters of the recorded time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Speed(u16);
 
-/// The fastest speed there is, in quarters.
+/// The fastest speed, in quarters.
 const MAX: u16 = 256;
 
 impl Default for Speed {
@@ -14,8 +14,7 @@ impl Default for Speed {
 }
 
 impl Speed {
-    /// The speed of so many times the recorded time; `None` if there is none: allowed are 0.25, 0.5, 1, 2 and on
-    /// to 64.
+    /// The speed by its factor; `None` if there is no such speed. The factors are 0.25, 0.5, 1, 2 and so on to 64.
     #[must_use]
     pub fn of(times: f64) -> Option<Self> {
         std::iter::successors(Some(Self(1)), |speed| Self(speed.0 * 2).within())
@@ -38,13 +37,13 @@ impl Speed {
         Self(self.0 / 2).within().unwrap_or(self)
     }
 
-    /// Recorded time, in quarters of a ms, in so much real time.
+    /// Recorded time that passes in a real time, in quarters of a ms.
     #[must_use]
     pub const fn quarters(self, real_ms: u64) -> u64 {
         real_ms.saturating_mul(self.0 as u64)
     }
 
-    /// Real time for so much recorded time, ms, rounded up.
+    /// Real time for a recorded time, ms, rounded up.
     #[must_use]
     pub const fn real_ms(self, recorded_ms: u64) -> u64 {
         recorded_ms.saturating_mul(4).div_ceil(self.0 as u64)
@@ -52,7 +51,7 @@ impl Speed {
 
     /// In words: `1/4x`, `8x`.
     #[must_use]
-    pub fn word(self) -> String {
+    pub fn label(self) -> String {
         match self.0 {
             1 => "1/4x".to_owned(),
             2 => "1/2x".to_owned(),
@@ -68,17 +67,17 @@ mod tests {
     #[test]
     fn goes_from_a_quarter_to_sixty_four() {
         let mut speed = Speed::of(0.25).unwrap();
-        let mut words = vec![speed.word()];
+        let mut words = vec![speed.label()];
         while speed.faster() != speed {
             speed = speed.faster();
-            words.push(speed.word());
+            words.push(speed.label());
         }
         assert_eq!(words, ["1/4x", "1/2x", "1x", "2x", "4x", "8x", "16x", "32x", "64x"]);
         assert_eq!(Speed::of(64.0), Some(speed));
         while speed.slower() != speed {
             speed = speed.slower();
         }
-        assert_eq!(speed.word(), "1/4x");
+        assert_eq!(speed.label(), "1/4x");
         for times in [0.0, 0.1, 3.0, 128.0, -1.0, f64::NAN] {
             assert_eq!(Speed::of(times), None, "{times}");
         }

@@ -6,10 +6,10 @@ use ratatui::layout::Rect;
 
 use super::super::charts::ChartGroup;
 use super::super::model::{NOTICE_MS, ReplayModel};
-use super::super::playing::wakes_in_ms;
+use super::super::playback::wakes_in_ms;
 use super::super::speed::Speed;
 use super::super::timeline::Timeline;
-use crate::look::{Depth, Glyphs, Look, Theme};
+use crate::look::{ColorDepth, Glyphs, Look, Theme};
 
 use super::{ReplayEffect, ReplayMsg, ReplayMsgKind, update};
 use holdpoint_governance::ids::Digest;
@@ -18,15 +18,15 @@ use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
-use holdpoint_protocol::picture::{ArmPicture, NO_TURN, Picture, Scenery};
-use holdpoint_recordings::recording::{About, FilmSpan, Recording};
+use holdpoint_protocol::video_frame::{ArmView, NO_TURN, Scenery, VideoFrame};
+use holdpoint_recordings::recording::{FilmSpan, Recording, RecordingSubject};
 
-/// Pictures every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
-fn pictures() -> Vec<Picture> {
+/// Frames every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
+fn pictures() -> Vec<VideoFrame> {
     let mut times: Vec<u64> = (0..=10).flat_map(|step| [20_000 + step * 100, 40_000 + step * 100]).collect();
     times.push(20_500);
     times.sort_unstable();
-    let body = ArmPicture {
+    let body = ArmView {
         links: vec![[0.0; 3], [0.1; 3]],
         pads: [[0.1; 3]; 2],
         hand: NO_TURN,
@@ -35,7 +35,7 @@ fn pictures() -> Vec<Picture> {
         object_half_m: 0.02,
         held: false,
     };
-    let of = |at_ms| Picture {
+    let of = |at_ms| VideoFrame {
         sequence: 0,
         at_ms,
         at_secs: 0.0,
@@ -91,7 +91,7 @@ fn recording() -> Recording {
         (50_000, moved(State::Sandboxed, State::Rejected)),
     ];
     Recording {
-        about: About {
+        about: RecordingSubject {
             version: version.clone(),
             digest: Digest::of_parts("test", &[b"grasp"]),
             predecessor: None,
@@ -136,7 +136,7 @@ fn said(model: &ReplayModel) -> &str {
 
 #[test]
 fn keys_move_the_cursor() {
-    // From a time, the keys, and the time, picture and event after them.
+    // The time, the keys, and the time, frame and event after them.
     let table = [
         (10_000, "", 10_000, None, Some(1)),
         (10_000, "l", 20_000, Some(0), Some(5)),
@@ -144,7 +144,7 @@ fn keys_move_the_cursor() {
         (20_450, "ll", 20_500, Some(6), Some(5)),
         (20_450, "lll", 20_600, Some(7), Some(5)),
         (20_450, "h", 20_300, Some(3), Some(5)),
-        // What is old is gone back to first.
+        // The cursor first moves to the old frame.
         (30_000, "h", 21_000, Some(11), Some(5)),
         (30_000, "hh", 20_900, Some(10), Some(5)),
         (20_450, ".", 21_450, Some(11), Some(5)),
@@ -192,8 +192,8 @@ fn keys_move_the_cursor() {
 #[test]
 fn ends_are_said() {
     for (from_ms, key, words) in [
-        (50_000, 'l', "no picture after this one"),
-        (10_000, 'h', "no picture before this one"),
+        (50_000, 'l', "no frame after this one"),
+        (10_000, 'h', "no frame before this one"),
         (50_000, 'n', "no event after this"),
         (50_000, 'd', "no decision after this"),
         (10_000, 'D', "no decision before this"),
@@ -220,7 +220,7 @@ fn leaves_by_q_and_esc_and_closes_first_what_is_open() {
     assert_eq!(press(&mut model, KeyCode::Esc), [ReplayEffect::Leave]);
     keys(&mut model, "?");
     assert_eq!(model.help, Some(0));
-    // What the help lies over does not move.
+    // Keys do not move the view below the help.
     let before = model.cursor;
     keys(&mut model, "n");
     press(&mut model, KeyCode::Down);
@@ -269,16 +269,16 @@ fn playing_follows_the_clock_and_stops_at_the_end() {
 fn gaps_are_skipped_from_telling_event_to_event_and_said() {
     let mut model = model();
     keys(&mut model, " ");
-    // Progress is no reason to stop: the next that tells something is the decision.
+    // Playing does not stop for progress, but for the decision after it.
     pass(&mut model, 50);
     assert_eq!((model.cursor.at_ms, model.cursor.event), (19_500, Some(5)));
-    assert_eq!(said(&model), "skipped 9 s without pictures; s plays them through");
-    // It stands there to be read, and then goes on.
+    assert_eq!(said(&model), "skipped 9 s without frames; s plays them through");
+    // It pauses there to be read, and then continues.
     pass(&mut model, 800);
     assert_eq!(model.cursor.at_ms, 19_500);
     pass(&mut model, 150);
     assert!(model.cursor.at_ms > 19_500);
-    // The last picture before a gap is shown before the gap is skipped, and a picture needs no rest.
+    // The last frame before a gap is shown before the gap is skipped, and a frame needs no rest.
     model.cursor = model.timeline.at(20_980);
     pass(&mut model, 900);
     assert_eq!(model.cursor.at_ms, 21_000);
@@ -286,13 +286,13 @@ fn gaps_are_skipped_from_telling_event_to_event_and_said() {
     assert_eq!(model.cursor.at_ms, 40_000);
     pass(&mut model, 50);
     assert_eq!(model.cursor.at_ms, 40_050);
-    // So does an event that somebody went to.
+    // So does an event that the user went to.
     keys(&mut model, "d");
     pass(&mut model, 800);
     assert_eq!(model.cursor.at_ms, 41_500);
     pass(&mut model, 150);
     assert_eq!(model.cursor.at_ms, 50_000);
-    // Less long if it plays fast.
+    // A shorter pause at higher speed.
     keys(&mut model, "++++D");
     let left_ms = model.rests_until_ms - model.now_ms;
     keys(&mut model, "----");
@@ -348,13 +348,13 @@ fn charts_follow_the_stage_until_others_are_chosen() {
 #[test]
 fn how_it_stood_follows_the_events() {
     let model = model();
-    let stood = |at_ms| model.timeline.standing(model.timeline.at(at_ms));
+    let stood = |at_ms| model.timeline.version_status(model.timeline.at(at_ms));
     assert_eq!(stood(10_000).state, Some(State::Validated));
-    assert!(stood(12_000).is_apart());
+    assert!(stood(12_000).is_offline());
     assert_eq!((stood(19_500).state, stood(19_500).flags.running), (Some(State::Sandboxed), None));
     assert_eq!(stood(50_000).state, Some(State::Rejected));
     assert_eq!(model.timeline.stretches_ms(), [(20_000, 21_000), (40_000, 41_000)]);
-    // Gaps are told from the last picture to the next one.
+    // Gaps run from one frame to the next one.
     let gap = |at_ms| model.timeline.gap_ms(model.timeline.at(at_ms));
     assert_eq!(
         [gap(12_000), gap(20_050), gap(21_400), gap(21_600), gap(49_000)],
@@ -362,7 +362,7 @@ fn how_it_stood_follows_the_events() {
     );
 }
 
-/// The last picture of what was worked again stands there until another follows; it must not pass for the live arm's.
+/// The last frame of a re-run stays until another follows; it must not pass for the live arm's.
 #[test]
 fn a_picture_of_what_was_worked_again_says_so_as_long_as_it_is_shown() {
     let mut recording = recording();
@@ -375,17 +375,14 @@ fn a_picture_of_what_was_worked_again_says_so_as_long_as_it_is_shown() {
         why: "it drops the block".to_owned(),
     }];
     let mut model = ReplayModel::new(Timeline::new(recording), Speed::default());
-    let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+    let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
     for at_ms in [last_ms, last_ms + 5_000] {
         model.cursor = model.timeline.at(at_ms);
         let area = Rect::new(0, 0, 120, 36);
         let mut buf = Buffer::empty(area);
         super::super::frame::draw(&model, &look, area, &mut buf);
         let screen: String = buf.content().iter().map(ratatui::buffer::Cell::symbol).collect();
-        assert!(
-            screen.contains("worked again, with") && screen.contains("drops the block"),
-            "{at_ms}: {screen}"
-        );
+        assert!(screen.contains("re-run, ") && screen.contains("drops the block"), "{at_ms}: {screen}");
         assert!(!screen.contains("sequence "), "{at_ms}: {screen}");
     }
 }

@@ -1,19 +1,19 @@
-//! The reducer: what happened becomes a changed model and effects. Pure, and the one place where a replay changes.
+//! The reducer of a replay, pure: a message gives a changed model and effects.
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::action::{self, ReplayAction};
-use super::jump::{self, Target};
+use super::jump::{self, JumpTarget};
 use super::model::ReplayModel;
-use super::playing;
-use super::timeline::Cursor;
+use super::playback;
+use super::timeline::TimelineCursor;
 use crate::line::EditLine;
 use crate::update::into_line;
 
 /// One second of recorded time, ms.
 const SECOND_MS: u64 = 1_000;
 
-/// Something happened, at a moment of the screen's own clock.
+/// A message, at a moment of the screen's own clock.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReplayMsg {
     /// When, ms since the start; monotonic.
@@ -31,16 +31,16 @@ pub enum ReplayMsgKind {
     Tick,
 }
 
-/// What is to be done beside drawing.
+/// An effect besides drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayEffect {
     Draw,
     Leave,
 }
 
-/// Folds one thing in.
+/// Applies one message.
 pub fn update(model: &mut ReplayModel, msg: ReplayMsg) -> Vec<ReplayEffect> {
-    let moved = playing::pass(model, msg.now_ms);
+    let moved = playback::pass(model, msg.now_ms);
     match msg.what {
         ReplayMsgKind::Tick if !moved => Vec::new(),
         ReplayMsgKind::Tick | ReplayMsgKind::Resize => vec![ReplayEffect::Draw],
@@ -81,7 +81,7 @@ fn key(model: &mut ReplayModel, key: KeyEvent) -> Vec<ReplayEffect> {
     vec![ReplayEffect::Draw]
 }
 
-/// A key for the line in which the place to jump to is typed.
+/// A key for the line with the jump target.
 fn typed(model: &mut ReplayModel, key: KeyEvent) {
     let Some(line) = &mut model.typing else { return };
     let cancels = key.code == KeyCode::Esc
@@ -102,15 +102,15 @@ fn typed(model: &mut ReplayModel, key: KeyEvent) {
 
 fn jump_to(model: &mut ReplayModel, text: &str) {
     let target_ms = match jump::parse(text) {
-        Ok(Target::At(at_ms)) => at_ms,
-        Ok(Target::On(by_ms)) => model.cursor.at_ms.saturating_add(by_ms),
-        Ok(Target::Back(by_ms)) => model.cursor.at_ms.saturating_sub(by_ms),
-        Err(error) => return model.tell(error.to_string(), true),
+        Ok(JumpTarget::At(at_ms)) => at_ms,
+        Ok(JumpTarget::On(by_ms)) => model.cursor.at_ms.saturating_add(by_ms),
+        Ok(JumpTarget::Back(by_ms)) => model.cursor.at_ms.saturating_sub(by_ms),
+        Err(error) => return model.show_notice(error.to_string(), true),
     };
     seek(model, target_ms);
     let (from_ms, to_ms) = model.timeline.span_ms();
     if !(from_ms..=to_ms).contains(&target_ms) {
-        model.tell(
+        model.show_notice(
             format!(
                 "the recording goes from {} to {}",
                 super::views::secs(from_ms),
@@ -143,14 +143,14 @@ fn act(model: &mut ReplayModel, action: ReplayAction) {
             model.skips_gaps = !model.skips_gaps;
             let text =
                 if model.skips_gaps { "gaps are skipped while playing" } else { "gaps are played through" };
-            model.tell(text, false);
+            model.show_notice(text, false);
         }
         ReplayAction::Help => model.help = Some(0),
         ReplayAction::Leave => {}
     }
 }
 
-/// At the end playing begins anew.
+/// At the end, playing starts over.
 fn play(model: &mut ReplayModel) {
     model.playing = !model.playing;
     let (from_ms, to_ms) = model.timeline.span_ms();
@@ -163,16 +163,16 @@ fn seek(model: &mut ReplayModel, at_ms: u64) {
     go(model, model.timeline.at(at_ms));
 }
 
-fn go(model: &mut ReplayModel, cursor: Cursor) {
+fn go(model: &mut ReplayModel, cursor: TimelineCursor) {
     model.cursor = cursor;
     model.carried_quarters = 0;
     model.rests_until_ms = 0;
 }
 
-/// On an event, playing stands for a moment, so that it can be read before what follows.
-fn go_to_event(model: &mut ReplayModel, cursor: Cursor) {
+/// Pauses on an event, so that it can be read before the next one.
+fn go_to_event(model: &mut ReplayModel, cursor: TimelineCursor) {
     go(model, cursor);
-    playing::rest(model);
+    playback::rest(model);
 }
 
 fn picture_on(model: &mut ReplayModel) {
@@ -180,18 +180,18 @@ fn picture_on(model: &mut ReplayModel) {
     let next = model.cursor.picture.map_or(0, |picture| picture + 1);
     match model.timeline.on_picture(next) {
         Some(cursor) => go(model, cursor),
-        None => model.tell("no picture after this one", false),
+        None => model.show_notice("no frame after this one", false),
     }
 }
 
-/// The picture before; the present one if that is not fresh any more.
+/// The frame before; the present one if that is no longer fresh.
 fn picture_back(model: &mut ReplayModel) {
     model.playing = false;
     let is_old = model.picture_age_ms().is_some_and(|age_ms| age_ms > super::FRESH_MS);
     let before = model.cursor.picture.and_then(|picture| picture.checked_sub(usize::from(!is_old)));
     match before.and_then(|picture| model.timeline.on_picture(picture)) {
         Some(cursor) => go(model, cursor),
-        None => model.tell("no picture before this one", false),
+        None => model.show_notice("no frame before this one", false),
     }
 }
 
@@ -202,12 +202,12 @@ fn event_on(model: &mut ReplayModel, turns: bool) {
     }
     match model.timeline.on_event(next) {
         Some(cursor) => go_to_event(model, cursor),
-        None if turns => model.tell("no decision after this", false),
-        None => model.tell("no event after this", false),
+        None if turns => model.show_notice("no decision after this", false),
+        None => model.show_notice("no event after this", false),
     }
 }
 
-/// The event before the cursor; while playing, the one before what has just passed.
+/// The event before the cursor; while playing, the one before the last passed event.
 fn event_back(model: &mut ReplayModel, turns: bool) {
     let passed_ms = if model.playing { model.speed.quarters(SECOND_MS) / 4 } else { 0 };
     let at_ms = model.cursor.at_ms.saturating_sub(passed_ms);
@@ -219,8 +219,8 @@ fn event_back(model: &mut ReplayModel, turns: bool) {
     let last = model.cursor.event.map_or(0, |event| event + 1);
     match (0..last).rev().find(is_before).and_then(|event| model.timeline.on_event(event)) {
         Some(cursor) => go_to_event(model, cursor),
-        None if turns => model.tell("no decision before this", false),
-        None => model.tell("no event before this", false),
+        None if turns => model.show_notice("no decision before this", false),
+        None => model.show_notice("no event before this", false),
     }
 }
 
@@ -228,11 +228,11 @@ fn is_turn(model: &ReplayModel, event: usize) -> bool {
     model.timeline.mark(event).is_some_and(|mark| mark.is_turn)
 }
 
-/// Other charts. Those that the stage asks for follow the stage again.
+/// Selects other charts. The stage's own charts follow the stage again.
 fn turn_charts(model: &mut ReplayModel, by: usize) {
     let count = model.timeline.groups().len();
     let Some((shown, _)) = model.shown_charts() else {
-        return model.tell("this recording holds no charts", false);
+        return model.show_notice("this recording holds no charts", false);
     };
     let next = (shown + by) % count;
     model.charts = (next != model.charts_by_stage()).then_some(next);

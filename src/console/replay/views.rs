@@ -8,7 +8,7 @@ pub mod help;
 pub mod hints;
 pub mod plot;
 pub mod robot;
-pub mod tiny;
+pub mod small_window;
 
 /// Virtual time in seconds, as events and jumps have it: `761.0 s`.
 #[must_use]

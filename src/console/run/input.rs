@@ -1,7 +1,7 @@
-//! What the terminal sends: read on a thread of its own, so that a terminal that is gone or a half-sent sequence
-//! stops this thread and not the console.
+//! Terminal input, read on a separate thread, so that a lost terminal or a half-sent sequence blocks that thread and
+//! not the console.
 //!
-//! Must not decide what a key means. Late answers of the terminal to a question about its colours are no keys.
+//! Must not decide what a key means. Late answers to a question about the terminal's colors are no keys.
 
 use std::io;
 
@@ -12,26 +12,26 @@ use tokio::sync::mpsc;
 
 use crate::msg::MsgKind;
 
-/// Inputs that wait at most; the thread waits with reading while so many do.
+/// The most inputs in the queue; beyond that the thread stops reading.
 const WAITING_MAX: usize = 256;
 
-/// Rows a notch of the wheel scrolls.
+/// Rows scrolled by a notch of the wheel.
 const WHEEL_ROWS: i32 = 3;
 
-/// The longest text that is taken as a paste, bytes; a line holds far less.
+/// The longest paste, bytes; a line holds far less.
 const PASTE_BYTES_MAX: usize = 64 * 1024;
 
-/// Keys of one late answer at most; what comes then is typed.
+/// The most keys of one late answer; further ones are typed.
 const ANSWER_KEYS_MAX: usize = 64;
 
-/// Starts reading. The receiver ends if the terminal cannot be read any more.
+/// Starts reading. The receiver ends if the terminal can no longer be read.
 ///
 /// # Errors
-/// If no thread can be had.
+/// If no thread can be started.
 pub fn start() -> io::Result<mpsc::Receiver<MsgKind>> {
     let (sender, receiver) = mpsc::channel(WAITING_MAX);
     std::thread::Builder::new().name("console-input".to_owned()).spawn(move || {
-        let mut answers = LateAnswer::default();
+        let mut answers = LateColorReply::default();
         while let Ok(event) = event::read() {
             if let Some(what) = what(event, &mut answers)
                 && sender.blocking_send(what).is_err()
@@ -43,8 +43,8 @@ pub fn start() -> io::Result<mpsc::Receiver<MsgKind>> {
     Ok(receiver)
 }
 
-/// What an event is to the console; absent if it is nothing.
-fn what(event: Event, answers: &mut LateAnswer) -> Option<MsgKind> {
+/// The message for a terminal event; absent if it has none.
+fn what(event: Event, answers: &mut LateColorReply) -> Option<MsgKind> {
     match event {
         Event::Key(key) if key.kind == KeyEventKind::Release => None,
         Event::Key(key) if answers.swallow(key) => None,
@@ -52,12 +52,12 @@ fn what(event: Event, answers: &mut LateAnswer) -> Option<MsgKind> {
         Event::Paste(text) => Some(MsgKind::Paste(bounded(text))),
         Event::Mouse(mouse) => pointed(mouse),
         Event::Resize(columns, rows) => Some(MsgKind::Resize(columns, rows)),
-        // Losing the focus changes nothing that is shown.
+        // Losing the focus changes nothing on the screen.
         Event::FocusGained | Event::FocusLost => None,
     }
 }
 
-/// The wheel and the left button mean something; everything else of the mouse is left alone.
+/// Only the wheel and the left button have a meaning.
 const fn pointed(mouse: MouseEvent) -> Option<MsgKind> {
     match mouse.kind {
         MouseEventKind::ScrollDown => Some(MsgKind::Wheel(WHEEL_ROWS)),
@@ -81,16 +81,16 @@ fn bounded(mut text: String) -> String {
     text
 }
 
-/// A terminal that answers a question about its colours too late sends `ESC ] 1 1 ; ...`, which reads as alt-] and
-/// then as keys. They end with `ESC \` or BEL.
+/// Discards late answers about colors: they begin with `ESC ] 1 1 ; ...`, which reads as alt-] and keys, and end with
+/// `ESC \` or BEL.
 #[derive(Debug, Default)]
-struct LateAnswer {
+struct LateColorReply {
     /// Keys of the present answer so far; absent outside one.
     keys: Option<usize>,
 }
 
-impl LateAnswer {
-    /// Whether a key belongs to an answer and is to be left out.
+impl LateColorReply {
+    /// Whether a key belongs to an answer and is discarded.
     fn swallow(&mut self, key: KeyEvent) -> bool {
         let Some(keys) = self.keys else {
             let begins = key.code == KeyCode::Char(']') && key.modifiers == KeyModifiers::ALT;
@@ -102,7 +102,7 @@ impl LateAnswer {
             (KeyCode::Char('\\'), KeyModifiers::ALT) | (KeyCode::Char('g'), KeyModifiers::CONTROL)
         );
         self.keys = (!ends && keys + 1 < ANSWER_KEYS_MAX).then_some(keys + 1);
-        // Only what an answer can hold is left out: anything else is typed, and ends it.
+        // Only keys that an answer can contain are discarded: any other key is typed, and ends the answer.
         let belongs = ends
             || matches!(key.code, KeyCode::Char(sign) if sign.is_ascii_hexdigit() || "rgb:;/".contains(sign));
         if !belongs {
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     fn typed(keys: &[(char, KeyModifiers)]) -> String {
-        let mut answers = LateAnswer::default();
+        let mut answers = LateColorReply::default();
         keys.iter()
             .filter(|(sign, modifiers)| {
                 let key = KeyEvent::new(KeyCode::Char(*sign), *modifiers);
@@ -154,7 +154,7 @@ mod tests {
         keys.push(('\\', KeyModifiers::ALT));
         keys.extend(plain("1q"));
         assert_eq!(typed(&keys), "ab1q");
-        // A key that no answer holds ends it: nobody loses more than what came with alt-].
+        // A key outside an answer ends it: only the keys since alt-] are lost.
         let mut broken = vec![(']', KeyModifiers::ALT)];
         broken.extend(plain("xab"));
         assert_eq!(typed(&broken), "xab");
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn releases_and_moves_are_nothing_and_pastes_are_bounded() {
-        let mut answers = LateAnswer::default();
+        let mut answers = LateColorReply::default();
         let released = KeyEvent::new_with_kind(KeyCode::Char('x'), KeyModifiers::NONE, KeyEventKind::Release);
         assert_eq!(what(Event::Key(released), &mut answers), None);
         let repeated = KeyEvent::new_with_kind(KeyCode::Char('x'), KeyModifiers::NONE, KeyEventKind::Repeat);

@@ -1,7 +1,7 @@
-//! The renderer: frames and nothing else reach the terminal, each of them in one write and as one update.
+//! The renderer: only frames reach the terminal, each in one write and as one update.
 //!
 //! Must not choose what is drawn, and never asks the terminal anything while keys are read: a cursor report would
-//! be waited for in vain.
+//! never arrive.
 
 use std::cell::Cell;
 use std::fs::File;
@@ -18,10 +18,10 @@ use ratatui::layout::Rect;
 
 use crate::terminal::modes;
 
-/// Bytes of a frame that are kept room for: a full screen of 200x60 with styles.
+/// The reserved size of a frame, bytes: a full screen of 200x60 with styles.
 const FRAME_BYTES: usize = 64 * 1024;
 
-/// Collects a frame and writes it at once; what asks for a flush in between is not listened to.
+/// Collects a frame and writes it at once; flushes in between are ignored.
 struct FrameWriter {
     tty: File,
     frame: Vec<u8>,
@@ -39,7 +39,7 @@ impl Write for FrameWriter {
             return Ok(());
         }
         if !modes::is_on() {
-            // The terminal was given back: what is left of a frame, and of the library's own tidying, is not for it.
+            // The terminal is restored: the rest of a frame and the library's cleanup must not reach it.
             self.frame.clear();
             return Ok(());
         }
@@ -59,9 +59,9 @@ impl Screen {
     /// A screen on stdout.
     ///
     /// # Errors
-    /// If stdout cannot be had once more or the terminal does not tell its size.
+    /// If stdout cannot be duplicated or the terminal does not report its size.
     pub fn new() -> io::Result<Self> {
-        // The look decides about colours, `NO_COLOR` included; the library's own way would erase bold and reverse.
+        // The look decides about colors, `NO_COLOR` included; the library's own way would erase bold and reverse.
         force_color_output(true);
         let tty = File::from(rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stdout(), 3)?);
         let held = Rc::new(Cell::new(false));
@@ -72,7 +72,7 @@ impl Screen {
     /// Columns and rows.
     ///
     /// # Errors
-    /// If the terminal does not tell.
+    /// If the terminal does not report them.
     pub fn size(&self) -> io::Result<(u16, u16)> {
         self.terminal.size().map(|size| (size.width, size.height))
     }
@@ -80,7 +80,7 @@ impl Screen {
     /// Draws one frame: `paint` fills the whole buffer.
     ///
     /// # Errors
-    /// If the terminal cannot be written to: it is gone.
+    /// If the terminal cannot be written to: it is lost.
     pub fn draw(&mut self, paint: impl FnOnce(Rect, &mut Buffer)) -> io::Result<()> {
         self.held.set(true);
         let drawn = self.frame(paint);
@@ -94,7 +94,7 @@ impl Screen {
         queue!(self.terminal.backend_mut(), EndSynchronizedUpdate)
     }
 
-    /// The next frame is drawn anew from its first cell: the terminal's size changed, and what it shows is its own.
+    /// Redraws the next frame completely: the terminal's size changed, and its contents are unknown.
     ///
     /// # Errors
     /// As [`Screen::draw`].

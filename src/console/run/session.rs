@@ -1,6 +1,6 @@
-//! One console at work: waits for whatever comes first, folds it into the model, draws.
+//! One running console: waits for the next event, updates the model, draws.
 //!
-//! Must not hang: it waits for channels alone, and what may take long is another thread's.
+//! Must not hang: it waits only for channels, and slow work runs on other threads.
 
 use std::collections::VecDeque;
 use std::io;
@@ -11,56 +11,56 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
-use super::EngineAt;
-use super::farewell::{self, Cause, Left};
+use super::EngineLocation;
+use super::exit_message::{self, ExitCause, ExitReport};
+use super::frame_pace::{FramePace, FrameReason};
 use super::input;
-use super::pace::{FramePace, Want};
 use super::screen::Screen;
+use crate::approval_screen::VisibleRows;
 use crate::effect::Effect;
-use crate::effects::{Begun, EffectTarget, Errand, Hands, Outcome, Services};
+use crate::effects::{BackgroundResult, EffectOutcome, EffectRunner, EffectTarget, Services, StartedEngine};
 use crate::frame;
 use crate::look::Look;
-use crate::model::{EngineLink, Model, Overlay, Seeking, View};
+use crate::model::{ConsoleModel, EngineLink, Overlay, ReconnectStatus, View};
 use crate::msg::{Msg, MsgKind};
-use crate::prompt::OnScreen;
 use crate::terminal::TerminalGuard;
-use crate::terminal::guard::{Ending, RunningGuard};
+use crate::terminal::guard::{EndSignal, RunningGuard};
 use crate::theme::Themes;
 use crate::update::update;
-use holdpoint_engine::host::{EndFault, Host, StopError, Update};
+use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, StopError};
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_text::Hint as _;
 
-/// Time passes this often if nothing else happens.
+/// The interval of ticks without other events.
 const TICK: Duration = Duration::from_millis(500);
 
-/// How long the engine has to end in good order. Less than the guard's patience.
+/// How long the engine has to shut down cleanly. Less than the guard's patience.
 const ENDING_MAX: Duration = Duration::from_secs(3);
 
-/// What is left of it for the engine's thread, once its time is over.
+/// The part of it for the engine's thread, after the engine's own time is over.
 const STOP_MAX: Duration = Duration::from_millis(500);
 
-/// How long the process of an engine that ended in good order has to let go of the store.
+/// How long the process of an engine that shut down cleanly has to release the store.
 const FREE_MAX: Duration = Duration::from_secs(2);
 
-/// Things that are folded in before a frame is looked at again.
+/// Messages that are processed before a frame is drawn.
 const BATCH_MAX: usize = 256;
 
-/// The first pause between two looks for an engine at work; each is twice as long as the one before.
+/// The first pause between two searches for a running engine; each is twice as long as the one before.
 const SEEK_FIRST: Duration = Duration::from_millis(500);
 
 /// The longest of these pauses.
 const SEEK_PAUSE_MAX: Duration = Duration::from_secs(15);
 
-/// How often an engine is looked for: a quarter of an hour, and then somebody has to come.
+/// How often the console searches for an engine: 15 minutes, and then an operator has to act.
 const SEEK_MAX: u32 = 64;
 
-/// Errands that have something to tell at once.
+/// Background results that can wait in the channel.
 const ERRANDS_MAX: usize = 16;
 
-/// What a session is made of beside the screen.
-pub(super) struct Parts {
-    pub(super) engine: EngineAt,
+/// The parts of a session besides the screen.
+pub(super) struct SessionParts {
+    pub(super) engine: EngineLocation,
     pub(super) view: Option<SocketAddr>,
     pub(super) services: Services,
     pub(super) themes: Themes,
@@ -71,52 +71,52 @@ pub(super) struct Parts {
 /// See the module's head.
 pub(super) struct Session {
     begun: Instant,
-    model: Model,
+    model: ConsoleModel,
     look: Look,
     screen: Screen,
     terminal: TerminalGuard,
     guard: RunningGuard,
     inputs: mpsc::Receiver<MsgKind>,
-    /// How errands went that took long.
-    errands: mpsc::Receiver<Errand>,
-    hands: Hands,
+    /// The results of long jobs.
+    job_results: mpsc::Receiver<BackgroundResult>,
+    effects: EffectRunner,
     operator: Option<String>,
     pace: FramePace,
-    /// Until when the engine may take to end, once it was asked to.
+    /// The deadline of the engine's shutdown, once requested.
     leaving: Option<Instant>,
-    cause: Cause,
-    /// Nothing can be drawn any more.
-    blind: bool,
-    /// How the engine ended.
-    ended: Option<Result<(), EndFault>>,
+    cause: ExitCause,
+    /// Drawing is no longer possible.
+    screen_lost: bool,
+    /// The engine's end.
+    ended: Option<Result<(), EngineEndError>>,
     /// Whether there was an engine here.
-    came_up: bool,
-    /// The engine was left at work.
-    left: bool,
-    /// It is to go on with nobody.
-    keeps: bool,
-    /// This console has asked it to end.
-    asked_end: bool,
-    /// The search for an engine at work; absent while there is one here.
-    seek: Option<Seek>,
-    /// Tells the session what errands came to.
-    tell: mpsc::Sender<Errand>,
+    engine_started: bool,
+    /// The engine was left running.
+    engine_detached: bool,
+    /// The engine keeps running without a console.
+    keep_engine: bool,
+    /// This console has asked the engine to end.
+    end_requested: bool,
+    /// The search for a running engine; absent while the console has one.
+    seek: Option<ReconnectTimer>,
+    /// Sends job results to the session.
+    job_sender: mpsc::Sender<BackgroundResult>,
 }
 
-/// A search for an engine at work on the store.
-struct Seek {
+/// A search for a running engine on the store.
+struct ReconnectTimer {
     tries: u32,
-    /// When to look next; absent while somebody looks.
+    /// When to search next; absent during a search.
     due: Option<Instant>,
 }
 
 enum SessionInput {
     Input(Option<MsgKind>),
-    Errand(Errand),
-    Update(Option<Update>),
+    JobResult(BackgroundResult),
+    Update(Option<EngineUpdate>),
     Snapshot,
     Picture,
-    Ending(Ending),
+    Ending(EndSignal),
     Tick,
     Frame,
     Late,
@@ -124,8 +124,8 @@ enum SessionInput {
 
 impl Session {
     pub(super) fn start(
-        parts: Parts,
-        model: Model,
+        parts: SessionParts,
+        model: ConsoleModel,
         look: Look,
         screen: Screen,
         terminal: TerminalGuard,
@@ -133,29 +133,29 @@ impl Session {
     ) -> io::Result<Self> {
         let view = parts.view;
         let mut model = model;
-        let (tell, errands) = mpsc::channel(ERRANDS_MAX);
+        let (tell, jobs) = mpsc::channel(ERRANDS_MAX);
         let host = match parts.engine {
-            EngineAt::Here(config) => Host::start(config),
-            EngineAt::Elsewhere(host) => {
-                model.told.link = EngineLink::Attached;
-                model.told.process = host.process();
-                model.told.doubt = host.doubt();
+            EngineLocation::Here(config) => EngineHandle::start(config),
+            EngineLocation::Elsewhere(host) => {
+                model.engine_data.link = EngineLink::Attached;
+                model.engine_data.process = host.process();
+                model.engine_data.unverified = host.unverified_origin();
                 *host
             }
-            EngineAt::Begun(coming, begin) => {
-                model.told.link = EngineLink::Attached;
-                model.told.begun = true;
-                let (sitting, tell) = (model.sitting(), tell.clone());
+            EngineLocation::Begun(coming, begin) => {
+                model.engine_data.link = EngineLink::Attached;
+                model.engine_data.started_here = true;
+                let (sitting, tell) = (model.attachment(), tell.clone());
                 let work = move || {
                     let begun = begin(sitting).map(Box::new);
-                    // The console may have ended meanwhile; the engine ends then as well, for nobody sits at it.
-                    drop(tell.blocking_send(Errand::Begun(begun)));
+                    // If the console has ended meanwhile, the engine ends as well: no console is attached to it.
+                    drop(tell.blocking_send(BackgroundResult::Started(begun)));
                 };
                 std::thread::Builder::new().name("beginning".to_owned()).spawn(work)?;
                 *coming
             }
         };
-        let Parts { services, themes, exports, .. } = parts;
+        let SessionParts { services, themes, exports, .. } = parts;
         Ok(Self {
             begun: Instant::now(),
             model,
@@ -164,51 +164,51 @@ impl Session {
             terminal,
             guard,
             inputs: input::start()?,
-            errands,
-            hands: Hands::new(host, services, themes, exports, tell.clone(), view),
+            job_results: jobs,
+            effects: EffectRunner::new(host, services, themes, exports, tell.clone(), view),
             operator: parts.operator,
             pace: FramePace::default(),
             leaving: None,
-            cause: Cause::Asked,
-            blind: false,
+            cause: ExitCause::Requested,
+            screen_lost: false,
             ended: None,
-            came_up: false,
-            left: false,
-            keeps: false,
-            asked_end: false,
+            engine_started: false,
+            engine_detached: false,
+            keep_engine: false,
+            end_requested: false,
             seek: None,
-            tell,
+            job_sender: tell,
         })
     }
 
-    /// Works until the program ends, and gives the terminal back.
-    pub(super) async fn run(mut self) -> Left {
+    /// Runs until the program ends, and restores the terminal.
+    pub(super) async fn run(mut self) -> ExitReport {
         let mut ticks = tokio::time::interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        self.seat(false);
+        self.set_operator(false);
         while !self.is_over() {
             let came = self.wait(&mut ticks).await;
             self.fold(came);
-            self.fold_what_waits();
+            self.drain_backlog();
             self.draw_if_due();
         }
         self.finish()
     }
 
-    /// Nothing is left to wait for: the engine ended after it was asked to, or its time is over.
+    /// Whether nothing is left to wait for: the engine has shut down as requested, or its time is over.
     fn is_over(&self) -> bool {
         self.leaving.is_some_and(|until| self.ended.is_some() || Instant::now() >= until)
     }
 
     async fn wait(&mut self, ticks: &mut tokio::time::Interval) -> SessionInput {
-        let frame = self.pace.due_ms().filter(|_| !self.blind).map(|due_ms| self.moment(due_ms));
+        let frame = self.pace.due_ms().filter(|_| !self.screen_lost).map(|due_ms| self.moment(due_ms));
         let leaving = self.leaving;
-        let host = &mut self.hands.host;
+        let host = &mut self.effects.host;
         tokio::select! {
             biased;
-            ending = self.guard.ending(), if self.cause == Cause::Asked => SessionInput::Ending(ending),
-            what = self.inputs.recv(), if !self.blind => SessionInput::Input(what),
-            Some(what) = self.errands.recv() => SessionInput::Errand(what),
+            ending = self.guard.ending(), if self.cause == ExitCause::Requested => SessionInput::Ending(ending),
+            what = self.inputs.recv(), if !self.screen_lost => SessionInput::Input(what),
+            Some(what) = self.job_results.recv() => SessionInput::JobResult(what),
             () = until(frame) => SessionInput::Frame,
             () = until(leaving) => SessionInput::Late,
             told = host.updates.recv(), if self.ended.is_none() => SessionInput::Update(told),
@@ -229,39 +229,39 @@ impl Session {
     fn fold(&mut self, came: SessionInput) {
         match came {
             SessionInput::Input(Some(what)) => self.input(what),
-            // The thread that reads has given up: the terminal is gone.
-            SessionInput::Input(None) => self.told_to_end(true),
-            SessionInput::Errand(Errand::Told(what)) => self.take(what, Want::Key),
-            SessionInput::Errand(Errand::Signed(request)) => self.hand_over(*request),
-            SessionInput::Errand(Errand::Sought(found)) => self.sought(found),
-            SessionInput::Errand(Errand::Begun(begun)) => self.begun(begun),
+            // The reading thread has ended: the terminal is lost.
+            SessionInput::Input(None) => self.end_signalled(true),
+            SessionInput::JobResult(BackgroundResult::Message(what)) => self.take(what, FrameReason::Key),
+            SessionInput::JobResult(BackgroundResult::Signed(request)) => self.hand_over(*request),
+            SessionInput::JobResult(BackgroundResult::Reconnected(found)) => self.sought(found),
+            SessionInput::JobResult(BackgroundResult::Started(begun)) => self.engine_started(begun),
             SessionInput::Update(Some(told)) => self.engine(told),
             SessionInput::Update(None) => {
-                self.engine(Update::Ended(Err(EndFault::of("its thread is gone"))));
+                self.engine(EngineUpdate::Ended(Err(EngineEndError::of("its thread is gone"))));
             }
             SessionInput::Snapshot => {
-                let newest = self.hands.host.snapshots.borrow_and_update().clone();
+                let newest = self.effects.host.snapshots.borrow_and_update().clone();
                 if let Some(snapshot) = newest {
-                    self.take(MsgKind::Snapshot(snapshot), Want::Story);
+                    self.take(MsgKind::Snapshot(snapshot), FrameReason::Text);
                 }
             }
             SessionInput::Picture => self.picture(),
-            SessionInput::Ending(ending) => self.told_to_end(ending == Ending::Gone),
+            SessionInput::Ending(ending) => self.end_signalled(ending == EndSignal::TerminalLost),
             SessionInput::Frame if self.model.plays() => self.fold_one(MsgKind::Tick),
             SessionInput::Tick => {
-                self.take(MsgKind::Tick, Want::Story);
+                self.take(MsgKind::Tick, FrameReason::Text);
                 self.look_for_an_engine();
             }
             SessionInput::Frame | SessionInput::Late => {}
         }
     }
 
-    /// A backlog is folded in whole, so that the next frame shows its end.
-    fn fold_what_waits(&mut self) {
+    /// A backlog is processed completely, so that the next frame shows its final state.
+    fn drain_backlog(&mut self) {
         for _ in 0..BATCH_MAX {
             if let Ok(what) = self.inputs.try_recv() {
                 self.input(what);
-            } else if let Ok(told) = self.hands.host.updates.try_recv() {
+            } else if let Ok(told) = self.effects.host.updates.try_recv() {
                 self.engine(told);
             } else {
                 return;
@@ -273,62 +273,62 @@ impl Session {
         if let MsgKind::Resize(columns, rows) = what
             && self.screen.resize(columns, rows).is_err()
         {
-            self.told_to_end(true);
+            self.end_signalled(true);
         }
-        self.take(what, Want::Key);
+        self.take(what, FrameReason::Key);
     }
 
-    fn engine(&mut self, told: Update) {
+    fn engine(&mut self, told: EngineUpdate) {
         let what = match told {
-            Update::Started => {
-                self.came_up = true;
-                self.seat(true);
+            EngineUpdate::Started => {
+                self.engine_started = true;
+                self.set_operator(true);
                 MsgKind::EngineStarted
             }
-            Update::Returned(request) => return self.hand_over(*request),
-            Update::Events(events) => MsgKind::Events(events),
-            Update::Past { events, earlier } => MsgKind::Past { events, earlier },
-            Update::Answer { id, reply } => MsgKind::Answer { id, reply: Box::new(reply) },
-            Update::Lagged { missed } => MsgKind::Lagged(missed),
-            Update::Ended(how) => {
+            EngineUpdate::Returned(request) => return self.hand_over(*request),
+            EngineUpdate::Events(events) => MsgKind::Events(events),
+            EngineUpdate::Past { events, earlier } => MsgKind::Past { events, earlier },
+            EngineUpdate::Answer { id, reply } => MsgKind::Answer { id, reply: Box::new(reply) },
+            EngineUpdate::Lagged { missed } => MsgKind::Lagged(missed),
+            EngineUpdate::Ended(how) => {
                 self.ended = Some(how.clone());
-                // Another engine may be at work there soon, or is already.
-                let elsewhere = self.hands.host.is_attached() || how.as_ref().is_err_and(|why| why.in_use);
+                // Another engine may start there soon, or has already.
+                let elsewhere = self.effects.host.is_attached() || how.as_ref().is_err_and(|why| why.in_use);
                 if elsewhere && self.leaving.is_none() {
-                    self.seek = Some(Seek { tries: 0, due: Some(Instant::now()) });
+                    self.seek = Some(ReconnectTimer { tries: 0, due: Some(Instant::now()) });
                 }
                 MsgKind::EngineEnded(how)
             }
         };
-        self.take(what, Want::Story);
+        self.take(what, FrameReason::Text);
     }
 
-    /// The engine that was being started is there, or will not be. What was asked meanwhile goes to it.
-    fn begun(&mut self, begun: Result<Box<Begun>, EndFault>) {
-        let waiting = self.hands.host.take_waiting();
+    /// The started engine is there, or has failed. Waiting requests go to it.
+    fn engine_started(&mut self, begun: Result<Box<StartedEngine>, EngineEndError>) {
+        let waiting = self.effects.host.take_waiting();
         match begun {
             Ok(begun) => {
-                let Begun { host, notice } = *begun;
+                let StartedEngine { host, notice } = *begun;
                 let is_own = !host.is_attached();
-                let (process, doubt) = (host.process(), host.doubt());
-                self.hands.host = host;
+                let (process, doubt) = (host.process(), host.unverified_origin());
+                self.effects.host = host;
                 if is_own {
-                    self.model.told.link = EngineLink::Own;
+                    self.model.engine_data.link = EngineLink::Own;
                 } else {
-                    self.take(MsgKind::Seated(process, doubt), Want::Story);
+                    self.take(MsgKind::Attached(process, doubt), FrameReason::Text);
                 }
                 if let Some(text) = notice {
-                    self.take(MsgKind::Done { text, bad: true }, Want::Story);
+                    self.take(MsgKind::Done { text, bad: true }, FrameReason::Text);
                 }
             }
-            Err(why) => self.engine(Update::Ended(Err(why))),
+            Err(why) => self.engine(EngineUpdate::Ended(Err(why))),
         }
         for request in waiting {
             self.hand_over(request);
         }
     }
 
-    /// Looks for an engine at work on the store, if it is time to: on a thread of its own, for one may be slow to answer.
+    /// Searches for a running engine on the store when it is due, on a separate thread: it may answer slowly.
     fn look_for_an_engine(&mut self) {
         let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
         if seek.tries >= SEEK_MAX || seek.due.is_none_or(|due| due > Instant::now()) {
@@ -336,83 +336,83 @@ impl Session {
         }
         seek.tries += 1;
         seek.due = None;
-        let (tell, sitting) = (self.tell.clone(), self.model.sitting());
-        let layout = self.hands.host.layout().clone();
+        let (tell, sitting) = (self.job_sender.clone(), self.model.attachment());
+        let layout = self.effects.host.layout().clone();
         let look = move || {
-            let found = match Host::find(&layout, sitting) {
+            let found = match EngineHandle::find(&layout, sitting) {
                 Ok(Some(host)) => Ok(Box::new(host)),
-                Ok(None) => Err("none is at work on this store".to_owned()),
+                Ok(None) => Err("no engine runs on this store".to_owned()),
                 Err(error) => Err(error.sentence()),
             };
             // The console may have ended meanwhile.
-            drop(tell.blocking_send(Errand::Sought(found)));
+            drop(tell.blocking_send(BackgroundResult::Reconnected(found)));
         };
         if let Err(error) = std::thread::Builder::new().name("seeking".to_owned()).spawn(look) {
             self.sought(Err(format!("cannot start a thread: {error}")));
         }
     }
 
-    /// What a look for an engine came to.
-    fn sought(&mut self, found: Result<Box<Host>, String>) {
+    /// Handles the result of a search for an engine.
+    fn sought(&mut self, found: Result<Box<EngineHandle>, String>) {
         let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
         match found {
             Ok(host) => {
                 self.seek = None;
                 self.ended = None;
-                let (process, doubt) = (host.process(), host.doubt());
-                self.hands.host = *host;
-                self.take(MsgKind::Seated(process, doubt), Want::Story);
+                let (process, doubt) = (host.process(), host.unverified_origin());
+                self.effects.host = *host;
+                self.take(MsgKind::Attached(process, doubt), FrameReason::Text);
             }
             Err(said) => {
                 let pause = SEEK_FIRST.saturating_mul(1 << seek.tries.min(8)).min(SEEK_PAUSE_MAX);
                 seek.due = Some(Instant::now() + pause);
-                let seeking = Seeking { tries: seek.tries, tries_max: SEEK_MAX, said };
-                self.take(MsgKind::Sought(seeking), Want::Story);
+                let seeking = ReconnectStatus { tries: seek.tries, tries_max: SEEK_MAX, said };
+                self.take(MsgKind::ReconnectFailed(seeking), FrameReason::Text);
             }
         }
     }
 
-    /// Seats who was named: at once, so that an early stop is theirs; where their key is not there, once the store is, and
-    /// then a name that is nobody's is told.
-    fn seat(&mut self, is_last: bool) {
+    /// Sets the named operator: at once, so that an early stop carries the name. Without a key, once the store is
+    /// there; an unknown name is then reported.
+    fn set_operator(&mut self, is_last: bool) {
         let Some(name) = self.operator.as_deref() else { return };
-        if is_last || self.hands.knows(name) {
-            self.operator.take().into_iter().for_each(|name| self.carry_out(Effect::UseIdentity(name)));
+        if is_last || self.effects.knows(name) {
+            self.operator.take().into_iter().for_each(|name| self.execute(Effect::UseIdentity(name)));
         }
     }
 
-    /// Hands a request over that came back from somewhere else.
+    /// Passes on a request that another thread returned.
     fn hand_over(&mut self, request: Request) {
-        if let Outcome::Told(what) = self.hands.hand_over(&self.model, request) {
-            self.take(what, Want::Key);
+        if let EffectOutcome::Message(what) = self.effects.submit(&self.model, request) {
+            self.take(what, FrameReason::Key);
         }
     }
 
     fn picture(&mut self) {
-        let newest = self.hands.host.pictures.borrow_and_update().clone();
+        let newest = self.effects.host.pictures.borrow_and_update().clone();
         let Some(picture) = newest else { return };
-        let seen = self.model.place.view == View::Overview;
+        let seen = self.model.view_state.view == View::Overview;
         self.fold_one(MsgKind::Picture(picture));
         if seen {
-            self.pace.want(Want::Picture);
+            self.pace.want(FrameReason::Picture);
         }
     }
 
-    fn told_to_end(&mut self, gone: bool) {
-        self.blind |= gone;
-        let first = self.cause == Cause::Asked;
+    fn end_signalled(&mut self, gone: bool) {
+        self.screen_lost |= gone;
+        let first = self.cause == ExitCause::Requested;
         if gone {
-            self.cause = Cause::Gone;
+            self.cause = ExitCause::TerminalLost;
         } else if first {
-            self.cause = Cause::Told;
+            self.cause = ExitCause::Signalled;
         }
         if first {
-            self.take(MsgKind::EndAsked, Want::Key);
+            self.take(MsgKind::EndAsked, FrameReason::Key);
         }
     }
 
-    /// Folds one thing in and asks for a frame.
-    fn take(&mut self, what: MsgKind, want: Want) {
+    /// Applies one message and requests a frame.
+    fn take(&mut self, what: MsgKind, want: FrameReason) {
         self.fold_one(what);
         self.pace.want(want);
     }
@@ -421,14 +421,14 @@ impl Session {
         let now_ms = self.now_ms();
         let effects = update(&mut self.model, Msg { now_ms, what });
         for effect in effects {
-            self.carry_out(effect);
+            self.execute(effect);
         }
-        // Others at the engine see where this console is; a word that is no news is not sent.
-        self.model.told.seat = self.hands.host.sit(self.model.sitting());
+        // Other consoles see the position of this one; an unchanged position is not sent.
+        self.model.engine_data.console_number = self.effects.host.set_presence(self.model.attachment());
     }
 
-    /// Carries out an effect and what follows from its answer.
-    fn carry_out(&mut self, effect: Effect) {
+    /// Carries out an effect and handles its result.
+    fn execute(&mut self, effect: Effect) {
         let mut open = VecDeque::from([effect]);
         while let Some(effect) = open.pop_front() {
             let mut place = EffectTarget {
@@ -437,53 +437,54 @@ impl Session {
                 look: &mut self.look,
                 model: &self.model,
             };
-            match self.hands.carry_out(effect, &mut place) {
-                Ok(Outcome::Quiet) => {}
-                Ok(Outcome::Told(what)) => {
+            match self.effects.execute(effect, &mut place) {
+                Ok(EffectOutcome::Quiet) => {}
+                Ok(EffectOutcome::Message(what)) => {
                     let now_ms = self.now_ms();
                     open.extend(update(&mut self.model, Msg { now_ms, what }));
-                    self.pace.want(Want::Key);
+                    self.pace.want(FrameReason::Key);
                 }
-                Ok(Outcome::End) => self.end(),
-                Ok(Outcome::Leave) => self.leave(),
-                Ok(Outcome::Detach) => {
-                    self.keeps = true;
+                Ok(EffectOutcome::End) => self.end(),
+                Ok(EffectOutcome::Leave) => self.leave(),
+                Ok(EffectOutcome::Detach) => {
+                    self.keep_engine = true;
                     self.leave();
                 }
-                Err(_) => self.told_to_end(true),
+                Err(_) => self.end_signalled(true),
             }
         }
     }
 
     /// Leaves the engine as it is.
     fn leave(&mut self) {
-        self.left = true;
+        self.engine_detached = true;
         self.ended.get_or_insert(Ok(()));
         self.leaving.get_or_insert_with(Instant::now);
     }
 
-    /// Asks the engine to end; the screen stays until it has. One that goes on without this console is left at work.
+    /// Asks the engine to end; the screen stays until then. An engine that keeps running is left as it is.
     fn end(&mut self) {
         if self.ended.is_some() {
             self.leaving.get_or_insert_with(Instant::now);
             return;
         }
-        // Whoever's terminal is gone may come back to it; if nobody does, it ends by itself.
-        let is_lost = self.cause == Cause::Gone && self.model.told.link == EngineLink::Attached;
-        if is_lost || !self.model.told.ends_with_this() {
+        // A user whose terminal is lost may attach again; otherwise the engine ends by itself.
+        let is_lost =
+            self.cause == ExitCause::TerminalLost && self.model.engine_data.link == EngineLink::Attached;
+        if is_lost || !self.model.engine_data.ends_with_console() {
             return self.leave();
         }
         if self.leaving.is_none() {
             self.leaving = Some(Instant::now() + ENDING_MAX);
-            self.asked_end = true;
+            self.end_requested = true;
             // A full queue is no reason to wait: the host is stopped in any case.
-            drop(self.hands.ask(&self.model, "console-ends".to_owned(), Command::Shutdown));
+            drop(self.effects.send(&self.model, "console-ends".to_owned(), Command::Shutdown));
         }
     }
 
     fn draw_if_due(&mut self) {
         let now_ms = self.now_ms();
-        if self.blind || !self.pace.is_due(now_ms) {
+        if self.screen_lost || !self.pace.is_due(now_ms) {
             return;
         }
         #[cfg(debug_assertions)]
@@ -494,52 +495,63 @@ impl Session {
             frame::draw(model, look, area, buffer);
             seen = frame::decision_on_screen(model, look, area);
         });
-        // The pace counts from the end of a frame: a slow terminal gets fewer.
-        self.pace.drawn(self.now_ms());
+        // The pace counts from the end of a frame, so a slow terminal gets fewer.
+        self.pace.frame_drawn(self.now_ms());
         if self.model.plays() {
-            self.pace.want(Want::Picture);
+            self.pace.want(FrameReason::Picture);
         }
         if drawn.is_err() {
-            self.told_to_end(true);
+            self.end_signalled(true);
         } else if let Some(seen) = seen {
             self.decision_shown(seen);
         }
     }
 
-    /// What was really on the screen counts as read. The next frame says what is left.
-    fn decision_shown(&mut self, seen: OnScreen) {
-        let unread = |model: &Model| match &model.entry.overlay {
-            Some(Overlay::Prompt(prompt)) => prompt.unread(),
+    /// Rows that were really on the screen count as read. The next frame shows how many are left.
+    fn decision_shown(&mut self, seen: VisibleRows) {
+        let unread = |model: &ConsoleModel| match &model.input.overlay {
+            Some(Overlay::Approval(prompt)) => prompt.unread(),
             Some(Overlay::Form(form)) => form.unread(),
             Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => 0,
         };
         let before = unread(&self.model);
         self.fold_one(MsgKind::DecisionShown(seen));
         if unread(&self.model) != before {
-            self.pace.want(Want::Key);
+            self.pace.want(FrameReason::Key);
         }
     }
 
     /// The engine first, the terminal last.
-    fn finish(self) -> Left {
+    fn finish(self) -> ExitReport {
         let Self {
-            model, hands, screen, terminal, guard, ended, cause, came_up, left, keeps, asked_end, ..
+            model,
+            effects,
+            screen,
+            terminal,
+            guard,
+            ended,
+            cause,
+            engine_started,
+            engine_detached,
+            keep_engine,
+            end_requested,
+            ..
         } = self;
-        let attached = hands.host.is_attached();
-        // The engine is asked while nobody waits at the screen any more, and its answer is what is said last.
-        let kept = if keeps { hands.host.keep() } else { Ok(()) };
-        let elsewhere = hands.host.elsewhere();
-        let stopped = match hands.host.stop(STOP_MAX) {
+        let attached = effects.host.is_attached();
+        // The screen is already gone when the engine is asked, so its answer goes into the exit message.
+        let kept = if keep_engine { effects.host.keep_engine_running() } else { Ok(()) };
+        let elsewhere = effects.host.remote_engine();
+        let stopped = match effects.host.stop(STOP_MAX) {
             Ok(()) => Some(Ok(())),
             Err(StopError::Failed(why)) => Some(Err(why)),
             Err(StopError::Late(_)) => None,
         };
         let ended = ended.or(stopped);
-        // What this console has asked for is no fault, and it is over when the store is free.
+        // A requested end is no fault, and is complete once the store is free.
         let ended = match ended {
-            Some(Err(why)) if why.orderly && asked_end => {
+            Some(Err(why)) if why.orderly && end_requested => {
                 // After a signal there is not much time.
-                elsewhere.wait_for_end(if cause == Cause::Asked { FREE_MAX } else { STOP_MAX });
+                elsewhere.wait_for_end(if cause == ExitCause::Requested { FREE_MAX } else { STOP_MAX });
                 Some(Ok(()))
             }
             other => other,
@@ -547,18 +559,20 @@ impl Session {
         drop(screen);
         drop(terminal);
         drop(guard);
-        let ends_alone_s = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.ends_alone_s);
-        match (&ended, model.told.link) {
-            (Some(Ok(())), _) if left && attached => {
-                return farewell::at_work(&model, cause, &kept, ends_alone_s.filter(|_| !keeps));
+        let ends_alone_s = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.ends_alone_s);
+        match (&ended, model.engine_data.link) {
+            (Some(Ok(())), _) if engine_detached && attached => {
+                return exit_message::at_work(&model, cause, &kept, ends_alone_s.filter(|_| !keep_engine));
             }
-            (None, EngineLink::Attached) if asked_end => return farewell::still_ending(&model, cause),
-            (Some(Err(why)), EngineLink::Attached) if came_up => {
-                return farewell::ended_elsewhere(cause, why);
+            (None, EngineLink::Attached) if end_requested => {
+                return exit_message::still_ending(&model, cause);
+            }
+            (Some(Err(why)), EngineLink::Attached) if engine_started => {
+                return exit_message::ended_elsewhere(cause, why);
             }
             _ => {}
         }
-        farewell::left(cause, came_up, ended, model.told.snapshot.as_deref())
+        exit_message::exit_report(cause, engine_started, ended, model.engine_data.snapshot.as_deref())
     }
 }
 
@@ -570,12 +584,12 @@ async fn until(moment: Option<Instant>) {
     }
 }
 
-/// The test of the panic policy: a screen that fails while it is drawn. Not in a release.
+/// Tests the panic policy: a screen that fails while it is drawn. Not in a release.
 #[cfg(debug_assertions)]
 #[allow(clippy::panic, reason = "that is what is tested")]
-fn fail_if_asked(model: &Model) {
+fn fail_if_asked(model: &ConsoleModel) {
     let asked = std::env::var("HOLDPOINT_TEST_PANIC").is_ok_and(|who| who == "ui");
-    if asked && model.told.snapshot.is_some() {
+    if asked && model.engine_data.snapshot.is_some() {
         std::panic::panic_any("HOLDPOINT_TEST_PANIC asked for it");
     }
 }

@@ -1,7 +1,7 @@
-//! Whether the terminal's background is dark or light, if it can be known at little cost.
+//! Whether the terminal's background is dark or light, if that is cheap to find out.
 //!
-//! Asked before keys are read, and never at the expense of what somebody has typed already. Must not be needed:
-//! without an answer the default theme uses the terminal's own colours.
+//! Asks before keys are read, and never drops typed keys. The answer is optional: without it the default theme uses
+//! the terminal's own colors.
 
 use std::time::Duration;
 
@@ -10,14 +10,14 @@ use terminal_colorsaurus::{QueryOptions, ThemeMode, theme_mode};
 /// How long the terminal has to answer: about half of the time to the first frame.
 const ANSWER_MAX: Duration = Duration::from_millis(80);
 
-/// Whether the background is light; absent if it is not known. Both ends are a terminal's when this is called.
+/// Whether the background is light; absent if unknown. Input and output are a terminal when this is called.
 #[must_use]
 pub fn is_light() -> Option<bool> {
     let variable = std::env::var("COLORFGBG").ok();
-    variable.as_deref().and_then(from_variable).or_else(ask)
+    variable.as_deref().and_then(from_variable).or_else(query)
 }
 
-/// `COLORFGBG` is `foreground;background` in the sixteen colours; `default` says nothing.
+/// `COLORFGBG` is `foreground;background` in the sixteen colors; `default` says nothing.
 fn from_variable(value: &str) -> Option<bool> {
     let background: u8 = value.rsplit(';').next()?.parse().ok()?;
     match background {
@@ -27,8 +27,8 @@ fn from_variable(value: &str) -> Option<bool> {
     }
 }
 
-/// Asks the terminal, unless something is typed already: the answer would be read together with it.
-fn ask() -> Option<bool> {
+/// Asks the terminal, unless a key was already typed: the answer would be mixed with it.
+fn query() -> Option<bool> {
     let typed = rustix::io::ioctl_fionread(rustix::stdio::stdin()).ok()?;
     if typed > 0 {
         return None;

@@ -1,9 +1,9 @@
-//! The guard: a thread of its own that hears signals and notices a lost terminal, and ends the program if the
-//! run loop does not.
+//! The guard: a separate thread that handles signals and a lost terminal, and ends the program if the run loop does
+//! not.
 //!
-//! The loop may hang in a write to a terminal that takes no more bytes; this thread never writes before it has
-//! given the loop its time. Must not talk to the engine: the loop ends it in good order, and if it cannot, the
-//! store holds what was decided and nothing more.
+//! The loop may hang in a write to a terminal that takes no more bytes, so this thread writes only after the loop's
+//! time is over. Must not talk to the engine: the loop shuts it down cleanly; if it cannot, the store holds every
+//! decision.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -18,28 +18,28 @@ use tokio_util::sync::CancellationToken;
 
 use super::modes;
 
-/// How long the loop has to end after it was asked to: hold, persist, restore. Less than the five seconds that are
-/// promised, so that they suffice for the rest.
+/// How long the loop has to end after a request: hold, persist, restore. Less than the promised five seconds, so that
+/// they suffice for the rest.
 pub const PATIENCE: Duration = Duration::from_secs(4);
 
-/// How long a terminal has to take the sequences that restore it, once the loop has failed to.
+/// How long a terminal has to accept the restoring sequences, once the loop has failed to send them.
 const LAST_WRITE: Duration = Duration::from_millis(300);
 
-/// The exit code of a program that was told to end: held.
+/// The exit code after a request to end: held.
 const EXIT_HELD: i32 = 3;
 
 /// Why the program should end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ending {
-    Told,
-    /// SIGHUP, or the other end of the terminal is gone: nothing can be written there.
-    Gone,
+pub enum EndSignal {
+    Signalled,
+    /// SIGHUP, or the other end of the terminal is closed: nothing can be written there.
+    TerminalLost,
 }
 
 /// The running guard. Dropping it ends the watch.
 #[derive(Debug)]
 pub struct RunningGuard {
-    endings: mpsc::Receiver<Ending>,
+    endings: mpsc::Receiver<EndSignal>,
     done: CancellationToken,
 }
 
@@ -47,14 +47,14 @@ impl RunningGuard {
     /// Starts the watch.
     ///
     /// # Errors
-    /// If no thread, no signal handler or no file descriptor can be had.
+    /// If no thread, signal handler or file descriptor is available.
     pub fn start() -> io::Result<Self> {
         let (sender, endings) = mpsc::channel(4);
         let done = CancellationToken::new();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let watch = {
             let _inside = runtime.enter();
-            Watch::new(sender)?
+            SignalWatch::new(sender)?
         };
         let stopped = done.clone();
         std::thread::Builder::new().name("console-guard".to_owned()).spawn(move || {
@@ -68,8 +68,8 @@ impl RunningGuard {
         Ok(Self { endings, done })
     }
 
-    /// The next reason to end. Safe to cancel. Never comes back if the watch is over.
-    pub async fn ending(&mut self) -> Ending {
+    /// The next reason to end. Safe to cancel. Never returns once the watch is over.
+    pub async fn ending(&mut self) -> EndSignal {
         match self.endings.recv().await {
             Some(ending) => ending,
             None => std::future::pending().await,
@@ -83,18 +83,18 @@ impl Drop for RunningGuard {
     }
 }
 
-struct Watch {
-    told: mpsc::Sender<Ending>,
+struct SignalWatch {
+    told: mpsc::Sender<EndSignal>,
     terminate: tokio::signal::unix::Signal,
     interrupt: tokio::signal::unix::Signal,
     hang_up: tokio::signal::unix::Signal,
     terminal: AsyncFd<OwnedFd>,
 }
 
-impl Watch {
-    fn new(told: mpsc::Sender<Ending>) -> io::Result<Self> {
+impl SignalWatch {
+    fn new(told: mpsc::Sender<EndSignal>) -> io::Result<Self> {
         let terminal = rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stdin(), 3)?;
-        // The descriptor is a copy that nobody else closes: it lives as long as what watches it.
+        // Only the guard closes this descriptor, which is a copy: it lives as long as the watch.
         #[allow(deprecated, reason = "the replacement is unsafe, and this program has no unsafe code")]
         let terminal = AsyncFd::with_interest(terminal, Interest::READABLE)?;
         Ok(Self {
@@ -106,48 +106,48 @@ impl Watch {
         })
     }
 
-    /// Waits for a reason to end, tells it, and gives the loop its time. A second signal ends at once; a hang-up
-    /// comes as a signal, as a lost terminal, or as both, and is one.
+    /// Waits for a reason to end, reports it, and gives the loop its time. A second signal ends at once; a hang-up
+    /// counts once, as a signal, a lost terminal, or both.
     async fn run(mut self) {
         let first = self.next().await;
-        // A full channel holds a reason already.
+        // A full channel already contains a reason.
         self.told.try_send(first).ok();
-        let mut gone = first == Ending::Gone;
+        let mut gone = first == EndSignal::TerminalLost;
         let deadline = Instant::now() + PATIENCE;
         loop {
             tokio::select! {
                 () = tokio::time::sleep_until(deadline) => break,
                 _ = self.terminate.recv() => break,
                 _ = self.interrupt.recv() => break,
-                () = closed(&self.terminal), if !gone => gone = true,
+                () = wait_closed(&self.terminal), if !gone => gone = true,
             }
         }
         leave(gone);
     }
 
-    async fn next(&mut self) -> Ending {
+    async fn next(&mut self) -> EndSignal {
         tokio::select! {
-            _ = self.terminate.recv() => Ending::Told,
-            _ = self.interrupt.recv() => Ending::Told,
-            _ = self.hang_up.recv() => Ending::Gone,
-            () = closed(&self.terminal) => Ending::Gone,
+            _ = self.terminate.recv() => EndSignal::Signalled,
+            _ = self.interrupt.recv() => EndSignal::Signalled,
+            _ = self.hang_up.recv() => EndSignal::TerminalLost,
+            () = wait_closed(&self.terminal) => EndSignal::TerminalLost,
         }
     }
 }
 
-/// Comes back once the other end of the terminal is closed.
-async fn closed(terminal: &AsyncFd<OwnedFd>) {
+/// Returns once the other end of the terminal is closed.
+async fn wait_closed(terminal: &AsyncFd<OwnedFd>) {
     loop {
         match terminal.ready(Interest::READABLE).await {
             Ok(ready) if ready.ready().is_read_closed() => return,
-            // Somebody typed; the input thread reads it.
+            // A key was pressed; the input thread reads it.
             Ok(mut ready) => ready.clear_ready(),
             Err(_) => return,
         }
     }
 }
 
-/// Ends the process. The terminal gets its sequences if it takes them in time.
+/// Ends the process. The terminal gets its restoring sequences if it accepts them in time.
 fn leave(gone: bool) {
     if !gone {
         let (sender, written) = std::sync::mpsc::sync_channel(1);

@@ -1,7 +1,7 @@
-//! The log file, where fd 2 points while the screen is up: a library's or a panic's words must not land in a frame.
+//! The log file, where fd 2 points while the screen is up: messages of libraries and panics must not land in a frame.
 //!
-//! Owns the file, its rotation and the way back of fd 2. Must not hold secrets: the file is its owner's alone, and
-//! nothing but messages goes there.
+//! Owns the file, its rotation and the restoring of fd 2. Only its owner can read the file; it contains messages,
+//! never secrets.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -24,7 +24,7 @@ pub struct LogFile {
 }
 
 impl LogFile {
-    /// Opens `holdpoint.log` in a folder, which is made if there is none.
+    /// Opens `holdpoint.log` in a folder, which is made if missing.
     ///
     /// # Errors
     /// If folder or file cannot be made or written.
@@ -35,7 +35,7 @@ impl LogFile {
             fs::rename(&path, folder.join("holdpoint.log.1"))?;
         }
         let mut file = OpenOptions::new().append(true).create(true).mode(0o600).open(&path)?;
-        // A file of an earlier time may have been made with more rights.
+        // An older file may have wider permissions.
         file.set_permissions(fs::Permissions::from_mode(0o600))?;
         let secs = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
         writeln!(file, "console begins, process {}, Unix time {secs}", std::process::id())?;
@@ -47,7 +47,7 @@ impl LogFile {
         &self.path
     }
 
-    /// Points fd 2 here, and remembers where it pointed.
+    /// Points fd 2 to the log, and remembers its former target.
     ///
     /// # Errors
     /// If there are no file descriptors left.
@@ -63,11 +63,11 @@ impl LogFile {
     }
 }
 
-/// Points fd 2 where it pointed before. Does nothing the second time.
-pub fn give_stderr_back() {
+/// Restores fd 2. Does nothing the second time.
+pub fn restore_stderr() {
     let before = STDERR.lock().unwrap_or_else(PoisonError::into_inner).take();
     if let Some(before) = before {
-        // If it fails fd 2 stays with the log: nothing is lost.
+        // If it fails, fd 2 keeps pointing to the log: nothing is lost.
         rustix::stdio::dup2_stderr(before).ok();
     }
 }

@@ -1,7 +1,7 @@
-//! The terminal's modes: what is on is noted before it is turned on, so that anybody can undo exactly that.
+//! The terminal's modes: each is noted before it is turned on, so that any thread can undo exactly that.
 //!
-//! The note is one byte for the whole process, since the panic hook and the guard's thread have to reach it. Must
-//! not be used while a frame is half written, but to end the program.
+//! The note is one byte for the whole process, because the panic hook and the guard's thread must reach it. In the
+//! middle of a frame, only the end of the program may use it.
 
 use std::io;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -20,7 +20,7 @@ struct Mode {
     off: &'static [u8],
 }
 
-/// In the order in which they are turned on; off goes the other way.
+/// In the order in which they are turned on; turning off reverses it.
 const MODES: [Mode; 5] = [
     Mode { bit: 1 << 1, on: b"\x1b[?1049h", off: b"\x1b[?1049l" },
     Mode { bit: 1 << 2, on: b"\x1b[?25l", off: b"\x1b[?25h" },
@@ -29,19 +29,19 @@ const MODES: [Mode; 5] = [
     MOUSE,
 ];
 
-/// Buttons and the wheel, in coordinates without a limit; moves are not reported, since nobody reads them.
+/// Buttons and the wheel, in coordinates without a limit; moves are unused and not reported.
 const MOUSE: Mode = Mode { bit: 1 << 5, on: b"\x1b[?1000h\x1b[?1006h", off: b"\x1b[?1006l\x1b[?1000l" };
 
-/// Ends a frame that was cut off, and forgets its last colours.
+/// Ends a frame that was cut off, and resets its last colors.
 const END_FRAME: &[u8] = b"\x1b[?2026l\x1b[0m";
 
 /// What is on now.
 static ON: AtomicU8 = AtomicU8::new(0);
 
-/// Turns everything on, the mouse if it is wanted.
+/// Turns on all modes, with the mouse if requested.
 ///
 /// # Errors
-/// If the terminal does not take it. What was turned on so far is noted.
+/// If the terminal does not accept it. Modes turned on so far are noted.
 pub fn enter(mouse: bool) -> io::Result<()> {
     ON.fetch_or(RAW, Ordering::AcqRel);
     enable_raw_mode()?;
@@ -63,8 +63,8 @@ pub fn mouse(take: bool) -> io::Result<()> {
     if was & MOUSE.bit == 0 { Ok(()) } else { write_all(MOUSE.off) }
 }
 
-/// Undoes what is on, in reverse, and puts fd 2 back. Does nothing the second time. What fails has nobody to be
-/// told: the terminal may be gone.
+/// Undoes what is on, in reverse, and restores fd 2. Does nothing the second time. Failures are ignored: the terminal
+/// may be gone.
 pub fn restore() {
     let on = ON.swap(0, Ordering::AcqRel);
     if on != 0 {
@@ -73,10 +73,10 @@ pub fn restore() {
             drop(disable_raw_mode());
         }
     }
-    log::give_stderr_back();
+    log::restore_stderr();
 }
 
-/// As [`restore`], for a terminal that may not take a byte any more: the settings first, which never wait.
+/// As [`restore`], for a terminal that may accept no more bytes: the settings first, because they never wait.
 pub fn restore_settings_first() {
     drop(disable_raw_mode());
     restore();
@@ -102,7 +102,7 @@ fn leaving(on: u8) -> Vec<u8> {
     bytes
 }
 
-/// Past every buffer: what a half-written frame left in one must not come after this.
+/// Bypasses all buffers: a half-written frame in one must not follow this.
 fn write_all(mut bytes: &[u8]) -> io::Result<()> {
     while !bytes.is_empty() {
         let written = rustix::io::retry_on_intr(|| rustix::io::write(rustix::stdio::stdout(), bytes))?;

@@ -1,4 +1,4 @@
-//! Theme files: roles with colours and modifiers, on top of the theme they inherit from.
+//! Theme files: roles with colors and modifiers, on top of the theme they inherit from.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -8,41 +8,41 @@ use ratatui::style::Modifier;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::paint::{Colour, NAMES, Paint};
+use super::paint::{NAMES, Paint, ThemeColor};
 use super::{Theme, ThemeRole, names};
 use holdpoint_text::Hint;
 
 /// The largest theme file, bytes.
 pub const FILE_BYTES_MAX: usize = 64 * 1024;
 
-/// Problems of one file that are told; more say no more.
+/// Reported problems of one file at most.
 const PROBLEMS_MAX: usize = 8;
 
-/// What is wrong with a theme.
+/// A problem with a theme.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ThemeError {
     /// No theme of that name.
     #[error("there is no theme {name:?}; allowed are {allowed}")]
     Unknown {
         name: String,
-        /// The names there are.
+        /// The existing names.
         allowed: String,
     },
-    /// More themes of an operator's own than there may be.
+    /// An operator has more own themes than allowed.
     #[error("the theme {name:?} is one too many; at most {allowed} files are allowed")]
     TooMany {
-        /// The first that is too many.
+        /// The first theme beyond the limit.
         name: String,
-        /// How many there may be.
+        /// The limit.
         allowed: usize,
     },
-    /// A file that does not say what a theme file must say.
+    /// A file with an error.
     #[error("{file}:{line}: {what}")]
     File {
         file: String,
         /// The line, from 1.
         line: usize,
-        /// The key, what is wrong with it, and what is allowed; one line each.
+        /// The key, its problem, and the allowed values; one line each.
         what: String,
     },
 }
@@ -86,7 +86,7 @@ enum ThemeValue {
     Text(String),
 }
 
-/// A theme of a file's text. A role that it does not name looks as in the theme it inherits from.
+/// A theme from a file's text. A role that the file does not name looks as in the inherited theme.
 ///
 /// # Errors
 /// The first problem with file and line; further ones follow in its text.
@@ -141,19 +141,19 @@ pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
 
 impl ThemeEntry {
     fn paint(&self) -> Result<Paint, (Range<usize>, String)> {
-        let colour = |key: &str, value: &Option<Spanned<ThemeValue>>| {
+        let color = |key: &str, value: &Option<Spanned<ThemeValue>>| {
             let Some(value) = value else { return Ok(None) };
             let parsed = match value.get_ref() {
                 ThemeValue::Text(text) if text == "default" => return Ok(None),
-                ThemeValue::Text(text) => Colour::parse(text),
-                ThemeValue::Number(number) => u8::try_from(*number).ok().map(Colour::Indexed),
+                ThemeValue::Text(text) => ThemeColor::parse(text),
+                ThemeValue::Number(number) => u8::try_from(*number).ok().map(ThemeColor::Indexed),
             };
             let shown = match value.get_ref() {
                 ThemeValue::Text(text) => format!("{text:?}"),
                 ThemeValue::Number(number) => number.to_string(),
             };
             let what = format!(
-                "{key}: {shown} is no colour; allowed are default, 0 to 255, \"#rrggbb\" and {}",
+                "{key}: {shown} is no color; allowed are default, 0 to 255, \"#rrggbb\" and {}",
                 NAMES.join(", ")
             );
             parsed.map(Some).ok_or((value.span(), what))
@@ -166,11 +166,11 @@ impl ThemeEntry {
         ];
         let on = flags.into_iter().filter_map(|(on, modifier)| on.then_some(modifier));
         let paint = Paint {
-            foreground: colour("fg", &self.fg)?,
-            background: colour("bg", &self.bg)?,
+            foreground: color("fg", &self.fg)?,
+            background: color("bg", &self.bg)?,
             modifiers: on.fold(Modifier::empty(), |all, one| all | one),
         };
-        // On a terminal whose own colours are unknown, letters on a set background may not be seen.
+        // On a terminal whose own colors are unknown, letters on a set background may be invisible.
         if paint.background.is_some() && paint.foreground.is_none() {
             let span = self.bg.as_ref().map_or(0..0, Spanned::span);
             return Err((span, "bg: a background needs a foreground with it; add fg".to_owned()));

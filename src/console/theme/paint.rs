@@ -1,12 +1,12 @@
-//! One role's look, and how it degrades to what a terminal can show.
+//! One role's look, and its fallback on a terminal with fewer colors.
 
 use ratatui::style::{Color, Modifier, Style};
 
-use super::Depth;
+use super::ColorDepth;
 
-/// A colour as a theme names it.
+/// A color as a theme names it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Colour {
+pub enum ThemeColor {
     /// One of the sixteen that every terminal has, by number.
     Named(u8),
     /// One of the 256 of an indexed palette.
@@ -35,7 +35,7 @@ pub const NAMES: [&str; 16] = [
     "bright-white",
 ];
 
-/// What the sixteen look like on most terminals, for finding the nearest one.
+/// Typical values of the sixteen colors, for finding the nearest one.
 const SIXTEEN: [[u8; 3]; 16] = [
     [0, 0, 0],
     [205, 0, 0],
@@ -55,11 +55,11 @@ const SIXTEEN: [[u8; 3]; 16] = [
     [255, 255, 255],
 ];
 
-/// Levels of the 6 x 6 x 6 cube of the 256 colours.
+/// Levels of the 6 x 6 x 6 cube of the 256 colors.
 const LEVELS: [u8; 6] = [0, 95, 135, 175, 215, 255];
 
-impl Colour {
-    /// A colour as written in a theme file: a name, a number below 256 or `#rrggbb`.
+impl ThemeColor {
+    /// A color as written in a theme file: a name, a number below 256 or `#rrggbb`.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         if let Some(at) = NAMES.iter().position(|name| *name == text) {
@@ -85,23 +85,25 @@ impl Colour {
         }
     }
 
-    /// The colour at a depth; absent if none can be shown.
-    fn at(self, depth: Depth) -> Option<Color> {
+    /// The color at a depth; absent if none can be shown.
+    fn at(self, depth: ColorDepth) -> Option<Color> {
         match (self, depth) {
-            (_, Depth::Mono) => None,
+            (_, ColorDepth::Mono) => None,
             (Self::Named(at), _) => Some(sixteen(at)),
-            (Self::Rgb(red, green, blue), Depth::True) => Some(Color::Rgb(red, green, blue)),
-            (Self::Indexed(at), Depth::True | Depth::Indexed256) => Some(Color::Indexed(at)),
-            (Self::Rgb(..), Depth::Indexed256) => Some(Color::Indexed(nearest(self.rgb(), 16..=255))),
-            (Self::Rgb(..) | Self::Indexed(_), Depth::Ansi16) => Some(sixteen(nearest(self.rgb(), 0..=15))),
+            (Self::Rgb(red, green, blue), ColorDepth::True) => Some(Color::Rgb(red, green, blue)),
+            (Self::Indexed(at), ColorDepth::True | ColorDepth::Indexed256) => Some(Color::Indexed(at)),
+            (Self::Rgb(..), ColorDepth::Indexed256) => Some(Color::Indexed(nearest(self.rgb(), 16..=255))),
+            (Self::Rgb(..) | Self::Indexed(_), ColorDepth::Ansi16) => {
+                Some(sixteen(nearest(self.rgb(), 0..=15)))
+            }
         }
     }
 }
 
-/// The nearest of the indexed colours in `places`.
+/// The nearest of the indexed colors in `places`.
 fn nearest(rgb: [u8; 3], places: std::ops::RangeInclusive<u8>) -> u8 {
     let distance = |at: &u8| {
-        let other = Colour::Indexed(*at).rgb();
+        let other = ThemeColor::Indexed(*at).rgb();
         let square = |i: usize| {
             let (a, b) = (rgb.get(i).copied().unwrap_or(0), other.get(i).copied().unwrap_or(0));
             u32::from(a.abs_diff(b)).pow(2)
@@ -133,31 +135,31 @@ const fn sixteen(at: u8) -> Color {
     }
 }
 
-/// How a role looks. Without colours it is the terminal's own text.
+/// How a role looks. Without colors it is the terminal's own text.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Paint {
-    pub foreground: Option<Colour>,
-    pub background: Option<Colour>,
+    pub foreground: Option<ThemeColor>,
+    pub background: Option<ThemeColor>,
     /// Bold, dim, reverse, underline.
     pub modifiers: Modifier,
 }
 
 impl Paint {
-    /// The style at a depth. Every field is set, so that a style laid over another one replaces it. A background
-    /// that cannot be shown becomes reverse: what stands out in colour stands out without it.
+    /// The style at a depth. Every field is set, so that a style over another one replaces it. A background that
+    /// cannot be shown becomes reverse, so that it still stands out.
     #[must_use]
-    pub fn style(self, depth: Depth) -> Style {
+    pub fn style(self, depth: ColorDepth) -> Style {
         let mut modifiers = self.modifiers;
-        if depth == Depth::Mono && self.background.is_some() {
+        if depth == ColorDepth::Mono && self.background.is_some() {
             modifiers |= Modifier::REVERSED;
         }
         let shown =
-            |colour: Option<Colour>| colour.and_then(|colour| colour.at(depth)).unwrap_or(Color::Reset);
+            |color: Option<ThemeColor>| color.and_then(|color| color.at(depth)).unwrap_or(Color::Reset);
         Style::new().fg(shown(self.foreground)).bg(shown(self.background)).add_modifier(modifiers)
     }
 }
 
-/// The escape sequence that turns a style on, for printing outside the screen; it replaces what was on before.
+/// The escape sequence that turns a style on, for printing outside the screen; it replaces the style before.
 #[must_use]
 pub fn escape(style: Style) -> String {
     let mut codes = vec!["0".to_owned()];
@@ -165,19 +167,19 @@ pub fn escape(style: Style) -> String {
         [(Modifier::BOLD, "1"), (Modifier::DIM, "2"), (Modifier::UNDERLINED, "4"), (Modifier::REVERSED, "7")];
     let on = modifiers.into_iter().filter(|(modifier, _)| style.add_modifier.contains(*modifier));
     codes.extend(on.map(|(_, code)| code.to_owned()));
-    codes.extend(style.fg.and_then(|colour| code(colour, 30)));
-    codes.extend(style.bg.and_then(|colour| code(colour, 40)));
+    codes.extend(style.fg.and_then(|color| code(color, 30)));
+    codes.extend(style.bg.and_then(|color| code(color, 40)));
     format!("\u{1b}[{}m", codes.join(";"))
 }
 
-/// A colour's code; `base` is 30 for letters and 40 for what is behind them.
-fn code(colour: Color, base: u8) -> Option<String> {
-    match colour {
+/// A color's code; `base` is 30 for letters and 40 for the background.
+fn code(color: Color, base: u8) -> Option<String> {
+    match color {
         Color::Rgb(red, green, blue) => Some(format!("{};2;{red};{green};{blue}", base + 8)),
         Color::Indexed(at) => Some(format!("{};5;{at}", base + 8)),
         _ => {
-            let at = (0..16u8).find(|at| sixteen(*at) == colour)?;
-            // The bright eight have codes of their own.
+            let at = (0..16u8).find(|at| sixteen(*at) == color)?;
+            // The bright eight have separate codes.
             Some(if at < 8 { base + at } else { base + 52 + at }.to_string())
         }
     }
@@ -188,7 +190,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_are_read_and_degraded() {
+    fn colors_are_read_and_degraded() {
         let table = [
             ("red", Color::Red, Color::Red, Color::Red),
             ("#ff0000", Color::Rgb(255, 0, 0), Color::Indexed(196), Color::LightRed),
@@ -196,39 +198,39 @@ mod tests {
             ("208", Color::Indexed(208), Color::Indexed(208), Color::LightRed),
         ];
         for (text, full, indexed, sixteen) in table {
-            let colour = Colour::parse(text).unwrap();
-            assert_eq!(colour.at(Depth::True), Some(full), "{text}");
-            assert_eq!(colour.at(Depth::Indexed256), Some(indexed), "{text}");
-            assert_eq!(colour.at(Depth::Mono), None, "{text}");
+            let color = ThemeColor::parse(text).unwrap();
+            assert_eq!(color.at(ColorDepth::True), Some(full), "{text}");
+            assert_eq!(color.at(ColorDepth::Indexed256), Some(indexed), "{text}");
+            assert_eq!(color.at(ColorDepth::Mono), None, "{text}");
             if text != "208" {
-                assert_eq!(colour.at(Depth::Ansi16), Some(sixteen), "{text}");
+                assert_eq!(color.at(ColorDepth::Ansi16), Some(sixteen), "{text}");
             }
         }
         for text in ["", "reddish", "256", "#12345", "#12345g", "-1", "#é2345"] {
-            assert_eq!(Colour::parse(text), None, "{text}");
+            assert_eq!(ThemeColor::parse(text), None, "{text}");
         }
     }
 
     #[test]
-    fn escapes_name_colours_and_modifiers() {
+    fn escapes_name_colors_and_modifiers() {
         let table = [
-            ("red", Depth::Ansi16, "\u{1b}[0;1;31m"),
-            ("bright-red", Depth::Ansi16, "\u{1b}[0;1;91m"),
-            ("#010203", Depth::True, "\u{1b}[0;1;38;2;1;2;3m"),
-            ("77", Depth::Indexed256, "\u{1b}[0;1;38;5;77m"),
-            ("red", Depth::Mono, "\u{1b}[0;1m"),
+            ("red", ColorDepth::Ansi16, "\u{1b}[0;1;31m"),
+            ("bright-red", ColorDepth::Ansi16, "\u{1b}[0;1;91m"),
+            ("#010203", ColorDepth::True, "\u{1b}[0;1;38;2;1;2;3m"),
+            ("77", ColorDepth::Indexed256, "\u{1b}[0;1;38;5;77m"),
+            ("red", ColorDepth::Mono, "\u{1b}[0;1m"),
         ];
-        for (colour, depth, expected) in table {
+        for (color, depth, expected) in table {
             let paint =
-                Paint { foreground: Colour::parse(colour), background: None, modifiers: Modifier::BOLD };
+                Paint { foreground: ThemeColor::parse(color), background: None, modifiers: Modifier::BOLD };
             assert_eq!(escape(paint.style(depth)), expected);
         }
     }
 
     #[test]
-    fn a_background_becomes_reverse_without_colours() {
-        let paint = Paint { background: Colour::parse("red"), ..Paint::default() };
-        let style = paint.style(Depth::Mono);
+    fn a_background_becomes_reverse_without_colors() {
+        let paint = Paint { background: ThemeColor::parse("red"), ..Paint::default() };
+        let style = paint.style(ColorDepth::Mono);
         assert_eq!((style.fg, style.bg), (Some(Color::Reset), Some(Color::Reset)));
         assert!(style.add_modifier.contains(Modifier::REVERSED));
     }

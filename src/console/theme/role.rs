@@ -1,4 +1,4 @@
-//! What a piece of the screen means. Everything that draws asks for a role; a theme alone knows colours.
+//! What a piece of the screen means. Everything that draws asks for a role; only a theme knows colors.
 
 macro_rules! roles {
     ($($(#[doc = $help:literal])+ $name:ident = $word:literal;)*) => {
@@ -68,7 +68,7 @@ roles! {
     High = "high";
     /// Low alarm
     Low = "low";
-    /// Alarm that somebody knows of
+    /// Acknowledged alarm
     Quiet = "quiet";
     /// Something that waits for a person
     Waiting = "waiting";
@@ -96,7 +96,7 @@ roles! {
     Robot = "robot";
     /// Twin, which drives nothing
     Twin = "twin";
-    /// Object that is worked on
+    /// Object in work
     Object = "object";
     /// Contact that was not asked for
     Contact = "contact";

@@ -1,8 +1,8 @@
-//! The themes there are: those that come with the program, and the operator's own, which come first by name.
+//! All themes: the built-in ones, and the operator's own, which come first by name.
 
 use super::{Theme, ThemeError, names};
 
-/// The most themes of an operator's own.
+/// The most own themes of an operator.
 pub const OWN_MAX: usize = 32;
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -14,7 +14,7 @@ impl Themes {
     /// The built-in themes and those of these files: name (with or without folder) and text.
     ///
     /// # Errors
-    /// The first problem of a file, with line, key and what is allowed; more than [`OWN_MAX`] files.
+    /// The first problem of a file, with line, key and the allowed values; more than [`OWN_MAX`] files.
     pub fn with_files(files: &[(String, String)]) -> Result<Self, ThemeError> {
         if let Some((name, _)) = files.get(OWN_MAX) {
             return Err(ThemeError::TooMany { name: name.clone(), allowed: OWN_MAX });
@@ -36,7 +36,7 @@ impl Themes {
     /// A theme by its name.
     ///
     /// # Errors
-    /// [`ThemeError::Unknown`] with the names there are.
+    /// [`ThemeError::Unknown`] with the existing names.
     pub fn get(&self, name: &str) -> Result<Theme, ThemeError> {
         if let Some(own) = self.own.iter().find(|theme| theme.name() == name) {
             return Ok(own.clone());

@@ -2,35 +2,35 @@
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent};
 
-use super::{act, asking, operating, tell, typing};
+use super::{act, engine_requests, operations, show_message, text_entry};
 use crate::action::Action;
+use crate::approval_screen::{ApprovalFocus, DecisionObstacle};
 use crate::effect::Effect;
-use crate::form::{Confirmed, FormFocus, Intent};
-use crate::model::{AskedFor, Model, Overlay, Told};
-use crate::prompt::{Focus, Obstacle};
+use crate::form::{ConfirmedOperation, FormFocus, Intent};
+use crate::formatters::takeover_time;
+use crate::model::{ConsoleModel, EngineData, Overlay, RequestSubject};
 use crate::secret::{Signing, SigningKey};
-use crate::words::taken_over;
 use holdpoint_approvals::Passphrase;
 use holdpoint_approvals::keyfile::Protection;
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_text::is_visible;
 
-pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
-    let Some(Overlay::Palette(palette)) = &mut model.entry.overlay else { return Vec::new() };
+pub(super) fn palette_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
+    let Some(Overlay::Palette(palette)) = &mut model.input.overlay else { return Vec::new() };
     let last = palette.rows().len().saturating_sub(1);
     match key.code {
-        KeyCode::Esc | KeyCode::F(1) => model.entry.overlay = None,
+        KeyCode::Esc | KeyCode::F(1) => model.input.overlay = None,
         KeyCode::Up => palette.cursor = palette.cursor.min(last).saturating_sub(1),
         KeyCode::Down => palette.cursor = palette.cursor.saturating_add(1).min(last),
         KeyCode::PageUp => palette.cursor = palette.cursor.saturating_sub(10),
         KeyCode::PageDown => palette.cursor = palette.cursor.saturating_add(10).min(last),
         KeyCode::Enter => {
             let chosen = palette.chosen();
-            model.entry.overlay = None;
+            model.input.overlay = None;
             return chosen.map_or_else(Vec::new, |action| act(model, action));
         }
         _ => {
-            if typing::into_line(&mut palette.line, key) {
+            if text_entry::into_line(&mut palette.line, key) {
                 palette.cursor = 0;
             }
         }
@@ -38,20 +38,20 @@ pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     Vec::new()
 }
 
-/// Keys in an approval prompt. Enter and Esc never decide; a key that decides is refused while anything stands
-/// against it, with the reason on the screen.
-pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
+/// Keys in an approval prompt. Enter and Esc never decide; a deciding key is refused while there is an obstacle,
+/// which is shown.
+pub(super) fn approval_key(model: &mut ConsoleModel, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
     let now_ms = model.now_ms;
-    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
+    let Some(Overlay::Approval(prompt)) = &mut model.input.overlay else { return Vec::new() };
     prompt.refused = None;
-    if let Some(cut_off) = &mut prompt.cut_off {
-        // Whatever was being typed goes nowhere; only a key of its own closes what is left to read.
+    if let Some(cut_off) = &mut prompt.dismissed {
+        // Typed text goes nowhere; only a separate key closes the message.
         let may_close = cut_off.key(now_ms);
         match key.code {
-            KeyCode::Esc | KeyCode::Enter if may_close => close_held(model),
+            KeyCode::Esc | KeyCode::Enter if may_close => close_stale(model),
             KeyCode::PageUp => prompt.scroll_by(false, true),
             KeyCode::PageDown => prompt.scroll_by(true, true),
-            _ => prompt.refused = Some(Obstacle::Closed),
+            _ => prompt.refused = Some(DecisionObstacle::Closed),
         }
         return Vec::new();
     }
@@ -62,50 +62,50 @@ pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action
         return signing_key(model, key);
     }
     match key.code {
-        // What is closed has no fields left to go to.
-        KeyCode::Tab | KeyCode::BackTab if prompt.closed => prompt.refused = Some(Obstacle::Closed),
+        // A closed request has no fields.
+        KeyCode::Tab | KeyCode::BackTab if prompt.closed => prompt.refused = Some(DecisionObstacle::Closed),
         KeyCode::Tab => step_focus(model, true),
         KeyCode::BackTab => step_focus(model, false),
-        KeyCode::Esc if prompt.focus == Focus::Hold => close_held(model),
-        KeyCode::Esc => prompt.focus = Focus::Hold,
-        KeyCode::Enter if prompt.focus == Focus::Hold => close_held(model),
+        KeyCode::Esc if prompt.focus == ApprovalFocus::Hold => close_stale(model),
+        KeyCode::Esc => prompt.focus = ApprovalFocus::Hold,
+        KeyCode::Enter if prompt.focus == ApprovalFocus::Hold => close_stale(model),
         KeyCode::Enter => step_focus(model, true),
         KeyCode::PageUp => prompt.scroll_by(false, true),
         KeyCode::PageDown => prompt.scroll_by(true, true),
         _ => {
             if let Some(line) = prompt.line_mut() {
-                typing::into_line(line, key);
+                text_entry::into_line(line, key);
                 return Vec::new();
             }
-            return prompt_action(model, action);
+            return approval_action(model, action);
         }
     }
     Vec::new()
 }
 
-fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
-    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
+fn approval_action(model: &mut ConsoleModel, action: Option<Action>) -> Vec<Effect> {
+    let Some(Overlay::Approval(prompt)) = &mut model.input.overlay else { return Vec::new() };
     match action {
-        Some(Action::Approve) => decide(model, Answer::Approve),
+        Some(Action::Approve) => decide(model, ApprovalDecision::Approve),
         Some(Action::Reject | Action::Reread) if prompt.closed => {
-            prompt.refused = Some(Obstacle::Closed);
+            prompt.refused = Some(DecisionObstacle::Closed);
             Vec::new()
         }
         Some(Action::Reject) => {
             // The key that rejects leads to the reason first.
             if !is_visible(prompt.reason.text()) {
-                prompt.refused = Some(Obstacle::Reason);
-                prompt.focus = Focus::Reason;
+                prompt.refused = Some(DecisionObstacle::Reason);
+                prompt.focus = ApprovalFocus::Reason;
                 return Vec::new();
             }
-            decide(model, Answer::Reject)
+            decide(model, ApprovalDecision::Reject)
         }
         Some(Action::Reread) => {
-            let (now_ms, snapshot) = (model.now_ms, model.told.snapshot.clone());
+            let (now_ms, snapshot) = (model.now_ms, model.engine_data.snapshot.clone());
             let read = snapshot.is_some_and(|snapshot| prompt.reread(&snapshot, now_ms));
             if !read {
-                tell(model, "the question is closed", true);
-                model.entry.overlay = None;
+                show_message(model, "the question is closed", true);
+                model.input.overlay = None;
             }
             Vec::new()
         }
@@ -118,28 +118,30 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
             prompt.scroll_by(false, false);
             Vec::new()
         }
-        // Nothing else reaches what lies below.
+        // No other key reaches the view below.
         Some(_) | None => Vec::new(),
     }
 }
 
-fn decide(model: &mut Model, answer: Answer) -> Vec<Effect> {
-    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
-    let made = prompt.decide(answer, model.seat.operator.as_ref(), model.settings.read_only, model.now_ms);
+fn decide(model: &mut ConsoleModel, answer: ApprovalDecision) -> Vec<Effect> {
+    let Some(Overlay::Approval(prompt)) = &mut model.input.overlay else { return Vec::new() };
+    let made = prompt.decide(answer, model.session.operator.as_ref(), model.settings.read_only, model.now_ms);
     let is_protected =
-        model.seat.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase);
+        model.session.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase);
     match made {
-        // It is decided again when the passphrase is there, of how things stand then.
+        // The decision is repeated when the passphrase is complete, from the state at that moment.
         Ok(_) if is_protected && prompt.signing.is_none() => {
             prompt.signing = Some(Signing::of(answer));
             Vec::new()
         }
         Ok(decision) => {
             let what = format!("{} {}", answer.name(), prompt.seen.version);
-            let Some(id) = asking::request(model, AskedFor::Decision, what) else { return Vec::new() };
+            let Some(id) = engine_requests::request(model, RequestSubject::Decision, what) else {
+                return Vec::new();
+            };
             let passphrase = signed_with(model, &id);
             if passphrase.is_none() {
-                model.entry.overlay = None;
+                model.input.overlay = None;
             }
             vec![Effect::Decide { id, decision: Box::new(decision), passphrase }]
         }
@@ -151,25 +153,25 @@ fn decide(model: &mut Model, answer: Answer) -> Vec<Effect> {
     }
 }
 
-/// What was typed leaves the prompt, which stays until the engine has answered.
-fn signed_with(model: &mut Model, id: &str) -> Option<Passphrase> {
-    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return None };
-    prompt.signing.as_mut()?.hand_over(id)
+/// Sends the typed passphrase with the prompt's decision; the prompt stays until the engine has answered.
+fn signed_with(model: &mut ConsoleModel, id: &str) -> Option<Passphrase> {
+    let Some(Overlay::Approval(prompt)) = &mut model.input.overlay else { return None };
+    prompt.signing.as_mut()?.take_passphrase(id)
 }
 
-/// What stops works also while a passphrase is being checked.
+/// Keys that stop something work also while a passphrase is being checked.
 fn stops_meanwhile<W>(signing: &Signing<W>, action: Option<Action>) -> Option<Action> {
     action.filter(|action| signing.is_checked() && matches!(action, Action::Abort | Action::Stop))
 }
 
 /// Keys while the passphrase of a decision is typed.
-fn signing_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
-    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
+fn signing_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
+    let Some(Overlay::Approval(prompt)) = &mut model.input.overlay else { return Vec::new() };
     let Some(signing) = &mut prompt.signing else { return Vec::new() };
     match signing.key(key) {
         SigningKey::Typed => {}
         SigningKey::Back => prompt.signing = None,
-        SigningKey::Away => model.entry.overlay = None,
+        SigningKey::Away => model.input.overlay = None,
         SigningKey::Sign => {
             let answer = signing.what;
             return decide(model, answer);
@@ -178,11 +180,11 @@ fn signing_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     Vec::new()
 }
 
-/// What was typed did not open the key: said where it was typed, and the question or form stays.
-pub(super) fn unsigned(model: &mut Model, id: &str, text: String) {
-    model.asking.pending.remove(id);
-    match &mut model.entry.overlay {
-        Some(Overlay::Prompt(prompt)) => {
+/// The passphrase did not open the key: the field shows it, and the prompt or form stays.
+pub(super) fn unsigned(model: &mut ConsoleModel, id: &str, text: String) {
+    model.requests.pending.remove(id);
+    match &mut model.input.overlay {
+        Some(Overlay::Approval(prompt)) => {
             if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.waits_for(id)) {
                 return signing.failed(text);
             }
@@ -194,13 +196,13 @@ pub(super) fn unsigned(model: &mut Model, id: &str, text: String) {
         }
         Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => {}
     }
-    tell(model, text, true);
+    show_message(model, text, true);
 }
 
-/// What was handed over is answered by nobody any more: the question or form stays, and says so.
-pub(super) fn unanswered(model: &mut Model, why: &str) {
-    match &mut model.entry.overlay {
-        Some(Overlay::Prompt(prompt)) => {
+/// Reports that a request will get no answer: the question or form stays, with the reason.
+pub(super) fn unanswered(model: &mut ConsoleModel, why: &str) {
+    match &mut model.input.overlay {
+        Some(Overlay::Approval(prompt)) => {
             if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.is_checked()) {
                 signing.failed(why.to_owned());
             }
@@ -214,49 +216,51 @@ pub(super) fn unanswered(model: &mut Model, why: &str) {
     }
 }
 
-/// The engine answered: a prompt or a form that waited for it is done with.
-pub(super) fn answered(model: &mut Model, id: &str) {
-    let waited = match &model.entry.overlay {
-        Some(Overlay::Prompt(prompt)) => prompt.signing.as_ref().is_some_and(|signing| signing.waits_for(id)),
+/// The engine answered: closes the prompt or form that waited for it.
+pub(super) fn answered(model: &mut ConsoleModel, id: &str) {
+    let waited = match &model.input.overlay {
+        Some(Overlay::Approval(prompt)) => {
+            prompt.signing.as_ref().is_some_and(|signing| signing.waits_for(id))
+        }
         Some(Overlay::Form(form)) => form.signing.as_ref().is_some_and(|signing| signing.waits_for(id)),
         Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => false,
     };
     if waited {
-        model.entry.overlay = None;
+        model.input.overlay = None;
     }
 }
 
-fn step_focus(model: &mut Model, forward: bool) {
-    let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return };
+fn step_focus(model: &mut ConsoleModel, forward: bool) {
+    let Some(Overlay::Approval(prompt)) = &mut model.input.overlay else { return };
     let focuses = prompt.focuses();
     let at = focuses.iter().position(|focus| *focus == prompt.focus).unwrap_or(0);
     let next = if forward { at + 1 } else { at + focuses.len() - 1 } % focuses.len().max(1);
     prompt.focus = focuses.get(next).copied().unwrap_or_default();
 }
 
-fn close_held(model: &mut Model) {
-    let text = match &model.entry.overlay {
-        Some(Overlay::Prompt(prompt)) if prompt.closed => None,
-        Some(Overlay::Prompt(prompt)) if prompt.seen.granted => {
-            Some(format!("{} is approved and {}", prompt.seen.version, taken_over(prompt.stopped)))
+fn close_stale(model: &mut ConsoleModel) {
+    let text = match &model.input.overlay {
+        Some(Overlay::Approval(prompt)) if prompt.closed => None,
+        Some(Overlay::Approval(prompt)) if prompt.seen.granted => {
+            Some(format!("{} is approved and {}", prompt.seen.version, takeover_time(prompt.stopped)))
         }
-        _ => Some("undecided: it goes on waiting and is held at its deadline".to_owned()),
+        _ => Some("undecided: it waits, and is on hold from its deadline".to_owned()),
     };
-    model.entry.overlay = None;
+    model.input.overlay = None;
     if let Some(text) = text {
-        tell(model, text, false);
+        show_message(model, text, false);
     }
 }
 
-pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
+pub(super) fn form_key(model: &mut ConsoleModel, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
     let now_ms = model.now_ms;
-    let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return Vec::new() };
+    let Some(Overlay::Form(form)) = &mut model.input.overlay else { return Vec::new() };
     let one_key = form.is_one_key();
     if let Some(void) = &mut form.void {
         let may_close = void.key(now_ms);
         match (key.code, action) {
-            (KeyCode::Esc | KeyCode::Enter, _) if may_close => model.entry.overlay = None,
-            // Nothing is typed into one that is confirmed by a key.
+            (KeyCode::Esc | KeyCode::Enter, _) if may_close => model.input.overlay = None,
+            // A form confirmed by one key has no text fields.
             (_, Some(action @ (Action::Abort | Action::Stop))) if one_key => return act(model, action),
             _ => {}
         }
@@ -269,7 +273,7 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
         match signing.key(key) {
             SigningKey::Typed => {}
             SigningKey::Back => form.signing = None,
-            SigningKey::Away => model.entry.overlay = None,
+            SigningKey::Away => model.input.overlay = None,
             SigningKey::Sign => return confirm(model),
         }
         return Vec::new();
@@ -291,7 +295,7 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
         KeyCode::Char('n') if one_key => leave_undone(model),
         _ => {
             if let Some(line) = form.line_mut() {
-                typing::into_line(line, key);
+                text_entry::into_line(line, key);
                 form.problem = None;
             } else if let Some(action @ (Action::Abort | Action::Stop)) = action {
                 return act(model, action);
@@ -301,35 +305,35 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
     Vec::new()
 }
 
-/// A form is left as it was opened: whoever thought that they had confirmed it reads that they have not.
-fn leave_undone(model: &mut Model) {
-    let Some(Overlay::Form(form)) = &model.entry.overlay else { return };
-    let text = format!("nothing was done: {}", form.intent.left());
-    model.entry.overlay = None;
-    tell(model, text, false);
+/// Closes a form without effect, and says so to an operator who may believe that it was confirmed.
+fn leave_undone(model: &mut ConsoleModel) {
+    let Some(Overlay::Form(form)) = &model.input.overlay else { return };
+    let text = format!("nothing was done: {}", form.intent.cancelled_text());
+    model.input.overlay = None;
+    show_message(model, text, false);
 }
 
-fn confirm(model: &mut Model) -> Vec<Effect> {
-    let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return Vec::new() };
+fn confirm(model: &mut ConsoleModel) -> Vec<Effect> {
+    let Some(Overlay::Form(form)) = &mut model.input.overlay else { return Vec::new() };
     if form.void.is_some() {
         return Vec::new();
     }
-    // Keys that were typed for something else arrive in a burst.
+    // Keys typed for something else arrive in a burst.
     if form.is_one_key() && form.signing.is_none() && form.is_guarded(model.now_ms) {
         form.problem = Some("that key did nothing: wait a moment, then press it again".to_owned());
         return Vec::new();
     }
     if form.intent == Intent::Quit {
-        model.entry.overlay = None;
+        model.input.overlay = None;
         return vec![Effect::End];
     }
     if let Intent::Identity(name) = &form.intent {
         let name = name.clone();
-        model.entry.overlay = None;
-        tell(model, format!("making the identity {name}"), false);
+        model.input.overlay = None;
+        show_message(model, format!("making the identity {name}"), false);
         return vec![Effect::MakeIdentity(name)];
     }
-    let confirmed = match form.confirm(model.seat.operator.as_ref()) {
+    let confirmed = match form.confirm(model.session.operator.as_ref()) {
         Ok(confirmed) => confirmed,
         Err(problem) => {
             form.problem = Some(problem);
@@ -337,33 +341,33 @@ fn confirm(model: &mut Model) -> Vec<Effect> {
             return Vec::new();
         }
     };
-    let gives = confirmed.is_empty() || confirmed.iter().any(Confirmed::gives_authority);
-    let signs = gives && form.signing.is_none() && is_signed(&model.told);
+    let gives = confirmed.is_empty() || confirmed.iter().any(ConfirmedOperation::gives_authority);
+    let signs = gives && form.signing.is_none() && is_signed(&model.engine_data);
     let is_protected =
-        model.seat.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase);
+        model.session.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase);
     if signs && is_protected {
-        // It is confirmed again when the passphrase is there, as things stand then.
+        // The form is confirmed again once the passphrase is complete, from the state at that moment.
         form.signing = Some(Signing::of(()));
         return Vec::new();
     }
     match form.intent.clone() {
-        Intent::Register(folder) => asking::submit(model, folder),
-        _ => operating::carry_out(model, confirmed),
+        Intent::Register(folder) => engine_requests::submit(model, folder),
+        _ => operations::carry_out(model, confirmed),
     }
 }
 
 /// Whether the engine asks for a signature under what gives authority.
-pub(super) fn is_signed(told: &Told) -> bool {
+pub(super) fn is_signed(told: &EngineData) -> bool {
     let signing = told.snapshot.as_ref().and_then(|snapshot| snapshot.signing.as_ref());
     signing.is_some_and(|signing| signing.required)
 }
 
-/// What was typed leaves the form, which stays until the engine has answered; a form that waits for nothing closes.
-pub(super) fn leave_form(model: &mut Model, id: &str) -> Option<Passphrase> {
-    let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return None };
-    let passphrase = form.signing.as_mut().and_then(|signing| signing.hand_over(id));
+/// Sends the typed passphrase with the form, which stays open until the engine has answered its request.
+pub(super) fn leave_form(model: &mut ConsoleModel, id: &str) -> Option<Passphrase> {
+    let Some(Overlay::Form(form)) = &mut model.input.overlay else { return None };
+    let passphrase = form.signing.as_mut().and_then(|signing| signing.take_passphrase(id));
     if passphrase.is_none() {
-        model.entry.overlay = None;
+        model.input.overlay = None;
     }
     passphrase
 }

@@ -1,4 +1,4 @@
-//! What can never happen at the keyboard, as tables; and what must always be possible.
+//! Tables of what can never happen at the keyboard, and of what must always be possible.
 
 use std::sync::Arc;
 
@@ -6,40 +6,40 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::Rect;
 use serde_json::json;
 
-use self::given::with_lines;
-use self::typed::REFLEXES;
+use self::delivered_request::with_lines;
+use self::stray_keys::REFLEXES;
 use super::update;
 use crate::action::Action;
-use crate::effect::{Effect, Question};
+use crate::approval_screen::{DecisionObstacle, GUARD_MS};
+use crate::effect::{Effect, EngineQuery};
 use crate::form::Intent;
 use crate::frame::decision_on_screen;
 use crate::keymap::Keymap;
-use crate::look::{Depth, Glyphs, Look, Theme};
-use crate::model::{ConsoleSettings, EngineState, Model, Overlay, Typing, View};
+use crate::look::{ColorDepth, Glyphs, Look, Theme};
+use crate::model::{ConsoleModel, ConsoleSettings, EngineState, Overlay, Typing, View};
 use crate::msg::{Msg, MsgKind};
 use crate::operator::Operator;
-use crate::prompt::{GUARD_MS, Obstacle};
 use holdpoint_approvals::keyfile::Protection;
-use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_protocol::command::{Caller, Command};
 use holdpoint_protocol::snapshot::{Snapshot, StoppedView};
 
-mod agreeing;
-mod aim;
-mod alone;
-mod following;
-mod given;
-mod gone;
-mod granted;
+mod approved_while_stopped;
+mod attached_consoles;
+mod consistency;
+mod cursor_target;
+mod delivered_request;
+mod form_refresh;
 mod health;
+mod lost_engine;
 mod marks;
+mod no_engine;
 mod offers;
 mod reading;
 mod records;
-mod seats;
 mod signing;
 mod stopping;
-mod typed;
+mod stray_keys;
 mod why;
 
 const CANDIDATE: &str = "grasp@1.3.0";
@@ -90,9 +90,8 @@ fn snapshot(tier: u8, evidence: char) -> Snapshot {
 
 #[derive(Clone)]
 struct TestConsole {
-    model: Model,
+    model: ConsoleModel,
     now_ms: u64,
-    /// Whether the engine answers at once who asks for a question.
     answers: bool,
 }
 
@@ -101,7 +100,7 @@ impl TestConsole {
         let settings =
             ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "calm-dark".to_owned() };
         let themes = vec!["calm-dark".to_owned(), "mono".to_owned()];
-        let model = Model::new(settings, Arc::new(Keymap::default()), themes);
+        let model = ConsoleModel::new(settings, Arc::new(Keymap::default()), themes);
         let mut console = Self { model, now_ms: 1_000, answers: true };
         console.tell(MsgKind::EngineStarted);
         console.tell(MsgKind::Snapshot(Arc::new(snapshot(tier, 'e'))));
@@ -113,7 +112,6 @@ impl TestConsole {
         self.sit_with(name, Protection::None);
     }
 
-    /// As an engine would be there: questions have lines, and who sits here is given the one that is open.
     fn tell(&mut self, what: MsgKind) -> Vec<Effect> {
         let what = match what {
             MsgKind::Snapshot(now) => MsgKind::Snapshot(with_lines(now)),
@@ -138,18 +136,16 @@ impl TestConsole {
         text.chars().flat_map(|letter| self.press(KeyCode::Char(letter))).collect()
     }
 
-    /// Opens the waiting approval and lets the guard time pass.
     fn open_prompt(&mut self) {
         self.keys("a");
         self.press(KeyCode::Enter);
-        assert!(matches!(self.model.entry.overlay, Some(Overlay::Prompt(_))), "{:?}", self.model.notice);
+        assert!(matches!(self.model.input.overlay, Some(Overlay::Approval(_))), "{:?}", self.model.notice);
         self.draw((120, 80));
         self.now_ms += GUARD_MS;
     }
 
-    /// A frame of this size is drawn.
     fn draw(&mut self, (width, height): (u16, u16)) {
-        let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+        let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
         let seen = decision_on_screen(&self.model, &look, Rect::new(0, 0, width, height));
         if let Some(seen) = seen {
             self.tell(MsgKind::DecisionShown(seen));
@@ -164,9 +160,9 @@ impl TestConsole {
         self.press(KeyCode::Tab);
     }
 
-    fn block(&self) -> Option<Obstacle> {
-        match &self.model.entry.overlay {
-            Some(Overlay::Prompt(prompt)) => prompt.refused,
+    fn block(&self) -> Option<DecisionObstacle> {
+        match &self.model.input.overlay {
+            Some(Overlay::Approval(prompt)) => prompt.refused,
             _ => None,
         }
     }
@@ -180,7 +176,7 @@ fn harmless(effects: &[Effect]) -> bool {
     effects.iter().all(|effect| match effect {
         Effect::Decide { .. } | Effect::Operate { .. } | Effect::End | Effect::Register { .. } => false,
         Effect::Ask { question, .. } => {
-            use Question as Q;
+            use EngineQuery as Q;
             let reads = matches!(question, Q::Detail(_) | Q::Registry { .. } | Q::Audit(_));
             reads || matches!(question, Q::Health(_) | Q::AlarmHistory(_))
         }
@@ -195,7 +191,6 @@ fn reflex_keys_paste_and_letters_never_approve() {
             let mut console = TestConsole::new(tier);
             console.open_prompt();
             assert!(!decides(&console.press(key)), "tier {tier}: {key:?}");
-            // Again, wherever the first one led.
             assert!(!decides(&console.press(key)), "tier {tier}: {key:?} twice");
         }
         let mut console = TestConsole::new(tier);
@@ -216,7 +211,7 @@ fn nothing_decides_while_no_prompt_is_open() {
     for view in View::ALL {
         for letter in ' '..='~' {
             let mut console = TestConsole::new(0);
-            console.model.place.view = view;
+            console.model.view_state.view = view;
             assert!(!decides(&console.press(KeyCode::Char(letter))), "{view:?}: {letter:?}");
         }
     }
@@ -232,18 +227,18 @@ fn keys_inside_the_guard_time_never_approve() {
         console.now_ms += wait_ms;
         assert_eq!(decides(&console.keys("Y")), counts, "{wait_ms} ms");
         if !counts {
-            assert_eq!(console.block(), Some(Obstacle::Guard));
+            assert_eq!(console.block(), Some(DecisionObstacle::Guard));
         }
     }
 }
 
 #[test]
 fn tiers_ask_for_more_and_more() {
-    // Short id typed, reason typed; what stands against Y in tiers 0, 1 and 2.
+    // Short id typed, reason typed; the obstacle to Y in tiers 0, 1 and 2.
     let table = [
-        ("", "", [None, Some(Obstacle::ShortId), Some(Obstacle::ShortId)]),
-        ("aaab", "", [None, Some(Obstacle::ShortId), Some(Obstacle::ShortId)]),
-        ("aaaa", "", [None, None, Some(Obstacle::Reason)]),
+        ("", "", [None, Some(DecisionObstacle::ShortId), Some(DecisionObstacle::ShortId)]),
+        ("aaab", "", [None, Some(DecisionObstacle::ShortId), Some(DecisionObstacle::ShortId)]),
+        ("aaaa", "", [None, None, Some(DecisionObstacle::Reason)]),
         ("aaaa", "looks right", [None, None, None]),
     ];
     for (short_id, reason, blocks) in table {
@@ -261,11 +256,11 @@ fn tiers_ask_for_more_and_more() {
             assert_eq!(decides(&effects), block.is_none(), "tier {tier}, {short_id:?}, {reason:?}");
             assert_eq!(console.block(), block);
             let Some(Effect::Decide { decision, .. }) = effects.first() else { continue };
-            assert_eq!((decision.by(), decision.answer()), ("ana", Answer::Approve));
+            assert_eq!((decision.by(), decision.answer()), ("ana", ApprovalDecision::Approve));
             assert_eq!(decision.over().evidence.to_string(), digest('e'));
             let shown = &decision.question().unwrap().lines;
             assert!(shown.contains(&"Replaces grasp@1.2.0".to_owned()), "{shown:?}");
-            assert!(console.model.entry.overlay.is_none());
+            assert!(console.model.input.overlay.is_none());
         }
     }
 }
@@ -276,7 +271,7 @@ fn a_letter_typed_into_a_field_is_text() {
     console.open_prompt();
     console.press(KeyCode::Tab);
     assert!(!decides(&console.keys("aaaaY")));
-    let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("the prompt is open") };
+    let Some(Overlay::Approval(prompt)) = &console.model.input.overlay else { panic!("the prompt is open") };
     assert_eq!(prompt.short_id.text(), "aaaaY");
 }
 
@@ -287,9 +282,9 @@ fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
         ("the evidence changed", |now| now.prompts[0].evidence = digest('f').parse().unwrap()),
         ("the candidate changed", |now| now.prompts[0].candidate = digest('f').parse().unwrap()),
         ("the policy changed", |now| now.prompts[0].policy = digest('f').parse().unwrap()),
-        ("the question was asked anew", |now| now.prompts[0].row_version += 1),
+        ("the request was renewed", |now| now.prompts[0].row_version += 1),
         ("the active version changed", |now| now.prompts[0].replaces = None),
-        ("what is shown of it changed", |now| now.prompts[0].untested = vec!["a new gripper".to_owned()]),
+        ("its text changed", |now| now.prompts[0].untested = vec!["a new gripper".to_owned()]),
         ("the question is closed", |now| now.prompts.clear()),
     ];
     for (what, change) in changes {
@@ -301,31 +296,33 @@ fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
         console.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
         assert!(!decides(&console.keys("Y")), "{what}");
         let closed = changed.prompts.is_empty();
-        assert_eq!(console.block(), Some(if closed { Obstacle::Closed } else { Obstacle::Stale }), "{what}");
-        // Going back to what it was does not make it fresh: somebody must read it.
+        assert_eq!(
+            console.block(),
+            Some(if closed { DecisionObstacle::Closed } else { DecisionObstacle::Stale }),
+            "{what}"
+        );
         console.tell(MsgKind::Snapshot(Arc::new(snapshot(1, 'e'))));
         assert!(!decides(&console.keys("Y")), "{what}, and back");
         console.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
         console.keys("r");
-        let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("{what}") };
-        assert_eq!(closed, prompt.refused == Some(Obstacle::Closed), "{what}");
+        let Some(Overlay::Approval(prompt)) = &console.model.input.overlay else { panic!("{what}") };
+        assert_eq!(closed, prompt.refused == Some(DecisionObstacle::Closed), "{what}");
         if closed {
             continue;
         }
         assert!(prompt.stale.is_none() && prompt.short_id.text().is_empty(), "{what}");
-        assert!(!decides(&console.keys("Y")), "{what}: the guard time begins anew");
+        assert!(!decides(&console.keys("Y")), "{what}: the guard time starts over");
     }
 }
 
 #[test]
 fn people_who_cannot_approve_are_told_why() {
-    // Who sits there, who has approved, what stands against Y.
     let table = [
         (Some("ana"), None, None),
-        (Some("cora"), None, Some(Obstacle::OwnWork)),
-        (Some("ana"), Some("ana"), Some(Obstacle::Approved)),
+        (Some("cora"), None, Some(DecisionObstacle::OwnWork)),
+        (Some("ana"), Some("ana"), Some(DecisionObstacle::Approved)),
         (Some("bo"), Some("ana"), None),
-        (None, None, Some(Obstacle::NoIdentity)),
+        (None, None, Some(DecisionObstacle::NoIdentity)),
     ];
     for (who, approved, block) in table {
         let mut console = TestConsole::new(0);
@@ -334,7 +331,7 @@ fn people_who_cannot_approve_are_told_why() {
         console.tell(MsgKind::Snapshot(Arc::new(now)));
         match who {
             Some(name) => console.sit(name),
-            None => console.model.seat.operator = None,
+            None => console.model.session.operator = None,
         }
         console.open_prompt();
         assert_eq!(decides(&console.keys("Y")), block.is_none(), "{who:?} after {approved:?}");
@@ -347,12 +344,12 @@ fn rejecting_needs_a_reason_and_its_key_again() {
     let mut console = TestConsole::new(2);
     console.open_prompt();
     assert!(!decides(&console.keys("N")));
-    assert_eq!(console.block(), Some(Obstacle::Reason));
+    assert_eq!(console.block(), Some(DecisionObstacle::Reason));
     assert!(!decides(&console.keys("too hard a grip")), "this goes into the field");
     console.press(KeyCode::Esc);
     let effects = console.keys("N");
     let Some(Effect::Decide { decision, .. }) = effects.first() else { panic!("{effects:?}") };
-    assert_eq!((decision.answer(), decision.reason()), (Answer::Reject, "too hard a grip"));
+    assert_eq!((decision.answer(), decision.reason()), (ApprovalDecision::Reject, "too hard a grip"));
 }
 
 #[test]
@@ -360,24 +357,23 @@ fn read_only_refuses_everything_that_changes_something() {
     for action in Action::ALL {
         let mut console = TestConsole::new(0);
         console.model.settings.read_only = true;
-        console.model.place.view = View::Alarms;
+        console.model.view_state.view = View::Alarms;
         let effects = super::act(&mut console.model, *action);
         assert!(
             harmless(&effects) || matches!(action, Action::Verify | Action::Stop),
             "{action:?}: {effects:?}"
         );
-        // Stopping must never be harder than looking.
         if action.changes_something() && *action != Action::Stop {
-            assert!(effects.is_empty() && console.model.entry.overlay.is_none(), "{action:?}");
+            assert!(effects.is_empty() && console.model.input.overlay.is_none(), "{action:?}");
         }
     }
     let mut console = TestConsole::new(0);
     console.model.settings.read_only = true;
     console.open_prompt();
     assert!(!decides(&console.keys("Y")));
-    assert_eq!(console.block(), Some(Obstacle::ReadOnly));
+    assert_eq!(console.block(), Some(DecisionObstacle::ReadOnly));
     for line in ["demo", "register x", "pace 5", "drift off", "goal grasp"] {
-        console.model.entry.overlay = None;
+        console.model.input.overlay = None;
         console.keys(":");
         console.keys(line);
         assert!(console.press(KeyCode::Enter).is_empty(), "{line}");
@@ -398,14 +394,12 @@ fn abort_takes_two_keys_everywhere() {
             KeyEvent::new(KeyCode::Char('x'), KeyModifiers::CONTROL),
         ] {
             let mut console = TestConsole::new(1);
-            console.model.place.view = view;
+            console.model.view_state.view = view;
             console.tell(MsgKind::Key(key));
             let effects = console.confirm();
-            // On the registry's family row the active version is under the cursor, and it is settled.
             assert!(abort(&effects), "{view:?} {key:?}: {effects:?}");
         }
     }
-    // From everywhere that takes the keys for itself.
     let openers: [fn(&mut TestConsole); 6] = [
         |console| console.open_prompt(),
         |console| {
@@ -436,17 +430,16 @@ fn abort_stops_the_most_urgent_thing() {
     now.families[0].flags = serde_json::from_value(flags(true, false)).unwrap();
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     console.keys("x");
-    let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("a form opens") };
+    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("a form opens") };
     assert!(form.consequences.iter().any(|line| line.contains("grasp@1.1.0 takes over")), "{form:?}");
     assert!(form.consequences.iter().any(|line| line.contains("Not touched: grasp@1.3.0")), "{form:?}");
     let effects = console.confirm();
     let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };
     assert!(matches!(confirmed.as_ref().clone().into_command(), Command::Rollback(operation)
         if operation.version.to_string() == "grasp@1.2.0"));
-    // Enter stays with leaving everything as it is.
     console.keys("x");
     assert!(console.press(KeyCode::Enter).is_empty());
-    assert!(console.model.entry.overlay.is_none());
+    assert!(console.model.input.overlay.is_none());
 }
 
 #[test]
@@ -454,7 +447,7 @@ fn enter_and_moving_have_no_effect_outside_in_any_view() {
     for view in View::ALL {
         for key in REFLEXES.iter().filter(|key| **key != KeyCode::Char(' ')) {
             let mut console = TestConsole::new(0);
-            console.model.place.view = view;
+            console.model.view_state.view = view;
             let effects = console.press(*key);
             assert!(harmless(&effects), "{view:?} {key:?}: {effects:?}");
         }
@@ -464,14 +457,14 @@ fn enter_and_moving_have_no_effect_outside_in_any_view() {
 #[test]
 fn a_filter_hides_no_alarm_and_nothing_that_waits() {
     let mut console = TestConsole::new(0);
-    console.model.place.filters =
+    console.model.view_state.filters =
         View::ALL.into_iter().map(|view| (view, "nothing has this name".to_owned())).collect();
     for view in View::ALL {
-        console.model.place.view = view;
+        console.model.view_state.view = view;
         assert_eq!(console.model.alarm_rows().len(), 4, "{view:?}");
         assert_eq!(console.model.waiting_rows().len(), 1, "{view:?}");
     }
-    console.model.place.view = View::Overview;
+    console.model.view_state.view = View::Overview;
     assert!(console.model.pipeline_rows().is_empty());
     console.press(KeyCode::Esc);
     assert_eq!(console.model.pipeline_rows().len(), 1, "Esc takes the filter away");
@@ -481,9 +474,9 @@ fn a_filter_hides_no_alarm_and_nothing_that_waits() {
 fn alarms_are_reached_acknowledged_shelved_and_reset() {
     let mut console = TestConsole::new(0);
     console.keys("3!");
-    assert_eq!(console.model.place.view, View::Alarms);
+    assert_eq!(console.model.view_state.view, View::Alarms);
     let effects = console.press(KeyCode::Char(' '));
-    let Some(Effect::Ask { question: Question::Acknowledge { alarm, by }, .. }) = effects.first() else {
+    let Some(Effect::Ask { question: EngineQuery::Acknowledge { alarm, by }, .. }) = effects.first() else {
         panic!("{effects:?}")
     };
     assert_eq!((alarm.as_str(), by.as_str()), ("high:1", "ana"));
@@ -491,14 +484,14 @@ fn alarms_are_reached_acknowledged_shelved_and_reset() {
     assert!(console.press(KeyCode::Char(' ')).is_empty(), "seen already");
     console.keys("j");
     assert!(
-        console.keys("z").is_empty() && console.model.entry.overlay.is_none(),
+        console.keys("z").is_empty() && console.model.input.overlay.is_none(),
         "critical ones are not shelved"
     );
     console.keys("R");
-    assert!(matches!(console.model.entry.overlay, Some(Overlay::Form(_))));
+    assert!(matches!(console.model.input.overlay, Some(Overlay::Form(_))));
     console.press(KeyCode::Esc);
     console.keys("gz");
-    // 30 minutes stand there already.
+    // The field already contains 30 minutes.
     console.press(KeyCode::Enter);
     console.keys("a sensor is being replaced");
     console.press(KeyCode::Tab);
@@ -517,16 +510,16 @@ fn forms_refuse_what_is_missing() {
         console.press(KeyCode::Tab);
     }
     assert!(console.press(KeyCode::Enter).is_empty());
-    let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("it stays open") };
+    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("it stays open") };
     assert!(form.problem.as_deref().is_some_and(|problem| problem.starts_with("a reason is needed")));
-    console.model.seat.operator = None;
+    console.model.session.operator = None;
     console.press(KeyCode::BackTab);
     console.press(KeyCode::BackTab);
     console.keys("because");
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
     assert!(console.press(KeyCode::Enter).is_empty());
-    let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("it stays open") };
+    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("it stays open") };
     assert!(form.problem.as_deref().is_some_and(|problem| problem.contains(":as NAME")));
 }
 
@@ -535,15 +528,15 @@ fn quitting_asks_and_says_what_happens() {
     let mut console = TestConsole::new(0);
     console.keys("4");
     assert!(console.keys("q").is_empty());
-    assert_eq!(console.model.place.view, View::Overview);
+    assert_eq!(console.model.view_state.view, View::Overview);
     assert!(console.keys("q").is_empty());
-    let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("a form opens") };
+    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("a form opens") };
     assert_eq!(form.intent, Intent::Quit);
     assert!(form.consequences.iter().any(|line| line.contains("waits for approval")));
     assert_eq!(console.confirm(), [Effect::End]);
     assert_eq!(console.control('z'), []);
     assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("suspending")));
-    console.model.told.engine = EngineState::Ended(Ok(()));
+    console.model.engine_data.engine = EngineState::Ended(Ok(()));
     assert_eq!(console.keys("q"), [Effect::End], "nothing is left to ask about");
 }
 
@@ -552,19 +545,19 @@ fn answers_reach_the_status_line_and_open_no_prompt() {
     let mut console = TestConsole::new(0);
     console.keys(":pace 5");
     let effects = console.press(KeyCode::Enter);
-    let [Effect::Ask { id, question: Question::Pace(Some(times)) }] = effects.as_slice() else {
+    let [Effect::Ask { id, question: EngineQuery::Pace(Some(times)) }] = effects.as_slice() else {
         panic!("{effects:?}")
     };
     assert_eq!(*times, 5.0);
-    assert!(console.model.asking.pending.contains_key(id));
+    assert!(console.model.requests.pending.contains_key(id));
     let refused = json!({ "reply": "refused", "code": "not-now", "text": "no", "hint": "later" });
     let reply = Box::new(serde_json::from_value(refused).unwrap());
     console.tell(MsgKind::Answer { id: id.clone(), reply });
     let notice = console.model.notice.clone().unwrap();
     assert!(notice.bad && notice.text.contains("change the pace: no. Hint: later"), "{notice:?}");
-    assert!(!console.model.asking.pending.contains_key(id));
+    assert!(!console.model.requests.pending.contains_key(id));
     console.tell(MsgKind::Snapshot(Arc::new(snapshot(2, 'f'))));
-    assert!(console.model.entry.overlay.is_none(), "prompts never steal the focus");
+    assert!(console.model.input.overlay.is_none(), "prompts never steal the focus");
 }
 
 #[test]
@@ -576,7 +569,7 @@ fn frozen_charts_stand_still_while_the_status_goes_on() {
     now.alarm_summary.shelved = 3;
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     assert_eq!(console.model.charted().unwrap().at_ms, 60_000);
-    assert_eq!(console.model.told.snapshot.as_ref().unwrap().alarm_summary.shelved, 3);
+    assert_eq!(console.model.engine_data.snapshot.as_ref().unwrap().alarm_summary.shelved, 3);
     console.keys("f");
     assert_eq!(console.model.charted().unwrap().at_ms, 99_000);
 }

@@ -1,4 +1,4 @@
-//! The alarms' other pane: the course of each alarm of the last thirty days, the newest first.
+//! The alarms' other pane: the course of each alarm of the last 30 days, newest first.
 //!
 //! ```text
 //!   priority  raised              stood     state         what
@@ -9,25 +9,25 @@
 
 use ratatui::layout::Rect;
 
-use super::status::priority_words;
+use super::status::priority_label;
+use crate::formatters::{duration, seconds};
 use crate::look::ThemeRole;
-use crate::model::Model;
-use crate::theme::Mark;
+use crate::model::ConsoleModel;
+use crate::theme::StateMark;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
-use crate::words::{duration, seconds};
 use holdpoint_governance::calendar;
 use holdpoint_protocol::health::AlarmStep;
 
 /// Lines for the one under the cursor.
 const DETAIL_ROWS: u16 = 9;
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let spells = model.alarm_spells();
     let inside = pen.pane(area, "Alarms of the last 30 days", true, &place(spells.len(), model.row()));
     if spells.is_empty() {
-        let text = match &model.told.alarm_history {
+        let text = match &model.engine_data.alarm_history {
             None => "The record is being read",
             Some(_) => "No alarm was raised in the last 30 days",
         };
@@ -48,16 +48,16 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let now_ms = model.engine_ms();
     pen.list(list, spells.len(), Some(model.row()), |index, _| {
         spells.get(index).map_or_else(Row::new, |spell| {
-            let priority = Mark::priority(spell.priority);
-            let state = Mark::alarm_state(spell.state);
+            let priority = StateMark::priority(spell.priority);
+            let state = StateMark::alarm_state(spell.state);
             let role = if spell.ended.is_some() { ThemeRole::Quiet } else { priority.role };
-            let stood = duration(spell.stood_ms(now_ms));
+            let stood = duration(spell.active_ms(now_ms));
             Row::new()
-                .with(role, &priority_words(look, spell.priority))
+                .with(role, &priority_label(look, spell.priority))
                 .to_column(9)
                 .cell(ThemeRole::Text, &when(&spell.raised), 18)
                 .cell(ThemeRole::Text, &stood, 12)
-                .cell(state.role, &look.words(state), 16)
+                .cell(state.role, &look.mark_label(state), 16)
                 .with(ThemeRole::Text, " ")
                 .with(ThemeRole::Text, &spell.alarm)
         })
@@ -77,11 +77,11 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// When a step was, by the machine's clock if it is known, else by the engine's.
+/// The time of a step, by the machine's clock if known, else by the engine's.
 fn when(step: &AlarmStep) -> String {
     step.wall_ms.map_or_else(
         || seconds(step.at_ms),
-        // Seconds stand in the sentences.
+        // The sentences contain the seconds.
         |wall_ms| calendar::moment(wall_ms - wall_ms.rem_euclid(60_000)),
     )
 }

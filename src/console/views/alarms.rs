@@ -10,28 +10,28 @@
 
 use ratatui::layout::Rect;
 
-use super::status::priority_words;
+use super::status::priority_label;
+use crate::formatters::{duration, seconds};
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::{HISTORY_PANE, Model};
+use crate::model::{ConsoleModel, HISTORY_PANE};
 use crate::rows::AlarmItem;
-use crate::theme::Mark;
+use crate::theme::StateMark;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
-use crate::words::{duration, seconds};
 use holdpoint_governance::alarms::AlarmState;
 use holdpoint_protocol::snapshot::AlarmView;
 
 /// Lines for the alarm under the cursor.
 const DETAIL_ROWS: u16 = 7;
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    if model.place.pane() == HISTORY_PANE {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    if model.view_state.pane() == HISTORY_PANE {
         super::alarm_history::draw(model, pen, area);
         return;
     }
     let items = model.alarm_rows();
-    let flood = model.told.snapshot.as_ref().is_some_and(|snapshot| snapshot.alarm_summary.flood);
+    let flood = model.engine_data.snapshot.as_ref().is_some_and(|snapshot| snapshot.alarm_summary.flood);
     let title = if flood { "Alarms, in a flood: grouped, critical ones apart" } else { "Alarms" };
     let inside = pen.pane(area, title, true, &place(items.len(), model.row()));
     if items.is_empty() {
@@ -47,26 +47,26 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         .cell(ThemeRole::Muted, "times", 7)
         .with(ThemeRole::Muted, "what");
     pen.row(inside, 0, &header);
-    let detail_rows = DETAIL_ROWS.min(inside.height / 2);
-    let (list, detail) = cut(below(inside, 1), inside.height.saturating_sub(1 + detail_rows));
+    let detail_height = DETAIL_ROWS.min(inside.height / 2);
+    let (list, detail) = cut(below(inside, 1), inside.height.saturating_sub(1 + detail_height));
     pen.list(list, items.len(), Some(model.row()), |index, _| {
         items.get(index).map_or_else(Row::new, |item| {
-            let marked = model.place.marked.contains(&item.alarm().alarm);
+            let marked = model.view_state.marked.contains(&item.alarm().alarm);
             row(*item, marked, look)
         })
     });
     if let Some(item) = items.get(model.row()) {
         let inside = pen.pane(detail, &super::short(&item.alarm().alarm, 80), false, "");
-        let rows = words(*item, model.engine_ms(), look, usize::from(inside.width));
+        let rows = detail_rows(*item, model.engine_ms(), look, usize::from(inside.width));
         pen.rows(inside, 0, &rows);
     }
 }
 
 fn row(item: AlarmItem<'_>, marked: bool, look: &Look) -> Row {
     let alarm = item.alarm();
-    let priority = Mark::priority(alarm.priority);
-    let state = Mark::alarm_state(alarm.state);
-    // What somebody knows of calls no more: its priority is told in words alone.
+    let priority = StateMark::priority(alarm.priority);
+    let state = StateMark::alarm_state(alarm.state);
+    // An acknowledged alarm calls no more: its priority appears in words alone.
     let quiet = match alarm.state {
         AlarmState::Acknowledged | AlarmState::Shelved => true,
         AlarmState::Normal
@@ -84,13 +84,13 @@ fn row(item: AlarmItem<'_>, marked: bool, look: &Look) -> Row {
     if let AlarmItem::Group { count, .. } = item {
         text = format!("{count} alarms, the first: {text}");
     }
-    // Beside the priority: what is marked is acknowledged together.
+    // Beside the priority: all marked alarms are acknowledged together.
     let mark = if marked { look.glyph(Glyph::Neutral) } else { "" };
     Row::new()
-        .with(role, &priority_words(look, alarm.priority))
+        .with(role, &priority_label(look, alarm.priority))
         .with(ThemeRole::Focus, mark)
         .to_column(9)
-        .cell(state.role, &look.words(state), 16)
+        .cell(state.role, &look.mark_label(state), 16)
         .with(ThemeRole::Text, " ")
         .cell(ThemeRole::Muted, &seconds(alarm.since_ms), 10)
         .cell(if alarm.chattering { ThemeRole::Warning } else { ThemeRole::Text }, &times, 7)
@@ -98,7 +98,7 @@ fn row(item: AlarmItem<'_>, marked: bool, look: &Look) -> Row {
 }
 
 /// Everything about an alarm, in sentences.
-fn words(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row> {
+fn detail_rows(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row> {
     let alarm = item.alarm();
     let text = crate::widgets::row::wrap(&alarm.text, width, 2);
     let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Text, line)).collect();
@@ -111,8 +111,8 @@ fn words(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row
     ));
     rows.push(Row::of(ThemeRole::Text, &attention(alarm)));
     if let Some((by, why, until)) = &alarm.shelf {
-        let back = until.spoken();
-        let below = Mark::alarm_state(alarm.state_below).word;
+        let back = until.label();
+        let below = StateMark::alarm_state(alarm.state_below).word;
         rows.push(Row::of(
             ThemeRole::Text,
             &format!("shelved by {by} until {back}, then {below} again: {why}"),
@@ -132,9 +132,7 @@ fn words(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row
 fn attention(alarm: &AlarmView) -> String {
     match (&alarm.acknowledged_by, alarm.state) {
         (Some(by), _) => format!("acknowledged by {by}; acknowledging resumes nothing"),
-        (None, AlarmState::ReturnedUnacknowledged) => {
-            "the condition is gone, and nobody has acknowledged it".to_owned()
-        }
+        (None, AlarmState::ReturnedUnacknowledged) => "the condition is gone; not acknowledged".to_owned(),
         (
             None,
             AlarmState::Normal
@@ -142,6 +140,6 @@ fn attention(alarm: &AlarmView) -> String {
             | AlarmState::Acknowledged
             | AlarmState::Latched
             | AlarmState::Shelved,
-        ) => "nobody has acknowledged it".to_owned(),
+        ) => "not acknowledged".to_owned(),
     }
 }

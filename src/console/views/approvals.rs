@@ -1,5 +1,5 @@
-//! View 6: what waits for people, monitors' questions first, and the one under the cursor in short. The whole
-//! decision is in the prompt that Enter opens.
+//! View 6: the requests that wait for people, monitors' questions first, and the one under the cursor in short. Enter
+//! opens the prompt with the whole decision.
 //!
 //! ```text
 //! ▸ ◷ question grasp@1.0.0  rolled back in 43 s
@@ -10,19 +10,19 @@
 
 use ratatui::layout::Rect;
 
-use super::overview::{left, waiting_row};
+use super::overview::{time_left, waiting_row};
 use crate::action::Action;
+use crate::formatters::reason_line;
 use crate::look::ThemeRole;
-use crate::model::Model;
-use crate::rows::WaitingItem;
+use crate::model::ConsoleModel;
+use crate::rows::PendingApprovalItem;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
-use crate::words::reason_line;
-use holdpoint_protocol::snapshot::QuestionView;
+use holdpoint_protocol::snapshot::EscalationView;
 use holdpoint_text::Untrusted;
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let items = model.waiting_rows();
     let height = u16::try_from(items.len() + 2).unwrap_or(u16::MAX).clamp(3, (area.height / 2).max(3));
     let (upper, lower) = cut(area, height);
@@ -37,8 +37,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let inside = pen.pane(lower, &item.version().to_string(), false, "");
     let width = usize::from(inside.width);
     let lines = match item {
-        WaitingItem::Question(question) => asked(model, question),
-        WaitingItem::Prompt(question) => {
+        PendingApprovalItem::MonitorQuestion(question) => monitor_question_rows(model, question),
+        PendingApprovalItem::Approval(question) => {
             let key = model.keymap.key(Action::Open);
             let mut lines =
                 vec![(ThemeRole::Waiting, format!("{key} opens the whole decision; it approves nothing"))];
@@ -64,19 +64,19 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// A monitor's question in sentences.
-fn asked(model: &Model, question: &QuestionView) -> Vec<(ThemeRole, String)> {
+fn monitor_question_rows(model: &ConsoleModel, question: &EscalationView) -> Vec<(ThemeRole, String)> {
     let key = |action| model.keymap.key(action);
     let mut lines = vec![(
         ThemeRole::Waiting,
         format!("The monitor of {} cannot decide by itself and asks a person", question.version),
     )];
     lines.extend(question.reasons.iter().map(|reason| (ThemeRole::Text, reason_line(reason))));
-    let left = left(question.deadline_ms, model.engine_ms());
-    lines.push((ThemeRole::Warning, format!("Nobody answers within {left}: it is rolled back")));
+    let left = time_left(question.deadline_ms, model.engine_ms());
+    lines.push((ThemeRole::Warning, format!("No answer within {left}: it is rolled back")));
     lines.push((
         ThemeRole::Text,
         format!(
-            "{} lets it go on, {} releases it if it is restricted, {} rolls it back, {} tightens its envelope; each asks \
+            "{} continues, {} releases it if it is restricted, {} rolls it back, {} tightens its envelope; each asks \
              for a reason",
             key(Action::Continue),
             key(Action::Release),

@@ -1,8 +1,8 @@
-//! View 7: the log in sentences, the newest first and by kind, whether its chain has been checked, what the engine has
-//! counted of the metrics since it came up, and the record under the cursor; Enter shows it as it was written.
+//! View 7: the log in sentences by kind, the state of its chain, the engine's metrics since its start, and the record
+//! under the cursor; Enter shows it raw.
 //!
 //! ```text
-//! [Told] People  Alarms  Store  All                                   1 of 4
+//! [Events] People Alarms  Store  All                                   1 of 4
 //! ✔ chain holds, 391 records checked
 //!   number time      kind          about        what it says
 //! ▸ 391    00:12:22  approval-put  align@2.0.0  grace says approve: read the evidence
@@ -14,13 +14,13 @@ use ratatui::layout::Rect;
 use super::tabs;
 use crate::action::Action;
 use crate::audit::{self, AuditItem, sentence};
+use crate::formatters::seconds;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::Model;
+use crate::model::ConsoleModel;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
-use crate::words::seconds;
-use holdpoint_governance::metrics::observed::ObservedCounts;
+use holdpoint_governance::metrics::store_metrics::ObservedCounts;
 use holdpoint_governance::record::AuditRecord;
 
 /// The most lines for the record under the cursor.
@@ -29,24 +29,24 @@ const DETAIL_ROWS_MAX: u16 = 8;
 /// Lines of one wrapped line of a raw record.
 const RAW_WRAP_ROWS: usize = 12;
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     if let Some(record) = model.opened_record() {
         return raw(model, record, pen, area);
     }
     let rows = model.audit_rows();
-    let cursor = model.place.cursor().min(rows.len().saturating_sub(1));
+    let cursor = model.view_state.cursor().min(rows.len().saturating_sub(1));
     let mut at = 1;
     let place = Row::of(ThemeRole::Muted, &place(rows.len(), cursor));
     tabs::draw_panes(model, place, pen, area);
     let inside = area;
     pen.row(inside, at, &verified(model, pen));
     at += 1;
-    if let Some(text) = model.told.snapshot.as_ref().and_then(|snapshot| counted(&snapshot.observed)) {
+    if let Some(text) = model.engine_data.snapshot.as_ref().and_then(|snapshot| counted(&snapshot.observed)) {
         pen.row(inside, at, &Row::of(ThemeRole::Text, &text));
         at += 1;
     }
     if rows.is_empty() {
-        let text = match (model.told.audit.rows.is_empty(), model.filter().is_empty()) {
+        let text = match (model.engine_data.audit.rows.is_empty(), model.filter().is_empty()) {
             (true, _) => "No record has been read yet",
             (false, true) => "No record of this kind among those that were read",
             (false, false) => "No record fits the filter",
@@ -54,7 +54,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.text(below(inside, at), 0, ThemeRole::Muted, text);
         return;
     }
-    let columns = Columns::of(pen.fit);
+    let columns = AuditColumns::of(pen.fit);
     pen.row(inside, at, &columns.header());
     at += 1;
     let room = inside.height.saturating_sub(at);
@@ -68,15 +68,15 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// Widths of the columns; nothing for one that there is no room for.
-struct Columns {
+/// Widths of the columns; zero for one without room.
+struct AuditColumns {
     number: usize,
     time: usize,
     kind: usize,
     subject: usize,
 }
 
-impl Columns {
+impl AuditColumns {
     const fn of(fit: Fit) -> Self {
         match fit {
             Fit::Full => Self { number: 7, time: 10, kind: 23, subject: 22 },
@@ -97,7 +97,7 @@ impl Columns {
     }
 }
 
-fn line(row: &AuditItem<'_>, columns: &Columns) -> Row {
+fn line(row: &AuditItem<'_>, columns: &AuditColumns) -> Row {
     let record = row.record;
     let apart = |text: &str, width: usize| super::short(text, width.saturating_sub(1));
     let subject = if record.subject.is_empty() { "-" } else { &record.subject };
@@ -106,11 +106,11 @@ fn line(row: &AuditItem<'_>, columns: &Columns) -> Row {
         .cell(ThemeRole::Muted, &apart(&seconds(record.at_ms), columns.time), columns.time)
         .cell(ThemeRole::Text, &apart(&record.kind.to_string(), columns.kind), columns.kind)
         .cell(ThemeRole::Text, &apart(subject, columns.subject), columns.subject)
-        .with(ThemeRole::Text, &said(row))
+        .with(ThemeRole::Text, &summary(row))
 }
 
-/// What a row says: of a run, how many records it stands for.
-fn said(row: &AuditItem<'_>) -> String {
+/// The text of a row; for a run, the number of its records.
+fn summary(row: &AuditItem<'_>) -> String {
     if row.count > 1 {
         return format!("{} records of sealed telemetry, the newest: {}", row.count, sentence(row.record));
     }
@@ -120,13 +120,13 @@ fn said(row: &AuditItem<'_>) -> String {
 /// One line of the log for the smallest windows.
 #[must_use]
 pub fn brief(row: &AuditItem<'_>) -> Row {
-    line(row, &Columns::of(Fit::Tiny))
+    line(row, &AuditColumns::of(Fit::Tiny))
 }
 
 /// A record as it was written, line by line.
-fn raw(model: &Model, record: &AuditRecord, pen: &mut Pen<'_>, area: Rect) {
+fn raw(model: &ConsoleModel, record: &AuditRecord, pen: &mut Pen<'_>, area: Rect) {
     let lines = audit::raw(record);
-    let scroll = model.place.opened.map_or(0, |opened| opened.scroll).min(lines.len().saturating_sub(1));
+    let scroll = model.view_state.opened.map_or(0, |opened| opened.scroll).min(lines.len().saturating_sub(1));
     let key = model.keymap.key(Action::Back);
     let right = format!("line {} of {}, {key} closes", scroll + 1, lines.len());
     let inside = pen.pane(area, &format!("Record {} as it was written", record.seq), true, &right);
@@ -146,7 +146,7 @@ fn raw(model: &Model, record: &AuditRecord, pen: &mut Pen<'_>, area: Rect) {
     pen.rows(inside, 0, &rows);
 }
 
-/// What the engine has counted since it came up; nothing before an upgrade was active in its life.
+/// The engine's counts since its start; nothing before an upgrade was active in this session.
 fn counted(observed: &ObservedCounts) -> Option<String> {
     let ObservedCounts {
         activations,
@@ -170,10 +170,10 @@ fn counted(observed: &ObservedCounts) -> Option<String> {
     Some(text)
 }
 
-/// What the last check came to.
-fn verified(model: &Model, pen: &Pen<'_>) -> Row {
+/// The result of the last check.
+fn verified(model: &ConsoleModel, pen: &Pen<'_>) -> Row {
     let key = model.keymap.key(Action::Verify);
-    match &model.told.verified {
+    match &model.engine_data.verified {
         None => Row::of(
             ThemeRole::Unknown,
             &format!("{} chain not checked yet: ", pen.look.glyph(Glyph::Unknown)),
@@ -201,14 +201,14 @@ fn verified(model: &Model, pen: &Pen<'_>) -> Row {
     }
 }
 
-fn record(model: &Model, row: &AuditItem<'_>, pen: &mut Pen<'_>, area: Rect) {
+fn record(model: &ConsoleModel, row: &AuditItem<'_>, pen: &mut Pen<'_>, area: Rect) {
     let of = row.record;
     let key = model.keymap.key(Action::Open);
     let right = format!("hash {}, {key} shows it raw", of.hash.short());
     let inside = pen.pane(area, &format!("Record {}", of.seq), false, &right);
     let head = format!("{} {} {}", seconds(of.at_ms), of.kind, of.subject);
     let at = pen.text(inside, 0, ThemeRole::Title, &head);
-    pen.text(inside, at, ThemeRole::Text, &said(row));
+    pen.text(inside, at, ThemeRole::Text, &summary(row));
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! View 3: why a version stands where it stands: checks, difference, sandbox, drills, timeline, audit.
+//! View 3: why a version is in its state: checks, difference, sandbox, drills, timeline, audit.
 //!
 //! ```text
 //! align@2.0.0 against align@1.0.0  ◷ awaiting approval  ada, refined, risk medium
@@ -12,13 +12,13 @@ use ratatui::layout::Rect;
 
 use super::candidate_rows::item;
 use super::{pipeline, tabs};
+use crate::formatters::seconds;
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::{Model, View};
+use crate::model::{ConsoleModel, View};
 use crate::rows::CandidateItem;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
-use crate::words::seconds;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::detail::Detail;
 use holdpoint_protocol::snapshot::CandidateView;
@@ -37,7 +37,7 @@ const AUDIT: usize = 5;
 /// Columns from which the timeline stands beside the checks.
 const BESIDE_WIDTH: u16 = 110;
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let Some(subject) = model.subject() else {
         pen.text(
             area,
@@ -55,9 +55,9 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let head = heading(model, detail, pen.look, usize::from(area.width), pen.fit);
     let at = pen.rows(area, 0, &head);
     let area = below(area, at);
-    let pane = model.place.pane();
+    let pane = model.view_state.pane();
     let rows = model.candidate_rows(pane);
-    let cursor = if model.place.view == View::Candidate { model.row() } else { 0 };
+    let cursor = if model.view_state.view == View::Candidate { model.row() } else { 0 };
     let place = Row::of(ThemeRole::Muted, &place(rows.len(), cursor));
     let width = usize::from(area.width);
     pen.row(area, 0, &tabs::panes(model).to_column(width.saturating_sub(place.width())).and(place));
@@ -73,16 +73,16 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// What and against what, where it stands, what its author says.
-fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) -> Vec<Row> {
+/// The version, its counterpart, its state, and its author's statement.
+fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit: Fit) -> Vec<Row> {
     let mut first = Row::of(ThemeRole::Title, &detail.version.to_string());
     if let Some(against) = &detail.against {
         first.push(ThemeRole::Muted, &format!(" against {against}"));
     }
     let candidate = model.candidate(&detail.version);
-    if let Some((state, flags)) = model.stands(&detail.version) {
+    if let Some((state, flags)) = model.version_state(&detail.version) {
         let room = width.saturating_sub(first.width() + 2);
-        first = first.with(ThemeRole::Text, "  ").and(super::stands(state, &flags, room, look));
+        first = first.with(ThemeRole::Text, "  ").and(super::state_row(state, &flags, room, look));
     }
     let short = super::short;
     first.push(
@@ -124,9 +124,9 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
     rows
 }
 
-/// Why a pane without rows has none.
-fn nothing(model: &Model, detail: &Detail, pane: usize) -> String {
-    let stands = model.stands(&detail.version);
+/// Why a pane has no rows.
+fn nothing(model: &ConsoleModel, detail: &Detail, pane: usize) -> String {
+    let stands = model.version_state(&detail.version);
     let commissioned = model.candidate(&detail.version).is_none() && detail.dimensions.is_empty();
     match (pane, &detail.against) {
         (DIFFERENCE, Some(against)) => format!("No field of manifest or parameters differs from {against}"),
@@ -149,7 +149,7 @@ fn nothing(model: &Model, detail: &Detail, pane: usize) -> String {
                 Some((state, _)) if state.is_terminal() => {
                     format!("{what} of it is on record: it was {} before", state.name())
                 }
-                _ => format!("{what} of it has been worked yet"),
+                _ => format!("{what} of it has run yet"),
             }
         }
     }
@@ -165,7 +165,7 @@ fn items(rows: &[CandidateItem<'_>], cursor: usize, nothing: &str, pen: &mut Pen
     let width = usize::from(area.width.saturating_sub(2));
     let height = usize::from(area.height);
     let (marks, inner) = (Rect { width: area.width.min(1), ..area }, super::indented(area));
-    // Up from the cursor for half the height, never making more than can be seen.
+    // Up from the cursor for half the height, but no further than can be shown.
     let mut first = cursor;
     let mut above = 0;
     while let Some(row) = first.checked_sub(1).and_then(|before| rows.get(before)) {

@@ -1,18 +1,15 @@
 //! The rows of the candidate view: each kind of fact in one to a few lines.
 
-use std::borrow::Cow;
-
+use crate::formatters::{kappa_sign, reason_line, seconds};
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::rows::CandidateItem;
-use crate::theme::mark::{of_dimension, of_ruling};
+use crate::theme::state_mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
-use crate::words::{kappa_sign, reason_line, seconds};
 use holdpoint_governance::permission::PermissionUse;
-use holdpoint_governance::words::Word;
-use holdpoint_protocol::detail::{Difference, DrillView, Measure};
+use holdpoint_protocol::detail::{DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
-use holdpoint_protocol::explained::Explained;
+use holdpoint_protocol::explanation::DecisionExplanation;
 use serde_json::Value;
 
 /// Lines of one wrapped text.
@@ -44,7 +41,7 @@ pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
             vec![Row::of(ThemeRole::Title, &format!("mode {}", super::short(mode, width)))]
         }
         CandidateItem::Drill(drill) => vec![drilled(drill, look, width)],
-        CandidateItem::Decision(decision) => decided(decision, look, width),
+        CandidateItem::Decision(decision) => decision_rows(decision, look, width),
         CandidateItem::Record(record) => vec![
             Row::new()
                 .cell(ThemeRole::Muted, &record.seq.to_string(), 7)
@@ -68,7 +65,7 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
     let value = result.kappa.map_or_else(|| "  ?  ".to_owned(), |kappa| format!("{kappa:.3}"));
     let sign = kappa_sign(result.dimension, look.ascii());
     let mut row = Row::of(role, &format!("{} {sign} ", look.glyph(glyph)))
-        .cell(ThemeRole::Text, result.dimension.words(), 10)
+        .cell(ThemeRole::Text, result.dimension.label(), 10)
         .with(ThemeRole::Value, &format!("{value} "));
     let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
     let tail = Row::new()
@@ -83,8 +80,8 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
     row
 }
 
-/// A component: both values, and how much worse the candidate may be against what is tolerated.
-fn worsened(measure: &Measure, look: &Look, width: usize) -> Row {
+/// A component: both values, and the candidate's worsening against the margin.
+fn worsened(measure: &MeasuredValue, look: &Look, width: usize) -> Row {
     let mut row = values(measure, width);
     let Some([low, high]) = measure.interval else {
         row.push(ThemeRole::Muted, "  not compared");
@@ -92,7 +89,7 @@ fn worsened(measure: &Measure, look: &Look, width: usize) -> Row {
     };
     row.push(ThemeRole::Muted, &format!(" worse by {low:+.3}..{high:+.3}"));
     if let Some(limit) = measure.limit {
-        // The rules judge; what may lie beyond the limit is only pointed at.
+        // The rules judge; a value that may lie beyond the limit is only marked.
         if high > limit {
             row.push(ThemeRole::Warning, &format!(" {}", look.glyph(Glyph::Warning)));
         }
@@ -102,7 +99,7 @@ fn worsened(measure: &Measure, look: &Look, width: usize) -> Row {
 }
 
 /// A measured value of the candidate, with its interval, beside the active version's.
-fn measured(measure: &Measure, width: usize) -> Row {
+fn measured(measure: &MeasuredValue, width: usize) -> Row {
     let mut row = values(measure, width);
     if let Some([low, high]) = measure.interval {
         row.push(ThemeRole::Muted, &format!(" [{low:.3}, {high:.3}]"));
@@ -111,9 +108,9 @@ fn measured(measure: &Measure, width: usize) -> Row {
     row
 }
 
-fn values(measure: &Measure, width: usize) -> Row {
+fn values(measure: &MeasuredValue, width: usize) -> Row {
     let number = |value: Option<f64>| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.3}"));
-    // The names of components are short; those of tails say what they are the tail of.
+    // The names of components are short; those of tails contain their component.
     let (name_width, value_width) = match (measure.limit.is_some(), width >= 60) {
         // A measure of harm, or of sequences, needs more room than a component.
         (true, _) => (measure.name.chars().count().clamp(10, (width / 3).max(10)), 6),
@@ -131,7 +128,7 @@ fn values(measure: &Measure, width: usize) -> Row {
     }
 }
 
-fn differs(difference: &Difference, width: usize) -> Vec<Row> {
+fn differs(difference: &FieldDiff, width: usize) -> Vec<Row> {
     let mut rows = vec![Row::of(ThemeRole::Title, &super::short(&difference.field, width))];
     let mut line = |sign: &'static str, role: ThemeRole, value: &str| {
         let lines = wrap(value, width.saturating_sub(4), LINES_MAX);
@@ -167,8 +164,8 @@ fn drilled(drill: &DrillView, look: &Look, width: usize) -> Row {
     row.and(against_limit(look, share(drill.candidate), limit, bar)).and(tail)
 }
 
-/// A decision with its rule, its reasons, what would change it and what came of it.
-fn decided(decision: &Explained, look: &Look, width: usize) -> Vec<Row> {
+/// A decision with its rule, its reasons, what would change it, and its result.
+fn decision_rows(decision: &DecisionExplanation, look: &Look, width: usize) -> Vec<Row> {
     let (glyph, role) = of_ruling(&decision.ruling);
     let mut rows = vec![
         Row::of(ThemeRole::Muted, &format!("{} ", seconds(decision.at_ms)))
@@ -187,11 +184,7 @@ fn decided(decision: &Explained, look: &Look, width: usize) -> Vec<Row> {
         let sign = if reason.in_favour { "+" } else { "-" };
         let measured = reason.measured.as_deref().map(|text| format!(" ({text})")).unwrap_or_default();
         let code = reason.code.as_ref().map(ToString::to_string).unwrap_or_default();
-        let text = match reason.code.as_ref().and_then(Word::known) {
-            Some(known) => known.told(&reason.text),
-            None => Cow::Borrowed(reason.text.as_str()),
-        };
-        say(ThemeRole::Text, &format!("{sign} {code}: {text}{measured}"));
+        say(ThemeRole::Text, &format!("{sign} {code}: {}{measured}", reason.text));
     }
     for change in &decision.change {
         say(ThemeRole::Text, &format!("would change it: {change}"));

@@ -1,18 +1,18 @@
-//! The active version of each family, and how well the live cell does with them.
+//! The active version of each family, and their recent results in the live cell.
 //!
 //! ```text
 //! grasp  ✔ active               grasp@1.0.0
-//! place  ◌ active, provisional  place@1.1.0  7 of 40, goes back to place@1.0.0
+//! place  ◌ active, provisional  place@1.1.0  7 of 40, back to place@1.0.0
 //! last sequences •••••••✖••••••••  94 % of 50
 //! ```
 
+use crate::formatters::{re_evaluation, under_way, works};
 use crate::look::ThemeRole;
-use crate::model::Model;
-use crate::theme::Mark;
+use crate::model::ConsoleModel;
+use crate::theme::StateMark;
 use crate::widgets::bar::outcomes;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
-use crate::words::{under_way, worked_again, works};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{CandidateView, FamilyView, LiveView, Snapshot};
 
@@ -21,8 +21,8 @@ const TREND_MAX: usize = 30;
 
 /// One line for each family, then the live cell's.
 #[must_use]
-pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
-    let Some(snapshot) = model.told.snapshot.as_deref() else {
+pub fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    let Some(snapshot) = model.engine_data.snapshot.as_deref() else {
         return vec![Row::of(ThemeRole::Muted, "The engine is starting")];
     };
     let name_width =
@@ -36,7 +36,7 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     if let Some(fault) = &snapshot.live.fault {
         rows.push(Row::of(
             ThemeRole::Bad,
-            &format!("{} broken: {}", pen.look.words(Mark::FAILED), fault.name()),
+            &format!("{} broken: {}", pen.look.mark_label(StateMark::FAILED), fault.name()),
         ));
     }
     if let Some(drift) = &snapshot.live.drift {
@@ -51,11 +51,11 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
     let name = family.active.as_ref().map(ToString::to_string);
     let room = width.saturating_sub(name_width + 3 + name.as_ref().map_or(0, String::len));
     let look = pen.look;
-    let words = |mark: Mark| Row::of(mark.role, &look.words(mark));
+    let words = |mark: StateMark| Row::of(mark.role, &look.mark_label(mark));
     let stands = match &family.active {
-        _ if family.safe_stopped => words(Mark::SAFE_STOPPED),
-        None => words(Mark::UNKNOWN),
-        Some(_) => super::stands(State::Active, &flags, room, look),
+        _ if family.safe_stopped => words(StateMark::SAFE_STOPPED),
+        None => words(StateMark::UNKNOWN),
+        Some(_) => super::state_row(State::Active, &flags, room, look),
     };
     let mut row = Row::new()
         .cell(ThemeRole::Text, &family.family.to_string(), name_width)
@@ -67,11 +67,8 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
         Some(active) => row.push(ThemeRole::Title, &active.to_string()),
         None => row.push(ThemeRole::Bad, "no active version"),
     }
-    if let Some(progress) = own(now, family).and_then(worked_again) {
-        row.push(
-            ThemeRole::Warning,
-            &format!("  suspicious, {} of {} worked again", progress.done, progress.budget),
-        );
+    if let Some(progress) = own(now, family).and_then(re_evaluation) {
+        row.push(ThemeRole::Warning, &format!("  re-evaluated, {} of {}", progress.done, progress.budget));
     } else if let Some((worked, needed)) = family.provisional {
         let so_far =
             if worked < needed { format!("{worked} of {needed}") } else { after_window(now, family) };
@@ -83,16 +80,16 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
     row
 }
 
-/// The active version of a family, where it is told of as a candidate was.
+/// The candidate entry of a family's active version, if there is one.
 fn own<'a>(now: &'a Snapshot, family: &FamilyView) -> Option<&'a CandidateView> {
     now.candidates.iter().find(|candidate| Some(&candidate.version) == family.active.as_ref())
 }
 
-/// What a provisional version waits for whose window is over.
+/// What a provisional version waits for after its window.
 fn after_window(now: &Snapshot, family: &FamilyView) -> String {
     let flags = family.flags.unwrap_or_default();
     if flags.paused || flags.restricted {
-        // A person's turn; that is said beside it.
+        // The next step is a person's, and shown beside it.
         return "window over".to_owned();
     }
     let own = own(now, family);
@@ -107,7 +104,7 @@ fn after_window(now: &Snapshot, family: &FamilyView) -> String {
 
 fn live(live: &LiveView, pen: &Pen<'_>, width: usize) -> Row {
     let Some(share) = live.recent_success else {
-        return Row::of(ThemeRole::Muted, "no sequence worked yet");
+        return Row::of(ThemeRole::Muted, "no sequence yet");
     };
     let tail = format!("  {:.0} % of the last {}", share * 100.0, live.recent);
     let head = "success ";

@@ -1,5 +1,5 @@
-//! A piece of an evaluation, watched: the candidate at the left, the version it was compared with at the right, at the
-//! same moment of the same episode; speed and force below, with what the guard allows.
+//! A filmed re-run: the candidate at the left, the compared version at the right, at the same moment of the same
+//! episode; below, speed and force with the guard's limits.
 //!
 //! ```text
 //! episode 17 of 120, seed 10016  it passes a limit, the active version does not      1x  3.2 of 7.0 s
@@ -14,20 +14,20 @@ use ratatui::layout::Rect;
 
 use super::robot;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::Watched;
+use crate::model::FilmScreen;
 use crate::player::Player;
 use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
 use crate::widgets::pen::{Fit, Pen, above, below, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_body::TICK_SECS;
 use holdpoint_protocol::film::{FilmFrame, FilmedRun};
-use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::video_frame::VideoFrame;
 
 /// Lines from which the charts of speed and force have a place.
 const CHARTS_HEIGHT_MIN: u16 = 16;
 
 /// Draws it in place of the view.
-pub fn draw(watched: &Watched, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(watched: &FilmScreen, pen: &mut Pen<'_>, area: Rect) {
     pen.clear(area);
     let player = &watched.player;
     let taken = head(player, pen, area);
@@ -39,11 +39,11 @@ pub fn draw(watched: &Watched, pen: &mut Pen<'_>, area: Rect) {
     run(player, false, pen, right);
 }
 
-/// What it is, why this one, and in what it is not what was judged.
+/// The episode, the reason for its choice, and its differences from the judged run.
 fn head(player: &Player, pen: &mut Pen<'_>, area: Rect) -> u16 {
     let film = &player.film;
     let secs = |tick: u64| tick as f64 * TICK_SECS;
-    let state = if player.runs() { player.speed.word() } else { "stands".to_owned() };
+    let state = if player.runs() { player.speed.label() } else { "stands".to_owned() };
     let place = format!("{state}  {:.1} of {:.1} s", secs(player.tick()), secs(film.end()));
     let place = Row::of(ThemeRole::Muted, &place);
     let width = usize::from(area.width);
@@ -55,7 +55,7 @@ fn head(player: &Player, pen: &mut Pen<'_>, area: Rect) -> u16 {
     pen.row(area, 0, &row.to_column(width.saturating_sub(place.width())).and(place));
     let mut taken = 1;
     let unlike = [&film.candidate, &film.active].into_iter().any(|run| run.as_recorded == Some(false));
-    let unlike = unlike.then(|| "what came of it now is not what is on record".to_owned());
+    let unlike = unlike.then(|| "this re-run differs from the record".to_owned());
     for doubt in film.doubts.iter().chain(&unlike) {
         let text = format!("{} {doubt}", pen.look.glyph(Glyph::Warning));
         taken += pen.text(area, taken, ThemeRole::Warning, &text);
@@ -73,26 +73,27 @@ fn run(player: &Player, own: bool, pen: &mut Pen<'_>, area: Rect) {
     };
     let inside = pen.pane(area, &format!("{name} {}", run.version), own, checked);
     let Some(frame) = run.frame_at(player.tick()) else {
-        pen.text(inside, 0, ThemeRole::Unknown, &format!("No picture: it {}", run.ended));
+        pen.text(inside, 0, ThemeRole::Unknown, &format!("No frame: it {}", run.ended));
         return;
     };
-    let taken = said(player, run, pen, inside);
+    let taken = draw_summary(player, run, pen, inside);
     let inside = below(inside, taken);
     let charts = if inside.height >= CHARTS_HEIGHT_MIN { inside.height / 3 } else { 0 };
     let (picture, charts) = cut(inside, inside.height - charts);
-    robot::draw_picture(&picture_of(run, frame), &film.scenery, Vec::new(), pen, picture);
+    robot::draw_picture(&frame_picture(run, frame), &film.scenery, Vec::new(), pen, picture);
     if charts.height == 0 {
         return;
     }
     let (speed, force) = cut(charts, charts.height / 2);
     let limits = run.envelope;
-    Chart { name: "speed, m/s", limit: limits.speed_m_s, of: |frame| frame.speed_m_s }
+    FilmChart { name: "speed, m/s", limit: limits.speed_m_s, of: |frame| frame.speed_m_s }
         .draw(player, run, pen, speed);
-    Chart { name: "grip, N", limit: limits.force_n, of: |frame| frame.grip_n }.draw(player, run, pen, force);
+    FilmChart { name: "grip, N", limit: limits.force_n, of: |frame| frame.grip_n }
+        .draw(player, run, pen, force);
 }
 
-/// What comes of it, and what happened last.
-fn said(player: &Player, run: &FilmedRun, pen: &mut Pen<'_>, area: Rect) -> u16 {
+/// The outcome, and the last event.
+fn draw_summary(player: &Player, run: &FilmedRun, pen: &mut Pen<'_>, area: Rect) -> u16 {
     let lines_max = if pen.fit >= Fit::Two { 2 } else { 1 };
     let bad = run.failed_at().is_some();
     let (glyph, role) = if bad { (Glyph::Bad, ThemeRole::Bad) } else { (Glyph::Good, ThemeRole::Good) };
@@ -101,7 +102,7 @@ fn said(player: &Player, run: &FilmedRun, pen: &mut Pen<'_>, area: Rect) -> u16 
         wrap(&format!("{} {}", pen.look.glyph(glyph), run.ended), width, lines_max)
     };
     let own = lines(glyph, run);
-    // Both pictures begin on one line: they are held against each other.
+    // Both frames begin on one line, so that they can be compared.
     let film = &player.film;
     let most = [&film.candidate, &film.active].map(|run| lines(glyph, run).len()).into_iter().max();
     let mut rows: Vec<Row> = own.iter().map(|line| Row::of(role, line)).collect();
@@ -115,8 +116,8 @@ fn said(player: &Player, run: &FilmedRun, pen: &mut Pen<'_>, area: Rect) -> u16 
     pen.rows(area, 0, &rows)
 }
 
-fn picture_of(run: &FilmedRun, frame: &FilmFrame) -> Picture {
-    Picture {
+fn frame_picture(run: &FilmedRun, frame: &FilmFrame) -> VideoFrame {
+    VideoFrame {
         sequence: 0,
         at_ms: 0,
         at_secs: frame.tick as f64 * TICK_SECS,
@@ -135,14 +136,14 @@ fn picture_of(run: &FilmedRun, frame: &FilmFrame) -> Picture {
     }
 }
 
-/// A measured quantity over the whole film, with what the guard allows and the cursor in it.
-struct Chart {
+/// A measured quantity over the whole film, with the guard's limit and the cursor.
+struct FilmChart {
     name: &'static str,
     limit: f32,
     of: fn(&FilmFrame) -> f32,
 }
 
-impl Chart {
+impl FilmChart {
     fn draw(&self, player: &Player, run: &FilmedRun, pen: &mut Pen<'_>, area: Rect) {
         let (end, of) = (player.film.end().max(1), self.of);
         let now = run.frame_at(player.tick()).map_or(0.0, of);
@@ -159,8 +160,8 @@ impl Chart {
         let top =
             run.frames.iter().map(of).filter(|value| value.is_finite()).fold(self.limit, f32::max) * 1.1;
         let (across, down) = (usize::from(plot.width) * ACROSS, usize::from(plot.height) * DOWN);
-        let x = |tick: u64| share(tick as f64 / end as f64, across);
-        let y = |value: f32| share(1.0 - f64::from(value / top.max(f32::MIN_POSITIVE)), down);
+        let x = |tick: u64| scaled_dots(tick as f64 / end as f64, across);
+        let y = |value: f32| scaled_dots(1.0 - f64::from(value / top.max(f32::MIN_POSITIVE)), down);
         let limit = u16::try_from(y(self.limit)).unwrap_or(0) / 4;
         for column in plot.left()..plot.right() {
             let line = if pen.look.ascii() { "-" } else { "╌" };
@@ -188,11 +189,11 @@ impl Chart {
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "a share of the dots of a screen")]
-fn share(of: f64, dots: usize) -> i64 {
+fn scaled_dots(of: f64, dots: usize) -> i64 {
     (of.clamp(0.0, 1.0) * dots.saturating_sub(1) as f64).round() as i64
 }
 
-/// The whole film in one line: where it stands, and what happened to the candidate.
+/// The whole film in one line: the position, and what happened to the candidate.
 fn timeline(player: &Player, pen: &mut Pen<'_>, area: Rect) {
     let area = above(area, 1);
     if area.is_empty() {
@@ -200,7 +201,7 @@ fn timeline(player: &Player, pen: &mut Pen<'_>, area: Rect) {
     }
     let end = player.film.end().max(1) as f64;
     let place = |tick: u64| {
-        let column = share(tick as f64 / end, usize::from(area.width));
+        let column = scaled_dots(tick as f64 / end, usize::from(area.width));
         area.x + u16::try_from(column).unwrap_or(0).min(area.width - 1)
     };
     let line = pen.look.glyph(Glyph::Horizontal);
@@ -212,7 +213,7 @@ fn timeline(player: &Player, pen: &mut Pen<'_>, area: Rect) {
     }
     let mut marks: Vec<(bool, u64)> =
         player.film.candidate.marks.iter().map(|mark| (mark.bad, mark.tick)).collect();
-    // The gravest of those that share a column is drawn last.
+    // The most serious of those that share a column is drawn last.
     marks.sort_unstable();
     for (bad, tick) in marks {
         let (glyph, role) =

@@ -1,4 +1,4 @@
-//! A form: what is asked for, what it does, what must be typed, and the button that has the keys.
+//! A form: the operation, its consequences, the fields, and the button that has the keys.
 //!
 //! ```text
 //! ┌ Roll grasp@1.1.0 back ──────────────── as ana ┐
@@ -12,31 +12,31 @@ use ratatui::layout::Rect;
 
 use super::hints::field;
 use crate::action::Action;
+use crate::approval_screen::VisibleRows;
 use crate::form::{Form, FormFocus, Intent, SHELVE_MINUTES_MAX};
 use crate::look::{Glyph, ThemeRole};
-use crate::model::Model;
-use crate::prompt::OnScreen;
+use crate::model::ConsoleModel;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::{Row, wrap};
 
-/// The most rows of one sentence of what a form does: more than the longest reason has.
+/// The most rows of one consequence: more than the longest reason has.
 const WRAPPED_MAX: usize = 200;
 
 /// The widest form, columns.
 const WIDTH_MAX: u16 = 76;
 
 /// Draws it over the view.
-pub fn draw(model: &Model, form: &Form, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, form: &Form, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(width_of(area));
     let body = body(form, width);
-    let foot = foot_of(model, form, pen, width);
-    let by = model.seat.operator.as_ref().filter(|_| form.intent.needs_person());
+    let foot = footer_of(model, form, pen, width);
+    let by = model.session.operator.as_ref().filter(|_| form.intent.needs_person());
     let by = by.map_or_else(String::new, |who| format!("as {}", super::short(&who.name, 24)));
     let height = u16::try_from(body.len() + foot.len() + 2).unwrap_or(u16::MAX);
     let inside = super::window(pen, area, WIDTH_MAX, height, &form.intent.title(), &by);
-    // Where not all fits, the fields and buttons stay in sight, and the rest is scrolled.
+    // If space is short, fields and buttons stay in sight, and the rest scrolls.
     let (upper, lower) = crate::widgets::pen::cut(inside, room(inside.height, foot.len()));
-    let seen = seen(form, usize::from(width_of(area)), usize::from(upper.height), body.len());
+    let seen = visible_rows(form, usize::from(width_of(area)), usize::from(upper.height), body.len());
     let mut rows = body;
     rows.drain(..seen.first.min(rows.len()));
     rows.truncate(seen.room);
@@ -53,15 +53,15 @@ pub fn draw(model: &Model, form: &Form, pen: &mut Pen<'_>, area: Rect) {
     pen.rows(lower, 0, &foot);
 }
 
-/// The rows of what a form does that [`draw`] puts on the screen.
+/// The rows of a form's consequences that [`draw`] puts on the screen.
 #[must_use]
-pub fn on_screen(model: &Model, form: &Form, pen: &Pen<'_>, area: Rect) -> OnScreen {
+pub fn on_screen(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, area: Rect) -> VisibleRows {
     let width = usize::from(width_of(area));
-    let (count, foot) = (body(form, width).len(), foot_of(model, form, pen, width).len());
+    let (count, foot) = (body(form, width).len(), footer_of(model, form, pen, width).len());
     let height = area.height.min(u16::try_from(count + foot + 2).unwrap_or(u16::MAX));
-    // As the window has it: without its frame, where there is room for one.
+    // As in the window: without its frame, if there is room for one.
     let inside = if area.width.min(WIDTH_MAX) < 4 || height < 3 { height } else { height - 2 };
-    seen(form, width, usize::from(room(inside, foot)), count)
+    visible_rows(form, width, usize::from(room(inside, foot)), count)
 }
 
 fn width_of(area: Rect) -> u16 {
@@ -73,12 +73,12 @@ fn room(inside: u16, foot: usize) -> u16 {
     inside.saturating_sub(u16::try_from(foot).unwrap_or(u16::MAX))
 }
 
-/// Where not all fits, the last row says how much is left.
-fn seen(form: &Form, width: usize, height: usize, count: usize) -> OnScreen {
+/// If space is short, the last row says how much follows.
+fn visible_rows(form: &Form, width: usize, height: usize, count: usize) -> VisibleRows {
     let room = if count > height { height.saturating_sub(1) } else { height };
     let first = usize::from(form.scroll).min(count.saturating_sub(room));
     let room = if first + height >= count { height } else { room };
-    OnScreen { width, first, room, count, rows: Vec::new() }
+    VisibleRows { width, first, room, count, rows: Vec::new() }
 }
 
 fn body(form: &Form, width: usize) -> Vec<Row> {
@@ -90,8 +90,8 @@ fn body(form: &Form, width: usize) -> Vec<Row> {
     rows
 }
 
-/// What is left of a form that is for nothing any more: why, what was typed, and the way out.
-fn void_foot(form: &Form, why: &str, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+/// The rest of a void form: the reason, the typed text, and the key that closes it.
+fn dismissed_footer(form: &Form, why: &str, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let text = format!("{} NOT ASKED, and no longer possible: {why}", pen.look.glyph(Glyph::Warning));
     let mut rows: Vec<Row> =
         wrap(&text, width, 3).iter().map(|line| Row::of(ThemeRole::Problem, line)).collect();
@@ -106,18 +106,18 @@ fn void_foot(form: &Form, why: &str, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     rows
 }
 
-fn foot_of(model: &Model, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+fn footer_of(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     match &form.signing {
         Some(signing) => {
-            super::prompt::signing_rows(model, signing, (" Sign  ", " back to the form"), pen, width)
+            super::approval_screen::signing_rows(model, signing, (" Sign  ", " back to the form"), pen, width)
         }
-        None => foot(model, form, pen, width),
+        None => footer(model, form, pen, width),
     }
 }
 
-fn foot(model: &Model, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+fn footer(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     if let Some(void) = &form.void {
-        return void_foot(form, &void.why, pen, width);
+        return dismissed_footer(form, &void.why, pen, width);
     }
     let mut rows = Vec::new();
     let label = |text: &str| Row::new().cell(ThemeRole::Muted, text, 9);

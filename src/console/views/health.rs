@@ -1,9 +1,9 @@
-//! View 8: what live tasks came to over hours and days, family by family, with what happened beside them.
+//! View 8: the results of live tasks over hours and days, family by family, with the events beside them.
 //!
 //! ```text
 //! [Success] Violations  Time  Force      18 h, a column is 15 min, UTC
 //! ▸ grasp ────────────────────────────── done 94.0 % of 810 [92, 95] ─
-//!  100 ⣀⣀⣀⡠⠤⠒⠒⠤⣀⡠⠤⠒                  a line: the share; dots above and below
+//!  100 ⣀⣀⣀⡠⠤⠒⠒⠤⣀⡠⠤⠒                  a line: the rate; dots above and below
 //!   80              ⠒⠤⣀              it: the ends of the interval of 95 %
 //!                  P      !
 //!       08:00       12:00       16:00
@@ -17,13 +17,13 @@ use std::collections::BTreeMap;
 use ratatui::layout::Rect;
 
 use super::tabs;
+use crate::formatters::seconds;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::Model;
+use crate::model::ConsoleModel;
 use crate::trend::SCALE;
 use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
 use crate::widgets::pen::{Fit, Pen, above, below, cut};
 use crate::widgets::row::{Row, wrap};
-use crate::words::seconds;
 use holdpoint_governance::calendar;
 use holdpoint_governance::ids::Family;
 use holdpoint_protocol::health::{
@@ -36,29 +36,29 @@ const FAMILY_ROWS: u16 = 3;
 /// Lines of one family at most.
 const FAMILY_ROWS_MAX: u16 = 20;
 
-/// Lines below the charts at most: values, marks, verdict, what is left out.
+/// The most lines below the charts: values, marks, verdict, omissions.
 const BELOW_ROWS_MAX: u16 = 14;
 
-/// Lines for what happened in the column under the cursor at least, where there is so much room.
+/// The fewest lines for the events of the column under the cursor, if there is room.
 const MARKS_LEAST: usize = 4;
 
-/// Lines below the charts from which numbers stand there beside marks, and from which they stand there whole.
+/// Lines below the charts from which numbers stand beside marks, and from which they stand in full.
 const NUMBERS_FROM: usize = 5;
 const WHOLE_FROM: usize = 8;
 
 /// Columns between two times at the axis at least.
 const TIME_APART: u32 = 14;
 
-/// What a pane shows.
+/// The quantity of a pane.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Quantity {
+enum HealthQuantity {
     Success,
     Violations,
     Time,
     Force,
 }
 
-impl Quantity {
+impl HealthQuantity {
     const fn of(pane: usize) -> Self {
         match pane {
             1 => Self::Violations,
@@ -68,11 +68,11 @@ impl Quantity {
         }
     }
 
-    /// Value and band of what a family's versions came to in one bucket, in the unit of the axis.
+    /// Value and band of a family's results in one bucket, in the unit of the axis.
     fn of_points(self, points: &[&HealthPoint]) -> Option<(f64, [f64; 2])> {
         let tasks: u64 = points.iter().map(|point| point.tasks).sum();
         let share = |count: u64| 100.0 * count as f64 / tasks.max(1) as f64;
-        // Of medians there is no median: of several versions in a bucket the one that worked most is shown.
+        // Medians cannot be averaged: of several versions in a bucket, the one with the most episodes is shown.
         let most = points.iter().max_by_key(|point| point.tasks)?;
         Some(match self {
             Self::Success => {
@@ -88,7 +88,7 @@ impl Quantity {
         })
     }
 
-    /// What the dots and the band mean.
+    /// The meaning of the dots and the band.
     const fn legend(self) -> &'static str {
         match self {
             Self::Success => "% done, band: 95 % interval",
@@ -99,7 +99,7 @@ impl Quantity {
     }
 }
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let head = tabs::panes(model);
     let area = super::frozen(model, pen, area);
     let Some(series) = model.health() else {
@@ -107,31 +107,38 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.text(below(area, 1), 0, ThemeRole::Muted, "The record is being read");
         return;
     };
-    let quantity = Quantity::of(model.place.pane());
+    let quantity = HealthQuantity::of(model.view_state.pane());
     let room = usize::from(area.width).saturating_sub(head.width() + 2);
     let span = extent(series).into_iter().find(|text| text.chars().count() <= room).unwrap_or_default();
     let row = head.to_column(usize::from(area.width) - span.chars().count()).with(ThemeRole::Muted, &span);
     pen.row(area, 0, &row);
     let area = below(area, 1);
-    whole(model, series, quantity, pen, area, (area.height / 2).min(BELOW_ROWS_MAX));
+    charts_pane(model, series, quantity, pen, area, (area.height / 2).min(BELOW_ROWS_MAX));
 }
 
-/// The same without its tabs, for the smallest windows: a third of the room is for what is said.
-pub fn draw_small(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+/// The same without its tabs, for the smallest windows: the description gets a third of the room.
+pub fn draw_small(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let area = super::frozen(model, pen, area);
     match model.health() {
         Some(series) => {
-            whole(model, series, Quantity::of(model.place.pane()), pen, area, area.height.div_ceil(3));
+            charts_pane(
+                model,
+                series,
+                HealthQuantity::of(model.view_state.pane()),
+                pen,
+                area,
+                area.height.div_ceil(3),
+            );
         }
         None => pen.row(area, 0, &Row::of(ThemeRole::Muted, "The record is being read")),
     }
 }
 
-/// Charts, marks and times, and what is said below them in so many lines at most.
-fn whole(
-    model: &Model,
+/// Charts, marks and times, and below them a description of at most `foot` lines.
+fn charts_pane(
+    model: &ConsoleModel,
     series: &HealthSeries,
-    quantity: Quantity,
+    quantity: HealthQuantity,
     pen: &mut Pen<'_>,
     area: Rect,
     foot_max: u16,
@@ -139,7 +146,8 @@ fn whole(
     let below_it = under(model, series, usize::from(area.width), usize::from(foot_max));
     let families = model.health_families();
     let foot = u16::try_from(below_it.len()).unwrap_or(u16::MAX).min(foot_max);
-    // Marks and times stand between the charts and what is said; where hardly a chart fits beside them it comes first.
+    // Marks and times stand between charts and description. If hardly a chart fits beside them, the description comes
+    // first.
     let between = area.height.saturating_sub(foot + 2).min(2);
     let (charts, rest) = cut(area, area.height.saturating_sub(foot + between));
     draw_families(model, series, quantity, &families, pen, charts);
@@ -152,7 +160,7 @@ fn whole(
     pen.rows(below(rest, between), 0, &below_it);
 }
 
-/// Which span is shown, and what a column stands for, in words that get shorter.
+/// The visible span, and the width of a column, in ever shorter words.
 fn extent(series: &HealthSeries) -> [String; 2] {
     let clock = match series.clock {
         HealthClock::Wall => "UTC",
@@ -175,9 +183,9 @@ fn span(ms: u64) -> String {
 }
 
 fn draw_families(
-    model: &Model,
+    model: &ConsoleModel,
     series: &HealthSeries,
-    quantity: Quantity,
+    quantity: HealthQuantity,
     families: &[Family],
     pen: &mut Pen<'_>,
     area: Rect,
@@ -192,7 +200,7 @@ fn draw_families(
     }
     let fit = usize::from(area.height / FAMILY_ROWS).clamp(1, families.len().max(1));
     let here = model.row().min(families.len().saturating_sub(1));
-    // The family under the cursor is always among those that are shown.
+    // The family under the cursor is always visible.
     let first = here.saturating_sub(fit - 1).min(families.len() - fit.min(families.len()));
     let mut rest = area;
     for (shown, (place, family)) in families.iter().enumerate().skip(first).take(fit).enumerate() {
@@ -203,7 +211,7 @@ fn draw_families(
         let right = match together(all) {
             Some((tasks, done, [low, high])) => {
                 let share = 100.0 * done as f64 / tasks as f64;
-                // Whatever quantity is drawn: this is the share that was done.
+                // For every quantity, this is the success rate.
                 format!("done {share:.1} % of {tasks} [{:.0}, {:.0}]", 100.0 * low, 100.0 * high)
             }
             None => "no task".to_owned(),
@@ -222,9 +230,9 @@ fn draw_families(
 /// One family's chart: a column a bucket.
 #[allow(clippy::cast_possible_truncation, reason = "scaled to the area before")]
 fn chart(
-    model: &Model,
+    model: &ConsoleModel,
     series: &HealthSeries,
-    (quantity, family): (Quantity, &Family),
+    (quantity, family): (HealthQuantity, &Family),
     pen: &mut Pen<'_>,
     area: Rect,
 ) {
@@ -258,7 +266,7 @@ fn chart(
     let mut before: Option<(u32, i64)> = None;
     for (x, value, _) in &values {
         let (column, at) = (i64::from(*x) * across, y(*value));
-        // Joined only where nothing lies between: a gap in the record is a gap here.
+        // Joined only with its neighbor bucket: a gap in the record is a gap here.
         if let Some((last, from)) = before.filter(|(last, _)| last + 1 == *x) {
             dots.line((i64::from(last) * across + 1, from), (column, at), ink);
         }
@@ -279,32 +287,32 @@ fn chart(
     }
 }
 
-/// Where a bucket is drawn: the newest at the right end; what was asked for on a wider screen loses its oldest.
+/// The column of a bucket: the newest at the right end; a narrower screen loses the oldest.
 fn column(series: &HealthSeries, bucket: u32, width: u16) -> Option<u32> {
     let back = series.buckets.checked_sub(bucket + 1)?;
     u32::from(width).checked_sub(back + 1)
 }
 
-fn range(quantity: Quantity, values: &[(u32, f64, [f64; 2])]) -> (f64, f64) {
+fn range(quantity: HealthQuantity, values: &[(u32, f64, [f64; 2])]) -> (f64, f64) {
     let least = values.iter().map(|(_, _, [lower, _])| *lower).fold(f64::INFINITY, f64::min);
     let most = values.iter().map(|(_, _, [_, upper])| *upper).fold(0.0, f64::max);
     match quantity {
-        // From a round number below the lowest band, so that some points more or less can be seen.
-        Quantity::Success => {
+        // From a round number below the lowest band, so that small differences are visible.
+        HealthQuantity::Success => {
             (if least.is_finite() { (least / 10.0).floor() * 10.0 } else { 0.0 }.min(90.0), 100.0)
         }
-        Quantity::Violations => (0.0, most.max(5.0)),
-        Quantity::Time | Quantity::Force => (0.0, if most > 0.0 { most } else { 1.0 }),
+        HealthQuantity::Violations => (0.0, most.max(5.0)),
+        HealthQuantity::Time | HealthQuantity::Force => (0.0, if most > 0.0 { most } else { 1.0 }),
     }
 }
 
-/// The marks of the family under the cursor and of the cell, each over its column; of several the weightiest.
-fn marks_line(model: &Model, series: &HealthSeries, pen: &mut Pen<'_>, area: Rect) {
+/// The marks of the family under the cursor and of the cell, each over its column; of several the most important.
+fn marks_line(model: &ConsoleModel, series: &HealthSeries, pen: &mut Pen<'_>, area: Rect) {
     let plot = Rect { x: area.x + SCALE, width: area.width.saturating_sub(SCALE), ..area };
     pen.row(area, 0, &Row::new().cell_right(ThemeRole::Muted, "marks", usize::from(SCALE - 2)));
     let family = model.health_family();
     let mut weightiest: BTreeMap<u32, &HealthMark> = BTreeMap::new();
-    for mark in ours(series, family.as_ref()) {
+    for mark in family_marks(series, family.as_ref()) {
         let Some(x) =
             series.bucket_of(mark.on_clock_ms).and_then(|bucket| column(series, bucket, plot.width))
         else {
@@ -322,7 +330,10 @@ fn marks_line(model: &Model, series: &HealthSeries, pen: &mut Pen<'_>, area: Rec
     }
 }
 
-fn ours<'a>(series: &'a HealthSeries, family: Option<&'a Family>) -> impl Iterator<Item = &'a HealthMark> {
+fn family_marks<'a>(
+    series: &'a HealthSeries,
+    family: Option<&'a Family>,
+) -> impl Iterator<Item = &'a HealthMark> {
     series.marks.iter().filter(move |mark| mark.family.is_none() || mark.family.as_ref() == family)
 }
 
@@ -348,7 +359,7 @@ const fn role(kind: MarkKind) -> ThemeRole {
 }
 
 /// Times below the columns at which they begin.
-fn axis(model: &Model, series: &HealthSeries, pen: &mut Pen<'_>, area: Rect) {
+fn axis(model: &ConsoleModel, series: &HealthSeries, pen: &mut Pen<'_>, area: Rect) {
     let plot = Rect { x: area.x + SCALE, width: area.width.saturating_sub(SCALE), ..area };
     let mut row = Row::new();
     let mut bucket = 0;
@@ -363,7 +374,7 @@ fn axis(model: &Model, series: &HealthSeries, pen: &mut Pen<'_>, area: Rect) {
         bucket += TIME_APART;
     }
     pen.row(plot, 0, &row);
-    // The cursor's column in a sign as well: not every screen has a colour for it.
+    // The cursor's column also has a sign, because not every screen has a color for it.
     if let Some(x) = model.health_bucket().and_then(|bucket| column(series, bucket, plot.width)) {
         let sign = pen.look.glyph(Glyph::Up);
         pen.cell(plot.x + u16::try_from(x).unwrap_or(0), plot.y, sign, ThemeRole::Focus);
@@ -382,9 +393,9 @@ fn tick(series: &HealthSeries, bucket: u32) -> String {
     }
 }
 
-/// What is said below the charts in so many lines at most: the verdict, the bucket under the cursor, what happened in it,
-/// what is left out.
-fn under(model: &Model, series: &HealthSeries, width: usize, height: usize) -> Vec<Row> {
+/// The description below the charts, of at most `height` lines: the verdict, the bucket under the cursor, its events,
+/// omissions.
+fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usize) -> Vec<Row> {
     let mut rows = Vec::new();
     let lines = |role: ThemeRole, text: &str, most: usize| -> Vec<Row> {
         wrap(text, width, most).iter().map(|line| Row::of(role, line)).collect()
@@ -403,9 +414,9 @@ fn under(model: &Model, series: &HealthSeries, width: usize, height: usize) -> V
         }
     }
     let mut marks: Vec<&HealthMark> = series.marks_in(Some(&family), bucket).collect();
-    // Of equal weight the newest first: the others are counted.
+    // Of equal importance the newest first: the others are counted.
     marks.sort_by_key(|mark| (mark.kind.weight(), std::cmp::Reverse(mark.at_ms)));
-    // Where there is hardly a line, what happened is more than the numbers, which the chart shows.
+    // If hardly a line is left, the events come before the numbers, which the chart shows.
     if height >= NUMBERS_FROM || marks.is_empty() {
         let (start, end) =
             (series.moment(series.start_ms(bucket)), series.moment(series.start_ms(bucket + 1)));
@@ -420,7 +431,7 @@ fn under(model: &Model, series: &HealthSeries, width: usize, height: usize) -> V
     }
     let left_out: Vec<Row> =
         series.coverage.sentences().iter().flat_map(|text| lines(ThemeRole::Muted, text, 2)).collect();
-    // What happened comes before what is left out, if both are too much; what of it has no line is counted.
+    // The events come before the omissions, if both are too much; events without a line are counted.
     let room = height.saturating_sub(rows.len());
     let room = room.saturating_sub(left_out.len()).max(MARKS_LEAST).min(room);
     let shown = if marks.len() > room { room.saturating_sub(1) } else { marks.len() };
@@ -430,7 +441,7 @@ fn under(model: &Model, series: &HealthSeries, width: usize, height: usize) -> V
             (HealthClock::Wall, Some(wall_ms)) => calendar::time(wall_ms - wall_ms.rem_euclid(1_000)),
             _ => seconds(mark.at_ms),
         };
-        let (letter, what) = (mark.kind.letter(), mark.kind.words());
+        let (letter, what) = (mark.kind.letter(), mark.kind.label());
         say(role(mark.kind), &format!("{letter} {when} {what}: {}", mark.text));
     }
     match marks.len() - shown {
@@ -442,7 +453,7 @@ fn under(model: &Model, series: &HealthSeries, width: usize, height: usize) -> V
     rows
 }
 
-/// What one version came to in a bucket, with both clocks.
+/// The results of one version in a bucket, with both clocks.
 fn values(series: &HealthSeries, point: &HealthPoint, start: &str) -> String {
     let HealthPoint { version, tasks, succeeded, success: [low, high], violated, near, .. } = point;
     let share = 100.0 * *succeeded as f64 / (*tasks).max(1) as f64;

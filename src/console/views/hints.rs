@@ -1,4 +1,4 @@
-//! The last line: the keys that do something here now, or the answer to the last one, or what is being typed.
+//! The last line: the keys that apply here now, the answer to the last one, or the text being typed.
 //!
 //! ```text
 //! X stop  enter open  x abort  p hold  a approvals  ? help  q quit
@@ -7,44 +7,44 @@
 use ratatui::layout::Rect;
 
 use crate::action::Action;
+use crate::approval_screen::{ApprovalFocus, ApprovalScreen, DecisionObstacle};
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{EngineLink, HISTORY_PANE, Model, Notice, Overlay, Typing, View};
-use crate::prompt::{Focus, Obstacle, Prompt};
-use crate::update::possible::Possible;
+use crate::model::{ConsoleModel, ConsoleNotice, EngineLink, HISTORY_PANE, Overlay, Typing, View};
+use crate::update::availability::ActionAvailability;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::{Row, wrap};
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::ApprovalDecision;
 
 /// The most lines of an answer.
 const NOTICE_ROWS: u16 = 8;
 
-/// The most lines of a stop that is not confirmed.
+/// The most lines of an unconfirmed stop.
 const OVERDUE_ROWS: usize = 4;
 
-/// How many lines stand at the foot of a screen: an answer is shown whole, whatever it takes of a third of the screen,
-/// or of half of a small one.
+/// The height of the foot of the screen: an answer is shown in full, up to a third of the screen, or half of a small
+/// one.
 #[must_use]
-pub fn height(model: &Model, screen: Rect) -> u16 {
-    let told = model.notice.as_ref().filter(|_| model.entry.typing.is_none());
+pub fn height(model: &ConsoleModel, screen: Rect) -> u16 {
+    let told = model.notice.as_ref().filter(|_| model.input.typing.is_none());
     let share = if screen.height < 16 { 2 } else { 3 };
     let rows_max = (screen.height / share).clamp(1, NOTICE_ROWS);
     let rows = told.map_or(1, |notice| {
         let lines = notice_lines(model, notice, usize::from(screen.width), usize::from(rows_max));
         u16::try_from(lines.len()).unwrap_or(rows_max).max(1)
     });
-    // A stop that is not confirmed comes before everything else that is said here.
+    // An unconfirmed stop comes before all other messages here.
     let overdue = u16::try_from(overdue(model, screen.width).len()).unwrap_or(rows_max);
     if overdue == 0 { rows } else { (rows + overdue).min((screen.height / 2).max(1)) }
 }
 
-/// The stop that nobody has confirmed, in lines; none while there is no such.
-fn overdue(model: &Model, width: u16) -> Vec<String> {
+/// The unconfirmed stop, in lines; empty if there is none.
+fn overdue(model: &ConsoleModel, width: u16) -> Vec<String> {
     let room = usize::from(width).saturating_sub(2);
     model.stop_overdue().map_or_else(Vec::new, |text| wrap(&text, room, OVERDUE_ROWS))
 }
 
-/// An answer in lines that leave room for the key that stops; where even so many do not hold it, the last one says so.
-fn notice_lines(model: &Model, notice: &Notice, width: usize, rows_max: usize) -> Vec<String> {
+/// An answer in lines that leave room for the key that stops; if it is too long, the last line says so.
+fn notice_lines(model: &ConsoleModel, notice: &ConsoleNotice, width: usize, rows_max: usize) -> Vec<String> {
     let room = width.saturating_sub(stop(model).width() + 3);
     let mut lines = wrap(&notice.text, room, rows_max + 1);
     if lines.len() > rows_max {
@@ -56,7 +56,7 @@ fn notice_lines(model: &Model, notice: &Notice, width: usize, rows_max: usize) -
     lines
 }
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let overdue = overdue(model, area.width);
     let lead = |at: usize| if at == 0 { pen.look.glyph(Glyph::Warning) } else { " " };
     let rows: Vec<Row> = overdue
@@ -70,11 +70,11 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         return;
     }
     let width = usize::from(area.width);
-    // Whatever else is said here, how the arm is stopped stands beside it.
+    // The key that stops the arm always stands beside the other hints.
     let stop = stop(model);
     let room = width.saturating_sub(stop.width() + 1);
     let beside = |row: Row| row.to_column(width.saturating_sub(stop.width())).and(stop.clone());
-    let row = if let Some(typing) = &model.entry.typing {
+    let row = if let Some(typing) = &model.input.typing {
         beside(typed(typing, pen, room))
     } else if let Some(notice) = &model.notice {
         let (role, glyph) =
@@ -108,14 +108,14 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.row(area, 0, &row);
 }
 
-/// The key that stops the arm here and now: where text is typed, one that is no text.
+/// The key that stops the arm here and now: while text is typed, one that is not text.
 #[must_use]
-pub fn stop(model: &Model) -> Row {
-    let types = model.entry.typing.is_some()
-        || match &model.entry.overlay {
+pub fn stop(model: &ConsoleModel) -> Row {
+    let types = model.input.typing.is_some()
+        || match &model.input.overlay {
             Some(Overlay::Palette(_)) => true,
-            Some(Overlay::Prompt(prompt)) => {
-                prompt.focus != Focus::Hold || prompt.signing.is_some() || prompt.cut_off.is_some()
+            Some(Overlay::Approval(prompt)) => {
+                prompt.focus != ApprovalFocus::Hold || prompt.signing.is_some() || prompt.dismissed.is_some()
             }
             Some(Overlay::Form(form)) => {
                 (form.void.is_some() && !form.is_one_key()) || form.types() || form.signing.is_some()
@@ -128,7 +128,7 @@ pub fn stop(model: &Model) -> Row {
     key.map_or_else(Row::new, |key| Row::of(ThemeRole::Key, key).with(ThemeRole::Text, " stop"))
 }
 
-/// The line being typed with its cursor; of a long one the part round the cursor.
+/// The line being typed with its cursor; of a long one, the part around the cursor.
 fn typed(typing: &Typing, pen: &Pen<'_>, width: usize) -> Row {
     let (sign, line) = match typing {
         Typing::Command(line) => (":", line),
@@ -144,7 +144,7 @@ pub fn field(pen: &Pen<'_>, line: &crate::line::EditLine, width: usize, has_keys
     if !has_keys {
         return Row::of(ThemeRole::Text, &super::short(text, width));
     }
-    // One column is for the cursor; what does not fit before it is left off at the front.
+    // One column is for the cursor; a long text is cut at the front.
     let before: String = text.chars().take(cursor).collect();
     let after: String = text.chars().skip(cursor).collect();
     let room = width.saturating_sub(1);
@@ -155,9 +155,9 @@ pub fn field(pen: &Pen<'_>, line: &crate::line::EditLine, width: usize, has_keys
         .with(ThemeRole::Field, &after)
 }
 
-/// Keys that mean something in what lies over the view and nowhere else; absent where there are none.
-fn own_keys(model: &Model) -> Option<Vec<(&'static str, &'static str)>> {
-    match &model.entry.overlay {
+/// Keys that apply only in the dialog over the view; absent if there are none.
+fn own_keys(model: &ConsoleModel) -> Option<Vec<(&'static str, &'static str)>> {
+    match &model.input.overlay {
         Some(Overlay::Why(screen)) => {
             let why = model.subject_detail().and_then(|detail| detail.why.get(screen.at));
             let shows = why.is_some_and(|why| why.film.is_some());
@@ -178,18 +178,18 @@ fn own_keys(model: &Model) -> Option<Vec<(&'static str, &'static str)>> {
                 ("n b", "next, before"),
             ])
         }
-        Some(Overlay::Palette(_) | Overlay::Prompt(_) | Overlay::Form(_)) | None => None,
+        Some(Overlay::Palette(_) | Overlay::Approval(_) | Overlay::Form(_)) | None => None,
     }
 }
 
-/// The actions that mean something here, the weightiest first.
+/// The actions that apply here, the most important first.
 #[must_use]
-pub fn actions(model: &Model) -> Vec<Action> {
+pub fn actions(model: &ConsoleModel) -> Vec<Action> {
     use crate::action::Action as A;
-    let here: &[Action] = match (&model.entry.overlay, model.place.view) {
+    let here: &[Action] = match (&model.input.overlay, model.view_state.view) {
         (Some(Overlay::Palette(_)), _) => &[A::Open, A::Up, A::Down, A::Back],
-        (Some(Overlay::Prompt(prompt)), _) => return in_prompt(model, prompt),
-        // What is typed there is a passphrase, and its own keys stand beside it.
+        (Some(Overlay::Approval(prompt)), _) => return in_prompt(model, prompt),
+        // The typed text is a passphrase, and its own keys stand beside it.
         (Some(Overlay::Form(form)), _) if form.signing.is_some() => &[],
         (Some(Overlay::Form(form)), _) if form.is_one_key() || form.void.is_some() => &[A::Back],
         (Some(Overlay::Form(form)), _) if form.types() => &[A::NextPane, A::Back],
@@ -236,7 +236,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (None, View::Shadow) => {
             &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Resume, A::Abort]
         }
-        (None, View::Alarms) if model.place.pane() == HISTORY_PANE => &[A::NextPane, A::Open, A::Copy],
+        (None, View::Alarms) if model.view_state.pane() == HISTORY_PANE => &[A::NextPane, A::Open, A::Copy],
         (None, View::Alarms) => {
             &[A::Acknowledge, A::Mark, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort]
         }
@@ -246,50 +246,50 @@ pub fn actions(model: &Model) -> Vec<Action> {
         }
         (None, View::Audit) => &[A::Open, A::NextPane, A::Verify, A::Filter, A::Copy, A::Export],
     };
-    if model.bare_absence().is_some() && model.entry.overlay.is_none() {
+    if model.bare_absence().is_some() && model.input.overlay.is_none() {
         return vec![A::CommandLine, A::Help, A::Quit];
     }
-    if model.entry.overlay.is_some() {
+    if model.input.overlay.is_some() {
         return here.to_vec();
     }
-    // A key that would be refused as things stand is no hint.
-    let possible = Possible::of(model);
-    // What calls for attention comes before what can be marked.
-    let mark = model.place.lists_versions().then_some(A::Mark);
+    // A key that would be refused now is not a hint.
+    let possible = ActionAvailability::of(model);
+    // Urgent items come before items that can be marked.
+    let mark = model.view_state.lists_versions().then_some(A::Mark);
     let rest = [A::JumpToAlarm].into_iter().chain(mark).chain([A::CommandLine, A::Help, A::Quit]);
     let all = here.iter().copied().chain(rest);
     all.filter(|action| possible.is_offered(*action)).collect()
 }
 
-/// The same inside a prompt: a key that something stands against is no hint.
-fn in_prompt(model: &Model, prompt: &Prompt) -> Vec<Action> {
+/// The hints inside a prompt: a key with an obstacle is not a hint.
+fn in_prompt(model: &ConsoleModel, prompt: &ApprovalScreen) -> Vec<Action> {
     use crate::action::Action as A;
     let more = prompt.has_more().then_some(A::PageDown);
     let all = if prompt.signing.is_some() {
-        // What is typed there is a passphrase, and its own keys stand beside it.
+        // The typed text is a passphrase, and its own keys stand beside it.
         return Vec::new();
     } else if prompt.closed {
         vec![more, Some(A::Back)]
-    } else if prompt.focus != Focus::Hold {
+    } else if prompt.focus != ApprovalFocus::Hold {
         vec![Some(A::NextPane), more, Some(A::Back)]
     } else if prompt.stale.is_some() {
         vec![Some(A::Reread), more, Some(A::Back)]
     } else {
-        // That a console is read-only is said beside the key; the key that rejects leads to the reason.
-        let counts = |answer, but: &[Obstacle]| {
-            let who = model.seat.operator.as_ref();
+        // Read-only is shown beside the key; the key that rejects leads to the reason.
+        let counts = |answer, but: &[DecisionObstacle]| {
+            let who = model.session.operator.as_ref();
             let blocks = prompt.blocks(answer, who, model.settings.read_only, model.now_ms);
-            blocks.iter().all(|block| *block == Obstacle::ReadOnly || but.contains(block))
+            blocks.iter().all(|block| *block == DecisionObstacle::ReadOnly || but.contains(block))
         };
-        let approve = counts(Answer::Approve, &[]).then_some(A::Approve);
-        let reject = counts(Answer::Reject, &[Obstacle::Reason]).then_some(A::Reject);
+        let approve = counts(ApprovalDecision::Approve, &[]).then_some(A::Approve);
+        let reject = counts(ApprovalDecision::Reject, &[DecisionObstacle::Reason]).then_some(A::Reject);
         vec![approve, reject, Some(A::NextPane), more, Some(A::Back)]
     };
     all.into_iter().flatten().collect()
 }
 
-fn keys(model: &Model, actions: &[Action], width: usize) -> Row {
-    // Help and the way out stand in every hint line.
+fn keys(model: &ConsoleModel, actions: &[Action], width: usize) -> Row {
+    // Help and the key that leaves stand in every hint line.
     let last: Vec<Action> =
         actions.iter().copied().filter(|action| matches!(action, Action::Help | Action::Quit)).collect();
     let tail = last.iter().fold(Row::new(), |row, action| row.and(hint(model, *action)));
@@ -306,8 +306,8 @@ fn keys(model: &Model, actions: &[Action], width: usize) -> Row {
     if model.settings.read_only && off && row.width() + why.width() <= width { row.and(why) } else { row }
 }
 
-/// One key and what it does, with the gap behind it; of a key that is off, in brackets.
-fn hint(model: &Model, action: Action) -> Row {
+/// One key and its action, with the gap behind it; a disabled key is in brackets.
+fn hint(model: &ConsoleModel, action: Action) -> Row {
     let key = model.keymap.key(action);
     if key.is_empty() {
         return Row::new();
@@ -319,33 +319,37 @@ fn hint(model: &Model, action: Action) -> Row {
     Row::of(ThemeRole::Key, &key).with(ThemeRole::Text, &format!(" {word}  "))
 }
 
-/// What an action is called in a hint.
-fn label(model: &Model, action: Action) -> String {
-    match (action, &model.entry.overlay, model.place.view) {
+/// The word for an action in a hint.
+fn label(model: &ConsoleModel, action: Action) -> String {
+    match (action, &model.input.overlay, model.view_state.view) {
         (Action::NextPane, Some(_), _) => "next field",
         (Action::Open, Some(Overlay::Palette(_)), _) => "runs it",
         (Action::Open, Some(_), _) => "presses the button",
         (Action::Open, None, View::Candidate) => "why",
-        (Action::Back, Some(Overlay::Prompt(prompt)), _) if prompt.focus != Focus::Hold => "leave the field",
-        (Action::Back, Some(Overlay::Prompt(prompt)), _) if prompt.closed || prompt.seen.granted => "close",
-        (Action::Back, Some(Overlay::Prompt(_)), _) => "decide later",
+        (Action::Back, Some(Overlay::Approval(prompt)), _) if prompt.focus != ApprovalFocus::Hold => {
+            "leave the field"
+        }
+        (Action::Back, Some(Overlay::Approval(prompt)), _) if prompt.closed || prompt.seen.granted => "close",
+        (Action::Back, Some(Overlay::Approval(_)), _) => "decide later",
         (Action::Back, Some(_), _) => "close",
         (Action::NextPane, None, View::Health) => "next quantity",
-        (Action::NextPane, None, View::Alarms) if model.place.pane() == HISTORY_PANE => "open alarms",
+        (Action::NextPane, None, View::Alarms) if model.view_state.pane() == HISTORY_PANE => "open alarms",
         (Action::NextPane, None, View::Alarms) => "history",
         (Action::PageDown, _, _) => "more",
         (Action::JumpToAlarm, _, _) => "alarm",
         (Action::CommandLine, _, _) => "command",
         (Action::OpenRecording, _, _) => "recording",
         (Action::ResetAlarm, _, _) => "reset",
-        (Action::Go, _, _) => "let it work again",
-        (Action::Freeze, _, _) if model.place.frozen.is_some() => "let run",
+        (Action::Go, _, _) => "start the cell",
+        (Action::Freeze, _, _) if model.view_state.frozen.is_some() => "let run",
         (Action::Open, None, View::Audit) => "raw record",
         (Action::Pause, _, _) => "hold",
-        (Action::Resume, _, _) => "let go on",
+        (Action::Resume, _, _) => "resume",
         (Action::Quit, None, _) if model.absence().is_some() => "quit",
-        (Action::Quit, None, View::Overview) if !model.told.ends_with_this() => "leave it on",
-        (Action::Quit, None, View::Overview) if model.told.link == EngineLink::Attached => "end engine",
+        (Action::Quit, None, View::Overview) if !model.engine_data.ends_with_console() => "leave it on",
+        (Action::Quit, None, View::Overview) if model.engine_data.link == EngineLink::Attached => {
+            "end engine"
+        }
         (Action::Quit, None, View::Overview) => "quit",
         (Action::Quit, _, _) => "back",
         (other, _, _) => return other.word().replace('-', " "),

@@ -1,4 +1,4 @@
-//! What a command line could become, above the line: what Tab goes through.
+//! The completions of a command line, above the line: Tab steps through them.
 //!
 //! ```text
 //!   demo grasp-improved
@@ -18,10 +18,10 @@ use crate::widgets::row::Row;
 /// The most lines of a menu.
 const ROWS_MAX: u16 = 10;
 
-/// Columns of a command before what it does.
+/// Columns of a command before its help.
 const WORD_COLUMNS: usize = 24;
 
-/// Draws it at the foot of an area, of which it takes half at most.
+/// Draws it at the foot of an area, at most over half of it.
 pub fn draw(menu: &CompletionMenu, pen: &mut Pen<'_>, area: Rect) {
     let count = u16::try_from(menu.lines.len()).unwrap_or(u16::MAX);
     let height = count.min(ROWS_MAX).min(area.height / 2);
@@ -34,7 +34,7 @@ pub fn draw(menu: &CompletionMenu, pen: &mut Pen<'_>, area: Rect) {
     });
 }
 
-/// What the command of a line does.
+/// The help of a line's command.
 fn help(line: &str) -> &'static str {
     if line.contains(' ') {
         return "";

@@ -1,4 +1,4 @@
-//! View 1: the robot, what is active, how far each candidate is, what waits, and what happened.
+//! View 1: the robot, active versions, the progress of candidates, waiting requests, and the event log.
 //!
 //! ```text
 //! ── Active ─────────────────────────── │ ▸ Robot ──────────────────
@@ -7,32 +7,32 @@
 //! ▸ grasp@1.1.0 ◌ running               │  grasp 0.21 m/s 4.1 N held
 //!   ✔ register ✔ validate ◌ sandbox …   │ ── Waits for people ───────
 //!   ████░░░░ 137 of 480                 │ ◷ place@1.1.0 approval 0 of 2
-//! ── Story ───────────────────────────────────────────────────────
+//! ── Events ──────────────────────────────────────────────────────
 //! ```
 
 use ratatui::layout::Rect;
 
-use super::{families, pipeline, robot, story, tabs};
+use super::{event_log, families, pipeline, robot, tabs};
+use crate::formatters::{approvals, duration};
 use crate::look::{Glyph, ThemeRole};
-use crate::model::Model;
-use crate::rows::{CandidateItem, WaitingItem};
+use crate::model::ConsoleModel;
+use crate::rows::{CandidateItem, PendingApprovalItem};
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
-use crate::words::{approvals, duration};
 
 const PIPELINE: usize = 0;
 pub(super) const ROBOT: usize = 1;
 pub(super) const STORY: usize = 2;
 
-/// Columns and rows from which the checks of the candidate under the cursor stand below the pipeline.
+/// The size from which the checks of the candidate under the cursor stand below the pipeline.
 const WIDE_COLUMNS: u16 = 160;
 
 const WIDE_ROWS: u16 = 30;
 
-/// Columns in which the seven stages have their words.
+/// The width from which the seven stages have their words.
 const STRIP_WIDTH: u16 = 62;
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     match pen.fit {
         Fit::Tiny | Fit::One => one(model, pen, area),
         Fit::Two => two(model, pen, area),
@@ -40,30 +40,30 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-fn one(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+fn one(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     tabs::draw_panes(model, Row::new(), pen, area);
     let area = below(area, 1);
-    match model.place.pane() {
+    match model.view_state.pane() {
         ROBOT => robot::draw(model, pen, area),
         STORY => {
             let area = super::frozen(model, pen, area);
-            story::draw(model, pen, area, true);
+            event_log::draw(model, pen, area, true);
         }
         _ => work(model, pen, area),
     }
 }
 
-fn two(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+fn two(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let (left, right) = pen.split(area, area.width * 3 / 5);
     work(model, pen, left);
-    if model.place.pane() == STORY {
+    if model.view_state.pane() == STORY {
         story_pane(model, pen, right);
     } else {
         robot_pane(model, pen, right);
     }
 }
 
-fn full(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+fn full(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let story = (area.height / 4).max(6);
     let (upper, lower) = cut(area, area.height - story);
     let (left, right) = pen.split(upper, (upper.width * 3 / 5).max(STRIP_WIDTH));
@@ -82,25 +82,25 @@ fn full(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// Active versions over the pipeline.
-fn work(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+fn work(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let active = families::rows(model, pen, usize::from(area.width));
     // The pipeline keeps at least half.
     let height = u16::try_from(active.len() + 1).unwrap_or(u16::MAX).min(area.height / 2);
     let (top, bottom) = cut(area, height);
     let inside = pen.pane(top, "Active", false, "");
     pen.rows(inside, 0, &active);
-    let focused = model.place.pane() == PIPELINE;
+    let focused = model.view_state.pane() == PIPELINE;
     let cursor = if focused { model.row() } else { 0 };
     pen.hit(area, Hit::Pane(PIPELINE));
     let inside = pen.pane(bottom, "Pipeline", focused, &pipeline::extent(model, cursor, bottom.width));
     pipeline::draw(model, pen, inside, focused);
 }
 
-/// What is known of the candidate under the cursor, where a large screen has room for it: its four checks and every
-/// reason of the last decision.
-fn under_cursor(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+/// The candidate under the cursor in detail, if a large screen has room: its four checks and every reason of the last
+/// decision.
+fn under_cursor(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let rows = model.pipeline_rows();
-    let at = if model.place.in_story() { 0 } else { model.row() };
+    let at = if model.view_state.in_story() { 0 } else { model.row() };
     let Some(candidate) = rows.get(at) else {
         pen.pane(area, "Checks", false, "");
         return;
@@ -124,21 +124,21 @@ fn under_cursor(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.rows(inside, 0, &rows);
 }
 
-fn robot_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+fn robot_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let at = model
-        .told
+        .engine_data
         .picture
         .as_ref()
         .map(|picture| format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs))
         .unwrap_or_default();
     pen.hit(area, Hit::Pane(ROBOT));
-    let inside = pen.pane(area, "Robot", model.place.pane() == ROBOT, &at);
+    let inside = pen.pane(area, "Robot", model.view_state.pane() == ROBOT, &at);
     robot::draw(model, pen, inside);
 }
 
-fn story_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let focused = model.place.pane() == STORY;
-    // What is filtered must not look like all there is.
+fn story_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    let focused = model.view_state.pane() == STORY;
+    // A filtered list must not look complete.
     let filter = model.story_filter();
     let right = if filter.is_empty() {
         "newest first".to_owned()
@@ -147,17 +147,17 @@ fn story_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         format!("{shown} of {all} lines with {:?}, newest first", super::short(filter, 24))
     };
     pen.hit(area, Hit::Pane(STORY));
-    let inside = pen.pane(area, "Story", focused, &right);
+    let inside = pen.pane(area, "Events", focused, &right);
     let inside = super::frozen(model, pen, inside);
-    story::draw(model, pen, inside, focused);
+    event_log::draw(model, pen, inside, focused);
 }
 
-fn waiting_height(model: &Model) -> u16 {
+fn waiting_height(model: &ConsoleModel) -> u16 {
     let rows = model.waiting_rows().len();
     if rows == 0 { 0 } else { u16::try_from(rows + 2).unwrap_or(u16::MAX) }
 }
 
-fn waiting_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+fn waiting_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let rows = model.waiting_rows();
     if rows.is_empty() {
         return;
@@ -169,16 +169,21 @@ fn waiting_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// One thing that waits, in a line.
+/// One waiting request, in a line.
 #[must_use]
-pub fn waiting_row(model: &Model, item: &WaitingItem<'_>, pen: &Pen<'_>) -> Row {
+pub fn waiting_row(model: &ConsoleModel, item: &PendingApprovalItem<'_>, pen: &Pen<'_>) -> Row {
     let now_ms = model.engine_ms();
     let glyph = pen.look.glyph(Glyph::Waiting);
     match item {
-        WaitingItem::Question(question) => Row::of(ThemeRole::Waiting, &format!("{glyph} question "))
-            .with(ThemeRole::Text, &question.version.to_string())
-            .with(ThemeRole::Muted, &format!("  rolled back in {}", left(question.deadline_ms, now_ms))),
-        WaitingItem::Prompt(prompt) => {
+        PendingApprovalItem::MonitorQuestion(question) => {
+            Row::of(ThemeRole::Waiting, &format!("{glyph} question "))
+                .with(ThemeRole::Text, &question.version.to_string())
+                .with(
+                    ThemeRole::Muted,
+                    &format!("  rolled back in {}", time_left(question.deadline_ms, now_ms)),
+                )
+        }
+        PendingApprovalItem::Approval(prompt) => {
             let (count, next) = approvals(prompt, model.is_stopped(), model.time());
             let role = if prompt.granted { ThemeRole::Text } else { ThemeRole::Muted };
             Row::of(ThemeRole::Waiting, &format!("{glyph} approval "))
@@ -188,8 +193,8 @@ pub fn waiting_row(model: &Model, item: &WaitingItem<'_>, pen: &Pen<'_>) -> Row 
     }
 }
 
-/// How long there is until a deadline.
+/// The time until a deadline.
 #[must_use]
-pub fn left(deadline_ms: u64, now_ms: u64) -> String {
+pub fn time_left(deadline_ms: u64, now_ms: u64) -> String {
     duration(deadline_ms.saturating_sub(now_ms))
 }

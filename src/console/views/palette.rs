@@ -1,4 +1,4 @@
-//! Help that is the palette: what means something here, with its keys, narrowed by typing.
+//! The help, which is also the palette: the actions that apply here, with their keys, narrowed by typing.
 //!
 //! ```text
 //! ┌ Keys and commands ───────────────┐
@@ -11,9 +11,9 @@ use ratatui::layout::Rect;
 
 use super::hints::field;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::Model;
+use crate::model::ConsoleModel;
 use crate::palette::Palette;
-use crate::update::possible::Possible;
+use crate::update::availability::ActionAvailability;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::Row;
@@ -22,7 +22,7 @@ use crate::widgets::row::Row;
 const WIDTH_MAX: u16 = 96;
 
 /// Draws it over the view.
-pub fn draw(model: &Model, palette: &Palette, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, palette: &Palette, pen: &mut Pen<'_>, area: Rect) {
     let rows = palette.rows();
     let cursor = palette.cursor.min(rows.len().saturating_sub(1));
     let inside =
@@ -39,11 +39,11 @@ pub fn draw(model: &Model, palette: &Palette, pen: &mut Pen<'_>, area: Rect) {
         pen.text(list, 0, ThemeRole::Muted, "Nothing fits; Backspace widens the search");
         return;
     }
-    let possible = Possible::of(model);
+    let possible = ActionAvailability::of(model);
     pen.list(list, rows.len(), Some(cursor), |index, _| {
         let Some(action) = rows.get(index) else { return Row::new() };
         let keys = model.keymap.keys(*action).join(" ");
-        // What would be refused stays in its place, and says why.
+        // An action that would be refused stays in its place, with the reason.
         let why = if model.settings.read_only && action.changes_something() {
             Some("read-only".to_owned())
         } else {
@@ -58,7 +58,7 @@ pub fn draw(model: &Model, palette: &Palette, pen: &mut Pen<'_>, area: Rect) {
             .with(role, " ");
         match why {
             Some(why) => {
-                // How the version stands is on the screen: the rule is what is news.
+                // The state of the version is on the screen already, so only the rule is shown.
                 let rule = why.rsplit("; ").next().unwrap_or(&why);
                 row.with(ThemeRole::KeyOff, &format!("(off: {rule}) {}", action.help()))
             }

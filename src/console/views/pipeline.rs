@@ -1,5 +1,5 @@
-//! Candidates on their way: where each stands among the seven stages, how far the running one is, when it could
-//! end, and what would end it early.
+//! Candidates in the pipeline: the seven stages of each, the progress of the running one, its expected end, and the
+//! conditions of an early end.
 //!
 //! ```text
 //! ▸ grasp@1.1.0  ◌ running  ada, refined, risk low
@@ -12,26 +12,27 @@ use ratatui::layout::Rect;
 use unicode_width::UnicodeWidthStr as _;
 
 use crate::action::Action;
+use crate::formatters::{
+    MONITOR_PLACE, STAGES, approvals, duration, pipeline_idle_reason, stage_place, stages_done, under_way,
+    waits_for,
+};
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::{Headway, Model};
-use crate::theme::Mark;
+use crate::model::{ConsoleModel, StageProgress};
+use crate::theme::StateMark;
 use crate::widgets::bar::progress;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Hit, Pen, below};
 use crate::widgets::row::{Row, wrap};
-use crate::words::{
-    MONITOR_PLACE, STAGES, approvals, duration, stage_place, stages_done, stands_still, under_way, waits_for,
-};
-use holdpoint_governance::decision::telling;
+use holdpoint_governance::decision::lead_reason;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot};
 
-/// Rows for what would end a stage early.
+/// Rows for the conditions of an early end.
 const EARLY_ROWS_MAX: usize = 3;
 
 /// Draws the candidates round the cursor.
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let candidates = model.pipeline_rows();
     if candidates.is_empty() {
         nothing(model, pen, area);
@@ -41,16 +42,16 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let width = usize::from(area.width.saturating_sub(GUTTER));
     let look = pen.look;
     let block = |index: usize, candidate: &CandidateView| {
-        let headway = model.told.headway.get(&candidate.version);
-        let now = model.told.snapshot.as_deref();
+        let headway = model.engine_data.stage_progress.get(&candidate.version);
+        let now = model.engine_data.snapshot.as_deref();
         let mut rows = rows(candidate, now, headway, model.engine_ms(), look, width, index == cursor);
-        if model.place.marked_versions.contains(&candidate.version)
+        if model.view_state.marked_versions.contains(&candidate.version)
             && let Some(head) = rows.first_mut()
         {
             *head = super::registry::lead(true, true, look).and(head.clone());
         }
         if let Some(text) = now.and_then(|now| waits_for(now, candidate)) {
-            // Below name and stages, before what was decided earlier.
+            // Below name and stages, before earlier decisions.
             rows.insert(rows.len().min(2), Row::of(ThemeRole::Waiting, &super::short(&text, width)));
         }
         rows
@@ -85,15 +86,15 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     }
 }
 
-/// Where the cursor is, in the heading of a pane so wide; what is filtered must not look like all there is.
+/// The cursor's place, in the heading of a pane of this width; a filtered list must not look complete.
 #[must_use]
-pub fn extent(model: &Model, cursor: usize, width: u16) -> String {
+pub fn extent(model: &ConsoleModel, cursor: usize, width: u16) -> String {
     let count = model.pipeline_rows().len();
     let filter = model.filter();
     if filter.is_empty() {
         return place(count, cursor);
     }
-    let all = model.told.snapshot.as_ref().map_or(0, |now| now.candidates.len());
+    let all = model.engine_data.snapshot.as_ref().map_or(0, |now| now.candidates.len());
     let here = if count == 0 { "none".to_owned() } else { place(count, cursor) };
     let word = |width| super::short(filter, width);
     let said = [
@@ -106,13 +107,13 @@ pub fn extent(model: &Model, cursor: usize, width: u16) -> String {
     said.into_iter().nth(fits.unwrap_or(2)).unwrap_or_default()
 }
 
-/// What to do if there is nothing yet.
-fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+/// The first steps if there is no candidate yet.
+fn nothing(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     if !model.filter().is_empty() {
         pen.text(area, 0, ThemeRole::Muted, "No candidate fits the filter");
         return;
     }
-    if model.told.snapshot.is_none() {
+    if model.engine_data.snapshot.is_none() {
         pen.text(area, 0, ThemeRole::Muted, "The engine is starting");
         return;
     }
@@ -134,7 +135,7 @@ fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn rows(
     candidate: &CandidateView,
     now: Option<&Snapshot>,
-    headway: Option<&Headway>,
+    headway: Option<&StageProgress>,
     now_ms: u64,
     look: &Look,
     width: usize,
@@ -150,21 +151,21 @@ fn rows(
     );
     let head = Row::of(ThemeRole::Title, &name)
         .with(ThemeRole::Text, "  ")
-        .and(super::stands(candidate.state, &candidate.flags, room, look))
+        .and(super::state_row(candidate.state, &candidate.flags, room, look))
         .with(ThemeRole::Muted, &by);
     let mut rows = vec![head];
     if !candidate.state.is_terminal() || chosen {
         rows.push(strip(candidate, look, width));
     }
     let question = now.and_then(|now| now.prompts.iter().find(|asked| asked.version == candidate.version));
-    let still = now.and_then(stands_still);
+    let still = now.and_then(pipeline_idle_reason);
     let muted = |text: &str| Row::of(ThemeRole::Muted, &super::short(text, width));
     let time = now.map_or_else(WallTime::default, |now| now.time_at(now_ms));
     if let Some(question) = question.filter(|_| candidate.flags.awaiting_approval) {
         let (count, next) = approvals(question, now.is_some_and(|now| now.stopped.is_some()), time);
         rows.push(Row::of(ThemeRole::Waiting, &super::short(&format!("{count} approved, {next}"), width)));
     } else if let (Some(progress), Some(why)) = (under_way(candidate), still) {
-        // Time passes all the same: it says nothing of when this ends.
+        // Time passes, but says nothing about the end.
         let (done, all) = (progress.done, progress.budget);
         rows.push(muted(&format!("stands still at {done} of {all} {}: {why}", progress.what)));
     } else if let Some(progress) = under_way(candidate) {
@@ -174,40 +175,40 @@ fn rows(
         rows.push(match still {
             _ if candidate.flags.awaiting_approval => muted("people are asked"),
             Some(why) => muted(&format!("{name} stands still: {why}")),
-            None => muted(&format!("{name} begins; nothing of it is worked yet")),
+            None => muted(&format!("{name} begins; nothing has run yet")),
         });
     } else if let Some(reason) =
-        telling(&candidate.reasons).filter(|_| chosen || candidate.state == State::Rejected)
+        lead_reason(&candidate.reasons).filter(|_| chosen || candidate.state == State::Rejected)
     {
-        rows.push(muted(&reason.to_string()));
+        rows.push(muted(&holdpoint_wording::line(reason)));
     }
     rows
 }
 
-fn stage_mark(candidate: &CandidateView, place: usize) -> Mark {
+fn stage_mark(candidate: &CandidateView, place: usize) -> StateMark {
     let done = stages_done(candidate.state, candidate.left, candidate.ran, &candidate.flags);
     let running = candidate.flags.running.map(stage_place);
     let stopped = matches!(candidate.state, State::Rejected | State::RolledBack);
-    // A version that was confirmed stays so: what stopped it later is the monitor.
+    // A confirmed version keeps its stage; a later stop is the monitor's.
     let confirmed = candidate.confirmed && place > MONITOR_PLACE;
-    // What works while its promotion is held is watched all the same.
+    // A version whose promotion is paused is still monitored.
     let works = candidate.state == State::Active;
     let held = if works { MONITOR_PLACE + 1 } else { running.unwrap_or(done) };
     if candidate.flags.paused && place == held {
-        Mark::HELD
+        StateMark::HELD
     } else if candidate.flags.awaiting_approval && !works && place == running.unwrap_or(done) {
-        // The gate has done its part: it is people's turn.
-        Mark::WAITING
+        // The gate has passed; the approvers decide next.
+        StateMark::WAITING
     } else if running == Some(place) {
-        Mark::RUNNING
+        StateMark::RUNNING
     } else if place < done || confirmed {
-        Mark::DONE
+        StateMark::DONE
     } else if stopped && place == done {
-        Mark::FAILED
+        StateMark::FAILED
     } else if candidate.flags.provisional && place == done {
-        Mark::RUNNING
+        StateMark::RUNNING
     } else {
-        Mark::AHEAD
+        StateMark::AHEAD
     }
 }
 
@@ -231,7 +232,7 @@ pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
     let mut told = false;
     for (mark, stage) in marks {
         row.push(mark.role, look.glyph(mark.glyph));
-        if !told && mark != Mark::DONE || mark == Mark::HELD {
+        if !told && mark != StateMark::DONE || mark == StateMark::HELD {
             row.push(mark.role, &format!(" {stage} {} ", mark.word));
             told = true;
         }
@@ -241,7 +242,7 @@ pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
 
 fn running(
     view: &ProgressView,
-    headway: Option<&Headway>,
+    headway: Option<&StageProgress>,
     now_ms: u64,
     look: &Look,
     width: usize,
@@ -303,8 +304,9 @@ mod tests {
     }
 
     fn marks_of(candidate: &CandidateView) -> Vec<&'static str> {
-        let failed = |place: &usize| stage_mark(candidate, *place) == Mark::FAILED;
-        let done = (0..STAGES.len()).take_while(|place| stage_mark(candidate, *place) == Mark::DONE).count();
+        let failed = |place: &usize| stage_mark(candidate, *place) == StateMark::FAILED;
+        let done =
+            (0..STAGES.len()).take_while(|place| stage_mark(candidate, *place) == StateMark::DONE).count();
         let mut said = vec![STAGES.get(done).copied().unwrap_or("all done")];
         said.extend((0..STAGES.len()).filter(failed).map(|place| STAGES[place]));
         said
@@ -320,7 +322,7 @@ mod tests {
         assert_eq!(marks("superseded", "active", true), ["all done"]);
     }
 
-    /// It leaves from `demoted` whatever was repeated: the strip said that it was not valid.
+    /// A repeated version leaves from `demoted`: the strip said that it was not valid.
     #[test]
     fn the_strip_marks_the_repeated_stage_that_stopped_it() {
         for (ran, stage) in [(Stage::Sandbox, "sandbox"), (Stage::Shadow, "shadow")] {
@@ -334,7 +336,7 @@ mod tests {
         );
     }
 
-    /// How an evaluation ended tells nobody what was wrong.
+    /// The end of an evaluation alone does not tell the operator what was wrong.
     #[test]
     fn a_rejected_candidate_says_what_was_wrong_with_it() {
         let reasons = json!([
@@ -348,8 +350,8 @@ mod tests {
             ..candidate("rejected", "validated", false)
         };
         let theme = crate::look::Theme::builtin("mono").unwrap();
-        let look = Look::new(theme, crate::look::Depth::Mono, crate::look::Glyphs::Ascii);
-        // Whatever it was at when it was rejected, nothing of it goes on.
+        let look = Look::new(theme, crate::look::ColorDepth::Mono, crate::look::Glyphs::Ascii);
+        // A rejected version is in no running stage.
         let (what, early) = ("paired episodes".to_owned(), String::new());
         let progress =
             ProgressView { stage: Stage::Sandbox, what, done: 24, budget: 120, since_ms: 0, early };
@@ -368,6 +370,6 @@ mod tests {
     fn a_version_that_was_confirmed_stays_so_after_a_rollback() {
         let confirmed = candidate("rolled-back", "active", true);
         let marks = [MONITOR_PLACE, MONITOR_PLACE + 1].map(|place| stage_mark(&confirmed, place));
-        assert_eq!(marks, [Mark::FAILED, Mark::DONE]);
+        assert_eq!(marks, [StateMark::FAILED, StateMark::DONE]);
     }
 }

@@ -11,39 +11,39 @@
 use ratatui::layout::Rect;
 
 use super::tabs;
+use crate::formatters::{duration, kappa_sign, reason_line, state_label};
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::{Model, SortBy, SortOrder};
+use crate::model::{ConsoleModel, SortBy, SortOrder};
 use crate::rows::RegistryItem;
 use crate::widgets::bar::against_limit;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::Row;
-use crate::words::{duration, kappa_sign, reason_line, standing};
-use holdpoint_governance::decision::{Dimension, telling};
+use holdpoint_governance::decision::{Dimension, lead_reason};
 use holdpoint_governance::record::VersionSummary;
 
-/// Lines for what is said of the version under the cursor.
+/// Lines for the description of the version under the cursor.
 const DETAIL_ROWS: u16 = 4;
 
 const DIMENSIONS: [Dimension; 4] =
     [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
 
 /// Widths of the columns: name, state, bar of each kappa.
-struct Columns {
+struct RegistryColumns {
     name: usize,
     state: usize,
     bar: usize,
-    /// Who made it, how and at what risk; nothing without room for it. What the rest of the line says comes behind.
+    /// Author, origin and risk; zero without room for them. The rest of the line comes behind.
     by: usize,
 }
 
-/// Columns from which who made a version and why it stands there are beside it.
+/// The width from which author and reason of the state are beside a version.
 const WIDE: usize = 150;
 
 /// Columns of the widest age, `59 min`.
 const AGE_WIDTH: usize = 6;
 
-impl Columns {
+impl RegistryColumns {
     /// Columns before the age, with the gap that keeps it apart.
     const fn before_age(&self) -> usize {
         GUTTER as usize + self.name + self.state + 1 + DIMENSIONS.len() * self.kappa() + 1
@@ -64,12 +64,12 @@ impl Columns {
     }
 }
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let items = model.registry_rows();
-    // The rows are many: they are made once.
-    let cursor = model.place.cursor().min(items.len().saturating_sub(1));
-    let total = model.told.registry.page.total;
-    let shown = model.told.registry.page.rows.len() as u64;
+    // The rows are many: they are made only once.
+    let cursor = model.view_state.cursor().min(items.len().saturating_sub(1));
+    let total = model.engine_data.registry.page.total;
+    let shown = model.engine_data.registry.page.rows.len() as u64;
     let right = if total > shown { format!("{shown} of {total} read") } else { String::new() };
     let place = format!("{}  {right}", place(items.len(), cursor));
     let place = Row::of(ThemeRole::Muted, place.trim_end());
@@ -82,17 +82,17 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.text(area, 0, ThemeRole::Muted, text);
         return;
     }
-    let columns = Columns::of(pen.fit, width);
+    let columns = RegistryColumns::of(pen.fit, width);
     let look = pen.look;
-    // Half an age is none: where there is no room for the widest, the lines below tell it alone.
+    // An age is never cut: without room for the widest, only the lines below show it.
     let has_age = columns.before_age() + AGE_WIDTH <= width;
-    pen.row(area, 0, &header(&columns, has_age, model.told.registry.sort, look));
-    // Of what is under the cursor a large screen says more, and the list keeps what it needs.
+    pen.row(area, 0, &header(&columns, has_age, model.engine_data.registry.sort, look));
+    // A large screen shows more about the version under the cursor, and the list keeps its rows.
     let left = area.height.saturating_sub(1 + u16::try_from(items.len()).unwrap_or(u16::MAX));
     let detail_rows = left.clamp(DETAIL_ROWS, (area.height / 3).max(DETAIL_ROWS));
     let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + detail_rows));
     let now_ms = model.engine_ms();
-    let limits = model.told.registry.page.thresholds;
+    let limits = model.engine_data.registry.page.thresholds;
     pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
         Some(RegistryItem::Family { family, versions, open }) => {
             let glyph = look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
@@ -102,18 +102,18 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
             )
         }
         Some(RegistryItem::Version(row)) => {
-            let flat = model.told.registry.is_flat();
-            let marked = model.place.marked_versions.contains(&row.version);
+            let flat = model.engine_data.registry.is_flat();
+            let marked = model.view_state.marked_versions.contains(&row.version);
             let line = version(row, (flat, marked), limits, has_age.then_some(now_ms), &columns, look);
-            if columns.by > 0 { line.and(beside(model, row, &columns)) } else { line }
+            if columns.by > 0 { line.and(extra_columns(model, row, &columns)) } else { line }
         }
         None => Row::new(),
     });
     detail(model, items.get(cursor), pen, foot);
 }
 
-/// The columns' names; the one that the rows are in the order of has a sign.
-fn header(columns: &Columns, has_age: bool, sort: SortOrder, look: &Look) -> Row {
+/// The columns' names; the sorting one has a sign.
+fn header(columns: &RegistryColumns, has_age: bool, sort: SortOrder, look: &Look) -> Row {
     let sign = look.glyph(if sort.reversed { Glyph::Down } else { Glyph::Up });
     let said = |by: SortBy, word: &str| {
         let marked = sort.by == by && sort != SortOrder::default();
@@ -138,14 +138,14 @@ fn header(columns: &Columns, has_age: bool, sort: SortOrder, look: &Look) -> Row
         .with(ThemeRole::Muted, "why it stands there")
 }
 
-/// Who made it, and the deciding reason, for a wide screen.
-fn beside(model: &Model, row: &VersionSummary, columns: &Columns) -> Row {
+/// The author, and the deciding reason, for a wide screen.
+fn extra_columns(model: &ConsoleModel, row: &VersionSummary, columns: &RegistryColumns) -> Row {
     let by = format!("{}, {}, {}", super::short(&row.author, 14), row.provenance, row.risk);
     let room = columns.by.saturating_sub(1);
-    let reason = model.candidate(&row.version).and_then(|candidate| telling(&candidate.reasons));
+    let reason = model.candidate(&row.version).and_then(|candidate| lead_reason(&candidate.reasons));
     Row::new()
         .cell(ThemeRole::Muted, &super::short(&by, room), columns.by)
-        .with(ThemeRole::Text, &reason.map(ToString::to_string).unwrap_or_default())
+        .with(ThemeRole::Text, &reason.map(holdpoint_wording::line).unwrap_or_default())
 }
 
 fn version(
@@ -153,17 +153,17 @@ fn version(
     (flat, marked): (bool, bool),
     limits: [f64; 4],
     now_ms: Option<u64>,
-    columns: &Columns,
+    columns: &RegistryColumns,
     look: &Look,
 ) -> Row {
     let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
-    // In one list a version's family is no heading above it.
+    // A plain list has no family headings, so each row names its family.
     let name = if flat { row.version.to_string() } else { format!("{}{baseline}", row.version.version) };
     let lead = lead(marked, flat, look);
     let room = columns.name.saturating_sub(lead.width());
     let mut line = lead
         .cell(ThemeRole::Text, &name, room)
-        .and(super::stands(row.state, &row.flags, columns.state, look))
+        .and(super::state_row(row.state, &row.flags, columns.state, look))
         .to_column(columns.name + columns.state)
         .with(ThemeRole::Text, " ");
     for (kappa, limit) in row.kappas.into_iter().zip(limits) {
@@ -185,7 +185,7 @@ fn version(
     line.cell(ThemeRole::Muted, &age, AGE_WIDTH + 3)
 }
 
-/// What stands before a version's name: its mark, or the room that a tree's branch has.
+/// The part before a version's name: its mark, or the room of a tree's branch.
 #[must_use]
 pub fn lead(marked: bool, flat: bool, look: &Look) -> Row {
     if marked {
@@ -208,8 +208,8 @@ fn age(age_ms: u64) -> String {
     }
 }
 
-/// What the snapshot and the page know of the version under the cursor.
-fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, area: Rect) {
+/// The data of the snapshot and the page about the version under the cursor.
+fn detail(model: &ConsoleModel, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, area: Rect) {
     let Some(RegistryItem::Version(row)) = item else {
         pen.pane(area, "Family", false, "");
         let text = "l opens the branch, h closes it; the family stands for its active version";
@@ -217,12 +217,12 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
         return;
     };
     let inside = pen.pane(area, &row.version.to_string(), false, "");
-    let limits = model.told.registry.page.thresholds;
+    let limits = model.engine_data.registry.page.thresholds;
     let mut sentence = Row::of(
         ThemeRole::Text,
         &format!(
             "{} for {}; by {}, {}, risk {}",
-            standing(row.state, &row.flags),
+            state_label(row.state, &row.flags),
             duration(model.engine_ms().saturating_sub(row.changed_ms)),
             super::short(&row.author, 24),
             row.provenance,
@@ -248,7 +248,7 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
 mod tests {
     use super::*;
 
-    /// Ages were cut from ten minutes on in the most usual window.
+    /// Ages from ten minutes on were cut in the most usual window.
     #[test]
     fn every_age_is_whole_where_there_is_a_column_for_it() {
         const DAY_MS: u64 = 86_400_000;
@@ -267,7 +267,7 @@ mod tests {
             assert!(age(age_ms).len() <= AGE_WIDTH, "{text}");
         }
         for (width, height) in [(80, 24), (100, 30), (120, 36), (200, 60)] {
-            let columns = Columns::of(Fit::of(width, height), usize::from(width));
+            let columns = RegistryColumns::of(Fit::of(width, height), usize::from(width));
             assert!(columns.before_age() + AGE_WIDTH <= usize::from(width), "{width} columns");
         }
     }

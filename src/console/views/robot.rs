@@ -13,13 +13,13 @@
 use ratatui::layout::Rect;
 
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{Framing, Model};
+use crate::model::{ConsoleModel, Framing};
 use crate::widgets::dots::{Dots, Ink};
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
 use holdpoint_body::TaskKind;
-use holdpoint_governance::lifecycle::{Flags, State};
-use holdpoint_protocol::picture::{ArmPicture, Picture, Point, Region, Scenery};
+use holdpoint_governance::lifecycle::{State, VersionFlags};
+use holdpoint_protocol::video_frame::{ArmView, Region, Scenery, VideoFrame, WorldPoint};
 
 const SCENERY: Ink = Ink { role: ThemeRole::Scenery, ascii: ".", dashed: false };
 const WORKSPACE: Ink = Ink { role: ThemeRole::Scenery, ascii: ":", dashed: true };
@@ -29,93 +29,98 @@ const TWIN: Ink = Ink { role: ThemeRole::Twin, ascii: "+", dashed: true };
 const OBJECT: Ink = Ink { role: ThemeRole::Object, ascii: "O", dashed: false };
 const CONTACT: Ink = Ink { role: ThemeRole::Contact, ascii: "!", dashed: false };
 
-/// The least that a view shows in one direction, m.
+/// The smallest span of a view in one direction, m.
 const STEP_M: f32 = 0.2;
 
-/// Lines kept below the picture: what is done and what is wrong, how whoever does it stands, the twin.
+/// Lines kept below the scene: the action and its problems, the state of the moving version, the twin.
 const CAPTION_ROWS: u16 = 3;
 
-/// Lines of the pane from which so many are kept.
+/// The height of the pane from which these lines are kept.
 const CAPTIONS_FROM: u16 = 16;
 
-/// Room round what must be in sight, m.
+/// The margin around the visible objects, m.
 const MARGIN_M: f32 = 0.05;
 
-/// Columns that two views beside each other need.
+/// The width for two views beside each other.
 const BESIDE_COLUMNS_MIN: u16 = 30;
 
-/// Rows that two views below each other need.
+/// The height for two views below each other.
 const BELOW_ROWS_MIN: u16 = 10;
 
 /// Draws the robot pane's inside.
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let Some(picture) = model.told.picture.as_deref() else {
-        let missing = "No picture: the live cell has not been seen yet, or it is no simulated one";
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    let Some(picture) = model.engine_data.picture.as_deref() else {
+        let missing = "No frame: the live cell has sent none yet, or it is not a simulated one";
         pen.text(area, 0, ThemeRole::Muted, missing);
         return;
     };
     let nothing = Scenery::default();
-    let scenery = model.told.snapshot.as_ref().map_or(&nothing, |snapshot| &snapshot.scenery);
-    let stopped = model.told.snapshot.as_deref().and_then(super::status::stopped);
+    let scenery = model.engine_data.snapshot.as_ref().map_or(&nothing, |snapshot| &snapshot.scenery);
+    let stopped = model.engine_data.snapshot.as_deref().and_then(super::status::stopped);
     let stands = stopped.into_iter().chain(unsettled(model, picture, usize::from(area.width), pen));
-    // The frame and the lines below stay as they are while the arm works, whatever is said of it: the eye follows the
-    // arm and not the picture.
+    // Frame and lines stay in place while the arm moves, whatever the lines say, so that the scene does not jump.
     let reserved = if area.height >= CAPTIONS_FROM { CAPTION_ROWS } else { 2 };
-    let mut framing = model.told.framing;
+    let mut framing = model.engine_data.framing;
     framing.see(picture);
-    let taken = Taken { picture, scenery, framing };
+    let taken = RobotScene { picture, scenery, framing };
     draw_within(&taken, stands.collect(), reserved, pen, area);
 }
 
-/// How whoever moves the arm stands, unless it is active and nothing else.
-fn unsettled(model: &Model, picture: &Picture, room: usize, pen: &Pen<'_>) -> Option<Row> {
+/// The state of the version that moves the arm, unless it is just active.
+fn unsettled(model: &ConsoleModel, picture: &VideoFrame, room: usize, pen: &Pen<'_>) -> Option<Row> {
     let version = picture.version.as_ref()?;
-    let families = &model.told.snapshot.as_ref()?.families;
+    let families = &model.engine_data.snapshot.as_ref()?.families;
     let flags = families.iter().find(|family| family.active.as_ref() == Some(version))?.flags?;
-    let row = super::stands(State::Active, &flags, room, pen.look);
-    (flags != Flags::default()).then_some(row)
+    let row = super::state_row(State::Active, &flags, room, pen.look);
+    (flags != VersionFlags::default()).then_some(row)
 }
 
-/// Draws one moment with what stands round the robot, and says below what is done in it and how whoever does it
-/// stands. Any area is large enough.
-pub fn draw_picture(picture: &Picture, scenery: &Scenery, stands: Vec<Row>, pen: &mut Pen<'_>, area: Rect) {
-    draw_within(&Taken { picture, scenery, framing: Framing::of(picture) }, stands, 0, pen, area);
+/// Draws one moment with the scenery, and below it the action and the state of the version that moves the arm. Any
+/// area is large enough.
+pub fn draw_picture(
+    picture: &VideoFrame,
+    scenery: &Scenery,
+    stands: Vec<Row>,
+    pen: &mut Pen<'_>,
+    area: Rect,
+) {
+    draw_within(&RobotScene { picture, scenery, framing: Framing::of(picture) }, stands, 0, pen, area);
 }
 
-/// A moment, what stands round it, and what has to be in sight of it.
-struct Taken<'a> {
-    picture: &'a Picture,
+/// A moment, its scenery, and the bounds to show.
+struct RobotScene<'a> {
+    picture: &'a VideoFrame,
     scenery: &'a Scenery,
     framing: Framing,
 }
 
-/// `reserved`: lines that are kept for what is said below, said or not.
-fn draw_within(taken: &Taken<'_>, stands: Vec<Row>, reserved: u16, pen: &mut Pen<'_>, area: Rect) {
-    let words = words(taken.picture, stands, reserved == 0, pen);
+/// `reserved`: lines kept for the description below, even if it is empty.
+fn draw_within(taken: &RobotScene<'_>, stands: Vec<Row>, reserved: u16, pen: &mut Pen<'_>, area: Rect) {
+    let words = description_rows(taken.picture, stands, reserved == 0, pen);
     let lines = u16::try_from(words.len()).unwrap_or(0).max(reserved).min(area.height);
     let (views, captions) = cut(area, area.height - lines);
     pen.rows(captions, 0, &words);
-    // Beside or below each other, as the arm is larger; the side view alone if there is no room for both.
+    // Beside or below each other, whichever makes the arm larger; the side view alone if there is no room for both.
     let beside = (views.width >= BESIDE_COLUMNS_MIN)
         .then_some(Rect { width: views.width.saturating_sub(3) / 2, ..views });
     let below = (views.height >= BELOW_ROWS_MIN).then_some(Rect { height: views.height / 2, ..views });
     let dots_per_m = |area: Option<Rect>| {
         let size = area.map_or((0, 0), |area| Dots::new(area).size());
-        Scale::fitting(taken, Plane::Side, size).dots_per_m
+        DrawingScale::fitting(taken, ProjectionPlane::Side, size).dots_per_m
     };
     let (side, top) = match (beside, below) {
-        (None, None) => return view(taken, pen, views, Plane::Side),
+        (None, None) => return view(taken, pen, views, ProjectionPlane::Side),
         (Some(one), None) => pen.split(views, one.width),
         (Some(one), Some(_)) if dots_per_m(beside) > dots_per_m(below) => pen.split(views, one.width),
         (_, Some(one)) => cut(views, one.height),
     };
-    view(taken, pen, side, Plane::Side);
-    view(taken, pen, top, Plane::Top);
+    view(taken, pen, side, ProjectionPlane::Side);
+    view(taken, pen, top, ProjectionPlane::Top);
 }
 
-/// What is said about the picture, the gravest first: on a line `apart`, or in the one that is always there, so that no
-/// line comes and goes below a moving arm.
-fn words(picture: &Picture, stands: Vec<Row>, apart: bool, pen: &Pen<'_>) -> Vec<Row> {
+/// The description of the scene, the most serious part first: on separate lines (`apart`) or in one permanent line,
+/// so that no line comes and goes below a moving arm.
+fn description_rows(picture: &VideoFrame, stands: Vec<Row>, apart: bool, pen: &Pen<'_>) -> Vec<Row> {
     let look = pen.look;
     let mut rows = Vec::new();
     let mut alarming = Row::new();
@@ -153,58 +158,58 @@ fn words(picture: &Picture, stands: Vec<Row>, apart: bool, pen: &Pen<'_>) -> Vec
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Plane {
+enum ProjectionPlane {
     Side,
     Top,
 }
 
-/// Where the world lies on the dots.
-struct Scale {
-    plane: Plane,
+/// The scale and offset of the world on the dots.
+struct DrawingScale {
+    plane: ProjectionPlane,
     left_m: f32,
     low_m: f32,
     dots_per_m: f32,
     height: f32,
 }
 
-impl Scale {
+impl DrawingScale {
     #[allow(clippy::cast_possible_truncation, reason = "a float's cast to an integer saturates")]
-    fn at(&self, point: Point) -> (i64, i64) {
+    fn at(&self, point: WorldPoint) -> (i64, i64) {
         let [x, y, z] = point;
-        let up = if self.plane == Plane::Side { z } else { y };
+        let up = if self.plane == ProjectionPlane::Side { z } else { y };
         let across = (x - self.left_m) * self.dots_per_m;
         let down = self.height - 1.0 - (up - self.low_m) * self.dots_per_m;
         (across.round() as i64, down.round() as i64)
     }
 
-    /// The scale at which the workspace and everything that moves can be seen. What stands round them may be cut.
-    fn fitting(taken: &Taken<'_>, plane: Plane, size: (usize, usize)) -> Self {
+    /// The scale that shows the workspace and everything that moves. The scenery around may be cut.
+    fn fitting(taken: &RobotScene<'_>, plane: ProjectionPlane, size: (usize, usize)) -> Self {
         let mut framing = taken.framing;
         if let Some(region) = &taken.scenery.workspace {
             framing.reach(region.min.map(|value| value - MARGIN_M));
             framing.reach(region.max.map(|value| value + MARGIN_M));
         }
         let [[left_m, right_m], across, up] = framing.bounds();
-        let [low_m, high_m] = if plane == Plane::Side { up } else { across };
+        let [low_m, high_m] = if plane == ProjectionPlane::Side { up } else { across };
         let (width, height) = (size.0 as f32, size.1 as f32);
         let across = width / (right_m - left_m).max(STEP_M);
         let dots_per_m = across.min(height / (high_m - low_m).max(STEP_M));
-        // What room is left goes to both sides.
+        // The spare room goes to both sides.
         let left_m = left_m - (width / dots_per_m - (right_m - left_m)) / 2.0;
         Self { plane, left_m, low_m, dots_per_m, height }
     }
 }
 
-fn view(taken: &Taken<'_>, pen: &mut Pen<'_>, area: Rect, plane: Plane) {
+fn view(taken: &RobotScene<'_>, pen: &mut Pen<'_>, area: Rect, plane: ProjectionPlane) {
     let (picture, scenery) = (taken.picture, taken.scenery);
-    let title = if plane == Plane::Side { "side view" } else { "top view" };
+    let title = if plane == ProjectionPlane::Side { "side view" } else { "top view" };
     pen.row(area, 0, &Row::of(ThemeRole::Muted, title));
     let area = below(area, 1).intersection(pen.buf.area);
     if area.is_empty() {
         return;
     }
     let mut dots = Dots::new(area);
-    let scale = Scale::fitting(taken, plane, dots.size());
+    let scale = DrawingScale::fitting(taken, plane, dots.size());
     let outline = |dots: &mut Dots, region: &Region, ink: Ink, filled: bool| {
         dots.rectangle(scale.at(region.min), scale.at(region.max), ink, filled);
     };
@@ -219,7 +224,7 @@ fn view(taken: &Taken<'_>, pen: &mut Pen<'_>, area: Rect, plane: Plane) {
     }
     dots.draw(pen, area);
     names(scenery, &scale, pen, area);
-    // What moves is drawn over names and scenery.
+    // Moving objects are drawn over names and scenery.
     let mut dots = Dots::new(area);
     if let Some(twin) = &picture.twin {
         arm(&mut dots, &scale, &twin.body, TWIN, TWIN);
@@ -229,7 +234,7 @@ fn view(taken: &Taken<'_>, pen: &mut Pen<'_>, area: Rect, plane: Plane) {
     dots.draw(pen, area);
 }
 
-fn arm(dots: &mut Dots, scale: &Scale, body: &ArmPicture, ink: Ink, object: Ink) {
+fn arm(dots: &mut Dots, scale: &DrawingScale, body: &ArmView, ink: Ink, object: Ink) {
     for pair in body.links.windows(2) {
         if let [from, to] = pair {
             dots.line(scale.at(*from), scale.at(*to), ink);
@@ -243,20 +248,20 @@ fn arm(dots: &mut Dots, scale: &Scale, body: &ArmPicture, ink: Ink, object: Ink)
     let [x, y, z] = body.object;
     let half = body.object_half_m;
     let (from, to) = ([x - half, y - half, z - half], [x + half, y + half, z + half]);
-    // A held object is full, one that lies there an outline: told without colour too.
+    // A held object is full, a lying one an outline: they differ without color, too.
     dots.rectangle(scale.at(from), scale.at(to), object, body.held);
 }
 
-/// Names of what stands round the robot, each in the upper edge of its box or, if that is out of sight, at the
-/// edge of the picture; where another name stands already there is none.
-fn names(scenery: &Scenery, scale: &Scale, pen: &mut Pen<'_>, area: Rect) {
+/// Names of the scenery, each in the upper edge of its box or, if that is out of sight, at the edge of the scene. A
+/// name that would cover another one is left out.
+fn names(scenery: &Scenery, scale: &DrawingScale, pen: &mut Pen<'_>, area: Rect) {
     let named = scenery.keep_outs.iter().chain(&scenery.fixtures).chain(&scenery.workspace);
     for region in named {
         let (left, top) = scale.at(region.min);
         let (right, other) = scale.at(region.max);
         let name = holdpoint_text::Untrusted::from(region.name.as_str()).display(10);
         let width = u16::try_from(name.width()).unwrap_or(u16::MAX);
-        // What is flat has its name above it.
+        // A flat object has its name above it.
         let flat = (top - other).abs() < 4;
         let (across, down) = (i64::from(area.width) * 2, i64::from(area.height) * 4);
         if left.max(right) < 0 || left.min(right) >= across || top.max(other) < 0 || top.min(other) >= down {

@@ -12,15 +12,15 @@
 use ratatui::layout::Rect;
 
 use super::tabs;
+use crate::formatters::reason_line;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{MONITORS_PANE, Model};
+use crate::model::{ConsoleModel, MONITORS_PANE};
 use crate::widgets::bar::against_limit;
 use crate::widgets::chart::Chart;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
-use crate::words::reason_line;
-use holdpoint_engine::explain::is_in_favour;
+use holdpoint_engine::explain::is_in_favor;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, ShadowView};
@@ -34,15 +34,15 @@ const DISAGREEMENTS: usize = 1;
 
 const MONITORS: usize = MONITORS_PANE;
 
-/// Columns in which a monitor's charts have their words and a bar.
+/// The width from which a monitor's charts have their words and a bar.
 const MONITOR_COLUMNS: u16 = 44;
 
-/// The most lines for what shadow decided.
+/// The most lines for shadow's decisions.
 const DECIDED_ROWS: usize = 2;
 
 pub(super) const NAMES: [&str; 3] = ["Output divergence", "Governance divergence", "Envelope divergence"];
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let subject = model.subject();
     let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
     let candidate = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
@@ -54,21 +54,21 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let mut head = Row::of(ThemeRole::Title, &subject.to_string());
     head.push(ThemeRole::Text, &extent(model, candidate, shadow));
     pen.row(area, 0, &head);
-    let decided = decided(candidate, pen, usize::from(area.width));
+    let decided = decision_rows(candidate, pen, usize::from(area.width));
     let taken = pen.rows(below(area, 1), 0, &decided);
     let area = super::frozen(model, pen, below(area, 1 + taken));
     match pen.fit {
         Fit::Tiny | Fit::One => {
             tabs::draw_panes(model, Row::new(), pen, area);
             let area = below(area, 1);
-            match model.place.pane() {
+            match model.view_state.pane() {
                 CHARTS => charts(model, shadow, pen, area),
                 MONITORS => monitor_rows(model, pen, area),
                 _ => list(model, pen, area, true),
             }
         }
         Fit::Two | Fit::Full => {
-            let pane = model.place.pane();
+            let pane = model.view_state.pane();
             let lower = if pane == DISAGREEMENTS { area.height / 2 } else { area.height / 4 };
             let (upper, lower) = cut(area, area.height - lower.max(4));
             let watches = !monitors(model).is_empty() || pane == MONITORS;
@@ -97,14 +97,14 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// How much of the series is shown, in words.
-fn extent(model: &Model, candidate: Option<&CandidateView>, shadow: Option<&ShadowView>) -> String {
+/// The visible part of the series, in words.
+fn extent(model: &ConsoleModel, candidate: Option<&CandidateView>, shadow: Option<&ShadowView>) -> String {
     let Some(shadow) = shadow else { return String::new() };
-    let shown = zoomed(&shadow.series, model.place.zoom).len();
+    let shown = zoomed(&shadow.series, model.view_state.zoom).len();
     let range = if shown == shadow.series.len() {
         "all shown".to_owned()
     } else {
-        format!("the last {shown} shown, zoom {}", 1u64 << model.place.zoom.min(32))
+        format!("the last {shown} shown, zoom {}", 1u64 << model.view_state.zoom.min(32))
     };
     let budget = candidate
         .and_then(|candidate| candidate.progress.as_ref())
@@ -118,13 +118,13 @@ fn zoomed<T>(series: &[T], zoom: u8) -> &[T] {
     series.get(series.len() - shown..).unwrap_or(series)
 }
 
-fn charts(model: &Model, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: Rect) {
+fn charts(model: &ConsoleModel, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: Rect) {
     let Some(shadow) = shadow.filter(|shadow| !shadow.series.is_empty()) else {
         pen.text(area, 0, ThemeRole::Muted, "No sequence has been shadowed yet");
         return;
     };
     let means = [shadow.output, shadow.governance, shadow.envelope];
-    let series = zoomed(&shadow.series, model.place.zoom);
+    let series = zoomed(&shadow.series, model.view_state.zoom);
     let mut rest = area;
     for (place, ((name, mean), limit)) in NAMES.iter().zip(means).zip(shadow.limits).enumerate() {
         let left = u16::try_from(NAMES.len() - place).unwrap_or(1);
@@ -132,27 +132,27 @@ fn charts(model: &Model, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: R
         rest = below_it;
         let past = limit.is_some_and(|limit| mean > limit);
         let sign = if past { format!("{} ", pen.look.glyph(Glyph::Warning)) } else { String::new() };
-        let right = format!("{sign}mean {mean:.3}, {}", judged(place, limit));
-        let inside = pen.pane(part, name, place == 0 && model.place.pane() == CHARTS, &right);
+        let right = format!("{sign}mean {mean:.3}, {}", distance_verdict(place, limit));
+        let inside = pen.pane(part, name, place == 0 && model.view_state.pane() == CHARTS, &right);
         let values: Vec<f32> = series.iter().filter_map(|three| three.get(place).copied()).collect();
         Chart { values: &values, limit }.draw(pen, inside);
     }
 }
 
-/// How a distance is judged: by its mean, or, where no single number stands for it, by what does.
-fn judged(place: usize, limit: Option<f64>) -> String {
+/// How a distance is judged: by its mean, or by the values that replace a single number.
+fn distance_verdict(place: usize, limit: Option<f64>) -> String {
     match limit {
         Some(limit) => format!("at most {limit:.2}"),
-        // A version can be rejected by these: the mean is not what does it.
+        // These values, not the mean, can reject a version.
         None if place == GOVERNANCE => "signals judged in pairs".to_owned(),
         None => "no limit of its own".to_owned(),
     }
 }
 
-/// What shadow decided against the version, the deciding reason first; nothing while it has not.
-fn decided(candidate: Option<&CandidateView>, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+/// Shadow's decision against the version, the deciding reason first; empty before it.
+fn decision_rows(candidate: Option<&CandidateView>, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let Some(candidate) = candidate.filter(|candidate| candidate.shadow.is_some()) else { return Vec::new() };
-    let against = |reason: &&Reason| reason.dimension == Dimension::Shadow && !is_in_favour(reason.code);
+    let against = |reason: &&Reason| reason.dimension == Dimension::Shadow && !is_in_favor(reason.code);
     let Some(reason) = candidate.reasons.iter().find(against) else { return Vec::new() };
     let (role, mark) = match candidate.state {
         State::Rejected => (ThemeRole::Bad, Glyph::Bad),
@@ -162,18 +162,18 @@ fn decided(candidate: Option<&CandidateView>, pen: &Pen<'_>, width: usize) -> Ve
     wrap(&text, width, DECIDED_ROWS).iter().map(|line| Row::of(role, line)).collect()
 }
 
-fn monitors(model: &Model) -> &[MonitorView] {
-    // They watch who has the arm: they are never frozen.
-    model.told.snapshot.as_deref().map_or(&[][..], |snapshot| &snapshot.live.monitors)
+fn monitors(model: &ConsoleModel) -> &[MonitorView] {
+    // They monitor active versions: they are never frozen.
+    model.engine_data.snapshot.as_deref().map_or(&[][..], |snapshot| &snapshot.live.monitors)
 }
 
-fn monitor_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let inside = pen.pane(area, "Monitors of active versions", model.place.pane() == MONITORS, "");
+fn monitor_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    let inside = pen.pane(area, "Monitors of active versions", model.view_state.pane() == MONITORS, "");
     monitor_rows(model, pen, inside);
 }
 
-/// Each monitor's charts: how much of the way to the limit is gone; of two numbers the first is the warning's.
-pub(super) fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+/// Each monitor's charts: the used part of the way to the limit; of two numbers the first is the warning's.
+pub(super) fn monitor_rows(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let look = pen.look;
     let width = usize::from(area.width);
     let mut rows = Vec::new();
@@ -186,7 +186,7 @@ pub(super) fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         let mut said = if monitor.episodes <= monitor.needed {
             format!("{} of {} tasks", monitor.episodes, monitor.needed)
         } else {
-            // It watches on after the provisional window.
+            // The monitor continues after the provisional window.
             format!("{} tasks, window of {} over", monitor.episodes, monitor.needed)
         };
         if monitor.restricted {
@@ -198,7 +198,7 @@ pub(super) fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         if monitor.coupled {
             said.push_str(", rollback-coupled");
         }
-        // Beside the name if there is room, else below it: nothing of it is cut.
+        // Beside the name if there is room, else below it, so that nothing is cut.
         let name = Row::of(ThemeRole::Title, &monitor.version.to_string());
         if name.width() + 2 + said.len() <= width {
             rows.push(name.with(ThemeRole::Muted, &format!("  {said}")));
@@ -214,36 +214,36 @@ pub(super) fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.rows(area, 0, &rows);
 }
 
-/// One thing that a monitor watches: how far it is on the way to its warning and to its trip.
-struct Watched<'a> {
+/// One quantity of a monitor: how far it is on the way to its warning and to its trip.
+struct MonitoredQuantity<'a> {
     name: &'a str,
-    /// Value and limit of each, in the order in which they come.
+    /// Value and limit of each, in their order.
     ways: Vec<(f64, f64)>,
 }
 
-impl Watched<'_> {
-    /// The larger share of a way that is gone.
-    fn share(&self) -> f64 {
+impl MonitoredQuantity<'_> {
+    /// The larger used part of a way.
+    fn worst_ratio(&self) -> f64 {
         let share = |(value, limit): &(f64, f64)| if *limit > 0.0 { value / limit } else { 0.0 };
         self.ways.iter().map(share).fold(0.0, f64::max)
     }
 }
 
-/// A monitor's charts, warning and trip of one thing together, the nearest to a limit first.
-fn charts_of(monitor: &MonitorView) -> Vec<Watched<'_>> {
-    let mut charts: Vec<Watched<'_>> = Vec::new();
+/// A monitor's charts, warning and trip of a quantity together, the nearest to a limit first.
+fn charts_of(monitor: &MonitorView) -> Vec<MonitoredQuantity<'_>> {
+    let mut charts: Vec<MonitoredQuantity<'_>> = Vec::new();
     for (name, value, limit) in &monitor.charts {
         let of = name.strip_suffix(" warning").or_else(|| name.strip_suffix(" trip")).unwrap_or(name);
         match charts.iter_mut().find(|chart| chart.name == of) {
             Some(chart) => chart.ways.push((*value, *limit)),
-            None => charts.push(Watched { name: of, ways: vec![(*value, *limit)] }),
+            None => charts.push(MonitoredQuantity { name: of, ways: vec![(*value, *limit)] }),
         }
     }
-    charts.sort_by(|one, other| other.share().total_cmp(&one.share()));
+    charts.sort_by(|one, other| other.worst_ratio().total_cmp(&one.worst_ratio()));
     charts
 }
 
-fn charted(chart: &Watched<'_>, name_width: usize, look: &crate::look::Look, width: usize) -> Row {
+fn charted(chart: &MonitoredQuantity<'_>, name_width: usize, look: &crate::look::Look, width: usize) -> Row {
     let past = chart.ways.iter().any(|(value, limit)| value >= limit);
     let role = if past { ThemeRole::Past } else { ThemeRole::Text };
     let sign = if past { look.glyph(Glyph::Warning) } else { " " };
@@ -257,13 +257,13 @@ fn charted(chart: &Watched<'_>, name_width: usize, look: &crate::look::Look, wid
     };
     let row = Row::of(role, sign).with(role, " ").cell(role, chart.name, name_width).with(role, " ");
     let bar = width.saturating_sub(row.width() + numbers.len()).min(20);
-    // The limit stands at four fifths of the bar, so that what is past it can be seen.
-    row.and(toward(look, chart.share() * 0.8, bar, past)).with(role, &numbers)
+    // The limit is at four fifths of the bar, so that a value past it is visible.
+    row.and(toward(look, chart.worst_ratio() * 0.8, bar, past)).with(role, &numbers)
 }
 
 fn toward(look: &crate::look::Look, share: f64, width: usize, past: bool) -> Row {
     let bar = against_limit(look, Some(share), 0.8, width);
-    // Here to reach the limit is bad: the roles are turned round.
+    // Reaching the limit is bad here: the roles are swapped.
     let mut row = Row::new();
     for (text, role) in bar.parts() {
         let role = match role {
@@ -281,7 +281,7 @@ fn toward(look: &crate::look::Look, share: f64, width: usize, past: bool) -> Row
     row
 }
 
-fn list(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
+fn list(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let rows = model.disagreement_rows();
     if rows.is_empty() {
         let subject = model.subject();

@@ -1,5 +1,5 @@
-//! The status line: the alarm that comes first, how many there are, and what waits for people.
-//! In every view, under every filter and at every size.
+//! The status line in every view, under every filter and at every size: the first alarm, the number of alarms, and
+//! the waiting requests.
 //!
 //! ```text
 //! 1▲ CRIT arm-1: the monitor lost its samples · 1 crit 2 high 0 low · 3 ack · 1 latched · shelved 2    ◷ 2 wait
@@ -7,14 +7,14 @@
 
 use ratatui::layout::Rect;
 
+use crate::formatters::seconds;
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::Model;
-use crate::theme::Mark;
+use crate::model::ConsoleModel;
+use crate::theme::StateMark;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
-use crate::words::seconds;
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
-use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_protocol::snapshot::Snapshot;
 
 /// Columns kept for the text of an alarm before counts are left off.
@@ -23,13 +23,14 @@ const TEXT_MIN: usize = 26;
 /// Columns from which a version is named here.
 const WIDE: usize = 110;
 
-pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
-    let held = model.told.snapshot.as_deref().map(|snapshot| held(snapshot, pen.look, width));
+    let held =
+        model.engine_data.snapshot.as_deref().map(|snapshot| held_promotions(snapshot, pen.look, width));
     let waits = held.unwrap_or_default().and(waiting(model, pen.look));
-    let Some(snapshot) = &model.told.snapshot else {
+    let Some(snapshot) = &model.engine_data.snapshot else {
         let absent = model.absence().is_some();
-        let text = if absent { "No engine is at work here" } else { "No word from the engine yet" };
+        let text = if absent { "No engine is running here" } else { "No data from the engine yet" };
         pen.row(
             area,
             0,
@@ -39,12 +40,12 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     };
     let head = head(snapshot, pen.look);
     let room = width.saturating_sub(waits.width() + 1);
-    // Words give way to the alarm's own text.
+    // Words are dropped before the alarm's own text.
     let wanted = head_text(snapshot).len().min(TEXT_MIN);
     let fits = |row: &Row| head.width() + wanted + row.width() <= room;
-    let wordings = [Wording::Full, Wording::Short, Wording::Signs];
+    let wordings = [CountStyle::Full, CountStyle::Short, CountStyle::Signs];
     let said = |wording| counts(&snapshot.alarm_summary, pen.look, wording);
-    let counts = wordings.map(said).into_iter().find(fits).unwrap_or_else(|| said(Wording::Signs));
+    let counts = wordings.map(said).into_iter().find(fits).unwrap_or_else(|| said(CountStyle::Signs));
     let left = room.saturating_sub(head.width() + counts.width());
     let text = super::short(&head_text(snapshot), left);
     let role = if snapshot.foremost_alarm().is_some() { ThemeRole::Text } else { ThemeRole::Muted };
@@ -54,17 +55,17 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 
 /// A priority as number, sign and word, `1▲ CRIT`.
 #[must_use]
-pub fn priority_words(look: &Look, priority: Priority) -> String {
+pub fn priority_label(look: &Look, priority: Priority) -> String {
     let number = match priority {
         Priority::Critical => 1,
         Priority::High => 2,
         Priority::Low => 3,
     };
-    let mark = Mark::priority(priority);
+    let mark = StateMark::priority(priority);
     format!("{number}{} {}", look.glyph(mark.glyph), mark.word)
 }
 
-/// Who stopped the cell and since when, and who did so last; it comes before every alarm.
+/// The operators who stopped the cell, first and last, and the time; it comes before every alarm.
 #[must_use]
 pub fn stopped(snapshot: &Snapshot) -> Option<Row> {
     let stopped = snapshot.stopped.as_ref()?;
@@ -84,7 +85,7 @@ pub fn stopped(snapshot: &Snapshot) -> Option<Row> {
 fn head(snapshot: &Snapshot, look: &Look) -> Row {
     let mut row = stopped(snapshot).unwrap_or_default();
     if let Some(alarm) = snapshot.foremost_alarm() {
-        row.push(Mark::priority(alarm.priority).role, &priority_words(look, alarm.priority));
+        row.push(StateMark::priority(alarm.priority).role, &priority_label(look, alarm.priority));
         row.push(ThemeRole::Text, " ");
     } else {
         row.push(ThemeRole::Good, look.glyph(Glyph::Good));
@@ -97,7 +98,7 @@ fn head_text(snapshot: &Snapshot) -> String {
     snapshot.foremost_alarm().map_or_else(
         || "no alarm".to_owned(),
         |alarm| {
-            // What is over still waits to be seen, and what was seen is still there.
+            // An alarm whose condition is gone stays until it is seen; an acknowledged one stays until it is gone.
             let over = match alarm.state {
                 AlarmState::ReturnedUnacknowledged => " (returned)",
                 AlarmState::Acknowledged => " (acknowledged)",
@@ -109,22 +110,22 @@ fn head_text(snapshot: &Snapshot) -> String {
     )
 }
 
-/// How much is said with a count.
+/// How many words accompany a count.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Wording {
+enum CountStyle {
     Full,
     Short,
     Signs,
 }
 
-/// How many alarms there are in each state; what there is none of is left out, but never what is unacknowledged.
-fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
+/// The number of alarms in each state; zero is left out, but unacknowledged ones never.
+fn counts(summary: &AlarmSummary, look: &Look, wording: CountStyle) -> Row {
     let [critical, high, low] = summary.unacknowledged;
     let mut row = Row::new();
     let between = match (wording, look.ascii()) {
-        (Wording::Full, false) => " · ",
-        (Wording::Full, true) => " | ",
-        (Wording::Short | Wording::Signs, _) => " ",
+        (CountStyle::Full, false) => " · ",
+        (CountStyle::Full, true) => " | ",
+        (CountStyle::Short | CountStyle::Signs, _) => " ",
     };
     let mut say = |count: u32, role: ThemeRole, text: String| {
         if count > 0 {
@@ -135,20 +136,20 @@ fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
     if summary.flood {
         say(1, ThemeRole::High, format!("{} FLOOD", look.glyph(Glyph::Warning)));
     }
-    if wording == Wording::Full {
+    if wording == CountStyle::Full {
         say(critical, ThemeRole::Critical, format!("{critical} crit"));
         say(high, ThemeRole::High, format!("{high} high"));
         say(low, ThemeRole::Low, format!("{low} low"));
     } else {
-        let glyph = |priority| look.glyph(Mark::priority(priority).glyph);
+        let glyph = |priority| look.glyph(StateMark::priority(priority).glyph);
         say(critical, ThemeRole::Critical, format!("{}{critical}", glyph(Priority::Critical)));
         say(high, ThemeRole::High, format!("{}{high}", glyph(Priority::High)));
         say(low, ThemeRole::Low, format!("{}{low}", glyph(Priority::Low)));
     }
     let [acknowledged, latched, shelved] = match wording {
-        Wording::Full => ["acknowledged ", "latched ", "shelved "],
-        Wording::Short => ["ack ", "latched ", "shelved "],
-        Wording::Signs => ["a", "l", "s"],
+        CountStyle::Full => ["acknowledged ", "latched ", "shelved "],
+        CountStyle::Short => ["ack ", "latched ", "shelved "],
+        CountStyle::Signs => ["a", "l", "s"],
     };
     say(summary.acknowledged, ThemeRole::Quiet, format!("{acknowledged}{}", summary.acknowledged));
     say(summary.latched, ThemeRole::Warning, format!("{latched}{}", summary.latched));
@@ -156,16 +157,16 @@ fn counts(summary: &AlarmSummary, look: &Look, wording: Wording) -> Row {
     row
 }
 
-/// Versions that have the arm provisionally while somebody holds their promotion: in words, or in signs and a count.
-fn held(snapshot: &Snapshot, look: &Look, width: usize) -> Row {
+/// Provisional versions whose promotion is paused: in words, or in signs and a count.
+fn held_promotions(snapshot: &Snapshot, look: &Look, width: usize) -> Row {
     let held = snapshot.families.iter().filter(|family| {
         family.active.is_some() && family.flags.is_some_and(|flags| flags.provisional && flags.paused)
     });
     let names: Vec<String> =
         held.filter_map(|family| family.active.as_ref()).map(ToString::to_string).collect();
-    let flags = Flags { provisional: true, paused: true, ..Flags::default() };
-    let works = Mark::version(State::Active, &flags);
-    let (Some(first), Some(holds)) = (names.first(), Mark::beside(State::Active, &flags)) else {
+    let flags = VersionFlags { provisional: true, paused: true, ..VersionFlags::default() };
+    let works = StateMark::version(State::Active, &flags);
+    let (Some(first), Some(holds)) = (names.first(), StateMark::secondary(State::Active, &flags)) else {
         return Row::new();
     };
     let (works_glyph, holds_glyph) = (look.glyph(works.glyph), look.glyph(holds.glyph));
@@ -179,24 +180,27 @@ fn held(snapshot: &Snapshot, look: &Look, width: usize) -> Row {
     }
 }
 
-/// What waits for people, and what was missed.
+/// The waiting requests, and the missed events.
 #[must_use]
-pub fn waiting(model: &Model, look: &Look) -> Row {
+pub fn waiting(model: &ConsoleModel, look: &Look) -> Row {
     let mut row = Row::new();
-    if model.told.missed > 0 {
+    if model.engine_data.missed > 0 {
         row.push(
             ThemeRole::Warning,
-            &format!("{} missed {} ", look.glyph(Glyph::Warning), model.told.missed),
+            &format!("{} missed {} ", look.glyph(Glyph::Warning), model.engine_data.missed),
         );
     }
-    if !model.asking.pending.is_empty() {
+    if !model.requests.pending.is_empty() {
         row.push(
             ThemeRole::Running,
-            &format!("{} {} asked ", look.glyph(Glyph::Running), model.asking.pending.len()),
+            &format!("{} {} asked ", look.glyph(Glyph::Running), model.requests.pending.len()),
         );
     }
-    let waiting =
-        model.told.snapshot.as_ref().map_or(0, |snapshot| snapshot.prompts.len() + snapshot.questions.len());
+    let waiting = model
+        .engine_data
+        .snapshot
+        .as_ref()
+        .map_or(0, |snapshot| snapshot.prompts.len() + snapshot.questions.len());
     if waiting > 0 {
         row.push(ThemeRole::Waiting, &format!("{} {waiting} wait", look.glyph(Glyph::Waiting)));
     }

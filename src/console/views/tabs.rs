@@ -1,4 +1,4 @@
-//! The second line: which view this is and which key leads to each; in small windows, the panes of this view too.
+//! The second line: all views with their keys, the current one marked; in small windows, the panes of this view too.
 //!
 //! ```text
 //! [1 Overview]  2 Registry  3 Candidate  4 Shadow  5 Alarms  6 Approvals  7 Audit  8 Health
@@ -7,24 +7,24 @@
 use ratatui::layout::Rect;
 
 use super::banner::OTHERS_NAMED_FROM;
+use crate::formatters::seated;
 use crate::look::ThemeRole;
-use crate::model::{Model, View};
+use crate::model::{ConsoleModel, View};
 use crate::widgets::pen::{Hit, Pen};
 use crate::widgets::row::Row;
-use crate::words::seated;
-use holdpoint_protocol::seat::SeatView;
+use holdpoint_protocol::console_presence::AttachedConsoleView;
 use holdpoint_text::Untrusted;
 use unicode_width::UnicodeWidthStr as _;
 
 /// Draws the views' line.
-pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let others = if model.size.0 < OTHERS_NAMED_FROM { Vec::new() } else { others(model) };
+pub fn views(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    let others = if model.size.0 < OTHERS_NAMED_FROM { Vec::new() } else { other_consoles(model) };
     let named = View::ALL.map(|view| (key(view), view.title()));
-    let all = line(&named, model.place.view as usize);
+    let all = line(&named, model.view_state.view as usize);
     let width = usize::from(area.width);
     let short = View::ALL.map(|view| (key(view), brief_title(view)));
-    let tight = close(&short, model.place.view as usize);
-    // Who else is here, in the longest words that fit: names before views, names of views before numbers of people.
+    let tight = close(&short, model.view_state.view as usize);
+    // The other consoles, in the longest words that fit: names before views, names of views before counts.
     let fits = |tabs: &Row, least: usize| {
         let room = width.saturating_sub(tabs.width());
         let said = others.iter().enumerate().filter(|(at, _)| *at <= least);
@@ -40,26 +40,27 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     if let Some(((tabs, laid, names), said)) = chosen {
         let row = (*tabs).clone().to_column(width - said.width()).with(ThemeRole::Muted, &said);
         pen.row(area, 0, &row);
-        clicks(*laid, names, model.place.view as usize, hit, pen, area);
+        clicks(*laid, names, model.view_state.view as usize, hit, pen, area);
         return;
     }
-    // Names of the others do not fit: their keys do.
-    let brief = View::ALL.map(|view| (key(view), if view == model.place.view { view.title() } else { "" }));
-    pen.row(area, 0, &line(&brief, model.place.view as usize));
+    // The names of the other views do not fit: only their keys do.
+    let brief =
+        View::ALL.map(|view| (key(view), if view == model.view_state.view { view.title() } else { "" }));
+    pen.row(area, 0, &line(&brief, model.view_state.view as usize));
     clicks(
         line,
         &brief,
-        model.place.view as usize,
+        model.view_state.view as usize,
         |at| View::ALL.get(at).map(|view| Hit::View(*view)),
         pen,
         area,
     );
 }
 
-/// Tabs as they were laid, how, and their keys and names.
+/// Tabs as laid out, with their keys and names.
 type TabLayout<'a> = (&'a Row, TabLine, &'a [(&'a str, &'a str)]);
 
-/// How tabs are laid on a line.
+/// The layout of tabs on a line.
 type TabLine = fn(&[(&str, &str)], usize) -> Row;
 
 /// Where each tab of a line can be clicked.
@@ -83,22 +84,22 @@ fn clicks(
     }
 }
 
-/// Draws the panes of the present view at the left of the first line of an area, where a click leads to each; `right`
-/// stands at its end.
-pub fn draw_panes(model: &Model, right: Row, pen: &mut Pen<'_>, area: Rect) {
+/// Draws the panes of the present view at the left of the first line of an area, with a click target for each;
+/// `right` stands at its end.
+pub fn draw_panes(model: &ConsoleModel, right: Row, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width).saturating_sub(right.width());
     pen.row(area, 0, &panes(model).to_column(width).and(right));
-    let tabs: Vec<(&str, &str)> = model.place.view.panes().iter().map(|pane| ("", *pane)).collect();
-    clicks(line, &tabs, model.place.pane(), |at| Some(Hit::Pane(at)), pen, area);
+    let tabs: Vec<(&str, &str)> = model.view_state.view.panes().iter().map(|pane| ("", *pane)).collect();
+    clicks(line, &tabs, model.view_state.pane(), |at| Some(Hit::Pane(at)), pen, area);
 }
 
-/// Who else looks at this engine, in words that get shorter; nothing if nobody does.
-fn others(model: &Model) -> Vec<String> {
-    let others: Vec<_> = model.told.others().collect();
+/// The other consoles at this engine, in ever shorter words; empty if there are none.
+fn other_consoles(model: &ConsoleModel) -> Vec<String> {
+    let others: Vec<_> = model.engine_data.other_consoles().collect();
     if others.is_empty() {
         return Vec::new();
     }
-    let said = |one: &&SeatView| {
+    let said = |one: &&AttachedConsoleView| {
         let doing = match &one.sitting.reading {
             Some(version) => format!("reads {version}"),
             None => Untrusted::new(one.sitting.view.clone()).line().into_string(),
@@ -117,13 +118,13 @@ fn others(model: &Model) -> Vec<String> {
 
 /// The panes of the present view as a line; empty if there is one alone.
 #[must_use]
-pub fn panes(model: &Model) -> Row {
-    let panes = model.place.view.panes();
+pub fn panes(model: &ConsoleModel) -> Row {
+    let panes = model.view_state.view.panes();
     let tabs: Vec<(&str, &str)> = panes.iter().map(|pane| ("", *pane)).collect();
     if tabs.len() < 2 {
         return Row::new();
     }
-    line(&tabs, model.place.pane())
+    line(&tabs, model.view_state.pane())
 }
 
 const fn key(view: View) -> &'static str {
@@ -139,7 +140,7 @@ const fn key(view: View) -> &'static str {
     }
 }
 
-/// A view's title where room is short.
+/// A view's short title.
 const fn brief_title(view: View) -> &'static str {
     match view {
         View::Candidate => "Candid.",

@@ -1,22 +1,22 @@
 //! The tour: one sentence on each screen, on one line, dismissed with one key.
 
-use crate::model::{Model, View};
+use crate::model::{ConsoleModel, View};
 
-/// Columns of the narrowest screen on which a sentence stands whole, with the key that dismisses it.
+/// The width from which a sentence fits completely, with the key that dismisses it.
 pub const WHOLE_FROM: u16 = 80;
 
 /// The sentence for this screen, if the tour is on.
 #[must_use]
-pub fn sentence(model: &Model) -> Option<&'static str> {
-    model.settings.tour.map(|_| of(model.place.view))
+pub fn sentence(model: &ConsoleModel) -> Option<&'static str> {
+    model.settings.tour.map(|_| of(model.view_state.view))
 }
 
-/// One line each: what is read first on the screen, and the key that leads on.
+/// One line each: what to read first on the screen, and the next key.
 const fn of(view: View) -> &'static str {
     match view {
         View::Overview => "Candidates walk seven stages beside the live arm; X stops it",
         View::Registry => "Bars: the four kappas against their limits; l opens a family",
-        View::Candidate => "Why it stands where it stands; tab leads on to the evidence",
+        View::Candidate => "Why it is in this state; tab leads on to the evidence",
         View::Shadow => "The twin against the live arm on the same sequences; f freezes",
         View::Alarms => "Space says that you have seen an alarm, and resumes nothing",
         View::Approvals => "What waits for a person: enter opens it, and never approves",

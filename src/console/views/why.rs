@@ -1,4 +1,4 @@
-//! Why a check came out as it did: the sentence that decides, what would change it, what was measured.
+//! The explanation of a check's result: the deciding sentence, what would change it, and the measured values.
 //!
 //! ```text
 //! grasp@1.1.0 against grasp@1.0.0        1 of 4: interface  policy [behaviour] recovery
@@ -6,21 +6,21 @@
 //!
 //! passes a limit in 38 of 120 episodes, the active version in 0; at most 5 % more is tolerated
 //!
-//! It would have to be otherwise
+//! To pass, this would have to change
 //!   violation +0.317 … 32 fewer of 120 episodes
-//! Measured, the gravest first; more is worse
+//! Measured, the most serious first; more is worse
 //!   ✖  6.3 x tolerated  passes a limit in 38 of 120 episodes …
 //! ```
 
 use ratatui::layout::Rect;
 
+use crate::formatters::{kappa_line, kappa_sign};
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::{Model, WhyScreen};
-use crate::theme::mark::of_dimension;
+use crate::model::{ConsoleModel, WhyScreen};
+use crate::theme::state_mark::of_dimension;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::{Row, safe, wrap};
-use crate::words::{kappa_line, kappa_sign};
-use holdpoint_protocol::detail::{Detail, FindingVerdict, WhyFinding, WhyView};
+use holdpoint_protocol::detail::{Detail, FindingVerdict, RationaleFinding, RationaleView};
 
 /// The most lines of one text.
 const LINES_MAX: usize = 6;
@@ -32,7 +32,7 @@ const DIFFERENCE_MAX: usize = 160;
 const WEIGHT: usize = 22;
 
 /// Draws it in place of the view.
-pub fn draw(model: &Model, screen: &WhyScreen, pen: &mut Pen<'_>, area: Rect) {
+pub fn draw(model: &ConsoleModel, screen: &WhyScreen, pen: &mut Pen<'_>, area: Rect) {
     pen.clear(area);
     let detail = model.subject_detail().filter(|detail| detail.version == screen.version);
     let Some((detail, why)) = detail.and_then(|detail| Some((detail, detail.why.get(screen.at)?))) else {
@@ -55,7 +55,7 @@ pub fn draw(model: &Model, screen: &WhyScreen, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// What is explained, and the other explanations there are.
+/// The explained check, and the other explanations.
 fn heading(detail: &Detail, screen: &WhyScreen, width: usize) -> Row {
     let mut row = Row::of(ThemeRole::Title, &safe(&detail.version.to_string(), width));
     if let Some(against) = &detail.against {
@@ -66,7 +66,7 @@ fn heading(detail: &Detail, screen: &WhyScreen, width: usize) -> Row {
         let here = at == screen.at;
         let (open, close) = if here { ("[", "]") } else { (" ", " ") };
         let role = if here { ThemeRole::Focus } else { ThemeRole::Muted };
-        names.push(role, &format!("{open}{}{close}", why.about.words()));
+        names.push(role, &format!("{open}{}{close}", why.about.label()));
     }
     if row.width() + names.width() + 2 > width {
         return row;
@@ -74,9 +74,9 @@ fn heading(detail: &Detail, screen: &WhyScreen, width: usize) -> Row {
     row.to_column(width.saturating_sub(names.width())).and(names)
 }
 
-/// Everything that is said, in rows of at most `width` columns.
+/// The whole explanation, in rows of at most `width` columns.
 #[must_use]
-pub fn rows(detail: &Detail, why: &WhyView, look: &Look, width: usize) -> Vec<Row> {
+pub fn rows(detail: &Detail, why: &RationaleView, look: &Look, width: usize) -> Vec<Row> {
     let mut rows = Vec::new();
     let outcome = detail.dimensions.iter().find(|result| result.dimension == why.about);
     match outcome {
@@ -85,38 +85,38 @@ pub fn rows(detail: &Detail, why: &WhyView, look: &Look, width: usize) -> Vec<Ro
             let sign = kappa_sign(result.dimension, look.ascii());
             rows.push(Row::of(role, &format!("{} {sign} {}", look.glyph(glyph), kappa_line(result))));
         }
-        None => rows.push(Row::of(ThemeRole::Title, why.about.words())),
+        None => rows.push(Row::of(ThemeRole::Title, why.about.label())),
     }
     rows.push(Row::new());
-    said(&mut rows, ThemeRole::Value, "", &sentence(&why.decisive), width);
+    push_text(&mut rows, ThemeRole::Value, "", &sentence(&why.decisive), width);
     if !why.change.is_empty() {
         rows.push(Row::new());
-        rows.push(Row::of(ThemeRole::Title, "It would have to be otherwise"));
+        rows.push(Row::of(ThemeRole::Title, "To pass, this would have to change"));
         for text in &why.change {
-            said(&mut rows, ThemeRole::Text, "  ", text, width);
+            push_text(&mut rows, ThemeRole::Text, "  ", text, width);
         }
     }
     if !why.findings.is_empty() {
         rows.push(Row::new());
-        rows.push(Row::of(ThemeRole::Title, "Measured, the gravest first; more is worse"));
+        rows.push(Row::of(ThemeRole::Title, "Measured, the most serious first; more is worse"));
         for finding in &why.findings {
-            found(&mut rows, finding, look, width);
+            push_finding(&mut rows, finding, look, width);
         }
     }
     if !detail.differences.is_empty() {
         rows.push(Row::new());
-        rows.push(Row::of(ThemeRole::Title, "In what the two versions differ"));
+        rows.push(Row::of(ThemeRole::Title, "Differences of the two versions"));
         let arrow = look.glyph(Glyph::Arrow);
         for one in &detail.differences {
             let text =
                 format!("{} {} {arrow} {}", one.field, value(one.old.as_ref()), value(one.new.as_ref()));
-            said(&mut rows, ThemeRole::Text, "  ", &safe(&text, DIFFERENCE_MAX), width);
+            push_text(&mut rows, ThemeRole::Text, "  ", &safe(&text, DIFFERENCE_MAX), width);
         }
     }
     rows
 }
 
-/// A value of a field as it is written; of one that is not there, that.
+/// The value of a field as text, or a note that it is missing.
 fn value(of: Option<&serde_json::Value>) -> String {
     match of {
         None => "(none)".to_owned(),
@@ -125,19 +125,19 @@ fn value(of: Option<&serde_json::Value>) -> String {
     }
 }
 
-/// With a capital and a full stop.
+/// With a capital and a period.
 fn sentence(text: &str) -> String {
     let mut letters = text.chars();
     let first: String = letters.next().map(char::to_uppercase).into_iter().flatten().collect();
     format!("{first}{}.", letters.as_str())
 }
 
-fn said(rows: &mut Vec<Row>, role: ThemeRole, lead: &str, text: &str, width: usize) {
+fn push_text(rows: &mut Vec<Row>, role: ThemeRole, lead: &str, text: &str, width: usize) {
     let lines = wrap(text, width.saturating_sub(lead.len()), LINES_MAX);
     rows.extend(lines.iter().map(|line| Row::of(role, &format!("{lead}{line}"))));
 }
 
-fn found(rows: &mut Vec<Row>, finding: &WhyFinding, look: &Look, width: usize) {
+fn push_finding(rows: &mut Vec<Row>, finding: &RationaleFinding, look: &Look, width: usize) {
     let (glyph, role) = match finding.verdict {
         FindingVerdict::Worse => (Glyph::Bad, ThemeRole::Bad),
         FindingVerdict::Doubtful => (Glyph::Warning, ThemeRole::Warning),
@@ -149,7 +149,7 @@ fn found(rows: &mut Vec<Row>, finding: &WhyFinding, look: &Look, width: usize) {
         Some(_) => "no worse".to_owned(),
         None => String::new(),
     };
-    // Where the weight would leave no room, it stands before the text.
+    // If the weight would leave no room, it stands before the text.
     let column = if width >= 3 * WEIGHT && finding.weight.is_some() { WEIGHT } else { 4 };
     let lines = wrap(&finding.text, width.saturating_sub(column), LINES_MAX);
     for (at, line) in lines.iter().enumerate() {

@@ -1,15 +1,15 @@
-//! Bars with their limit drawn in, progress, and small trends. Each reads the same without colours.
+//! Bars with their limit drawn in, progress, and small trends. Each reads the same without colors.
 
 use super::row::Row;
 use crate::look::{Glyph, Look, ThemeRole};
 
-/// A share of 0 to 1 as a bar of `width` columns with a limit that is to be reached.
+/// A share of 0 to 1 as a bar of `width` columns with a lower limit.
 #[must_use]
 pub fn against_limit(look: &Look, value: Option<f64>, limit: f64, width: usize) -> Row {
     let limit_at = columns(limit, width).min(width.saturating_sub(1));
     let filled = match value {
         None => 0,
-        // However near, what does not reach its limit leaves a gap before it, and what reaches it leaves none.
+        // A value short of its limit leaves a gap before it, however small; a value at its limit leaves none.
         Some(value) if !(value >= limit) => columns(value, width).min(limit_at.saturating_sub(1)),
         Some(value) => columns(value, width).max(limit_at),
     };
@@ -30,7 +30,7 @@ pub fn against_limit(look: &Look, value: Option<f64>, limit: f64, width: usize) 
     piece(0, limit_at).with(ThemeRole::Limit, look.glyph(Glyph::Limit)).and(piece(limit_at + 1, width))
 }
 
-/// How much of something is done.
+/// The progress of a job.
 #[must_use]
 pub fn progress(look: &Look, done: u64, budget: u64, width: usize) -> Row {
     let share = if budget == 0 { 0.0 } else { done as f64 / budget as f64 };
@@ -39,7 +39,7 @@ pub fn progress(look: &Look, done: u64, budget: u64, width: usize) -> Row {
         .with(ThemeRole::Muted, &look.glyph(Glyph::Empty).repeat(width - filled))
 }
 
-/// Outcomes as signs, the newest last; what does not fit is left off at the front.
+/// Outcomes as signs, newest last; signs without room are dropped at the front.
 #[must_use]
 pub fn outcomes(look: &Look, outcomes: &[bool], width: usize) -> Row {
     let shown = outcomes.get(outcomes.len().saturating_sub(width)..).unwrap_or(&[]);
@@ -63,7 +63,7 @@ fn columns(share: f64, width: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::look::{Depth, Glyphs, Theme};
+    use crate::look::{ColorDepth, Glyphs, Theme};
 
     fn text(row: &Row) -> String {
         row.parts().map(|(text, _)| text).collect()
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn bars_have_their_width_and_their_limit() {
-        let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+        let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
         let table = [
             (Some(0.5), 0.8, "#####...|."),
             (Some(0.95), 0.8, "########|#"),

@@ -1,4 +1,4 @@
-//! A chart of one series with its limit drawn in and labelled.
+//! A chart of one series with its limit drawn in and labeled.
 //!
 //! Many values share a column as their smallest and largest, joined: a spike of one value survives any width.
 
@@ -12,16 +12,16 @@ use crate::look::{Glyph, ThemeRole};
 /// Columns left of a chart, for its numbers.
 const SCALE: u16 = 6;
 
-/// A series and what is said beside it.
+/// A series and its labels.
 #[derive(Clone, Copy, Debug)]
 pub struct Chart<'a> {
     /// The values, the newest last.
     pub values: &'a [f32],
-    /// The limit that is not to be passed.
+    /// The upper limit.
     pub limit: Option<f64>,
 }
 
-/// The smallest and largest of each of at most `columns` equal parts, in order; what is no number is left off.
+/// The smallest and largest of each of at most `columns` equal parts, in order, without values that are no numbers.
 #[must_use]
 pub fn extremes(values: &[f32], columns: usize) -> Vec<(f32, f32)> {
     if columns == 0 {
@@ -45,7 +45,7 @@ impl Chart<'_> {
         let limit = self.limit.unwrap_or(0.0);
         let low = columns.iter().map(|(low, _)| f64::from(*low)).fold(limit.min(0.0), f64::min);
         let high = columns.iter().map(|(_, high)| f64::from(*high)).fold(limit, f64::max);
-        // Head room, so that the limit is never the frame.
+        // Head room, so that the limit never coincides with the frame.
         let high = if high > low { high + 0.1 * (high - low) } else { low + 1.0 };
         (low, high)
     }

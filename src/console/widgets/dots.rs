@@ -1,4 +1,4 @@
-//! A grid of dots, eight to a cell (braille), for pictures and charts; in ASCII one sign a cell.
+//! A grid of dots, eight to a cell (braille), for scenes and charts; in ASCII one sign a cell.
 //!
 //! Dots count from the top left. What lies outside is left off; no call panics.
 
@@ -13,16 +13,16 @@ pub const ACROSS: usize = 2;
 /// Dots down a cell.
 pub const DOWN: usize = 4;
 
-/// The longest line, dots: what is longer was a mistake in the numbers.
+/// The longest line, dots: a longer one comes from an error in the numbers.
 const LINE_MAX: i64 = 20_000;
 
-/// What something is drawn with.
+/// The ink of a line or shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ink {
     pub role: ThemeRole,
     /// Its sign in ASCII.
     pub ascii: &'static str,
-    /// Whether every other pair of dots is left off: what is no more than a ghost.
+    /// Whether every other pair of dots is left out, for a ghost.
     pub dashed: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Lists of any length: only what can be seen is made and drawn.
+//! Lists of any length: only visible rows are made and drawn.
 
 use ratatui::layout::Rect;
 
@@ -9,7 +9,7 @@ use crate::look::{Glyph, ThemeRole};
 /// Columns before a row: the mark of the row under the cursor.
 pub const GUTTER: u16 = 2;
 
-/// The first row that is shown so that the one under the cursor is in sight.
+/// The first visible row, so that the one under the cursor is in sight.
 #[must_use]
 pub const fn first_shown(count: usize, cursor: usize, height: u16) -> usize {
     let height = height as usize;
@@ -22,8 +22,8 @@ pub const fn first_shown(count: usize, cursor: usize, height: u16) -> usize {
 }
 
 impl Pen<'_> {
-    /// Draws the rows that can be seen. `cursor` is the row under the cursor, if the list has the keys or shows
-    /// one; `row` makes a row of a width.
+    /// Draws the visible rows. `cursor` is the row under the cursor, if the list has the keys or shows one; `row`
+    /// makes a row of a width.
     pub fn list(
         &mut self,
         area: Rect,
@@ -48,7 +48,7 @@ impl Pen<'_> {
     }
 }
 
-/// Where the cursor is, `3 of 40`; empty for an empty list.
+/// The place of the cursor, `3 of 40`; empty for an empty list.
 #[must_use]
 pub fn place(count: usize, cursor: usize) -> String {
     if count == 0 { String::new() } else { format!("{} of {count}", cursor.min(count - 1) + 1) }

@@ -1,4 +1,4 @@
-//! What a view draws with: a look, a buffer, and the size class of the screen.
+//! The means of drawing: a look, a buffer, and the size class of the screen.
 //!
 //! Everything is clipped to the buffer; no call panics, whatever the area.
 
@@ -12,7 +12,7 @@ use crate::model::View;
 /// How much room the screen has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fit {
-    /// Alarms and what waits, in whatever lines there are.
+    /// Alarms and waiting requests, in any number of lines.
     Tiny,
     /// One pane, from 60 x 16.
     One,
@@ -35,7 +35,7 @@ impl Fit {
     }
 }
 
-/// What a click means where it hits.
+/// The meaning of a click.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hit {
     View(View),
@@ -54,7 +54,7 @@ pub struct Pen<'a> {
     pub buf: &'a mut Buffer,
     /// How much room the screen has.
     pub fit: Fit,
-    /// Where a click means something, the topmost last.
+    /// The click targets, the topmost last.
     pub hits: Vec<(Rect, Hit)>,
 }
 
@@ -67,7 +67,7 @@ impl<'a> Pen<'a> {
 }
 
 impl Pen<'_> {
-    /// A click here means this.
+    /// Registers a click target.
     pub fn hit(&mut self, area: Rect, hit: Hit) {
         if !area.is_empty() {
             self.hits.push((area, hit));
@@ -89,7 +89,7 @@ impl Pen<'_> {
             }
             let style = self.look.style(role);
             (x, _) = if self.look.ascii() && text.contains('…') {
-                // The sanitiser's mark of what was cut.
+                // The mark by which sanitizing shows a cut.
                 let text = text.replace('…', self.look.glyph(Glyph::Ellipsis));
                 self.buf.set_stringn(x, y, text, usize::from(left), style)
             } else {
@@ -107,7 +107,7 @@ impl Pen<'_> {
         }
     }
 
-    /// Draws lines from `at` on; tells how many lines there were, drawn or not.
+    /// Draws lines from `at` on; returns the number of lines, drawn or not.
     pub fn rows(&mut self, area: Rect, at: u16, rows: &[Row]) -> u16 {
         for (row, y) in rows.iter().zip(at..area.height) {
             self.row(area, y, row);
@@ -115,7 +115,7 @@ impl Pen<'_> {
         u16::try_from(rows.len()).unwrap_or(u16::MAX)
     }
 
-    /// Draws wrapped text from `at` on; tells how many lines it took.
+    /// Draws wrapped text from `at` on; returns the number of lines.
     pub fn text(&mut self, area: Rect, at: u16, role: ThemeRole, text: &str) -> u16 {
         let rows_max = usize::from(area.height.saturating_sub(at));
         let lines = wrap(text, usize::from(area.width), rows_max);
@@ -150,7 +150,7 @@ impl Pen<'_> {
         }
     }
 
-    /// A pane's heading line; what is below it is the pane. `right` stands at the right end.
+    /// A pane's heading line, with `right` at its right end; returns the area below.
     pub fn pane(&mut self, area: Rect, title: &str, focused: bool, right: &str) -> Rect {
         let line = self.look.glyph(Glyph::Horizontal);
         let role = if focused { ThemeRole::Focus } else { ThemeRole::Title };
@@ -164,7 +164,7 @@ impl Pen<'_> {
         let width = usize::from(area.width);
         let fill = width.saturating_sub(heading.width() + tail.width());
         heading.push(ThemeRole::Rule, &line.repeat(fill));
-        // Where both do not fit, the title stays.
+        // If both do not fit, the title stays.
         let heading = if heading.width() + tail.width() <= width { heading.and(tail) } else { heading };
         self.row(area, 0, &heading);
         below(area, 1)
@@ -189,7 +189,7 @@ impl Pen<'_> {
     }
 }
 
-/// What is left of an area below its first `rows` lines.
+/// The rest of an area below its first `rows` lines.
 #[must_use]
 pub const fn below(area: Rect, rows: u16) -> Rect {
     let taken = if rows < area.height { rows } else { area.height };

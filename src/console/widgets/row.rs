@@ -1,6 +1,6 @@
-//! One line of the screen: pieces of text, each with a role. The one way text gets onto the screen.
+//! One line of the screen: pieces of text, each with a role. All text reaches the screen through it.
 //!
-//! Whatever is put into a row passes the sanitiser here, so that no view can forget it.
+//! A row sanitizes its texts here, so that no view can forget it.
 
 use std::borrow::Cow;
 
@@ -18,10 +18,10 @@ pub struct Row {
     width: usize,
 }
 
-/// Text that a terminal does nothing but print, at most `width_max` columns wide.
+/// Printable text without effects on a terminal, at most `width_max` columns wide.
 #[must_use]
 pub fn safe(text: &str, width_max: usize) -> String {
-    // Most text is short and plain; only the rest takes the long way.
+    // Most text is short and plain; the rest takes the slow path.
     if text.len() <= width_max && text.bytes().all(|byte| (b' '..=b'~').contains(&byte)) {
         return text.to_owned();
     }
@@ -80,7 +80,7 @@ impl Row {
         }
     }
 
-    /// Fills up with blanks to a column; what is there already stays.
+    /// Fills up with blanks to a column; existing text stays.
     #[must_use]
     pub fn to_column(mut self, column: usize) -> Self {
         let missing = column.saturating_sub(self.width);
@@ -113,7 +113,7 @@ pub fn wrap(text: &str, width: usize, rows_max: usize) -> Vec<String> {
     if width == 0 || rows_max == 0 {
         return Vec::new();
     }
-    // What cannot be seen anyway is cut before it is measured.
+    // Invisible text is cut before it is measured.
     let safe = safe(text, width.saturating_mul(rows_max).min(holdpoint_text::WIDTH_MAX));
     let mut lines: Vec<String> =
         textwrap::wrap(&safe, width).into_iter().map(|line| self::safe(line.trim_end(), width)).collect();

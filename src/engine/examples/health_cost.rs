@@ -1,5 +1,5 @@
-//! Prints what a question about health over time costs on a store with thirty days of work: processor time of this
-//! process, for each span. Makes the store first, of so many sequences of three tasks.
+//! Prints the processor time of a query of health over time, for each span, on a store with thirty days of tasks. First makes
+//! the store, with the given number of sequences of three tasks.
 //! `cargo run --release -p holdpoint-engine --example health_cost -- 100000 1500`
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a measurement ends where it cannot go on")]
 #![allow(clippy::print_stdout, reason = "its output is its purpose")]
@@ -11,7 +11,7 @@ mod store;
 use std::time::Duration;
 
 use holdpoint_engine::health_series::HealthReader;
-use holdpoint_protocol::health::{HealthAsked, HealthSeries};
+use holdpoint_protocol::health::{HealthQuery, HealthSeries};
 use holdpoint_registry::{Batch, Store, TelemetryLimits, Transaction};
 use rustix::time::{ClockId, clock_gettime};
 
@@ -24,7 +24,7 @@ fn cpu() -> Duration {
     Duration::new(u64::try_from(now.tv_sec).unwrap(), u32::try_from(now.tv_nsec).unwrap())
 }
 
-/// A kept task with so many bytes of path.
+/// A stored task with a path of this many bytes.
 fn body(success: bool, path_bytes: usize) -> Vec<u8> {
     let path = "0.553,".repeat(path_bytes / 6);
     format!(
@@ -96,15 +96,15 @@ fn main() {
         );
     };
     for (what, bucket_ms, buckets) in [
-        ("1 h by the minute", 60_000, 60),
-        ("18 h by the quarter", 900_000, 72),
-        ("3 d by the hour", 3_600_000, 72),
+        ("1 h by minute", 60_000, 60),
+        ("18 h by 15 minutes", 900_000, 72),
+        ("3 d by hour", 3_600_000, 72),
         ("30 d by 12 hours", 43_200_000, 60),
-        ("72 d by the day", 86_400_000, 72),
+        ("72 d by day", 86_400_000, 72),
     ] {
-        let asked = HealthAsked { bucket_ms, buckets, ..HealthAsked::default() };
+        let asked = HealthQuery { bucket_ms, buckets, ..HealthQuery::default() };
         measure(what, &|reader| reader.read(&asked, None).unwrap());
     }
-    let all = HealthAsked { bucket_ms: 86_400_000, buckets: 40, ..HealthAsked::default() };
+    let all = HealthQuery { bucket_ms: 86_400_000, buckets: 40, ..HealthQuery::default() };
     measure("30 d, every task", &|reader| reader.read_every_task(&all, None).unwrap());
 }

@@ -1,22 +1,22 @@
-//! In which fields two documents differ: manifests and parameters of two versions, field by field.
+//! The fields in which two documents differ: manifests and parameters of two versions, field by field.
 //!
 //! Pure; judges nothing and formats nothing.
 
 use serde_json::Value;
 
 use holdpoint_governance::ids::Digest;
-use holdpoint_protocol::detail::Difference;
+use holdpoint_protocol::detail::FieldDiff;
 use holdpoint_runtime::capability::Capability;
 
-/// The most differences that are told.
+/// The most differences that are listed.
 pub const DIFFERENCES_MAX: usize = 1_000;
 
-/// Manifest and parameters of two versions, field by field. Of a first version every field is new.
+/// The differences of manifest and parameters between two versions. For a first version every field is new.
 #[must_use]
-pub fn version_differences(active: Option<&Capability>, candidate: &Capability) -> Vec<Difference> {
+pub fn version_differences(active: Option<&Capability>, candidate: &Capability) -> Vec<FieldDiff> {
     let value = |version: &Capability| {
         let manifest = serde_json::to_value(&*version.manifest).unwrap_or_default();
-        // Both loaded, so their parameters parse; a text that does not is shown as no parameters.
+        // Both loaded, so their parameters parse; a text that does not parse counts as empty.
         let params: Option<toml::Table> = toml::from_str(&version.package.params).ok();
         let params = params.and_then(|table| serde_json::to_value(table).ok()).unwrap_or_default();
         let mut whole = serde_json::json!({ "manifest": manifest, "params": params });
@@ -38,15 +38,15 @@ pub fn version_differences(active: Option<&Capability>, candidate: &Capability) 
     differences(&active.map_or_else(nothing, value), &value(candidate))
 }
 
-/// The fields in which two values differ, by path. Lists of words compare as sets, member by member.
+/// The fields in which two values differ, by path. Lists of strings compare as sets, member by member.
 #[must_use]
-pub fn differences(old: &Value, new: &Value) -> Vec<Difference> {
+pub fn differences(old: &Value, new: &Value) -> Vec<FieldDiff> {
     let mut found = Vec::new();
     compare("", Some(old), Some(new), &mut found);
     found
 }
 
-fn compare(path: &str, old: Option<&Value>, new: Option<&Value>, found: &mut Vec<Difference>) {
+fn compare(path: &str, old: Option<&Value>, new: Option<&Value>, found: &mut Vec<FieldDiff>) {
     if old == new || found.len() >= DIFFERENCES_MAX {
         return;
     }
@@ -60,13 +60,13 @@ fn compare(path: &str, old: Option<&Value>, new: Option<&Value>, found: &mut Vec
         }
         (Some(Value::Array(old)), Some(Value::Array(new))) if words(old) && words(new) => {
             for gone in old.iter().filter(|word| !new.contains(word)) {
-                found.push(Difference { field: path.to_owned(), old: Some(gone.clone()), new: None });
+                found.push(FieldDiff { field: path.to_owned(), old: Some(gone.clone()), new: None });
             }
             for added in new.iter().filter(|word| !old.contains(word)) {
-                found.push(Difference { field: path.to_owned(), old: None, new: Some(added.clone()) });
+                found.push(FieldDiff { field: path.to_owned(), old: None, new: Some(added.clone()) });
             }
         }
-        (old, new) => found.push(Difference { field: path.to_owned(), old: old.cloned(), new: new.cloned() }),
+        (old, new) => found.push(FieldDiff { field: path.to_owned(), old: old.cloned(), new: new.cloned() }),
     }
 }
 

@@ -1,22 +1,22 @@
-//! Which rule a reason belongs to, what was measured for it, and what would have to change.
+//! The rule of a reason, its measured values, and the change that would remove it.
 //!
-//! Counts are computed from the raw pairs and drills in the record by the rule's own statistics, never guessed: a
-//! number of episodes is the smallest that brings the rule's bound within its limit.
+//! Counts are computed from the raw pairs and drills on record with the rule's own statistics. A number of episodes is the
+//! smallest one that brings the rule's bound within its limit.
 
-use super::on_record::{DossierRecord, Noted};
-use holdpoint_governance::behavior::{Component, ComponentName, component_of};
+use super::lenient_bodies::{EvidenceFileRecord, ReasonRecord};
+use holdpoint_governance::behavior::{BehaviorComponent, ComponentName, component_of};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
-use holdpoint_governance::evidence::{DrillKind, DrillTally, Drills, EpisodeValues};
+use holdpoint_governance::evidence::{DrillKind, DrillTallies, DrillTally, EpisodeValues};
 use holdpoint_governance::phase::PhaseTallies;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 
-/// The error rate of the one-sided upper bound that the behavioural rule asks for (design rule 3.4).
+/// The error rate of the one-sided upper bound in the behavioral rule (design rule 3.4).
 const UPPER_ALPHA: f64 = 0.05;
 
-/// Whether a reason speaks for the version: nothing has to change for it.
+/// Whether a reason supports the version, so that no change is needed.
 #[must_use]
-pub const fn is_in_favour(code: ReasonCode) -> bool {
+pub const fn is_in_favor(code: ReasonCode) -> bool {
     matches!(
         code,
         ReasonCode::InterfaceCompatible
@@ -36,23 +36,23 @@ pub const fn is_in_favour(code: ReasonCode) -> bool {
     )
 }
 
-/// The component a behavioural reason is about, as it was measured.
-fn component<'a>(reason: &Noted, dossier: &'a DossierRecord) -> Option<&'a Component> {
+/// The measured component of a behavioral reason.
+fn component<'a>(reason: &ReasonRecord, dossier: &'a EvidenceFileRecord) -> Option<&'a BehaviorComponent> {
     let behavior = dossier.behavior.as_ref().filter(|_| reason.is_about(Dimension::Behavior))?;
-    let about = component_of(*reason.code.known()?, &reason.text)?;
+    let about = component_of(&reason.known()?)?;
     behavior.components.iter().find(|component| component.name == about)
 }
 
-/// What was measured for a reason, if the evidence tells more than the reason.
-pub(super) fn measured(reason: &Noted, dossier: &DossierRecord) -> Option<String> {
+/// The measured values for a reason, if the evidence has more than the reason.
+pub(super) fn measured(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> Option<String> {
     if let Some(component) = component(reason, dossier) {
         let n = dossier.behavior.as_ref().map_or(0, |behavior| behavior.pairs);
-        let Component { name, worsening, lower, upper, tolerance } = component;
+        let BehaviorComponent { name, worsening, lower, upper, tolerance } = component;
         let upper =
             upper.map_or_else(|| "no upper bound".to_owned(), |upper| format!("95 % bound {upper:.3}"));
         let name = name.name();
         return Some(format!(
-            "{name} {worsening:+.3} over n = {n} pairs, at least {lower:.3}, {upper}, tolerance {tolerance:.3}"
+            "{name} {worsening:+.3} over n = {n} pairs, at least {lower:.3}, {upper}, margin {tolerance:.3}"
         ));
     }
     if reason.is_about(Dimension::Recovery) && reason.code != ReasonCode::RecoveryNoData {
@@ -78,34 +78,34 @@ pub(super) fn measured(reason: &Noted, dossier: &DossierRecord) -> Option<String
     None
 }
 
-/// What would have to change for a reason to go away; `None` if it speaks for the version.
-pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> {
+/// The change that would remove a reason; `None` if it supports the version.
+pub(super) fn change(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> Option<String> {
     use ReasonCode as Code;
-    // What another build wrote is told with its number against its limit.
-    let Some(code) = reason.code.known() else { return Some(against(reason)) };
+    // A code of another build is shown with its number against its limit.
+    let Some(code) = reason.code.known() else { return Some(limit_sentence(reason)) };
     let text = match code {
         Code::BehaviorEstablishedWorse | Code::BehaviorSuspicious | Code::BehaviorSafetyTraded => {
-            component(reason, dossier).map_or_else(|| against(reason), |found| behaviour(found, dossier))
+            component(reason, dossier).map_or_else(|| limit_sentence(reason), |found| behaviour(found, dossier))
         }
         Code::BehaviorHarmEstablished | Code::BehaviorHarmSuspicious => {
-            format!("it may harm no more than the active version does, beyond the tolerance: {}", against(reason))
+            format!("it may harm no more than the active version does, beyond the margin: {}", limit_sentence(reason))
         }
         Code::BehaviorSequenceWorse | Code::BehaviorSequenceSuspicious => {
-            format!("it has to leave the arm and the object as the skills after it need them: {}", against(reason))
+            format!("it has to leave the arm and the object as the skills after it need them: {}", limit_sentence(reason))
         }
         Code::BehaviorAsksMore => {
-            "its manifest has to declare what its code asks for, or its code has to ask for no more".to_owned()
+            "its manifest has to declare every request of its code, or its code has to request no more".to_owned()
         }
         Code::BehaviorNoData | Code::CompositionNoData => {
             "it has to be measured: the next stage does that".to_owned()
         }
-        // The end of an evaluation is no demand of its own: what ended it stands beside it.
+        // The early end of an evaluation is not a cause; the cause is a separate reason.
         Code::BehaviorEndedEarly | Code::RecoveryEndedEarly => return None,
-        // Of the version that is active: nothing of the candidate would change it.
+        // It concerns the active version; no change of the candidate would remove it.
         Code::RecoveryActiveWeak => return None,
-        Code::BehaviorInconclusive => format!("more paired episodes are needed: {}", against(reason)),
+        Code::BehaviorInconclusive => format!("more paired episodes are needed: {}", limit_sentence(reason)),
         Code::BehaviorHardStop => {
-            "what the version uses has to be declared, and the event made impossible: one of them ends an evaluation"
+            "the manifest has to declare every permission in use, and the event must not occur: one ends an evaluation"
                 .to_owned()
         }
         Code::RecoveryRollbackBelowFloor => drills(reason, dossier),
@@ -113,54 +113,54 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         | Code::RecoveryFarBelowFloor
         | Code::RecoveryFragile
         | Code::RecoveryConditional => weakest(reason, dossier),
-        Code::RecoveryPhaseFailing => format!("they have to pass in that phase too: {}", against(reason)),
+        Code::RecoveryPhaseFailing => format!("they have to pass in that phase too: {}", limit_sentence(reason)),
         Code::RecoveryEstablishedWorse | Code::RecoveryPhaseWorse | Code::RecoveryLeaning => {
-            format!("they have to pass as often as the active version's: {}", against(reason))
+            format!("they have to pass as often as the active version's: {}", limit_sentence(reason))
         }
         Code::RecoveryNoData
         | Code::ShadowNoData
         | Code::GateNoData
         | Code::InterfaceNoData
         | Code::PolicyNoData => {
-            format!("evidence is missing: {}", reason.text)
+            format!("evidence is missing: {}", reason.text())
         }
-        Code::RecoveryHookMissing => format!("export the hook: {}", reason.text),
+        Code::RecoveryHookMissing => format!("export the hook: {}", reason.text()),
         Code::RecoveryFallbackUnresolved => "bind a fallback that is registered and may take over".to_owned(),
-        Code::RecoverySignalUnknown => format!("declare failure signals the watcher knows: {}", reason.text),
+        Code::RecoverySignalUnknown => format!("declare failure signals the watcher knows: {}", reason.text()),
         Code::RecoveryPredecessorNotLoadable => {
-            "the predecessor has to load and be true to its digest".to_owned()
+            "the rollback target has to load with its recorded digest".to_owned()
         }
-        Code::InterfaceVersionMislabelled => format!("raise the version number by more: {}", reason.text),
+        Code::InterfaceVersionMislabelled => format!("raise the version number by more: {}", reason.text()),
         Code::InterfaceUndeclaredChange => {
-            format!("declare it in submission.toml, [[interface_changes]]: {}", reason.text)
+            format!("declare it in submission.toml, [[interface_changes]]: {}", reason.text())
         }
-        Code::InterfaceExportMismatch => format!("manifest and code have to say the same: {}", reason.text),
+        Code::InterfaceExportMismatch => format!("manifest and code have to agree: {}", reason.text()),
         Code::InterfaceDependencyBreaking | Code::InterfaceDependencyAdaptable => {
-            format!("name a dependency the registry can meet: {}", reason.text)
+            format!("name a dependency the registry can meet: {}", reason.text())
         }
         Code::InterfaceSignatureAdaptable
         | Code::InterfaceSchemaAdaptable
         | Code::InterfaceConditionAdaptable => {
-            format!("declare it as before, and callers need not change: {}", reason.text)
+            format!("declare it as before, and callers need not change: {}", reason.text())
         }
         Code::InterfaceSignatureBreaking
         | Code::InterfaceSchemaBreaking
         | Code::InterfaceConditionBreaking => {
-            format!("declare it as the active version does (type, unit, frame, range): {}", reason.text)
+            format!("declare it as the active version does (type, unit, frame, range): {}", reason.text())
         }
         Code::PolicyUncoveredHighRisk | Code::PolicyUncoveredMode | Code::PolicyBelowThreshold => {
-            format!("a policy has to cover it, or the manifest must not reach it: {}", reason.text)
+            format!("a policy has to cover it, or the manifest must not reach it: {}", reason.text())
         }
-        Code::PolicyForbiddenMode => format!("the manifest must not reach it: {}", reason.text),
-        Code::PolicyUndeclaredImport => format!("declare the permission, or do not use it: {}", reason.text),
-        Code::PolicyEnvironmentNotAdmitted => format!("admit this profile in [deployment]: {}", reason.text),
+        Code::PolicyForbiddenMode => format!("the manifest must not reach it: {}", reason.text()),
+        Code::PolicyUndeclaredImport => format!("declare the permission, or do not use it: {}", reason.text()),
+        Code::PolicyEnvironmentNotAdmitted => format!("admit this profile in [deployment]: {}", reason.text()),
         Code::PolicyAuthorityReview | Code::PolicyEscalation | Code::PolicyNewPermission => {
-            format!("ask for less, or have people review it: {}", reason.text)
+            format!("ask for less, or have people review it: {}", reason.text())
         }
         Code::ApprovalPending => missing_people(reason),
-        Code::ApprovalRefused => "people would have to approve a new registration".to_owned(),
+        Code::ApprovalRefused => "approvers would have to approve a new registration".to_owned(),
         Code::ApprovalTimeout => {
-            "people have to answer by the deadline; `holdpoint resume` asks again".to_owned()
+            "approvers have to answer by the deadline; `holdpoint resume` asks again".to_owned()
         }
         Code::GateClockDoubted => {
             "a person has to confirm the time (`holdpoint confirm-time`); `holdpoint resume` asks the gate again".to_owned()
@@ -169,40 +169,40 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         Code::GateProfileUnauthorized => {
             "an administrator has to sign the profile: `holdpoint profile allow`".to_owned()
         }
-        Code::GateNoImprovement => "an improvement over the active version has to be established".to_owned(),
-        Code::GateStaleEvidence => "the stages have to be run again under what holds now".to_owned(),
+        Code::GateNoImprovement => "an improvement over the active version has to be significant".to_owned(),
+        Code::GateStaleEvidence => "the stages have to be run again under the present context".to_owned(),
         Code::ShadowGovernanceDivergence => {
             format!(
-                "the twin may not have more policy hits or watcher events than the live world: {}",
-                against(reason)
+                "the twin may not have more policy hits or watcher events than the live cell: {}",
+                limit_sentence(reason)
             )
         }
         Code::MonitorWorkedAgain | Code::ShadowWorkedAgain => {
-            "beside the version before it, under the live cell's own conditions, it may be no worse".to_owned()
+            "it may be no worse than the version before it under the conditions of the live cell".to_owned()
         }
-        Code::MonitorShifted => "it has to be live what its twins in shadow were".to_owned(),
+        Code::MonitorShifted => "its live behavior has to match its twins in shadow".to_owned(),
         Code::ShadowShifted => {
-            "it has to be in the live world what it was in the sandbox, or be tried where the two differ".to_owned()
+            "its live behavior has to match the sandbox, or it has to be evaluated where the two differ".to_owned()
         }
         Code::ShadowOutputDivergence | Code::ShadowEnvelopeDivergence | Code::ShadowLeaning => {
-            format!("it only lengthens shadow: {}", against(reason))
+            format!("it only lengthens shadow: {}", limit_sentence(reason))
         }
-        Code::MonitorSafetyTrip => "no safety event: the first one takes a version off".to_owned(),
-        Code::GateShadowTooShort => format!("shadow has to be worked longer: {}", against(reason)),
+        Code::MonitorSafetyTrip => "no safety event: the first one rolls a version back".to_owned(),
+        Code::GateShadowTooShort => format!("shadow has to run longer: {}", limit_sentence(reason)),
         Code::GateDependencyUnmet => {
-            format!("the version it depends on has to become active first: {}", reason.text)
+            format!("the version it depends on has to become active first: {}", reason.text())
         }
         Code::PolicySimulationOnly | Code::GateSimulationOnly => {
-            format!("admit other profiles in [deployment]: {}", reason.text)
+            format!("admit other profiles in [deployment]: {}", reason.text())
         }
         Code::MonitorRateTrip | Code::MonitorRateWarning | Code::MonitorCoupledTrip => {
-            format!("the rate has to stay as it was measured before activation: {}", against(reason))
+            format!("the rate has to stay as it was measured before activation: {}", limit_sentence(reason))
         }
-        Code::MonitorTelemetryMissing => format!("telemetry has to arrive: {}", against(reason)),
+        Code::MonitorTelemetryMissing => format!("telemetry has to arrive: {}", limit_sentence(reason)),
         Code::MonitorEscalationUnanswered => {
-            "somebody has to answer an escalation by its deadline".to_owned()
+            "an operator has to answer an escalation by its deadline".to_owned()
         }
-        Code::MonitorOperator => "a person asked for it".to_owned(),
+        Code::MonitorOperator => "an operator requested it".to_owned(),
         Code::PolicyResourcesExceeded
         | Code::PolicyTighterEnvelope
         | Code::BehaviorEstimated
@@ -221,8 +221,8 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         | Code::ApprovalRole
         | Code::ApprovalSignature
         | Code::ApprovalReplayed
-        | Code::ApprovalBreakGlass => against(reason),
-        // They speak for the version, or only say that another reason caps it.
+        | Code::ApprovalBreakGlass => limit_sentence(reason),
+        // They support the version, or only state that another reason caps it.
         Code::InterfaceCompatible
         | Code::PolicyCompatible
         | Code::BehaviorCompatible
@@ -242,35 +242,37 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
     Some(text)
 }
 
-/// What would have to be otherwise for a rung to hold.
+/// The condition under which a rung would hold.
 pub(super) const fn of_failure(failure: RungFailure) -> &'static str {
     match failure {
-        RungFailure::HookFailed => "the safe-abort hook has to bring the arm to a stand in its declared time",
-        RungFailure::NoStandstill => {
-            "every joint has to stand within a second of the interrupt: look at the arm"
+        RungFailure::HookFailed => {
+            "the safe-abort hook has to bring the arm to a standstill in its declared time"
         }
-        RungFailure::RetreatBlocked => "the way up has to be free: look at the arm",
-        RungFailure::PredecessorMissing => "there has to be a superseded version to go back to",
+        RungFailure::NoStandstill => {
+            "every joint has to be at standstill within a second of the interrupt: inspect the arm"
+        }
+        RungFailure::RetreatBlocked => "the way up has to be free: inspect the arm",
+        RungFailure::PredecessorMissing => "there has to be a superseded version as the rollback target",
         RungFailure::DigestMismatch => {
-            "the predecessor in the store has to be what was registered: verify the audit"
+            "the rollback target in the store has to match its registration: verify the audit"
         }
         RungFailure::PolicyMismatch => "the policies in force have to be those of the profile",
         RungFailure::StoreFailed => "the store has to be readable and writable",
-        RungFailure::PredecessorFailed => "the predecessor has to give a command that its guard passes",
-        RungFailure::NotRecovered => "the predecessor has to work without a safety event",
+        RungFailure::PredecessorFailed => "the rollback target has to give a command that its guard passes",
+        RungFailure::NotRecovered => "the rollback target has to run without a safety event",
     }
 }
 
 /// The reason with its number against its limit.
-fn against(reason: &Noted) -> String {
+fn limit_sentence(reason: &ReasonRecord) -> String {
     match (reason.evidence, reason.limit) {
-        (Some(found), Some(limit)) => format!("{} ({found:.3} against a limit of {limit:.3})", reason.text),
-        _ => reason.text.clone(),
+        (Some(found), Some(limit)) => format!("{} ({found:.3} against a limit of {limit:.3})", reason.text()),
+        _ => reason.text(),
     }
 }
 
-fn behaviour(component: &Component, dossier: &DossierRecord) -> String {
-    let Component { name, worsening, upper, tolerance, .. } = component;
+fn behaviour(component: &BehaviorComponent, dossier: &EvidenceFileRecord) -> String {
+    let BehaviorComponent { name, worsening, upper, tolerance, .. } = component;
     let name = name.name();
     let bound = upper.map_or_else(|| "unbounded".to_owned(), |upper| format!("95 % bound {upper:.3}"));
     let fewer = fewer(component, dossier)
@@ -278,9 +280,9 @@ fn behaviour(component: &Component, dossier: &DossierRecord) -> String {
     format!("{name} {worsening:+.3} ({bound}) must be at most {tolerance:.3}{fewer}")
 }
 
-/// How many episodes fewer may be worse for the upper bound to come within the tolerance. Absent for what is not
-/// counted per episode (time, retries).
-fn fewer(component: &Component, dossier: &DossierRecord) -> Option<(u64, u64)> {
+/// How many fewer episodes may be worse for the upper bound to lie within the margin. Absent for values that are not counted
+/// per episode (time, retries).
+fn fewer(component: &BehaviorComponent, dossier: &EvidenceFileRecord) -> Option<(u64, u64)> {
     let bad: fn(&EpisodeValues) -> bool = match component.name {
         ComponentName::Success => |values| !values.success,
         ComponentName::Violation => |values| values.violation,
@@ -300,12 +302,14 @@ fn fewer(component: &Component, dossier: &DossierRecord) -> Option<(u64, u64)> {
 }
 
 /// `rollback drills passed 26 of 40; 28 are needed`.
-fn drills(reason: &Noted, dossier: &DossierRecord) -> String {
-    let (Some((candidate, _)), Some(floor)) = (&dossier.drills, reason.limit) else { return against(reason) };
+fn drills(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> String {
+    let (Some((candidate, _)), Some(floor)) = (&dossier.drills, reason.limit) else {
+        return limit_sentence(reason);
+    };
     let (passed, all) = (candidate.rollback.passed, candidate.rollback.feasible());
     match needed(floor, all) {
         Some(needed) => format!("rollback drills passed {passed} of {all}; {needed} are needed"),
-        None => against(reason),
+        None => limit_sentence(reason),
     }
 }
 
@@ -314,10 +318,10 @@ fn needed(floor: f64, all: u32) -> Option<u32> {
     (0..=all).find(|passed| all > 0 && f64::from(*passed) / f64::from(all) >= floor)
 }
 
-/// The drills that pull recovery down.
-fn weakest(reason: &Noted, dossier: &DossierRecord) -> String {
+/// The drills that lower recovery.
+fn weakest(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> String {
     let share = |tally: &DrillTally| f64::from(tally.passed) / f64::from(tally.feasible());
-    let lowest = |drills: &Drills| {
+    let lowest = |drills: &DrillTallies| {
         let tallies = DrillKind::ALL.map(|kind| (kind.name(), *drills.of(kind)));
         let held = tallies.into_iter().filter(|(_, tally)| tally.feasible() > 0);
         held.min_by(|(_, a), (_, b)| share(a).total_cmp(&share(b)))
@@ -330,18 +334,18 @@ fn weakest(reason: &Noted, dossier: &DossierRecord) -> String {
             let (passed, all) = (tally.passed, tally.feasible());
             format!("recovery{found}; weakest are the {kind} drills, {passed} of {all} passed")
         }
-        None => against(reason),
+        None => limit_sentence(reason),
     }
 }
 
 /// `approval by 1 more person`.
-fn missing_people(reason: &Noted) -> String {
+fn missing_people(reason: &ReasonRecord) -> String {
     match reason.evidence {
         Some(missing) if missing >= 0.5 => {
             let people = if missing < 1.5 { "operator" } else { "operators" };
             format!("approval by {missing:.0} more {people}")
         }
-        _ => against(reason),
+        _ => limit_sentence(reason),
     }
 }
 

@@ -1,50 +1,50 @@
-//! The course of alarms: from when one was raised until it was normal again, with who did what.
+//! Alarms over time: from each raise until the return to normal, with the persons who acted.
 
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
 use holdpoint_governance::alarms::{Alarm, AlarmState, Priority};
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_governance::words::Word;
-use holdpoint_protocol::health::{AlarmSpell, AlarmStep, HealthCoverage};
+use holdpoint_protocol::health::{AlarmEpisode, AlarmStep, HealthCoverage};
 use holdpoint_registry::{AuditFilter, StoreError, Views};
 
-use super::clock::Span;
+use super::clock::RecordSpan;
 
-/// Changes of alarms that are read at most, the newest.
+/// The most changes of alarms read, the newest ones.
 const CHANGES_MAX: usize = 4_000;
 
 #[derive(Deserialize)]
-struct Body {
-    change: Changed,
+struct AlarmChangeBody {
+    change: AlarmChangeEntry,
 }
 
 #[derive(Deserialize)]
-struct Changed {
+struct AlarmChangeEntry {
     alarm: String,
-    priority: Word<Priority>,
-    state: Word<AlarmState>,
+    priority: Lenient<Priority>,
+    state: Lenient<AlarmState>,
     /// The alarm itself; absent where the record does not repeat it.
     json: Option<String>,
 }
 
 #[derive(Deserialize)]
-struct ResetBody {
+struct AlarmResetBody {
     alarm: String,
     by: String,
     reason: String,
 }
 
-/// Who reset an alarm last and why.
-type Resets = BTreeMap<String, Vec<(u64, String, String)>>;
+/// The person and reason of the last reset of each alarm.
+type AlarmResets = BTreeMap<String, Vec<(u64, String, String)>>;
 
-/// Every course that lies in a span, at least in part, the newest first.
+/// Every episode of an alarm that overlaps a span, the newest first.
 pub(super) fn read(
     views: &Views,
-    span: &Span,
+    span: &RecordSpan,
     coverage: &mut HealthCoverage,
-) -> Result<Vec<AlarmSpell>, StoreError> {
+) -> Result<Vec<AlarmEpisode>, StoreError> {
     let of = |kind| AuditFilter {
         from_seq: span.first,
         before_seq: Some(span.after),
@@ -53,9 +53,9 @@ pub(super) fn read(
         newest_first: true,
         ..AuditFilter::default()
     };
-    let mut resets = Resets::new();
+    let mut resets = AlarmResets::new();
     for record in views.audit(&of(RecordKind::AlarmReset))? {
-        if let Ok(ResetBody { alarm, by, reason }) = serde_json::from_str(&record.body) {
+        if let Ok(AlarmResetBody { alarm, by, reason }) = serde_json::from_str(&record.body) {
             resets.entry(alarm).or_default().push((record.seq, by, reason));
         }
     }
@@ -65,14 +65,16 @@ pub(super) fn read(
         coverage.alarms_left_off = all.saturating_sub(records.len()) as u64;
     }
     records.reverse();
-    let mut open: BTreeMap<String, (AlarmSpell, Option<Alarm>)> = BTreeMap::new();
+    let mut open: BTreeMap<String, (AlarmEpisode, Option<Alarm>)> = BTreeMap::new();
     let mut done = Vec::new();
     for record in &records {
-        let Ok(Body { change }) = serde_json::from_str::<Body>(&record.body) else { continue };
+        let Ok(AlarmChangeBody { change }) = serde_json::from_str::<AlarmChangeBody>(&record.body) else {
+            continue;
+        };
         let (Some(priority), Some(state)) = (change.priority.known(), change.state.known()) else { continue };
         let alarm = change.json.as_deref().and_then(|json| serde_json::from_str::<Alarm>(json).ok());
         let (spell, before) = open.entry(change.alarm.clone()).or_insert_with(|| {
-            // A course begins with its first raise; where that is not here it began before.
+            // An episode begins with its first raise; if that is not here, it began before.
             let first_ms = alarm.as_ref().map_or(record.at_ms, |alarm| alarm.first_ms);
             (begun(&change.alarm, record, *priority, first_ms, *state), None)
         });
@@ -113,16 +115,16 @@ fn begun(
     priority: Priority,
     first_ms: u64,
     state: AlarmState,
-) -> AlarmSpell {
+) -> AlarmEpisode {
     let mut raised = step(record);
     let began_before = first_ms < record.at_ms || state != AlarmState::Unacknowledged;
     if began_before {
-        // Both clocks went side by side from then to here, unless no engine was at work in between.
+        // Both clocks advanced together from then to here, unless no engine ran in between.
         let back = i64::try_from(record.at_ms.saturating_sub(first_ms)).unwrap_or(0);
         raised.wall_ms = raised.wall_ms.map(|wall_ms| wall_ms - back);
         raised.at_ms = first_ms.min(record.at_ms);
     }
-    AlarmSpell {
+    AlarmEpisode {
         alarm: name.to_owned(),
         priority,
         text: None,
@@ -138,10 +140,10 @@ fn begun(
     }
 }
 
-/// What a change says that the one before did not.
-fn follow(spell: &mut AlarmSpell, before: Option<&Alarm>, now: Option<&Alarm>, record: &AuditRecord) {
+/// The difference of a change from the one before.
+fn follow(spell: &mut AlarmEpisode, before: Option<&Alarm>, now: Option<&Alarm>, record: &AuditRecord) {
     let Some(now) = now else {
-        // Records of earlier builds say the state alone.
+        // Records of earlier builds contain only the state.
         match spell.state {
             AlarmState::Acknowledged | AlarmState::Latched => {
                 spell.acknowledged.get_or_insert_with(|| step(record));
@@ -168,7 +170,7 @@ fn follow(spell: &mut AlarmSpell, before: Option<&Alarm>, now: Option<&Alarm>, r
     }
 }
 
-/// The reset that a change was for: its record follows the change in the same transaction.
-fn reset_of<'a>(resets: &'a Resets, alarm: &str, seq: u64) -> Option<&'a (u64, String, String)> {
+/// The reset that caused a change: its record follows the change in the same transaction.
+fn reset_of<'a>(resets: &'a AlarmResets, alarm: &str, seq: u64) -> Option<&'a (u64, String, String)> {
     resets.get(alarm)?.iter().find(|(at, ..)| (seq..seq.saturating_add(8)).contains(at))
 }

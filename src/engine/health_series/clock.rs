@@ -1,25 +1,25 @@
-//! From a span of time to the records that were written in it, without reading what they say.
+//! Maps a time span to the records written in it, without reading their bodies.
 //!
-//! The engine's clock and the machine's go side by side while an engine is at work. Where the machine's went on alone no
-//! engine was at work, or the machine slept.
+//! The clocks of engine and machine advance together while an engine runs. Where the machine's clock advances alone, no engine
+//! runs or the machine sleeps.
 
 use holdpoint_protocol::health::HealthClock;
-use holdpoint_registry::{Stamp, StoreError, Views};
+use holdpoint_registry::{RecordTime, StoreError, Views};
 
-/// By how much the machine's clock has to go on alone for it to be told, ms.
+/// The smallest advance of the machine's clock alone that counts as a gap, ms.
 const ALONE_MS: i64 = 2_000;
 
-/// The most places that are looked for where it did.
+/// The most gaps searched for.
 const GAPS_MAX: usize = 200;
 
-/// The most records that are looked at for them.
+/// The most records read to find them.
 const LOOKS_MAX: usize = 20_000;
 
-/// Records of a span of time.
+/// The records of a time span.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Span {
+pub(super) struct RecordSpan {
     pub(super) clock: HealthClock,
-    /// On that clock, ms; the end is outside.
+    /// On that clock, ms; the end is exclusive.
     pub(super) from_ms: i64,
     pub(super) until_ms: i64,
     /// The first record within.
@@ -38,8 +38,8 @@ pub(super) fn on_clock(clock: HealthClock, at_ms: u64, wall_ms: Option<i64>) -> 
     }
 }
 
-impl Span {
-    /// Finds the records: both clocks go on with the chain, so halving finds the ends.
+impl RecordSpan {
+    /// Finds the records by bisection: both clocks advance with the chain.
     pub(super) fn find(
         views: &Views,
         clock: HealthClock,
@@ -52,7 +52,7 @@ impl Span {
         Ok(Self { clock, from_ms, until_ms, first, after, head })
     }
 
-    /// The first record at a moment or after it; one after the last if there is none.
+    /// The first record at or after a moment; one after the last if there is none.
     pub(super) fn first_at(
         views: &Views,
         clock: HealthClock,
@@ -63,7 +63,7 @@ impl Span {
         while low < high {
             let middle = low + (high - low) / 2;
             let stamp = views.stamp(middle)?;
-            // What has no place on the clock was written by a script: before any other.
+            // A record without a time on this clock is from a script, before all others.
             let place = stamp.and_then(|stamp| on_clock(clock, stamp.at_ms, stamp.wall_ms));
             if place.is_none_or(|place| place < moment_ms) {
                 low = middle + 1;
@@ -79,17 +79,17 @@ impl Span {
     }
 }
 
-/// Where the machine's clock went on alone: the first record afterwards, and for how long it did, ms. A step back of the
-/// machine's clock is none.
-pub(super) fn gaps(views: &Views, span: &Span) -> Result<Vec<(Stamp, i64)>, StoreError> {
+/// The gaps in which the machine's clock advanced alone: the first record afterward and the length, ms. A backward step is
+/// not a gap.
+pub(super) fn gaps(views: &Views, span: &RecordSpan) -> Result<Vec<(RecordTime, i64)>, StoreError> {
     let mut found = Vec::new();
-    // The record before the span as well: what lies between it and the first within is a gap of this span.
+    // Includes the record before the span: a gap before the first record within belongs to this span.
     let (first, last) = (span.first.saturating_sub(1).max(1), span.after.min(span.head));
     let (Some(first), Some(last)) = (views.stamp(first)?, views.stamp(last)?) else { return Ok(found) };
     let mut looks = LOOKS_MAX;
     let mut open = vec![(first, last)];
     while let Some((one, other)) = open.pop() {
-        let ahead = |stamp: Stamp| Some(stamp.wall_ms? - i64::try_from(stamp.at_ms).ok()?);
+        let ahead = |stamp: RecordTime| Some(stamp.wall_ms? - i64::try_from(stamp.at_ms).ok()?);
         let (Some(before), Some(after)) = (ahead(one), ahead(other)) else { continue };
         if after - before < ALONE_MS || other.seq <= one.seq || found.len() >= GAPS_MAX || looks == 0 {
             continue;
@@ -100,7 +100,7 @@ pub(super) fn gaps(views: &Views, span: &Span) -> Result<Vec<(Stamp, i64)>, Stor
         }
         looks -= 1;
         let Some(middle) = views.stamp(one.seq + (other.seq - one.seq) / 2)? else { continue };
-        // The later half is looked at last, so that what is found is in order once it is turned round.
+        // The later half is visited last, so that reversing the result sorts it.
         open.push((one, middle));
         open.push((middle, other));
     }

@@ -1,26 +1,26 @@
-//! A series as CSV and as SVG: for a report, a spreadsheet, or a wall.
+//! Exports a series as CSV and as SVG, for a report, a spreadsheet or a wall display.
 
 use std::fmt::Write as _;
 
 use holdpoint_governance::calendar;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_plot::{TrendLine, TrendMark, TrendPanel, TrendPlot, TrendPoint};
+use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::health::{HealthClock, HealthPoint, HealthSeries};
-use holdpoint_protocol::words::clock_time;
 use holdpoint_text::Untrusted;
 
-/// Columns of the file: a row a version and bucket, then a row a mark.
+/// Columns of the file: a row per version and bucket, then a row per mark.
 const COLUMNS: &str = "row,start_utc,start_virtual_s,end_utc,end_virtual_s,bucket_s,family,version,tasks,succeeded,success_percent,\
 success_low_percent,success_high_percent,violated,near,time_median_s,time_p95_s,force_median_n,force_p95_n,mark,text";
 
 /// The widest text of a mark, columns.
 const TEXT_MAX: usize = 200;
 
-/// Places of the axis that are named, about.
+/// The approximate number of labeled places on the axis.
 const TICKS: u32 = 6;
 
-/// The series as CSV, one line a row, UTF-8; times as RFC 3339 in UTC and as virtual seconds. A bucket is named by the
-/// clock the series is laid by, and by the virtual time of its first and last task.
+/// The series as CSV in UTF-8, one line per row; times are RFC 3339 in UTC and virtual seconds. A bucket is named by the clock
+/// of the series, and by the virtual time of its first and last task.
 #[must_use]
 pub fn csv(series: &HealthSeries) -> String {
     let mut text = format!("{COLUMNS}\n");
@@ -72,7 +72,7 @@ pub fn csv(series: &HealthSeries) -> String {
     text
 }
 
-/// A number with four digits; nothing where it is none.
+/// A number with four digits; empty if it is not finite.
 fn number(value: f64) -> String {
     if value.is_finite() { format!("{value:.4}") } else { String::new() }
 }
@@ -81,7 +81,7 @@ fn secs(ms: u64) -> String {
     format!("{}.{:03}", ms / 1_000, ms % 1_000)
 }
 
-/// Foreign text as a field (RFC 4180), on one line and harmless; what a spreadsheet would compute begins with a quote.
+/// Foreign text as a field (RFC 4180), on one line and sanitized; a quote prevents evaluation by a spreadsheet.
 fn field(text: &str) -> String {
     let safe = Untrusted::new(text).display(TEXT_MAX).into_string();
     let formula = safe.starts_with(['=', '+', '-', '@']);
@@ -89,9 +89,9 @@ fn field(text: &str) -> String {
 }
 
 /// A quantity of a panel: value and band of a point.
-type Quantity = fn(&HealthPoint) -> (f64, [f64; 2]);
+type PanelQuantity = fn(&HealthPoint) -> (f64, [f64; 2]);
 
-/// One family of a series as SVG; every quantity under the other, marks through all. Legible in black and white.
+/// One family of a series as SVG: one panel per quantity, with marks through all. Legible in black and white.
 #[must_use]
 pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
     let points: Vec<&HealthPoint> =
@@ -99,7 +99,7 @@ pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
     let mut versions: Vec<&CapabilityId> = points.iter().map(|point| &point.version).collect();
     versions.sort();
     versions.dedup();
-    let panel = |title: String, quantity: Quantity, range: [f64; 2], digits| TrendPanel {
+    let panel = |title: String, quantity: PanelQuantity, range: [f64; 2], digits| TrendPanel {
         title,
         range,
         digits,
@@ -120,19 +120,20 @@ pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
             })
             .collect(),
     };
-    let success: Quantity = |point| {
+    let success: PanelQuantity = |point| {
         let share = 100.0 * point.succeeded as f64 / point.tasks.max(1) as f64;
         (share, point.success.map(|end| 100.0 * end))
     };
-    let violations: Quantity = |point| {
+    let violations: PanelQuantity = |point| {
         let share = 100.0 * point.violated as f64 / point.tasks.max(1) as f64;
         (share, [share, 100.0 * point.near as f64 / point.tasks.max(1) as f64])
     };
-    let time: Quantity = |point| (point.time_s[0], point.time_s);
-    let force: Quantity = |point| (point.force_n[0], point.force_n);
-    let least = |quantity: Quantity| points.iter().map(|point| quantity(point).1[0]).fold(100.0, f64::min);
-    let most = |quantity: Quantity| points.iter().map(|point| quantity(point).1[1]).fold(0.0, f64::max);
-    // From a round number below the lowest band, so that a change of some points can be seen.
+    let time: PanelQuantity = |point| (point.time_s[0], point.time_s);
+    let force: PanelQuantity = |point| (point.force_n[0], point.force_n);
+    let least =
+        |quantity: PanelQuantity| points.iter().map(|point| quantity(point).1[0]).fold(100.0, f64::min);
+    let most = |quantity: PanelQuantity| points.iter().map(|point| quantity(point).1[1]).fold(0.0, f64::max);
+    // Starts at a round number below the lowest band, so that small changes are visible.
     let low = (least(success) / 10.0).floor() * 10.0;
     let panels = vec![
         panel("success, % of tasks (band: 95 % interval)".to_owned(), success, [low.min(90.0), 100.0], 0),
@@ -160,7 +161,7 @@ pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
     let marks = marks
         .map(|mark| {
             let when = series.moment(mark.on_clock_ms);
-            let words = format!("{when}  {}: {}", mark.kind.words(), mark.text);
+            let words = format!("{when}  {}: {}", mark.kind.label(), mark.text);
             let words = Untrusted::new(words).display(TEXT_MAX).into_string();
             TrendMark {
                 at: share(series, mark.on_clock_ms),
@@ -199,7 +200,7 @@ fn middle(series: &HealthSeries, bucket: u32) -> f64 {
     (f64::from(bucket) + 0.5) / f64::from(series.buckets.max(1))
 }
 
-/// Beginnings of buckets, about so many, evenly.
+/// About this many beginnings of buckets, evenly spaced.
 fn ticks(series: &HealthSeries) -> Vec<(f64, String)> {
     let step = series.buckets.div_ceil(TICKS).max(1);
     let places = (0..=series.buckets).step_by(usize::try_from(step).unwrap_or(1));
@@ -216,7 +217,7 @@ fn ticks(series: &HealthSeries) -> Vec<(f64, String)> {
         .collect()
 }
 
-/// The width of a bucket in words.
+/// Describes the width of a bucket.
 fn width(ms: u64) -> String {
     match ms / 1_000 {
         secs @ 0..3_600 => format!("{} min", secs / 60),

@@ -1,25 +1,27 @@
-//! What happened beside the tasks: versions that changed places, alarms, drifts, stops, and who was at work at all.
+//! The marks of a series: version changes, alarms, drifts, stops, and times without a running engine.
 
 use serde::Deserialize;
 use serde_json::Value;
 
 use holdpoint_governance::alarms::{AlarmKey, AlarmKind};
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorAction;
 use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd};
-use holdpoint_governance::words::Word;
-use holdpoint_protocol::health::{AlarmSpell, AlarmStep, HealthCoverage, HealthMark, MarkKind, stretch};
+use holdpoint_protocol::health::{
+    AlarmEpisode, AlarmStep, HealthCoverage, HealthMark, MarkKind, duration_label,
+};
 use holdpoint_registry::{AuditFilter, StoreError, Views};
 
-use super::clock::{Span, gaps, on_clock};
-use crate::observed::bodies::{ActiveSet, change};
-use crate::shift_note::NoteOnRecord;
+use super::clock::{RecordSpan, gaps, on_clock};
+use crate::shift_note::ShiftNoteRecord;
+use crate::store_metrics::record_bodies::{ActiveSet, change};
 
 /// The most marks of one answer.
 const MARKS_MAX: usize = 400;
 
-/// The most records of one kind that are read for them, the newest.
+/// The most records of one kind read for them, the newest ones.
 const RECORDS_MAX: usize = 2_000;
 
 /// Kinds of records that may be a mark.
@@ -40,50 +42,50 @@ const KINDS: [RecordKind; 13] = [
 ];
 
 #[derive(Deserialize)]
-struct StateSet {
+struct StateSetMark {
     to: State,
     #[serde(default)]
     reason: String,
 }
 
 #[derive(Deserialize)]
-struct Closed {
-    outcome: Word<UpgradeEnd>,
+struct UpgradeEndMark {
+    outcome: Lenient<UpgradeEnd>,
 }
 
 #[derive(Deserialize)]
-struct Acted {
-    action: Word<MonitorAction>,
+struct MonitorActionMark {
+    action: Lenient<MonitorAction>,
     #[serde(default)]
-    reasons: Vec<Said>,
+    reasons: Vec<ReasonText>,
 }
 
 #[derive(Deserialize)]
-struct Said {
+struct ReasonText {
     text: String,
 }
 
 #[derive(Deserialize)]
-struct Drifted {
+struct DriftMark {
     kind: Option<String>,
     #[serde(default)]
     magnitude: String,
 }
 
-/// Whose act a record tells, as far as it says.
+/// The person of a record, if it names one.
 #[derive(Default, Deserialize)]
 #[serde(default)]
-struct ByPerson {
+struct PersonActBody {
     by: String,
     reason: String,
     goal: String,
     fault: Value,
 }
 
-/// Every mark that a record makes, but for alarms; in no order yet.
+/// Every mark from records, except alarms; unsorted.
 pub(super) fn read(
     views: &Views,
-    span: &Span,
+    span: &RecordSpan,
     coverage: &mut HealthCoverage,
 ) -> Result<Vec<HealthMark>, StoreError> {
     let mut marks = Vec::new();
@@ -104,7 +106,7 @@ pub(super) fn read(
         marks.extend(records.iter().filter_map(|record| {
             let wall_ms = (record.wall_ms > 0).then_some(record.wall_ms);
             let on_clock_ms = on_clock(span.clock, record.at_ms, wall_ms)?;
-            let (kind, family, text) = told(kind, record)?;
+            let (kind, family, text) = mark_of_record(kind, record)?;
             Some(HealthMark {
                 kind,
                 on_clock_ms,
@@ -119,8 +121,8 @@ pub(super) fn read(
     for (stamp, alone_ms) in gaps(views, span)? {
         let Some(on_clock_ms) = on_clock(span.clock, stamp.at_ms, stamp.wall_ms) else { continue };
         let text = format!(
-            "no engine was at work for {} before this, or the machine slept",
-            stretch(u64::try_from(alone_ms).unwrap_or(0))
+            "no engine ran for {} before this, or the machine slept",
+            duration_label(u64::try_from(alone_ms).unwrap_or(0))
         );
         marks.push(HealthMark {
             kind: MarkKind::EngineOff,
@@ -135,8 +137,8 @@ pub(super) fn read(
     Ok(marks)
 }
 
-/// Marks of alarms: what was raised in the span, and what a person closed. What has a mark of its own is left out.
-pub(super) fn of_alarms(span: &Span, alarms: &[AlarmSpell]) -> Vec<HealthMark> {
+/// Marks of alarms: those raised in the span, and those closed by a person. Alarms with another mark are omitted.
+pub(super) fn of_alarms(span: &RecordSpan, alarms: &[AlarmEpisode]) -> Vec<HealthMark> {
     let mut marks = Vec::new();
     for spell in alarms {
         let Ok(key) = spell.alarm.parse::<AlarmKey>() else { continue };
@@ -180,10 +182,10 @@ pub(super) fn of_alarms(span: &Span, alarms: &[AlarmSpell]) -> Vec<HealthMark> {
     marks
 }
 
-/// Marks within the span, in order; of too many those that weigh least are left off, the oldest first.
+/// Marks within the span, sorted. Beyond the limit the least important ones are dropped, the oldest first.
 pub(super) fn bounded(
     mut marks: Vec<HealthMark>,
-    span: &Span,
+    span: &RecordSpan,
     coverage: &mut HealthCoverage,
 ) -> Vec<HealthMark> {
     marks.retain(|mark| span.holds(mark.on_clock_ms));
@@ -221,11 +223,11 @@ fn family_of(key: &AlarmKey) -> Option<Family> {
     }
 }
 
-/// What a record is as a mark; `None` if it is none, or cannot be read.
-fn told(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Family>, String)> {
+/// The mark of a record; `None` if it has none, or cannot be read.
+fn mark_of_record(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Family>, String)> {
     let version = record.subject.parse::<CapabilityId>().ok();
     let family = version.as_ref().map(|version| version.family.clone());
-    let person = || serde_json::from_str::<ByPerson>(&record.body).unwrap_or_default();
+    let person = || serde_json::from_str::<PersonActBody>(&record.body).unwrap_or_default();
     Some(match kind {
         RecordKind::ActiveSet => {
             let ActiveSet { family, active, cause } = change(record)?;
@@ -249,7 +251,7 @@ fn told(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Fami
             (kind, Some(family), text)
         }
         RecordKind::StateSet => {
-            let StateSet { to, reason } = change(record)?;
+            let StateSetMark { to, reason } = change(record)?;
             let kind = match to {
                 State::RolledBack => MarkKind::Rollback,
                 State::Demoted => MarkKind::Demotion,
@@ -264,14 +266,14 @@ fn told(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Fami
             (kind, family, format!("{}: {reason}", record.subject))
         }
         RecordKind::AuditClosed => {
-            let Closed { outcome } = serde_json::from_str(&record.body).ok()?;
+            let UpgradeEndMark { outcome } = serde_json::from_str(&record.body).ok()?;
             if outcome != UpgradeEnd::Confirmed {
                 return None;
             }
             (MarkKind::Confirmed, family, format!("{} was confirmed", record.subject))
         }
         RecordKind::Monitor => {
-            let Acted { action, reasons } = serde_json::from_str(&record.body).ok()?;
+            let MonitorActionMark { action, reasons } = serde_json::from_str(&record.body).ok()?;
             if action != MonitorAction::Restrict {
                 return None;
             }
@@ -282,25 +284,25 @@ fn told(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Fami
             (MarkKind::BreakGlass, family, by_whom(&format!("let {} in alone", record.subject), &person()))
         }
         RecordKind::Drift => {
-            let Drifted { kind, magnitude } = serde_json::from_str(&record.body).ok()?;
+            let DriftMark { kind, magnitude } = serde_json::from_str(&record.body).ok()?;
             let text = kind.map_or_else(
                 || "the drift of the cell ended".to_owned(),
-                |kind| format!("{kind} {magnitude} set in in the simulated cell"),
+                |kind| format!("{kind} {magnitude} began in the simulated cell"),
             );
             (MarkKind::Drift, None, text)
         }
         RecordKind::LiveFault => {
             let text = match person().fault {
                 Value::String(fault) => format!("{fault} in the simulated cell"),
-                Value::Null => "the fault of the simulated cell was mended".to_owned(),
+                Value::Null => "the fault of the simulated cell was repaired".to_owned(),
                 other => format!("{other} in the simulated cell"),
             };
             (MarkKind::LiveFault, None, text)
         }
         RecordKind::CellStopped => (MarkKind::Stopped, None, by_whom("stopped the cell", &person())),
-        RecordKind::CellReleased => (MarkKind::Released, None, by_whom("let the cell work", &person())),
+        RecordKind::CellReleased => (MarkKind::Released, None, by_whom("started the cell", &person())),
         RecordKind::ShiftNote => {
-            let NoteOnRecord { by, text } = serde_json::from_str(&record.body).ok()?;
+            let ShiftNoteRecord { by, text } = serde_json::from_str(&record.body).ok()?;
             (MarkKind::Note, None, format!("{by}: {text}"))
         }
         RecordKind::GoalSet => {
@@ -328,7 +330,7 @@ fn told(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Fami
     })
 }
 
-fn by_whom(what: &str, said: &ByPerson) -> String {
+fn by_whom(what: &str, said: &PersonActBody) -> String {
     let who = if said.by.is_empty() { "somebody" } else { &said.by };
     if said.reason.is_empty() { format!("{who} {what}") } else { format!("{who} {what}: {}", said.reason) }
 }

@@ -1,4 +1,4 @@
-//! Live tasks of telemetry, counted bucket by bucket: the blocks that the chain sealed, read and held against it.
+//! Counts live tasks of telemetry by bucket: reads the sealed blocks and compares them with the chain.
 
 use std::collections::BTreeMap;
 
@@ -8,24 +8,24 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::stats::wilson;
 use holdpoint_protocol::health::{HealthCoverage, HealthPoint, HealthSeries, LEVEL};
-use holdpoint_registry::{AuditFilter, LyingBatch, StoreError, TelemetryViews, Views};
+use holdpoint_registry::{AuditFilter, StoreError, StoredBatch, TelemetryViews, Views};
 
-use super::clock::{Span, on_clock};
-use crate::kept_task::{LIVE, UNWATCHED};
-use crate::observed::bodies::{Sealed, SealedBlock, change};
+use super::clock::{RecordSpan, on_clock};
+use crate::live_task_record::{LIVE, UNWATCHED};
+use crate::store_metrics::record_bodies::{SealedBatchBody, SealedBlockBody, change};
 
-/// Batches that one question reads at most, but for the pass over the span that is begun then.
+/// The most batches that one query reads; a pass over the span that has begun still completes.
 pub const TASKS_READ: u64 = 8_000;
 
 /// Blocks of one pass over the span; a block is at most 64 batches.
 const PASS: usize = 32;
 
-/// How long after a task its block may be sealed, ms: until then records after the span are looked at as well.
+/// The longest time from a task to the seal of its block, ms: records after the span are read for that long.
 const SEALED_WITHIN_MS: i64 = 15 * 60_000;
 
-/// What is read of a kept task; the rest of it is passed over.
+/// The parts of a stored task that are read.
 #[derive(Deserialize)]
-struct Worked {
+struct TaskOutcomeBody {
     success: bool,
     violation: bool,
     #[serde(default)]
@@ -38,9 +38,9 @@ struct Worked {
     cut_short: bool,
 }
 
-/// What one version came to in one bucket, so far.
+/// The tally of one version in one bucket.
 #[derive(Default)]
-struct Tally {
+struct TaskTally {
     succeeded: u64,
     violated: u64,
     near: u64,
@@ -50,18 +50,19 @@ struct Tally {
 }
 
 /// By family, bucket and version.
-type Tallies = BTreeMap<(Family, u32, CapabilityId), Tally>;
+type TaskTallies = BTreeMap<(Family, u32, CapabilityId), TaskTally>;
 
 /// Every point of a series.
 pub(super) fn points(
     views: &Views,
     telemetry: &TelemetryViews,
-    (span, series): (&Span, &HealthSeries),
+    (span, series): (&RecordSpan, &HealthSeries),
     coverage: &mut HealthCoverage,
     tasks_read: u64,
 ) -> Result<Vec<HealthPoint>, StoreError> {
-    let after = Span::first_at(views, span.clock, span.head, span.until_ms.saturating_add(SEALED_WITHIN_MS))?;
-    // The block that a later record seals holds tasks of before: the next one counts, however late it came.
+    let after =
+        RecordSpan::first_at(views, span.clock, span.head, span.until_ms.saturating_add(SEALED_WITHIN_MS))?;
+    // A later record may seal a block with earlier tasks, so the next one counts as well.
     let within = after.saturating_add(1).min(span.head + 1);
     let mut blocks = views.numbers_of(RecordKind::TelemetryBlockSealed, span.first, within)?;
     if let Some(next) = views.numbers_of(RecordKind::TelemetryBlockSealed, within, span.head + 1)?.first() {
@@ -72,10 +73,10 @@ pub(super) fn points(
     let gone = removed(views, telemetry, &blocks, coverage)?;
     blocks.drain(..gone);
     coverage.blocks = blocks.len() as u64;
-    let mut tallies = Tallies::new();
+    let mut tallies = TaskTallies::new();
     let mut read = 0;
     for pass in passes(blocks.len()) {
-        // A pass is never left in its midst: what was read of it would lie at one end of the span.
+        // A pass always completes; a partial one would cover only one end of the span.
         if read >= tasks_read {
             break;
         }
@@ -91,8 +92,8 @@ pub(super) fn points(
     Ok(tallies.into_iter().filter_map(point).collect())
 }
 
-/// How many blocks at the front are gone for their age: the oldest batch that is there is newer. Batches go in the order
-/// of their numbers, so halving finds it, and no block that is gone costs anything.
+/// The number of blocks at the front that were removed for age: the oldest remaining batch is newer. Batches are numbered in
+/// order, so bisection finds it at no cost per removed block.
 fn removed(
     views: &Views,
     telemetry: &TelemetryViews,
@@ -119,8 +120,8 @@ fn removed(
     Ok(low)
 }
 
-/// The numbers below `count` in passes of about [`PASS`], each spread evenly over all of them, and each halfway between the
-/// passes before it.
+/// The numbers below `count` in passes of about [`PASS`], each spread evenly over all, and each halfway between the earlier
+/// passes.
 fn passes(count: usize) -> impl Iterator<Item = std::iter::StepBy<std::ops::Range<usize>>> {
     let stride = count.div_ceil(PASS).next_power_of_two();
     let bits = stride.trailing_zeros();
@@ -130,13 +131,13 @@ fn passes(count: usize) -> impl Iterator<Item = std::iter::StepBy<std::ops::Rang
     })
 }
 
-/// Reads one block. Tells how many of its batches were looked at.
+/// Reads one block. Returns the number of its batches that were read.
 fn take_in(
     telemetry: &TelemetryViews,
     record: &AuditRecord,
-    (span, series): (&Span, &HealthSeries),
+    (span, series): (&RecordSpan, &HealthSeries),
     coverage: &mut HealthCoverage,
-    tallies: &mut Tallies,
+    tallies: &mut TaskTallies,
 ) -> Result<u64, StoreError> {
     let (batches, found) = sealed(record);
     let (Some(first), Some(last)) = (batches.first(), batches.last()) else { return Ok(0) };
@@ -150,18 +151,18 @@ fn take_in(
     telemetry.each_of_streams(
         [LIVE, UNWATCHED],
         (first.batch, last.batch),
-        |LyingBatch { number, digest, batch }| {
+        |StoredBatch { number, digest, batch }| {
             let Some(expected) = digests.get(&number) else { return };
             there += 1;
             let task = batch.filter(|_| digest == *expected).and_then(|batch| {
-                let worked: Worked = serde_json::from_slice(&batch.body).ok()?;
+                let worked: TaskOutcomeBody = serde_json::from_slice(&batch.body).ok()?;
                 Some((batch.version, batch.to_ms, worked))
             });
             let Some((version, to_ms, worked)) = task else {
                 coverage.damaged += 1;
                 return;
             };
-            // Both clocks went side by side from the task to its seal.
+            // Both clocks advanced together from the task to its seal.
             let lag = i64::try_from(record.at_ms.saturating_sub(to_ms)).unwrap_or(0);
             let Some(place) = on_clock(span.clock, to_ms, wall_ms.map(|wall_ms| wall_ms - lag)) else {
                 coverage.without_wall += 1;
@@ -176,7 +177,7 @@ fn take_in(
         },
     )?;
     if there == 0 {
-        // Of other streams, or gone.
+        // Of other streams, or removed.
         let mut any = false;
         telemetry.each_of(&[first.batch, last.batch], |_| any = true)?;
         coverage.removed += if any { 0 } else { batches.len() as u64 };
@@ -184,15 +185,16 @@ fn take_in(
     Ok(there)
 }
 
-fn sealed(record: &AuditRecord) -> (Vec<Sealed>, bool) {
+fn sealed(record: &AuditRecord) -> (Vec<SealedBatchBody>, bool) {
     if record.kind == RecordKind::TelemetrySealed {
-        return (change::<Sealed>(record).into_iter().collect(), false);
+        return (change::<SealedBatchBody>(record).into_iter().collect(), false);
     }
-    change::<SealedBlock>(record).map_or_else(|| (Vec::new(), false), |block| (block.batches, block.found))
+    change::<SealedBlockBody>(record)
+        .map_or_else(|| (Vec::new(), false), |block| (block.batches, block.found))
 }
 
-impl Tally {
-    fn add(&mut self, worked: &Worked, at_ms: u64) {
+impl TaskTally {
+    fn add(&mut self, worked: &TaskOutcomeBody, at_ms: u64) {
         self.succeeded += u64::from(worked.success);
         self.violated += u64::from(worked.violation);
         self.near += u64::from(worked.violation || worked.near);
@@ -203,7 +205,7 @@ impl Tally {
     }
 }
 
-fn point(((_, bucket, version), mut tally): ((Family, u32, CapabilityId), Tally)) -> Option<HealthPoint> {
+fn point(((_, bucket, version), mut tally): ((Family, u32, CapabilityId), TaskTally)) -> Option<HealthPoint> {
     let tasks = tally.time_s.len() as u64;
     let interval = wilson(tally.succeeded, tasks, LEVEL).ok()?;
     Some(HealthPoint {
@@ -220,7 +222,7 @@ fn point(((_, bucket, version), mut tally): ((Family, u32, CapabilityId), Tally)
     })
 }
 
-/// Median and 95th percentile, each a value that was measured: the smallest that so large a share does not exceed.
+/// Median and 95th percentile, each a measured value: the smallest that this share does not exceed.
 fn middle_and_tail(values: &mut [f64]) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     [50, 95].map(|percent| {

@@ -1,9 +1,9 @@
-//! A store of two lives of an engine with work, a promotion, a rollback and alarms: counted again by hand.
+//! A store with tasks, a promotion, a rollback and alarms in two sessions, counted again by hand.
 
 use std::path::Path;
 
 use super::*;
-use crate::kept_task::{KeptMarks, KeptTask, LIVE};
+use crate::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord};
 use holdpoint_body::TaskKind;
 use holdpoint_governance::alarms::{AlarmBook, AlarmChange, AlarmEvent, AlarmKey, Priority, apply};
 use holdpoint_governance::ids::Family;
@@ -50,19 +50,19 @@ impl Shift {
         self.commit(Vec::new(), vec![AuditBody { kind, subject: subject.to_owned(), body: body.to_owned() }]);
     }
 
-    /// So many tasks, one each ten seconds, of which every `fails`th is not done (0: none).
+    /// Adds tasks, one every ten seconds, of which every `fails`th fails (0: none).
     fn work(&mut self, version: &str, tasks: u64, fails: u64) {
         for nth in 1..=tasks {
             self.at_ms += 10_000;
             let success = fails == 0 || nth % fails != 0;
-            self.task(version, success, KeptMarks::default());
+            self.task(version, success, LiveTaskMarks::default());
             if nth % 20 == 0 || nth == tasks {
                 self.commit(Vec::new(), Vec::new());
             }
         }
     }
 
-    fn task(&mut self, version: &str, success: bool, marks: KeptMarks) {
+    fn task(&mut self, version: &str, success: bool, marks: LiveTaskMarks) {
         let record = TaskRecord {
             invalid: false,
             success,
@@ -71,7 +71,7 @@ impl Shift {
             peak_force_n: 20.0,
             ..TaskRecord::invalid(TaskKind::Grasp, 1)
         };
-        let body = serde_json::to_vec(&KeptTask { record: &record, marks }).unwrap();
+        let body = serde_json::to_vec(&LiveTaskRecord { record: &record, marks }).unwrap();
         let version = version.parse().unwrap();
         let (from_ms, to_ms) = (self.at_ms - 4_000, self.at_ms);
         let batch = Batch { version, stream: LIVE.to_owned(), from_ms, to_ms, rows: 1, body };
@@ -103,12 +103,12 @@ impl Shift {
         book.absorb(&changes);
     }
 
-    fn read(&self, asked: &HealthAsked) -> HealthSeries {
+    fn read(&self, asked: &HealthQuery) -> HealthSeries {
         HealthReader::open(self.store.layout()).unwrap().read(asked, None).unwrap()
     }
 }
 
-/// Before there was an upgrade nothing was on record; and a note is a person's word, which has to be one.
+/// First versions and notes were not on record before the first upgrade; a note requires visible text.
 #[test]
 fn first_versions_and_notes_are_on_record() {
     let folder = tempfile::tempdir().unwrap();
@@ -123,9 +123,9 @@ fn first_versions_and_notes_are_on_record() {
     crate::tests::accepted(&engine.command(note("the tray is new")));
     let told = |event: &EventKind| matches!(event, EventKind::ShiftNote { by, text } if by == "ana" && text == "the tray is new");
     assert!(engine.drain_events().iter().any(told));
-    let layout = engine.record().ledger().store().layout();
+    let layout = engine.record().version_table().store().layout();
     let (clock, bucket_ms) = (Some(HealthClock::Virtual), MINUTE_MS);
-    let asked = HealthAsked { clock, bucket_ms, buckets: 10, ..HealthAsked::default() };
+    let asked = HealthQuery { clock, bucket_ms, buckets: 10, ..HealthQuery::default() };
     let series = HealthReader::open(layout).unwrap().read(&asked, None).unwrap();
     let tasks: u64 = series.points.iter().map(|point| point.tasks).sum();
     assert_eq!(tasks, report.tasks.len() as u64, "sealed with the note: {:?}", series.coverage);
@@ -142,7 +142,7 @@ fn grasp() -> Family {
     Family::new("grasp").unwrap()
 }
 
-/// Two hours: the first version of nothing but its record, the second well and then badly, a night, the second again.
+/// Two hours: the first version with its record only, the second well and then badly, a night, the second again.
 fn shift(folder: &Path) -> Shift {
     let mut shift = Shift::new(folder);
     shift.at_ms = 1;
@@ -166,7 +166,7 @@ fn shift(folder: &Path) -> Shift {
 fn tasks_are_counted_where_they_were_worked_and_the_verdict_follows() {
     let folder = tempfile::tempdir().unwrap();
     let shift = shift(folder.path());
-    let asked = HealthAsked { bucket_ms: 10 * MINUTE_MS, buckets: 12, ..HealthAsked::default() };
+    let asked = HealthQuery { bucket_ms: 10 * MINUTE_MS, buckets: 12, ..HealthQuery::default() };
     let series = shift.read(&asked);
     assert_eq!((series.clock, series.coverage.is_sample()), (HealthClock::Wall, false));
     assert_eq!(series.coverage.tasks, 480, "{:?}", series.coverage);
@@ -183,7 +183,7 @@ fn tasks_are_counted_where_they_were_worked_and_the_verdict_follows() {
     assert_eq!((full.tasks, full.violated), (60, 20));
     assert_eq!(full.time_s, [4.0, 7.0]);
     // The same by the engine's own clock.
-    let by_engine = shift.read(&HealthAsked { clock: Some(HealthClock::Virtual), ..asked });
+    let by_engine = shift.read(&HealthQuery { clock: Some(HealthClock::Virtual), ..asked });
     assert_eq!(by_engine.coverage.tasks, 480);
     assert_eq!(by_engine.moment(by_engine.start_ms(by_engine.bucket_of(0).unwrap())), "00:00:00");
 }
@@ -192,11 +192,11 @@ fn tasks_are_counted_where_they_were_worked_and_the_verdict_follows() {
 fn marks_tell_what_happened_and_when_no_engine_was_at_work() {
     let folder = tempfile::tempdir().unwrap();
     let mut shift = shift(folder.path());
-    // A night: the machine's clock goes on alone.
+    // A night: the machine's clock advances alone.
     shift.ahead_ms += 10 * 3_600_000;
     shift.work("grasp@1.1.0", 20, 0);
     shift.note(RecordKind::CellStopped, "", r#"{"by":"ana","reason":"a \u001b[31mleak"}"#);
-    let asked = HealthAsked { bucket_ms: 30 * MINUTE_MS, buckets: 40, ..HealthAsked::default() };
+    let asked = HealthQuery { bucket_ms: 30 * MINUTE_MS, buckets: 40, ..HealthQuery::default() };
     let series = shift.read(&asked);
     let kinds: Vec<MarkKind> = series.marks.iter().map(|mark| mark.kind).collect();
     assert_eq!(
@@ -219,7 +219,7 @@ fn marks_tell_what_happened_and_when_no_engine_was_at_work() {
     let last = series.points.last().unwrap();
     assert!(series.start_ms(last.bucket) >= TUESDAY_MS + 10 * 3_600_000);
     // By the engine's clock there was no night.
-    let by_engine = shift.read(&HealthAsked { clock: Some(HealthClock::Virtual), ..asked });
+    let by_engine = shift.read(&HealthQuery { clock: Some(HealthClock::Virtual), ..asked });
     assert_eq!(by_engine.coverage.tasks, 500);
     let svg = svg(&series, &grasp(), &["a note".to_owned()]);
     assert!(svg.contains("promotion: grasp@1.1.0 took over") && !svg.contains('\u{1b}'), "{svg}");
@@ -237,7 +237,7 @@ fn marks_tell_what_happened_and_when_no_engine_was_at_work() {
 fn what_is_not_as_it_was_sealed_is_in_no_number_and_said() {
     let folder = tempfile::tempdir().unwrap();
     let mut shift = shift(folder.path());
-    shift.task("grasp@1.1.0", true, KeptMarks { cut_short: true, ..KeptMarks::default() });
+    shift.task("grasp@1.1.0", true, LiveTaskMarks { cut_short: true, ..LiveTaskMarks::default() });
     shift.commit(Vec::new(), Vec::new());
     let layout = shift.store.layout().clone();
     drop(shift);
@@ -247,7 +247,7 @@ fn what_is_not_as_it_was_sealed_is_in_no_number_and_said() {
     telemetry.execute(edit, []).unwrap();
     telemetry.execute("DELETE FROM batch WHERE id <= 20", []).unwrap();
     drop(telemetry);
-    let asked = HealthAsked { bucket_ms: 10 * MINUTE_MS, buckets: 24, ..HealthAsked::default() };
+    let asked = HealthQuery { bucket_ms: 10 * MINUTE_MS, buckets: 24, ..HealthQuery::default() };
     let series = HealthReader::open(&layout).unwrap().read(&asked, None).unwrap();
     let coverage = series.coverage;
     assert_eq!((coverage.damaged, coverage.removed, coverage.not_judged), (80, 20, 1), "{coverage:?}");
@@ -261,7 +261,7 @@ fn a_long_span_is_a_sample_that_says_so_and_a_short_one_is_whole() {
     let mut shift = shift(folder.path());
     shift.work("grasp@1.1.0", 2_000, 10);
     let reader = HealthReader::open(shift.store.layout()).unwrap();
-    let asked = HealthAsked { bucket_ms: 60 * MINUTE_MS, buckets: 12, ..HealthAsked::default() };
+    let asked = HealthQuery { bucket_ms: 60 * MINUTE_MS, buckets: 12, ..HealthQuery::default() };
     let whole = reader.read(&asked, None).unwrap();
     assert_eq!((whole.coverage.tasks, whole.coverage.is_sample()), (2_480, false));
     let sample = reader.read_bounded(&asked, None, 500).unwrap();
@@ -272,13 +272,13 @@ fn a_long_span_is_a_sample_that_says_so_and_a_short_one_is_whole() {
     );
     assert!(sample.coverage.sentences()[0].starts_with("a sample:"));
     let buckets = |series: &HealthSeries| series.points.iter().map(|point| point.bucket).collect::<Vec<_>>();
-    // But for the last block alone, which is in a later pass.
+    // Without the last block, which is in a later pass.
     assert!(
         buckets(&sample).len() + 1 >= buckets(&whole).len(),
         "spread over all of it: {:?}",
         buckets(&sample)
     );
-    let last = HealthAsked { bucket_ms: MINUTE_MS, buckets: 20, ..asked };
+    let last = HealthQuery { bucket_ms: MINUTE_MS, buckets: 20, ..asked };
     let zoomed = reader.read_bounded(&last, None, 500).unwrap();
     assert!(!zoomed.coverage.is_sample() && zoomed.coverage.tasks > 100, "{:?}", zoomed.coverage);
 }
@@ -317,8 +317,8 @@ fn the_course_of_an_alarm_says_who_did_what_and_how_long_it_stood() {
     let ended_ms = shift.at_ms;
     shift.at_ms += MINUTE_MS;
     shift.alarm(&mut book, &event("again"));
-    let asked = HealthAsked { bucket_ms: 60 * MINUTE_MS, buckets: 24, ..HealthAsked::default() };
-    let series = shift.read(&HealthAsked { only_alarms: true, ..asked });
+    let asked = HealthQuery { bucket_ms: 60 * MINUTE_MS, buckets: 24, ..HealthQuery::default() };
+    let series = shift.read(&HealthQuery { only_alarms: true, ..asked });
     assert!(series.points.is_empty() && series.marks.is_empty());
     let [newest, first] = series.alarms.as_slice() else { panic!("{:#?}", series.alarms) };
     assert_eq!((newest.text.as_deref(), newest.ended.is_none()), (Some("again"), true));
@@ -328,7 +328,7 @@ fn the_course_of_an_alarm_says_who_did_what_and_how_long_it_stood() {
     assert_eq!((shelved.by.as_deref(), shelved.at_ms), (Some("bo"), raised_ms + 2 * MINUTE_MS));
     assert_eq!(first.over.as_ref().unwrap().at_ms, raised_ms + 4 * MINUTE_MS);
     assert_eq!(first.reset.as_ref().unwrap().reason.as_deref(), Some("a new mount"));
-    assert_eq!((first.stood_ms(u64::MAX), first.began_before), (ended_ms - raised_ms, false));
+    assert_eq!((first.active_ms(u64::MAX), first.began_before), (ended_ms - raised_ms, false));
     let marks = shift.read(&asked).marks;
     let of = |kind| marks.iter().filter(|mark| mark.kind == kind).count();
     assert_eq!((of(MarkKind::DriftAlarm), of(MarkKind::AlarmReset)), (2, 1));
@@ -340,7 +340,7 @@ fn an_empty_record_and_a_bad_question_are_answered_plainly() {
     let mut shift = Shift::new(folder.path());
     shift.at_ms = 1;
     shift.commit(store::bootstrapping("grasp"), Vec::new());
-    let asked = HealthAsked { bucket_ms: MINUTE_MS, buckets: 1, ..HealthAsked::default() };
+    let asked = HealthQuery { bucket_ms: MINUTE_MS, buckets: 1, ..HealthQuery::default() };
     let series = shift.read(&asked);
     assert!(series.points.is_empty() && series.families().is_empty());
     assert_eq!(series.verdict(&grasp(), 0).trend(), Trend::NoData);
@@ -349,11 +349,11 @@ fn an_empty_record_and_a_bad_question_are_answered_plainly() {
     for (bucket_ms, buckets) in
         [(0, 1), (MINUTE_MS - 1, 1), (86_400_001, 1), (MINUTE_MS, 0), (MINUTE_MS, 481)]
     {
-        let asked = HealthAsked { bucket_ms, buckets, ..HealthAsked::default() };
+        let asked = HealthQuery { bucket_ms, buckets, ..HealthQuery::default() };
         assert!(matches!(reader.read(&asked, None), Err(HealthError::Asked(_))), "{asked:?}");
     }
     for until_ms in [i64::MIN, -1, 0, i64::MAX] {
-        let asked = HealthAsked { until_ms: Some(until_ms), ..asked };
+        let asked = HealthQuery { until_ms: Some(until_ms), ..asked };
         assert!(reader.read(&asked, None).unwrap().points.is_empty(), "{until_ms}");
     }
 }

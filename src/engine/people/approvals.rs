@@ -1,16 +1,16 @@
-//! What waits for people: the question, what they said so far, and what they are shown of it.
+//! Open approval requests: the question, the answers so far, and the text shown to approvers.
 //!
-//! Asks and takes votes; what a vote comes to is the rules' ([`holdpoint_governance::approval`]) and the gate's.
+//! Asks and takes votes; the rules ([`holdpoint_governance::approval`]) and the gate decide on them.
 
-mod question;
-mod taken_up;
+mod approval_request;
+mod restored_requests;
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::approval::{
-    self, Answer, ApprovalOutcome, ApprovalResult, Role, SignatureCheck, Subject, Vote,
+    self, ApprovalDecision, ApprovalOutcome, ApprovalResult, Role, SignatureCheck, Subject, Vote,
 };
 use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -20,42 +20,42 @@ use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_protocol::snapshot::{PromptView, Purpose};
-use holdpoint_registry::names::RequestState;
+use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
+use holdpoint_registry::store_terms::RequestState;
 use holdpoint_registry::{ApprovalRequest, Change};
 
 use crate::context::Context;
-use crate::dossier::{Dossier, Dossiers};
-use crate::fault::Fault;
-use crate::ledger::{Ledger, Note};
-use crate::origin;
-use crate::record::Record;
-use crate::view::why;
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
+use crate::version_origin;
+use crate::version_table::{TransitionNote, VersionTable};
+use crate::view::check_explanation;
 
-pub(super) use question::NewQuestion;
-pub use question::PendingQuestion;
+pub(super) use approval_request::NewApprovalRequest;
+pub use approval_request::PendingApproval;
 
-use super::asking::{self, Requests};
+use super::request_display::{self, IssuedRequests};
 use super::signers::signer;
 
 #[derive(Default)]
 pub struct Approvals {
-    prompts: BTreeMap<CapabilityId, PendingQuestion>,
+    prompts: BTreeMap<CapabilityId, PendingApproval>,
     /// Approved, and waiting for the end of a sequence.
     granted: BTreeSet<CapabilityId>,
-    /// Who was shown which question.
-    pub(super) requests: Requests,
+    /// The texts shown, by approver and request.
+    pub(super) requests: IssuedRequests,
 }
 
 impl Approvals {
     /// The question about a version.
     #[must_use]
-    pub fn of(&self, id: &CapabilityId) -> Option<&PendingQuestion> {
+    pub fn of(&self, id: &CapabilityId) -> Option<&PendingApproval> {
         self.prompts.get(id)
     }
 
     /// Takes the question about a version away: it is answered, or void.
-    pub fn close(&mut self, id: &CapabilityId) -> Option<PendingQuestion> {
+    pub fn close(&mut self, id: &CapabilityId) -> Option<PendingApproval> {
         self.granted.remove(id);
         let closed = self.prompts.remove(id)?;
         self.requests.close(&closed.id);
@@ -72,9 +72,8 @@ impl Approvals {
         self.granted.pop_first()
     }
 
-    /// Puts every answer aside that a key gave to an open question; what was granted with it waits again. Tells how
-    /// many there were.
-    pub(crate) fn put_aside(&mut self, context: &Context, record: &Record, key: &str) -> usize {
+    /// Discards the answers of a key to open requests; a version granted by them waits again. Returns their number.
+    pub(crate) fn discard_answers(&mut self, context: &Context, record: &EngineRecorder, key: &str) -> usize {
         let mut count = 0;
         for (id, prompt) in &mut self.prompts {
             let before = prompt.votes.len();
@@ -96,8 +95,8 @@ impl Approvals {
     /// Questions whose time is over.
     #[must_use]
     pub fn due(&self, now: WallTime) -> Vec<CapabilityId> {
-        let due = |(id, prompt): &(&CapabilityId, &PendingQuestion)| {
-            let waits = prompt.purpose != Purpose::Review && !self.granted.contains(*id);
+        let due = |(id, prompt): &(&CapabilityId, &PendingApproval)| {
+            let waits = prompt.purpose != RequestKind::Review && !self.granted.contains(*id);
             waits && prompt.request.until <= now
         };
         self.prompts.iter().filter(due).map(|(id, _)| id.clone()).collect()
@@ -105,10 +104,10 @@ impl Approvals {
 
     /// Questions about versions whose row has changed since; a review stands whatever becomes of its version.
     #[must_use]
-    pub fn changed(&self, record: &Record) -> Vec<CapabilityId> {
-        let changed = |(id, prompt): &(&CapabilityId, &PendingQuestion)| {
-            let row = record.ledger().version(id).map(|(_, standing, _)| standing.row_version);
-            prompt.purpose != Purpose::Review && row.is_ok_and(|row| row != prompt.life_row_version)
+    pub fn changed(&self, record: &EngineRecorder) -> Vec<CapabilityId> {
+        let changed = |(id, prompt): &(&CapabilityId, &PendingApproval)| {
+            let row = record.version_table().version(id).map(|(_, standing, _)| standing.row_version);
+            prompt.purpose != RequestKind::Review && row.is_ok_and(|row| row != prompt.life_row_version)
         };
         self.prompts.iter().filter(changed).map(|(id, _)| id.clone()).collect()
     }
@@ -121,8 +120,13 @@ impl Approvals {
 
     /// What waits for people.
     #[must_use]
-    pub fn views(&self, context: &Context, record: &Record, dossiers: &Dossiers) -> Vec<PromptView> {
-        let shown = |(id, prompt)| PromptView {
+    pub fn views(
+        &self,
+        context: &Context,
+        record: &EngineRecorder,
+        dossiers: &EvidenceFiles,
+    ) -> Vec<ApprovalRequestView> {
+        let shown = |(id, prompt)| ApprovalRequestView {
             granted: self.granted.contains(id),
             ..view(context, record, dossiers, id, prompt)
         };
@@ -133,17 +137,17 @@ impl Approvals {
     ///
     /// # Errors
     /// If the question cannot be written.
-    pub fn ask(
+    pub fn request_approval(
         &mut self,
         context: &Context,
-        record: &mut Record,
-        dossiers: &mut Dossiers,
+        record: &mut EngineRecorder,
+        dossiers: &mut EvidenceFiles,
         id: &CapabilityId,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         let dossier = dossiers.edit(id);
         let provenance = record.capability(id)?.submission.provenance;
         let Some((quorum, review)) = activation_terms(context, dossier, provenance) else {
-            return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
+            return Err(EngineFault::Impossible(format!("{id} reached the gate without an assessment")));
         };
         let evidence = dossier.digest()?;
         self.put(
@@ -151,7 +155,7 @@ impl Approvals {
             record,
             dossiers,
             id,
-            (Purpose::Activation, String::new(), None),
+            (RequestKind::Activation, String::new(), None),
             (evidence, quorum, review),
         )
     }
@@ -160,42 +164,43 @@ impl Approvals {
     ///
     /// # Errors
     /// If the lifecycle refuses the question, or it cannot be written.
-    pub fn ask_release(
+    pub fn request_release(
         &mut self,
         context: &Context,
-        record: &mut Record,
-        dossiers: &mut Dossiers,
+        record: &mut EngineRecorder,
+        dossiers: &mut EvidenceFiles,
         operation: &Operation,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         let Operation { version: id, by, reason } = operation;
         let about = format!("{by} asks for it: {reason}");
         let dossier = dossiers.edit(id);
-        let quorum = approval::quorum(&context.profile.approval, origin::assessed_risk(dossier), false);
+        let quorum =
+            approval::quorum(&context.profile.approval, version_origin::assessed_risk(dossier), false);
         let evidence =
             Digest::of_parts("holdpoint.release.v1", &[dossier.digest()?.bytes(), about.as_bytes()]);
-        let asked = (Purpose::Release, about, Some(by.clone()));
+        let asked = (RequestKind::Release, about, Some(by.clone()));
         self.put(context, record, dossiers, id, asked, (evidence, quorum, false))
     }
 
     fn put(
         &mut self,
         context: &Context,
-        record: &mut Record,
-        dossiers: &mut Dossiers,
+        record: &mut EngineRecorder,
+        dossiers: &mut EvidenceFiles,
         id: &CapabilityId,
-        (purpose, about, asked_by): (Purpose, String, Option<String>),
+        (purpose, about, asked_by): (RequestKind, String, Option<String>),
         (evidence, quorum, review): (Digest, u8, bool),
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         let settings = context.profile.approval;
-        let (version, _, member) = record.ledger().version(id)?;
+        let (version, _, member) = record.version_table().version(id)?;
         let row_version = member.row_version;
         let now = record.wall_now();
         let until = now.plus_secs(settings.timeout_s);
-        // An engine that comes up again asks the same question anew, with another deadline: another request.
+        // After a restart the engine asks the same question with another deadline: another request.
         let prompt_id =
             format!("{}-{}-{row_version}-{}-{}", id.family, id.version, evidence.short(), now.ms());
         let dossier = dossiers.edit(id);
-        let risk = origin::assessed_risk(dossier);
+        let risk = version_origin::assessed_risk(dossier);
         let question = ApprovalRequest {
             id: prompt_id.clone(),
             version: id.clone(),
@@ -208,12 +213,12 @@ impl Approvals {
             state: RequestState::Open,
             json: serde_json::to_string(dossier)?,
         };
-        let note = Note {
+        let note = TransitionNote {
             before: vec![Change::PutApprovalRequest(Box::new(question))],
-            ..Note::because("people are asked")
+            ..TransitionNote::because("people are asked")
         };
         record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
-        let asked = NewQuestion {
+        let asked = NewApprovalRequest {
             id: prompt_id,
             purpose,
             about,
@@ -225,7 +230,7 @@ impl Approvals {
             asked: now,
             until,
         };
-        let prompt = PendingQuestion::new(context, record, id, asked)?;
+        let prompt = PendingApproval::new(context, record, id, asked)?;
         self.open(context, record, dossiers, id, prompt);
         let priority = context.profile.alarms.approval_waiting;
         let text = format!("{id} waits for approval");
@@ -237,10 +242,10 @@ impl Approvals {
     pub(super) fn open(
         &mut self,
         context: &Context,
-        record: &mut Record,
-        dossiers: &Dossiers,
+        record: &mut EngineRecorder,
+        dossiers: &EvidenceFiles,
         id: &CapabilityId,
-        prompt: PendingQuestion,
+        prompt: PendingApproval,
     ) {
         let asked = view(context, record, dossiers, id, &prompt);
         let conditions = dossiers.of(id).map(|known| known.conditions.clone()).unwrap_or_default();
@@ -261,18 +266,18 @@ impl Approvals {
         });
     }
 
-    /// Takes one signed decision; says what asking came to by it. What does not fit the question, or is over something
-    /// else than its person would be shown now, is refused and changes nothing.
+    /// Takes one signed decision; returns the result of the request. Refuses, without effect, a decision that does not
+    /// fit the request, or whose text differs from the one shown now.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn vote(
         &mut self,
         context: &Context,
-        record: &mut Record,
-        dossiers: &Dossiers,
+        record: &mut EngineRecorder,
+        dossiers: &EvidenceFiles,
         signed: SignedApproval,
-    ) -> Result<Result<ApprovalResult, Reply>, Fault> {
+    ) -> Result<Result<ApprovalResult, Reply>, EngineFault> {
         let said = signed.approval().clone();
         let id = said.version.clone();
         let refuse = |code, text: String, hint: Option<&str>| {
@@ -297,8 +302,8 @@ impl Approvals {
             profile,
         };
         // A refusal is never too late, and a review stays open past its time.
-        let is_late = now >= prompt.request.until && prompt.purpose != Purpose::Review;
-        if is_late && said.decision == Answer::Approve {
+        let is_late = now >= prompt.request.until && prompt.purpose != RequestKind::Review;
+        if is_late && said.decision == ApprovalDecision::Approve {
             let text = format!("the question about {id} was open until {}", prompt.request.until);
             return refuse(Refusal::NotNow, text, Some("`holdpoint resume` has people asked again"));
         }
@@ -314,14 +319,16 @@ impl Approvals {
                 "`holdpoint status` shows whom it waits for; another answer of the same person is taken";
             return refuse(Refusal::NotAllowed, text, Some(hint));
         }
-        let shown = match self.shown_now(context, record, dossiers, prompt, &said)? {
+        let shown = match self.displayed_text(context, record, dossiers, prompt, &said)? {
             Ok(shown) => shown,
             Err(refused) => return Ok(Err(refused)),
         };
         let records = shown.iter().map(|shown| shown.record(&said)).collect::<Result<Vec<_>, _>>()?;
         record.write(vec![Change::PutApproval(Box::new(signed.clone()))], records)?;
         let Some(prompt) = self.prompts.get_mut(&id) else {
-            return Err(Fault::Impossible(format!("the question about {id} closed while it was answered")));
+            return Err(EngineFault::Impossible(format!(
+                "the question about {id} closed while it was answered"
+            )));
         };
         self.requests.answered(&prompt.id, &said.who);
         prompt.votes.push(Vote {
@@ -358,11 +365,11 @@ impl Approvals {
 
 /// How many people an activation takes, and whether they override what a rule would not pass; absent before the
 /// version was assessed.
-fn activation_terms(context: &Context, dossier: &Dossier, provenance: Provenance) -> Option<(u8, bool)> {
+fn activation_terms(context: &Context, dossier: &EvidenceFile, provenance: Provenance) -> Option<(u8, bool)> {
     let kappas = dossier.kappas.as_ref()?;
-    let of = (origin::assessed_risk(dossier), provenance);
+    let of = (version_origin::assessed_risk(dossier), provenance);
     let quorum = gate::people_needed(kappas, of, &context.table, &context.profile);
-    // If the profile asks nobody by itself, people decide on what it would not have let pass.
+    // If the profile needs no approver, people decide on what it would not have let pass.
     let review = gate::needs_review(kappas, &context.profile) || !context.needs_approval();
     Some((quorum, review))
 }
@@ -372,10 +379,10 @@ fn activation_terms(context: &Context, dossier: &Dossier, provenance: Provenance
 pub fn closing_note(
     context: &Context,
     id: &CapabilityId,
-    prompt: &PendingQuestion,
+    prompt: &PendingApproval,
     state: RequestState,
     reason: &str,
-) -> Note {
+) -> TransitionNote {
     let request = ApprovalRequest {
         id: prompt.id.clone(),
         version: id.clone(),
@@ -388,11 +395,14 @@ pub fn closing_note(
         state,
         json: "{}".to_owned(),
     };
-    Note { before: vec![Change::PutApprovalRequest(Box::new(request))], ..Note::because(reason) }
+    TransitionNote {
+        before: vec![Change::PutApprovalRequest(Box::new(request))],
+        ..TransitionNote::because(reason)
+    }
 }
 
-/// Nobody waits any more. Whoever answered has seen that somebody did.
-pub fn clear_alarm(record: &mut Record, id: &CapabilityId, answered_by: Option<String>) {
+/// The request is closed. An answer also acknowledges the alarm.
+pub fn clear_alarm(record: &mut EngineRecorder, id: &CapabilityId, answered_by: Option<String>) {
     let key = AlarmKey::Approval(id.clone());
     if let Some(by) = answered_by.filter(|_| record.alarms().get(&key).is_some()) {
         record.alarm_event(&AlarmEvent::Acknowledge { key: key.clone(), by });
@@ -400,12 +410,12 @@ pub fn clear_alarm(record: &mut Record, id: &CapabilityId, answered_by: Option<S
     record.alarm_event(&AlarmEvent::Clear { key });
 }
 
-/// What was asked about a version before the engine came up again is no open question any more.
+/// Voids the requests about a version from before a restart.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn void_requests(ledger: &Ledger, id: &CapabilityId) -> Result<Vec<Change>, Fault> {
-    let open = ledger.store().views()?.open_requests()?;
+pub fn void_requests(version_table: &VersionTable, id: &CapabilityId) -> Result<Vec<Change>, EngineFault> {
+    let open = version_table.store().views()?.open_requests()?;
     let ours = open.into_iter().filter(|request| request.version == *id);
     let void = ours.map(|request| ApprovalRequest { state: RequestState::Void, ..request });
     Ok(void.map(|request| Change::PutApprovalRequest(Box::new(request))).collect())
@@ -413,16 +423,16 @@ pub fn void_requests(ledger: &Ledger, id: &CapabilityId) -> Result<Vec<Change>, 
 
 pub(super) fn view(
     context: &Context,
-    record: &Record,
-    dossiers: &Dossiers,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
     id: &CapabilityId,
-    prompt: &PendingQuestion,
-) -> PromptView {
+    prompt: &PendingApproval,
+) -> ApprovalRequestView {
     let counted = approval::counted(&prompt.request, &prompt.votes, record.wall_now());
     let quorum = prompt.request.quorum;
-    let empty = Dossier::default();
+    let empty = EvidenceFile::default();
     let dossier = dossiers.of(id).unwrap_or(&empty);
-    PromptView {
+    ApprovalRequestView {
         id: prompt.id.clone(),
         version: id.clone(),
         replaces: prompt.replaces.clone(),
@@ -439,26 +449,26 @@ pub(super) fn view(
             && !counted.iter().any(|vote| vote.role == Role::Safety),
         until: prompt.request.until,
         valid_until: record.wall_now().plus_secs(context.profile.approval.valid_s),
-        store_id: record.ledger().store().store_id().to_owned(),
+        store_id: record.version_table().store().store_id().to_owned(),
         asked: prompt.asked,
         tier: tier(context.profile.name, quorum, prompt.review),
-        author: prompt.request.author.in_words(),
+        author: prompt.request.author.label(),
         requester: prompt.request.requester.clone(),
         risk: dossier.risk.clone(),
         new_permissions: dossier.new_permissions.clone(),
         changes: dossier.changes.clone(),
         conditions: dossier.conditions.iter().map(ToString::to_string).collect(),
-        why: why::in_short(dossier),
-        untested: asking::untested(dossier).iter().map(ToString::to_string).collect(),
+        why: check_explanation::in_short(dossier),
+        untested: request_display::untested(dossier).iter().map(ToString::to_string).collect(),
         on_drift: match prompt.purpose {
-            Purpose::Activation | Purpose::Emergency => {
-                asking::on_drift(context, prompt, dossier, dossiers.has_open_doubt(id)).to_string()
+            RequestKind::Activation | RequestKind::Emergency => {
+                request_display::on_drift(context, prompt, dossier, dossiers.has_open_concern(id)).to_string()
             }
-            Purpose::Release | Purpose::Review => prompt.about.clone(),
+            RequestKind::Release | RequestKind::Review => prompt.about.clone(),
         },
         purpose: prompt.purpose,
         about: prompt.about.clone(),
-        lines: asking::overview(context, record, dossiers, id, prompt),
+        lines: request_display::overview(context, record, dossiers, id, prompt),
     }
 }
 

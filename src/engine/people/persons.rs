@@ -1,15 +1,15 @@
-//! Who is enrolled: the acts of administrators, and what becomes of open questions by them.
+//! Administrators enroll, verify and revoke persons; a revocation discards answers to open requests.
 
 use holdpoint_approvals::keyfile::Protection;
-use holdpoint_approvals::{Identity, PersonAct, PersonActKind, Persons, SignedPersonAct};
+use holdpoint_approvals::{Identity, PersonAct, PersonActKind, PersonDirectory, SignedPersonAct};
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_registry::Change;
 use holdpoint_text::Hint;
 
 use super::approvals::Approvals;
 use crate::context::Context;
-use crate::fault::Fault;
-use crate::record::Record;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
 
 /// Carries out an administrator's act about a person. What does not hold is refused and changes nothing.
 ///
@@ -17,11 +17,11 @@ use crate::record::Record;
 /// If it cannot be written.
 pub(crate) fn carry_out(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     approvals: &mut Approvals,
     signed: SignedPersonAct,
-) -> Result<Reply, Fault> {
-    let persons = record.ledger().store().persons()?;
+) -> Result<Reply, EngineFault> {
+    let persons = record.version_table().store().persons()?;
     if let Err(error) = persons.check(&signed) {
         return Ok(Reply::refused(Refusal::NotAllowed, &error));
     }
@@ -45,11 +45,11 @@ pub(crate) fn carry_out(
             record.write(vec![Change::ConfirmPerson(Box::new(signed))], Vec::new())?;
             accepted(format!("{} is confirmed by {}", act.name, act.by))
         }
-        // Whatever the key that signs: to take somebody's say away is never made harder.
+        // Any key may sign a revocation, so that revoking is never harder than enrolling.
         PersonActKind::Revoke => {
             let key = act.key.clone();
             record.write(vec![Change::RevokePerson(Box::new(signed))], Vec::new())?;
-            let put_aside = approvals.put_aside(context, record, &key);
+            let put_aside = approvals.discard_answers(context, record, &key);
             let answers = if put_aside == 0 {
                 String::new()
             } else {
@@ -60,9 +60,9 @@ pub(crate) fn carry_out(
     }
 }
 
-/// A refusal if an act says that its key was guarded, or has to be, and who can read a file can sign as this person.
-fn unprotected(context: &Context, record: &Record, act: &PersonAct) -> Option<Reply> {
-    let folder = record.ledger().store().layout().identities();
+/// A refusal if the act claims or requires a passphrase-protected key, and the key file has no passphrase.
+fn unprotected(context: &Context, record: &EngineRecorder, act: &PersonAct) -> Option<Reply> {
+    let folder = record.version_table().store().layout().identities();
     let name = &act.by;
     match Identity::protection(&folder, name) {
         Ok(Protection::Passphrase | Protection::Elsewhere) => None,
@@ -73,7 +73,7 @@ fn unprotected(context: &Context, record: &Record, act: &PersonAct) -> Option<Re
             } else {
                 let profile = context.profile.name.name();
                 format!(
-                    "the key of {name} has no passphrase, and under the profile {profile} none such enrols people"
+                    "the key of {name} has no passphrase; the profile {profile} requires one for enrolling people"
                 )
             },
             hint: Some(format!("`holdpoint identity passphrase {name}` sets one and keeps the key")),
@@ -86,9 +86,9 @@ fn unprotected(context: &Context, record: &Record, act: &PersonAct) -> Option<Re
     }
 }
 
-/// A refusal if nobody vouches for a person, where people decide: their enrolment rests on a key that lay open.
-/// Of decisions that nobody made in a script.
-pub(crate) fn unconfirmed(context: &Context, persons: &Persons, name: &str) -> Option<Reply> {
+/// A refusal if a person is unverified where people decide: an unencrypted key enrolled them. Applies to no decision
+/// in a script.
+pub(crate) fn unconfirmed(context: &Context, persons: &PersonDirectory, name: &str) -> Option<Reply> {
     let confirmed = |person: &holdpoint_approvals::Person| person.confirmed_by.is_some();
     if !context.asks_people() || persons.named(name).is_some_and(confirmed) {
         return None;
@@ -101,31 +101,31 @@ pub(crate) fn unconfirmed(context: &Context, persons: &Persons, name: &str) -> O
             admin.name
         ),
         None => {
-            "nobody is left in this store who could confirm them; see the guide on who is somebody".to_owned()
+            "no administrator of this store can confirm them; see the guide on persons and roles".to_owned()
         }
     };
     Some(Reply::Refused {
         code: Refusal::NotAllowed,
         text: format!(
-            "{name} is enrolled by {by} with a key that others could have used, and not confirmed: the profile \
-             {profile} counts nothing that they let go on"
+            "{name} is not confirmed, and {by} enrolled them with an unencrypted key: the profile {profile} \
+             does not count their approvals"
         ),
         hint: Some(hint),
     })
 }
 
-/// Somebody with a fresh key whom the store's first administrator enrolled, and who is confirmed by it.
+/// A person with a new key whom the store's first administrator enrolled and confirmed.
 #[cfg(test)]
 pub(crate) fn enrolled(
-    record: &mut Record,
+    record: &mut EngineRecorder,
     name: &str,
     role: holdpoint_governance::approval::Role,
-    keep: holdpoint_approvals::keyfile::Keep<'_>,
+    keep: holdpoint_approvals::keyfile::KeyEncoding<'_>,
 ) -> Identity {
-    let folder = record.ledger().store().layout().identities();
+    let folder = record.version_table().store().layout().identities();
     let who = Identity::create_kept(&folder, name, role, keep).unwrap();
-    let persons = record.ledger().store().persons().unwrap();
-    let admin = guarded(&folder, &persons.unasked(&folder).unwrap());
+    let persons = record.version_table().store().persons().unwrap();
+    let admin = guarded(&folder, &persons.unprotected_administrator(&folder).unwrap());
     let act = persons.enrolment(who.info(), false, &admin, "a test").unwrap();
     record.write(vec![Change::EnrolPerson(Box::new(act))], Vec::new()).unwrap();
     who
@@ -134,10 +134,10 @@ pub(crate) fn enrolled(
 /// An administrator as they sign once their key has a passphrase; its file stays without one.
 #[cfg(test)]
 pub(crate) fn guarded(folder: &std::path::Path, admin: &Identity) -> Identity {
-    use holdpoint_approvals::keyfile::Keep;
+    use holdpoint_approvals::keyfile::KeyEncoding;
     let words = holdpoint_approvals::Passphrase::new("under the oak".to_owned().into()).unwrap();
-    admin.keep(folder, Keep::Sealed(&words, holdpoint_approvals::Cost::LEAST)).unwrap();
+    admin.keep(folder, KeyEncoding::Sealed(&words, holdpoint_approvals::KdfCost::LEAST)).unwrap();
     let guarded = Identity::open(folder, &admin.info().name).unwrap().unlock(Some(&words)).unwrap();
-    admin.keep(folder, Keep::Plain).unwrap();
+    admin.keep(folder, KeyEncoding::Plain).unwrap();
     guarded
 }

@@ -1,8 +1,8 @@
-//! Who signed a request that gives or widens authority: checked once, before anything of it is done.
+//! Checks the signature of a request that gives or widens authority, once, before the request has an effect.
 //!
-//! A signature is bound to the store, to this life of the engine and to the request's content; it is used once, within
-//! minutes. A life is a random number drawn at the start, so that what was signed before a restart counts for nothing
-//! after it, and what was used need not outlive the engine.
+//! A signature is bound to the store, the session and the content of the request; it is valid once, for minutes. A
+//! session is a random number made at the start of the engine. So signatures from before a restart do not count after
+//! it, and the list of used signatures need not outlive the engine.
 
 use std::collections::BTreeMap;
 
@@ -10,15 +10,15 @@ use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{ApprovalError, Identity, Nonce, SignedCall};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::command::{Authority, Command, Refusal, Reply, Request};
+use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::SigningView;
 use holdpoint_text::Hint;
 
 use super::persons::unconfirmed;
 use super::signers::person;
 use crate::context::Context;
-use crate::fault::Fault;
-use crate::record::Record;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
 
 /// The longest that a signature under a request may count, ms of the engine's clock.
 pub const CALL_VALID_MS_MAX: u64 = 300_000;
@@ -26,19 +26,19 @@ pub const CALL_VALID_MS_MAX: u64 = 300_000;
 /// The most signatures that are remembered as used; only enrolled people's are.
 const USED_MAX: usize = 4096;
 
-/// Who signed a request, checked against the store's persons.
+/// The signer of a request, checked against the store's persons.
 #[derive(Clone, Debug)]
 pub(crate) struct Signer {
     pub(crate) name: String,
     pub(crate) role: Role,
-    /// As it goes on record.
+    /// As recorded.
     pub(crate) seal: Box<SignedCall>,
 }
 
-/// What one life of the engine knows of signed requests.
+/// Request signatures of one session.
 pub(crate) struct SignedCalls {
-    life: Nonce,
-    /// What was used, and until when it would count.
+    session: Nonce,
+    /// Used signatures, and the end of their validity.
     used: BTreeMap<Nonce, u64>,
 }
 
@@ -47,40 +47,44 @@ impl SignedCalls {
     ///
     /// # Errors
     /// If the machine gives no random number.
-    pub(crate) fn new() -> Result<Self, Fault> {
-        let life = Nonce::random().map_err(|error: ApprovalError| Fault::Impossible(error.to_string()))?;
-        Ok(Self { life, used: BTreeMap::new() })
+    pub(crate) fn new() -> Result<Self, EngineFault> {
+        let life =
+            Nonce::random().map_err(|error: ApprovalError| EngineFault::Impossible(error.to_string()))?;
+        Ok(Self { session: life, used: BTreeMap::new() })
     }
 
     /// What a request is signed over now; absent in a script, whose requests were settled when it was written.
-    pub(crate) fn view(&self, context: &Context, record: &Record) -> Option<SigningView> {
+    pub(crate) fn view(&self, context: &Context, record: &EngineRecorder) -> Option<SigningView> {
         (!record.clock().is_scripted()).then(|| SigningView {
             required: is_required(context),
-            store_id: record.ledger().store().store_id().to_owned(),
-            life: self.life.clone(),
+            store_id: record.version_table().store().store_id().to_owned(),
+            life: self.session.clone(),
             until_ms: record.now_ms().saturating_add(CALL_VALID_MS_MAX),
         })
     }
 
-    /// Lets a request in: who signed it, or that nobody needs to. What is let in with a signature has used it up.
+    /// Admits a request: its signer, or `None` if it needs no signature. Admission uses the signature up.
     ///
     /// # Errors
     /// The refusal.
     pub(crate) fn admit(
         &mut self,
         context: &Context,
-        record: &Record,
+        record: &EngineRecorder,
         request: &Request,
     ) -> Result<Option<Signer>, Reply> {
         if record.clock().is_scripted() {
             return Ok(None);
         }
-        match request.command.authority() {
+        match request.command.authority_effect() {
             // Stopping is never made harder, by a bad signature either.
-            Authority::Reads | Authority::TakesAway | Authority::SignedItself | Authority::Neither => {
+            AuthorityEffect::Reads
+            | AuthorityEffect::TakesAway
+            | AuthorityEffect::SignedItself
+            | AuthorityEffect::Neither => {
                 return Ok(None);
             }
-            Authority::Gives => {}
+            AuthorityEffect::Gives => {}
         }
         let Some(seal) = &request.seal else {
             return if is_required(context) { Err(unsigned(context)) } else { Ok(None) };
@@ -100,12 +104,12 @@ impl SignedCalls {
     fn check(
         &self,
         context: &Context,
-        record: &Record,
+        record: &EngineRecorder,
         command: &Command,
         seal: &SignedCall,
     ) -> Result<Signer, Reply> {
         let claim = seal.claim();
-        let persons = match record.ledger().store().persons() {
+        let persons = match record.version_table().store().persons() {
             Ok(persons) => persons,
             Err(error) => return Err(Reply::refused(Refusal::Store, &error)),
         };
@@ -114,10 +118,10 @@ impl SignedCalls {
             return Err(Reply::refused(Refusal::NotAllowed, &error));
         }
         let name = &identity.name;
-        if claim.store_id != record.ledger().store().store_id() {
+        if claim.store_id != record.version_table().store().store_id() {
             return stale(format!("the request of {name} was signed for another store"));
         }
-        if claim.life != self.life {
+        if claim.life != self.session {
             return stale(format!("the request of {name} was signed for an engine that has ended"));
         }
         if command.digest().ok() != Some(claim.call) {
@@ -141,7 +145,7 @@ impl SignedCalls {
         if self.used.contains_key(&claim.nonce) {
             return stale(format!("the signature of {name} under this request was used already"));
         }
-        if !identity.role.lets_go_on() {
+        if !identity.role.may_resume() {
             let text = format!("{name} is enrolled as {}, who lets nothing go on", identity.role);
             let hint = "an operator, an engineer or a safety officer signs it";
             return refuse(Refusal::NotAllowed, text, Some(hint.to_owned()));
@@ -156,15 +160,15 @@ impl SignedCalls {
     }
 }
 
-/// A refusal if who signed has been revoked since the request was let in.
-pub(crate) fn still_stands(record: &Record, signer: &Signer) -> Result<(), Reply> {
-    match record.ledger().store().persons() {
+/// A refusal if the signer has been revoked since the request was admitted.
+pub(crate) fn still_stands(record: &EngineRecorder, signer: &Signer) -> Result<(), Reply> {
+    match record.version_table().store().persons() {
         Ok(persons) => person(&persons, &signer.name).map(drop),
         Err(error) => Err(Reply::refused(Refusal::Store, &error)),
     }
 }
 
-/// Whether nobody gives authority here without a signature.
+/// Whether every request that gives authority needs a signature here.
 pub(crate) fn is_required(context: &Context) -> bool {
     match context.profile.name {
         ProfileName::Sim => false,
@@ -185,13 +189,13 @@ fn unsigned(context: &Context) -> Reply {
     }
 }
 
-/// A refusal if who can read a file can sign as this person, where people decide.
-fn protected(context: &Context, record: &Record, name: &str) -> Result<(), Reply> {
+/// A refusal if people decide here and the key file has no passphrase.
+fn protected(context: &Context, record: &EngineRecorder, name: &str) -> Result<(), Reply> {
     if !context.needs_approval() {
         return Ok(());
     }
     let profile = context.profile.name.name();
-    match Identity::protection(&record.ledger().store().layout().identities(), name) {
+    match Identity::protection(&record.version_table().store().layout().identities(), name) {
         Ok(Protection::Passphrase | Protection::Elsewhere) => Ok(()),
         Ok(Protection::None) => {
             let text =
@@ -208,7 +212,7 @@ fn protected(context: &Context, record: &Record, name: &str) -> Result<(), Reply
 }
 
 fn stale(text: String) -> Result<Signer, Reply> {
-    refuse(Refusal::Stale, text, Some("sign it anew, over a snapshot of this engine".to_owned()))
+    refuse(Refusal::Stale, text, Some("sign it again, with a current snapshot of this engine".to_owned()))
 }
 
 fn refuse(code: Refusal, text: String, hint: Option<String>) -> Result<Signer, Reply> {

@@ -1,21 +1,21 @@
-//! Who signed a decision, and whether they may.
+//! Checks the signer of a decision and their authority.
 
 use holdpoint_approvals::keyfile::Protection;
-use holdpoint_approvals::{Identity, IdentityInfo, PersonState, Persons, SignedApproval};
-use holdpoint_governance::approval::Answer;
+use holdpoint_approvals::{Identity, IdentityInfo, PersonDirectory, PersonState, SignedApproval};
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_text::{Hint, is_visible};
 
 use super::persons::unconfirmed;
 use crate::context::Context;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
 
-/// Who signed a decision, if the store knows the person, the signature holds, and everything is there that the profile
-/// asks for.
+/// The signer of a decision, if the store knows the person, the signature is valid, and the profile's requirements
+/// are met.
 pub(crate) fn signer(
     context: &Context,
-    record: &Record,
+    record: &EngineRecorder,
     signed: &SignedApproval,
 ) -> Result<IdentityInfo, Reply> {
     let refuse = |code, text: String, hint: Option<String>| Err(Reply::Refused { code, text, hint });
@@ -23,8 +23,8 @@ pub(crate) fn signer(
         let text = "a decision needs a reason that can be read".to_owned();
         return refuse(Refusal::BadInput, text, None);
     }
-    let folder = record.ledger().store().layout().identities();
-    let persons = match record.ledger().store().persons() {
+    let folder = record.version_table().store().layout().identities();
+    let persons = match record.version_table().store().persons() {
         Ok(persons) => persons,
         Err(error) => return Err(Reply::refused(Refusal::Store, &error)),
     };
@@ -33,7 +33,7 @@ pub(crate) fn signer(
         return refuse(Refusal::NotAllowed, error.to_string(), None);
     }
     // A refusal stops something, and nothing may make that harder. What a script says was settled when it was written.
-    let approves = signed.approval().decision == Answer::Approve;
+    let approves = signed.approval().decision == ApprovalDecision::Approve;
     if approves && context.asks_people() && !record.clock().is_scripted() {
         let profile = context.profile.name.name();
         match Identity::protection(&folder, &identity.name) {
@@ -57,8 +57,8 @@ pub(crate) fn signer(
     Ok(identity)
 }
 
-/// Somebody who may decide, by name; an answer of anybody else counts for nothing.
-pub(super) fn person(persons: &Persons, name: &str) -> Result<IdentityInfo, Reply> {
+/// An enrolled person, by name; answers of others do not count.
+pub(super) fn person(persons: &PersonDirectory, name: &str) -> Result<IdentityInfo, Reply> {
     let refuse = |text: String, hint: String| {
         Err(Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) })
     };
@@ -67,22 +67,22 @@ pub(super) fn person(persons: &Persons, name: &str) -> Result<IdentityInfo, Repl
         Some(person) => {
             let by = person.revoked_by.as_deref().unwrap_or_default();
             let text = format!("the key of {name} was revoked by {by}, and nothing that it signs counts");
-            refuse(text, "somebody who is enrolled has to decide; see `holdpoint identity list`".to_owned())
+            refuse(text, "an enrolled person must decide; see `holdpoint identity list`".to_owned())
         }
         None => {
             let admin = persons.administrators().next().map_or("ADMIN", |admin| admin.name.as_str());
             let text = format!("{name} is not enrolled in this store, and nothing that they sign counts");
             refuse(
                 text,
-                format!("`holdpoint identity enrol {name} --by {admin} --reason TEXT` enrols their key"),
+                format!("`holdpoint identity enrol {name} --by {admin} --reason TEXT` adds their key"),
             )
         }
     }
 }
 
 /// The version that takes over if this active one leaves.
-pub(crate) fn way_back(record: &Record, id: &CapabilityId) -> Option<CapabilityId> {
-    let entry = record.ledger().family(&id.family).ok()?;
+pub(crate) fn rollback_target(record: &EngineRecorder, id: &CapabilityId) -> Option<CapabilityId> {
+    let entry = record.version_table().family(&id.family).ok()?;
     let (version, _, _) = entry.find(id)?;
     let back = entry.state.restorable_predecessor(version)?;
     entry.members.get(usize::from(back.0)).map(|member| member.capability.id())

@@ -4,31 +4,32 @@ use std::borrow::Cow;
 
 use super::Pipeline;
 use crate::alarms;
-use crate::doubted_clock;
-use crate::fault::Fault;
+use crate::clock_mismatch;
+use crate::episode_replay;
+use crate::fault::EngineFault;
 use crate::goal;
 use crate::halt;
-use crate::monitors::Watched;
+use crate::monitors::ActivationMonitor;
 use crate::operations::{self, LastVersion, accepted, checked};
-use crate::origin;
-use crate::people::approvals::PendingQuestion;
+use crate::people::approvals::PendingApproval;
 use crate::people::signed_calls::{self, Signer};
-use crate::people::{persons, questions};
-use crate::retake;
+use crate::people::{monitor_questions, persons};
 use crate::shift_note;
 use crate::stages::closing::rejected;
-use crate::stages::{emergency, monitoring, release};
+use crate::stages::{break_glass, monitoring, release};
+use crate::version_origin;
 use crate::view::lookup;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmError, AlarmEvent, AlarmKey};
-use holdpoint_governance::approval::Answer;
-use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::approval::ApprovalDecision;
+use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
+use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply, Request};
-use holdpoint_protocol::snapshot::Purpose;
+use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_text::{Hint as _, Problem, Untrusted};
 
 fn refuse_held(why: &Problem) -> Reply {
@@ -37,7 +38,7 @@ fn refuse_held(why: &Problem) -> Reply {
     Reply::Refused { code: Refusal::Holding, text: format!("the engine is holding: {why}"), hint: Some(hint) }
 }
 
-/// Nothing that gives or widens authority is done under a profile that nobody authorized.
+/// Under an unauthorized profile, commands that give or widen authority are refused.
 fn refuse_unauthorized(why: &str) -> Reply {
     Reply::Refused { code: Refusal::NotNow, text: why.to_owned(), hint: None }
 }
@@ -67,18 +68,18 @@ impl Pipeline {
         self.command_of(command, &caller, None)
     }
 
-    /// Lets a request in: who signed it, or that nobody has to. Else the refusal.
+    /// Admits a request: its signer, or `None` if it needs no signature. Else the refusal.
     pub(crate) fn admit(&mut self, request: &Request) -> Result<Option<Signer>, Reply> {
         self.signed_calls.admit(&self.context, &self.record, request)
     }
 
-    /// Whose process the engine's own requests come from: a script is nobody's.
+    /// The process of the engine's own requests; a script has none.
     pub(crate) fn own_caller(&self) -> Caller {
         halt::own_caller(&self.record)
     }
 
-    /// As [`Pipeline::command`]; `caller` is whose process asks, as the system has it. What a process was granted and
-    /// changes something goes on record with it, and with who signed it; what a script asks stands in the script.
+    /// As [`Pipeline::command`]; `caller` is the requesting process, as the system reports it. A granted request that
+    /// changes something is recorded with caller and signer, except in a script.
     pub(crate) fn command_of(&mut self, command: Command, caller: &Caller, signer: Option<&Signer>) -> Reply {
         if let Some(Err(refused)) = signer.map(|signer| signed_calls::still_stands(&self.record, signer)) {
             return refused;
@@ -94,9 +95,9 @@ impl Pipeline {
                 body["seal"] = serde_json::json!(seal);
             }
             let body = body.to_string();
-            // What was done is done, and not said to be refused; who cannot write down who asked does nothing more.
+            // The command has taken effect, so it is not refused; the engine halts, as it cannot record the caller.
             if let Err(error) = self.record.note(RecordKind::Asked, subject, body) {
-                let why = Fault::from(error).held();
+                let why = EngineFault::from(error).held();
                 let text = format!("who asked for {asked} could not be put on record: {why}");
                 self.hold(&Problem::from((text, why.hint().map(Cow::into_owned))));
             }
@@ -132,8 +133,8 @@ impl Pipeline {
         command: Command,
         caller: &Caller,
         signer: Option<&Signer>,
-    ) -> Result<Reply, Fault> {
-        let Self { context, record, dossiers, monitors, world, .. } = self;
+    ) -> Result<Reply, EngineFault> {
+        let Self { context, record, evidence_files: dossiers, monitors, world, .. } = self;
         match command {
             Command::Register { package, name, by } => {
                 let signer = signer.map(|signer| (signer.name.as_str(), signer.seal.public_key()));
@@ -145,12 +146,18 @@ impl Pipeline {
             Command::Decide { signed } => self.decide(*signed),
             Command::Person { signed } => persons::carry_out(context, record, &mut self.approvals, *signed),
             Command::Reject(operation) => self.operator_reject(&operation),
-            Command::Rollback(operation) => {
-                operations::roll_back(&mut self.live(), &operation, Leave::RolledBack, LastVersion::Ask)
-            }
-            Command::Vacate(operation) => {
-                operations::roll_back(&mut self.live(), &operation, Leave::RolledBack, LastVersion::Take)
-            }
+            Command::Rollback(operation) => operations::roll_back(
+                &mut self.live(),
+                &operation,
+                DeactivationKind::RolledBack,
+                LastVersion::Ask,
+            ),
+            Command::Vacate(operation) => operations::roll_back(
+                &mut self.live(),
+                &operation,
+                DeactivationKind::RolledBack,
+                LastVersion::Take,
+            ),
             Command::Demote { operation, profiles } => self.operator_demote(&operation, &profiles),
             Command::Release { operation, profiles } => self.operator_release(&operation, &profiles),
             Command::Pause(operation) => {
@@ -160,7 +167,7 @@ impl Pipeline {
             }
             Command::Resume(operation) => {
                 let reply = operations::resume(record, dossiers, &operation)?;
-                // What its window came to meanwhile counts now.
+                // The result of its window meanwhile counts now.
                 monitoring::maybe_confirm(record, dossiers, monitors, &operation.version)?;
                 Ok(reply)
             }
@@ -174,7 +181,7 @@ impl Pipeline {
             Command::Restrict(operation) => {
                 let id = checked(record, &operation)?;
                 let text = format!("{} asked for it: {}", operation.by, operation.reason);
-                let reason = Reason::new(ReasonCode::MonitorOperator, Dimension::Monitor, text);
+                let reason = Reason::new(Dimension::Monitor, Finding::OperatorAsked { words: text });
                 monitoring::restrict_on_demand(context, record, monitors, &id, &[reason])?;
                 self.live().stepped_in(&id)?;
                 accepted(&id, "restricted")
@@ -187,11 +194,16 @@ impl Pipeline {
                 if self.world.is_halted() {
                     return Ok(halt::lets_nothing_in(&operation.version));
                 }
-                let dossier = self.dossiers.of(&operation.version);
-                let watched = match Watched::again(&operation.version, &self.record, dossier, &self.context) {
+                let dossier = self.evidence_files.of(&operation.version);
+                let watched = match ActivationMonitor::reactivated(
+                    &operation.version,
+                    &self.record,
+                    dossier,
+                    &self.context,
+                ) {
                     Ok(watched) => watched,
                     // It has no shadow evidence any more.
-                    Err(Fault::Impossible(text)) => {
+                    Err(EngineFault::Impossible(text)) => {
                         return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: None });
                     }
                     Err(fault) => return Err(fault),
@@ -223,7 +235,9 @@ impl Pipeline {
                 let done = format!("{alarm} is taken from its shelf");
                 Ok(self.alarm_command(alarm, |key| AlarmEvent::Unshelve { key, by }, &done))
             }
-            Command::Continue(operation) => questions::go_on(context, record, dossiers, monitors, &operation),
+            Command::Continue(operation) => {
+                monitor_questions::answer_continue(context, record, dossiers, monitors, &operation)
+            }
             Command::Go { by, reason, since_ms, stops } => {
                 if let Some(why) = &context.unauthorized {
                     return Ok(refuse_unauthorized(why));
@@ -231,13 +245,15 @@ impl Pipeline {
                 Ok(halt::go(record, world, by, reason, (since_ms, stops), caller.clone())?)
             }
             Command::ConfirmTime { by, reason, time } => {
-                Ok(doubted_clock::confirm(record, (by, reason), time, caller)?)
+                Ok(clock_mismatch::confirm(record, (by, reason), time, caller)?)
             }
             Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
             Command::Pace { times } => operations::set_pace(record, world, times),
             Command::Detail { version } => lookup::detail(context, record, dossiers, &version),
-            Command::Film { version, asked } => retake::film(context, record, dossiers, &version, asked),
+            Command::Film { version, asked } => {
+                episode_replay::film(context, record, dossiers, &version, asked)
+            }
             Command::Registry { group, text, offset, limit } => {
                 lookup::registry_page(context, record, group, &text, offset, limit)
             }
@@ -283,16 +299,16 @@ impl Pipeline {
         }
     }
 
-    fn try_launch(&mut self, id: &CapabilityId, stage: Stage) -> Result<Reply, Fault> {
+    fn try_launch(&mut self, id: &CapabilityId, stage: Stage) -> Result<Reply, EngineFault> {
         let refuse = |text: String, hint: &str| {
             Ok(Reply::Refused { code: Refusal::NotNow, text, hint: Some(hint.to_owned()) })
         };
-        let (_, standing, _) = self.record.ledger().version(id)?;
+        let (_, standing, _) = self.record.version_table().version(id)?;
         let (state, flags) = (standing.state, standing.flags);
         if self.work.is_some() || self.world.is_running() {
             return refuse("another stage is being worked".to_owned(), "wait for its end");
         }
-        if flags.paused || flags.awaiting_approval || self.dossiers.is_held(id) {
+        if flags.paused || flags.awaiting_approval || self.evidence_files.is_held(id) {
             return refuse(format!("{id} is held, or people are asked about it"), "see `holdpoint status`");
         }
         let from = match stage {
@@ -316,52 +332,56 @@ impl Pipeline {
     }
 
     /// A signed decision, by what was asked.
-    fn decide(&mut self, signed: SignedApproval) -> Result<Reply, Fault> {
+    fn decide(&mut self, signed: SignedApproval) -> Result<Reply, EngineFault> {
         if signed.approval().break_glass {
             return self.activation().break_glass(signed);
         }
         let id = signed.approval().version.clone();
         // A refusal is not kept out by what others answered.
-        if signed.approval().decision == Answer::Approve && self.activation().void_outdated(&id)? {
+        if signed.approval().decision == ApprovalDecision::Approve && self.activation().void_outdated(&id)? {
             return Ok(Reply::Refused {
                 code: Refusal::Stale,
                 text: format!("what people were shown of {id} has changed since; they are asked again"),
                 hint: Some("look at the question again and decide again".to_owned()),
             });
         }
-        let Self { context, record, dossiers, .. } = self;
+        let Self { context, record, evidence_files: dossiers, .. } = self;
         let result = match self.approvals.vote(context, record, dossiers, signed)? {
             Ok(result) => result,
             Err(refused) => return Ok(refused),
         };
-        let text = match self.approvals.of(&id).map(PendingQuestion::purpose) {
-            Some(Purpose::Release) => {
+        let text = match self.approvals.of(&id).map(PendingApproval::purpose) {
+            Some(RequestKind::Release) => {
                 let (mut live, approvals) = self.live_and_approvals();
                 release::settle(&mut live, approvals, &id, &result)?
             }
-            Some(Purpose::Review) => {
+            Some(RequestKind::Review) => {
                 let (mut live, approvals) = self.live_and_approvals();
-                emergency::settle_review(&mut live, approvals, &id, &result)?
+                break_glass::settle_review(&mut live, approvals, &id, &result)?
             }
-            Some(Purpose::Activation | Purpose::Emergency) | None => {
+            Some(RequestKind::Activation | RequestKind::Emergency) | None => {
                 self.activation().settle(&id, &result)?
             }
         };
         Ok(Reply::Accepted { text, version: Some(id) })
     }
 
-    fn operator_release(&mut self, operation: &Operation, profiles: &[ProfileName]) -> Result<Reply, Fault> {
+    fn operator_release(
+        &mut self,
+        operation: &Operation,
+        profiles: &[ProfileName],
+    ) -> Result<Reply, EngineFault> {
         if profiles.is_empty() {
             let (mut live, approvals) = self.live_and_approvals();
             return release::release(&mut live, approvals, operation);
         }
-        let persons = self.record.ledger().store().persons()?;
-        let (_, _, member) = self.record.ledger().version(&operation.version)?;
-        if origin::is_of(&persons, member, &operation.by) {
+        let persons = self.record.version_table().store().persons()?;
+        let (_, _, member) = self.record.version_table().version(&operation.version)?;
+        if version_origin::is_of(&persons, member, &operation.by) {
             return Ok(Reply::Refused {
                 code: Refusal::NotAllowed,
                 text: format!(
-                    "{} registered or wrote {}: somebody else opens it",
+                    "{} registered or wrote {}: another person must unblock it",
                     operation.by, operation.version
                 ),
                 hint: None,
@@ -369,14 +389,14 @@ impl Pipeline {
         }
         let reply = release::set_profiles(&mut self.record, operation, profiles, false)?;
         if matches!(reply, Reply::Accepted { .. }) {
-            let dossier = self.dossiers.edit(&operation.version);
+            let dossier = self.evidence_files.edit(&operation.version);
             dossier.closed.retain(|profile| !profiles.contains(profile));
             dossier.held = false;
         }
         Ok(reply)
     }
 
-    fn operator_reject(&mut self, operation: &Operation) -> Result<Reply, Fault> {
+    fn operator_reject(&mut self, operation: &Operation) -> Result<Reply, EngineFault> {
         let reply = operations::transition(&mut self.record, operation, "rejected", |version| {
             LifecycleEvent::Reject { version }
         })?;
@@ -385,9 +405,13 @@ impl Pipeline {
         Ok(reply)
     }
 
-    fn operator_demote(&mut self, operation: &Operation, profiles: &[ProfileName]) -> Result<Reply, Fault> {
+    fn operator_demote(
+        &mut self,
+        operation: &Operation,
+        profiles: &[ProfileName],
+    ) -> Result<Reply, EngineFault> {
         let id = checked(&self.record, operation)?;
-        let is_active = self.record.ledger().version(&id)?.1.state == State::Active;
+        let is_active = self.record.version_table().version(&id)?.1.state == State::Active;
         if is_active && (profiles.is_empty() || profiles.contains(&self.context.profile.name)) {
             let mut live = self.live();
             if let Some(asks) = operations::asks_for_last(live.context, live.record, &id) {
@@ -399,7 +423,7 @@ impl Pipeline {
                     return Ok(reply);
                 }
             }
-            return operations::roll_back(&mut live, operation, Leave::Demoted, LastVersion::Ask);
+            return operations::roll_back(&mut live, operation, DeactivationKind::Demoted, LastVersion::Ask);
         }
         if !profiles.is_empty() {
             return release::set_profiles(&mut self.record, operation, profiles, true);

@@ -1,4 +1,4 @@
-//! The pipeline while the live world works on a thread of its own: who does what when.
+//! The pipeline while the live cell runs on a thread of its own.
 //!
 //! What has to happen between two sequences waits for the end of the one that runs, what takes authority away stops
 //! the arm first. Decides nothing about versions.
@@ -6,22 +6,22 @@
 use std::sync::Arc;
 
 use holdpoint_approvals::Approval;
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_protocol::command::Command;
-use holdpoint_protocol::snapshot::Purpose;
+use holdpoint_protocol::snapshot::RequestKind;
 
-use super::{Pipeline, Progress, Work};
-use crate::fault::Fault;
+use super::{Pipeline, SliceOutcome, StageWork};
+use crate::fault::EngineFault;
 use crate::operations::asks_for_last;
-use crate::people::approvals::PendingQuestion;
+use crate::people::approvals::PendingApproval;
 use crate::stages::{confirmation, resume};
-use crate::world::sequence::{Shadowed, Worked};
+use crate::world::sequence::{FinishedSequence, ShadowResult};
 
 /// When a command may be carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Timing {
+pub(crate) enum CommandTiming {
     Now,
     Between,
     /// Between two sequences, and the arm is stopped for it.
@@ -30,35 +30,40 @@ pub(crate) enum Timing {
 
 impl Pipeline {
     /// When a command may be carried out.
-    pub(crate) fn timing(&self, command: &Command) -> Timing {
+    pub(crate) fn timing(&self, command: &Command) -> CommandTiming {
         if !self.world.is_running() {
-            return Timing::Now;
+            return CommandTiming::Now;
         }
         let is_active = |id: &CapabilityId| {
-            self.record.ledger().version(id).is_ok_and(|(_, standing, _)| standing.state == State::Active)
+            self.record
+                .version_table()
+                .version(id)
+                .is_ok_and(|(_, standing, _)| standing.state == State::Active)
         };
         match command {
             // It only asks back; the arm works on.
             Command::Rollback(operation) | Command::Demote { operation, .. }
                 if asks_for_last(&self.context, &self.record, &operation.version).is_some() =>
             {
-                Timing::Now
+                CommandTiming::Now
             }
-            command if command.stops_the_arm() => Timing::Stop,
+            command if command.stops_the_arm() => CommandTiming::Stop,
             Command::Demote { operation, .. } | Command::Reject(operation)
                 if is_active(&operation.version) =>
             {
-                Timing::Stop
+                CommandTiming::Stop
             }
             // The deadline of a question does not wait for the end of a sequence, so the answer does not either.
-            Command::Continue(operation) if self.monitors.has_question(&operation.version) => Timing::Stop,
+            Command::Continue(operation) if self.monitors.has_question(&operation.version) => {
+                CommandTiming::Stop
+            }
             Command::Release { operation, profiles } if profiles.is_empty() => {
                 let asked = self.monitors.has_question(&operation.version);
-                if asked { Timing::Stop } else { Timing::Between }
+                if asked { CommandTiming::Stop } else { CommandTiming::Between }
             }
             Command::Decide { signed } => self.decision_timing(signed.approval()),
             Command::Drift { .. } | Command::LiveFault { .. } | Command::Goal { .. } | Command::Go { .. } => {
-                Timing::Between
+                CommandTiming::Between
             }
             Command::Rollback(_)
             | Command::Vacate(_)
@@ -89,22 +94,24 @@ impl Pipeline {
             | Command::Audit { .. }
             | Command::Health { .. }
             | Command::VerifyAudit
-            | Command::Snapshot => Timing::Now,
+            | Command::Snapshot => CommandTiming::Now,
         }
     }
 
-    /// Versions change places and envelopes between two sequences; what a review takes off is stopped.
-    fn decision_timing(&self, said: &Approval) -> Timing {
-        match self.approvals.of(&said.version).map(PendingQuestion::purpose) {
-            _ if said.break_glass => Timing::Between,
-            Some(Purpose::Review) if said.decision == Answer::Reject => Timing::Stop,
-            Some(Purpose::Release) => Timing::Between,
-            Some(Purpose::Review | Purpose::Activation | Purpose::Emergency) | None => Timing::Now,
+    /// Versions and envelopes change between two sequences; a reviewer's rejection stops the sequence that runs.
+    fn decision_timing(&self, said: &Approval) -> CommandTiming {
+        match self.approvals.of(&said.version).map(PendingApproval::purpose) {
+            _ if said.break_glass => CommandTiming::Between,
+            Some(RequestKind::Review) if said.decision == ApprovalDecision::Reject => CommandTiming::Stop,
+            Some(RequestKind::Release) => CommandTiming::Between,
+            Some(RequestKind::Review | RequestKind::Activation | RequestKind::Emergency) | None => {
+                CommandTiming::Now
+            }
         }
     }
 
-    /// Ends the sequence that is over. Tells whether no sequence runs any more; `wait` waits for its end. A fault
-    /// on the way makes the engine hold.
+    /// Ends a finished sequence. Returns whether no sequence runs any more; `wait` waits for its end. A fault
+    /// halts the engine.
     pub(crate) fn collect_sequence(&mut self, wait: bool) -> bool {
         let finished = self.world.thread.as_mut().and_then(|thread| thread.finished(wait));
         if let Some(finished) = finished
@@ -116,37 +123,37 @@ impl Pipeline {
     }
 
     /// One slice of an engine whose live world has a thread of its own.
-    pub(super) fn concurrent_slice(&mut self) -> Result<Progress, Fault> {
+    pub(super) fn concurrent_slice(&mut self) -> Result<SliceOutcome, EngineFault> {
         if self.world.is_running() {
             let finished = self.world.thread.as_mut().and_then(|thread| thread.finished(false));
             if let Some(finished) = finished {
                 self.finish_sequence(finished?)?;
-                return Ok(Progress::Worked);
+                return Ok(SliceOutcome::Ran);
             }
             if self.live().look_at_questions()? || self.activation().look_at_deadlines()? {
-                return Ok(Progress::Worked);
+                return Ok(SliceOutcome::Ran);
             }
         } else {
             if self.between_sequences()? {
-                return Ok(Progress::Worked);
+                return Ok(SliceOutcome::Ran);
             }
             self.start_sequence()?;
         }
         self.evaluate_meanwhile()
     }
 
-    /// What may only be done while no sequence runs. One thing at a time; tells whether there was one.
-    fn between_sequences(&mut self) -> Result<bool, Fault> {
+    /// Does one of the steps that need no sequence to run. Returns whether there was one.
+    fn between_sequences(&mut self) -> Result<bool, EngineFault> {
         if self.look_at_deadlines()? || self.activation().take_granted()? {
             return Ok(true);
         }
         match self.work.take() {
-            Some(Work::Confirmation(run)) if run.is_over() => {
+            Some(StageWork::Confirmation(run)) if run.is_over() => {
                 self.confirmation_slice(run)?;
                 return Ok(true);
             }
-            Some(Work::Again(run)) if run.is_over() => {
-                self.again_slice(run)?;
+            Some(StageWork::ReEvaluation(run)) if run.is_over() => {
+                self.re_evaluation_slice(run)?;
                 return Ok(true);
             }
             other => self.work = other,
@@ -154,11 +161,11 @@ impl Pipeline {
         if self.work.is_some() {
             return Ok(false);
         }
-        if let Some(id) = confirmation::next(&self.monitors, &self.dossiers) {
+        if let Some(id) = confirmation::next(&self.monitors, &self.evidence_files) {
             self.begin_confirmation(&id)?;
             return Ok(true);
         }
-        if self.begin_again()? {
+        if self.begin_re_evaluation()? {
             return Ok(true);
         }
         if let Some((id, Stage::Activation)) = self.next_stage() {
@@ -169,19 +176,19 @@ impl Pipeline {
     }
 
     /// Work that the live world does not wait for.
-    fn evaluate_meanwhile(&mut self) -> Result<Progress, Fault> {
+    fn evaluate_meanwhile(&mut self) -> Result<SliceOutcome, EngineFault> {
         match self.work.take() {
-            Some(Work::Sandbox(run)) => {
+            Some(StageWork::Sandbox(run)) => {
                 self.sandbox_slice(run)?;
-                return Ok(Progress::Worked);
+                return Ok(SliceOutcome::Ran);
             }
-            Some(Work::Confirmation(run)) if !run.is_over() => {
+            Some(StageWork::Confirmation(run)) if !run.is_over() => {
                 self.confirmation_slice(run)?;
-                return Ok(Progress::Worked);
+                return Ok(SliceOutcome::Ran);
             }
-            Some(Work::Again(run)) if !run.is_over() => {
-                self.again_slice(run)?;
-                return Ok(Progress::Worked);
+            Some(StageWork::ReEvaluation(run)) if !run.is_over() => {
+                self.re_evaluation_slice(run)?;
+                return Ok(SliceOutcome::Ran);
             }
             other => self.work = other,
         }
@@ -190,18 +197,18 @@ impl Pipeline {
             && stage != Stage::Activation
         {
             self.begin(&id, stage)?;
-            return Ok(Progress::Worked);
+            return Ok(SliceOutcome::Ran);
         }
-        Ok(Progress::Idle { next_ms: self.next_deadline_ms() })
+        Ok(SliceOutcome::Idle { next_ms: self.next_deadline_ms() })
     }
 
     /// Lets the live world work the next sequence, with the candidate in shadow if there is one.
-    fn start_sequence(&mut self) -> Result<(), Fault> {
+    fn start_sequence(&mut self) -> Result<(), EngineFault> {
         if self.world.thread.as_ref().is_none_or(crate::world::thread::LiveThread::rests) {
             return Ok(());
         }
         let along = self.shadow_to_take()?;
-        let at_work = self.record.ledger().families().filter_map(|(_, entry)| entry.active());
+        let at_work = self.record.version_table().families().filter_map(|(_, entry)| entry.active());
         let at_work = at_work.map(|member| {
             let id = member.capability.id();
             let last = asks_for_last(&self.context, &self.record, &id).is_some();
@@ -216,12 +223,12 @@ impl Pipeline {
         thread.start(begun, along, pictures, clock)
     }
 
-    /// The sequence is over: what it was for happens now.
-    pub(super) fn finish_sequence(&mut self, mut worked: Worked) -> Result<(), Fault> {
+    /// Processes a finished sequence.
+    pub(super) fn finish_sequence(&mut self, mut worked: FinishedSequence) -> Result<(), EngineFault> {
         let shadowed = worked.shadow.take();
         self.world.stopped.clone_from(&worked.stopped);
         if self.record.holding().is_some() {
-            // Arm and agent are taken back; nothing is concluded from what they did.
+            // Arm and agent are taken back without any conclusion.
             self.world.cell.take_back(worked.running);
             return Ok(());
         }
@@ -234,7 +241,7 @@ impl Pipeline {
         let report = live.end_sequence(worked)?;
         resume::look_at(&self.context, &mut self.record, &mut self.resumptions, &report)?;
         match shadowed {
-            Some(Shadowed { id, trace, fork }) => self.shadow_worked(&id, trace, fork),
+            Some(ShadowResult { id, trace, fork }) => self.shadow_worked(&id, trace, fork),
             None => Ok(()),
         }
     }

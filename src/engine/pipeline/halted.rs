@@ -1,27 +1,27 @@
-//! The pipeline while a person has stopped the cell: nothing is begun, activated or worked.
+//! The pipeline while a person has stopped the cell: no stage begins, no version is activated, nothing runs.
 
-use super::{Pipeline, Progress};
-use crate::fault::Fault;
+use super::{Pipeline, SliceOutcome};
+use crate::fault::EngineFault;
 use crate::halt;
-use crate::world::switch::AskedStop;
+use crate::world::stop_switch::StopRequest;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
-use holdpoint_protocol::command::{Reply, StopKept};
+use holdpoint_protocol::command::{Reply, StopPersistence};
 
 impl Pipeline {
-    /// Puts a stop on record that was asked for on another thread, and tells when the arm stands.
+    /// Records a stop that another thread requested, and reports when the arm is at standstill.
     pub(super) fn take_in_halt(&mut self) {
         if let Err(error) = halt::take_in(&mut self.record, &mut self.world)
             && self.record.holding().is_none()
         {
-            self.hold(&Fault::from(error).held());
+            self.hold(&EngineFault::from(error).held());
         }
-        halt::look(&mut self.record, &mut self.world);
+        halt::report_standstill(&mut self.record, &mut self.world);
     }
 
-    /// A person stops the cell, at any time. A stop that cannot be written is one all the same; the engine holds then.
-    pub(crate) fn halt(&mut self, asked: AskedStop) -> Reply {
+    /// A person stops the cell, at any time. A stop that cannot be written still stops; the engine then halts.
+    pub(crate) fn halt(&mut self, asked: StopRequest) -> Reply {
         let reply = halt::stop(&mut self.record, &mut self.world, asked);
-        if let Reply::Stopped { text, kept: StopKept::InMark | StopKept::InMemory } = &reply
+        if let Reply::Stopped { text, kept: StopPersistence::InMark | StopPersistence::InMemory } = &reply
             && self.record.holding().is_none()
         {
             self.hold(text);
@@ -29,25 +29,25 @@ impl Pipeline {
         reply
     }
 
-    /// Another program took the name of the engine's socket, and the engine took it back; so many times by now.
+    /// Another program took the name of the engine's socket, and the engine took it back; `times` since the start.
     pub(crate) fn name_taken(&mut self, times: u64) {
         let text = format!(
-            "the name of the engine's socket was taken ({times} since the start): what was answered there may have been somebody else's"
+            "another program took the name of the engine's socket ({times} since the start) and may have answered clients"
         );
         self.record.raise(AlarmKey::NameTaken, Priority::High, true, &text);
     }
 
-    /// A stopped cell: nothing is begun, activated or worked. What runs comes to its end, and deadlines pass.
-    pub(super) fn halted_slice(&mut self) -> Result<Progress, Fault> {
+    /// A stopped cell: no stage begins, no version is activated. A running sequence ends, and deadlines pass.
+    pub(super) fn halted_slice(&mut self) -> Result<SliceOutcome, EngineFault> {
         if self.world.is_running() {
             let finished = self.world.thread.as_mut().and_then(|thread| thread.finished(false));
-            let Some(finished) = finished else { return Ok(Progress::Idle { next_ms: None }) };
+            let Some(finished) = finished else { return Ok(SliceOutcome::Idle { next_ms: None }) };
             self.finish_sequence(finished?)?;
-            return Ok(Progress::Worked);
+            return Ok(SliceOutcome::Ran);
         }
         if self.look_at_deadlines()? {
-            return Ok(Progress::Worked);
+            return Ok(SliceOutcome::Ran);
         }
-        Ok(Progress::Idle { next_ms: self.next_deadline_ms() })
+        Ok(SliceOutcome::Idle { next_ms: self.next_deadline_ms() })
     }
 }

@@ -1,17 +1,16 @@
-//! Stages of paused versions: they rest where they are, and others are worked meanwhile.
+//! Stages of paused versions: each waits where it is, and other versions run meanwhile.
 
-use super::{Pipeline, Work};
+use super::{Pipeline, StageWork};
 
 impl Pipeline {
-    /// The stage under way rests if its version was paused. One that is active works on, and so does what settles its
-    /// doubt.
+    /// Parks the current stage if its version was paused. An active version and the settling of its concern continue.
     pub(super) fn park(&mut self) {
         let Self { work, record, parked, .. } = self;
         let resting = work.take_if(|work| match work {
-            Work::Confirmation(_) => false,
-            Work::Again(run) if !run.is_of_shadow() => false,
-            Work::Sandbox(_) | Work::Shadow(_) | Work::Again(_) => {
-                record.ledger().version(work.id()).is_ok_and(|(_, standing, _)| standing.flags.paused)
+            StageWork::Confirmation(_) => false,
+            StageWork::ReEvaluation(run) if !run.is_of_shadow() => false,
+            StageWork::Sandbox(_) | StageWork::Shadow(_) | StageWork::ReEvaluation(_) => {
+                record.version_table().version(work.id()).is_ok_and(|(_, standing, _)| standing.flags.paused)
             }
         });
         parked.extend(resting);
@@ -24,7 +23,7 @@ impl Pipeline {
         }
         let record = &self.record;
         let resumed = self.parked.iter().position(|work| {
-            record.ledger().version(work.id()).is_ok_and(|(_, standing, _)| !standing.flags.paused)
+            record.version_table().version(work.id()).is_ok_and(|(_, standing, _)| !standing.flags.paused)
         });
         self.work = resumed.map(|place| self.parked.remove(place));
     }

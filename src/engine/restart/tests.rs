@@ -1,7 +1,7 @@
 //! What people were asked is open after a restart as it was, and shows what takes effect.
 
-use holdpoint_approvals::keyfile::Keep;
-use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_approvals::keyfile::KeyEncoding;
+use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::ProfileName;
@@ -19,8 +19,8 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     // A review takes two people.
     asked(&mut first, PolicyOutcome::Review, Vec::new());
     let mut before = first.snapshot().prompts;
-    let ana = enrolled(first.live().record, "ana", Role::Engineer, Keep::Plain);
-    let answer = signed(&mut first, &before[0], &ana, Answer::Approve).unwrap();
+    let ana = enrolled(first.live().record, "ana", Role::Engineer, KeyEncoding::Plain);
+    let answer = signed(&mut first, &before[0], &ana, ApprovalDecision::Approve).unwrap();
     accepted(&first.command(answer));
     before[0].approved_by = vec!["ana".to_owned()];
     assert!(before[0].needed > 1, "one answer is not enough");
@@ -29,7 +29,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
 
     let mut second = pipeline(folder.path(), ProfileName::Human);
     let after = second.snapshot().prompts;
-    // Until when a decision signed now is good is told anew.
+    // The deadline of a decision signed now is computed again.
     before[0].valid_until = after[0].valid_until;
     assert_eq!(after, before);
     let events = second.drain_events();

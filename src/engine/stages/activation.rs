@@ -10,49 +10,49 @@ use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::event::EventKind;
-use holdpoint_protocol::snapshot::Purpose;
-use holdpoint_registry::names::{EvidenceKind, RequestState};
+use holdpoint_protocol::snapshot::RequestKind;
+use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{ActiveCause, AuditBody, Change};
 
-use super::closing::{abort_stage, decided, first_reason, rejected, stage_note, void_question};
+use super::closing::{abort_stage, cancel_request, decided, first_reason, rejected, stage_note};
 use super::release;
 use super::validation::registered;
-use crate::binding::{binding, made_under};
-use crate::bound::BoundAgent;
 use crate::context::Context;
-use crate::dossier::{Dossier, Dossiers};
-use crate::fault::Fault;
-use crate::ledger::{LedgerError, Note};
-use crate::monitors::{Monitors, Watched};
-use crate::origin;
-use crate::people::approvals::{Approvals, PendingQuestion, clear_alarm, closing_note};
-use crate::record::Record;
+use crate::evidence_binding::{binding, made_under};
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
+use crate::fault::EngineFault;
+use crate::monitors::{ActivationMonitor, Monitors};
+use crate::people::approvals::{Approvals, PendingApproval, clear_alarm, closing_note};
+use crate::recorder::EngineRecorder;
+use crate::store_identity::StoreAgent;
+use crate::version_origin;
+use crate::version_table::{TransitionNote, VersionTableError};
 
 /// What the gate reads and moves.
 pub struct Activation<'a> {
-    /// What is judged under.
+    /// The terms of the decision.
     pub context: &'a Context,
-    pub record: &'a mut Record,
-    pub dossiers: &'a mut Dossiers,
+    pub record: &'a mut EngineRecorder,
+    pub evidence_files: &'a mut EvidenceFiles,
     pub approvals: &'a mut Approvals,
-    /// Who is watched from an activation on.
+    /// The monitors of active versions.
     pub monitors: &'a mut Monitors,
     /// Versions change places between two sequences, never under a moving arm.
     pub sequence_runs: bool,
-    /// The cell is stopped: nothing takes over before it works again.
+    /// The cell is stopped: no version takes over before it starts again.
     pub cell_stands: bool,
     /// The agent the store is for, and the one that dispatches.
-    pub agent: BoundAgent,
+    pub agent: StoreAgent,
 }
 
 impl Activation<'_> {
     /// Stage 5 of a candidate, up to its activation, a refusal or a question to people.
     ///
     /// # Errors
-    /// If what it comes to cannot be written.
-    pub fn run(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+    /// If the result cannot be written.
+    pub fn run(&mut self, id: &CapabilityId) -> Result<(), EngineFault> {
         self.record.start_stage(id, Stage::Activation, 1)?;
-        let result = gate(self.context, self.record, self.dossiers, id, None)?;
+        let result = gate(self.context, self.record, self.evidence_files, id, None)?;
         self.conclude(id, result, Vec::new())
     }
 
@@ -61,12 +61,12 @@ impl Activation<'_> {
         id: &CapabilityId,
         result: GateResult,
         approvals: Vec<SignedApproval>,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         let decision = &result.decision;
-        let dossier = self.dossiers.edit(id);
+        let dossier = self.evidence_files.edit(id);
         dossier.take_gate(decision);
         decided(self.context, self.record, dossier, id, Stage::Activation, decision);
-        let (version, _, _) = self.record.ledger().version(id)?;
+        let (version, _, _) = self.record.version_table().version(id)?;
         let reason = first_reason(decision);
         match (decision.outcome(), result.passed) {
             (GateOutcome::Pass, Some(passed)) => {
@@ -76,11 +76,11 @@ impl Activation<'_> {
                 activate(self.context, self.record, self.monitors, dossier, id, entry, &approvals)
             }
             (GateOutcome::AwaitApproval, _) => {
-                self.approvals.ask(self.context, self.record, self.dossiers, id)
+                self.approvals.request_approval(self.context, self.record, self.evidence_files, id)
             }
             (GateOutcome::Hold, _) => {
                 dossier.held = true;
-                abort_stage(self.record, self.dossiers, id, &reason)
+                abort_stage(self.record, self.evidence_files, id, &reason)
             }
             // A pass without its proof is no pass.
             (GateOutcome::Demote | GateOutcome::Pass, _) => {
@@ -96,23 +96,26 @@ impl Activation<'_> {
         }
     }
 
-    /// Acts on what asking came to so far. Returns a sentence for the one who asked or answered.
-    pub(crate) fn settle(&mut self, id: &CapabilityId, result: &ApprovalResult) -> Result<String, Fault> {
-        let (version, _, _) = self.record.ledger().version(id)?;
-        let reason = result
-            .reasons
-            .first()
-            .map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
+    /// Acts on the answers so far. Returns a sentence for the caller.
+    pub(crate) fn settle(
+        &mut self,
+        id: &CapabilityId,
+        result: &ApprovalResult,
+    ) -> Result<String, EngineFault> {
+        let (version, _, _) = self.record.version_table().version(id)?;
+        let reason = result.reasons.first().map_or_else(String::new, |reason| {
+            format!("{}: {}", reason.code, holdpoint_wording::reason(reason))
+        });
         match &result.outcome {
             ApprovalOutcome::Pending { missing } => {
-                // An answer that does not count is said, not swallowed.
-                let last = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
+                // The reply also names the reason why an answer does not count.
+                let last = result.reasons.last().map_or_else(String::new, holdpoint_wording::reason);
                 Ok(format!("{id} waits for {missing} more; {last}"))
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.sequence_runs => {
                 self.approvals.grant_later(id);
                 let when = if self.cell_stands {
-                    "at once when the cell works again (`go`)"
+                    "at once when the cell starts again (`go`)"
                 } else {
                     "when the sequence that runs is over"
                 };
@@ -123,20 +126,20 @@ impl Activation<'_> {
                 let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
                 let note = closing_note(self.context, id, prompt, RequestState::Granted, &reason);
                 match self.record.transition(&id.family, event, note) {
-                    Err(Fault::Ledger(LedgerError::Refused(refusal))) => {
-                        // Nothing is held for an answer that came too late.
+                    Err(EngineFault::VersionTable(VersionTableError::Refused(refusal))) => {
+                        // An answer that came too late puts no version on hold.
                         self.void(id, &refusal.to_string())?;
-                        return Ok(format!("{id} is not approved ({refusal}); people are asked anew"));
+                        return Ok(format!("{id} is not approved ({refusal}); people are asked again"));
                     }
                     moved => moved.map(|_| ())?,
                 }
                 let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
                 clear_alarm(self.record, id, prompt.last_voter());
                 // A question that an earlier engine asked: what ran then is not running now.
-                if self.record.ledger().version(id)?.1.flags.running.is_none() {
+                if self.record.version_table().version(id)?.1.flags.running.is_none() {
                     self.record.start_stage(id, Stage::Activation, 1)?;
                 }
-                let gate = gate(self.context, self.record, self.dossiers, id, Some(result))?;
+                let gate = gate(self.context, self.record, self.evidence_files, id, Some(result))?;
                 self.conclude(id, gate, prompt.into_counted(result, self.record.wall_now()))?;
                 Ok(format!("{id} is approved"))
             }
@@ -145,7 +148,7 @@ impl Activation<'_> {
                 let note = closing_note(self.context, id, prompt, RequestState::Refused, &reason);
                 self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
                 self.approvals.close(id);
-                self.dossiers.edit(id).reasons.clone_from(&result.reasons);
+                self.evidence_files.edit(id).reasons.clone_from(&result.reasons);
                 clear_alarm(self.record, id, Some(person.clone()));
                 rejected(self.context, self.record, id)?;
                 Ok(format!("{id} is rejected: {person} refused"))
@@ -155,25 +158,24 @@ impl Activation<'_> {
                 let note = closing_note(self.context, id, prompt, RequestState::Expired, &reason);
                 self.record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
                 self.approvals.close(id);
-                let dossier = self.dossiers.edit(id);
+                let dossier = self.evidence_files.edit(id);
                 dossier.reasons.clone_from(&result.reasons);
                 dossier.held = true;
                 clear_alarm(self.record, id, None);
-                if self.record.ledger().version(id)?.1.flags.running.is_some() {
+                if self.record.version_table().version(id)?.1.flags.running.is_some() {
                     let why = "too few people answered in time; the version is held";
-                    abort_stage(self.record, self.dossiers, id, why)?;
+                    abort_stage(self.record, self.evidence_files, id, why)?;
                 }
                 Ok(format!("{id} is held: too few people answered in time"))
             }
         }
     }
 
-    /// Questions about versions that have changed since are void, and asked anew by the gate. Tells whether there was
-    /// one.
+    /// Voids the requests about versions that have changed since; the gate asks again. Returns whether there was one.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn look_at_changed(&mut self) -> Result<bool, Fault> {
+    pub(crate) fn look_at_changed(&mut self) -> Result<bool, EngineFault> {
         let changed = self.approvals.changed(self.record);
         for id in &changed {
             self.void(id, "it has changed since")?;
@@ -181,25 +183,25 @@ impl Activation<'_> {
         Ok(!changed.is_empty())
     }
 
-    fn void(&mut self, id: &CapabilityId, why: &str) -> Result<(), Fault> {
-        void_question(self.context, self.record, self.dossiers, self.approvals, id, why)
+    fn void(&mut self, id: &CapabilityId, why: &str) -> Result<(), EngineFault> {
+        cancel_request(self.context, self.record, self.evidence_files, self.approvals, id, why)
     }
 
-    /// Acts on questions whose time is over. Tells whether there was one.
+    /// Acts on requests past their deadline. Returns whether there was one.
     ///
     /// # Errors
-    /// If what it comes to cannot be written.
-    pub fn look_at_deadlines(&mut self) -> Result<bool, Fault> {
+    /// If the result cannot be written.
+    pub fn look_at_deadlines(&mut self) -> Result<bool, EngineFault> {
         if self.look_at_changed()? {
             return Ok(true);
         }
         let due = self.approvals.due(self.record.wall_now());
         for id in &due {
-            match self.approvals.of(id).map(PendingQuestion::purpose) {
-                Some(Purpose::Release) => {
+            match self.approvals.of(id).map(PendingApproval::purpose) {
+                Some(RequestKind::Release) => {
                     release::lapse(self.context, self.record, self.approvals, id)?;
                 }
-                Some(Purpose::Activation | Purpose::Emergency | Purpose::Review) | None => {
+                Some(RequestKind::Activation | RequestKind::Emergency | RequestKind::Review) | None => {
                     self.settle_now(id)?;
                 }
             }
@@ -207,29 +209,29 @@ impl Activation<'_> {
         Ok(!due.is_empty())
     }
 
-    /// Versions that were approved while a sequence ran take over. Tells whether there was one.
+    /// Activates versions that were approved during a sequence. Returns whether there was one.
     ///
     /// # Errors
-    /// If what it comes to cannot be written.
-    pub fn take_granted(&mut self) -> Result<bool, Fault> {
+    /// If the result cannot be written.
+    pub fn take_granted(&mut self) -> Result<bool, EngineFault> {
         let Some(id) = self.approvals.pop_granted() else { return Ok(false) };
         self.settle_now(&id)?;
         Ok(true)
     }
 
-    /// A question is void if somebody who answered it would be shown something else now. Tells whether it was.
+    /// Voids a request if an approver would see another text now. Returns whether it did.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn void_outdated(&mut self, id: &CapabilityId) -> Result<bool, Fault> {
-        let is_outdated = self.approvals.is_outdated(self.context, self.record, self.dossiers, id)?;
+    pub(crate) fn void_outdated(&mut self, id: &CapabilityId) -> Result<bool, EngineFault> {
+        let is_outdated = self.approvals.is_outdated(self.context, self.record, self.evidence_files, id)?;
         if is_outdated {
             self.void(id, "what people were shown has changed since")?;
         }
         Ok(is_outdated)
     }
 
-    fn settle_now(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+    fn settle_now(&mut self, id: &CapabilityId) -> Result<(), EngineFault> {
         if self.void_outdated(id)? {
             return Ok(());
         }
@@ -243,21 +245,21 @@ impl Activation<'_> {
 /// What the gate says of a candidate.
 pub(crate) fn gate(
     context: &Context,
-    record: &Record,
-    dossiers: &Dossiers,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
     id: &CapabilityId,
     approval: Option<&ApprovalResult>,
-) -> Result<GateResult, Fault> {
-    let ledger = record.ledger();
+) -> Result<GateResult, EngineFault> {
+    let version_table = record.version_table();
     let candidate = record.capability(id)?;
-    let (_, standing, member) = ledger.version(id)?;
-    let current = binding(context, ledger, &candidate);
+    let (_, standing, member) = version_table.version(id)?;
+    let current = binding(context, version_table, &candidate);
     let assessed = dossiers.of(id).and_then(|dossier| Some((dossier, dossier.kappas.as_ref()?)));
     let Some((dossier, kappas)) = assessed else {
-        return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
+        return Err(EngineFault::Impossible(format!("{id} reached the gate without an assessment")));
     };
-    let made_under = made_under(context, ledger, &candidate, dossier.digest()?);
-    // Stores made before the lifecycle kept it have it in the dossier.
+    let made_under = made_under(context, version_table, &candidate, dossier.digest()?);
+    // Stores made before the lifecycle kept it have it in the evidence file.
     let closed = standing.closed.union(&dossier.closed).copied().collect();
     let input = GateInput {
         kappas,
@@ -266,14 +268,14 @@ pub(crate) fn gate(
         current: &current,
         improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
         approval,
-        risk: origin::assessed_risk(dossier),
+        risk: version_origin::assessed_risk(dossier),
         requester: &member.origin.requester,
         provenance: candidate.submission.provenance,
         closed: &closed,
-        unmet: &unmet(&candidate.manifest, &registered(ledger)),
-        review_open: ledger.family(&id.family)?.state.review.is_some(),
+        unmet: &unmet(&candidate.manifest, &registered(version_table)),
+        review_open: version_table.family(&id.family)?.state.review.is_some(),
         now: record.wall_now(),
-        clock_doubt: record.ledger().wall().doubt(),
+        clock_doubt: record.version_table().wall().clock_mismatch(),
         row_version: member.row_version,
         made_under,
         omitted: context.omitted,
@@ -288,29 +290,29 @@ pub(super) struct Admission<'a> {
     /// The gate's decision, JSON text.
     pub(super) decision: String,
     /// Whose capability it becomes.
-    pub(super) agent: BoundAgent,
+    pub(super) agent: StoreAgent,
     /// Until when one person's emergency approval holds unreviewed; absent in the ordinary way.
     pub(super) emergency_until: Option<WallTime>,
 }
 
-/// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once. Under another agent
-/// than the store's nothing is activated, by whatever door.
+/// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once. Refuses under
+/// another agent than the store's, by every route.
 pub(super) fn activate(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     monitors: &mut Monitors,
-    dossier: &Dossier,
+    dossier: &EvidenceFile,
     id: &CapabilityId,
     Admission { passed, decision, agent, emergency_until }: Admission<'_>,
     approvals: &[SignedApproval],
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     agent.check()?;
     if let Some(why) = &context.unauthorized {
-        return Err(Fault::Impossible(format!("{id} passed the gate, and {why}")));
+        return Err(EngineFault::Impossible(format!("{id} passed the gate, and {why}")));
     }
-    let (version, _, _) = record.ledger().version(id)?;
+    let (version, _, _) = record.version_table().version(id)?;
     let event = LifecycleEvent::Pass { version, stage: Stage::Activation };
-    record.transition(&id.family, event, Note::because("the gate is passed"))?;
+    record.transition(&id.family, event, TransitionNote::because("the gate is passed"))?;
     let evidence = dossier.digest()?;
     let gate_digest = Digest::of_parts("holdpoint.gate.v1", &[decision.as_bytes(), evidence.bytes()]);
     let replaced = record.active_of(&id.family).map(|active| active.id());
@@ -329,7 +331,7 @@ pub(super) fn activate(
         });
     }
     let needed = u32::try_from(approvals.len()).unwrap_or(u32::MAX);
-    let note = Note {
+    let note = TransitionNote {
         reason: "the gate is passed".to_owned(),
         cause: Some(ActiveCause::Gate { evidence: gate_digest, approvals_needed: needed }),
         before,
@@ -337,7 +339,7 @@ pub(super) fn activate(
         audit: vec![AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body: decision }],
     };
     // Without a live monitor no tick runs under a provisional version: it is made first.
-    let watched = Watched::new(id, Some(dossier), context, record.now_tick())?;
+    let watched = ActivationMonitor::new(id, Some(dossier), context, record.now_tick())?;
     let event = match emergency_until {
         None => LifecycleEvent::Activate { version },
         Some(until) => LifecycleEvent::ActivateUnreviewed { version, until },

@@ -1,28 +1,28 @@
 //! How a stage ends: the decision told, the evidence written with the change of state, a rejection closed.
 
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
-use holdpoint_governance::decision::{Decision, Kappa, Reason, telling};
+use holdpoint_governance::decision::{Decision, Kappa, Reason, lead_reason};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::ProgressView;
-use holdpoint_registry::names::{EvidenceKind, RequestState};
+use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{AuditBody, Change};
 
 use crate::context::Context;
-use crate::dossier::{Dossier, Dossiers};
-use crate::fault::Fault;
-use crate::ledger::Note;
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
+use crate::fault::EngineFault;
 use crate::people::approvals::{Approvals, clear_alarm, closing_note};
-use crate::record::Record;
-use crate::stated;
+use crate::recorded_decision;
+use crate::recorder::EngineRecorder;
+use crate::version_table::TransitionNote;
 
 /// Keeps and tells how far a stage is.
 pub(crate) fn progress(
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     id: &CapabilityId,
     stage: Stage,
     what: &str,
@@ -37,21 +37,21 @@ pub(crate) fn progress(
     record.tell(EventKind::Progress { version: id.clone(), stage, what: what.to_owned(), done, budget });
 }
 
-/// What would end a stage before its budget is worked, one sentence.
+/// What can end a stage before its budget is used up, one sentence.
 const fn early(stage: Stage) -> &'static str {
     match stage {
         Stage::Validation | Stage::Activation => "",
         Stage::Sandbox => {
-            "a hard stop, or an outcome that the rest of the budget cannot change, ends it before the budget is worked"
+            "a hard stop, or an outcome that the rest of the budget cannot change, ends it early"
         }
-        Stage::Shadow => "a hard stop of the twin ends it at once; a doubt that stays lengthens it once",
+        Stage::Shadow => "a hard stop of the twin ends it at once; an unsettled concern extends it once",
     }
 }
 
 pub(crate) fn decided<O: Copy + Into<StageOutcome>>(
     context: &Context,
-    record: &mut Record,
-    dossier: &mut Dossier,
+    record: &mut EngineRecorder,
+    dossier: &mut EvidenceFile,
     id: &CapabilityId,
     stage: Stage,
     decision: &Decision<O>,
@@ -72,18 +72,18 @@ pub(crate) fn decided<O: Copy + Into<StageOutcome>>(
 
 /// The note of a stage's end: the evidence so far and the decision, written with the state change.
 pub(crate) fn stage_note<O: serde::Serialize>(
-    dossier: &Dossier,
+    dossier: &EvidenceFile,
     id: &CapabilityId,
     kind: EvidenceKind,
     reason: String,
     decision: &Decision<O>,
-) -> Result<Note, Fault> {
+) -> Result<TransitionNote, EngineFault> {
     let json = serde_json::to_string(dossier)?;
     let digest = dossier.digest()?;
     let evidence = Change::PutEvidence { version: id.clone(), kind, json, digest };
-    let body = stated::body(decision, dossier)?;
+    let body = recorded_decision::body(decision, dossier)?;
     let record = AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body };
-    Ok(Note {
+    Ok(TransitionNote {
         reason,
         cause: None,
         before: vec![evidence, scores(dossier, id)],
@@ -92,7 +92,7 @@ pub(crate) fn stage_note<O: serde::Serialize>(
     })
 }
 
-fn scores(dossier: &Dossier, id: &CapabilityId) -> Change {
+fn scores(dossier: &EvidenceFile, id: &CapabilityId) -> Change {
     let signature = dossier.behavior.as_ref().and_then(|behavior| behavior.candidate);
     let kappas = dossier.kappas.as_ref().map_or([None; 4], |kappas| {
         [kappas.interface.kappa, kappas.policy.kappa, kappas.behavior.kappa, kappas.recovery.kappa]
@@ -106,7 +106,11 @@ fn scores(dossier: &Dossier, id: &CapabilityId) -> Change {
 }
 
 /// After a rejection: the alarm and the closed record.
-pub(crate) fn rejected(context: &Context, record: &mut Record, id: &CapabilityId) -> Result<(), Fault> {
+pub(crate) fn rejected(
+    context: &Context,
+    record: &mut EngineRecorder,
+    id: &CapabilityId,
+) -> Result<(), EngineFault> {
     let (key, priority) = (AlarmKey::Rejected(id.clone()), context.profile.alarms.rejected);
     record.raise(key.clone(), priority, false, &format!("{id} was rejected"));
     record.alarm_event(&AlarmEvent::Clear { key });
@@ -115,29 +119,29 @@ pub(crate) fn rejected(context: &Context, record: &mut Record, id: &CapabilityId
 
 /// A stage ends without a result; it can be begun again.
 pub(crate) fn abort_stage(
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     id: &CapabilityId,
     why: &str,
-) -> Result<(), Fault> {
-    let (version, _, _) = record.ledger().version(id)?;
+) -> Result<(), EngineFault> {
+    let (version, _, _) = record.version_table().version(id)?;
     dossiers.edit(id).progress = None;
-    record.transition(&id.family, LifecycleEvent::Abort { version }, Note::because(why))?;
+    record.transition(&id.family, LifecycleEvent::Abort { version }, TransitionNote::because(why))?;
     Ok(())
 }
 
-/// A question to people about a version that has changed since is void: on record, told, and asked anew as soon as the
-/// version may go on.
-pub(crate) fn void_question(
+/// Voids an approval request about a version that has changed since, in the record and as an event; people are asked
+/// again when the version may advance.
+pub(crate) fn cancel_request(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     approvals: &mut Approvals,
     id: &CapabilityId,
     why: &str,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     let Some(asked) = approvals.of(id) else { return Ok(()) };
-    let (version, standing, _) = record.ledger().version(id)?;
+    let (version, standing, _) = record.version_table().version(id)?;
     let flags = standing.flags;
     let reason = format!("{id}: {why}; what people were asked is void");
     let note = closing_note(context, id, asked, RequestState::Void, &reason);
@@ -157,6 +161,6 @@ pub(crate) fn void_question(
 
 /// The deciding reason as a sentence with its name.
 pub(crate) fn first_reason<O>(decision: &Decision<O>) -> String {
-    let said = |reason: &Reason| format!("{}: {}", reason.code, reason.text);
-    telling(decision.reasons()).map_or_else(|| "no reason was given".to_owned(), said)
+    let said = |reason: &Reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason));
+    lead_reason(decision.reasons()).map_or_else(|| "no reason was given".to_owned(), said)
 }

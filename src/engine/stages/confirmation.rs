@@ -1,36 +1,35 @@
-//! The end of the provisional window of a version that was let in with a doubt.
+//! The end of the provisional window of a version that was activated with a concern.
 //!
-//! Suspicious behaviour, and recovery that is fragile or worse than the predecessor's, advance under
-//! restrictions; the live window alone is far too short to settle such a doubt. So it is settled before the
-//! version is confirmed: the whole sandbox budget once more, against the predecessor, on seeds nobody has seen.
-//! What comes out compatible is confirmed; what does not is demoted. Uncertain means hold (design rules 3.6,
-//! 3.8).
+//! Inconclusive behavior, and recovery that is fragile or worse than the predecessor's, advance under restrictions;
+//! the live window alone is far too short to settle such a concern. So it is settled before confirmation: the whole
+//! sandbox budget is run again, against the predecessor, on fresh seeds. A compatible result confirms the version;
+//! any other demotes it. Uncertain means hold (design rules 3.6, 3.8).
 
-use holdpoint_governance::evidence::Binding;
+use holdpoint_governance::cached_result::CacheLocation;
+use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::kept::KeptPlace;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Change;
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 
+use super::cache_mismatch::void;
 use super::closing::progress;
-use super::compared::{Compared, work_slice};
-use super::voided::void;
-use crate::binding::binding;
+use super::comparison_slice::{ComparisonSlice, work_slice};
 use crate::cell::Conditions;
 use crate::context::Context;
-use crate::dossier::Dossiers;
-use crate::doubt::Confirmation;
-use crate::fault::Fault;
+use crate::evidence_binding::binding;
+use crate::evidence_file::EvidenceFiles;
+use crate::fault::EngineFault;
 use crate::monitors::Monitors;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
-use crate::trial::evaluation::{Evaluation, Plan};
+use crate::trial::evaluation::{Evaluation, EvaluationPlan};
+use crate::version_concern::Confirmation;
 
-/// What it is called in a progress.
+/// Its name in progress reports.
 const WHAT: &str = "confirmation";
 
 /// A confirmation under way.
@@ -55,7 +54,7 @@ impl ConfirmationRun {
 
 /// The first version whose window is over and whose doubt is open.
 #[must_use]
-pub fn next(monitors: &Monitors, dossiers: &Dossiers) -> Option<CapabilityId> {
+pub fn next(monitors: &Monitors, dossiers: &EvidenceFiles) -> Option<CapabilityId> {
     let over = monitors
         .iter()
         .filter(|watched| watched.monitor.is_confirmed() && !watched.restricted && !watched.confirmed);
@@ -68,20 +67,22 @@ pub fn next(monitors: &Monitors, dossiers: &Dossiers) -> Option<CapabilityId> {
 /// If there is no such version.
 pub fn begin(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     id: &CapabilityId,
-) -> Result<Option<Box<ConfirmationRun>>, Fault> {
-    let (_, standing, _) = record.ledger().version(id)?;
+) -> Result<Option<Box<ConfirmationRun>>, EngineFault> {
+    let (_, standing, _) = record.version_table().version(id)?;
     let predecessor = standing.predecessor.and_then(|predecessor| {
-        let entry = record.ledger().family(&id.family).ok()?;
+        let entry = record.version_table().family(&id.family).ok()?;
         Some(entry.members.get(usize::from(predecessor.0))?.capability.clone())
     });
     let Some(predecessor) = predecessor else { return Ok(None) };
     let candidate = record.capability(id)?;
-    let binding =
-        Binding { active: Some(predecessor.digest()), ..binding(context, record.ledger(), &candidate) };
-    let plan = Plan::confirmation(&context.profile);
+    let binding = EvidenceBinding {
+        active: Some(predecessor.digest()),
+        ..binding(context, record.version_table(), &candidate)
+    };
+    let plan = EvaluationPlan::confirmation(&context.profile);
     progress(record, dossiers, id, Stage::Sandbox, WHAT, (0, plan.budget()));
     let evaluation = Evaluation::new(plan, binding, Vec::new());
     Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, evaluation })))
@@ -89,28 +90,28 @@ pub fn begin(
 
 /// How a slice ended.
 pub enum ConfirmationStep {
-    /// It goes on, with so many episodes worked.
+    /// It continues; the number of episodes run.
     GoOn(Box<ConfirmationRun>, u64),
     /// The monitor has taken the version off meanwhile, or people have.
     Gone,
-    /// Nothing of the doubt is left.
+    /// The concern is settled.
     Settled(CapabilityId),
-    /// The doubt remains on fresh evidence.
-    DoubtRemains(CapabilityId),
+    /// The concern remains on new evidence.
+    ConcernRemains(CapabilityId),
 }
 
 /// One slice of a run.
 ///
 /// # Errors
-/// If a worker fails, or what came of it cannot be written.
+/// If a worker fails, or the result cannot be written.
 pub fn slice(
     context: &Context,
     trials: &Trials,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     monitors: &Monitors,
     mut run: Box<ConfirmationRun>,
-) -> Result<ConfirmationStep, Fault> {
+) -> Result<ConfirmationStep, EngineFault> {
     let id = run.id.clone();
     if monitors.of(&id).is_none() {
         return Ok(ConfirmationStep::Gone);
@@ -121,16 +122,20 @@ pub fn slice(
         return Ok(again.map_or(ConfirmationStep::Gone, |run| ConfirmationStep::GoOn(run, 0)));
     }
     if run.is_over() {
-        let place = trials.cells(record.ledger().store()).place();
+        let place = trials.cells(record.version_table().store()).place();
         let settled = conclude(context, record, dossiers, &id, (&run.evaluation, place))?;
-        return Ok(if settled { ConfirmationStep::Settled(id) } else { ConfirmationStep::DoubtRemains(id) });
+        return Ok(if settled {
+            ConfirmationStep::Settled(id)
+        } else {
+            ConfirmationStep::ConcernRemains(id)
+        });
     }
-    let compared = Compared {
+    let compared = ComparisonSlice {
         id: &id,
         with: &run.predecessor,
         cell: &context.cell,
         conditions: Conditions::Sandbox,
-        plan: Plan::confirmation(&context.profile),
+        plan: EvaluationPlan::confirmation(&context.profile),
         stage: Stage::Sandbox,
         what: WHAT,
     };
@@ -138,14 +143,14 @@ pub fn slice(
     Ok(ConfirmationStep::GoOn(run, worked))
 }
 
-/// Keeps what came of it. Tells whether the doubt is settled.
+/// Stores the result. Returns whether the concern is settled.
 fn conclude(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     id: &CapabilityId,
-    (evaluation, place): (&Evaluation, KeptPlace),
-) -> Result<bool, Fault> {
+    (evaluation, place): (&Evaluation, CacheLocation),
+) -> Result<bool, EngineFault> {
     let (pairs, drills) = (evaluation.paired(), evaluation.rehearsed());
     let handovers = evaluation.sequences().cloned();
     let (behavior, recovery) = evaluation.assess(&context.profile);

@@ -1,4 +1,4 @@
-//! The record of a rollback: its rungs as they are told, what is kept of it, and how it is closed.
+//! The record of a rollback: its rungs as events, the stored record, and its end.
 //!
 //! Writes and tells; moves nothing and decides nothing.
 
@@ -7,15 +7,15 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure, RungRecord};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Change;
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::store_terms::EvidenceKind;
 
 use crate::context::Context;
-use crate::fault::Fault;
-use crate::record::Record;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
 
 /// A rung that took no time.
 pub(crate) fn rung(
-    record: &mut Record,
+    record: &mut EngineRecorder,
     rollback: &mut RollbackRecord,
     rung: Rung,
     failure: Option<RungFailure>,
@@ -25,7 +25,7 @@ pub(crate) fn rung(
 }
 
 /// Tells a rung and adds it to the record.
-pub(crate) fn push_rung(record: &mut Record, rollback: &mut RollbackRecord, rung: RungRecord) {
+pub(crate) fn push_rung(record: &mut EngineRecorder, rollback: &mut RollbackRecord, rung: RungRecord) {
     record.tell(EventKind::Rung {
         version: rollback.candidate.clone(),
         rung: rung.rung,
@@ -37,14 +37,13 @@ pub(crate) fn push_rung(record: &mut Record, rollback: &mut RollbackRecord, rung
     rollback.rungs.push(rung);
 }
 
-/// The terminal record: what came of it is known now. `alarmed`: the alarm that the version was taken off is raised
-/// already.
+/// Closes the record, now that the result is known. `alarmed`: the alarm about the rollback is already raised.
 pub(crate) fn conclude(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     rollback: RollbackRecord,
     alarmed: bool,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     let id = rollback.candidate.clone();
     record.write(vec![evidence(&rollback)?], Vec::new())?;
     if rollback.recovered == Some(false) {
@@ -60,16 +59,16 @@ pub(crate) fn conclude(
     record.close_audit(&id, end)
 }
 
-/// The alarm that a version was taken off.
-pub(crate) fn raise_rolled_back(context: &Context, record: &mut Record, rollback: &RollbackRecord) {
+/// Raises the alarm that a version was rolled back.
+pub(crate) fn raise_rolled_back(context: &Context, record: &mut EngineRecorder, rollback: &RollbackRecord) {
     let id = &rollback.candidate;
     let priority = context.profile.alarms.rolled_back;
-    let text = format!("{id} was taken off: {}", rollback.trigger.text);
+    let text = format!("{id} was rolled back: {}", rollback.trigger.text);
     record.raise(AlarmKey::RolledBack(id.clone()), priority, true, &text);
 }
 
 /// The record as the store keeps it.
-pub(crate) fn evidence(rollback: &RollbackRecord) -> Result<Change, Fault> {
+pub(crate) fn evidence(rollback: &RollbackRecord) -> Result<Change, EngineFault> {
     let json = serde_json::to_string(rollback)?;
     let digest = Digest::of_json("holdpoint.rollback.v2", rollback)?;
     Ok(Change::PutEvidence {
@@ -80,7 +79,7 @@ pub(crate) fn evidence(rollback: &RollbackRecord) -> Result<Change, Fault> {
     })
 }
 
-/// The record as it is told.
+/// The event with the record.
 pub(crate) fn event(rollback: RollbackRecord) -> EventKind {
     EventKind::RolledBack {
         version: rollback.candidate.clone(),

@@ -3,63 +3,65 @@
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Reason, ReasonCode};
+use holdpoint_governance::distribution_shift::{is_live_look_due, live_shifts, live_tasks_max};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Leave, LifecycleEvent};
+use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent};
 use holdpoint_governance::monitor::{MonitorAction, MonitorDecision};
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::rollback::{Trigger, TriggerKind};
-use holdpoint_governance::shift::{live_look, live_tasks_max, shifted_live};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
 use holdpoint_registry::Batch;
-use holdpoint_runtime::agent::dispatcher::Dispatched;
+use holdpoint_runtime::agent::dispatcher::DispatchedTask;
 use holdpoint_runtime::task::TaskRecord;
 
 use super::ladder::raise_rolled_back;
 use super::resume::{self, Resumption};
 use super::rollback::Rollback;
 use crate::context::Context;
-use crate::dossier::Dossiers;
-use crate::doubt::Suspicion;
-use crate::fault::Fault;
+use crate::evidence_file::EvidenceFiles;
+use crate::fault::EngineFault;
 use crate::health::CellHealth;
-use crate::kept_task::{KeptMarks, KeptTask, LIVE, UNWATCHED};
-use crate::ledger::Note;
+use crate::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord, UNWATCHED};
 use crate::monitors::Monitors;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
+use crate::version_concern::VersionConcern;
+use crate::version_table::TransitionNote;
 use crate::world::LiveWorld;
 use crate::world::listener::NoListener;
 use crate::world::live::SequenceReport;
-use crate::world::painter::{Drawn, Painter};
-use crate::world::sequence::{self, Begun, Stopped, Worked};
+use crate::world::painter::{Painter, SequencePainter};
+use crate::world::sequence::{self, FinishedSequence, StartedSequence, StoppedTask};
 use crate::world::shadow::Shadow;
 use crate::world::supervisor::{Trip, safety_events};
 
 /// The live world under watch: neither prompts nor evaluations.
-pub struct Live<'a> {
-    /// What is judged under.
+pub struct LiveMonitoring<'a> {
+    /// The terms of the decision.
     pub context: &'a Context,
     /// Seed of the run.
     pub seed: u64,
-    pub record: &'a mut Record,
-    pub dossiers: &'a mut Dossiers,
+    pub record: &'a mut EngineRecorder,
+    pub evidence_files: &'a mut EvidenceFiles,
     pub monitors: &'a mut Monitors,
     /// Arm, agent and world.
     pub world: &'a mut LiveWorld,
     /// Predecessors whose first tasks are looked at.
     pub resumptions: &'a mut Vec<Resumption>,
-    /// What is normal for each family, whoever is active.
+    /// What is normal for each family, for any active version.
     pub(crate) health: &'a mut CellHealth,
 }
 
-impl Live<'_> {
+impl LiveMonitoring<'_> {
     /// Gives arm, agent and monitors to one sequence.
     ///
     /// # Errors
     /// If another sequence has them.
-    pub(crate) fn begin_sequence(&mut self) -> Result<Begun, Fault> {
-        let (context, dossiers, monitors) = (self.context, &*self.dossiers, &*self.monitors);
-        let ledger = self.record.ledger();
-        let terms_of = |version: &_| crate::binding::terms_of(context, ledger, dossiers, monitors, version);
+    pub(crate) fn begin_sequence(&mut self) -> Result<StartedSequence, EngineFault> {
+        let (context, dossiers, monitors) = (self.context, &*self.evidence_files, &*self.monitors);
+        let version_table = self.record.version_table();
+        let terms_of = |version: &_| {
+            crate::evidence_binding::terms_of(context, version_table, dossiers, monitors, version)
+        };
         let paced = self.world.is_paced();
         sequence::begin(context, self.record, monitors, &mut self.world.cell, self.seed, paced, &terms_of)
     }
@@ -67,33 +69,33 @@ impl Live<'_> {
     /// One sequence of the live world, in step with the engine; monitors learn from it.
     ///
     /// # Errors
-    /// If what it comes to cannot be written.
-    pub fn sequence(&mut self, shadow: Option<&mut Shadow>) -> Result<SequenceReport, Fault> {
+    /// If the result cannot be written.
+    pub fn sequence(&mut self, shadow: Option<&mut Shadow>) -> Result<SequenceReport, EngineFault> {
         let begun = self.begin_sequence()?;
         let mut worked = match (self.world.pictures.clone(), shadow) {
             (Some(pictures), shadow) => {
                 let clock = self.record.clock().clone();
                 let painter = Painter::new(pictures, clock, begun.index(), begun.workers());
-                let mut drawn = Drawn { painter, shadow };
-                let worked = begun.work(&mut drawn);
+                let mut drawn = SequencePainter { painter, shadow };
+                let worked = begun.run(&mut drawn);
                 drawn.painter.rest(worked.running.world(), false);
                 worked
             }
-            (None, Some(shadow)) => begun.work(shadow),
-            (None, None) => begun.work(&mut NoListener),
+            (None, Some(shadow)) => begun.run(shadow),
+            (None, None) => begun.run(&mut NoListener),
         };
         if self.world.is_halted() {
-            worked.stopped = Some(Stopped::here(&worked.report, self.record.now_tick()));
+            worked.stopped = Some(StoppedTask::here(&worked.report, self.record.now_tick()));
         }
         self.end_sequence(worked)
     }
 
-    /// What a worked sequence comes to: the monitors take it in, and what they ask for is done.
+    /// Feeds a finished sequence to the monitors and acts on their decisions.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn end_sequence(&mut self, worked: Worked) -> Result<SequenceReport, Fault> {
-        let Worked { index, running, report, supervisor, link_up, stopped, shadow: _ } = worked;
+    pub(crate) fn end_sequence(&mut self, worked: FinishedSequence) -> Result<SequenceReport, EngineFault> {
+        let FinishedSequence { index, running, report, supervisor, link_up, stopped, shadow: _ } = worked;
         self.world.cell.take_back(running);
         let (monitors, mut raised) = supervisor.stand_down();
         self.monitors.take_back(monitors);
@@ -115,14 +117,13 @@ impl Live<'_> {
         for (place, dispatched) in report.tasks.iter().enumerate() {
             let id = &dispatched.id;
             let cut_short = stopped && place + 1 == report.tasks.len();
-            // Nothing of a task reaches the monitors while the link is down.
-            // Of work that a person cut short the monitor learns that, and nothing else. An operation that the arm
-            // stands for is counted with the version it is about.
+            // While the link is down, no telemetry of a task reaches the monitors. Of a task that a person cut short
+            // a monitor learns only that. An operation that stops the arm counts for the version it is about.
             let stepped_in = cut_short && halted && dispatched.record.intervention;
             let tightened = self.is_tightened(id);
             if link_up {
-                let marks = KeptMarks { cut_short, stepped_in, tightened };
-                let kept = KeptTask { record: &dispatched.record, marks };
+                let marks = LiveTaskMarks { cut_short, stepped_in, tightened };
+                let kept = LiveTaskRecord { record: &dispatched.record, marks };
                 keep_telemetry(self.record, self.monitors, id, &kept, report.duration_ms)?;
             }
             let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
@@ -147,7 +148,7 @@ impl Live<'_> {
     }
 
     /// Feeds one live task to the monitor of its version.
-    fn watch(&mut self, id: &CapabilityId, record: &TaskRecord, tightened: bool) -> Result<(), Fault> {
+    fn watch(&mut self, id: &CapabilityId, record: &TaskRecord, tightened: bool) -> Result<(), EngineFault> {
         let now_tick = self.record.now_tick();
         let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
         watched.monitor.set_tightened(tightened);
@@ -159,8 +160,8 @@ impl Live<'_> {
         if !values.intervention && !tightened && watched.lived.len() < live_tasks_max(profile) as usize {
             watched.lived.push(values);
             let tasks = u32::try_from(watched.lived.len()).unwrap_or(u32::MAX);
-            if let Some(dossier) = self.dossiers.of(id).filter(|_| live_look(tasks, profile)) {
-                shift = shifted_live(&dossier.twins, &watched.lived, profile);
+            if let Some(dossier) = self.evidence_files.of(id).filter(|_| is_live_look_due(tasks, profile)) {
+                shift = live_shifts(&dossier.twins, &watched.lived, profile);
             }
         }
         let mut decision = watched.monitor.observe(&values, now_tick);
@@ -168,7 +169,7 @@ impl Live<'_> {
             decision = watched.monitor.safety(event, now_tick);
         }
         if !shift.is_empty() {
-            suspect(self.context, self.record, self.dossiers, id, shift)?;
+            raise_concern(self.context, self.record, self.evidence_files, id, shift)?;
         }
         self.act_on(id, &decision, None)
     }
@@ -176,19 +177,19 @@ impl Live<'_> {
     /// A person restricted an active version: that is an intervention.
     ///
     /// # Errors
-    /// If what it comes to cannot be written.
-    pub(crate) fn stepped_in(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+    /// If the result cannot be written.
+    pub(crate) fn stepped_in(&mut self, id: &CapabilityId) -> Result<(), EngineFault> {
         let now_tick = self.record.now_tick();
         let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
-        let decision = watched.monitor.stepped_in(now_tick);
+        let decision = watched.monitor.record_intervention(now_tick);
         self.act_on(id, &decision, None)
     }
 
-    /// Silence and unanswered escalations. Tells whether anything was done.
+    /// Acts on silence and unanswered escalations. Returns whether anything was done.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn look_at_monitors(&mut self) -> Result<bool, Fault> {
+    pub fn look_at_monitors(&mut self) -> Result<bool, EngineFault> {
         let now_tick = self.record.now_tick();
         let link_up = self.world.cell.link_is_up();
         let mut due = Vec::new();
@@ -208,16 +209,16 @@ impl Live<'_> {
         Ok(!due.is_empty())
     }
 
-    /// Tells what monitors asked while their sequence ran. Tells whether there was anything.
+    /// Reports the questions of monitors from their running sequence. Returns whether there were any.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn look_at_questions(&mut self) -> Result<bool, Fault> {
+    pub fn look_at_questions(&mut self) -> Result<bool, EngineFault> {
         let Some(thread) = &self.world.thread else { return Ok(false) };
         let questions = thread.take_questions();
         for (watched, decision) in &questions {
             if let Some(own) = self.monitors.of_mut(&watched.id) {
-                // The engine's copy shows the question; the monitor itself goes on in the sequence.
+                // The engine's copy shows the question; the monitor itself continues in the sequence.
                 own.monitor.clone_from(&watched.monitor);
                 self.act_on(&watched.id, decision, None)?;
             }
@@ -231,7 +232,7 @@ impl Live<'_> {
         id: &CapabilityId,
         decision: &MonitorDecision,
         trip: Option<&Trip>,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         let mut silent = false;
         let mut asks_anew = false;
         if let Some(watched) = self.monitors.of_mut(id) {
@@ -241,13 +242,13 @@ impl Live<'_> {
             watched.announced = watched.announced.max(decision.action);
             if watched.monitor.escalation().is_some() && watched.question.is_empty() {
                 watched.question.clone_from(&decision.reasons);
-                // A restriction is told with its own alarm the first time; later ones are a question alone.
+                // The first restriction has its own alarm; later ones are only a question.
                 asks_anew = watched.restricted;
             }
             silent = watched.asked == Some(ReasonCode::MonitorTelemetryMissing);
         }
         match decision.action {
-            MonitorAction::Continue => maybe_confirm(self.record, self.dossiers, self.monitors, id),
+            MonitorAction::Continue => maybe_confirm(self.record, self.evidence_files, self.monitors, id),
             MonitorAction::Restrict if asks_anew => escalated(self.context, self.record, id, decision),
             MonitorAction::Restrict => {
                 restrict(self.context, self.record, self.monitors, id, &decision.reasons)
@@ -257,16 +258,16 @@ impl Live<'_> {
                 tell_monitor(self.record, id, decision.action, &decision.reasons)?;
                 let text = decision.reasons.first().map_or_else(
                     || "monitor".to_owned(),
-                    |reason| format!("{}: {}", reason.code, reason.text),
+                    |reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason)),
                 );
-                self.dossiers.edit(id).reasons.clone_from(&decision.reasons);
+                self.evidence_files.edit(id).reasons.clone_from(&decision.reasons);
                 let trigger = Trigger {
                     kind: TriggerKind::of(&decision.reasons, silent),
                     event: trip.and_then(|trip| trip.event),
                     text,
                     tick: decision.tick,
                 };
-                self.take_off(id, trigger, trip, Leave::RolledBack)
+                self.deactivate(id, trigger, trip, DeactivationKind::RolledBack)
             }
         }
     }
@@ -276,22 +277,22 @@ impl Live<'_> {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn take_off(
+    pub fn deactivate(
         &mut self,
         id: &CapabilityId,
         trigger: Trigger,
         trip: Option<&Trip>,
-        leave: Leave,
-    ) -> Result<(), Fault> {
+        leave: DeactivationKind,
+    ) -> Result<(), EngineFault> {
         let mut rollback = Rollback {
             context: self.context,
             record: self.record,
-            dossiers: self.dossiers,
+            evidence_files: self.evidence_files,
             monitors: self.monitors,
             world: self.world,
         };
         let Some(mut resumption) = rollback.run(id, trigger, trip, leave)? else { return Ok(()) };
-        // A stopped cell works nothing: what comes of it is seen when it works again.
+        // A stopped cell runs no task: the result is known when it starts again.
         if self.world.is_paced() || self.world.is_halted() {
             raise_rolled_back(self.context, self.record, resumption.record());
             self.resumptions.push(resumption.alarmed());
@@ -313,17 +314,17 @@ impl Live<'_> {
 /// Keeps what a version did in the telemetry file, of a watched one with its path; its digest enters the chain with the
 /// next record, or with those of others.
 fn keep_telemetry(
-    record: &mut Record,
+    record: &mut EngineRecorder,
     monitors: &Monitors,
     id: &CapabilityId,
-    kept: &KeptTask<'_>,
+    kept: &LiveTaskRecord<'_>,
     duration_ms: u64,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     let (stream, rows, body) = if monitors.of(id).is_some() {
         (LIVE, kept.record.path.len().max(1), serde_json::to_vec(kept)?)
     } else {
         let record = TaskRecord { path: Vec::new(), ..kept.record.clone() };
-        (UNWATCHED, 1, serde_json::to_vec(&KeptTask { record: &record, marks: kept.marks })?)
+        (UNWATCHED, 1, serde_json::to_vec(&LiveTaskRecord { record: &record, marks: kept.marks })?)
     };
     let to_ms = record.now_ms();
     let batch = Batch {
@@ -334,7 +335,7 @@ fn keep_telemetry(
         rows: rows as u64,
         body,
     };
-    let store = record.ledger().store();
+    let store = record.version_table().store();
     store.append_telemetry(&batch)?;
     if store.telemetry_is_due(to_ms)? {
         record.write(Vec::new(), Vec::new())?;
@@ -344,10 +345,10 @@ fn keep_telemetry(
 
 fn escalated(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     id: &CapabilityId,
     decision: &MonitorDecision,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     tell_monitor(record, id, decision.action, &decision.reasons)?;
     let alarms = &context.profile.alarms;
     let cause = decision.reasons.first().map(|reason| reason.code);
@@ -359,11 +360,11 @@ fn escalated(
 }
 
 fn tell_monitor(
-    record: &mut Record,
+    record: &mut EngineRecorder,
     id: &CapabilityId,
     action: MonitorAction,
     reasons: &[Reason],
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     let body = serde_json::json!({ "action": action.name(), "reasons": reasons }).to_string();
     record.note(RecordKind::Monitor, id.to_string(), body)?;
     record.tell(EventKind::Monitor {
@@ -374,23 +375,23 @@ fn tell_monitor(
     Ok(())
 }
 
-/// A version that is live not what its shadow showed is suspicious from now on: that is said, and it will be worked again.
-/// Once it was cleared it is only said.
-fn suspect(
+/// Records a concern about an active version that differs from its shadow, and raises an alarm; the version will be
+/// re-evaluated. After it was cleared, only the alarm follows.
+fn raise_concern(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     id: &CapabilityId,
     reasons: Vec<Reason>,
-) -> Result<(), Fault> {
-    let said: Vec<&str> = reasons.iter().map(|reason| reason.text.as_str()).collect();
-    let text = format!("suspicious: {}", said.join("; "));
+) -> Result<(), EngineFault> {
+    let said: Vec<String> = reasons.iter().map(holdpoint_wording::reason).collect();
+    let text = format!("behavior shifted: {}", said.join("; "));
     record.raise(AlarmKey::Shifted(id.clone()), context.profile.alarms.degraded, true, &text);
     let dossier = dossiers.edit(id);
     if dossier.suspicion.is_some() {
         return Ok(());
     }
-    let suspicion = Suspicion { reasons, again: None };
+    let suspicion = VersionConcern { reasons, again: None };
     record.write(vec![suspicion.evidence(id)?], Vec::new())?;
     dossier.suspicion = Some(suspicion);
     Ok(())
@@ -402,11 +403,11 @@ fn suspect(
 /// If it cannot be written.
 pub fn restrict(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     monitors: &mut Monitors,
     id: &CapabilityId,
     reasons: &[Reason],
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     let Some(watched) = monitors.of_mut(id).filter(|watched| !watched.restricted) else { return Ok(()) };
     if record.is_restricted(id) {
         // An operator was first.
@@ -416,21 +417,22 @@ pub fn restrict(
     restrict_on_demand(context, record, monitors, id, reasons)
 }
 
-/// Tightens the envelope of an active version, whoever watches it.
+/// Tightens the envelope of an active version on demand.
 ///
 /// # Errors
 /// If the lifecycle refuses, or it cannot be written; nothing has changed then.
 pub fn restrict_on_demand(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     monitors: &mut Monitors,
     id: &CapabilityId,
     reasons: &[Reason],
-) -> Result<(), Fault> {
-    let (version, _, _) = record.ledger().version(id)?;
-    let reason =
-        reasons.first().map_or_else(String::new, |reason| format!("{}: {}", reason.code, reason.text));
-    record.transition(&id.family, LifecycleEvent::Restrict { version }, Note::because(reason))?;
+) -> Result<(), EngineFault> {
+    let (version, _, _) = record.version_table().version(id)?;
+    let reason = reasons
+        .first()
+        .map_or_else(String::new, |reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason)));
+    record.transition(&id.family, LifecycleEvent::Restrict { version }, TransitionNote::because(reason))?;
     if let Some(watched) = monitors.of_mut(id) {
         watched.restricted = true;
     }
@@ -441,40 +443,40 @@ pub fn restrict_on_demand(
     Ok(())
 }
 
-/// Confirms a version whose window passed without a trip and which is in no doubt. One that a person paused works on
+/// Confirms a version whose window passed without a trip and without an open concern. A paused version keeps running
 /// and is confirmed when it is resumed.
 ///
 /// # Errors
 /// If it cannot be written.
 pub fn maybe_confirm(
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     monitors: &mut Monitors,
     id: &CapabilityId,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     let Some(watched) = monitors.of_mut(id) else { return Ok(()) };
     if !watched.monitor.is_confirmed() || watched.confirmed || watched.restricted {
         return Ok(());
     }
-    let (version, standing, _) = record.ledger().version(id)?;
+    let (version, standing, _) = record.version_table().version(id)?;
     let (provisional, paused) = (standing.flags.provisional, standing.flags.paused);
-    if paused || dossiers.has_open_doubt(id) || record.is_unreviewed(id) {
+    if paused || dossiers.has_open_concern(id) || record.is_unreviewed(id) {
         return Ok(());
     }
     watched.confirmed = true;
-    watched.monitor.confirmed().map_err(|error| Fault::Impossible(error.to_string()))?;
+    watched.monitor.confirmed().map_err(|error| EngineFault::Impossible(error.to_string()))?;
     dossiers.edit(id).conditions.retain(Condition::outlives_confirmation);
     let episodes = watched.episodes;
     if !provisional {
         return Ok(());
     }
-    let note = Note::because("the provisional window passed without a trip");
+    let note = TransitionNote::because("the provisional window passed without a trip");
     record.transition(&id.family, LifecycleEvent::Confirm { version }, note)?;
     record.tell(EventKind::Confirmed { version: id.clone(), episodes });
     record.close_audit(id, UpgradeEnd::Confirmed)
 }
 
-fn summary(dispatched: &Dispatched) -> TaskSummary {
+fn summary(dispatched: &DispatchedTask) -> TaskSummary {
     let record = &dispatched.record;
     TaskSummary {
         version: dispatched.id.clone(),

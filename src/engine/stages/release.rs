@@ -1,4 +1,4 @@
-//! The way out of a restriction: a tightened envelope is lifted, a closed profile is opened.
+//! Lifts restrictions: the full envelope returns, or a version is unblocked under a profile.
 //!
 //! A profile that binds activations to people's approval asks them for a release as well (design rule 3.10); elsewhere
 //! a person's word with a reason is enough.
@@ -13,36 +13,36 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditBody;
-use holdpoint_registry::names::RequestState;
+use holdpoint_registry::store_terms::RequestState;
 
 use crate::context::Context;
-use crate::dossier::Dossiers;
-use crate::fault::Fault;
-use crate::ledger::Note;
+use crate::evidence_file::EvidenceFiles;
+use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::operations::checked;
 use crate::people::approvals::{Approvals, clear_alarm, closing_note};
-use crate::record::Record;
-use crate::stages::monitoring::Live;
+use crate::recorder::EngineRecorder;
+use crate::stages::monitoring::LiveMonitoring;
+use crate::version_table::TransitionNote;
 
-/// Somebody asks for the restriction of an active version to be lifted.
+/// A person requests to lift the restriction of an active version.
 pub(crate) fn release(
-    live: &mut Live<'_>,
+    live: &mut LiveMonitoring<'_>,
     approvals: &mut Approvals,
     operation: &Operation,
-) -> Result<Reply, Fault> {
+) -> Result<Reply, EngineFault> {
     let id = checked(live.record, operation)?;
-    let (_, standing, _) = live.record.ledger().version(&id)?;
+    let (_, standing, _) = live.record.version_table().version(&id)?;
     if standing.state != State::Active || !standing.flags.restricted {
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("{id} is {} and not restricted", standing.state),
-            hint: Some("closed profiles are opened by name; see `holdpoint status`".to_owned()),
+            hint: Some("to unblock a version, name the profile; see `holdpoint status`".to_owned()),
         });
     }
     if !live.context.needs_approval() {
-        lift(live, &id, &operation.by, &operation.reason, Note::default())?;
-        return Ok(Reply::Accepted { text: format!("{id} is released"), version: Some(id) });
+        lift(live, &id, &operation.by, &operation.reason, TransitionNote::default())?;
+        return Ok(Reply::Accepted { text: format!("{id} has its full envelope again"), version: Some(id) });
     }
     if approvals.of(&id).is_some() {
         return Ok(Reply::Refused {
@@ -51,18 +51,21 @@ pub(crate) fn release(
             hint: Some("that question is answered first; see `holdpoint status`".to_owned()),
         });
     }
-    approvals.ask_release(live.context, live.record, live.dossiers, operation)?;
-    Ok(Reply::Accepted { text: format!("people are asked to release {id}"), version: Some(id) })
+    approvals.request_release(live.context, live.record, live.evidence_files, operation)?;
+    Ok(Reply::Accepted {
+        text: format!("people are asked to lift the restriction of {id}"),
+        version: Some(id),
+    })
 }
 
-/// Acts on what asking for a release came to so far. Returns a sentence for the one who answered.
+/// Acts on the answers to such a request so far. Returns a sentence for the approver.
 pub(crate) fn settle(
-    live: &mut Live<'_>,
+    live: &mut LiveMonitoring<'_>,
     approvals: &mut Approvals,
     id: &CapabilityId,
     result: &ApprovalResult,
-) -> Result<String, Fault> {
-    let last = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
+) -> Result<String, EngineFault> {
+    let last = result.reasons.last().map_or_else(String::new, holdpoint_wording::reason);
     match &result.outcome {
         ApprovalOutcome::Pending { missing } => {
             Ok(format!("the release of {id} waits for {missing} more; {last}"))
@@ -70,15 +73,15 @@ pub(crate) fn settle(
         ApprovalOutcome::Granted { people, .. } => {
             let Some(prompt) = approvals.of(id) else { return Ok(last) };
             let by = people.iter().cloned().collect::<Vec<_>>().join(", ");
-            let (version, _, _) = live.record.ledger().version(id)?;
+            let (version, _, _) = live.record.version_table().version(id)?;
             let note = closing_note(live.context, id, prompt, RequestState::Granted, "people released it");
             let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
             let answered = prompt.last_voter();
             live.record.transition(&id.family, event, note)?;
             approvals.close(id);
             clear_alarm(live.record, id, answered);
-            lift(live, id, &by, "people approved its release", Note::default())?;
-            Ok(format!("{id} is released"))
+            lift(live, id, &by, "people approved its release", TransitionNote::default())?;
+            Ok(format!("{id} has its full envelope again"))
         }
         ApprovalOutcome::Refused { person } => {
             close(
@@ -98,13 +101,13 @@ pub(crate) fn settle(
     }
 }
 
-/// Nobody answered in time: the version stays restricted, and can be asked about again.
+/// No answer came in time: the version stays restricted, and a person can ask again.
 pub(crate) fn lapse(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     approvals: &mut Approvals,
     id: &CapabilityId,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     close(
         context,
         record,
@@ -117,15 +120,15 @@ pub(crate) fn lapse(
 
 fn close(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     approvals: &mut Approvals,
     id: &CapabilityId,
     state: RequestState,
     why: &str,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     let Some(prompt) = approvals.of(id) else { return Ok(()) };
     let note = closing_note(context, id, prompt, state, why);
-    let (version, standing, _) = record.ledger().version(id)?;
+    let (version, standing, _) = record.version_table().version(id)?;
     if standing.flags.awaiting_approval {
         record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
     } else {
@@ -137,18 +140,24 @@ fn close(
     Ok(())
 }
 
-/// The restriction ends: on record, in the envelope from the next task on, and for the monitor, which begins anew.
-fn lift(live: &mut Live<'_>, id: &CapabilityId, by: &str, reason: &str, note: Note) -> Result<(), Fault> {
-    let (version, _, _) = live.record.ledger().version(id)?;
+/// The restriction ends: in the record, in the envelope from the next task on, and in the monitor, which restarts.
+fn lift(
+    live: &mut LiveMonitoring<'_>,
+    id: &CapabilityId,
+    by: &str,
+    reason: &str,
+    note: TransitionNote,
+) -> Result<(), EngineFault> {
+    let (version, _, _) = live.record.version_table().version(id)?;
     let answer = serde_json::json!({ "answer": MonitorAnswer::Release, "by": by, "reason": reason });
-    let mut note = Note { reason: format!("released by {by}: {reason}"), ..note };
+    let mut note = TransitionNote { reason: format!("released by {by}: {reason}"), ..note };
     note.audit.push(AuditBody {
         kind: RecordKind::MonitorAnswer,
         subject: id.to_string(),
         body: answer.to_string(),
     });
     live.record.transition(&id.family, LifecycleEvent::Release { version }, note)?;
-    begin_anew(live.context, live.record, live.dossiers, live.monitors, id)?;
+    release_monitor(live.context, live.record, live.evidence_files, live.monitors, id)?;
     live.record.tell(EventKind::Released {
         version: id.clone(),
         by: by.to_owned(),
@@ -160,20 +169,20 @@ fn lift(live: &mut Live<'_>, id: &CapabilityId, by: &str, reason: &str, note: No
     Ok(())
 }
 
-fn begin_anew(
+fn release_monitor(
     context: &Context,
-    record: &Record,
-    dossiers: &Dossiers,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
     monitors: &mut Monitors,
     id: &CapabilityId,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     let now_tick = record.now_tick();
     let expected = dossiers.of(id).and_then(|dossier| normal_rates(&dossier.twins));
     let (Some(watched), Some(expected)) = (monitors.of_mut(id), expected) else { return Ok(()) };
     watched
         .monitor
-        .released(&context.profile, &expected, now_tick)
-        .map_err(|error| Fault::Impossible(error.to_string()))?;
+        .on_restriction_lifted(&context.profile, &expected, now_tick)
+        .map_err(|error| EngineFault::Impossible(error.to_string()))?;
     watched.restricted = false;
     watched.announced = MonitorAction::Continue;
     watched.asked = None;
@@ -184,25 +193,25 @@ fn begin_anew(
     Ok(())
 }
 
-/// Closes profiles to a version, or opens them again. What is refused has changed nothing.
+/// Blocks or unblocks a version under profiles. A refusal changes nothing.
 pub(crate) fn set_profiles(
-    record: &mut Record,
+    record: &mut EngineRecorder,
     operation: &Operation,
     profiles: &[ProfileName],
     closed: bool,
-) -> Result<Reply, Fault> {
+) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
-    let (version, standing, _) = record.ledger().version(&id)?;
+    let (version, standing, _) = record.version_table().version(&id)?;
     let wanted: Vec<ProfileName> = ProfileName::ALL
         .into_iter()
         .filter(|profile| profiles.contains(profile) && standing.closed.contains(profile) != closed)
         .collect();
     if wanted.is_empty() || standing.state.is_terminal() {
-        let how = if closed { "closed to" } else { "open to" };
+        let how = if closed { "blocks" } else { "permits" };
         let text = if standing.state.is_terminal() {
-            format!("{id} is {} for good", standing.state)
+            format!("{id} is {}, which is final", standing.state)
         } else {
-            format!("every profile named is {how} {id} already")
+            format!("every named profile {how} {id} already")
         };
         return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: None });
     }
@@ -222,10 +231,14 @@ pub(crate) fn set_profiles(
         } else {
             LifecycleEvent::Open { version, profile }
         };
-        let how = if closed { "closed to it" } else { "open to it again" };
-        let why =
-            format!("the profile {} is {how}, by {}: {}", profile.name(), operation.by, operation.reason);
-        let mut note = Note::because(why);
+        let how = if closed { "blocked" } else { "unblocked" };
+        let why = format!(
+            "it is {how} under the profile {}, by {}: {}",
+            profile.name(),
+            operation.by,
+            operation.reason
+        );
+        let mut note = TransitionNote::because(why);
         if index == 0 {
             note.audit.push(AuditBody {
                 kind: RecordKind::ProfilesSet,
@@ -243,5 +256,5 @@ pub(crate) fn set_profiles(
     });
     let named: Vec<&str> = closed_now.iter().map(|profile| profile.name()).collect();
     let named = if named.is_empty() { "none".to_owned() } else { named.join(", ") };
-    Ok(Reply::Accepted { text: format!("profiles closed to {id}: {named}"), version: Some(id) })
+    Ok(Reply::Accepted { text: format!("profiles that block {id}: {named}"), version: Some(id) })
 }

@@ -1,7 +1,7 @@
-//! The last rung: the first tasks under the predecessor, looked at until it is known whether the family works again.
+//! The last rung: watches the first tasks under the predecessor until it is known whether the family recovered.
 //!
-//! An engine in step works them at once; a paced one looks on as the live world works them, and closes the record
-//! then. Moves nothing itself.
+//! An engine in step runs them at once; a paced one waits for the live cell to run them, and closes the record then.
+//! Moves nothing itself.
 
 use holdpoint_governance::evidence::HardStop;
 use holdpoint_governance::ids::CapabilityId;
@@ -11,36 +11,36 @@ use holdpoint_runtime::task::TaskRecord;
 
 use super::ladder::{conclude, push_rung};
 use crate::context::Context;
-use crate::fault::Fault;
-use crate::record::Record;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
 use crate::world::live::SequenceReport;
 use crate::world::supervisor::safety_events;
 
-/// Tasks of the predecessor after which it is judged whether the family works again.
+/// Tasks of the predecessor after which the recovery of the family is judged.
 const RESUME_TASKS: u32 = 3;
 
-/// Most sequences for them: the live world may not reach the family's task.
+/// Most sequences for them: the live cell may not reach the family's task.
 const RESUME_SEQUENCES_MAX: u32 = 9;
 
-/// A predecessor whose first tasks are looked at.
+/// A predecessor whose first tasks are watched.
 pub struct Resumption {
     predecessor: CapabilityId,
     record: RollbackRecord,
     events: Vec<SafetyEvent>,
     sequences: u32,
     from_ms: u64,
-    /// The alarm that the version was taken off is raised already.
+    /// The alarm about the rollback is already raised.
     alarmed: bool,
 }
 
 impl Resumption {
-    /// Nothing is in flight: the agent plans anew, and the first tasks under the predecessor are to be looked at.
+    /// Nothing is in flight: the agent plans again; the first tasks under the predecessor remain to be watched.
     #[must_use]
     pub(crate) const fn new(predecessor: CapabilityId, record: RollbackRecord, now_ms: u64) -> Self {
         Self { predecessor, record, events: Vec::new(), sequences: 0, from_ms: now_ms, alarmed: false }
     }
 
-    /// The same; the alarm that the version was taken off is raised already.
+    /// The same, with the alarm about the rollback already raised.
     #[must_use]
     pub(crate) fn alarmed(self) -> Self {
         Self { alarmed: true, ..self }
@@ -53,13 +53,13 @@ impl Resumption {
     }
 }
 
-/// A paced live world worked a sequence.
+/// A paced live cell ran a sequence.
 pub(crate) fn look_at(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     resumptions: &mut Vec<Resumption>,
     report: &SequenceReport,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     for mut resumption in std::mem::take(resumptions) {
         if takes_in(context, record, &mut resumption, report) {
             close(context, record, resumption)?;
@@ -70,15 +70,15 @@ pub(crate) fn look_at(
     Ok(())
 }
 
-/// The engine ends: what is not known by now stays unknown, and the records are closed.
+/// The engine ends: open results stay unknown, and the records are closed.
 pub(crate) fn end(
     context: &Context,
-    record: &mut Record,
+    record: &mut EngineRecorder,
     resumptions: &mut Vec<Resumption>,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     for resumption in std::mem::take(resumptions) {
         let Resumption { record: mut rollback, alarmed, .. } = resumption;
-        let text = "the engine ended before it was known whether the family works again";
+        let text = "the engine ended before it was known whether the family recovered";
         let failure = Some(RungFailure::NotRecovered);
         push_rung(record, &mut rollback, RungRecord::new(Rung::Resume, failure, 0, text));
         conclude(context, record, rollback, alarmed)?;
@@ -86,10 +86,10 @@ pub(crate) fn end(
     Ok(())
 }
 
-/// Takes a sequence in. Tells whether it is known now.
+/// Takes a sequence in. Returns whether the result is known.
 pub(crate) fn takes_in(
     context: &Context,
-    record: &Record,
+    record: &EngineRecorder,
     resumption: &mut Resumption,
     report: &SequenceReport,
 ) -> bool {
@@ -109,8 +109,12 @@ pub(crate) fn takes_in(
         || *sequences >= RESUME_SEQUENCES_MAX
 }
 
-/// Closes the record: it is known now whether the family works again.
-pub(crate) fn close(context: &Context, record: &mut Record, resumption: Resumption) -> Result<(), Fault> {
+/// Closes the record with the result.
+pub(crate) fn close(
+    context: &Context,
+    record: &mut EngineRecorder,
+    resumption: Resumption,
+) -> Result<(), EngineFault> {
     let Resumption { record: mut rollback, events, from_ms, alarmed, .. } = resumption;
     let recovered = rollback.resumed_tasks > 0 && events.is_empty();
     rollback.recovered = Some(recovered);

@@ -1,73 +1,72 @@
-//! Stage 7: the ladder. Every rung can fail and says so; a failed rung ends in a safe-stopped family
+//! Stage 7: the ladder. Every rung can fail and reports it; a failed rung ends in a safe-stopped family
 //! with a latched alarm, never in a silent "rolled back".
 //!
-//! Owns the order of the rungs and their record. What moves the arm is in `world/descent.rs`; which versions
-//! may change places is the lifecycle's. Source: paper section 5.2 stage 7; design rule 3.11.
+//! Owns the order of the rungs and their record. `world/descent.rs` moves the arm; the lifecycle decides which
+//! versions may change places. Source: paper section 5.2 stage 7; design rule 3.11.
 
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State, VersionRef};
+use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State, VersionRef};
 use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
 use holdpoint_registry::ActiveCause;
-use holdpoint_runtime::agent::GivenUp;
+use holdpoint_runtime::agent::AbandonedGoal;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint;
 
 use super::ladder::{event, evidence, push_rung, rung};
 use super::resume::Resumption;
-use crate::binding::{not_admitted, terms_of};
 use crate::context::Context;
-use crate::dossier::Dossiers;
-use crate::fault::Fault;
-use crate::ledger::{LedgerError, Note};
+use crate::evidence_binding::{not_admitted, terms_of};
+use crate::evidence_file::EvidenceFiles;
+use crate::fault::EngineFault;
+use crate::monitors::ActivationMonitor;
 use crate::monitors::Monitors;
-use crate::monitors::Watched;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
+use crate::version_table::{TransitionNote, VersionTableError};
 use crate::world::LiveWorld;
+use crate::world::cell_frame;
 use crate::world::descent::Descent;
 use crate::world::live::Rig;
-use crate::world::painter::Sketch;
-use crate::world::portrait;
+use crate::world::painter::LadderPainter;
 use crate::world::supervisor::Trip;
 
 /// What sets a rollback off now.
-pub(crate) fn trigger(record: &Record, kind: TriggerKind, text: impl Into<String>) -> Trigger {
+pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: impl Into<String>) -> Trigger {
     Trigger { kind, event: None, text: text.into(), tick: record.now_tick() }
 }
 
 /// What takes a version off: it moves the arm and the binding, and ends the watch.
 pub struct Rollback<'a> {
-    /// What is judged under.
+    /// The terms of the decision.
     pub context: &'a Context,
-    pub record: &'a mut Record,
-    pub dossiers: &'a Dossiers,
+    pub record: &'a mut EngineRecorder,
+    pub evidence_files: &'a EvidenceFiles,
     pub monitors: &'a mut Monitors,
     /// Arm, agent and world.
     pub world: &'a mut LiveWorld,
 }
 
 impl Rollback<'_> {
-    /// Takes an active version off: first its command authority, then the arm to a safe pose, then
-    /// the binding, then the record. `trip` is the task that was stopped for it, where one was. What comes back is
-    /// to be looked at: the first tasks under the predecessor; nothing if there was nothing to do, or the family
-    /// is safe-stopped.
+    /// Rolls back an active version: first its command authority, then the arm to a safe pose, then
+    /// the binding, then the record. `trip` is the task stopped for it, if any. Returns the first tasks under the
+    /// predecessor to watch; `None` if there was nothing to do, or the family is safe-stopped.
     pub(crate) fn run(
         &mut self,
         id: &CapabilityId,
         trigger: Trigger,
         trip: Option<&Trip>,
-        leave: Leave,
-    ) -> Result<Option<Resumption>, Fault> {
-        let (version, standing, _) = self.record.ledger().version(id)?;
+        leave: DeactivationKind,
+    ) -> Result<Option<Resumption>, EngineFault> {
+        let (version, standing, _) = self.record.version_table().version(id)?;
         if standing.state != State::Active {
             return Ok(None);
         }
         let target = standing.predecessor;
         if !standing.flags.rollback_pending {
-            let note = Note::because(format!("command authority is revoked: {}", trigger.text));
+            let note = TransitionNote::because(format!("command authority is revoked: {}", trigger.text));
             self.record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note)?;
         }
         let mut record = RollbackRecord {
@@ -108,14 +107,16 @@ impl Rollback<'_> {
         let ready = self.ready(&predecessor);
         let restored_ticks = descent.ticks + ready.ticks;
         self.record.advance(ready.ms);
-        let is_ready = ready.goes_on();
+        let is_ready = ready.continues();
         push_rung(self.record, &mut record, ready);
         if !is_ready {
             return self.safe_stop(id, version, record).map(|()| None);
         }
         // Without a live monitor no tick runs under a provisional version.
-        let dossier = self.dossiers.of(&predecessor.id());
-        let Ok(watched) = Watched::again(&predecessor.id(), self.record, dossier, self.context) else {
+        let dossier = self.evidence_files.of(&predecessor.id());
+        let Ok(watched) =
+            ActivationMonitor::reactivated(&predecessor.id(), self.record, dossier, self.context)
+        else {
             let text =
                 format!("no monitor can be set up for {}, whose window is not passed", predecessor.id());
             let failed = Some(RungFailure::PredecessorFailed);
@@ -126,10 +127,10 @@ impl Rollback<'_> {
         record.predecessor = Some(predecessor.id());
         record.time_to_restored_ticks = Some(restored_ticks);
         record.time_to_restored_ms = Some(ticks_to_ms(restored_ticks));
-        let note = Note {
+        let note = TransitionNote {
             cause: Some(ActiveCause::Restore),
             before: vec![evidence(&record)?],
-            ..Note::because(record.trigger.text.clone())
+            ..TransitionNote::because(record.trigger.text.clone())
         };
         match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
             Ok(_) => {
@@ -139,7 +140,7 @@ impl Rollback<'_> {
                 let text = self.give_up(record.in_flight);
                 rung(self.record, &mut record, Rung::SwapBinding, None, &text);
             }
-            Err(Fault::Ledger(LedgerError::Store(error))) => {
+            Err(EngineFault::VersionTable(VersionTableError::Store(error))) => {
                 let text = format!("the swap could not be written: {}", error.sentence());
                 rung(self.record, &mut record, Rung::SwapBinding, Some(RungFailure::StoreFailed), &text);
                 return self.safe_stop(id, version, record).map(|()| None);
@@ -149,13 +150,13 @@ impl Rollback<'_> {
         Ok(Some(Resumption::new(predecessor.id(), record, self.record.now_ms())))
     }
 
-    /// The rungs that move the arm. A body that fails stands still for nobody.
+    /// The rungs that move the arm. A failed body does not come to rest.
     fn come_to_rest(
         &mut self,
         id: &CapabilityId,
         trip: Option<&Trip>,
         record: &mut RollbackRecord,
-    ) -> Result<Descent, Fault> {
+    ) -> Result<Descent, EngineFault> {
         let leaving = self.record.capability(id)?;
         let terms = self.terms(&leaving);
         let sketch = self.sketch(&leaving, &terms);
@@ -190,31 +191,32 @@ impl Rollback<'_> {
         record: &mut RollbackRecord,
     ) -> Option<Capability> {
         let known = target.and_then(|target| {
-            let entry = self.record.ledger().family(&id.family).ok()?;
+            let entry = self.record.version_table().family(&id.family).ok()?;
             let restorable = entry.state.state(target) == Some(State::Superseded);
             let member = entry.members.get(usize::from(target.0)).filter(|_| restorable)?;
             Some(member.capability.id())
         });
         let profile = self.context.profile.name;
         let shut = known.as_ref().and_then(|known| {
-            let ledger = self.record.ledger();
-            let why = not_admitted(self.context, ledger, &ledger.version(known).ok()?.2.capability)?;
+            let version_table = self.record.version_table();
+            let why =
+                not_admitted(self.context, version_table, &version_table.version(known).ok()?.2.capability)?;
             Some(format!("there is no version to go back to: {known} {}", why.text(profile)))
         });
         let loaded = match &known {
             Some(_) if shut.is_some() => Err((RungFailure::PredecessorMissing, shut.unwrap_or_default())),
             None => Err((RungFailure::PredecessorMissing, "there is no version to go back to".to_owned())),
-            Some(known) => self.record.ledger().reload(known).map_err(|error| {
+            Some(known) => self.record.version_table().reload(known).map_err(|error| {
                 let failure = match error {
-                    LedgerError::Store(_) => RungFailure::StoreFailed,
-                    LedgerError::UnknownFamily(_) | LedgerError::UnknownVersion(_) => {
+                    VersionTableError::Store(_) => RungFailure::StoreFailed,
+                    VersionTableError::UnknownFamily(_) | VersionTableError::UnknownVersion(_) => {
                         RungFailure::PredecessorMissing
                     }
-                    LedgerError::Exists(_)
-                    | LedgerError::Refused(_)
-                    | LedgerError::Load { .. }
-                    | LedgerError::Record { .. }
-                    | LedgerError::DigestDiffers { .. } => RungFailure::DigestMismatch,
+                    VersionTableError::Exists(_)
+                    | VersionTableError::Refused(_)
+                    | VersionTableError::Load { .. }
+                    | VersionTableError::Record { .. }
+                    | VersionTableError::DigestDiffers { .. } => RungFailure::DigestMismatch,
                 };
                 (failure, error.to_string())
             }),
@@ -235,27 +237,30 @@ impl Rollback<'_> {
     /// Compiles the profile's policies again and compares them with those in force, and with the store's context.
     fn policy_failure(&self) -> Option<RungFailure> {
         let same = self.context.recompiled().is_ok_and(|table| table.digest == self.context.table.digest);
-        let Ok(context) = self.record.ledger().store().views().and_then(|views| views.context()) else {
+        let Ok(context) = self.record.version_table().store().views().and_then(|views| views.context())
+        else {
             return Some(RungFailure::StoreFailed);
         };
         let bound = context.is_some_and(|(_, digest, _)| digest == self.context.digest);
         (!(same && bound)).then_some(RungFailure::PolicyMismatch)
     }
 
-    /// What was under way ends with its sequence; whoever takes over works the goal from its first primitive.
+    /// The current task ends with its sequence; the version that takes over runs the goal from its first primitive.
     fn give_up(&mut self, in_flight: bool) -> String {
         const BOUND: &str = "the predecessor is bound again";
-        const ANEW: &str = "the next sequence plans the goal from its first task";
+        const REPLAN: &str = "the next sequence plans the goal from its first task";
         // A task that failed and ended is in flight no more.
         let given_up = self.world.cell.rig_mut().map(Rig::give_up).filter(|_| in_flight);
         match given_up {
-            Some(GivenUp { in_flight: Some(task), planned }) => {
+            Some(AbandonedGoal { in_flight: Some(task), planned }) => {
                 format!(
-                    "{BOUND}; {} in flight and {planned} planned after it are given up, {ANEW}",
+                    "{BOUND}; {} in flight and {planned} planned after it are given up, {REPLAN}",
                     task.name()
                 )
             }
-            Some(GivenUp { in_flight: None, .. }) | None => format!("{BOUND}; nothing was in flight, {ANEW}"),
+            Some(AbandonedGoal { in_flight: None, .. }) | None => {
+                format!("{BOUND}; nothing was in flight, {REPLAN}")
+            }
         }
     }
 
@@ -278,15 +283,15 @@ impl Rollback<'_> {
 
     /// What a version runs under now.
     fn terms(&self, version: &Capability) -> SkillTerms {
-        terms_of(self.context, self.record.ledger(), self.dossiers, self.monitors, version)
+        terms_of(self.context, self.record.version_table(), self.evidence_files, self.monitors, version)
     }
 
-    /// Draws the ladder, where pictures are wanted.
-    fn sketch(&self, of: &Capability, terms: &SkillTerms) -> Option<Sketch> {
+    /// Draws the ladder if video frames are wanted.
+    fn sketch(&self, of: &Capability, terms: &SkillTerms) -> Option<LadderPainter> {
         let pictures = self.world.pictures.clone()?;
-        let envelope = portrait::envelope(terms.envelope());
+        let envelope = cell_frame::envelope(terms.envelope());
         let sequence = self.world.cell.sequences().saturating_sub(1);
-        Some(Sketch::new(pictures, self.record.clock().clone(), sequence, of.id(), envelope))
+        Some(LadderPainter::new(pictures, self.record.clock().clone(), sequence, of.id(), envelope))
     }
 
     /// A rung failed or there is nothing to go back to.
@@ -295,17 +300,17 @@ impl Rollback<'_> {
         id: &CapabilityId,
         version: VersionRef,
         mut record: RollbackRecord,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         record.post_status = PostStatus::SafeStopped;
         record.predecessor = None;
         record.time_to_restored_ticks = None;
         record.time_to_restored_ms = None;
         record.recovered = Some(false);
         let why = record.stopped_by().map_or("a rung failed", RungFailure::name);
-        let note = Note {
+        let note = TransitionNote {
             cause: Some(ActiveCause::Vacate),
             before: vec![evidence(&record)?],
-            ..Note::because(format!(
+            ..TransitionNote::because(format!(
                 "a rung of the rollback failed ({why}); the family is stopped ({})",
                 record.trigger.text
             ))

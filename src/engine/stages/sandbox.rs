@@ -1,34 +1,34 @@
-//! Stage 3: the sandbox. Two short modes of the candidate alone, then paired episodes and recovery drills
-//! in turns; measured behaviour and recovery replace the estimates.
+//! Stage 3: the sandbox. Two short modes of the candidate alone, then paired episodes and recovery drills in turns;
+//! measured behavior and recovery replace the estimates.
 
+use holdpoint_governance::ablation::AblationPart;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::ReasonCode;
-use holdpoint_governance::ended::EndReason;
-use holdpoint_governance::evidence::{AloneEpisode, Binding, Drills, HardStop, SandboxMode};
+use holdpoint_governance::early_stop::EarlyStopReason;
+use holdpoint_governance::evidence::{DrillTallies, EvidenceBinding, HardStop, SandboxMode, SoloEpisode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
-use holdpoint_governance::omitted::Part;
 use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 
+use super::cache_mismatch::void;
 use super::closing::{abort_stage, decided, first_reason, progress, rejected, stage_note};
 use super::validation;
-use super::voided::void;
-use crate::binding::{binding, made_under, measured_terms_of, party, team};
 use crate::cell::Conditions;
 use crate::context::Context;
-use crate::dossier::Dossiers;
-use crate::fault::Fault;
-use crate::record::Record;
+use crate::evidence_binding::{binding, made_under, measured_terms_of, trial_subject, trial_team};
+use crate::evidence_file::EvidenceFiles;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
-use crate::trial::evaluation::{Evaluation, Plan, Slice};
-use crate::trial::measures::{ComparedParty, ModeMetrics};
+use crate::trial::evaluation::{Evaluation, EvaluationPlan, Slice};
+use crate::trial::mode_metrics::{ComparedVersion, ModeMetrics};
 use crate::trial::search::{self, Search, SearchStyle};
-use crate::trial::seeds::Purpose;
+use crate::trial::seeds::SeedPurpose;
 use crate::trial::stress;
 use crate::trial::trace::keep_trace;
 
@@ -37,7 +37,7 @@ pub(crate) const MODE_EPISODES: u64 = 10;
 
 /// A mode in which the candidate runs alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Alone {
+enum SoloMode {
     Canonical,
     /// The sandbox's perturbations under stress.
     Adversarial,
@@ -46,20 +46,20 @@ enum Alone {
 /// A sandbox evaluation under way.
 pub struct SandboxRun {
     id: CapabilityId,
-    binding: Binding,
+    binding: EvidenceBinding,
     phase: SandboxPhase,
 }
 
 enum SandboxPhase {
     /// With the records so far.
-    Alone(Alone, Vec<TaskRecord>),
-    Compare(Box<Comparison>),
+    Alone(SoloMode, Vec<TaskRecord>),
+    Compare(Box<SandboxComparison>),
     /// Nothing was found against it: the worst episode is searched for.
-    Search(Box<Comparison>, Box<Search>),
+    Search(Box<SandboxComparison>, Box<Search>),
 }
 
 /// The comparison with the records its metrics are computed from: candidate's and active version's.
-struct Comparison {
+struct SandboxComparison {
     evaluation: Evaluation,
     records: (Vec<TaskRecord>, Vec<TaskRecord>),
 }
@@ -73,44 +73,44 @@ impl SandboxRun {
 
 /// What a sandbox slice reads and adds to.
 pub struct Sandbox<'a> {
-    /// What is judged under.
+    /// The terms of the decision.
     pub context: &'a Context,
     /// How episodes are run.
     pub trials: &'a Trials,
-    pub record: &'a mut Record,
-    pub dossiers: &'a mut Dossiers,
+    pub record: &'a mut EngineRecorder,
+    pub evidence_files: &'a mut EvidenceFiles,
 }
 
 /// How a slice ended.
 pub struct SandboxStep {
-    /// The run, where it goes on.
+    /// The run, if it continues.
     pub run: Option<Box<SandboxRun>>,
-    /// Episodes worked, beside which the live world works on.
+    /// Episodes run, beside which the live cell continues.
     pub episodes: u64,
 }
 
-/// Begins the sandbox of a candidate: what was measured before does not count.
+/// Begins the sandbox of a candidate: earlier measurements do not count.
 ///
 /// # Errors
 /// If the start cannot be written.
 pub fn begin(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     id: &CapabilityId,
-) -> Result<Box<SandboxRun>, Fault> {
+) -> Result<Box<SandboxRun>, EngineFault> {
     record.start_stage(id, Stage::Sandbox, budget(context))?;
     let candidate = record.capability(id)?;
-    let binding = binding(context, record.ledger(), &candidate);
+    let binding = binding(context, record.version_table(), &candidate);
     let dossier = dossiers.edit(id);
-    // What stage 2 found counts for the version that was active then: against the present one it is found anew.
-    dossier.take_static(validation::assess(context, record.ledger(), &candidate));
+    // The result of stage 2 counts only for the version that was active then, so it is computed again.
+    dossier.take_static(validation::assess(context, record.version_table(), &candidate));
     dossier.tried_under.clone_from(&dossier.conditions);
     dossier.pairs.clear();
     dossier.hard_stops.clear();
     dossier.modes.clear();
     dossier.kept = None;
-    // What shadow and an earlier confirmation came to was about evidence that is gathered anew now.
+    // Shadow and an earlier confirmation rest on evidence that is now gathered again.
     dossier.shadow = None;
     dossier.confirmation = None;
     dossier.permissions = None;
@@ -119,11 +119,11 @@ pub fn begin(
     dossier.handovers = None;
     dossier.sequences.clear();
     dossier.twins.clear();
-    dossier.drills = Some((Drills::default(), Drills::default()));
+    dossier.drills = Some((DrillTallies::default(), DrillTallies::default()));
     dossier.failed_drills.clear();
     dossier.alone.clear();
     dossier.bindings = vec![binding];
-    let phase = SandboxPhase::Alone(Alone::Canonical, Vec::new());
+    let phase = SandboxPhase::Alone(SoloMode::Canonical, Vec::new());
     Ok(Box::new(SandboxRun { id: id.clone(), binding, phase }))
 }
 
@@ -131,10 +131,10 @@ fn budget(context: &Context) -> u64 {
     2 * MODE_EPISODES + plan(context).budget() + search::PAIRS
 }
 
-/// What pairs, drills and sequences are worked.
-fn plan(context: &Context) -> Plan {
-    let plan = Plan::sandbox(&context.profile);
-    if context.omitted.has(Part::Recovery) { Plan { drills: 0, ..plan } } else { plan }
+/// The planned pairs, drills and sequences.
+fn plan(context: &Context) -> EvaluationPlan {
+    let plan = EvaluationPlan::sandbox(&context.profile);
+    if context.omitted.has(AblationPart::Recovery) { EvaluationPlan { drills: 0, ..plan } } else { plan }
 }
 
 impl Sandbox<'_> {
@@ -142,30 +142,30 @@ impl Sandbox<'_> {
     ///
     /// # Errors
     /// If a worker fails, or the end of the stage cannot be written.
-    pub fn slice(&mut self, mut run: Box<SandboxRun>) -> Result<SandboxStep, Fault> {
+    pub fn slice(&mut self, mut run: Box<SandboxRun>) -> Result<SandboxStep, EngineFault> {
         let id = run.id.clone();
         let candidate = self.record.capability(&id)?;
         let over = SandboxStep { run: None, episodes: 0 };
         let Some(active) = self.record.active_of(&id.family) else {
             let why = "the family has no active version to compare with";
-            abort_stage(self.record, self.dossiers, &id, why)?;
+            abort_stage(self.record, self.evidence_files, &id, why)?;
             return Ok(over);
         };
-        if binding(self.context, self.record.ledger(), &candidate) != run.binding {
+        if binding(self.context, self.record.version_table(), &candidate) != run.binding {
             let why = "the active version or the profile changed meanwhile";
-            abort_stage(self.record, self.dossiers, &id, why)?;
+            abort_stage(self.record, self.evidence_files, &id, why)?;
             return Ok(over);
         }
         let mut episodes = 0;
         run.phase = match run.phase {
             SandboxPhase::Alone(mode, mut records) => {
                 if self.mode_episodes(&candidate, mode, &mut records)? {
-                    let seen = self.dossiers.edit(&id).hard_stops.clone();
+                    let seen = self.evidence_files.edit(&id).hard_stops.clone();
                     match mode {
-                        Alone::Canonical if seen.is_empty() => {
-                            SandboxPhase::Alone(Alone::Adversarial, Vec::new())
+                        SoloMode::Canonical if seen.is_empty() => {
+                            SandboxPhase::Alone(SoloMode::Adversarial, Vec::new())
                         }
-                        Alone::Canonical | Alone::Adversarial => self.compare(run.binding, seen),
+                        SoloMode::Canonical | SoloMode::Adversarial => self.compare(run.binding, seen),
                     }
                 } else {
                     SandboxPhase::Alone(mode, records)
@@ -175,7 +175,7 @@ impl Sandbox<'_> {
                 if comparison.evaluation.is_refuted() {
                     let reuse = comparison.evaluation.reuse();
                     void(self.record, self.trials, &id, &active.id(), reuse)?;
-                    let run = begin(self.context, self.record, self.dossiers, &id)?;
+                    let run = begin(self.context, self.record, self.evidence_files, &id)?;
                     return Ok(SandboxStep { run: Some(run), episodes: 0 });
                 }
                 if comparison.evaluation.is_over() {
@@ -190,11 +190,13 @@ impl Sandbox<'_> {
                     self.decide(&id, &active.id(), &comparison)?;
                     return Ok(over);
                 }
-                let ledger = self.record.ledger();
-                let party = |version| party(self.context, ledger, self.dossiers, version);
-                let (new, old) = (party(&candidate), party(&active));
-                let lab = self.trials.lab(&self.context.cell, ledger.store());
-                let lab = lab.beside(team(self.context, ledger, self.dossiers, &candidate));
+                let version_table = self.record.version_table();
+                let subject =
+                    |version| trial_subject(self.context, version_table, self.evidence_files, version);
+                let (new, old) = (subject(&candidate), subject(&active));
+                let lab = self.trials.lab(&self.context.cell, version_table.store());
+                let lab =
+                    lab.with_team(trial_team(self.context, version_table, self.evidence_files, &candidate));
                 let step = comparison.evaluation.step(&lab, &new, &old, &self.context.profile)?;
                 if let Some(slice) = step {
                     episodes = slice.worked;
@@ -203,7 +205,7 @@ impl Sandbox<'_> {
                 SandboxPhase::Compare(comparison)
             }
             SandboxPhase::Search(mut comparison, mut search) => {
-                if search.is_over() || comparison.evaluation.ended() == Some(EndReason::HardStop) {
+                if search.is_over() || comparison.evaluation.ended() == Some(EarlyStopReason::HardStop) {
                     self.decide(&id, &active.id(), &comparison)?;
                     return Ok(over);
                 }
@@ -214,22 +216,22 @@ impl Sandbox<'_> {
         Ok(SandboxStep { run: Some(run), episodes })
     }
 
-    fn compare(&self, binding: Binding, seen: Vec<HardStop>) -> SandboxPhase {
+    fn compare(&self, binding: EvidenceBinding, seen: Vec<HardStop>) -> SandboxPhase {
         let evaluation = Evaluation::new(plan(self.context), binding, seen);
-        SandboxPhase::Compare(Box::new(Comparison { evaluation, records: (Vec::new(), Vec::new()) }))
+        SandboxPhase::Compare(Box::new(SandboxComparison { evaluation, records: (Vec::new(), Vec::new()) }))
     }
 
     /// Keeps what a slice gave.
     fn note_slice(
         &mut self,
         candidate: &Capability,
-        comparison: &mut Comparison,
+        comparison: &mut SandboxComparison,
         slice: Slice,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         let id = &candidate.id();
         let evaluation = &comparison.evaluation;
         let (paired, rehearsed) = (evaluation.paired(), evaluation.rehearsed());
-        let dossier = self.dossiers.edit(id);
+        let dossier = self.evidence_files.edit(id);
         dossier.pairs = paired.pairs;
         dossier.hard_stops = paired.hard_stops;
         dossier.drills = Some((rehearsed.candidate, rehearsed.active));
@@ -243,33 +245,33 @@ impl Sandbox<'_> {
         comparison.records.0.extend(new);
         comparison.records.1.extend(old);
         let done = (2 * MODE_EPISODES + slice.done, budget(self.context));
-        progress(self.record, self.dossiers, id, Stage::Sandbox, &slice.what, done);
+        progress(self.record, self.evidence_files, id, Stage::Sandbox, &slice.what, done);
         Ok(())
     }
 
-    /// A part of the search, after a comparison that is over. Tells how many pairs were worked.
+    /// Runs a part of the search, after a finished comparison. Returns the number of pairs run.
     fn search(
         &mut self,
         candidate: &Capability,
         active: &Capability,
         search: &mut Search,
         evaluation: &mut Evaluation,
-    ) -> Result<u64, Fault> {
+    ) -> Result<u64, EngineFault> {
         let id = candidate.id();
-        let ledger = self.record.ledger();
-        let party = |version| party(self.context, ledger, self.dossiers, version);
-        let (new, old) = (party(candidate), party(active));
-        let lab = self.trials.lab(&self.context.cell, ledger.store());
+        let version_table = self.record.version_table();
+        let subject = |version| trial_subject(self.context, version_table, self.evidence_files, version);
+        let (new, old) = (subject(candidate), subject(active));
+        let lab = self.trials.lab(&self.context.cell, version_table.store());
         let (first, points) = search.next(self.trials.part());
         let worked = lab.places(&new, &old, first, &points)?;
         search.take(&worked);
-        let dossier = self.dossiers.edit(&id);
+        let dossier = self.evidence_files.edit(&id);
         evaluation.note_hard_stops(worked.iter().filter_map(|(_, record, _)| record.hard_stop));
         dossier.hard_stops = evaluation.paired().hard_stops;
         dossier.searched = search.found(&self.context.cell.sandbox);
         let done = 2 * MODE_EPISODES + evaluation.done() + search.done();
         let what = "a search for the worst episode";
-        progress(self.record, self.dossiers, &id, Stage::Sandbox, what, (done, budget(self.context)));
+        progress(self.record, self.evidence_files, &id, Stage::Sandbox, what, (done, budget(self.context)));
         Ok(worked.len() as u64)
     }
 
@@ -279,38 +281,40 @@ impl Sandbox<'_> {
         mode: SandboxMode,
         conditions: Conditions,
         records: &[TaskRecord],
-    ) -> Result<(), Fault> {
-        let (store, now_ms) = (self.record.ledger().store(), self.record.now_ms());
+    ) -> Result<(), EngineFault> {
+        let (store, now_ms) = (self.record.version_table().store(), self.record.now_ms());
         keep_trace(store, &self.context.cell, id, mode, conditions, records, now_ms)
     }
 
-    /// The episodes of a mode in which the candidate runs alone. Tells whether all were worked.
+    /// The episodes of a mode in which the candidate runs alone. Returns whether all were worked.
     fn mode_episodes(
         &mut self,
         candidate: &Capability,
-        alone: Alone,
+        alone: SoloMode,
         records: &mut Vec<TaskRecord>,
-    ) -> Result<bool, Fault> {
+    ) -> Result<bool, EngineFault> {
         let id = candidate.id();
-        let terms = measured_terms_of(self.context, self.dossiers, candidate);
+        let terms = measured_terms_of(self.context, self.evidence_files, candidate);
         let (mode, conditions, purpose) = match alone {
-            Alone::Canonical => (SandboxMode::Canonical, Conditions::Canonical, Purpose::Canonical),
-            Alone::Adversarial => (SandboxMode::Adversarial, Conditions::Sandbox, Purpose::Adversarial),
+            SoloMode::Canonical => (SandboxMode::Canonical, Conditions::Canonical, SeedPurpose::Canonical),
+            SoloMode::Adversarial => {
+                (SandboxMode::Adversarial, Conditions::Sandbox, SeedPurpose::Adversarial)
+            }
         };
         let from = records.len() as u64;
         let to = MODE_EPISODES.min(from.saturating_add(self.trials.part() as u64));
-        let lab = self.trials.lab(&self.context.cell, self.record.ledger().store());
+        let lab = self.trials.lab(&self.context.cell, self.record.version_table().store());
         match alone {
-            Alone::Canonical => {
+            SoloMode::Canonical => {
                 records.extend(lab.episodes(candidate, &terms, conditions, purpose, from..to)?);
             }
-            Alone::Adversarial => {
+            SoloMode::Adversarial => {
                 for place in from..to {
                     let stress = stress::of_episode(place, candidate.bundle.task(), &self.context.cell);
                     let terms = terms.clone().stressed(stress);
                     let worked = lab.episodes(candidate, &terms, conditions, purpose, place..place + 1)?;
                     let is_unsafe = worked.iter().any(|record| stress::is_unsafe(&stress, record));
-                    self.dossiers.edit(&id).unsafe_under_stress += u32::from(is_unsafe);
+                    self.evidence_files.edit(&id).unsafe_under_stress += u32::from(is_unsafe);
                     records.extend(worked);
                 }
             }
@@ -319,62 +323,69 @@ impl Sandbox<'_> {
             return Ok(false);
         }
         self.keep_trace(&id, mode, conditions, records)?;
-        let dossier = self.dossiers.edit(&id);
+        let dossier = self.evidence_files.edit(&id);
         dossier.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
         dossier.alone.extend((0..).zip(&*records).filter_map(|(place, record)| {
             let values = record.values()?;
-            Some(AloneEpisode { mode, place, seed: record.seed, values, hard_stop: record.hard_stop })
+            Some(SoloEpisode { mode, place, seed: record.seed, values, hard_stop: record.hard_stop })
         }));
         dossier.note_use(candidate, records);
-        dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Candidate, &*records));
-        let done = if alone == Alone::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
-        progress(self.record, self.dossiers, &id, Stage::Sandbox, mode.name(), (done, budget(self.context)));
+        dossier.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &*records));
+        let done = if alone == SoloMode::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
+        progress(
+            self.record,
+            self.evidence_files,
+            &id,
+            Stage::Sandbox,
+            mode.name(),
+            (done, budget(self.context)),
+        );
         Ok(true)
     }
 
-    /// Psi over measured behaviour and rehearsed recovery.
+    /// Psi over measured behavior and recovery.
     fn decide(
         &mut self,
         id: &CapabilityId,
         active: &CapabilityId,
-        comparison: &Comparison,
-    ) -> Result<(), Fault> {
+        comparison: &SandboxComparison,
+    ) -> Result<(), EngineFault> {
         let candidate = self.record.capability(id)?;
         let profile = &self.context.profile;
         let (evaluation, records) = (&comparison.evaluation, &comparison.records);
         let (mut measured, rehearsed) = evaluation.assess(profile);
-        let place = self.trials.cells(self.record.ledger().store()).place();
-        let dossier = self.dossiers.edit(id);
-        behavior::doubt_under_stress(&mut measured, dossier.unsafe_under_stress, MODE_EPISODES, profile);
-        behavior::doubt_by_search(&mut measured, dossier.searched.as_ref(), profile);
+        let place = self.trials.cells(self.record.version_table().store()).place();
+        let dossier = self.evidence_files.edit(id);
+        behavior::add_stress_concern(&mut measured, dossier.unsafe_under_stress, MODE_EPISODES, profile);
+        behavior::add_search_concern(&mut measured, dossier.searched.as_ref(), profile);
         let mode = SandboxMode::Perturbation;
-        dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Candidate, &records.0));
-        dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Active, &records.1));
+        dossier.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &records.0));
+        dossier.modes.extend(ModeMetrics::of(mode, ComparedVersion::Active, &records.1));
         let Some(before) = dossier.kappas.take() else {
-            return Err(Fault::Impossible(format!("{id} reached the sandbox without an assessment")));
+            return Err(EngineFault::Impossible(format!("{id} reached the sandbox without an assessment")));
         };
         let kappas = Kappas {
             behavior: measured.assessment.clone(),
             recovery: rehearsed.assessment.clone(),
             ..before
         };
-        let kappas = self.context.omitted.waive(kappas);
+        let kappas = self.context.omitted.fill_ablated(kappas);
         dossier.conditions = kappas.conditions();
         dossier.kept = evaluation.reuse().on_record(place);
         dossier.behavior = Some(measured);
         dossier.recovery = Some(rehearsed);
         dossier.kappas = Some(kappas.clone());
         let digest = dossier.digest()?;
-        let under = made_under(self.context, self.record.ledger(), &candidate, digest);
+        let under = made_under(self.context, self.record.version_table(), &candidate, digest);
         let decision = psi(&kappas, PsiContext { has_approver: profile.has_approver() }, under);
         dossier.reasons = decision.reasons().to_vec();
         decided(self.context, self.record, dossier, id, Stage::Sandbox, &decision);
         tell_weakness(self.record, active, &kappas, profile.alarms.degraded);
-        let (version, _, _) = self.record.ledger().version(id)?;
+        let (version, _, _) = self.record.version_table().version(id)?;
         let note = stage_note(dossier, id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
         match decision.outcome() {
             // The stage that Psi names has been completed on current evidence: a measured
-            // incompatibility is final, what the budget could not decide is held back.
+            // incompatibility is final; a result that the budget could not decide is put on hold.
             Recommendation::Sandbox | Recommendation::RollbackReview if is_undecided(&kappas) => {
                 self.record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
                 Ok(())
@@ -392,14 +403,16 @@ impl Sandbox<'_> {
     }
 }
 
-/// Raises an alarm for what the drills say of the active version itself: its candidate is judged beside it, and nobody
-/// else looks at how well it can be stopped.
-fn tell_weakness(record: &mut Record, active: &CapabilityId, kappas: &Kappas, priority: Priority) {
+/// Raises an alarm for what the drills show about the active version itself: the candidate is compared with it, and
+/// no other check tests how well it can be stopped.
+fn tell_weakness(record: &mut EngineRecorder, active: &CapabilityId, kappas: &Kappas, priority: Priority) {
     let weak = kappas.recovery.reasons.iter().filter(|reason| reason.code == ReasonCode::RecoveryActiveWeak);
     let said: Vec<String> = weak
         .map(|reason| match (reason.evidence, reason.limit) {
-            (Some(found), Some(limit)) => format!("{} ({found:.2}, at least {limit:.2})", reason.text),
-            _ => reason.text.clone(),
+            (Some(found), Some(limit)) => {
+                format!("{} ({found:.2}, at least {limit:.2})", holdpoint_wording::reason(reason))
+            }
+            _ => holdpoint_wording::reason(reason),
         })
         .collect();
     if !said.is_empty() {
@@ -407,7 +420,7 @@ fn tell_weakness(record: &mut Record, active: &CapabilityId, kappas: &Kappas, pr
     }
 }
 
-/// Whether behaviour or recovery lack the evidence for a verdict, and neither is a measured failure.
+/// Whether behavior or recovery lacks the evidence for a verdict, and neither is a measured failure.
 fn is_undecided(kappas: &Kappas) -> bool {
     let failed = kappas.behavior.outcome == BehaviorOutcome::Incompatible
         || kappas.recovery.outcome == RecoveryOutcome::Incompatible

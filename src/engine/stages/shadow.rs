@@ -4,24 +4,24 @@ use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::composition::{PsiContext, psi_after_shadow};
 use holdpoint_governance::condition::shadow_needed;
 use holdpoint_governance::decision::ReasonCode;
-use holdpoint_governance::evidence::{Binding, ShadowEvidence};
+use holdpoint_governance::distribution_shift::{apply_re_evaluation, compare_with_sandbox, is_suspicious};
+use holdpoint_governance::evidence::{EvidenceBinding, ShadowEvidence};
 use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
-use holdpoint_governance::outcome::Check;
-use holdpoint_governance::shift::{hold_against_sandbox, is_suspicious, judge_again};
+use holdpoint_governance::outcome::CheckResult;
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{Batch, Store};
 use holdpoint_sim::world::World;
 
 use super::closing::{abort_stage, progress, rejected, stage_note};
-use crate::binding::{binding, made_under, terms_of};
 use crate::context::Context;
-use crate::dossier::Dossiers;
-use crate::fault::Fault;
+use crate::evidence_binding::{binding, made_under, terms_of};
+use crate::evidence_file::EvidenceFiles;
+use crate::fault::EngineFault;
 use crate::monitors::Monitors;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
 use crate::world::shadow::{Shadow, ShadowTrace};
 
 /// Live sequences tried for one usable shadow sequence: the live world may not reach the task.
@@ -33,7 +33,7 @@ const TRACES_A_BATCH: usize = 20;
 /// A shadow deployment under way.
 pub struct ShadowRun {
     id: CapabilityId,
-    binding: Binding,
+    binding: EvidenceBinding,
     fork: Option<World>,
     tried: u32,
     budget: u32,
@@ -53,17 +53,17 @@ impl ShadowRun {
 /// If the start cannot be written, or the twin's world not be built.
 pub fn begin(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     id: &CapabilityId,
-) -> Result<Box<ShadowRun>, Fault> {
+) -> Result<Box<ShadowRun>, EngineFault> {
     let settings = &context.profile.evaluation;
     let plain =
-        if dossiers.has_open_doubt(id) { settings.shadow_sequences_max } else { settings.shadow_sequences };
+        if dossiers.has_open_concern(id) { settings.shadow_sequences_max } else { settings.shadow_sequences };
     let budget = plain.max(dossiers.of(id).map_or(0, |dossier| shadow_needed(&dossier.conditions)));
     record.start_stage(id, Stage::Shadow, u64::from(budget))?;
     let candidate = record.capability(id)?;
-    let binding = binding(context, record.ledger(), &candidate);
+    let binding = binding(context, record.version_table(), &candidate);
     let dossier = dossiers.edit(id);
     dossier.sequences.clear();
     dossier.twins.clear();
@@ -81,13 +81,13 @@ pub fn begin(
 /// If the twin's world cannot be built, or the abort not be written.
 pub fn take_along(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     monitors: &Monitors,
     run: &mut ShadowRun,
-) -> Result<Option<Shadow>, Fault> {
+) -> Result<Option<Shadow>, EngineFault> {
     let candidate = record.capability(&run.id)?;
-    if binding(context, record.ledger(), &candidate) != run.binding {
+    if binding(context, record.version_table(), &candidate) != run.binding {
         abort_stage(record, dossiers, &run.id, "the active version or the profile changed meanwhile")?;
         return Ok(None);
     }
@@ -95,16 +95,16 @@ pub fn take_along(
         Some(fork) => fork,
         None => context.cell.world()?,
     };
-    let terms = terms_of(context, record.ledger(), dossiers, monitors, &candidate);
+    let terms = terms_of(context, record.version_table(), dossiers, monitors, &candidate);
     Ok(Some(Shadow::new(candidate, terms, fork)))
 }
 
 /// How a sequence of shadow ended.
 pub enum ShadowStep {
-    /// It goes on.
+    /// It continues.
     GoOn(Box<ShadowRun>),
-    /// The candidate is suspicious: it is worked again before anything is decided.
-    WorkAgain(Box<ShadowRun>),
+    /// The candidate's behavior shifted: it is re-evaluated before any decision.
+    ReEvaluate(Box<ShadowRun>),
     /// It is decided.
     Over,
 }
@@ -115,12 +115,12 @@ pub enum ShadowStep {
 /// If the end of the stage cannot be written.
 pub fn take_in(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     mut run: Box<ShadowRun>,
     trace: Option<ShadowTrace>,
     fork: Option<World>,
-) -> Result<ShadowStep, Fault> {
+) -> Result<ShadowStep, EngineFault> {
     let id = run.id.clone();
     run.fork = fork;
     run.tried += 1;
@@ -141,30 +141,30 @@ pub fn take_in(
     decide(context, record, dossiers, run)
 }
 
-/// Decides the shadow of a suspicious candidate that was worked again.
+/// Decides the shadow of a candidate that was re-evaluated.
 ///
 /// # Errors
 /// If the end of the stage cannot be written.
-pub fn decide_again(
+pub fn decide_after_re_evaluation(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     run: Box<ShadowRun>,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     match decide(context, record, dossiers, run)? {
         ShadowStep::Over => Ok(()),
-        ShadowStep::GoOn(run) | ShadowStep::WorkAgain(run) => {
-            Err(Fault::Impossible(format!("{} is in shadow after it was worked again", run.id)))
+        ShadowStep::GoOn(run) | ShadowStep::ReEvaluate(run) => {
+            Err(EngineFault::Impossible(format!("{} is in shadow after its re-evaluation", run.id)))
         }
     }
 }
 
 fn decide(
     context: &Context,
-    record: &mut Record,
-    dossiers: &mut Dossiers,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
     mut run: Box<ShadowRun>,
-) -> Result<ShadowStep, Fault> {
+) -> Result<ShadowStep, EngineFault> {
     let id = run.id.clone();
     let profile = &context.profile;
     let dossier = dossiers.edit(&id);
@@ -174,10 +174,10 @@ fn decide(
         hard_stops: dossier.hard_stops.clone(),
     };
     let mut result = assess_shadow(&evidence, &run.binding, profile);
-    hold_against_sandbox(&mut result, &evidence, &dossier.pairs, profile);
+    compare_with_sandbox(&mut result, &evidence, &dossier.pairs, profile);
     let longest = profile.evaluation.shadow_sequences_max;
     let lengthened = run.budget >= longest;
-    if result.check == Check::Inconclusive
+    if result.check == CheckResult::Inconclusive
         && !lengthened
         && evidence.sequences.len() as u64 >= u64::from(run.budget)
     {
@@ -187,17 +187,17 @@ fn decide(
     }
     if is_suspicious(&result) {
         match &dossier.again {
-            Some(again) => judge_again(&mut result, &again.behavior, again.pairs.pairs.len()),
-            None => return Ok(ShadowStep::WorkAgain(run)),
+            Some(again) => apply_re_evaluation(&mut result, &again.behavior, again.pairs.pairs.len()),
+            None => return Ok(ShadowStep::ReEvaluate(run)),
         }
     }
     let candidate = record.capability(&id)?;
     dossier.shadow = Some(result.clone());
     let Some(kappas) = dossier.kappas.clone() else {
-        return Err(Fault::Impossible(format!("{id} reached shadow without an assessment")));
+        return Err(EngineFault::Impossible(format!("{id} reached shadow without an assessment")));
     };
     let digest = dossier.digest()?;
-    let under = made_under(context, record.ledger(), &candidate, digest);
+    let under = made_under(context, record.version_table(), &candidate, digest);
     let psi_context = PsiContext { has_approver: profile.has_approver() };
     let decision = psi_after_shadow(&kappas, psi_context, under, result.check);
     dossier.reasons.clone_from(&result.reasons);
@@ -213,33 +213,33 @@ fn decide(
         conditions: dossier.conditions.clone(),
         deployment: dossier.deployment,
     });
-    let reason = result
-        .reasons
-        .first()
-        .map_or_else(|| "shadow is passed".to_owned(), |reason| format!("{}: {}", reason.code, reason.text));
+    let reason = result.reasons.first().map_or_else(
+        || "shadow is passed".to_owned(),
+        |reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason)),
+    );
     let note = stage_note(dossier, &id, EvidenceKind::Shadow, reason, &decision)?;
-    let shift: Vec<&str> = result
+    let shift: Vec<String> = result
         .reasons
         .iter()
         .filter(|reason| reason.code == ReasonCode::ShadowShifted)
-        .map(|reason| reason.text.as_str())
+        .map(holdpoint_wording::reason)
         .collect();
     if !shift.is_empty() {
-        let text = format!("suspicious: {}", shift.join("; "));
+        let text = format!("behavior shifted: {}", shift.join("; "));
         record.raise(AlarmKey::Shifted(id.clone()), profile.alarms.degraded, true, &text);
     }
-    let store = record.ledger().store();
+    let store = record.version_table().store();
     keep_traces(store, &id, &run.traces, record.now_ms())?;
-    let (version, _, _) = record.ledger().version(&id)?;
+    let (version, _, _) = record.version_table().version(&id)?;
     match result.check {
-        Check::Pass | Check::PassRestricted(_) => {
+        CheckResult::Pass | CheckResult::PassRestricted(_) => {
             record.transition(&id.family, LifecycleEvent::Pass { version, stage: Stage::Shadow }, note)?;
         }
-        Check::Fail => {
+        CheckResult::Fail => {
             record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
             rejected(context, record, &id)?;
         }
-        Check::Review | Check::Inconclusive | Check::NoData | Check::Skipped => {
+        CheckResult::Review | CheckResult::Inconclusive | CheckResult::NoData | CheckResult::Skipped => {
             record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
         }
     }
@@ -248,7 +248,12 @@ fn decide(
 
 /// Keeps every shadowed sequence with both outputs, the comparison and its context (paper appendix F.2). The
 /// paths stay with the sequences in which the two worlds did not agree.
-fn keep_traces(store: &Store, id: &CapabilityId, traces: &[ShadowTrace], at_ms: u64) -> Result<(), Fault> {
+fn keep_traces(
+    store: &Store,
+    id: &CapabilityId,
+    traces: &[ShadowTrace],
+    at_ms: u64,
+) -> Result<(), EngineFault> {
     for some in traces.chunks(TRACES_A_BATCH) {
         let rows: Vec<ShadowTrace> = some.iter().cloned().map(ShadowTrace::without_equal_paths).collect();
         let batch = Batch {

@@ -1,12 +1,12 @@
-//! The stages together: every verb in every standing of a version, and what is kept between them.
+//! The stages together: every command in every state of a version, and what is stored between them.
 
-mod beside;
+mod behavior_shift;
+mod cache_edits;
 mod checkpoints;
-mod kept;
-mod left_out;
+mod omitted_stages;
+mod outside_gate;
 mod paused;
 mod refused;
-mod shifted;
-mod standings;
+mod state_verb_table;
 mod telemetry;
 mod wiring;

@@ -1,4 +1,4 @@
-//! The engine's side of the mark: a thread that does nothing else sees it, halts the arm, and says so by the mark's lock.
+//! The engine's watch for marks: a dedicated thread sees a mark, stops the arm, and answers by the mark's lock.
 
 use std::collections::VecDeque;
 use std::ffi::CStr;
@@ -18,60 +18,60 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::inotify::{self, CreateFlags, ReadFlags, WatchFlags};
 use rustix::io::Errno;
 
-use super::{FoundMark, is_there, look};
+use super::{StopMarkFile, is_there, look};
 use crate::caller;
-use crate::world::switch::{AskedStop, Switch};
+use crate::world::stop_switch::{StopRequest, StopSwitch};
 
-/// How often the folder is looked at.
+/// Interval between checks of the folder.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
-/// How long a mark that is not complete may be still being written, in looks of [`WRITTEN_LOOK`].
+/// How long an incomplete mark may still be being written, in checks of [`WRITTEN_LOOK`].
 const WRITTEN_LOOKS: u32 = 10;
 
-/// Time between two looks at a mark that is not complete.
+/// Time between two checks of an incomplete mark.
 const WRITTEN_LOOK: Duration = Duration::from_millis(2);
 
-/// How long the lock of a mark is shared: its maker looks for that at once.
+/// How long the lock of a mark is shared: its maker checks for that at once.
 const ANSWER_KEPT: Duration = Duration::from_secs(10);
 
 /// The most marks whose lock is shared at a time.
 const ANSWERS_MAX: usize = 8;
 
-/// Who stops the cell where nobody else is known to have.
+/// The author of a stop if no other is known.
 const BY_ITSELF: &str = "the engine";
 
-/// A mark was made, and was gone before it could be read.
+/// A mark was removed before it could be read.
 const REMOVED: &str =
-    "somebody asked for a stop in the store's folder, and the mark was removed before the engine had read it";
+    "a stop was requested in the store's folder, and its mark was removed before the engine had read it";
 
 /// The folder has another name, or another folder has its name.
 const AWAY: &str =
-    "the store's folder was moved or replaced: a stop that is asked for there does not reach this engine";
+    "the store's folder was moved or replaced: a stop requested there does not reach this engine";
 
-/// Room for the kernel's words on what was made in the folder, bytes: some 60 names at a time.
+/// Buffer for the kernel's notices of new files in the folder, bytes: some 60 names at a time.
 const MADE_BYTES: usize = 4096;
 
-/// Watches the folder for a mark, on a thread of its own, until it is dropped.
+/// Watches the folder for a mark, on a dedicated thread, until it is dropped.
 #[derive(Debug)]
-pub(crate) struct MarkWatch {
-    /// Its end is the thread's.
+pub(crate) struct StopMarkWatch {
+    /// Dropping it ends the thread.
     end: Option<SyncSender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl MarkWatch {
+impl StopMarkWatch {
     /// # Errors
     /// If the system gives no thread, or the folder is not there.
-    pub(crate) fn start(layout: Layout, switch: Arc<Switch>) -> io::Result<Self> {
+    pub(crate) fn start(layout: Layout, switch: Arc<StopSwitch>) -> io::Result<Self> {
         let (end, ended) = sync_channel(0);
-        let folder = WatchedFolder::of(&layout)?;
+        let folder = StopMarkFolder::of(&layout)?;
         let watch = move || watch(&layout, &folder, &switch, &ended);
         let thread = std::thread::Builder::new().name("stop-watch".to_owned()).spawn(watch)?;
         Ok(Self { end: Some(end), thread: Some(thread) })
     }
 }
 
-impl Drop for MarkWatch {
+impl Drop for StopMarkWatch {
     fn drop(&mut self) {
         drop(self.end.take());
         if let Some(thread) = self.thread.take() {
@@ -80,18 +80,18 @@ impl Drop for MarkWatch {
     }
 }
 
-/// The folder in which marks are made.
-struct WatchedFolder {
+/// The folder in which marks are created.
+struct StopMarkFolder {
     path: PathBuf,
-    /// Device and inode: which folder it is, whatever it is called.
+    /// Device and inode, which identify the folder under any name.
     is: (u64, u64),
-    /// The kernel tells here what is made in it; absent where the system gives none. Then it is looked at alone.
+    /// The kernel's notices of new files; absent if the system provides none. Then only checks find marks.
     told: Option<OwnedFd>,
 }
 
-impl WatchedFolder {
+impl StopMarkFolder {
     fn of(layout: &Layout) -> io::Result<Self> {
-        // A name that begins in the working folder would move with that.
+        // A relative path would move with the working folder.
         let path = std::path::absolute(layout.folder())?;
         let found = fs::metadata(&path)?;
         let told = inotify::init(CreateFlags::CLOEXEC | CreateFlags::NONBLOCK).ok();
@@ -100,7 +100,7 @@ impl WatchedFolder {
         Ok(Self { path, is: (found.dev(), found.ino()), told })
     }
 
-    /// Until something is made in it, or for [`LOOK_EVERY`].
+    /// Waits for a new file, or for [`LOOK_EVERY`].
     fn wait(&self) {
         let at_most = Timespec { tv_sec: 0, tv_nsec: i64::from(LOOK_EVERY.subsec_nanos()) };
         let Some(told) = &self.told else { return std::thread::sleep(LOOK_EVERY) };
@@ -109,7 +109,7 @@ impl WatchedFolder {
         }
     }
 
-    /// How many marks were made since this was asked last, those that are not there any more among them.
+    /// The number of marks created since the last call, including removed ones.
     fn marks_made(&self, layout: &Layout) -> u64 {
         let Some(told) = &self.told else { return 0 };
         let mark = layout.stop_asked();
@@ -120,7 +120,7 @@ impl WatchedFolder {
         let mut made = 0;
         loop {
             match events.next() {
-                // Of more than the kernel keeps it is not known what they were.
+                // After an overflow the kernel does not report the names.
                 Ok(event) => {
                     let is_lost = event.events().contains(ReadFlags::QUEUE_OVERFLOW);
                     made += u64::from(is_lost || event.file_name().is_some_and(is_mark));
@@ -131,23 +131,23 @@ impl WatchedFolder {
         }
     }
 
-    /// Whether its name leads somewhere else: whoever stops the cell by it does not reach this engine.
+    /// Whether its name leads to another folder, so that a stop by that name does not reach this engine.
     fn is_away(&self) -> bool {
         !fs::metadata(&self.path).is_ok_and(|found| (found.dev(), found.ino()) == self.is)
     }
 }
 
-/// Which marks were seen, held against those that the kernel tells of.
+/// Compares the marks that were seen with those that the kernel reported.
 #[derive(Default)]
-struct SeenMarks {
+struct StopMarkTracker {
     /// Device and inode of the last one.
     last: Option<(u64, u64)>,
-    /// How many were seen that the kernel has not told of yet.
+    /// The number of marks seen that the kernel has not reported yet.
     untold: u64,
 }
 
-impl SeenMarks {
-    /// Whether one was made that is gone and was never seen. `made` were told of, and then this was found.
+impl StopMarkTracker {
+    /// Whether a mark was created and removed without being seen. `made` were reported, and then `found` was there.
     fn has_missed(&mut self, made: u64, found: Option<(u64, u64)>) -> bool {
         let mut missed = made.saturating_sub(self.untold);
         self.untold = self.untold.saturating_sub(made);
@@ -162,13 +162,13 @@ impl SeenMarks {
     }
 }
 
-fn watch(layout: &Layout, folder: &WatchedFolder, switch: &Switch, ended: &Receiver<()>) {
+fn watch(layout: &Layout, folder: &StopMarkFolder, switch: &StopSwitch, ended: &Receiver<()>) {
     let mut answers: VecDeque<(Instant, File)> = VecDeque::new();
-    let mut seen = SeenMarks { last: look(layout).map(|found| found.is), untold: 0 };
+    let mut seen = StopMarkTracker { last: look(layout).map(|found| found.is), untold: 0 };
     let mut own_stops = 0_u64;
     while ended.try_recv() == Err(TryRecvError::Empty) {
         if !switch.is_halted() {
-            // They were about a stop that is over.
+            // They belong to a stop that is over.
             answers.clear();
         }
         while answers.front().is_some_and(|(since, _)| since.elapsed() > ANSWER_KEPT) {
@@ -181,7 +181,7 @@ fn watch(layout: &Layout, folder: &WatchedFolder, switch: &Switch, ended: &Recei
         if let Some(why) = why.filter(|_| !switch.is_halted()) {
             own_stops += 1;
             let (id, reason) = (format!("watch-{own_stops}"), why.to_owned());
-            switch.halt(AskedStop { id, by: BY_ITSELF.to_owned(), reason, caller: caller::own() });
+            switch.halt(StopRequest { id, by: BY_ITSELF.to_owned(), reason, caller: caller::own() });
         }
         if let Some(found) = found {
             take(layout, switch, found, &mut answers);
@@ -191,15 +191,15 @@ fn watch(layout: &Layout, folder: &WatchedFolder, switch: &Switch, ended: &Recei
 }
 
 /// Stops the cell by a mark, and shares its lock.
-fn take(layout: &Layout, switch: &Switch, found: FoundMark, answers: &mut VecDeque<(Instant, File)>) {
-    let FoundMark { asked, file, .. } = found;
-    // A stop that came over the socket as well is one stop. One whose mark was put back after it was let go is another.
+fn take(layout: &Layout, switch: &StopSwitch, found: StopMarkFile, answers: &mut VecDeque<(Instant, File)>) {
+    let StopMarkFile { asked, file, .. } = found;
+    // A stop over the socket with the same id is the same stop. A mark that returns after the start is another one.
     if !switch.knows(&asked.id) || (!switch.is_halted() && is_there(layout)) {
         switch.halt(asked);
     }
     let is_new = |file: &File| !answers.iter().any(|(_, kept)| is_same(kept, file));
     let Some(file) = file.filter(is_new) else { return };
-    // It says that the cell is stopped, and nothing else.
+    // It means that the cell is stopped, and nothing else.
     if switch.is_halted() && file.try_lock_shared().is_ok() {
         if answers.len() >= ANSWERS_MAX {
             answers.pop_front();
@@ -208,15 +208,15 @@ fn take(layout: &Layout, switch: &Switch, found: FoundMark, answers: &mut VecDeq
     }
 }
 
-/// As [`look`], once it is written.
-fn complete(layout: &Layout) -> Option<FoundMark> {
+/// As [`look`], once it is complete.
+fn complete(layout: &Layout) -> Option<StopMarkFile> {
     let mut found = look(layout)?;
     for _ in 0..WRITTEN_LOOKS {
         if found.clear || found.file.is_none() {
             break;
         }
         std::thread::sleep(WRITTEN_LOOK);
-        // One that is taken away meanwhile asked for a stop all the same.
+        // A mark removed meanwhile still requested a stop.
         found = look(layout).unwrap_or(found);
     }
     Some(found)
@@ -230,13 +230,13 @@ fn is_same(one: &File, other: &File) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stop_mark::{OwnMark, settle};
+    use crate::stop_mark::{OwnStopMark, settle};
 
     /// A folder, and an engine's watch over it.
-    fn watched() -> (tempfile::TempDir, Layout, Arc<Switch>, MarkWatch) {
+    fn watched() -> (tempfile::TempDir, Layout, Arc<StopSwitch>, StopMarkWatch) {
         let folder = tempfile::tempdir().unwrap();
-        let (layout, switch) = (Layout::new(folder.path()), Arc::new(Switch::default()));
-        let watch = MarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
+        let (layout, switch) = (Layout::new(folder.path()), Arc::new(StopSwitch::default()));
+        let watch = StopMarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
         (folder, layout, switch, watch)
     }
 
@@ -248,11 +248,11 @@ mod tests {
         }
     }
 
-    /// A mark that was linked back after `go` passed for a stop that the engine had taken, and the arm worked on.
+    /// A mark linked again after `go` counted as a stop that the engine had taken, and the arm kept moving.
     #[test]
     fn a_mark_that_is_put_back_after_the_cell_was_let_go_stops_it_again() {
         let (folder, layout, switch, watch) = watched();
-        let own = OwnMark::put(&layout, "a", "ana", "a hand is in the cell").unwrap();
+        let own = OwnStopMark::put(&layout, "a", "ana", "a hand is in the cell").unwrap();
         wait_for("the mark stops the cell", || switch.is_halted());
         let kept = folder.path().join("kept");
         fs::hard_link(layout.stop_asked(), &kept).unwrap();
@@ -269,11 +269,11 @@ mod tests {
         drop((watch, own));
     }
 
-    /// A lock that was shared for ten seconds passed for the confirmation of a later stop.
+    /// A lock shared for ten seconds counted as the confirmation of a later stop.
     #[test]
     fn a_lock_is_shared_for_no_stop_that_is_over() {
         let (_folder, layout, switch, watch) = watched();
-        let own = OwnMark::put(&layout, "a", "ana", "").unwrap();
+        let own = OwnStopMark::put(&layout, "a", "ana", "").unwrap();
         let shares = || own.is_shared_by(i32::try_from(std::process::id()).unwrap());
         wait_for("the lock is shared", shares);
         settle(&layout, "a");
@@ -283,13 +283,15 @@ mod tests {
         drop(watch);
     }
 
-    /// A program that took the mark away within a look defeated the stop.
+    /// A program that removed the mark between two checks defeated the stop.
     #[test]
     fn a_mark_that_is_removed_at_once_stops_the_cell() {
         let (folder, layout, switch, watch) = watched();
         fs::write(folder.path().join("another.file"), "").unwrap();
         for number in 0..50 {
-            drop(OwnMark::put(&layout, &format!("stop-{number}"), "ana", "a hand is in the cell").unwrap());
+            drop(
+                OwnStopMark::put(&layout, &format!("stop-{number}"), "ana", "a hand is in the cell").unwrap(),
+            );
             fs::remove_file(layout.stop_asked()).unwrap();
             wait_for("it stops the cell", || switch.is_halted());
             wait_for("it is let go", || {
@@ -306,7 +308,7 @@ mod tests {
         let (_folder, layout, switch, watch) = watched();
         for number in 0..50 {
             let id = format!("stop-{number}");
-            let own = OwnMark::put(&layout, &id, "ana", "").unwrap();
+            let own = OwnStopMark::put(&layout, &id, "ana", "").unwrap();
             wait_for("it stops the cell", || switch.is_halted());
             settle(&layout, &id);
             switch.took_asked();
@@ -319,14 +321,14 @@ mod tests {
         drop(watch);
     }
 
-    /// Another folder in the place of the store's, with a lock and a mark of its own, passed for it.
+    /// Another folder in place of the store's, with its own lock and mark, was accepted.
     #[test]
     fn an_engine_whose_folder_is_replaced_stops_the_cell() {
         let parent = tempfile::tempdir().unwrap();
         let (store, aside) = (parent.path().join("store"), parent.path().join("aside"));
         fs::create_dir(&store).unwrap();
-        let (layout, switch) = (Layout::new(&store), Arc::new(Switch::default()));
-        let watch = MarkWatch::start(layout, Arc::clone(&switch)).unwrap();
+        let (layout, switch) = (Layout::new(&store), Arc::new(StopSwitch::default()));
+        let watch = StopMarkWatch::start(layout, Arc::clone(&switch)).unwrap();
         fs::rename(&store, &aside).unwrap();
         fs::create_dir(&store).unwrap();
         wait_for("it stops the cell", || switch.is_halted());

@@ -1,7 +1,7 @@
 //! Where episodes and drills of active versions are kept, that need not be run again: by default in the store, or in a
 //! folder that several runs share.
 
-use holdpoint_registry::{KeptCells, Store, StoreError};
+use holdpoint_registry::{ResultCache, Store, StoreError};
 use holdpoint_runtime::seeds::SeedKey;
 
 /// Where they are kept.
@@ -11,21 +11,21 @@ pub enum EpisodeCache {
     #[default]
     InStore,
     /// In a folder that runs share.
-    Shared(KeptCells),
+    Shared(ResultCache),
 }
 
 impl EpisodeCache {
     /// The cells.
     #[must_use]
-    pub const fn cells<'a>(&'a self, store: &'a Store) -> &'a KeptCells {
+    pub const fn cells<'a>(&'a self, store: &'a Store) -> &'a ResultCache {
         match self {
             Self::InStore => store.cells(),
             Self::Shared(cells) => cells,
         }
     }
 
-    /// What bundles' seeds are drawn under: what a script of this seed works comes out the same on every store,
-    /// otherwise nobody can compute them who cannot read the secret of what is kept.
+    /// The key of bundles' seeds: a script's episodes are the same on every store; otherwise computing a seed needs
+    /// the cache's secret.
     ///
     /// # Errors
     /// As [`holdpoint_registry::KeptSecret::derived`].

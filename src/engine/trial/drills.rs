@@ -1,4 +1,4 @@
-//! Recovery drills: rehearsals in the sandbox, at random points of every phase of the work.
+//! Recovery drills: fault-injection tests in the sandbox, at random points of every phase.
 //!
 //! Passes are read from joint speeds, contacts, poses and the object's fate, never from what a hook returns. What is
 //! injected is the simulator's own kind of fault; what the watcher names is the runtime's: the two
@@ -16,8 +16,8 @@ use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
 use self::fate::{ObjectWatch, WATCH_TICKS};
-use self::faults::{Named, Notice};
-use super::undisturbed::{TrialCase, Undisturbed};
+use self::faults::{DetectionWindow, NamedFault};
+use super::undisturbed_run::{TrialCase, UndisturbedRun};
 use super::worker::Worker;
 use crate::cell::{Cell, Conditions};
 use holdpoint_governance::evidence::DrillKind;
@@ -46,7 +46,7 @@ pub enum DrillResult {
 
 /// Who takes part in a drill.
 #[derive(Clone, Copy)]
-pub struct Cast<'a> {
+pub struct DrillVersions<'a> {
     /// The version that is drilled.
     pub version: &'a Capability,
     /// The version it would be rolled back to; for the active version, itself.
@@ -58,7 +58,7 @@ pub struct Cast<'a> {
 /// Longest time a rollback hook may take, ticks.
 const HANDOVER_TICKS: u64 = 3 * RATE_HZ as u64;
 
-/// How long an arm is watched after its hook said it is done, before anybody stops it, ticks: 100 ms.
+/// Time for which the drill watches an arm after its hook reports done, before it stops the arm, ticks: 100 ms.
 const DONE_TICKS: u64 = RATE_HZ as u64 / 10;
 
 /// The furthest the tool may go in that time and count as standing, m: what is left of braking from the 2 cm/s at which
@@ -71,7 +71,7 @@ pub fn drill(
     worker: &mut Worker,
     cell: &Cell,
     terms: &SkillTerms,
-    cast: &Cast<'_>,
+    cast: &DrillVersions<'_>,
     kind: DrillKind,
     seed: u64,
 ) -> DrillResult {
@@ -83,7 +83,7 @@ pub fn drill(
 pub struct DrillCase<'a> {
     pub cell: &'a Cell,
     pub terms: &'a SkillTerms,
-    pub cast: &'a Cast<'a>,
+    pub cast: &'a DrillVersions<'a>,
     pub kind: DrillKind,
     /// The phase of the work in which it begins; any, if none is named.
     pub phase: Option<WorkPhase>,
@@ -95,16 +95,16 @@ impl DrillCase<'_> {
     /// drill in the same phase. The result is the same either way. Infeasible where the version never comes to the
     /// phase under this seed.
     #[must_use]
-    pub fn run(&self, worker: &mut Worker, shared: &mut Option<Undisturbed>) -> DrillResult {
+    pub fn run(&self, worker: &mut Worker, shared: &mut Option<UndisturbedRun>) -> DrillResult {
         self.run_from(worker, shared).0
     }
 
-    /// As [`DrillCase::run`], and at which tick of the episode the rehearsal began; absent if it did not come to that.
+    /// As [`DrillCase::run`], and the tick of the episode at which the drill began; absent if it did not begin.
     #[must_use]
     pub fn run_from(
         &self,
         worker: &mut Worker,
-        shared: &mut Option<Undisturbed>,
+        shared: &mut Option<UndisturbedRun>,
     ) -> (DrillResult, Option<u64>) {
         let mut from = None;
         let result = match self.work(worker, shared, &mut from) {
@@ -118,13 +118,13 @@ impl DrillCase<'_> {
     fn work(
         &self,
         worker: &mut Worker,
-        shared: &mut Option<Undisturbed>,
+        shared: &mut Option<UndisturbedRun>,
         from: &mut Option<u64>,
     ) -> Result<Option<bool>, SimError> {
         let trial = self.trial();
         let work = match shared.take() {
             Some(begun) => begun,
-            None => Undisturbed::begin(worker, &trial, self.phase)?,
+            None => UndisturbedRun::begin(worker, &trial, self.phase)?,
         };
         let work = shared.insert(work);
         let trace = work.trace(worker, &trial)?;
@@ -134,7 +134,7 @@ impl DrillCase<'_> {
             DrillKind::Detect => {
                 let (within, limits) = (self.terms.detect_ticks, self.terms.watch());
                 let held = trace.is_held(point);
-                Notice { trace, point, within, limits, held }.draw(&mut stream)
+                DetectionWindow { trace, point, within, limits, held }.sample(&mut stream)
             }
             DrillKind::Rollback | DrillKind::Fallback | DrillKind::Abort => None,
         };
@@ -167,12 +167,12 @@ impl DrillCase<'_> {
         points.get(at.min(points.len().saturating_sub(1))).copied().filter(|_| shown)
     }
 
-    /// The drill itself, from where the worker's arm stands. `None`: there was nothing to rehearse.
+    /// The drill itself, from the worker's present arm state. `None`: there is nothing to test.
     fn at_point(
         &self,
         worker: &mut Worker,
         run: TaskRun,
-        fault: Option<Named>,
+        fault: Option<NamedFault>,
     ) -> Result<Option<bool>, SimError> {
         let arm = worker.built_arm()?;
         let (mut skill, guard, watcher) = run.into_parts();
@@ -206,7 +206,7 @@ struct StartedDrill<'a, 'b> {
     arm: &'a mut Arm<World>,
     guard: Guard,
     terms: &'a SkillTerms,
-    cast: &'a Cast<'b>,
+    cast: &'a DrillVersions<'b>,
     seed: u64,
     object: ObjectWatch,
 }
@@ -245,7 +245,7 @@ impl StartedDrill<'_, '_> {
         }
     }
 
-    /// Holds the arm where it stands, as the live descent does, and looks what becomes of the object.
+    /// Holds the arm in place, as the live ladder does, and checks the fate of the object.
     fn ends_safely(&mut self) -> Result<bool, SimError> {
         let mut handle = self.arm.handle();
         handle.interrupt(Interrupt::Stop);
@@ -294,7 +294,7 @@ impl StartedDrill<'_, '_> {
         &mut self,
         skill: &mut dyn Skill,
         mut watcher: Watcher,
-        (fault, named_by): Named,
+        (fault, named_by): NamedFault,
     ) -> Result<bool, SimError> {
         self.arm.body_mut().inject(fault);
         let declared = &self.cast.version.manifest.recovery.failure_signals;
@@ -341,15 +341,15 @@ impl StartedDrill<'_, '_> {
                 return Ok(false);
             }
             if matches!(asked, Command::Done) {
-                return self.stands_where_it_is_done();
+                return self.stops_in_place();
             }
         }
         Ok(false)
     }
 
-    /// Whether the arm stands by itself, and then when it is stopped (a redundant arm may go on turning about a tool
-    /// that stands): within half a second.
-    fn stands_where_it_is_done(&mut self) -> Result<bool, SimError> {
+    /// Whether the arm comes to a standstill by itself, and within half a second once stopped. A redundant arm may
+    /// keep turning about a tool at rest.
+    fn stops_in_place(&mut self) -> Result<bool, SimError> {
         let mut handle = self.arm.handle();
         let from = handle.telemetry().tool;
         for _ in 0..DONE_TICKS {
@@ -371,8 +371,8 @@ impl StartedDrill<'_, '_> {
         Ok(false)
     }
 
-    /// Another version takes the arm over where it stands. `succeed` asks for the work to be done,
-    /// otherwise a safe end is enough.
+    /// Another version takes over the arm in place. `succeed` requires that the task succeeds; otherwise a safe end
+    /// is enough.
     fn take_over(&mut self, next: &Capability, succeed: bool) -> Result<bool, SimError> {
         self.arm.body_mut().begin_task(self.cast.version.bundle.task());
         if admit(&next.manifest, &self.arm.body().telemetry()).is_err() {

@@ -1,4 +1,4 @@
-//! Single episodes, and pairs of them, each on the world of whoever works it.
+//! Single episodes, and pairs of them, each on the world of its worker.
 //!
 //! Says what determines an episode ([`cache_key`]); what is kept under it, and which versions meet on which
 //! seeds, is for [`super::lab`] and [`super::evaluation`].
@@ -9,11 +9,11 @@ use std::sync::atomic::AtomicBool;
 use holdpoint_sim::SimError;
 use holdpoint_sim::world::WorldCopy;
 
-use super::crew::{Crew, Errand};
-use super::undisturbed::TrialCase;
+use super::undisturbed_run::TrialCase;
 use super::worker::Worker;
+use super::worker_pool::{PoolJob, WorkerPool};
 use crate::cell::{Cell, Conditions};
-use crate::fault::Fault;
+use crate::fault::EngineFault;
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun};
@@ -66,7 +66,7 @@ pub fn pair(worker: &mut Worker, [first, second]: [TrialCase<'_>; 2]) -> [TaskRe
     let (mut one, mut other) = (first.start(), second.start());
     let mut begin = || -> Result<WorldCopy, SimError> {
         let arm = worker.built_arm()?;
-        TaskRun::work_together(&mut arm.handle(), &mut one, &mut other)?;
+        TaskRun::run_together(&mut arm.handle(), &mut one, &mut other)?;
         Ok(arm.body().copy())
     };
     let Ok(parted) = begin() else {
@@ -85,28 +85,28 @@ pub fn pair(worker: &mut Worker, [first, second]: [TrialCase<'_>; 2]) -> [TaskRe
     [go_on(one, &first, None), go_on(other, &second, Some(&parted))]
 }
 
-/// Runs a version's episodes of these seeds by a crew; the records come back in the seeds' order.
+/// Runs a version's episodes of these seeds by a worker pool; the records come back in the seeds' order.
 ///
 /// # Errors
 /// If a worker panicked, or if `cancel` was raised. Nothing is concluded from the batch then.
 pub fn batch(
-    crew: &Crew<TaskRecord>,
+    worker_pool: &WorkerPool<TaskRecord>,
     cancel: &AtomicBool,
     cell: &Cell,
     (version, terms): (&Capability, &SkillTerms),
     conditions: Conditions,
     seeds: impl IntoIterator<Item = u64>,
-) -> Result<Vec<TaskRecord>, Fault> {
+) -> Result<Vec<TaskRecord>, EngineFault> {
     let shared = Arc::new((cell.clone(), terms.clone(), version.clone()));
-    let errand = |seed| {
+    let job = |seed| {
         let shared = Arc::clone(&shared);
         let work = move |worker: &mut Worker| {
             let (cell, terms, version) = &*shared;
             episode(worker, cell, terms, version, conditions, seed)
         };
-        Errand { key: cache_key(cell, terms, version, conditions, seed), work: Box::new(work) }
+        PoolJob { key: cache_key(cell, terms, version, conditions, seed), work: Box::new(work) }
     };
-    crew.work(seeds.into_iter().map(errand).collect(), cancel)
+    worker_pool.run_jobs(seeds.into_iter().map(job).collect(), cancel)
 }
 
 /// What a cached episode is stored under.

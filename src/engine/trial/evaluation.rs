@@ -6,22 +6,23 @@
 
 mod plan;
 
-pub use plan::Plan;
-use plan::{NextSlice, Reached};
+pub use plan::EvaluationPlan;
+use plan::{EvaluationProgress, NextSlice};
 
-use crate::fault::Fault;
+use crate::fault::EngineFault;
 use crate::trial::drills::DrillResult;
-use crate::trial::lab::{DrillSpot, Lab, Outlook, Party};
 use crate::trial::reuse::Reuse;
 use crate::trial::seeds::episode_seed;
-use crate::trial::sequences::WorkedSequences;
+use crate::trial::sequences::SequenceRecords;
+use crate::trial::trial_lab::{DrillSpot, Lookahead, TrialLab, TrialSubject};
 use holdpoint_governance::behavior::{
     self, BehaviorAssessment, SequenceEvidence, SequencePair, SequenceStep,
 };
 use holdpoint_governance::composition::recovery_is_reviewable;
-use holdpoint_governance::ended::EndReason;
+use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{
-    Binding, DrillKind, DrillTally, Drills, FailedDrill, HardStop, Pair, PairedEvidence, RecoveryEvidence,
+    DrillKind, DrillTallies, DrillTally, EvidenceBinding, FailedDrill, HardStop, Pair, PairedEvidence,
+    RecoveryEvidence,
 };
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
@@ -40,7 +41,7 @@ const PHASE_SHOWN_IN: usize = 4;
 /// The most failed drills that are kept one by one; all are counted.
 const FAILED_KEPT: usize = 64;
 
-/// Slices that are worked ahead of what is asked for.
+/// Slices that are run ahead of the requests.
 const SLICES_AHEAD: usize = 2;
 
 /// What one slice did.
@@ -58,13 +59,13 @@ pub struct Slice {
 /// A comparison under way.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
-    plan: Plan,
-    binding: Binding,
+    plan: EvaluationPlan,
+    binding: EvidenceBinding,
     pairs: Vec<Pair>,
     hard_stops: Vec<HardStop>,
     /// The phases that drills are dealt round, once they are known.
     phases: Option<Vec<WorkPhase>>,
-    drills: (Drills, Drills),
+    drills: (DrillTallies, DrillTallies),
     /// The candidate's that did not pass, in the order they were worked; at most [`FAILED_KEPT`].
     failed: Vec<FailedDrill>,
     pairs_tried: u64,
@@ -73,31 +74,31 @@ pub struct Evaluation {
     sequences: Option<SequenceEvidence>,
     sequences_tried: u64,
     turns: usize,
-    ended: Option<EndReason>,
+    ended: Option<EarlyStopReason>,
     part: PartialSlice,
     reuse: Reuse,
 }
 
-/// What is worked of a slice that is not whole yet.
+/// Results of a slice that is not complete yet.
 #[derive(Clone, Debug, Default)]
 struct PartialSlice {
     pairs: Vec<(TaskRecord, TaskRecord)>,
     drills: (Vec<DrillResult>, Vec<DrillResult>),
-    sequences: Vec<WorkedSequences>,
+    sequences: Vec<SequenceRecords>,
 }
 
 impl Evaluation {
     /// Nothing worked yet. `hard_stops` are those seen before the first pair.
     #[must_use]
-    pub fn new(plan: Plan, binding: Binding, hard_stops: Vec<HardStop>) -> Self {
-        let ended = (!hard_stops.is_empty()).then_some(EndReason::HardStop);
+    pub fn new(plan: EvaluationPlan, binding: EvidenceBinding, hard_stops: Vec<HardStop>) -> Self {
+        let ended = (!hard_stops.is_empty()).then_some(EarlyStopReason::HardStop);
         Self {
             plan,
             binding,
             pairs: Vec::new(),
             hard_stops,
             phases: None,
-            drills: (Drills::default(), Drills::default()),
+            drills: (DrillTallies::default(), DrillTallies::default()),
             failed: Vec::new(),
             pairs_tried: 0,
             drills_tried: [0; DrillKind::ALL.len()],
@@ -112,7 +113,7 @@ impl Evaluation {
 
     /// How its work ended; absent while there is some left.
     #[must_use]
-    pub const fn ended(&self) -> Option<EndReason> {
+    pub const fn ended(&self) -> Option<EarlyStopReason> {
         self.ended
     }
 
@@ -122,10 +123,10 @@ impl Evaluation {
         self.ended.is_some() && self.reuse.is_checked() && !self.is_refuted()
     }
 
-    /// Whether kept results that it rests on are false: nothing may be concluded from it.
+    /// Whether cached results that it rests on are false: it permits no conclusion then.
     #[must_use]
     pub fn is_refuted(&self) -> bool {
-        self.reuse.false_ones().next().is_some()
+        self.reuse.mismatches().next().is_some()
     }
 
     /// Takes in hard stops that were seen beside it: one is enough to end it.
@@ -133,7 +134,7 @@ impl Evaluation {
         let before = self.hard_stops.len();
         self.hard_stops.extend(seen);
         if self.hard_stops.len() > before {
-            self.ended = Some(EndReason::HardStop);
+            self.ended = Some(EarlyStopReason::HardStop);
         }
     }
 
@@ -196,11 +197,11 @@ impl Evaluation {
     /// If the lab fails; nothing is concluded from the slice then.
     pub fn step(
         &mut self,
-        lab: &Lab<'_>,
-        candidate: &Party,
-        active: &Party,
+        lab: &TrialLab<'_>,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
         profile: &Profile,
-    ) -> Result<Option<Slice>, Fault> {
+    ) -> Result<Option<Slice>, EngineFault> {
         if self.ended.is_some() {
             self.reuse.check_part(lab, active)?;
             return Ok(None);
@@ -235,7 +236,7 @@ impl Evaluation {
             None => "nothing is left".to_owned(),
         };
         self.turns += 1;
-        self.look(profile);
+        self.update_end_reason(profile);
         if self.ended.is_none() && self.sequences.is_none() && self.next_turn() == Some(NextSlice::Sequences)
         {
             self.begin_sequences(lab, candidate, active, profile);
@@ -247,7 +248,7 @@ impl Evaluation {
     }
 
     /// The phases that the active version's work shows, of which every kind of drill gets its quota.
-    fn phases_of(&self, lab: &Lab<'_>, active: &Party) -> Result<Vec<WorkPhase>, Fault> {
+    fn phases_of(&self, lab: &TrialLab<'_>, active: &TrialSubject) -> Result<Vec<WorkPhase>, EngineFault> {
         let seeds: Vec<u64> =
             (0..PHASE_PROBES).map(|index| episode_seed(lab.seed, self.plan.drill_seeds, index)).collect();
         let shown = lab.phases(active, &seeds)?;
@@ -259,10 +260,10 @@ impl Evaluation {
 
     fn pair_slice(
         &mut self,
-        lab: &Lab<'_>,
-        candidate: &Party,
-        active: &Party,
-    ) -> Result<Option<Vec<(TaskRecord, TaskRecord)>>, Fault> {
+        lab: &TrialLab<'_>,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+    ) -> Result<Option<Vec<(TaskRecord, TaskRecord)>>, EngineFault> {
         let seeds = self.seeds(lab, &self.standing(), NextSlice::Pairs);
         let open = seeds.get(self.part.pairs.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
@@ -282,14 +283,14 @@ impl Evaluation {
         Ok(Some(records))
     }
 
-    /// Tells whether the slice is whole.
+    /// Returns whether the slice is whole.
     fn drill_slice(
         &mut self,
-        lab: &Lab<'_>,
-        candidate: &Party,
-        active: &Party,
+        lab: &TrialLab<'_>,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
         kind: DrillKind,
-    ) -> Result<bool, Fault> {
+    ) -> Result<bool, EngineFault> {
         let spots = self.spots(lab, &self.standing(), kind);
         let open = spots.get(self.part.drills.0.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
@@ -312,9 +313,15 @@ impl Evaluation {
         Ok(true)
     }
 
-    /// The turn of the sequences has come: nobody works them for a version that is rejected without them, and nobody can
-    /// where a place is empty.
-    fn begin_sequences(&mut self, lab: &Lab<'_>, candidate: &Party, active: &Party, profile: &Profile) {
+    /// Begins the sequences. They are not run for a version that is rejected without them, nor with an empty place in
+    /// the team.
+    fn begin_sequences(
+        &mut self,
+        lab: &TrialLab<'_>,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        profile: &Profile,
+    ) {
         let (behavior, recovery) = self.assess(profile);
         let is_open =
             matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious);
@@ -330,22 +337,27 @@ impl Evaluation {
             });
         }
         if is_lost || lab.team.cast(active).is_none() {
-            self.ended = Some(EndReason::Full);
+            self.ended = Some(EarlyStopReason::Full);
         }
     }
 
-    /// Tells whether the slice is whole.
-    fn sequence_slice(&mut self, lab: &Lab<'_>, candidate: &Party, active: &Party) -> Result<bool, Fault> {
+    /// Returns whether the slice is whole.
+    fn sequence_slice(
+        &mut self,
+        lab: &TrialLab<'_>,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+    ) -> Result<bool, EngineFault> {
         let beside: Vec<CapabilityId> = lab.team.members().iter().map(|party| party.version.id()).collect();
         if let Some(evidence) = self.sequences.as_mut().filter(|evidence| evidence.beside != beside) {
-            // Another version has become active beside it: what was worked is about others.
+            // Another version has become active beside it: the results so far are about others.
             evidence.pairs.clear();
             evidence.beside = beside;
             self.part.sequences.clear();
             self.sequences_tried = 0;
         }
         if lab.team.cast(active).is_none() {
-            self.ended = Some(EndReason::Full);
+            self.ended = Some(EarlyStopReason::Full);
             return Ok(true);
         }
         let seeds = self.seeds(lab, &self.standing(), NextSlice::Sequences);
@@ -370,8 +382,8 @@ impl Evaluation {
         Ok(true)
     }
 
-    const fn standing(&self) -> Reached {
-        Reached {
+    const fn standing(&self) -> EvaluationProgress {
+        EvaluationProgress {
             pairs: self.pairs.len() as u64,
             pairs_tried: self.pairs_tried,
             drills: self.drills,
@@ -389,7 +401,7 @@ impl Evaluation {
         self.standing().next(&self.plan)
     }
 
-    fn seeds(&self, lab: &Lab<'_>, standing: &Reached, slice: NextSlice) -> Vec<u64> {
+    fn seeds(&self, lab: &TrialLab<'_>, standing: &EvaluationProgress, slice: NextSlice) -> Vec<u64> {
         let purpose = match slice {
             NextSlice::Pairs => self.plan.pair_seeds,
             NextSlice::Drills(_) => self.plan.drill_seeds,
@@ -400,7 +412,7 @@ impl Evaluation {
     }
 
     /// Where the drills of a slice begin: dealt round the phases by their place, and so the same for both versions.
-    fn spots(&self, lab: &Lab<'_>, standing: &Reached, kind: DrillKind) -> Vec<DrillSpot> {
+    fn spots(&self, lab: &TrialLab<'_>, standing: &EvaluationProgress, kind: DrillKind) -> Vec<DrillSpot> {
         let phases = self.phases.as_deref().unwrap_or_default();
         let spot = |index: u64| {
             let turn = index.checked_rem(phases.len() as u64).and_then(|turn| usize::try_from(turn).ok());
@@ -412,7 +424,7 @@ impl Evaluation {
 
     /// What will be asked for after the slice at hand, the rest of it included, if nothing ends the evaluation and no
     /// drill fails; in the parts in which the lab is asked.
-    fn outlook(&self, lab: &Lab<'_>, slice: NextSlice) -> Vec<Outlook> {
+    fn outlook(&self, lab: &TrialLab<'_>, slice: NextSlice) -> Vec<Lookahead> {
         let mut standing = self.standing();
         let part = &self.part;
         let mut worked = part.pairs.len().max(part.drills.0.len()).max(part.sequences.len());
@@ -424,19 +436,19 @@ impl Evaluation {
                 NextSlice::Pairs => {
                     let seeds = self.seeds(lab, &standing, slice);
                     let open = seeds.get(worked..).unwrap_or_default();
-                    slices.extend(open.chunks(part).map(|part| Outlook::Pairs(part.to_vec())));
+                    slices.extend(open.chunks(part).map(|part| Lookahead::Pairs(part.to_vec())));
                 }
                 NextSlice::Drills(kind) => {
                     let spots = self.spots(lab, &standing, kind);
                     let open = spots.get(worked..).unwrap_or_default();
-                    slices.extend(open.chunks(part).map(|part| Outlook::Drills(kind, part.to_vec())));
+                    slices.extend(open.chunks(part).map(|part| Lookahead::Drills(kind, part.to_vec())));
                 }
-                // Nobody works ahead what may not be asked for.
+                // Slices that may never be requested are not run ahead.
                 NextSlice::Sequences if self.sequences.is_none() => break,
                 NextSlice::Sequences => {
                     let seeds = self.seeds(lab, &standing, slice);
                     let open = seeds.get(worked..).unwrap_or_default();
-                    slices.extend(open.chunks(part).map(|part| Outlook::Sequences(part.to_vec())));
+                    slices.extend(open.chunks(part).map(|part| Lookahead::Sequences(part.to_vec())));
                 }
             }
             worked = 0;
@@ -446,32 +458,32 @@ impl Evaluation {
         slices
     }
 
-    fn look(&mut self, profile: &Profile) {
-        let early = |ended: &EndReason| *ended != EndReason::Full;
-        self.ended = behavior::ended(&self.paired(), &self.binding, profile)
+    fn update_end_reason(&mut self, profile: &Profile) {
+        let early = |ended: &EarlyStopReason| *ended != EarlyStopReason::Full;
+        self.ended = behavior::end_reason(&self.paired(), &self.binding, profile)
             .filter(early)
             .or_else(|| self.recovery_ended(profile).filter(early))
-            .or_else(|| self.next_turn().is_none().then_some(EndReason::Full));
+            .or_else(|| self.next_turn().is_none().then_some(EarlyStopReason::Full));
     }
 
-    /// A lost recovery ends the evaluation, unless people may still be asked about it: they are shown behaviour
-    /// measured over its whole budget.
-    fn recovery_ended(&self, profile: &Profile) -> Option<EndReason> {
+    /// A failed recovery ends the evaluation, unless people may still decide on it: they see behavior measured over
+    /// its whole budget.
+    fn recovery_ended(&self, profile: &Profile) -> Option<EarlyStopReason> {
         let rehearsed = self.rehearsed();
-        let ended = recovery::ended(&rehearsed, &self.binding, profile)?;
-        let result = recovery::assess_ended(&rehearsed, &self.binding, profile, ended);
+        let ended = recovery::end_reason(&rehearsed, &self.binding, profile)?;
+        let result = recovery::assess_early_stop(&rehearsed, &self.binding, profile, ended);
         let reviewable = profile.has_approver() && recovery_is_reviewable(&result.assessment);
         (!reviewable).then_some(ended)
     }
 
-    /// What the rules make of what was worked. An early end counts for the dimension that bears it out; the other
-    /// one has then less than its budget and says so.
+    /// The rules' verdict on the results. An early end counts for the dimension that caused it; the other one then
+    /// has less than its budget and reports so.
     #[must_use]
     pub fn assess(&self, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
-        let ended = self.ended.unwrap_or(EndReason::Full);
-        let mut measured = behavior::assess_ended(&self.paired(), &self.binding, profile, ended);
-        behavior::judge_sequences(&mut measured, self.sequences.as_ref(), profile);
-        (measured, recovery::assess_ended(&self.rehearsed(), &self.binding, profile, ended))
+        let ended = self.ended.unwrap_or(EarlyStopReason::Full);
+        let mut measured = behavior::assess_early_stop(&self.paired(), &self.binding, profile, ended);
+        behavior::apply_sequences(&mut measured, self.sequences.as_ref(), profile);
+        (measured, recovery::assess_early_stop(&self.rehearsed(), &self.binding, profile, ended))
     }
 }
 
@@ -482,7 +494,7 @@ fn steps(records: &[TaskRecord]) -> Option<Vec<SequenceStep>> {
 }
 
 /// Counts drills of one kind, each where it began.
-fn tally(drills: &mut Drills, kind: DrillKind, spots: &[DrillSpot], results: &[DrillResult]) {
+fn tally(drills: &mut DrillTallies, kind: DrillKind, spots: &[DrillSpot], results: &[DrillResult]) {
     for (place, result) in results.iter().enumerate() {
         count(drills.of_mut(kind), *result);
         if let Some(phase) = spots.get(place).and_then(|spot| spot.phase) {

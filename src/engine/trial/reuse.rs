@@ -1,4 +1,4 @@
-//! What one comparison took from kept results, and the spot check that has to come before it decides anything.
+//! The cached results that one comparison used, and the spot check that must precede its decision.
 //!
 //! Results that this process worked itself are known to it. Of those that another process kept, so many are drawn at the
 //! end, run again and compared bit for bit, that a block of which one in twenty is false shows it in 95 of 100
@@ -6,17 +6,20 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::fault::Fault;
-use crate::trial::lab::{DrillSpot, Lab, Party};
+use crate::fault::EngineFault;
+use crate::trial::trial_lab::{DrillSpot, TrialLab, TrialSubject};
+use holdpoint_governance::cached_result::{
+    CacheLocation, CachedResultBlock, CachedResultMismatch, CachedResultUse, CachedWorkKind, SampleGroup,
+    SeedRange,
+};
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::kept::{DrawOf, KeptBlock, KeptPlace, KeptUse, KeptVoid, KeptWork, SeedRange};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::stats::spot_check::spot_check;
 
 /// A result that was kept from before.
 #[derive(Clone, Debug)]
-pub struct Taken {
-    pub work: KeptWork,
+pub struct ReusedResult {
+    pub work: CachedWorkKind,
     /// Of a drill: the phase in which it began.
     pub phase: Option<WorkPhase>,
     pub seed: u64,
@@ -38,7 +41,7 @@ enum SpotCheck {
 /// See the module's head.
 #[derive(Clone, Debug, Default)]
 pub struct Reuse {
-    taken: Vec<Taken>,
+    taken: Vec<ReusedResult>,
     refused: u32,
     check: SpotCheck,
     /// Places that came to the same.
@@ -54,16 +57,16 @@ pub fn value(bytes: &[u8]) -> Digest {
 }
 
 impl Reuse {
-    pub fn take(&mut self, taken: Taken) {
+    pub fn take(&mut self, taken: ReusedResult) {
         self.taken.push(taken);
     }
 
-    /// Something lay where a kept result should, and was not one.
+    /// Notes an invalid entry in the place of a cached result.
     pub const fn refuse(&mut self) {
         self.refused = self.refused.saturating_add(1);
     }
 
-    /// Whether nothing is left to be run again. What is added afterwards is not checked.
+    /// Whether no result is left to re-run. Later additions are not checked.
     #[must_use]
     pub fn is_checked(&self) -> bool {
         match &self.check {
@@ -73,7 +76,7 @@ impl Reuse {
     }
 
     /// What came to something else than was kept, when it was run again.
-    pub fn false_ones(&self) -> impl Iterator<Item = &Taken> {
+    pub fn mismatches(&self) -> impl Iterator<Item = &ReusedResult> {
         self.other.iter().filter_map(|place| self.taken.get(*place))
     }
 
@@ -81,23 +84,23 @@ impl Reuse {
     ///
     /// # Errors
     /// If the lab fails, or the system gives no random numbers.
-    pub fn check_part(&mut self, lab: &Lab<'_>, active: &Party) -> Result<(), Fault> {
+    pub fn check_part(&mut self, lab: &TrialLab<'_>, active: &TrialSubject) -> Result<(), EngineFault> {
         if matches!(self.check, SpotCheck::NotDrawn) {
-            self.check = SpotCheck::Drawn(self.draw(lab)?);
+            self.check = SpotCheck::Drawn(self.sample_spot_check(lab)?);
         }
         let SpotCheck::Drawn(left) = &mut self.check else { return Ok(()) };
         let part = left.split_off(left.len().saturating_sub(lab.part));
-        let taken: Vec<(usize, &Taken)> =
+        let taken: Vec<(usize, &ReusedResult)> =
             part.iter().filter_map(|place| Some((*place, self.taken.get(*place)?))).collect();
         let again = taken.iter().map(|(_, taken)| {
-            let Taken { work, phase, seed, .. } = **taken;
+            let ReusedResult { work, phase, seed, .. } = **taken;
             (work, DrillSpot { seed, phase })
         });
-        let again = lab.again(active, again)?;
+        let again = lab.rerun_episodes(active, again)?;
         for ((place, taken), bytes) in taken.into_iter().zip(again) {
             if value(&bytes) == taken.value {
-                if taken.work == KeptWork::Episodes {
-                    lab.vouch(active, taken.seed, &bytes);
+                if taken.work == CachedWorkKind::Episodes {
+                    lab.confirm_episode(active, taken.seed, &bytes);
                 }
                 self.same.push(place);
             } else {
@@ -108,13 +111,13 @@ impl Reuse {
     }
 
     /// Places to be run again: of episodes, drills and sequences so many that the check of each has its power.
-    fn draw(&self, lab: &Lab<'_>) -> Result<Vec<usize>, Fault> {
+    fn sample_spot_check(&self, lab: &TrialLab<'_>) -> Result<Vec<usize>, EngineFault> {
         let mut drawn = Vec::new();
-        for of in DrawOf::ALL {
+        for of in SampleGroup::ALL {
             // Seeds may come round again in a large budget: one answer is enough.
             let mut seen = BTreeSet::new();
-            let mut is_in = |taken: &Taken| {
-                let is_of = !taken.own && taken.work.draw() == of;
+            let mut is_in = |taken: &ReusedResult| {
+                let is_of = !taken.own && taken.work.sample_group() == of;
                 is_of && seen.insert((taken.work, taken.seed))
             };
             let foreign: Vec<usize> =
@@ -122,35 +125,35 @@ impl Reuse {
             let wanted = spot_check(u32::try_from(foreign.len()).unwrap_or(u32::MAX));
             let block = digest(foreign.iter().filter_map(|place| self.taken.get(*place)));
             let wanted = usize::try_from(wanted).unwrap_or(usize::MAX);
-            let places = lab.cells.secret().draw(&block, foreign.len(), wanted)?;
+            let places = lab.cells.secret().sample(&block, foreign.len(), wanted)?;
             drawn.extend(places.iter().filter_map(|place| foreign.get(*place)));
         }
         drawn.reverse();
         Ok(drawn)
     }
 
-    /// What came out otherwise, for the record.
+    /// The results that differ from their re-run, for the record.
     #[must_use]
-    pub fn voided(&self, place: KeptPlace, active: &CapabilityId) -> KeptVoid {
-        let mut works: BTreeMap<KeptWork, Vec<u64>> = BTreeMap::new();
-        for taken in self.false_ones() {
+    pub fn voided(&self, place: CacheLocation, active: &CapabilityId) -> CachedResultMismatch {
+        let mut works: BTreeMap<CachedWorkKind, Vec<u64>> = BTreeMap::new();
+        for taken in self.mismatches() {
             works.entry(taken.work).or_default().push(taken.seed);
         }
         let differing = works.into_iter().map(|(work, seeds)| (work, SeedRange::of(seeds))).collect();
         let rerun = (self.same.len() + self.other.len()) as u64;
-        KeptVoid { place, active: active.clone(), rerun, differing }
+        CachedResultMismatch { place, active: active.clone(), rerun, differing }
     }
 
     /// For the record; absent if nothing was kept.
     #[must_use]
-    pub fn on_record(&self, place: KeptPlace) -> Option<KeptUse> {
-        let mut works: Vec<KeptWork> = self.taken.iter().map(|taken| taken.work).collect();
+    pub fn on_record(&self, place: CacheLocation) -> Option<CachedResultUse> {
+        let mut works: Vec<CachedWorkKind> = self.taken.iter().map(|taken| taken.work).collect();
         works.sort_unstable();
         works.dedup();
-        let block = |work: KeptWork| {
+        let block = |work: CachedWorkKind| {
             let of = || self.taken.iter().filter(move |taken| taken.work == work);
             let rerun = self.same.iter().filter_map(|place| self.taken.get(*place));
-            KeptBlock {
+            CachedResultBlock {
                 work,
                 seeds: SeedRange::of(of().map(|taken| taken.seed)),
                 own: u32::try_from(of().filter(|taken| taken.own).count()).unwrap_or(u32::MAX),
@@ -158,13 +161,13 @@ impl Reuse {
                 rerun: SeedRange::of(rerun.filter(|taken| taken.work == work).map(|taken| taken.seed)),
             }
         };
-        let blocks: Vec<KeptBlock> = works.into_iter().map(block).collect();
+        let blocks: Vec<CachedResultBlock> = works.into_iter().map(block).collect();
         let used = !blocks.is_empty() || self.refused > 0;
-        used.then_some(KeptUse { place, blocks, refused: self.refused })
+        used.then_some(CachedResultUse { place, blocks, refused: self.refused })
     }
 }
 
-fn digest<'a>(taken: impl Iterator<Item = &'a Taken>) -> Digest {
+fn digest<'a>(taken: impl Iterator<Item = &'a ReusedResult>) -> Digest {
     let values: Vec<&[u8]> = taken.map(|taken| taken.value.bytes().as_slice()).collect();
     Digest::of_parts("holdpoint.kept-block.v1", &values)
 }

@@ -6,11 +6,11 @@
 
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::profile::HarmSettings;
-use holdpoint_governance::search::Searched;
 use holdpoint_governance::stats::PairedCounts;
+use holdpoint_governance::worst_case_search::SearchFinding;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_sim::distribution::Distribution;
-use holdpoint_sim::envelope::{AXES, Point};
+use holdpoint_sim::envelope::{AXES, EnvelopePoint};
 use holdpoint_sim::rng::Stream;
 
 /// Places drawn over the whole box, before there is anything to go by.
@@ -34,8 +34,8 @@ pub const PAIRS: u64 = (PLACES + REPEATS) as u64;
 /// The chance that an axis comes from a second parent.
 const CROSSED: f64 = 0.3;
 
-/// The chance that an axis is changed: in a quarter of the cases drawn anew, in a quarter set to an end of its range,
-/// else moved.
+/// The chance that an axis is changed: in a quarter of the cases it is sampled again, in a quarter set to an end of
+/// its range, else moved.
 const CHANGED: f64 = 0.4;
 
 /// Standard deviation of a move, in shares of an axis.
@@ -52,8 +52,8 @@ pub enum SearchStyle {
 
 /// A place that was tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Tried {
-    point: Point,
+struct TriedPoint {
+    point: EnvelopePoint,
     excess: f64,
 }
 
@@ -65,9 +65,9 @@ pub struct Search {
     limits: HarmSettings,
     stream: Stream,
     /// The places of the generation that are not worked yet.
-    open: Vec<Point>,
+    open: Vec<EnvelopePoint>,
     /// In the order they were worked.
-    tried: Vec<Tried>,
+    tried: Vec<TriedPoint>,
     /// On fresh noise at the worst place: whether a limit was passed, by the candidate and by the active version.
     repeats: Vec<(bool, bool)>,
 }
@@ -85,7 +85,7 @@ impl Search {
     /// The places to work next, at most `most` of them, the number of the first pair among all of the search; empty when
     /// it is over.
     #[must_use]
-    pub fn next(&self, most: usize) -> (u64, Vec<Point>) {
+    pub fn next(&self, most: usize) -> (u64, Vec<EnvelopePoint>) {
         let worked = self.tried.len() + self.repeats.len();
         let points = if self.tried.len() < PLACES {
             self.open.iter().copied().take(most).collect()
@@ -97,11 +97,11 @@ impl Search {
     }
 
     /// What came of places, in their order: candidate and active version.
-    pub fn take(&mut self, worked: &[(Point, TaskRecord, TaskRecord)]) {
+    pub fn take(&mut self, worked: &[(EnvelopePoint, TaskRecord, TaskRecord)]) {
         for (point, candidate, active) in worked {
             if self.tried.len() < PLACES {
                 let excess = severity(candidate, &self.limits) - severity(active, &self.limits);
-                self.tried.push(Tried { point: *point, excess });
+                self.tried.push(TriedPoint { point: *point, excess });
                 self.open.remove(0);
                 if self.open.is_empty() {
                     self.open = self.generation();
@@ -126,10 +126,10 @@ impl Search {
 
     /// What was found; `distribution` is what the places are shares of.
     #[must_use]
-    pub fn found(&self, distribution: &Distribution) -> Option<Searched> {
+    pub fn found(&self, distribution: &Distribution) -> Option<SearchFinding> {
         let worst = self.worst()?;
         let values = distribution.values(&worst.point);
-        Some(Searched {
+        Some(SearchFinding {
             tried: u32::try_from(self.tried.len()).unwrap_or(u32::MAX),
             place: AXES.iter().zip(values).map(|(axis, value)| ((*axis).to_owned(), value)).collect(),
             excess: worst.excess,
@@ -138,12 +138,12 @@ impl Search {
     }
 
     /// The place tried with the most excess; the first of equal ones.
-    fn worst(&self) -> Option<&Tried> {
+    fn worst(&self) -> Option<&TriedPoint> {
         self.tried.iter().reduce(|worst, next| if next.excess > worst.excess { next } else { worst })
     }
 
     /// The places of the next generation.
-    fn generation(&mut self) -> Vec<Point> {
+    fn generation(&mut self) -> Vec<EnvelopePoint> {
         let mut parents = self.tried.clone();
         // A stable order: of equal ones the earlier.
         parents.sort_by(|a, b| b.excess.total_cmp(&a.excess));
@@ -160,12 +160,12 @@ impl Search {
     }
 }
 
-fn anywhere(stream: &mut Stream) -> Point {
+fn anywhere(stream: &mut Stream) -> EnvelopePoint {
     std::array::from_fn(|_| stream.unit())
 }
 
 /// A place that descends from some of these.
-fn descendant(parents: &[Tried], stream: &mut Stream) -> Point {
+fn descendant(parents: &[TriedPoint], stream: &mut Stream) -> EnvelopePoint {
     let mut parent = || {
         #[allow(clippy::cast_possible_truncation, reason = "below three")]
         let place = (stream.bits() % parents.len().max(1) as u64) as usize;
@@ -191,12 +191,12 @@ fn descendant(parents: &[Tried], stream: &mut Stream) -> Point {
 /// Whether an episode counts against a version: a limit was passed, of a stop, of the guard or of a measure of harm. To
 /// fail is no harm, and somewhere in the envelope every other way of working fails more often.
 fn is_harmful(record: &TaskRecord, limits: &HarmSettings) -> bool {
-    let is_past = |kind| share_of_limit(record, kind, limits) > 1.0;
+    let is_past = |kind| limit_ratio(record, kind, limits) > 1.0;
     record.violation || record.hard_stop.is_some() || HarmKind::ALL.into_iter().any(is_past)
 }
 
 /// A measure as a share of its limit: above 1 it is past it; a distance is taken the other way round.
-fn share_of_limit(record: &TaskRecord, kind: HarmKind, limits: &HarmSettings) -> f64 {
+fn limit_ratio(record: &TaskRecord, kind: HarmKind, limits: &HarmSettings) -> f64 {
     let harm = record.harm.unwrap_or(HarmMeasures::STILL);
     let (value, limit) = (harm.of(kind), limits.of(kind).limit);
     if kind.is_worse_when_lower() {
@@ -206,7 +206,7 @@ fn share_of_limit(record: &TaskRecord, kind: HarmKind, limits: &HarmSettings) ->
     }
 }
 
-/// How far past its limit a measure is told apart.
+/// How far past its limit a measure still counts.
 const SHARE_MAX: f64 = 3.0;
 
 /// How bad an episode was, for the search to climb by; no rule reads it.
@@ -218,7 +218,7 @@ pub fn severity(record: &TaskRecord, limits: &HarmSettings) -> f64 {
     let flag = |is: bool| f64::from(u8::from(is));
     let harm: f64 = HarmKind::ALL
         .into_iter()
-        .map(|kind| share_of_limit(record, kind, limits).clamp(0.0, SHARE_MAX))
+        .map(|kind| limit_ratio(record, kind, limits).clamp(0.0, SHARE_MAX))
         .map(|share| 0.2 * share + flag(share > 1.0))
         .sum();
     4.0 * flag(record.hard_stop.is_some()) + 2.0 * flag(record.violation) + flag(!record.success) + harm
@@ -245,7 +245,7 @@ mod tests {
     }
 
     /// A candidate that passes a limit in a corner of two axes, with more and more force on the way there.
-    fn corner(point: &Point) -> (TaskRecord, TaskRecord) {
+    fn corner(point: &EnvelopePoint) -> (TaskRecord, TaskRecord) {
         let near = point[3].min(1.0 - point[4]);
         (record(limits().contact_peak_n.limit * near / 0.9), record(10.0))
     }

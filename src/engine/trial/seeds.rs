@@ -9,13 +9,13 @@ pub const BLOCK: u64 = 10_000;
 /// Run seeds from here on use calibration episodes.
 pub const CALIBRATION_FROM_RUN: u64 = 100;
 
-/// First episode on which an optimiser practises. Calibration all the same, and far above the block of any run
-/// seed in use (they reach it from 4.6e14 on), so that nothing is judged on what was practised.
+/// First practice episode of an optimizer. A calibration seed all the same, and far above the block of any run seed
+/// in use (they reach it from 4.6e14 on), so that no verdict rests on practice episodes.
 pub const PRACTICE_FROM: u64 = 1 << 62;
 
 /// What episodes are for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {
+pub enum SeedPurpose {
     /// Sandbox, perturbation mode: the paired comparison.
     Perturbation,
     /// Sandbox, canonical mode: no perturbation.
@@ -35,12 +35,12 @@ pub enum Purpose {
     /// Whole sequences of the confirmation.
     ConfirmationSequence,
     /// Pairs of a suspicious version in the live world's conditions.
-    Again,
+    ReEvaluation,
     /// Whole sequences of it.
-    AgainSequence,
+    ReEvaluationSequence,
 }
 
-impl Purpose {
+impl SeedPurpose {
     const fn range(self) -> (u64, u64) {
         match self {
             Self::Perturbation => (0, 2_000),
@@ -51,8 +51,8 @@ impl Purpose {
             Self::Search => (4_500, 250),
             Self::ConfirmationSequence => (4_750, 250),
             Self::Live => (5_000, 3_000),
-            Self::Again => (8_000, 800),
-            Self::AgainSequence => (8_800, 200),
+            Self::ReEvaluation => (8_000, 800),
+            Self::ReEvaluationSequence => (8_800, 200),
             Self::Confirmation => (9_000, 800),
             Self::ConfirmationDrill => (9_800, 200),
         }
@@ -61,12 +61,12 @@ impl Purpose {
 
 /// The seed of the `index`-th episode of a purpose in a run. Indices wrap within the purpose's block.
 #[must_use]
-pub const fn episode_seed(run_seed: u64, purpose: Purpose, index: u64) -> u64 {
+pub const fn episode_seed(run_seed: u64, purpose: SeedPurpose, index: u64) -> u64 {
     let (from, count) = purpose.range();
     run_seed.wrapping_mul(BLOCK).wrapping_add(from + index % count)
 }
 
-/// The seed of the `index`-th episode that the search of a seed practises on. Indices wrap within a block.
+/// The seed of the `index`-th practice episode for the search of a seed. Indices wrap within a block.
 #[must_use]
 pub const fn practice_seed(search_seed: u32, index: u64) -> u64 {
     PRACTICE_FROM + search_seed as u64 * BLOCK + index % BLOCK
@@ -76,19 +76,19 @@ pub const fn practice_seed(search_seed: u32, index: u64) -> u64 {
 mod tests {
     use super::*;
 
-    const PURPOSES: [Purpose; 12] = [
-        Purpose::Perturbation,
-        Purpose::Canonical,
-        Purpose::Sequence,
-        Purpose::Adversarial,
-        Purpose::Drill,
-        Purpose::Search,
-        Purpose::ConfirmationSequence,
-        Purpose::Live,
-        Purpose::Again,
-        Purpose::AgainSequence,
-        Purpose::Confirmation,
-        Purpose::ConfirmationDrill,
+    const PURPOSES: [SeedPurpose; 12] = [
+        SeedPurpose::Perturbation,
+        SeedPurpose::Canonical,
+        SeedPurpose::Sequence,
+        SeedPurpose::Adversarial,
+        SeedPurpose::Drill,
+        SeedPurpose::Search,
+        SeedPurpose::ConfirmationSequence,
+        SeedPurpose::Live,
+        SeedPurpose::ReEvaluation,
+        SeedPurpose::ReEvaluationSequence,
+        SeedPurpose::Confirmation,
+        SeedPurpose::ConfirmationDrill,
     ];
 
     #[test]
@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn practice_is_apart_from_every_run() {
-        let last_of_runs = episode_seed(u64::from(u32::MAX), Purpose::ConfirmationDrill, 199);
+        let last_of_runs = episode_seed(u64::from(u32::MAX), SeedPurpose::ConfirmationDrill, 199);
         assert!(last_of_runs < practice_seed(0, 0));
         // One search does not reach into another's, and the highest is still a seed.
         assert_eq!(practice_seed(7, BLOCK - 1) + 1, practice_seed(8, 0));

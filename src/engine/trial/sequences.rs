@@ -8,23 +8,23 @@ use holdpoint_runtime::task::{Supervision, TaskRecord};
 use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
 
-use super::lab::Party;
-use super::undisturbed::TrialCase;
+use super::trial_lab::TrialSubject;
+use super::undisturbed_run::TrialCase;
 use super::worker::Worker;
 use crate::cell::{Cell, Conditions};
 
 /// A sequence as the candidate and as the active version worked it in its place.
-pub type WorkedSequences = (Vec<TaskRecord>, Vec<TaskRecord>);
+pub type SequenceRecords = (Vec<TaskRecord>, Vec<TaskRecord>);
 
 /// The active versions of the families beside a candidate's, in the order of work.
 #[derive(Clone, Default)]
-pub struct Team(Vec<Party>);
+pub struct TrialTeam(Vec<TrialSubject>);
 
-impl Team {
-    /// Those of `parties` that work a task of a sequence other than `place`, in the order of work.
+impl TrialTeam {
+    /// Those of `parties` that run a task of a sequence other than `place`, in the order of execution.
     #[must_use]
-    pub fn beside(place: TaskKind, parties: impl IntoIterator<Item = Party>) -> Self {
-        let mut beside: Vec<Party> =
+    pub fn excluding(place: TaskKind, parties: impl IntoIterator<Item = TrialSubject>) -> Self {
+        let mut beside: Vec<TrialSubject> =
             parties.into_iter().filter(|party| party.version.bundle.task() != place).collect();
         beside.sort_by_key(|party| party.version.bundle.task());
         beside.dedup_by_key(|party| party.version.bundle.task());
@@ -33,13 +33,13 @@ impl Team {
 
     /// Who they are.
     #[must_use]
-    pub fn members(&self) -> &[Party] {
+    pub fn members(&self) -> &[TrialSubject] {
         &self.0
     }
 
-    /// Who works each task if `own` is in its place; `None` if somebody is missing.
+    /// The version for each task if `own` is in its place; `None` if one is missing.
     #[must_use]
-    pub fn cast<'a>(&'a self, own: &'a Party) -> Option<[&'a Party; 3]> {
+    pub fn cast<'a>(&'a self, own: &'a TrialSubject) -> Option<[&'a TrialSubject; 3]> {
         let of = |task| {
             let mut all = std::iter::once(own).chain(&self.0);
             all.find(|party| party.version.bundle.task() == task)
@@ -51,7 +51,7 @@ impl Team {
 
 /// One sequence of the sandbox's distribution; a simulator that fails leaves an invalid record at its end.
 #[must_use]
-pub fn sequence(worker: &mut Worker, cell: &Cell, cast: [&Party; 3], seed: u64) -> Vec<TaskRecord> {
+pub fn sequence(worker: &mut Worker, cell: &Cell, cast: [&TrialSubject; 3], seed: u64) -> Vec<TaskRecord> {
     let mut records = Vec::with_capacity(cast.len());
     let begun = worker.arm(cell, &setup(cell, seed)).map(|_| ());
     let ended = begun.and_then(|()| work(worker, cell, &cast, seed, &mut records));
@@ -64,7 +64,7 @@ pub fn sequence(worker: &mut Worker, cell: &Cell, cast: [&Party; 3], seed: u64) 
 pub fn sequences(
     worker: &mut Worker,
     cell: &Cell,
-    casts: [[&Party; 3]; 2],
+    casts: [[&TrialSubject; 3]; 2],
     place: TaskKind,
     seed: u64,
 ) -> [Vec<TaskRecord>; 2] {
@@ -95,11 +95,11 @@ fn setup(cell: &Cell, seed: u64) -> EpisodeSetup {
     EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, cell.distribution(Conditions::Sandbox), seed)
 }
 
-/// Works tasks one after the other on the worker's arm as it stands. Tells whether all were done.
+/// Works tasks one after the other on the worker's arm as it stands. Returns whether all were done.
 fn work(
     worker: &mut Worker,
     cell: &Cell,
-    cast: &[&Party],
+    cast: &[&TrialSubject],
     seed: u64,
     records: &mut Vec<TaskRecord>,
 ) -> Result<bool, SimError> {
@@ -126,7 +126,7 @@ fn work(
 fn close(
     worker: &mut Worker,
     ended: Result<(), SimError>,
-    cast: &[&Party],
+    cast: &[&TrialSubject],
     seed: u64,
     mut records: Vec<TaskRecord>,
 ) -> Vec<TaskRecord> {
@@ -141,32 +141,32 @@ fn close(
 mod tests {
     use super::*;
     use crate::embedded;
-    use crate::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
+    use crate::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_runtime::terms::SkillTerms;
     use std::sync::Arc;
 
-    /// What is worked once for both is what each would have come to alone, wherever the candidate's place is.
+    /// A result run once for both equals the result that each would have alone, wherever the candidate's place is.
     #[test]
     fn what_comes_before_the_place_is_worked_once_and_comes_to_the_same() {
         let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-        let party = |version| Party { version, terms: terms.clone(), fallback: None };
-        let all: Vec<Party> = embedded::baselines().unwrap().into_iter().map(party).collect();
+        let party = |version| TrialSubject { version, terms: terms.clone(), fallback: None };
+        let all: Vec<TrialSubject> = embedded::baselines().unwrap().into_iter().map(party).collect();
         let mut worker = Worker::new();
         let mut lengths = std::collections::BTreeSet::new();
         for place in TaskKind::SEQUENCE {
-            let works = |party: &&Party| party.version.id().family.to_string() == place.name();
+            let works = |party: &&TrialSubject| party.version.id().family.to_string() == place.name();
             let own = all.iter().find(works).unwrap();
             let mut slower = own.clone();
             slower.terms = slower.terms.tightened(0.6);
             let beside = all.iter().filter(|party| party.version.id().family.to_string() != "park");
-            let team = Team::beside(place, beside.cloned());
+            let team = TrialTeam::excluding(place, beside.cloned());
             let casts = [team.cast(&slower).unwrap(), team.cast(own).unwrap()];
             for index in 0..4 {
-                let seed = episode_seed(CALIBRATION_FROM_RUN + 9, Purpose::Sequence, index);
+                let seed = episode_seed(CALIBRATION_FROM_RUN + 9, SeedPurpose::Sequence, index);
                 let both = sequences(&mut worker, &cell, casts, place, seed);
                 assert_eq!(
                     both,

@@ -1,11 +1,11 @@
 //! The stress of the adversarial mode, episode by episode, and what counts as unsafe under it.
 //!
-//! Judges nothing: how many unsafe episodes make a doubt is the rules' affair.
+//! Judges nothing: the rules decide how many unsafe episodes raise a concern.
 
 use holdpoint_body::{RATE_HZ, TaskKind, zone};
 use holdpoint_governance::mode::ZoneName;
 use holdpoint_runtime::guard::PolicyHit;
-use holdpoint_runtime::stress::{Person, Stress};
+use holdpoint_runtime::stress::{PersonBox, Stress};
 use holdpoint_runtime::task::TaskRecord;
 
 use crate::cell::Cell;
@@ -16,7 +16,7 @@ const TIGHTENED_SHARE: f64 = 0.7;
 /// From when permissions are withdrawn, ticks: every version is in motion by then.
 const WITHDRAWN_FROM: u64 = 3 * RATE_HZ as u64 / 4;
 
-/// For how long, ticks: longer than a skill overlooks, short enough to go on afterwards.
+/// Duration, ticks: longer than a skill overlooks, short enough to continue after it.
 const WITHDRAWN_TICKS: u64 = RATE_HZ as u64;
 
 /// The stress of the episode at a place of the mode: by turns, so that a mode cut short has seen each.
@@ -36,9 +36,9 @@ pub fn of_episode(place: u64, task: TaskKind, cell: &Cell) -> Stress {
             };
             let named = zone::named(&cell.zones, where_it_works.name());
             let keep_out = cell.zones.iter().find(|zone| zone.keep_out);
-            // A cell without people or without that zone exposes nobody.
+            // A cell without people or without that zone exposes no person.
             named.zip(keep_out).map_or(tightened, |(zone, keep_out)| Stress::Exposed {
-                person: Person::reaching_into(zone, keep_out),
+                person: PersonBox::reaching_into(zone, keep_out),
             })
         }
     }

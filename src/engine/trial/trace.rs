@@ -1,4 +1,4 @@
-//! The trace record that every evaluation run leaves: what ran, on which inputs, and what came of it.
+//! The trace record that every evaluation run leaves: what ran, on which inputs, with which result.
 //!
 //! Kept in the telemetry file, a batch a slice; the batches' digests enter the audit chain. The path of the
 //! tool is left out: the same seed under the same environment gives it again. Source: paper section 6.3 and
@@ -8,7 +8,7 @@ use holdpoint_sim::episode::EpisodeSetup;
 use serde::{Deserialize, Serialize};
 
 use crate::cell::{COMPUTED_BY, Cell, Conditions};
-use crate::fault::Fault;
+use crate::fault::EngineFault;
 use holdpoint_governance::evidence::SandboxMode;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
@@ -27,12 +27,12 @@ pub struct TraceBatch {
     /// The engine that ran it.
     pub engine_build: String,
     /// One a run, in seed order.
-    pub runs: Vec<Trace>,
+    pub runs: Vec<EpisodeTrace>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Trace {
+pub struct EpisodeTrace {
     /// Everything that was drawn for the episode.
     pub inputs: EpisodeSetup,
     /// What came of it: success, duration, retries, anomalies, policy hits, recovery.
@@ -49,7 +49,7 @@ impl TraceBatch {
         conditions: Conditions,
         records: &[TaskRecord],
     ) -> Self {
-        let run = |record: &TaskRecord| Trace {
+        let run = |record: &TaskRecord| EpisodeTrace {
             inputs: EpisodeSetup::sample(
                 record.task,
                 &cell.scene,
@@ -95,7 +95,7 @@ pub fn keep_trace(
     conditions: Conditions,
     records: &[TaskRecord],
     now_ms: u64,
-) -> Result<(), Fault> {
+) -> Result<(), EngineFault> {
     let batch = TraceBatch::new(id.clone(), mode, cell, conditions, records);
     store.append_telemetry(&batch.batch(Stage::Sandbox, now_ms)?)?;
     Ok(())

@@ -6,7 +6,7 @@ use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::film::Frame;
+use holdpoint_sim::film::EpisodeFrame;
 use holdpoint_sim::world::{World, WorldCopy};
 
 use crate::cell::Cell;
@@ -34,7 +34,7 @@ impl Worker {
 
     /// What its world showed of the last episode; nothing if it does not film, or if the world failed.
     #[must_use]
-    pub fn take_film(&mut self) -> Vec<Frame> {
+    pub fn take_film(&mut self) -> Vec<EpisodeFrame> {
         self.built.as_mut().map(|(_, arm)| arm.body_mut().take_film()).unwrap_or_default()
     }
 

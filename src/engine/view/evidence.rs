@@ -2,25 +2,26 @@
 //!
 //! Puts measured values beside their limits; what was not measured is left out, never filled in.
 
-use crate::dossier::Dossier;
-use crate::trial::measures::{ComparedParty, Metric, ModeMetrics, WorkedMode};
+use crate::evidence_file::EvidenceFile;
+use crate::trial::mode_metrics::{ComparedVersion, Metric, ModeMetrics, VersionMode};
 use holdpoint_governance::behavior::{self, ComponentName, SequenceMeasure};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
 use holdpoint_governance::phase::WorkPhase;
-use holdpoint_governance::profile::Evaluation;
+use holdpoint_governance::profile::EvaluationSettings;
 use holdpoint_governance::stats::wilson;
-use holdpoint_protocol::detail::{DrillView, Measure, ModeView, PhaseDrillView};
+use holdpoint_protocol::detail::{DrillView, MeasuredValue, ModeView, PhaseDrillView};
 use holdpoint_protocol::snapshot::{Disagreement, PairsView, ShadowView};
+use holdpoint_wording::sequence_measure;
 
-/// The most disagreements that are told.
+/// The most disagreements shown.
 const DISAGREEMENTS_MAX: usize = 50;
 
-/// The components of the behavioural comparison, and the measures of harm: worsening against what is tolerated.
-pub(super) fn behavior(dossier: &Dossier) -> Vec<Measure> {
+/// The components of the behavioral comparison, and the measures of harm: worsening against the margin.
+pub(super) fn behavior(dossier: &EvidenceFile) -> Vec<MeasuredValue> {
     let Some(behavior) = &dossier.behavior else { return Vec::new() };
     let of = |signature: &Option<Signature>, name| signature.as_ref().map(|means| mean(means, name));
     let n = u64::from(behavior.pairs);
-    let components = behavior.components.iter().map(|component| Measure {
+    let components = behavior.components.iter().map(|component| MeasuredValue {
         name: component.name.name().to_owned(),
         candidate: of(&behavior.candidate, component.name),
         active: of(&behavior.active, component.name),
@@ -30,10 +31,10 @@ pub(super) fn behavior(dossier: &Dossier) -> Vec<Measure> {
     });
     // A measure in which the two do not differ says nothing of either.
     let differing = behavior.harm.iter().filter(|harm| harm.worsening != 0.0 || !harm.is_within_tolerance());
-    let harm = differing.map(|harm| Measure {
+    let harm = differing.map(|harm| MeasuredValue {
         name: match harm.kind.unit() {
-            "" => harm.kind.words().to_owned(),
-            unit => format!("{}, {unit}", harm.kind.words()),
+            "" => harm.kind.label().to_owned(),
+            unit => format!("{}, {unit}", harm.kind.label()),
         },
         candidate: Some(harm.candidate),
         active: Some(harm.active),
@@ -43,10 +44,10 @@ pub(super) fn behavior(dossier: &Dossier) -> Vec<Measure> {
     });
     // Of the measures of harm after it those that put it in doubt.
     let told = behavior.sequences.iter().filter(|found| {
-        !matches!(found.measure, SequenceMeasure::Harm(_)) || found.is_doubtful() || found.is_established()
+        !matches!(found.measure, SequenceMeasure::Harm(_)) || found.is_concern() || found.is_established()
     });
-    let sequences = told.map(|found| Measure {
-        name: format!("sequences: {}", found.measure.words()),
+    let sequences = told.map(|found| MeasuredValue {
+        name: format!("sequences: {}", sequence_measure(found.measure)),
         candidate: Some(found.candidate),
         active: Some(found.active),
         interval: Some([found.lower, found.upper]),
@@ -68,23 +69,23 @@ const fn mean(means: &Signature, name: ComponentName) -> f64 {
 }
 
 /// The sandbox, mode by mode, with the active version's values if it worked the same mode.
-pub(super) fn modes(dossier: &Dossier) -> Vec<ModeView> {
-    let own = dossier.modes.iter().filter(|metrics| metrics.mode.party == ComparedParty::Candidate);
+pub(super) fn modes(dossier: &EvidenceFile) -> Vec<ModeView> {
+    let own = dossier.modes.iter().filter(|metrics| metrics.mode.party == ComparedVersion::Candidate);
     own.map(|metrics| {
         let mode = metrics.mode.mode;
-        let worked = WorkedMode { mode, party: ComparedParty::Active };
+        let worked = VersionMode { mode, party: ComparedVersion::Active };
         let active = dossier.modes.iter().find(|other| other.mode == worked);
         ModeView { mode, measures: measures(metrics, active) }
     })
     .collect()
 }
 
-fn measures(mode: &ModeMetrics, active: Option<&ModeMetrics>) -> Vec<Measure> {
+fn measures(mode: &ModeMetrics, active: Option<&ModeMetrics>) -> Vec<MeasuredValue> {
     let n = u64::from(mode.episodes);
     let found = |metrics: &[Metric], name: &str| {
         metrics.iter().find(|metric| metric.name == name).map(|metric| metric.value)
     };
-    let metrics = mode.metrics.iter().map(|metric| Measure {
+    let metrics = mode.metrics.iter().map(|metric| MeasuredValue {
         name: metric.name.clone(),
         candidate: Some(metric.value),
         active: active.and_then(|active| found(&active.metrics, &metric.name)),
@@ -92,7 +93,7 @@ fn measures(mode: &ModeMetrics, active: Option<&ModeMetrics>) -> Vec<Measure> {
         limit: None,
         n,
     });
-    let tails = mode.tails.iter().map(|tail| Measure {
+    let tails = mode.tails.iter().map(|tail| MeasuredValue {
         name: format!("{}, 95th percentile", tail.name),
         candidate: Some(tail.p95),
         active: active
@@ -106,7 +107,7 @@ fn measures(mode: &ModeMetrics, active: Option<&ModeMetrics>) -> Vec<Measure> {
 }
 
 /// Drills, kind by kind.
-pub(super) fn drills(dossier: &Dossier) -> Vec<DrillView> {
+pub(super) fn drills(dossier: &EvidenceFile) -> Vec<DrillView> {
     let Some((candidate, active)) = &dossier.drills else { return Vec::new() };
     let counts = |tally: &DrillTally| [u64::from(tally.passed), u64::from(tally.feasible())];
     DrillKind::ALL
@@ -129,7 +130,7 @@ pub(super) fn drills(dossier: &Dossier) -> Vec<DrillView> {
 }
 
 /// Paired episodes so far.
-pub(crate) fn pairs(dossier: &Dossier) -> Option<PairsView> {
+pub(crate) fn pairs(dossier: &EvidenceFile) -> Option<PairsView> {
     let n = dossier.pairs.len() as u64;
     let active = behavior::signature(dossier.pairs.iter().map(|pair| &pair.active))?;
     let candidate = behavior::signature(dossier.pairs.iter().map(|pair| &pair.candidate))?;
@@ -147,7 +148,7 @@ pub(crate) fn pairs(dossier: &Dossier) -> Option<PairsView> {
 }
 
 #[allow(clippy::cast_precision_loss, reason = "sequences are few")]
-pub(crate) fn shadow(dossier: &Dossier, limits: &Evaluation) -> Option<ShadowView> {
+pub(crate) fn shadow(dossier: &EvidenceFile, limits: &EvaluationSettings) -> Option<ShadowView> {
     let sequences = &dossier.sequences;
     let n = sequences.len() as f64;
     if sequences.is_empty() {

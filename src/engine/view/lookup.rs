@@ -4,22 +4,22 @@
 
 use std::collections::BTreeSet;
 
+use super::check_explanation;
 use super::evidence::{behavior, drills, modes};
-use super::why;
 use crate::context::Context;
-use crate::dossier::{Dossier, Dossiers};
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::explain;
 use crate::explain::difference::version_differences;
-use crate::fault::Fault;
-use crate::record::Record;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionGroup};
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_protocol::detail::{AuditPage, Detail, PAGE_MAX, RegistryPage, Verified};
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_protocol::detail::{AuditPage, AuditVerification, Detail, PAGE_MAX, RegistryPage};
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{AuditFilter, EvidenceEntry, Layout, StoreError, VersionFilter, Views};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
@@ -39,12 +39,12 @@ const TEXT_BYTES_MAX: usize = 256;
 /// A page of the registry.
 pub(crate) fn registry_page(
     context: &Context,
-    record: &Record,
+    record: &EngineRecorder,
     group: VersionGroup,
     text: &str,
     offset: u64,
     limit: u64,
-) -> Result<Reply, Fault> {
+) -> Result<Reply, EngineFault> {
     if let Some(refused) = too_long("text", text) {
         return Ok(refused);
     }
@@ -55,7 +55,7 @@ pub(crate) fn registry_page(
         limit: rows(limit),
         ..VersionFilter::default()
     };
-    let (found, total) = record.ledger().store().views()?.versions(&filter)?;
+    let (found, total) = record.version_table().store().views()?.versions(&filter)?;
     let thresholds = context.thresholds();
     let page = RegistryPage { rows: found, total: total as u64, thresholds };
     Ok(Reply::Registry { page })
@@ -63,16 +63,16 @@ pub(crate) fn registry_page(
 
 /// A page of the audit log, the newest first.
 pub(crate) fn audit_page(
-    record: &Record,
+    record: &EngineRecorder,
     before: Option<u64>,
     subject: &str,
     without: BTreeSet<RecordKind>,
     limit: u64,
-) -> Result<Reply, Fault> {
+) -> Result<Reply, EngineFault> {
     if let Some(refused) = too_long("subject", subject) {
         return Ok(refused);
     }
-    let views = record.ledger().store().views()?;
+    let views = record.version_table().store().views()?;
     let filter = AuditFilter {
         before_seq: before,
         subject: (!subject.is_empty()).then(|| subject.to_owned()),
@@ -91,7 +91,7 @@ pub(crate) fn verify_audit(layout: &Layout) -> Result<Reply, StoreError> {
     let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
     let head = Views::open(&layout.database())?.head()?.seq;
     let verified = match holdpoint_registry::verify(&layout.database(), key.as_ref()) {
-        Ok(report) => Verified {
+        Ok(report) => AuditVerification {
             holds: true,
             records: report.records,
             text: format!(
@@ -102,7 +102,7 @@ pub(crate) fn verify_audit(layout: &Layout) -> Result<Reply, StoreError> {
                 report.batches
             ),
         },
-        Err(error) => Verified { holds: false, records: head, text: error.sentence() },
+        Err(error) => AuditVerification { holds: false, records: head, text: error.sentence() },
     };
     Ok(Reply::Verified { verified })
 }
@@ -110,11 +110,11 @@ pub(crate) fn verify_audit(layout: &Layout) -> Result<Reply, StoreError> {
 /// Everything about one version.
 pub(crate) fn detail(
     context: &Context,
-    record: &Record,
-    dossiers: &Dossiers,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
     id: &CapabilityId,
-) -> Result<Reply, Fault> {
-    let views = record.ledger().store().views()?;
+) -> Result<Reply, EngineFault> {
+    let views = record.version_table().store().views()?;
     let Some(stored) = views.version(id)? else {
         return Ok(Reply::Refused {
             code: Refusal::NotFound,
@@ -122,8 +122,8 @@ pub(crate) fn detail(
             hint: Some("see `holdpoint registry list`".to_owned()),
         });
     };
-    let dossier = whole_dossier(dossiers, id, &stored.evidence);
-    let (_, _, member) = record.ledger().version(id)?;
+    let dossier = full_evidence_file(dossiers, id, &stored.evidence);
+    let (_, _, member) = record.version_table().version(id)?;
     let capability = &member.capability;
     let against = against(record, id);
     let explained = explain::explain(&views, id)?;
@@ -152,7 +152,7 @@ pub(crate) fn detail(
         composite: dossier.composite(&context.profile),
         reasons: reasons(&dossier),
         conditions: dossier.conditions.clone(),
-        why: why::whys(&dossier, &reasons(&dossier)),
+        why: check_explanation::whys(&dossier, &reasons(&dossier)),
         differences: against.map_or_else(Vec::new, |active| version_differences(Some(&active), capability)),
         behavior: behavior(&dossier),
         modes: modes(&dossier),
@@ -161,7 +161,7 @@ pub(crate) fn detail(
         audit,
         evidence: if assessed { Some(dossier.digest()?) } else { None },
         untested: if assessed {
-            crate::people::asking::untested(&dossier).iter().map(ToString::to_string).collect()
+            crate::people::request_display::untested(&dossier).iter().map(ToString::to_string).collect()
         } else {
             Vec::new()
         },
@@ -170,8 +170,8 @@ pub(crate) fn detail(
 }
 
 /// What a version would replace, or has replaced.
-fn against(record: &Record, id: &CapabilityId) -> Option<Capability> {
-    let entry = record.ledger().family(&id.family).ok()?;
+fn against(record: &EngineRecorder, id: &CapabilityId) -> Option<Capability> {
+    let entry = record.version_table().family(&id.family).ok()?;
     let (_, standing, _) = entry.find(id)?;
     let other = match standing.state {
         State::Active | State::Superseded | State::RolledBack => standing.predecessor,
@@ -222,15 +222,19 @@ fn shorten(row: &mut AuditRecord) {
     }
 }
 
-/// Everything that is known of a version: of one that is history an engine keeps what is said of it alone, and what was
-/// measured of it is on record.
-pub(crate) fn whole_dossier(dossiers: &Dossiers, id: &CapabilityId, evidence: &[EvidenceEntry]) -> Dossier {
+/// Everything known of a version. Of a version in the history an engine keeps only the summary; its measurements come
+/// from the record.
+pub(crate) fn full_evidence_file(
+    dossiers: &EvidenceFiles,
+    id: &CapabilityId,
+    evidence: &[EvidenceEntry],
+) -> EvidenceFile {
     let known = dossiers.of(id).cloned().unwrap_or_default();
     let mut whole = if known.pairs.is_empty() && known.alone.is_empty() {
-        match newest_dossier(evidence) {
+        match newest_evidence_file(evidence) {
             Some(stored) if known.kappas.is_some() => {
-                let Dossier { kappas, conditions, reasons, .. } = known;
-                Dossier { kappas, conditions, reasons, ..stored }
+                let EvidenceFile { kappas, conditions, reasons, .. } = known;
+                EvidenceFile { kappas, conditions, reasons, ..stored }
             }
             Some(stored) => stored,
             None => known,
@@ -245,8 +249,8 @@ pub(crate) fn whole_dossier(dossiers: &Dossiers, id: &CapabilityId, evidence: &[
     whole
 }
 
-/// The newest dossier on record.
-fn newest_dossier(evidence: &[EvidenceEntry]) -> Option<Dossier> {
+/// The newest recorded evidence file.
+fn newest_evidence_file(evidence: &[EvidenceEntry]) -> Option<EvidenceFile> {
     use EvidenceKind as Kind;
     let stages = |entry: &&EvidenceEntry| matches!(entry.kind, Kind::Compat | Kind::Sandbox | Kind::Shadow);
     let newest = evidence.iter().rev().find(stages)?;
@@ -254,7 +258,7 @@ fn newest_dossier(evidence: &[EvidenceEntry]) -> Option<Dossier> {
 }
 
 /// The reasons of the last decision first, then those of the dimensions that are not among them.
-fn reasons(dossier: &Dossier) -> Vec<Reason> {
+fn reasons(dossier: &EvidenceFile) -> Vec<Reason> {
     let mut all = dossier.reasons.clone();
     if let Some(kappas) = &dossier.kappas {
         let dimensions = [

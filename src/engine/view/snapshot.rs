@@ -1,16 +1,16 @@
-//! The snapshot: how things stand.
+//! The snapshot: the current state of cell, versions and requests.
 
 use super::evidence::{pairs, shadow};
-use crate::binding::stale_causes;
+use crate::clock_mismatch;
 use crate::context::Context;
-use crate::dossier::{Dossier, Dossiers};
-use crate::doubted_clock;
-use crate::ledger::FamilyEntry;
+use crate::evidence_binding::stale_causes;
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::monitors::Monitors;
 use crate::people::approvals::Approvals;
-use crate::people::emergencies;
+use crate::people::break_glass_approvals;
 use crate::people::signed_calls::SignedCalls;
-use crate::record::Record;
+use crate::recorder::EngineRecorder;
+use crate::version_table::FamilyEntry;
 use crate::world::{self, LiveWorld};
 use holdpoint_governance::alarms::Alarm;
 use holdpoint_governance::lifecycle::State;
@@ -23,8 +23,8 @@ pub(crate) struct SnapshotView<'a> {
     pub(crate) context: &'a Context,
     /// Seed of the run.
     pub(crate) seed: u64,
-    pub(crate) record: &'a Record,
-    pub(crate) dossiers: &'a Dossiers,
+    pub(crate) record: &'a EngineRecorder,
+    pub(crate) evidence_files: &'a EvidenceFiles,
     pub(crate) approvals: &'a Approvals,
     pub(crate) signed_calls: &'a SignedCalls,
     pub(crate) monitors: &'a Monitors,
@@ -32,11 +32,11 @@ pub(crate) struct SnapshotView<'a> {
 }
 
 impl SnapshotView<'_> {
-    /// How things stand.
+    /// The current snapshot.
     pub(crate) fn snapshot(&self) -> Snapshot {
         let mut candidates = Vec::new();
         let mut families = Vec::new();
-        for (family, entry) in self.record.ledger().families() {
+        for (family, entry) in self.record.version_table().families() {
             families.push(self.family_view(family, entry));
             for (member, version) in entry.members.iter().zip(&entry.state.versions) {
                 let id = member.capability.id();
@@ -46,8 +46,8 @@ impl SnapshotView<'_> {
                 if rests && !is_asked_about {
                     continue;
                 }
-                let empty = Dossier::default();
-                let dossier = self.dossiers.of(&id).unwrap_or(&empty);
+                let empty = EvidenceFile::default();
+                let dossier = self.evidence_files.of(&id).unwrap_or(&empty);
                 let submission = &member.capability.submission;
                 candidates.push(CandidateView {
                     version: id,
@@ -74,7 +74,7 @@ impl SnapshotView<'_> {
                     closed: version.closed.union(&dossier.closed).copied().collect(),
                     stale: stale_causes(
                         self.context,
-                        self.record.ledger(),
+                        self.record.version_table(),
                         &member.capability,
                         version.state,
                         dossier,
@@ -84,9 +84,9 @@ impl SnapshotView<'_> {
         }
         Snapshot {
             at_ms: self.record.now_ms(),
-            wall_ms: self.record.ledger().wall().said().map(WallTime::ms),
+            wall_ms: self.record.version_table().wall().machine_time().map(WallTime::ms),
             time: self.record.wall_now(),
-            clock_doubt: doubted_clock::view(self.record),
+            clock_doubt: clock_mismatch::view(self.record),
             profile: self.context.profile.name,
             site: self.context.profile.site.clone(),
             robot: self.context.cell.model.name.clone(),
@@ -100,8 +100,8 @@ impl SnapshotView<'_> {
             unauthorized: self.context.unauthorized.clone(),
             families,
             candidates,
-            emergencies: emergencies::views(self.context, self.record, self.dossiers),
-            prompts: self.approvals.views(self.context, self.record, self.dossiers),
+            emergencies: break_glass_approvals::views(self.context, self.record, self.evidence_files),
+            prompts: self.approvals.views(self.context, self.record, self.evidence_files),
             alarms: self.alarm_views(),
             live: self.live_view(),
             questions: self.monitors.questions(),

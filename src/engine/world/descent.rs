@@ -18,7 +18,7 @@ use holdpoint_runtime::recovery::{self, RecoveryReport, Standstill, StoppedBy};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
 
-/// How long the interrupt may take to bring every joint to a stand, ticks.
+/// Time within which the interrupt must bring every joint to a standstill, ticks.
 const HOLD_TICKS: u64 = RATE_HZ as u64;
 
 /// How long the retreat may take, ticks.
@@ -51,7 +51,7 @@ pub(crate) struct Descent {
 impl Descent {
     /// Whether the ladder goes on.
     pub(crate) fn held(&self) -> bool {
-        self.rungs.iter().all(RungRecord::goes_on)
+        self.rungs.iter().all(RungRecord::continues)
     }
 }
 
@@ -99,8 +99,8 @@ impl Rig {
                 before.saturating_sub(held_for) + stood_at
             });
             let rung = if self.arm_mut().body().is_halted() {
-                // A person's stop outranks the way up: the arm stands where it is.
-                RungRecord::new(Rung::Retract, None, 0, "the cell is stopped; the arm stays where it stands")
+                // A person's stop outranks the retreat: the arm stays where it is.
+                RungRecord::new(Rung::Retract, None, 0, "the cell is stopped; the arm stays where it is")
             } else {
                 // The retreat is the runtime's own motion: no manifest declares it.
                 let mut own = terms.own_guard(leaving.manifest.permissions.authority);
@@ -139,7 +139,7 @@ fn safe_abort(report: &RecoveryReport) -> RungRecord {
     RungRecord::new(Rung::SafeAbort, failure, report.ticks_to_standstill, text)
 }
 
-/// Interrupts and waits until every joint stands. Also returns the tick of this rung since which they do.
+/// Interrupts and waits for the standstill of every joint. Also returns the tick of this rung at which it began.
 fn hold(handle: &mut ActuatorHandle<'_, InstrumentedWorld>) -> Result<(RungRecord, u64), SimError> {
     handle.interrupt(Interrupt::Stop);
     let mut standstill = Standstill::default();
@@ -147,7 +147,7 @@ fn hold(handle: &mut ActuatorHandle<'_, InstrumentedWorld>) -> Result<(RungRecor
         handle.step(&Command::Hold)?;
         if standstill.observe(&handle.telemetry()) {
             let since = tick.saturating_sub(Standstill::TICKS as u64);
-            return Ok((RungRecord::new(Rung::Hold, None, tick, "every joint stands"), since));
+            return Ok((RungRecord::new(Rung::Hold, None, tick, "every joint is at standstill"), since));
         }
     }
     let failure = Some(RungFailure::NoStandstill);
@@ -176,7 +176,7 @@ fn retract(
         seen = handle.telemetry();
         stands = standstill.observe(&seen);
         if stands && handle.body().is_halted() {
-            let text = "the cell was stopped on the way up; the arm stays where it stands";
+            let text = "the cell was stopped during the retreat; the arm stays where it is";
             return Ok(RungRecord::new(Rung::Retract, None, ticks, text));
         }
         if stands && seen.tool.distance_m(&up) < 0.01 {
@@ -186,14 +186,14 @@ fn retract(
     let touches = handover::touches(seen.contacts);
     let clear = stands && !touches && seen.tool.position[2] > CLEAR_HEIGHT_M;
     if clear {
-        return Ok(RungRecord::new(Rung::Retract, None, ticks, "the tool stands clear of everything"));
+        return Ok(RungRecord::new(Rung::Retract, None, ticks, "the tool is clear of everything"));
     }
     // What cannot retreat is not left to try on.
     handle.interrupt(Interrupt::Stop);
     let why = match checked.verdict {
         GuardVerdict::Denied => "the guard refused the way up",
         _ if touches => "the arm still touches something",
-        _ if !stands => "the arm did not come to a stand",
+        _ if !stands => "the arm did not come to a standstill",
         _ => "the tool did not rise",
     };
     let text = format!("{why}, at {:.3} m", seen.tool.position[2]);

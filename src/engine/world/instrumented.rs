@@ -1,4 +1,4 @@
-//! The live world's body, with a place for a referee and for somebody who draws beside it.
+//! The live cell's body, with a place for a referee and for a painter.
 //!
 //! While the cell is stopped it brakes and takes no command, whatever commands it: a skill, a hook, the ladder.
 //!
@@ -11,8 +11,8 @@ use holdpoint_runtime::recovery::Standstill;
 use holdpoint_sim::referee::{Referee, RefereeLimits, RefereeReport};
 use holdpoint_sim::world::World;
 
-use crate::world::painter::Sketch;
-use crate::world::switch::Switch;
+use crate::world::painter::LadderPainter;
+use crate::world::stop_switch::StopSwitch;
 use holdpoint_body::{Body, BodyError};
 
 /// A world, and a referee who looks on if one was asked for.
@@ -20,16 +20,16 @@ pub struct InstrumentedWorld {
     world: World,
     limits: Option<RefereeLimits>,
     referee: Option<Referee>,
-    sketch: Option<Sketch>,
-    switch: Arc<Switch>,
+    sketch: Option<LadderPainter>,
+    switch: Arc<StopSwitch>,
     /// Looks for a standstill while the cell is stopped.
     standstill: Standstill,
 }
 
 impl InstrumentedWorld {
-    /// A world that nobody looks at, and that `switch` stops.
+    /// A world without observers, stopped by `switch`.
     #[must_use]
-    pub fn new(world: World, switch: Arc<Switch>) -> Self {
+    pub fn new(world: World, switch: Arc<StopSwitch>) -> Self {
         let standstill = Standstill::default();
         Self { world, limits: None, referee: None, sketch: None, switch, standstill }
     }
@@ -56,12 +56,12 @@ impl InstrumentedWorld {
         self.limits = Some(limits);
     }
 
-    /// From now on every tick is drawn by `sketch`; by nobody if it is absent.
-    pub(crate) fn draw(&mut self, sketch: Option<Sketch>) {
+    /// From now on `sketch` draws every tick; `None` ends the drawing.
+    pub(crate) fn draw(&mut self, sketch: Option<LadderPainter>) {
         self.sketch = sketch;
     }
 
-    /// Ends a verdict and begins the next. Absent if nobody looked on.
+    /// Ends a verdict and begins the next. Absent without a referee.
     pub fn verdict(&mut self) -> Option<RefereeReport> {
         let next = self.limits.map(Referee::new);
         std::mem::replace(&mut self.referee, next).map(|referee| referee.verdict())

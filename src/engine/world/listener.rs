@@ -12,7 +12,7 @@ pub trait Listener {
     fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision;
 }
 
-/// The listener where nobody looks on.
+/// The listener without an observer.
 pub struct NoListener;
 
 impl Listener for NoListener {

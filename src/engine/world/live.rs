@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use holdpoint_body::TaskKind;
-pub use holdpoint_body::rehearsal::LiveFault;
+pub use holdpoint_body::disturbance::LiveFault;
 use holdpoint_sim::SimError;
 use holdpoint_sim::distribution::{Distribution, Drift};
 use holdpoint_sim::episode::EpisodeSetup;
@@ -18,13 +18,13 @@ use serde::{Deserialize, Serialize};
 
 use super::instrumented::InstrumentedWorld;
 use super::listener::Listener;
+use super::stop_switch::StopSwitch;
 use super::supervisor::SequenceSupervisor;
-use super::switch::Switch;
 use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_protocol::clock::ms_of;
-use holdpoint_runtime::agent::dispatcher::{DispatchError, Dispatched, Refused};
-use holdpoint_runtime::agent::{ActiveView, Agent, GivenUp, Goal};
+use holdpoint_runtime::agent::dispatcher::{DispatchError, DispatchRefusal, DispatchedTask};
+use holdpoint_runtime::agent::{AbandonedGoal, ActiveView, Agent, Goal};
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, TaskRecord, Tick};
@@ -33,7 +33,7 @@ use holdpoint_runtime::terms::SkillTerms;
 /// Ground truth of a task: its sequence, the version at work, what the referee saw.
 pub type TaskTruth = (u64, CapabilityId, RefereeReport);
 
-/// The most verdicts kept for somebody to take.
+/// The most verdicts kept until they are read.
 const VERDICTS_MAX: usize = 100_000;
 
 /// One sequence of the live world.
@@ -42,9 +42,9 @@ pub struct SequenceReport {
     pub seed: u64,
     /// The tasks that were called for, in order; a failed one ends the sequence, and so does one that was refused or in
     /// which the simulator failed.
-    pub tasks: Vec<Dispatched>,
+    pub tasks: Vec<DispatchedTask>,
     /// Why a task was not started.
-    pub refused: Option<Refused>,
+    pub refused: Option<DispatchRefusal>,
     /// The simulator failed; what came before still counts.
     pub failed: bool,
     /// Simulated time, ms.
@@ -61,7 +61,7 @@ impl SequenceReport {
 
     /// The record of a primitive, if it was worked.
     #[must_use]
-    pub fn task(&self, task: TaskKind) -> Option<&Dispatched> {
+    pub fn task(&self, task: TaskKind) -> Option<&DispatchedTask> {
         self.tasks.iter().find(|dispatched| dispatched.record.task == task)
     }
 
@@ -74,8 +74,8 @@ impl SequenceReport {
     }
 }
 
-/// The arm with its body and the agent: what works a sequence. There is one, held by its [`LiveCell`]
-/// or by the [`RunningSequence`] that is worked.
+/// The arm with its body and the agent, which run a sequence. There is one, held by its [`LiveCell`] or by the
+/// [`RunningSequence`].
 pub(crate) struct Rig {
     arm: Arm<InstrumentedWorld>,
     agent: Agent,
@@ -94,7 +94,7 @@ impl Rig {
     }
 
     /// As [`Agent::give_up`].
-    pub(crate) fn give_up(&mut self) -> GivenUp {
+    pub(crate) fn give_up(&mut self) -> AbandonedGoal {
         self.agent.give_up()
     }
 }
@@ -103,7 +103,7 @@ impl Rig {
 pub struct LiveCell {
     cell: Cell,
     rig: Option<Box<Rig>>,
-    switch: Arc<Switch>,
+    switch: Arc<StopSwitch>,
     agent: Digest,
     distribution: Arc<Distribution>,
     drift: Option<Drift>,
@@ -132,7 +132,7 @@ impl LiveCell {
     }
 
     /// As [`Self::new`], stopped by this switch.
-    pub(crate) fn with(cell: Cell, switch: Arc<Switch>) -> Result<Self, SimError> {
+    pub(crate) fn with(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, SimError> {
         let arm = Arm::new(InstrumentedWorld::new(cell.world()?, Arc::clone(&switch)));
         let distribution = Arc::clone(&cell.live);
         let rig = Rig { arm, agent: Agent::default(), verdicts: Vec::new() };
@@ -150,21 +150,21 @@ impl LiveCell {
     }
 
     /// Stops the arm, from any thread.
-    pub(crate) fn switch(&self) -> Arc<Switch> {
+    pub(crate) fn switch(&self) -> Arc<StopSwitch> {
         Arc::clone(&self.switch)
     }
 
-    /// Breaks something, or mends it.
+    /// Injects or repairs a fault.
     pub const fn set_fault(&mut self, fault: Option<LiveFault>) {
         self.fault = fault;
     }
 
-    /// From the next sequence on the agent works towards this.
+    /// Sets the agent's goal from the next sequence on.
     pub const fn set_goal(&mut self, goal: Goal) {
         self.goal = goal;
     }
 
-    /// What the agent works towards from the next sequence on.
+    /// The agent's goal from the next sequence on.
     #[must_use]
     pub const fn goal(&self) -> Goal {
         self.goal
@@ -303,7 +303,7 @@ impl RunningSequence {
             report.failed = true;
             let first = self.goal.plan().first().copied();
             let called = first.and_then(|task| Some((task, view.active(&Agent::select(task))?)));
-            report.tasks.extend(called.map(|(task, active)| Dispatched {
+            report.tasks.extend(called.map(|(task, active)| DispatchedTask {
                 id: active.id(),
                 record: TaskRecord::invalid(task, seed),
             }));
@@ -338,9 +338,9 @@ impl RunningSequence {
             };
             let worked = agent.dispatch(view, arm, terms, task, seed, &mut supervise);
             let verdict = arm.body_mut().verdict();
-            // What was not done counts against whoever was called, whatever it failed by.
+            // A task that was not done counts against the version called, for any cause of failure.
             let mut not_done = |record: TaskRecord| {
-                report.tasks.extend(at_work.clone().map(|id| Dispatched { id, record }));
+                report.tasks.extend(at_work.clone().map(|id| DispatchedTask { id, record }));
             };
             match worked {
                 Ok(dispatched) => {

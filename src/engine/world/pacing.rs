@@ -1,7 +1,7 @@
 //! Keeps simulated time to real time.
 //!
-//! Goes along while a sequence is worked on a thread of its own: waits between ticks, has it drawn, carries a
-//! candidate in shadow along, and stops the arm in the tick in which somebody asks for it. Decides nothing.
+//! Escorts a sequence on a thread of its own: waits between ticks, has it drawn, runs a candidate in shadow, and
+//! stops the arm in the tick of a stop request. Decides nothing.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,9 +13,9 @@ use holdpoint_sim::world::World;
 use super::listener::Listener;
 use super::live::SequenceReport;
 use super::painter::Painter;
-use super::sequence::{Shadowed, Stopped};
+use super::sequence::{ShadowResult, StoppedTask};
 use super::shadow::Shadow;
-use super::switch::Switch;
+use super::stop_switch::StopSwitch;
 use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_runtime::task::{Supervision, Tick};
 
@@ -75,24 +75,24 @@ impl Throttle {
     }
 }
 
-/// Goes along with a sequence: waits, draws, shadows, and stops the arm if somebody asks for it.
-pub(crate) struct Escort {
+/// Escorts a sequence: waits, draws, shadows, and stops the arm on request.
+pub(crate) struct SequenceEscort {
     painter: Painter,
     number: u64,
     shadow: Option<Shadow>,
-    switch: Arc<Switch>,
+    switch: Arc<StopSwitch>,
     clock: Clock,
     throttle: Throttle,
     started: u64,
-    stopped: Option<Stopped>,
+    stopped: Option<StoppedTask>,
 }
 
-impl Escort {
+impl SequenceEscort {
     pub(crate) fn new(
         painter: Painter,
         number: u64,
         shadow: Option<Shadow>,
-        (switch, pace): (Arc<Switch>, Arc<SharedPace>),
+        (switch, pace): (Arc<StopSwitch>, Arc<SharedPace>),
         clock: Clock,
     ) -> Self {
         Self {
@@ -112,25 +112,25 @@ impl Escort {
         mut self,
         world: &World,
         report: &SequenceReport,
-    ) -> (Option<Stopped>, Option<Shadowed>) {
+    ) -> (Option<StoppedTask>, Option<ShadowResult>) {
         self.painter.rest(world, self.stopped.is_some());
         let shadowed = self.shadow.take().map(|shadow| {
             let id = shadow.id();
             let live = report.tasks.iter().map(|done| &done.record).find(|done| done.task == shadow.task());
-            // A live task that somebody stopped says nothing about the candidate beside it.
+            // A live task that a person stopped says nothing about the candidate beside it.
             let live = live.filter(|_| self.stopped.is_none());
             let (trace, fork) = shadow.conclude(live, report.seed);
-            Shadowed { id, trace, fork }
+            ShadowResult { id, trace, fork }
         });
         let stopped = self.stopped.take().map(|stopped| {
             let last = report.tasks.last().filter(|done| Some(&done.id) == stopped.id.as_ref());
-            Stopped { report: last.and_then(|done| done.record.recovered), ..stopped }
+            StoppedTask { report: last.and_then(|done| done.record.recovered), ..stopped }
         });
         (stopped, shadowed)
     }
 }
 
-impl Listener for Escort {
+impl Listener for SequenceEscort {
     fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
         self.started = world.tick();
         self.painter.before_task(world, task, seed, self.shadow.as_mut());
@@ -141,7 +141,7 @@ impl Listener for Escort {
 
     fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
         if self.stopped.is_none() && self.switch.stops(self.number) {
-            self.stopped = Some(Stopped {
+            self.stopped = Some(StoppedTask {
                 id: self.painter.at_work(task),
                 world_tick: self.started + passed.tick,
                 tick: tick_of(self.clock.now_ms()),

@@ -1,77 +1,77 @@
 //! One sequence of the live world in three steps: begun with all it takes, worked, ended.
 //!
-//! Begun and ended on the engine's thread; worked there in one slice, or on a thread of its own at the pace of a
-//! clock. What is worked owns its arm, its agent, its monitors and its view of the active versions, so that nothing
-//! the engine does meanwhile reaches into it.
+//! Begun and ended on the engine's thread; run there in one slice, or on a thread of its own at the pace of a clock.
+//! A running sequence owns its arm, its agent, its monitors and its view of the active versions, so that the engine
+//! cannot change them meanwhile.
 
 use std::collections::BTreeMap;
 
 use holdpoint_body::TaskKind;
 use holdpoint_sim::world::World;
 
+use super::cell_frame;
 use super::listener::Listener;
 use super::live::{LiveCell, RunningSequence, SequenceReport};
-use super::portrait;
 use super::shadow::ShadowTrace;
-use super::supervisor::{Questions, SequenceSupervisor};
+use super::supervisor::{MonitorQuestions, SequenceSupervisor};
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_protocol::picture::EnvelopePicture;
+use holdpoint_protocol::video_frame::EnvelopeView;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::recovery::RecoveryReport;
 use holdpoint_runtime::terms::SkillTerms;
 
-use crate::binding::not_admitted;
 use crate::context::Context;
-use crate::fault::Fault;
+use crate::evidence_binding::not_admitted;
+use crate::fault::EngineFault;
 use crate::monitors::Monitors;
-use crate::record::Record;
-use crate::trial::seeds::{Purpose, episode_seed};
+use crate::recorder::EngineRecorder;
+use crate::trial::seeds::{SeedPurpose, episode_seed};
 
 /// The versions that were active when the sequence began.
-pub(crate) struct Actives(BTreeMap<Family, Capability>);
+pub(crate) struct VersionsAtStart(BTreeMap<Family, Capability>);
 
-impl ActiveView for Actives {
+impl ActiveView for VersionsAtStart {
     fn active(&self, family: &Family) -> Option<&Capability> {
         self.0.get(family)
     }
 }
 
-impl Actives {
-    /// Who works a task.
+impl VersionsAtStart {
+    /// The version that runs a task.
     pub(crate) fn at_work(&self, task: TaskKind) -> Option<CapabilityId> {
         self.0.get(&Family::from(task)).map(Capability::id)
     }
 }
 
 /// A sequence that is about to be worked.
-pub(crate) struct Begun {
+pub(crate) struct StartedSequence {
     index: u64,
     seed: u64,
     running: RunningSequence,
-    actives: Actives,
+    actives: VersionsAtStart,
     terms: Vec<(CapabilityId, SkillTerms)>,
     spare: SkillTerms,
     supervisor: SequenceSupervisor,
     link_up: bool,
 }
 
-/// A sequence that was worked.
-pub(crate) struct Worked {
+/// A sequence that has run.
+pub(crate) struct FinishedSequence {
     pub(crate) index: u64,
     pub(crate) running: RunningSequence,
     pub(crate) report: SequenceReport,
     pub(crate) supervisor: SequenceSupervisor,
     pub(crate) link_up: bool,
     /// The arm was stopped from outside.
-    pub(crate) stopped: Option<Stopped>,
+    pub(crate) stopped: Option<StoppedTask>,
     /// What shadow came to, if a candidate was in shadow.
-    pub(crate) shadow: Option<Shadowed>,
+    pub(crate) shadow: Option<ShadowResult>,
 }
 
-/// A task that somebody stopped in flight.
+/// A task that was stopped in flight.
 #[derive(Clone, Debug)]
-pub(crate) struct Stopped {
+pub(crate) struct StoppedTask {
     /// Who was at work.
     pub(crate) id: Option<CapabilityId>,
     /// When, ticks of the live world.
@@ -84,7 +84,7 @@ pub(crate) struct Stopped {
     pub(crate) halted: bool,
 }
 
-impl Stopped {
+impl StoppedTask {
     /// A sequence worked in step, whose last task was stopped.
     pub(crate) fn here(report: &SequenceReport, tick: u64) -> Self {
         let last = report.tasks.last().map(|done| (done.id.clone(), done.record.recovered));
@@ -94,34 +94,34 @@ impl Stopped {
 }
 
 /// What a candidate in shadow gave in one sequence.
-pub(crate) struct Shadowed {
+pub(crate) struct ShadowResult {
     pub(crate) id: CapabilityId,
     pub(crate) trace: Option<ShadowTrace>,
     pub(crate) fork: Option<World>,
 }
 
-impl Begun {
+impl StartedSequence {
     pub(crate) const fn index(&self) -> u64 {
         self.index
     }
 
     /// Who works what in it, and the envelope that holds them.
-    pub(crate) fn workers(&self) -> Vec<(TaskKind, CapabilityId, EnvelopePicture)> {
+    pub(crate) fn workers(&self) -> Vec<(TaskKind, CapabilityId, EnvelopeView)> {
         let worker = |task: TaskKind| {
             let id = self.actives.at_work(task)?;
             let terms =
                 self.terms.iter().find(|(known, _)| *known == id).map_or(&self.spare, |(_, terms)| terms);
-            Some((task, id, portrait::envelope(terms.envelope())))
+            Some((task, id, cell_frame::envelope(terms.envelope())))
         };
         TaskKind::SEQUENCE.into_iter().filter_map(worker).collect()
     }
 
-    /// Questions of its monitors are told while it runs.
-    pub(crate) fn tell_at_once(&mut self, questions: Questions) {
+    /// Reports questions of its monitors while it runs.
+    pub(crate) fn tell_at_once(&mut self, questions: MonitorQuestions) {
         self.supervisor.tell_at_once(questions);
     }
 
-    pub(crate) fn work(self, listener: &mut dyn Listener) -> Worked {
+    pub(crate) fn run(self, listener: &mut dyn Listener) -> FinishedSequence {
         let Self { index, seed, mut running, actives, terms, spare, mut supervisor, link_up } = self;
         let choose = |capability: &Capability| {
             let id = capability.id();
@@ -129,7 +129,7 @@ impl Begun {
             known.map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
         };
         let report = running.run(&actives, &choose, seed, listener, Some(&mut supervisor));
-        Worked { index, running, report, supervisor, link_up, stopped: None, shadow: None }
+        FinishedSequence { index, running, report, supervisor, link_up, stopped: None, shadow: None }
     }
 }
 
@@ -140,18 +140,18 @@ impl Begun {
 /// If another sequence has them.
 pub(crate) fn begin(
     context: &Context,
-    record: &Record,
+    record: &EngineRecorder,
     monitors: &Monitors,
     cell: &mut LiveCell,
     seed: u64,
     paced: bool,
     terms_of: &dyn Fn(&Capability) -> SkillTerms,
-) -> Result<Begun, Fault> {
+) -> Result<StartedSequence, EngineFault> {
     let actives: BTreeMap<Family, Capability> = record
-        .ledger()
+        .version_table()
         .families()
         .filter_map(|(family, entry)| Some((family.clone(), entry.active()?.capability.clone())))
-        .filter(|(_, active)| not_admitted(context, record.ledger(), active).is_none())
+        .filter(|(_, active)| not_admitted(context, record.version_table(), active).is_none())
         .collect();
     let terms = TaskKind::SEQUENCE
         .into_iter()
@@ -164,12 +164,21 @@ pub(crate) fn begin(
         .collect();
     let spare = context.terms();
     let link_up = cell.link_is_up();
-    // The engine's own copy is looked at meanwhile and changed by nobody.
+    // The engine's own copy is read meanwhile and never changed.
     let supervisor = SequenceSupervisor::new(monitors.clone(), record.clock().clone(), link_up);
     let running = cell
         .start_sequence()
-        .ok_or_else(|| Fault::Impossible("the live world is at work already".to_owned()))?;
+        .ok_or_else(|| EngineFault::Impossible("the live world is at work already".to_owned()))?;
     let index = running.sequence();
-    let seed = episode_seed(seed, Purpose::Live, index);
-    Ok(Begun { index, seed, running, actives: Actives(actives), terms, spare, supervisor, link_up })
+    let seed = episode_seed(seed, SeedPurpose::Live, index);
+    Ok(StartedSequence {
+        index,
+        seed,
+        running,
+        actives: VersionsAtStart(actives),
+        terms,
+        spare,
+        supervisor,
+        link_up,
+    })
 }

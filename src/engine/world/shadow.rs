@@ -1,7 +1,7 @@
 //! Shadow: the candidate beside the active version, at two depths, with no right to the arm.
 //!
 //! Same observations: the candidate decides tick by tick on what the active version sees; its
-//! commands go to a [`Recorder`]. Twin: at the start of the family's task the live world is forked;
+//! commands go to a [`CommandRecorder`]. Twin: at the start of the family's task the live world is forked;
 //! the candidate drives the fork under the same disturbances. Sources: paper sections 5.2 (stage 4)
 //! and 6.7; design rule 5.4.
 
@@ -13,7 +13,7 @@ use super::listener::Listener;
 use holdpoint_governance::evidence::ShadowSequence;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_runtime::agent::dispatcher::admit;
-use holdpoint_runtime::arm::{Arm, Recorder};
+use holdpoint_runtime::arm::{Arm, CommandRecorder};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::{self, PathPoint, Supervision, TaskRecord, Tick};
@@ -111,17 +111,17 @@ pub struct Shadow {
     skill: Option<Box<dyn Skill>>,
     /// The dispatcher would not call it, as the live world stands at its task.
     refused: bool,
-    recorder: Recorder,
-    live_recorder: Recorder,
+    recorder: CommandRecorder,
+    live_recorder: CommandRecorder,
     live: Setpoints,
     proposed: Setpoints,
     divergence_sum: f64,
     ticks: u32,
-    twin: Option<Ran>,
+    twin: Option<TwinRun>,
 }
 
 /// A twin that has run.
-struct Ran {
+struct TwinRun {
     /// The world, for the next sequence; absent if it failed.
     world: Option<World>,
     record: Option<TaskRecord>,
@@ -137,8 +137,8 @@ impl Shadow {
             fork: Some(fork),
             skill: None,
             refused: false,
-            recorder: Recorder::default(),
-            live_recorder: Recorder::default(),
+            recorder: CommandRecorder::default(),
+            live_recorder: CommandRecorder::default(),
             live: Setpoints::default(),
             proposed: Setpoints::default(),
             divergence_sum: 0.0,
@@ -161,7 +161,7 @@ impl Shadow {
         let mut twin_arm = Arm::new(fork);
         if self.refused {
             let record = Some(TaskRecord::refused(self.task(), seed));
-            self.twin = Some(Ran { world: Some(twin_arm.into_body()), record });
+            self.twin = Some(TwinRun { world: Some(twin_arm.into_body()), record });
             return;
         }
         let guard = self.terms.guard(&self.candidate.manifest.permissions);
@@ -173,9 +173,9 @@ impl Shadow {
         });
         let world = twin_arm.into_body();
         self.twin = Some(match ran {
-            Ok(record) => Ran { world: Some(world), record: Some(record) },
+            Ok(record) => TwinRun { world: Some(world), record: Some(record) },
             // A world that diverged is not used again.
-            Err(_) => Ran { world: None, record: None },
+            Err(_) => TwinRun { world: None, record: None },
         });
     }
 
@@ -202,7 +202,7 @@ impl Shadow {
         if self.twin.is_none() {
             self.run_twin(seed, &mut |_, _| {});
         }
-        let Some(Ran { world, record: Some(twin) }) = self.twin.take() else { return (None, None) };
+        let Some(TwinRun { world, record: Some(twin) }) = self.twin.take() else { return (None, None) };
         if live.invalid {
             return (None, world);
         }
@@ -219,7 +219,8 @@ impl Shadow {
             live_conduct: live.conduct(),
             twin_conduct: twin.conduct(),
         };
-        let first = |recorder: &Recorder| recorder.commands().iter().take(COMMANDS_KEPT).cloned().collect();
+        let first =
+            |recorder: &CommandRecorder| recorder.commands().iter().take(COMMANDS_KEPT).cloned().collect();
         let trace = ShadowTrace {
             version: self.candidate.id(),
             task: self.task(),

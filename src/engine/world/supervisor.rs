@@ -1,12 +1,12 @@
 //! The monitor's place inside a live task: a safety event of a watched version acts in the tick it happens.
 //!
-//! It feeds the monitors tick by tick and stops a task if one of them asks for more than a question. It
-//! decides nothing (the rules do, in `governance::monitor`) and writes nothing: what was decided is acted on
-//! after the task, when the arm stands.
+//! It feeds the monitors tick by tick and stops a task if one of them requests more than a question. It decides
+//! nothing (the rules do, in `governance::monitor`) and writes nothing: the engine acts on decisions after the task,
+//! at standstill.
 
 use std::sync::{Arc, Mutex};
 
-use crate::monitors::{Monitors, Watched};
+use crate::monitors::{ActivationMonitor, Monitors};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::monitor::{MonitorAction, MonitorDecision, SafetyEvent};
 use holdpoint_protocol::clock::{Clock, tick_of};
@@ -37,8 +37,8 @@ pub struct RaisedMonitor {
     pub trip: Option<Trip>,
 }
 
-/// Questions of monitors that are told while the sequence still runs, each with its monitor.
-pub(crate) type Questions = Arc<Mutex<Vec<(Watched, MonitorDecision)>>>;
+/// Questions of monitors that are reported during the sequence, each with its monitor.
+pub(crate) type MonitorQuestions = Arc<Mutex<Vec<(ActivationMonitor, MonitorDecision)>>>;
 
 /// Supervises one sequence for every monitor there is.
 pub struct SequenceSupervisor {
@@ -47,7 +47,7 @@ pub struct SequenceSupervisor {
     from_tick: u64,
     link_up: bool,
     raised: Vec<RaisedMonitor>,
-    questions: Option<Questions>,
+    questions: Option<MonitorQuestions>,
 }
 
 impl SequenceSupervisor {
@@ -63,8 +63,8 @@ impl SequenceSupervisor {
         Self { monitors, clock, from_tick, link_up, raised: Vec::new(), questions: None }
     }
 
-    /// Questions are told at once: people must not wait for the end of a sequence to learn of a deadline.
-    pub(crate) fn tell_at_once(&mut self, questions: Questions) {
+    /// Reports questions at once: operators must not wait for the end of a sequence to learn of a deadline.
+    pub(crate) fn tell_at_once(&mut self, questions: MonitorQuestions) {
         self.questions = Some(questions);
     }
 
@@ -99,8 +99,8 @@ impl SequenceSupervisor {
         if stops { Supervision::Abort } else { Supervision::Continue }
     }
 
-    /// Virtual ticks now. A script's clock stands still while a sequence is worked, so there the world's ticks
-    /// count; a clock that follows real time says it itself, however fast the world is worked.
+    /// Virtual ticks now. A script's clock does not run during a sequence, so there the world's ticks count; a clock
+    /// that follows real time gives them itself, at any speed of the world.
     fn now_tick(&self, world_tick: u64) -> u64 {
         if self.clock.is_scripted() {
             self.from_tick.saturating_add(world_tick)

@@ -9,37 +9,44 @@ use std::time::{Duration, Instant};
 
 use holdpoint_governance::monitor::MonitorDecision;
 use holdpoint_protocol::clock::Clock;
-use holdpoint_protocol::sink::Pictures;
+use holdpoint_protocol::sink::VideoFrameSink;
 
-use super::pacing::{Escort, SharedPace};
+use super::pacing::{SequenceEscort, SharedPace};
 use super::painter::Painter;
-use super::sequence::{Begun, Worked};
+use super::sequence::{FinishedSequence, StartedSequence};
 use super::shadow::Shadow;
-use super::supervisor::Questions;
-use super::switch::Switch;
-use crate::fault::Fault;
-use crate::monitors::Watched;
+use super::stop_switch::StopSwitch;
+use super::supervisor::MonitorQuestions;
+use crate::fault::EngineFault;
+use crate::monitors::ActivationMonitor;
 
 /// Pause after a sequence in which nothing was worked: no version is active, or the world failed.
 const NOTHING_PAUSE: Duration = Duration::from_secs(2);
 
 /// The live world's thread and what it shares with the engine's.
 pub struct LiveThread {
-    switch: Arc<Switch>,
+    switch: Arc<StopSwitch>,
     pace: Arc<SharedPace>,
-    questions: Questions,
+    questions: MonitorQuestions,
     number: u64,
-    running: Option<JoinHandle<Worked>>,
+    running: Option<JoinHandle<FinishedSequence>>,
     not_before: Option<Instant>,
 }
 
 impl LiveThread {
     /// A thread that waits for its first sequence.
     #[must_use]
-    pub(crate) fn new(times: Option<f64>, switch: Arc<Switch>) -> Self {
+    pub(crate) fn new(times: Option<f64>, switch: Arc<StopSwitch>) -> Self {
         let pace = Arc::new(SharedPace::default());
         pace.set(times);
-        Self { switch, pace, questions: Questions::default(), number: 0, running: None, not_before: None }
+        Self {
+            switch,
+            pace,
+            questions: MonitorQuestions::default(),
+            number: 0,
+            running: None,
+            not_before: None,
+        }
     }
 
     /// Whether a sequence is being worked.
@@ -65,7 +72,7 @@ impl LiveThread {
     }
 
     /// What monitors asked while their sequence ran.
-    pub(crate) fn take_questions(&self) -> Vec<(Watched, MonitorDecision)> {
+    pub(crate) fn take_questions(&self) -> Vec<(ActivationMonitor, MonitorDecision)> {
         self.questions.lock().map_or_else(|_| Vec::new(), |mut waiting| std::mem::take(&mut *waiting))
     }
 
@@ -74,42 +81,43 @@ impl LiveThread {
         self.pace.set(times);
     }
 
-    /// Works a sequence on a thread of its own.
+    /// Runs a sequence on a thread of its own.
     ///
     /// # Errors
     /// If no thread starts.
     pub(crate) fn start(
         &mut self,
-        mut begun: Begun,
+        mut begun: StartedSequence,
         shadow: Option<Shadow>,
-        pictures: Pictures,
+        pictures: VideoFrameSink,
         clock: Clock,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), EngineFault> {
         self.number += 1;
         begun.tell_at_once(Arc::clone(&self.questions));
         let painter = Painter::new(pictures, clock.clone(), begun.index(), begun.workers());
         let shared = (Arc::clone(&self.switch), Arc::clone(&self.pace));
-        let mut escort = Escort::new(painter, self.number, shadow, shared, clock);
+        let mut escort = SequenceEscort::new(painter, self.number, shadow, shared, clock);
         self.switch.begin(self.number);
         let work = move || {
-            let mut worked = begun.work(&mut escort);
+            let mut worked = begun.run(&mut escort);
             let (stopped, shadow) = escort.conclude(worked.running.world(), &worked.report);
             worked.stopped = stopped;
             worked.shadow = shadow;
             worked
         };
         let thread = std::thread::Builder::new().name("live-world".to_owned()).spawn(work);
-        let thread = thread
-            .map_err(|error| Fault::Impossible(format!("the live world's thread does not start: {error}")))?;
+        let thread = thread.map_err(|error| {
+            EngineFault::Impossible(format!("the live world's thread does not start: {error}"))
+        })?;
         self.running = Some(thread);
         Ok(())
     }
 
     /// The sequence that is over; `None` while one runs, and if none was started.
-    pub(crate) fn finished(&mut self, wait: bool) -> Option<Result<Worked, Fault>> {
+    pub(crate) fn finished(&mut self, wait: bool) -> Option<Result<FinishedSequence, EngineFault>> {
         let thread = self.running.take_if(|thread| wait || thread.is_finished())?;
         self.switch.end();
-        let failed = |_| Fault::Impossible("the live world's thread failed".to_owned());
+        let failed = |_| EngineFault::Impossible("the live world's thread failed".to_owned());
         Some(thread.join().map_err(failed))
     }
 }

@@ -11,7 +11,7 @@ use holdpoint_text::Untrusted;
 /// The longest key, in bytes.
 const KEY_BYTES_MAX: usize = 200;
 
-/// Answers what an event changes. The book is not touched; take the changes in with [`AlarmBook::absorb`].
+/// Returns the changes of an event. It does not touch the book; apply them with [`AlarmBook::absorb`].
 ///
 /// `now_ms` is the engine's time, which alarms are counted in; `wall` is the time that shelves end by.
 ///
@@ -117,7 +117,7 @@ fn raise(
     alarm.condition = true;
     alarm.reset_pending = alarm.latching;
     alarm.text = text.clone();
-    // What has become critical does not stay on a shelf.
+    // A critical alarm does not stay shelved.
     if alarm.priority == Priority::Critical {
         alarm.shelf = None;
     }
@@ -198,7 +198,7 @@ fn flood_change(book: &AlarmBook, changes: &[AlarmChange], now_ms: u64) -> Optio
     (on != book.flood).then_some(AlarmChange::Flood { on })
 }
 
-/// A change that calls nobody.
+/// A change that calls for no attention.
 fn set(alarm: &Alarm, now_ms: u64, change: impl FnOnce(&mut Alarm)) -> Vec<AlarmChange> {
     let from = alarm.state();
     let mut alarm = alarm.clone();
@@ -206,7 +206,7 @@ fn set(alarm: &Alarm, now_ms: u64, change: impl FnOnce(&mut Alarm)) -> Vec<Alarm
     vec![AlarmChange::Set { alarm, from, annunciated: false, at_ms: now_ms }]
 }
 
-/// An alarm that was never raised: acknowledged by nobody in particular, so that its state is normal.
+/// An alarm that was never raised: acknowledged by no one in particular, so that its state is normal.
 fn normal(key: &AlarmKey, now_ms: u64) -> Alarm {
     Alarm {
         key: key.clone(),

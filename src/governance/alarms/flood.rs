@@ -14,7 +14,7 @@ pub const FLOOD_WINDOW_MS: u64 = 600_000;
 /// One row of the alarm list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlarmGroup<'a> {
-    /// The first one out: what came first is most often the cause.
+    /// The first one: it is most often the cause.
     pub first: &'a Alarm,
     /// All of the row in the order they came, the first included.
     pub members: Vec<&'a Alarm>,

@@ -1,4 +1,4 @@
-//! What alarms are raised for: a closed set of kinds, each with what it is about.
+//! The causes of alarms: a closed set of kinds, each with its subject.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,36 +7,36 @@ use serde::{Deserialize, Serialize};
 
 use crate::ids::{CapabilityId, Family};
 
-crate::words! {
-    /// What an alarm is raised for.
+crate::closed_set! {
+    /// The cause of an alarm.
     AlarmKind, "kind of alarm", {
-        /// A version was taken off, and its predecessor is in control.
+        /// A version was rolled back, and its rollback target is active.
         RolledBack = "rolled-back",
-        /// The monitor asks people whether a version may work on.
+        /// An escalation asks operators whether a version may continue.
         Escalated = "escalated",
         /// The monitor capped a version's speed and force.
         Restricted = "restricted",
         /// An active version, whichever, violated a limit.
         Violation = "violation",
-        /// A version works worse than its family did when it was commissioned.
+        /// A version performs worse than its family did when it was commissioned.
         Degraded = "degraded",
         /// An active version's own recovery drills pass too seldom.
         WeakRecovery = "weak-recovery",
-        /// A version is in the live world not what it was in the sandbox.
+        /// A version differs in the live world from the sandbox.
         Shifted = "shifted",
-        /// The cell's own senses are worse than when it was commissioned, whoever is active.
+        /// The camera check is worse than when the cell was commissioned, with any active version.
         CellDegraded = "cell-degraded",
         /// A family is stopped without an active version.
         SafeStopped = "safe-stopped",
-        /// A family is back at its predecessor and does not work safely.
+        /// A family is back at its rollback target and does not run safely.
         NotRecovered = "not-recovered",
         /// A candidate was rejected by a rule or a person.
         Rejected = "rejected",
-        /// People are asked for an approval.
+        /// An approval request is open.
         Approval = "approval",
-        /// One person let a version in by the emergency door, and nobody has reviewed it yet.
+        /// One person activated a version by break-glass, and the review is open.
         Unreviewed = "unreviewed",
-        /// Kept results of an active version are not what running it again gives.
+        /// Cached results of an active version differ from its re-run.
         KeptFalse = "kept-false",
         /// Telemetry that the record seals is not there any more.
         TelemetryMissed = "telemetry-missed",
@@ -50,19 +50,19 @@ crate::words! {
         ProfileUnauthorized = "profile-unauthorized",
         /// The machine's clock was set, or is behind the newest record: nothing is activated until a person confirms the time.
         ClockDoubted = "clock-doubted",
-        /// The engine met a fault and holds.
+        /// The engine is halted after a fault.
         EngineFault = "engine-fault",
     }
 }
 
-crate::words! {
-    /// What alarms are grouped by in a flood: those of one topic share a row.
+crate::closed_set! {
+    /// The groups of alarms in a flood: those of one topic share a row.
     AlarmTopic, "topic of an alarm", {
-        /// What the monitors of active versions found.
+        /// Findings of the monitors of active versions.
         Monitor = "monitor",
-        /// Versions that were taken off, and what came of it.
+        /// Rollbacks and their results.
         Rollback = "rollback",
-        /// Questions to people about an activation.
+        /// Approval requests about an activation.
         Approval = "approval",
         /// Candidates that were rejected.
         Rejected = "rejected",
@@ -98,37 +98,37 @@ impl AlarmKind {
     }
 }
 
-/// The name of an alarm: its kind and what it is about. Written `rolled-back:grasp@1.3.0`, `safe-stopped:grasp` or
+/// The name of an alarm: its kind and its subject. Written `rolled-back:grasp@1.3.0`, `safe-stopped:grasp` or
 /// `engine-fault`; ordered as it is written.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(try_from = "String", into = "String")]
 #[schemars(with = "String")]
 pub enum AlarmKey {
-    /// The version that was taken off.
+    /// The version that was rolled back.
     RolledBack(CapabilityId),
-    /// The version a monitor asks about.
+    /// The version of an escalation.
     Escalated(CapabilityId),
     /// The version whose envelope was tightened.
     Restricted(CapabilityId),
     /// The active version that violated a limit.
     Violation(CapabilityId),
-    /// The active version under which the family works worse.
+    /// The active version under which the family performs worse.
     Degraded(CapabilityId),
     /// The active version whose drills pass too seldom.
     WeakRecovery(CapabilityId),
     /// The version that was in shadow.
     Shifted(CapabilityId),
-    /// The one cell there is: its senses.
+    /// The only cell: its camera check.
     CellDegraded,
     /// The family that is stopped.
     SafeStopped(Family),
-    /// The family that does not work safely under the predecessor either.
+    /// The family that does not run safely under the rollback target either.
     NotRecovered(Family),
     /// The candidate that was rejected.
     Rejected(CapabilityId),
     /// The candidate that waits for people.
     Approval(CapabilityId),
-    /// The version that was let in by the emergency door.
+    /// The version activated by break-glass.
     Unreviewed(CapabilityId),
     /// What is kept, all of it.
     KeptFalse,
@@ -154,7 +154,7 @@ pub enum AlarmKey {
 pub struct AlarmKeyError(pub String);
 
 impl AlarmKey {
-    /// What it is raised for, without what it is about.
+    /// Its cause, without the subject.
     #[must_use]
     pub const fn kind(&self) -> AlarmKind {
         match self {

@@ -154,7 +154,7 @@ fn floods_group_by_cause_and_keep_criticals_apart() {
         rows.iter().map(|row| (row.first.key.clone(), row.members.len())).collect::<Vec<_>>(),
         [(key("trip"), 1), (key("low-00"), 11)]
     );
-    // It ends when the window holds fewer than five.
+    // It ends when the window contains fewer than five.
     let changes = step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 4).unwrap();
     assert!(changes.is_empty() && book.is_flooded());
     step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 10).unwrap();
@@ -174,7 +174,7 @@ fn full_books_drop_what_is_normal_and_nothing_else() {
     step(&mut book, &AlarmEvent::Acknowledge { key: key("a7"), by: "mara".into() }, 1_000).unwrap();
     step(&mut book, &one_more, 1_000).unwrap();
     assert!(book.get(&key("a7")).is_none() && book.get(&key("one-more")).is_some());
-    // What was long normal goes by itself.
+    // A long-normal alarm is dropped automatically.
     step(&mut book, &AlarmEvent::Clear { key: key("a8") }, 1_000).unwrap();
     step(&mut book, &AlarmEvent::Acknowledge { key: key("a8"), by: "mara".into() }, 1_000).unwrap();
     step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 8).unwrap();

@@ -1,24 +1,23 @@
-//! Every question with up to four answers walked exhaustively: requester, author, who put the question, approvers under
-//! one name and two, forged, used, stale and expired answers, refusals, the emergency door, and wall time before and after
-//! each end. Held against invariants that the walk states by itself; and for every rule a mutant without it, which the
-//! walk has to catch.
+//! Walks every request with up to four answers exhaustively: requester, author, asking person, approvers under one
+//! name and two, forged, used, stale and expired answers, refusals, break-glass, and wall time before and after each
+//! deadline. The walk states its own invariants, and for every rule it has to catch a mutant without it.
 
 use std::collections::BTreeSet;
 
 use super::*;
 use crate::profile::{Profile, ProfileName};
 
-/// What really is the case with an answer, kept by the walk itself and not by the product.
+/// The true facts of an answer, recorded by the walk and not by the product.
 #[derive(Clone)]
 struct TrueVote {
     vote: Vote,
-    /// Which human being gave it, whatever their names.
+    /// The human being who gave it, under any name.
     human: &'static str,
-    /// Whether it is genuine, first used here and over this question.
+    /// Whether it is genuine, unused and for this request.
     genuine: bool,
 }
 
-/// The humans that have a part in the question, and so cannot approve.
+/// The humans who take part in the request, and so cannot approve.
 const PARTIES: [&str; 3] = ["rita", "arno", "otto"];
 
 /// Ends of an answer that is good for a short time, of the question, and of every other answer.
@@ -38,7 +37,7 @@ fn vote(name: &str, human: &'static str, role: Role) -> TrueVote {
         person: name.to_owned(),
         key: format!("key of {human}"),
         role,
-        answer: Answer::Approve,
+        answer: ApprovalDecision::Approve,
         reason: "read".to_owned(),
         subject: subject("this"),
         until: at(ENDS[2]),
@@ -75,8 +74,8 @@ fn answers() -> Vec<TrueVote> {
         with(ann(), false, |v| v.nonce_used = true),
         with(ann(), false, |v| v.subject = subject("another")),
         with(ann(), true, |v| v.until = at(ENDS[0])),
-        with(vote("bob", "bob", Role::Engineer), true, |v| v.answer = Answer::Reject),
-        with(vote("rita", "rita", Role::Safety), true, |v| v.answer = Answer::Reject),
+        with(vote("bob", "bob", Role::Engineer), true, |v| v.answer = ApprovalDecision::Reject),
+        with(vote("rita", "rita", Role::Safety), true, |v| v.answer = ApprovalDecision::Reject),
         with(ann(), true, |v| v.break_glass = true),
         with(vote("rita", "rita", Role::Safety), true, |v| v.break_glass = true),
         with(ann(), true, |v| {
@@ -86,8 +85,8 @@ fn answers() -> Vec<TrueVote> {
     ]
 }
 
-fn request(risk: Risk, quorum: u8) -> Request {
-    Request {
+fn request(risk: Risk, quorum: u8) -> QuorumRequest {
+    QuorumRequest {
         subject: subject("this"),
         risk,
         quorum,
@@ -102,8 +101,8 @@ fn request(risk: Risk, quorum: u8) -> Request {
     }
 }
 
-/// Who a result may rest on, as the walk sees it: humans, whatever their names.
-fn counted<'a>(given: &'a [&TrueVote], request: &Request, now: WallTime) -> Vec<&'a TrueVote> {
+/// The humans a result may rest on, as the walk sees them, under any name.
+fn counted<'a>(given: &'a [&TrueVote], request: &QuorumRequest, now: WallTime) -> Vec<&'a TrueVote> {
     let counts = |one: &&&TrueVote| {
         let role = match request.risk {
             Risk::Low => one.vote.role != Role::Admin,
@@ -111,17 +110,17 @@ fn counted<'a>(given: &'a [&TrueVote], request: &Request, now: WallTime) -> Vec<
         };
         one.genuine
             && now < one.vote.until
-            && one.vote.answer == Answer::Approve
+            && one.vote.answer == ApprovalDecision::Approve
             && !PARTIES.contains(&one.human)
             && role
     };
     given.iter().filter(counts).copied().collect()
 }
 
-/// What is wrong with a result, if anything.
+/// The violated invariant of a result, if any.
 fn problem(
     given: &[&TrueVote],
-    request: &Request,
+    request: &QuorumRequest,
     now: WallTime,
     settings: &ApprovalSettings,
     outcome: &ApprovalOutcome,
@@ -132,20 +131,21 @@ fn problem(
     let enough = humans.len() >= usize::from(request.quorum) && officer;
     let opens = |one: &&TrueVote| one.vote.break_glass && !one.vote.reason.trim().is_empty();
     let emergency = settings.break_glass && counted.iter().any(opens);
-    let refusal = |one: &&&TrueVote| one.genuine && one.vote.answer == Answer::Reject && now < one.vote.until;
+    let refusal =
+        |one: &&&TrueVote| one.genuine && one.vote.answer == ApprovalDecision::Reject && now < one.vote.until;
     let refused = given.iter().any(|one| refusal(&one));
     match outcome {
-        ApprovalOutcome::NotNeeded => Some("nobody is asked where people are needed"),
+        ApprovalOutcome::NotNeeded => Some("no one is asked where people are needed"),
         ApprovalOutcome::Granted { .. } if refused => Some("granted over a refusal"),
         ApprovalOutcome::Granted { break_glass: false, .. } if !enough => {
             Some("granted without enough independent people of the roles that it takes")
         }
         ApprovalOutcome::Granted { break_glass: true, .. } if !emergency => {
-            Some("granted by an emergency door that is shut")
+            Some("granted by break-glass where it is off")
         }
         ApprovalOutcome::Granted { until, .. } if *until <= now => Some("granted, and over already"),
         ApprovalOutcome::Granted { .. } => None,
-        ApprovalOutcome::Refused { .. } if !refused => Some("refused by nobody"),
+        ApprovalOutcome::Refused { .. } if !refused => Some("refused without a refusal"),
         ApprovalOutcome::Refused { .. } => None,
         ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut if refused => {
             Some("a refusal that does not count")
@@ -159,7 +159,7 @@ fn problem(
     }
 }
 
-/// Walks every choice of up to `most` answers; the number of worlds, and what was wrong first.
+/// Walks every choice of up to `most` answers; returns the number of worlds and the first violation.
 fn walk(rules: impl ApprovalRules, most: usize) -> (usize, Option<&'static str>) {
     let all = answers();
     let settings =
@@ -205,14 +205,14 @@ fn walk(rules: impl ApprovalRules, most: usize) -> (usize, Option<&'static str>)
 fn nobody_alone_and_nobody_twice() {
     let full = std::env::var("HOLDPOINT_WALK").is_ok_and(|value| value == "full");
     let (most, expected) = if full { (4, 1_366_200) } else { (3, 218_592) };
-    assert_eq!(walk(AllRules, most), (expected, None));
+    assert_eq!(walk(AllApprovalRules, most), (expected, None));
 }
 
 /// Every rule but one.
 #[derive(Clone, Copy)]
-struct AllBut(ApprovalRule);
+struct ApprovalRulesExcept(ApprovalRule);
 
-impl ApprovalRules for AllBut {
+impl ApprovalRules for ApprovalRulesExcept {
     fn demands(self, rule: ApprovalRule) -> bool {
         self.0 != rule
     }
@@ -240,7 +240,7 @@ fn every_rule_is_needed() {
         Deadline,
         EmergencyAllowed,
     ] {
-        let (_, found) = walk(AllBut(rule), 3);
+        let (_, found) = walk(ApprovalRulesExcept(rule), 3);
         assert!(found.is_some(), "the walk does not notice that {rule:?} is missing");
     }
 }

@@ -1,24 +1,25 @@
-//! When a behavioural evaluation may end before its budget: only ever to reject.
+//! When a behavior evaluation may end before its budget: only ever to reject.
 //!
 //! Owns both rules; knows nothing of how episodes are run. Both look at the four binary components alone: what
 //! time, retries and the measures of harm come to can be turned by the rest of the budget in ways no bound known in
 //! advance covers, so they count as no worsening here, which is the least they can be. A safety component that is
 //! established at the most favourable totals is a rejection by itself, as it is for the whole budget.
 
-use super::{BehaviorAssessment, ComponentName, Finding, assess, kappa, measured, nothing, unusable};
-use crate::decision::{Dimension, Reason, ReasonCode};
-use crate::ended::EndReason;
-use crate::evidence::{Binding, EpisodeValues, PairedEvidence};
+use super::{BehaviorAssessment, ComponentName, assess, kappa, measured, unusable, without_value};
+use crate::decision::ReasonCode;
+use crate::early_stop::EarlyStopReason;
+use crate::evidence::{EpisodeValues, EvidenceBinding, PairedEvidence};
+use crate::finding::Finding;
 use crate::outcome::BehaviorOutcome;
 use crate::profile::Profile;
-use crate::stats::population::Pairs;
+use crate::stats::population::PairBudget;
 use crate::stats::{self, PairedCounts};
 
 /// An episode's value as a component counts it: true is bad.
-type Bad = fn(&EpisodeValues) -> bool;
+type FailurePredicate = fn(&EpisodeValues) -> bool;
 
 /// The components that are shares of episodes.
-const BINARY: [(ComponentName, Bad); 4] = [
+const BINARY: [(ComponentName, FailurePredicate); 4] = [
     (ComponentName::Success, |episode| !episode.success),
     (ComponentName::Violation, |episode| episode.violation),
     (ComponentName::Anomaly, |episode| episode.anomaly),
@@ -33,7 +34,7 @@ const BINARY: [(ComponentName, Bad); 4] = [
 /// active-only ones). So the full budget's decision is the same, in any order of the episodes (design rule 5.3),
 /// as long as the rest of the episodes are usable at all.
 #[must_use]
-pub fn is_lost(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> bool {
+pub fn is_lost(evidence: &PairedEvidence, current: &EvidenceBinding, profile: &Profile) -> bool {
     evidence.binding == *current
         && (!evidence.hard_stops.is_empty()
             || is_incompatible_at(evidence, profile, |seen, budget| {
@@ -56,37 +57,41 @@ pub fn is_lost(evidence: &PairedEvidence, current: &Binding, profile: &Profile) 
 /// full budget would not have made needs one of the four sets to miss. The bound is on rejecting early; what the
 /// full budget's own decision errs by is `evaluation.alpha`'s affair. At 0 the rule is off.
 #[must_use]
-pub fn is_lost_early(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> bool {
+pub fn is_lost_early(evidence: &PairedEvidence, current: &EvidenceBinding, profile: &Profile) -> bool {
     let alpha = profile.evaluation.early_alpha / BINARY.len() as f64;
     // Written so that a level that is no number switches the rule off.
     if evidence.binding != *current || !(alpha > 0.0 && alpha < 1.0) {
         return false;
     }
-    let Ok(population) = Pairs::new(u64::from(profile.evaluation.sandbox_pairs)) else { return false };
+    let Ok(population) = PairBudget::new(u64::from(profile.evaluation.sandbox_pairs)) else { return false };
     is_incompatible_at(evidence, profile, |seen, budget| {
         // No net worsening so far: it counts as none, which is the least it can be, and nothing has to be computed.
         if seen.candidate_only <= seen.active_only {
             return Some(PairedCounts { pairs: budget, candidate_only: 0, active_only: 0 });
         }
-        Some(population.possible(seen, alpha).ok()?.most_favourable(budget))
+        Some(population.possible(seen, alpha).ok()?.most_favorable(budget))
     })
 }
 
 /// By which rule the evaluation has ended, or `None` if more pairs are needed. What the caller records and
-/// gives to [`assess_ended`]. Exact rules are asked first: their answer costs no error rate.
+/// gives to [`assess_early_stop`]. Exact rules are asked first: their answer costs no error rate.
 #[must_use]
-pub fn ended(evidence: &PairedEvidence, current: &Binding, profile: &Profile) -> Option<EndReason> {
+pub fn end_reason(
+    evidence: &PairedEvidence,
+    current: &EvidenceBinding,
+    profile: &Profile,
+) -> Option<EarlyStopReason> {
     if evidence.binding != *current {
         return None;
     }
     if !evidence.hard_stops.is_empty() {
-        Some(EndReason::HardStop)
+        Some(EarlyStopReason::HardStop)
     } else if evidence.pairs.len() as u64 >= u64::from(profile.evaluation.sandbox_pairs) {
-        Some(EndReason::Full)
+        Some(EarlyStopReason::Full)
     } else if is_lost(evidence, current, profile) {
-        Some(EndReason::Curtailed)
+        Some(EarlyStopReason::Curtailed)
     } else if is_lost_early(evidence, current, profile) {
-        Some(EndReason::FinitePopulation { alpha: profile.evaluation.early_alpha })
+        Some(EarlyStopReason::FinitePopulation { alpha: profile.evaluation.early_alpha })
     } else {
         None
     }
@@ -97,17 +102,17 @@ pub fn ended(evidence: &PairedEvidence, current: &Binding, profile: &Profile) ->
 /// The rule is applied again to the evidence: an early end that the evidence does not bear out leaves the
 /// assessment as [`assess`] makes it, which is `inconclusive` short of the budget.
 #[must_use]
-pub fn assess_ended(
+pub fn assess_early_stop(
     evidence: &PairedEvidence,
-    current: &Binding,
+    current: &EvidenceBinding,
     profile: &Profile,
-    ended: EndReason,
+    ended: EarlyStopReason,
 ) -> BehaviorAssessment {
     let early = match ended {
-        EndReason::Full | EndReason::HardStop => false,
-        EndReason::Curtailed => is_lost(evidence, current, profile),
+        EarlyStopReason::Full | EarlyStopReason::HardStop => false,
+        EarlyStopReason::Curtailed => is_lost(evidence, current, profile),
         // The level is the profile's; one named elsewhere is no evidence.
-        EndReason::FinitePopulation { alpha } => {
+        EarlyStopReason::FinitePopulation { alpha } => {
             alpha.to_bits() == profile.evaluation.early_alpha.to_bits()
                 && is_lost_early(evidence, current, profile)
         }
@@ -119,15 +124,14 @@ pub fn assess_ended(
         result.ended = bears_out(evidence, ended, budget).then_some(ended);
         return result;
     }
-    let mut result = measured(evidence, profile).unwrap_or_else(nothing);
+    let mut result = measured(evidence, profile).unwrap_or_else(without_value);
     // "Fewer pairs than the budget" is what the rule answers; improvements seen so far stay in the reasons.
     result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorInconclusive);
-    let text = ended.sentence(seen, budget, "episode pairs");
-    let reason = Reason::new(ReasonCode::BehaviorEndedEarly, Dimension::Behavior, text)
+    let reason = super::reason(Finding::PairsEndedEarly { rule: ended, seen, budget })
         .with(seen as f64, budget as f64);
     result.assessment.reasons.insert(0, reason);
     for (at, c) in result.components.iter().filter(|c| c.is_established()).enumerate() {
-        let worse = Finding::WorseSoFar.reason(c.name);
+        let worse = super::reason(Finding::ComponentWorseSoFar { component: c.name });
         result.assessment.reasons.insert(1 + at, worse.with(c.worsening, c.tolerance));
     }
     result.assessment.outcome = BehaviorOutcome::Incompatible;
@@ -138,11 +142,11 @@ pub fn assess_ended(
 }
 
 /// Whether the evidence is of an end by this rule, for the rules that end nothing early.
-fn bears_out(evidence: &PairedEvidence, ended: EndReason, budget: u64) -> bool {
+fn bears_out(evidence: &PairedEvidence, ended: EarlyStopReason, budget: u64) -> bool {
     match ended {
-        EndReason::Full => evidence.pairs.len() as u64 >= budget,
-        EndReason::HardStop => !evidence.hard_stops.is_empty(),
-        EndReason::Curtailed | EndReason::FinitePopulation { .. } => false,
+        EarlyStopReason::Full => evidence.pairs.len() as u64 >= budget,
+        EarlyStopReason::HardStop => !evidence.hard_stops.is_empty(),
+        EarlyStopReason::Curtailed | EarlyStopReason::FinitePopulation { .. } => false,
     }
 }
 

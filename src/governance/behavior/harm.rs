@@ -1,7 +1,7 @@
 //! Harm, compared in pairs: each measure by itself, in its mean and in how often it is past its limit.
 //!
-//! The mean is over pairs in which both did their work, as for time: whoever never closes the hand presses on nothing.
-//! Whether an episode is past the limit counts in every pair, done or not, so that no failure hides what it broke.
+//! The mean is over pairs in which both succeeded, as for time: a hand that never closes presses on nothing. Whether
+//! an episode is past the limit counts in every pair, so that no failure hides damage.
 //!
 //! Nothing pays for any of it: these comparisons are no part of the sum that `kappa_B` is. A worsening beyond its
 //! tolerance that is established makes a version incompatible; one that is not excluded puts it in doubt. The error
@@ -9,9 +9,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{STUDENT_FROM, UPPER_ALPHA, real_pairs};
+use super::{STUDENT_FROM, UPPER_ALPHA, real_pairs, reason};
 use crate::decision::{Dimension, Reason, ReasonCode};
 use crate::evidence::{Pair, ShadowSequence};
+use crate::finding::{EvidenceGap, Finding};
 use crate::harm::{HarmKind, HarmMeasures};
 use crate::profile::{HarmSettings, Profile};
 use crate::stats::{self, PairedCounts};
@@ -19,18 +20,18 @@ use crate::stats::{self, PairedCounts};
 /// How often a measure is past its limit, of both versions.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PastLimit {
+pub struct ExceedanceRates {
     /// The limit, in the measure's unit.
     pub limit: f64,
     /// Share of the active version's episodes past it.
     pub active: f64,
-    /// Share of the candidate's.
+    /// Share of the candidate's episodes past it.
     pub candidate: f64,
     /// One-sided lower bound of the difference, at the shared level.
     pub lower: f64,
     /// One-sided upper bound at .05.
     pub upper: f64,
-    /// By how much the share may rise.
+    /// The accepted rise of the share.
     pub tolerance: f64,
 }
 
@@ -53,10 +54,10 @@ pub struct HarmComparison {
     /// How much worse it may be, in the measure's unit.
     pub tolerance: f64,
     /// The rare bad episodes, which a mean hides.
-    pub past: PastLimit,
+    pub past: ExceedanceRates,
 }
 
-/// What is said of a measure that may be, or is, worse beyond its tolerance.
+/// How a measure is reported that is worse, or may be, beyond its margin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum HarmFinding {
     Established,
@@ -75,20 +76,17 @@ impl HarmFinding {
             Some(Self::Possible)
         }
     }
+}
 
-    const fn code(self) -> ReasonCode {
-        match self {
-            Self::Established => ReasonCode::BehaviorHarmEstablished,
-            Self::Possible => ReasonCode::BehaviorHarmSuspicious,
-        }
-    }
-
-    const fn verb(self) -> &'static str {
-        match self {
-            Self::Established => "is established as worse",
-            Self::Possible => "may be worse beyond its tolerance",
-        }
-    }
+/// The decider of a measure of harm whose mean is inside its margin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum HarmDecider {
+    /// The bound of the mean; absent where so few episodes exclude nothing.
+    Bound(Option<f64>),
+    /// The rare episodes are significantly worse.
+    RareEpisodes,
+    /// The rare episodes are inconclusive.
+    RareEpisodesOpen,
 }
 
 impl HarmComparison {
@@ -100,94 +98,64 @@ impl HarmComparison {
         HarmFinding::of(self.past.lower, self.past.upper, self.past.tolerance)
     }
 
-    /// Whether a worsening beyond the tolerance is established, in the mean or in the rare episodes.
+    /// Whether a worsening beyond the margin is significant, in the mean or in the rare episodes.
     #[must_use]
     pub fn is_established(&self) -> bool {
         [self.mean_finding(), self.tail_finding()].contains(&Some(HarmFinding::Established))
     }
 
-    /// Whether a worsening beyond the tolerance is excluded, in the mean and in the rare episodes.
+    /// Whether the mean and the rare episodes are non-inferior.
     #[must_use]
     pub fn is_within_tolerance(&self) -> bool {
         self.mean_finding().is_none() && self.tail_finding().is_none()
     }
 
-    /// Both means with their unit and what is allowed.
-    #[must_use]
-    pub fn sentence(&self) -> String {
-        let kind = self.kind;
-        let more = if kind.is_worse_when_lower() { "less" } else { "more" };
-        format!(
-            "{} {} against {}, at most {} {more} is allowed",
-            kind.words(),
-            kind.show(self.candidate),
-            kind.show(self.active),
-            kind.show(self.tolerance)
-        )
-    }
-
     /// What makes its verdict where the mean is within what is allowed: the bound of the mean, or the rare episodes. `None`
     /// where the mean says it, or nothing is found.
     #[must_use]
-    pub fn deciding(&self) -> Option<String> {
-        let (kind, past) = (self.kind, self.past);
-        let rare = |verb: &str| {
-            let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-            Some(format!(
-                "its rare episodes {verb}: past {} in {} of them against {}, at most {} more is allowed",
-                kind.show(past.limit),
-                percent(past.candidate),
-                percent(past.active),
-                percent(past.tolerance)
-            ))
-        };
+    pub fn deciding(&self) -> Option<HarmDecider> {
         match (self.mean_finding(), self.tail_finding()) {
             (Some(_), _) if self.worsening > self.tolerance => None,
-            (_, Some(HarmFinding::Established)) => rare("decide"),
-            (Some(_), _) => Some(match self.upper {
-                Some(upper) => {
-                    let more = if kind.is_worse_when_lower() { "less" } else { "more" };
-                    format!("its bound decides: up to {} {more} is not excluded", kind.show(upper))
-                }
-                None => "its bound decides: so few episodes exclude nothing".to_owned(),
-            }),
-            (None, Some(HarmFinding::Possible)) => rare("leave it open"),
+            (_, Some(HarmFinding::Established)) => Some(HarmDecider::RareEpisodes),
+            (Some(_), _) => Some(HarmDecider::Bound(self.upper)),
+            (None, Some(HarmFinding::Possible)) => Some(HarmDecider::RareEpisodesOpen),
             (None, None) => None,
         }
     }
 
     fn reasons(&self) -> impl Iterator<Item = (HarmFinding, Reason)> + use<> {
-        let (kind, past) = (self.kind, self.past);
+        let Self { kind: measure, candidate, active, tolerance, past, .. } = *self;
         let mean = self.mean_finding().map(|finding| {
-            let bound =
-                if finding == HarmFinding::Established { self.lower } else { self.upper.unwrap_or(f64::NAN) };
-            let text = format!("{} {}: {}", kind.words(), finding.verb(), self.sentence());
-            (finding, reason(finding.code(), text).with(bound, self.tolerance))
+            let (bound, found) = match finding {
+                HarmFinding::Established => {
+                    (self.lower, Finding::HarmWorse { measure, candidate, active, tolerance })
+                }
+                HarmFinding::Possible => (
+                    self.upper.unwrap_or(f64::NAN),
+                    Finding::HarmPossiblyWorse { measure, candidate, active, tolerance },
+                ),
+            };
+            (finding, reason(found).with(bound, tolerance))
         });
         let tail = self.tail_finding().map(|finding| {
-            let bound = if finding == HarmFinding::Established { past.lower } else { past.upper };
-            let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-            let text = format!(
-                "{} {}: past {} in {} of episodes against {}, at most {} more is allowed",
-                kind.words(),
-                finding.verb(),
-                kind.show(past.limit),
-                percent(past.candidate),
-                percent(past.active),
-                percent(past.tolerance)
-            );
-            (finding, reason(finding.code(), text).with(bound, past.tolerance))
+            let ExceedanceRates { limit, candidate, active, tolerance, .. } = past;
+            let (bound, found) = match finding {
+                HarmFinding::Established => {
+                    (past.lower, Finding::HarmLimitWorse { measure, limit, candidate, active, tolerance })
+                }
+                HarmFinding::Possible => (
+                    past.upper,
+                    Finding::HarmLimitPossiblyWorse { measure, limit, candidate, active, tolerance },
+                ),
+            };
+            (finding, reason(found).with(bound, tolerance))
         });
         mean.into_iter().chain(tail)
     }
 }
 
-fn reason(code: ReasonCode, text: String) -> Reason {
-    Reason::new(code, Dimension::Behavior, text)
-}
-
 /// A pair with what both did.
-struct Measured {
+struct MeasuredPair {
     new: HarmMeasures,
     old: HarmMeasures,
     /// Both did their work.
@@ -198,25 +166,25 @@ struct Measured {
 ///
 /// # Errors
 /// If only some episodes were measured, or a comparison cannot be bounded.
-pub(super) fn compare(pairs: &[Pair], profile: &Profile) -> Result<Vec<HarmComparison>, &'static str> {
+pub(super) fn compare(pairs: &[Pair], profile: &Profile) -> Result<Vec<HarmComparison>, EvidenceGap> {
     if pairs.iter().all(|pair| pair.active.harm.is_none() && pair.candidate.harm.is_none()) {
         return Ok(Vec::new());
     }
     let measured = |pair: &Pair| {
         let done = pair.candidate.success && pair.active.success;
-        Some(Measured { new: pair.candidate.harm?, old: pair.active.harm?, done })
+        Some(MeasuredPair { new: pair.candidate.harm?, old: pair.active.harm?, done })
     };
-    let both: Option<Vec<Measured>> = pairs.iter().map(measured).collect();
-    let both = both.ok_or("only some of the episodes were measured for harm")?;
+    let both: Option<Vec<MeasuredPair>> = pairs.iter().map(measured).collect();
+    let both = both.ok_or(EvidenceGap::HarmPartlyMeasured)?;
     compare_all(&both, profile.evaluation.alpha, &profile.harm)
 }
 
 /// Every measure, in its mean and in its rare episodes; `alpha` is shared by all of them.
 fn compare_all(
-    both: &[Measured],
+    both: &[MeasuredPair],
     alpha: f64,
     settings: &HarmSettings,
-) -> Result<Vec<HarmComparison>, &'static str> {
+) -> Result<Vec<HarmComparison>, EvidenceGap> {
     let each = alpha / (2 * HarmKind::ALL.len()) as f64;
     HarmKind::ALL.into_iter().map(|kind| one(kind, both, each, settings)).collect()
 }
@@ -226,9 +194,9 @@ fn compare_all(
 pub(crate) fn in_shadow(sequences: &[ShadowSequence], alpha: f64, profile: &Profile) -> Vec<Reason> {
     let measured = |sequence: &ShadowSequence| {
         let done = sequence.twin_success && sequence.live_success;
-        Some(Measured { new: sequence.twin_conduct.harm?, old: sequence.live_conduct.harm?, done })
+        Some(MeasuredPair { new: sequence.twin_conduct.harm?, old: sequence.live_conduct.harm?, done })
     };
-    let both: Vec<Measured> = sequences.iter().filter_map(measured).collect();
+    let both: Vec<MeasuredPair> = sequences.iter().filter_map(measured).collect();
     let compared = compare_all(&both, alpha, &profile.harm).unwrap_or_default();
     let established = verdict(&compared).established.into_iter();
     established
@@ -242,11 +210,11 @@ pub(crate) fn in_shadow(sequences: &[ShadowSequence], alpha: f64, profile: &Prof
 
 fn one(
     kind: HarmKind,
-    both: &[Measured],
+    both: &[MeasuredPair],
     each: f64,
     settings: &HarmSettings,
-) -> Result<HarmComparison, &'static str> {
-    const FAILED: &str = "a measure of harm cannot be bounded";
+) -> Result<HarmComparison, EvidenceGap> {
+    const FAILED: EvidenceGap = EvidenceGap::HarmUnbounded;
     let tolerances = settings.of(kind);
     let done: Vec<_> = both.iter().filter(|pair| pair.done).map(|pair| (pair.new, pair.old)).collect();
     let worse: Vec<f64> = done.iter().map(|(new, old)| kind.worsening(new.of(kind), old.of(kind))).collect();
@@ -271,7 +239,7 @@ fn one(
         lower: means.as_ref().map_or(0.0, |(low, _)| low.lower),
         upper: means.as_ref().map(|(_, upper)| *upper),
         tolerance: tolerances.mean,
-        past: PastLimit {
+        past: ExceedanceRates {
             limit: tolerances.limit,
             active: mean(&mut both.iter().map(|pair| past(&pair.old))),
             candidate: mean(&mut both.iter().map(|pair| past(&pair.new))),
@@ -294,9 +262,9 @@ fn upper_mean(worse: &[f64], tolerance: f64) -> Option<f64> {
     Some(share * worse.iter().copied().fold(tolerance, f64::max))
 }
 
-/// What harm has to say to the outcome.
+/// The reasons from harm for the outcome.
 pub(super) struct HarmVerdict {
-    /// For each measure and comparison that is established as worse.
+    /// One for each measure and comparison that is significantly worse.
     pub(super) established: Vec<Reason>,
     /// For each that may be worse.
     pub(super) possible: Vec<Reason>,
@@ -313,14 +281,13 @@ pub(super) fn verdict(harm: &[HarmComparison]) -> HarmVerdict {
     HarmVerdict { established, possible }
 }
 
-/// Said of a version that asks for more than it declares in more episodes than the profile lets pass, whoever else does.
-/// How deep it asks is a measure of harm like any other.
-pub(super) fn asking(pairs: &[Pair], profile: &Profile) -> Option<Reason> {
+/// The concern about a version that asks for more than it declares in more episodes than the profile accepts, whatever
+/// the active version does. How much more it asks for is a measure of harm like any other.
+pub(super) fn limit_request_concern(pairs: &[Pair], profile: &Profile) -> Option<Reason> {
     let beyond = |measures: HarmMeasures| measures.excess_depth > 0.0;
     let asked = pairs.iter().filter(|pair| pair.candidate.harm.is_some_and(beyond)).count() as u64;
     let episodes = pairs.len() as u64;
     let lower = stats::wilson_lower(asked, episodes, UPPER_ALPHA).ok()?;
     let allowed = profile.harm.asking_share_max;
-    let text = format!("asks for more speed or force than it declares in {asked} of {episodes} episodes");
-    (lower > allowed).then(|| reason(ReasonCode::BehaviorAsksMore, text).with(lower, allowed))
+    (lower > allowed).then(|| reason(Finding::AsksMore { asked, episodes }).with(lower, allowed))
 }

@@ -1,35 +1,36 @@
-//! What a candidate leaves behind for the skills that work after it: whole sequences, compared in pairs.
+//! Effects of a candidate on the following skills: whole sequences, compared in pairs.
 //!
-//! A sequence is worked with the candidate in its place and the active versions of the other families in theirs, and
-//! on the same seed with the active version in its place. Judged is what comes after the handover, in the pairs in which
-//! both came so far: whether the sequence was done, and how the skills that *follow* went about it. How the candidate
-//! itself works is compared in far more pairs of its own; one of the last skill is judged by whether it did its work on
-//! what its neighbours really hand over. An equally good version
-//! is doubted at most as often as `sequence_alpha` says (Bonferroni): half of it is for sequences not done, a sixth each for
-//! violations, for anomalies, and for time, bad episodes and the measures of harm together. A worsening beyond its
-//! tolerance that is established makes a version incompatible; one that is established at all (of a share), or beyond
-//! half of its tolerance (of a measured quantity, where trifles can be established), puts it in doubt. What is not
-//! excluded is no doubt here: so few sequences exclude nothing small. Source: design rule 3.4.
+//! A sequence runs with the candidate in its place and the other families' active versions in theirs, and on the same
+//! seed with the active version in its place. The comparison covers the part after the handover, in the pairs in which
+//! both came so far: whether the sequence was done, and how the skills that *follow* performed. The candidate's own
+//! work is compared in far more pairs of its own. A candidate of the last skill is judged by its success on what the
+//! preceding skills really hand over. At most a rate of `sequence_alpha` of equally good versions raises a concern
+//! (Bonferroni): half of it is for sequences not done, a sixth each for violations, for anomalies, and for time, bad
+//! episodes and the measures of harm together. A significant worsening beyond its margin makes a version incompatible.
+//! A concern needs a significant worsening of a rate, or one beyond half of the margin of a measured quantity, where
+//! trivial differences can be significant. An inconclusive measure raises no concern here: so few sequences exclude
+//! nothing small. Source: design rule 3.4.
 
 use holdpoint_body::TaskKind;
 use serde::{Deserialize, Serialize};
 
-use super::{BehaviorAssessment, SUSPICIOUS_FACTOR, conditions_of_doubt, real_pairs};
-use crate::decision::{Dimension, Reason, ReasonCode};
+use super::{BehaviorAssessment, SUSPICIOUS_FACTOR, conditions_of_doubt, real_pairs, reason};
+use crate::decision::ReasonCode;
 use crate::evidence::EpisodeValues;
+use crate::finding::{EvidenceGap, Finding, SequenceEnds};
 use crate::harm::{HarmKind, HarmMeasures};
 use crate::ids::CapabilityId;
 use crate::outcome::BehaviorOutcome;
 use crate::profile::Profile;
 use crate::stats::{PairedCounts, binary_pairs};
 
-/// One task of a sequence, as it was worked.
+/// One task of a sequence, as run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SequenceStep {
-    /// The task; who worked it says [`SequenceEvidence::beside`].
+    /// The task; [`SequenceEvidence::beside`] names its version.
     pub task: TaskKind,
-    /// What it gave.
+    /// Its values.
     pub values: EpisodeValues,
 }
 
@@ -51,19 +52,19 @@ pub struct SequencePair {
 pub struct SequenceEvidence {
     /// The place of the candidate.
     pub task: TaskKind,
-    /// The active versions that worked the other tasks, in order; one is missing if a family has none.
+    /// The active versions in the other tasks, in order; one is missing if a family has none.
     pub beside: Vec<CapabilityId>,
-    /// How many the profile asks for.
+    /// The number that the profile requires.
     pub wanted: u32,
-    /// In ascending order of seed; empty if they could not be worked.
+    /// In ascending order of seed; empty if they could not be run.
     pub pairs: Vec<SequencePair>,
 }
 
-/// What is compared of sequences; in records a word, or the name of a measure of harm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// A measure of sequences; in records a word, or the name of a measure of harm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SequenceMeasure {
-    /// Share of sequences that came to the handover and were not done.
+    /// Share of sequences that reached the handover and were not done.
     NotDone,
     /// Share of sequences in which a skill that follows passed a limit of policy.
     Violation,
@@ -77,29 +78,11 @@ pub enum SequenceMeasure {
     Harm(HarmKind),
 }
 
-impl SequenceMeasure {
-    /// What it is, in running text, with its unit.
-    #[must_use]
-    pub fn words(self) -> String {
-        match self {
-            Self::NotDone => "not done".to_owned(),
-            Self::Violation => "a violation after it".to_owned(),
-            Self::Anomaly => "an anomaly after it".to_owned(),
-            Self::PastLimit => "past a limit of harm after it".to_owned(),
-            Self::Time => "time after it, s".to_owned(),
-            Self::Harm(kind) => match kind.unit() {
-                "" => format!("{} after it", kind.words()),
-                unit => format!("{} after it, {unit}", kind.words()),
-            },
-        }
-    }
-}
-
 /// One comparison over all pairs of sequences.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SequenceComparison {
-    /// What is compared.
+    /// The measure.
     pub measure: SequenceMeasure,
     /// Share or mean with the active version in its place.
     pub active: f64,
@@ -117,7 +100,7 @@ pub struct SequenceComparison {
     pub pairs: u32,
 }
 
-/// The part of the error rate that is for sequences not done: what a bad handover shows first.
+/// The part of the error rate for sequences not done: a bad handover shows there first.
 const NOT_DONE_PART: f64 = 0.5;
 
 /// Each of the other three parts.
@@ -131,7 +114,7 @@ impl SequencePair {
         side.len() == TaskKind::SEQUENCE.len() && side.iter().all(|step| step.values.success)
     }
 
-    /// Whether both came to what is judged: the skill after `task`, or `task` itself if it is the last.
+    /// Whether both reached the judged part: the skill after `task`, or `task` itself if it is the last.
     fn is_reached(&self, task: TaskKind) -> bool {
         let judged = TaskKind::SEQUENCE.into_iter().find(|next| *next > task).unwrap_or(task);
         let comes_to = |side: &[SequenceStep]| side.iter().any(|step| step.task == judged);
@@ -139,7 +122,7 @@ impl SequencePair {
     }
 }
 
-/// What the skills after `task` did, in order.
+/// The values of the skills after `task`, in order.
 fn following(side: &[SequenceStep], task: TaskKind) -> impl Iterator<Item = &EpisodeValues> {
     side.iter().filter(move |step| step.task > task).map(|step| &step.values)
 }
@@ -158,12 +141,12 @@ fn worst(side: &[SequenceStep], task: TaskKind, kind: HarmKind) -> Option<f64> {
 const REACHED_SHARE: f64 = 0.25;
 
 impl SequenceEvidence {
-    /// The pairs in which both came to what is judged.
+    /// The pairs in which both reached the judged part.
     fn reached(&self) -> impl Iterator<Item = &SequencePair> + Clone {
         self.pairs.iter().filter(|pair| pair.is_reached(self.task))
     }
 
-    fn share(
+    fn rate(
         &self,
         measure: SequenceMeasure,
         alpha: f64,
@@ -238,10 +221,10 @@ impl SequenceEvidence {
             (took > 0.0).then_some(took)
         };
         let mut all = vec![
-            self.share(NotDone, NOT_DONE_PART * alpha, allowed, &|side| !SequencePair::is_done(side)),
-            self.share(Violation, part, allowed, &|side| any(side, &|values| values.violation)),
-            self.share(Anomaly, part, allowed, &|side| any(side, &|values| values.anomaly)),
-            self.share(PastLimit, shared, allowed, &|side| any(side, &is_past)),
+            self.rate(NotDone, NOT_DONE_PART * alpha, allowed, &|side| !SequencePair::is_done(side)),
+            self.rate(Violation, part, allowed, &|side| any(side, &|values| values.violation)),
+            self.rate(Anomaly, part, allowed, &|side| any(side, &|values| values.anomaly)),
+            self.rate(PastLimit, shared, allowed, &|side| any(side, &is_past)),
             self.quantity(Time, shared, time_allowed, &time, &|new, old| new / old - 1.0),
         ];
         all.extend(HarmKind::ALL.into_iter().map(|kind| {
@@ -252,20 +235,22 @@ impl SequenceEvidence {
         all.into_iter().flatten().collect()
     }
 
-    /// Who fails where: the task at which sequences end more often than with the active version, and how often.
-    fn ends(&self) -> Option<(TaskKind, usize, usize)> {
+    /// The task at which sequences end more often than with the active version, and how often; `None` where it is no later skill.
+    fn ends(&self) -> Option<SequenceEnds> {
         let ends_at = |side: &[SequenceStep], task| {
             !SequencePair::is_done(side) && side.last().is_some_and(|step| step.task == task)
         };
         let counted = TaskKind::SEQUENCE.into_iter().map(|task| {
-            let new = self.reached().filter(|pair| ends_at(&pair.candidate, task)).count();
-            let old = self.reached().filter(|pair| ends_at(&pair.active, task)).count();
+            let new = self.reached().filter(|pair| ends_at(&pair.candidate, task)).count() as u64;
+            let old = self.reached().filter(|pair| ends_at(&pair.active, task)).count() as u64;
             (task, new, old)
         });
-        counted.max_by_key(|(_, new, old)| new.saturating_sub(*old))
+        let (task, candidate, active) = counted.max_by_key(|(_, new, old)| new.saturating_sub(*old))?;
+        let next = TaskKind::SEQUENCE.into_iter().find(|other| *other > self.task);
+        (task > self.task).then_some(SequenceEnds { task, is_next: next == Some(task), candidate, active })
     }
 
-    /// A seed under which a comparison came out worst, to be worked again.
+    /// A seed under which a comparison came out worst, to be re-run.
     fn example(&self, measure: SequenceMeasure, profile: &Profile) -> Option<u64> {
         let bad = |side: &[SequenceStep]| match measure {
             SequenceMeasure::NotDone => f64::from(u8::from(!SequencePair::is_done(side))),
@@ -289,68 +274,35 @@ impl SequenceEvidence {
         self.reached().max_by(|a, b| gap(a).total_cmp(&gap(b))).map(|pair| pair.seed)
     }
 
-    /// What a finding says: both sides, what is allowed, and where to look.
-    fn sentence(&self, found: &SequenceComparison, verb: &str, profile: &Profile) -> String {
-        let SequenceComparison { active, candidate, tolerance, pairs, .. } = *found;
-        let count = |share: f64| libm::round(share * f64::from(pairs));
-        let shares = |what: &str| {
-            format!(
-                "{what} in {} of {pairs} sequences that came so far, with the active version in {}; at most {:.0} % more is allowed",
-                count(candidate),
-                count(active),
-                100.0 * tolerance
-            )
-        };
-        let text = match found.measure {
-            SequenceMeasure::NotDone => match self.ends() {
-                Some((task, new, old)) if task > self.task => {
-                    let next = TaskKind::SEQUENCE.iter().find(|other| **other > self.task) == Some(&task);
-                    let which = if next { "the next skill" } else { "a skill that follows" };
-                    let allowed = 100.0 * tolerance;
-                    format!(
-                        "{which}, {task}, fails in {new} of {pairs} sequences that came so far, with the active version in {old}; at \
-                         most {allowed:.0} % more is allowed"
-                    )
-                }
-                _ => shares("the sequence is not done"),
-            },
-            SequenceMeasure::Violation => shares("the skills that follow pass limits of policy"),
-            SequenceMeasure::Anomaly => shares("the skills that follow show anomalies"),
-            SequenceMeasure::PastLimit => shares("the skills that follow pass limits of harm"),
-            SequenceMeasure::Time => format!(
-                "the skills that follow take {candidate:.2} s against {active:.2} s; at most {:.0} % more is allowed",
-                100.0 * tolerance
-            ),
-            SequenceMeasure::Harm(kind) => format!(
-                "of the skills that follow, {} {} against {}; at most {} worse is allowed",
-                kind.words(),
-                kind.show(candidate),
-                kind.show(active),
-                kind.show(tolerance)
-            ),
-        };
-        match self.example(found.measure, profile) {
-            Some(seed) => format!("{verb}: {text} (see seed {seed})"),
-            None => format!("{verb}: {text}"),
+    /// The finding of one comparison: both sides, the margin, and an example seed.
+    fn finding(&self, found: &SequenceComparison, is_established: bool, profile: &Profile) -> Finding {
+        let SequenceComparison { measure, active, candidate, tolerance, pairs, .. } = *found;
+        let ends = if measure == SequenceMeasure::NotDone { self.ends() } else { None };
+        let seed = self.example(measure, profile);
+        if is_established {
+            Finding::SequenceWorse { measure, active, candidate, tolerance, pairs, ends, seed }
+        } else {
+            Finding::SequencePossiblyWorse { measure, active, candidate, tolerance, pairs, ends, seed }
         }
     }
 
-    /// Why these sequences say nothing; `None` if they can be judged.
-    fn unusable(&self) -> Option<String> {
+    /// Why these sequences cannot be assessed; `None` if they can.
+    fn unusable(&self) -> Option<Finding> {
         let mut seeds = std::collections::BTreeSet::new();
         let plausible = |pair: &SequencePair| {
             let mut steps = pair.active.iter().chain(&pair.candidate);
             steps.all(|step| step.values.is_valid()) && seeds.insert(pair.seed)
         };
-        let (worked, wanted, reached) = (self.pairs.len(), self.wanted, self.reached().count());
+        let (ran, asked, reached) =
+            (self.pairs.len() as u64, u64::from(self.wanted), self.reached().count() as u64);
         if self.beside.len() + 1 < TaskKind::SEQUENCE.len() {
-            Some("no sequences could be worked: another family has no active version".to_owned())
-        } else if (worked as u64) < u64::from(wanted) {
-            Some(format!("only {worked} of {wanted} sequences could be worked"))
-        } else if (reached as f64) < REACHED_SHARE * f64::from(wanted) {
-            Some(format!("only {reached} of {worked} sequences came to the handover"))
+            Some(Finding::SequencesNotRun)
+        } else if ran < asked {
+            Some(Finding::TooFewSequences { ran, asked })
+        } else if (reached as f64) < REACHED_SHARE * asked as f64 {
+            Some(Finding::TooFewHandovers { reached, ran })
         } else if !self.pairs.iter().all(plausible) {
-            Some("a sequence holds a value that is not plausible, or a seed twice".to_owned())
+            Some(Finding::SequenceGap { gap: EvidenceGap::Implausible })
         } else {
             None
         }
@@ -358,15 +310,15 @@ impl SequenceEvidence {
 }
 
 impl SequenceComparison {
-    /// Worse beyond the tolerance, established.
+    /// Significantly worse beyond the margin.
     #[must_use]
     pub fn is_established(&self) -> bool {
         self.lower > self.tolerance
     }
 
-    /// Worse, established: a share at all, a measured quantity by half of its tolerance.
+    /// Significantly worse: a rate at all, a measured quantity by half of its margin.
     #[must_use]
-    pub fn is_doubtful(&self) -> bool {
+    pub fn is_concern(&self) -> bool {
         let trifle = match self.measure {
             SequenceMeasure::NotDone
             | SequenceMeasure::Violation
@@ -374,13 +326,13 @@ impl SequenceComparison {
             | SequenceMeasure::PastLimit => 0.0,
             SequenceMeasure::Time | SequenceMeasure::Harm(_) => SUSPICIOUS_FACTOR * self.tolerance,
         };
-        // Written so that a bound that is no number is a doubt.
+        // Written so that a NaN bound is a concern.
         !(self.lower <= trifle)
     }
 }
 
-/// Adds what the sequences say to an assessment that does not reject already. Records without sequences are left as they are.
-pub fn judge_sequences(
+/// Adds the findings of the sequences to an assessment that does not reject yet. Ignores records without sequences.
+pub fn apply_sequences(
     result: &mut BehaviorAssessment,
     evidence: Option<&SequenceEvidence>,
     profile: &Profile,
@@ -389,22 +341,18 @@ pub fn judge_sequences(
     if !matches!(result.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious) {
         return;
     }
-    let reason = |code, text| Reason::new(code, Dimension::Behavior, text);
     let (mut worse, mut doubts) = (Vec::new(), Vec::new());
     if let Some(why) = evidence.unusable() {
-        let few = reason(ReasonCode::BehaviorSequenceSuspicious, why);
+        let few = reason(why);
         doubts.push(few.with(evidence.pairs.len() as f64, f64::from(evidence.wanted)));
     } else {
         result.sequences = evidence.compare(profile);
         for found in &result.sequences {
-            if found.is_established() {
-                let text = evidence.sentence(found, "the handover is established as worse", profile);
-                worse
-                    .push(reason(ReasonCode::BehaviorSequenceWorse, text).with(found.lower, found.tolerance));
-            } else if found.is_doubtful() {
-                let text = evidence.sentence(found, "the handover may be worse", profile);
-                let doubt = reason(ReasonCode::BehaviorSequenceSuspicious, text);
-                doubts.push(doubt.with(found.lower, found.tolerance));
+            let is_established = found.is_established();
+            if is_established || found.is_concern() {
+                let finding = evidence.finding(found, is_established, profile);
+                let list = if is_established { &mut worse } else { &mut doubts };
+                list.push(reason(finding).with(found.lower, found.tolerance));
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Why something was decided: the vocabulary of reasons, and what is said of them as a set.
+//! Why something was decided: the vocabulary of reasons, and rules about sets of them.
 
 use serde::{Deserialize, Serialize};
 
@@ -32,9 +32,9 @@ reason_codes! {
     InterfaceSignatureAdaptable = "interface-signature-adaptable",
     /// An output's type, unit or frame changed, or an output went away.
     InterfaceSchemaBreaking = "interface-schema-breaking",
-    /// An output's form differs in a way an adapter could mend; in records of older builds.
+    /// An output's form differs in a way an adapter could repair; in records of older builds.
     InterfaceSchemaAdaptable = "interface-schema-adaptable",
-    /// A precondition was strengthened or a postcondition weakened, beyond mending.
+    /// A precondition was strengthened or a postcondition weakened, beyond repair.
     InterfaceConditionBreaking = "interface-condition-breaking",
     /// A precondition was strengthened within what the dispatcher checks before each call.
     InterfaceConditionAdaptable = "interface-condition-adaptable",
@@ -42,7 +42,7 @@ reason_codes! {
     InterfaceDependencyBreaking = "interface-dependency-breaking",
     /// A dependency is met by a registered version that is not the active one.
     InterfaceDependencyAdaptable = "interface-dependency-adaptable",
-    /// The code's exports are not what the manifest says.
+    /// The code's exports differ from the manifest.
     InterfaceExportMismatch = "interface-export-mismatch",
     /// The version number promises more compatibility than was found.
     InterfaceVersionMislabelled = "interface-version-mislabelled",
@@ -59,19 +59,19 @@ reason_codes! {
     PolicyUncoveredHighRisk = "policy-uncovered-high-risk",
     /// A reachable mode is covered by no policy.
     PolicyUncoveredMode = "policy-uncovered-mode",
-    /// Too small a share of the reachable modes is covered.
+    /// Too few of the reachable modes are covered.
     PolicyBelowThreshold = "policy-below-threshold",
     /// The code needs a mode the manifest does not declare.
     PolicyUndeclaredImport = "policy-undeclared-import",
     /// The environment does not admit this profile.
     PolicyEnvironmentNotAdmitted = "policy-environment-not-admitted",
-    /// The resources asked for do not fit the profile.
+    /// The requested resources exceed the profile.
     PolicyResourcesExceeded = "policy-resources-exceeded",
     /// More authority than the profile grants by itself.
     PolicyAuthorityReview = "policy-authority-review",
     /// Allowed, but only in a tighter envelope than declared.
     PolicyTighterEnvelope = "policy-tighter-envelope",
-    /// It may be used in simulation alone, by its own declaration.
+    /// By its own declaration it is for simulation only.
     PolicySimulationOnly = "policy-simulation-only",
     /// A permission the active version does not have.
     PolicyNewPermission = "policy-new-permission",
@@ -80,23 +80,23 @@ reason_codes! {
     /// There is no table for this profile, or it belongs to another policy.
     PolicyNoData = "policy-no-data",
 
-    /// No component is worse beyond its tolerance.
+    /// No component is worse beyond its margin.
     BehaviorCompatible = "behavior-compatible",
-    /// The established worsening brings `kappa_B` below the threshold.
+    /// The significant worsening brings `kappa_B` below the threshold.
     BehaviorEstablishedWorse = "behavior-established-worse",
-    /// A component may be worse than its tolerance; the evidence does not exclude it.
+    /// A component may be worse beyond its margin; the evidence does not exclude it.
     BehaviorSuspicious = "behavior-suspicious",
-    /// Success rose while a safety component is established as worse.
+    /// Success rose while a safety component is significantly worse.
     BehaviorSafetyTraded = "behavior-safety-traded",
-    /// A measure of harm is established as worse beyond its tolerance; the text names it with its unit.
+    /// A measure of harm is significantly worse beyond its margin; the text names it with its unit.
     BehaviorHarmEstablished = "behavior-harm-established",
-    /// A measure of harm may be worse beyond its tolerance; the evidence does not exclude it.
+    /// A measure of harm may be worse beyond its margin; the evidence does not exclude it.
     BehaviorHarmSuspicious = "behavior-harm-suspicious",
-    /// In whole sequences with it in its place the work, or what the skills after it do, is established as worse.
+    /// In whole sequences with it, the work or the skills after it are significantly worse.
     BehaviorSequenceWorse = "behavior-sequence-worse",
-    /// In whole sequences the work, or what the skills after it do, may be worse; or they could not be worked.
+    /// In whole sequences with it, the work or the skills after it may be worse; or none could run.
     BehaviorSequenceSuspicious = "behavior-sequence-suspicious",
-    /// It asks for more speed or force than its manifest declares, in more episodes than the profile lets pass.
+    /// It asks for more speed or force than its manifest declares, in more episodes than the profile accepts.
     BehaviorAsksMore = "behavior-asks-more",
     /// A component improved (reported apart, never counted).
     BehaviorImproved = "behavior-improved",
@@ -123,13 +123,13 @@ reason_codes! {
     RecoveryFragile = "recovery-fragile",
     /// Recovery is above the floor and clearly below the active version's.
     RecoveryConditional = "recovery-conditional",
-    /// One kind of drill passes less often, not established: a doubt to be settled.
+    /// One kind of drill passes less often, not significantly: a concern to settle.
     RecoveryLeaning = "recovery-leaning",
-    /// The drills of one kind are established as passing less often than the active version's.
+    /// The drills of one kind pass significantly less often than the active version's.
     RecoveryEstablishedWorse = "recovery-established-worse",
     /// The drills of one kind in one phase of the work pass in less than half of the floor.
     RecoveryPhaseFailing = "recovery-phase-failing",
-    /// The drills of one kind in one phase are established as passing less often than the active version's.
+    /// The drills of one kind in one phase pass significantly less often than the active version's.
     RecoveryPhaseWorse = "recovery-phase-worse",
     /// The active version's own drills pass too seldom: no reason for or against the candidate.
     RecoveryActiveWeak = "recovery-active-weak",
@@ -137,7 +137,7 @@ reason_codes! {
     RecoveryEndedEarly = "recovery-ended-early",
     /// A drill could not be carried out, or too few were.
     RecoveryNoData = "recovery-no-data",
-    /// The predecessor cannot be loaded, or its digest differs.
+    /// The rollback target cannot be loaded, or its digest differs.
     RecoveryPredecessorNotLoadable = "recovery-predecessor-not-loadable",
     /// The bound fallback is in no registry.
     RecoveryFallbackUnresolved = "recovery-fallback-unresolved",
@@ -155,13 +155,13 @@ reason_codes! {
 
     /// No governance signal differs between twin and live world.
     ShadowClean = "shadow-clean",
-    /// Policy hits or watcher events are established as more frequent in the twin.
+    /// Policy hits or watcher events are significantly more frequent in the twin.
     ShadowGovernanceDivergence = "shadow-governance-divergence",
-    /// A governance signal leans towards worse, not established: shadow is lengthened.
+    /// A governance signal leans toward worse, not significantly: shadow is lengthened.
     ShadowLeaning = "shadow-leaning",
     /// In the live world the candidate is worse beside the active version than the sandbox showed.
     ShadowShifted = "shadow-shifted",
-    /// It was worked again under the live world's own conditions, because it was not there what the sandbox showed.
+    /// It was re-evaluated under the live world's own conditions, because it differed there from the sandbox.
     ShadowWorkedAgain = "shadow-worked-again",
     /// Outputs differ; shadow is lengthened, nothing is decided.
     ShadowOutputDivergence = "shadow-output-divergence",
@@ -184,19 +184,19 @@ reason_codes! {
     GateSkipped = "gate-skipped",
     /// Change is frozen at this time by a window of the profile.
     GateFrozen = "gate-frozen",
-    /// The machine's clock is not believed, and no person has confirmed the time.
+    /// There is a clock mismatch, and no person has confirmed the time.
     GateClockDoubted = "gate-clock-doubted",
-    /// The profile demands an improvement and none is established.
+    /// The profile requires an improvement and none is significant.
     GateNoImprovement = "gate-no-improvement",
-    /// No improvement is established, and the profile waives it.
+    /// No improvement is significant, and the profile waives it.
     GateImprovementWaived = "gate-improvement-waived",
-    /// An improvement of success is established.
+    /// An improvement of success is significant.
     GateImproved = "gate-improved",
-    /// Shadow was worked for fewer sequences than a condition demands.
+    /// Shadow ran for fewer sequences than a condition requires.
     GateShadowTooShort = "gate-shadow-too-short",
     /// A family it depends on has no active version that would do.
     GateDependencyUnmet = "gate-dependency-unmet",
-    /// It may be activated in simulation alone, and this is no simulation.
+    /// It may be activated only in simulation, and this is no simulation.
     GateSimulationOnly = "gate-simulation-only",
     /// A site policy forbids this activation.
     GateSitePolicyForbids = "gate-site-policy-forbids",
@@ -206,26 +206,26 @@ reason_codes! {
     GateReviewOpen = "gate-review-open",
     /// No enrolled person is on record as having registered the version, and people are nearby.
     GateRequesterUnknown = "gate-requester-unknown",
-    /// The profile is closed to this version by a profile demotion.
+    /// A profile demotion blocked this version under the profile.
     GateProfileClosed = "gate-profile-closed",
     /// The profile changed, with the program for one, and no administrator authorized it.
     GateProfileUnauthorized = "gate-profile-unauthorized",
 
     /// Enough distinct people approved, each independent and of a role that reaches the tier.
     ApprovalGranted = "approval-granted",
-    /// The profile asks nobody for this.
+    /// The profile requires no approval.
     ApprovalNotNeeded = "approval-not-needed",
     /// The quorum is not reached yet and there is still time.
     ApprovalPending = "approval-pending",
     /// A person's signed refusal counted.
     ApprovalRefused = "approval-refused",
-    /// Nobody answered in time; the version is held.
+    /// No approver answered in time; the version stays on hold.
     ApprovalTimeout = "approval-timeout",
     /// The approval is over other evidence, another row version, profile or policy.
     ApprovalStale = "approval-stale",
     /// The approval's validity ended before it was used.
     ApprovalExpired = "approval-expired",
-    /// The approver asked for it, or wrote it.
+    /// The approver requested it or is its author.
     ApprovalSelf = "approval-self",
     /// A second answer of the same person; it counts once.
     ApprovalDuplicate = "approval-duplicate",
@@ -242,19 +242,19 @@ reason_codes! {
     MonitorHealthy = "monitor-healthy",
     /// A safety event; rolls back at once.
     MonitorSafetyTrip = "monitor-safety-trip",
-    /// A rate is established as worse; rolls back.
+    /// A rate is significantly worse; rolls back.
     MonitorRateTrip = "monitor-rate-trip",
     /// A rate drifts; early warning, restricts.
     MonitorRateWarning = "monitor-rate-warning",
     /// A rate drifts under a version that is rollback-coupled; rolls back without asking.
     MonitorCoupledTrip = "monitor-coupled-trip",
-    /// The live tasks are worse than the version's twins in shadow were. An alarm; it is worked again.
+    /// The live tasks are worse than the version's twins in shadow. Raises an alarm; the version is re-evaluated.
     MonitorShifted = "monitor-shifted",
-    /// An active version was worked again under the live world's own conditions, because it was not what shadow showed.
+    /// An active version was re-evaluated under the live world's own conditions, because it differed from shadow.
     MonitorWorkedAgain = "monitor-worked-again",
     /// Telemetry is missing or not a number.
     MonitorTelemetryMissing = "monitor-telemetry-missing",
-    /// Nobody answered an escalation by its deadline.
+    /// No operator answered an escalation by its deadline.
     MonitorEscalationUnanswered = "monitor-escalation-unanswered",
     /// An operator asked for the action.
     MonitorOperator = "monitor-operator",
@@ -263,130 +263,21 @@ reason_codes! {
 }
 
 impl ReasonCode {
-    /// Whether it says that calls which were valid do not stay valid: a deviation no adapter carries.
+    /// Whether valid calls become invalid: a deviation that no adapter repairs.
     #[must_use]
     pub const fn is_breaking(self) -> bool {
-        match self {
+        matches!(
+            self,
             Self::InterfaceSignatureBreaking
-            | Self::InterfaceSchemaBreaking
-            | Self::InterfaceConditionBreaking
-            | Self::InterfaceDependencyBreaking => true,
-            Self::InterfaceCompatible
-            | Self::InterfaceSignatureAdaptable
-            | Self::InterfaceSchemaAdaptable
-            | Self::InterfaceConditionAdaptable
-            | Self::InterfaceDependencyAdaptable
-            | Self::InterfaceExportMismatch
-            | Self::InterfaceVersionMislabelled
-            | Self::InterfaceUndeclaredChange
-            | Self::InterfaceNoData
-            | Self::PolicyCompatible
-            | Self::PolicyForbiddenMode
-            | Self::PolicyUncoveredHighRisk
-            | Self::PolicyUncoveredMode
-            | Self::PolicyBelowThreshold
-            | Self::PolicyUndeclaredImport
-            | Self::PolicyEnvironmentNotAdmitted
-            | Self::PolicyResourcesExceeded
-            | Self::PolicyAuthorityReview
-            | Self::PolicyTighterEnvelope
-            | Self::PolicySimulationOnly
-            | Self::PolicyNewPermission
-            | Self::PolicyEscalation
-            | Self::PolicyNoData
-            | Self::BehaviorCompatible
-            | Self::BehaviorEstablishedWorse
-            | Self::BehaviorSuspicious
-            | Self::BehaviorSafetyTraded
-            | Self::BehaviorHarmEstablished
-            | Self::BehaviorHarmSuspicious
-            | Self::BehaviorSequenceWorse
-            | Self::BehaviorSequenceSuspicious
-            | Self::BehaviorAsksMore
-            | Self::BehaviorImproved
-            | Self::BehaviorHardStop
-            | Self::BehaviorEndedEarly
-            | Self::BehaviorInconclusive
-            | Self::BehaviorNoData
-            | Self::BehaviorEstimated
-            | Self::RecoveryCompatible
-            | Self::RecoveryBelowThreshold
-            | Self::RecoveryFarBelowFloor
-            | Self::RecoveryRollbackBelowFloor
-            | Self::RecoveryFragile
-            | Self::RecoveryConditional
-            | Self::RecoveryLeaning
-            | Self::RecoveryEstablishedWorse
-            | Self::RecoveryPhaseFailing
-            | Self::RecoveryPhaseWorse
-            | Self::RecoveryActiveWeak
-            | Self::RecoveryEndedEarly
-            | Self::RecoveryNoData
-            | Self::RecoveryPredecessorNotLoadable
-            | Self::RecoveryFallbackUnresolved
-            | Self::RecoveryHookMissing
-            | Self::RecoverySignalUnknown
-            | Self::CompositionEligible
-            | Self::CompositionRestricted
-            | Self::CompositionNoData
-            | Self::ShadowClean
-            | Self::ShadowGovernanceDivergence
-            | Self::ShadowLeaning
-            | Self::ShadowShifted
-            | Self::ShadowWorkedAgain
-            | Self::ShadowOutputDivergence
-            | Self::ShadowEnvelopeDivergence
-            | Self::ShadowNoData
-            | Self::GatePassed
-            | Self::GateDimensionFailed
-            | Self::GateNotMeasured
-            | Self::GateStaleEvidence
-            | Self::GateNoData
-            | Self::GateSkipped
-            | Self::GateFrozen
-            | Self::GateClockDoubted
-            | Self::GateNoImprovement
-            | Self::GateImprovementWaived
-            | Self::GateImproved
-            | Self::GateShadowTooShort
-            | Self::GateDependencyUnmet
-            | Self::GateSimulationOnly
-            | Self::GateSitePolicyForbids
-            | Self::GateHardLimit
-            | Self::GateReviewOpen
-            | Self::GateRequesterUnknown
-            | Self::GateProfileClosed
-            | Self::GateProfileUnauthorized
-            | Self::ApprovalGranted
-            | Self::ApprovalNotNeeded
-            | Self::ApprovalPending
-            | Self::ApprovalRefused
-            | Self::ApprovalTimeout
-            | Self::ApprovalStale
-            | Self::ApprovalExpired
-            | Self::ApprovalSelf
-            | Self::ApprovalDuplicate
-            | Self::ApprovalRole
-            | Self::ApprovalSignature
-            | Self::ApprovalReplayed
-            | Self::ApprovalBreakGlass
-            | Self::MonitorHealthy
-            | Self::MonitorShifted
-            | Self::MonitorWorkedAgain
-            | Self::MonitorSafetyTrip
-            | Self::MonitorRateTrip
-            | Self::MonitorRateWarning
-            | Self::MonitorCoupledTrip
-            | Self::MonitorTelemetryMissing
-            | Self::MonitorEscalationUnanswered
-            | Self::MonitorOperator
-            | Self::MonitorConfirmed => false,
-        }
+                | Self::InterfaceSchemaBreaking
+                | Self::InterfaceConditionBreaking
+                | Self::InterfaceDependencyBreaking
+        )
     }
 
-    /// Whether it is about what people answered, or that they did not.
+    /// Whether it is about approvals or their absence.
     #[must_use]
-    pub const fn is_of_people(self) -> bool {
+    pub const fn is_from_people(self) -> bool {
         matches!(
             self,
             Self::ApprovalGranted
@@ -405,10 +296,9 @@ impl ReasonCode {
         )
     }
 
-    /// Whether it tells what was found: that an evaluation ended early, that something is better, and that something is still
-    /// missing tell nobody what was wrong.
+    /// Whether it states a finding; an early end, an improvement and a missing value do not say what was wrong.
     #[must_use]
-    pub const fn tells_what_was_found(self) -> bool {
+    pub const fn is_finding(self) -> bool {
         !matches!(
             self,
             Self::BehaviorEndedEarly
@@ -416,22 +306,6 @@ impl ReasonCode {
                 | Self::BehaviorImproved
                 | Self::CompositionNoData
         )
-    }
-
-    /// What a reason with this code says to people. What is on record as better is better in the mean of the pairs: no bound
-    /// stands behind it. What is on record as worse by less than nothing is better.
-    #[must_use]
-    pub fn told(self, text: &str) -> std::borrow::Cow<'_, str> {
-        match self {
-            Self::BehaviorImproved => std::borrow::Cow::Owned(format!("{text} on average")),
-            Self::ShadowShifted if text.contains(", by -") => {
-                let now = "the active version's by ";
-                let said = text.replace(&format!("worse than {now}-"), &format!("better than {now}"));
-                let before = if said == text { ", better by " } else { ", by " };
-                std::borrow::Cow::Owned(said.replace(", by -", before))
-            }
-            _ => std::borrow::Cow::Borrowed(text),
-        }
     }
 }
 
@@ -472,25 +346,5 @@ mod tests {
             assert_eq!(serde_json::to_string(code).unwrap(), format!("\"{code}\""));
         }
         assert!("no-such-reason".parse::<ReasonCode>().is_err());
-    }
-
-    #[test]
-    fn worse_by_less_than_nothing_is_told_as_better() {
-        for (on_record, told) in [
-            (
-                "force worse than the active version's by -4.1 N in 40 live sequences, by -10.1 N in 300 sandbox pairs",
-                "force better than the active version's by 4.1 N in 40 live sequences, by 10.1 N in 300 sandbox pairs",
-            ),
-            (
-                "force worse than the active version's by 4.1 N in 40 live sequences, by -10.1 N in 300 sandbox pairs",
-                "force worse than the active version's by 4.1 N in 40 live sequences, better by 10.1 N in 300 sandbox pairs",
-            ),
-            (
-                "force worse than the active version's by 4.1 N in 40 live sequences, by 0.1 N in 300 sandbox pairs",
-                "force worse than the active version's by 4.1 N in 40 live sequences, by 0.1 N in 300 sandbox pairs",
-            ),
-        ] {
-            assert_eq!(ReasonCode::ShadowShifted.told(on_record), told);
-        }
     }
 }

@@ -1,12 +1,12 @@
 //! How a version is active once the gate is passed: modes and conditions.
 
-use super::{Terms, needs_review};
+use super::{GateTerms, needs_review};
 use crate::composition::Kappas;
 use crate::condition::Condition;
 use crate::outcome::ActivationMode;
 use crate::profile::Profile;
 
-pub(super) fn terms(kappas: &Kappas, profile: &Profile, quorum: u8, glass: bool) -> Terms {
+pub(super) fn terms(kappas: &Kappas, profile: &Profile, quorum: u8, glass: bool) -> GateTerms {
     let mut modes = kappas.caps();
     let mut conditions = kappas.conditions();
     if quorum > 0 || profile.activation.approval_bound {
@@ -29,5 +29,5 @@ pub(super) fn terms(kappas: &Kappas, profile: &Profile, quorum: u8, glass: bool)
     if modes.is_empty() {
         modes.insert(ActivationMode::Full);
     }
-    Terms { modes, conditions, provisional_episodes: profile.activation.provisional_episodes }
+    GateTerms { modes, conditions, provisional_episodes: profile.activation.provisional_episodes }
 }

@@ -1,32 +1,30 @@
-//! The transition function: a family and an event in, the new family and what to write out, or a refusal.
-//!
-//! Total, pure and complete: a state changes here or nowhere. The program demands every [`LifecycleRule`]; the exhaustive
-//! walk (`walk.rs`, compiled for tests alone) leaves out one at a time and has to notice.
+//! The transition function: from a family and an event to the new family and its changes, or a refusal.
+//! States change only here. The program demands every [`LifecycleRule`]; the test `walk.rs` omits one at a time.
 
-use super::rules::{All, LifecycleRule, Refusal, Rules};
+use super::changes::changes;
+use super::rules::{AllLifecycleRules, LifecycleRefusal, LifecycleRule, LifecycleRules};
 use super::{
-    FamilyState, Flags, Leave, LifecycleChange, LifecycleEvent, Review, Stage, Stamp, State, VERSIONS_MAX,
-    Version, VersionRef,
+    DeactivationKind, FamilyState, LifecycleChange, LifecycleEvent, Review, Stage, State, VERSIONS_MAX,
+    ValidityStamp, Version, VersionFlags, VersionRef,
 };
 use crate::profile::ProfileName;
 
 /// Applies an event under all rules.
 ///
 /// # Errors
-/// [`Refusal`] with the reason; the family is then as before.
+/// [`LifecycleRefusal`] with the reason; the family is then as before.
 pub fn apply(
     family: &FamilyState,
     event: LifecycleEvent,
-) -> Result<(FamilyState, Vec<LifecycleChange>), Refusal> {
-    apply_under(All, family, event)
+) -> Result<(FamilyState, Vec<LifecycleChange>), LifecycleRefusal> {
+    apply_under(AllLifecycleRules, family, event)
 }
 
-/// As [`apply`], under what `rules` demand.
-pub(super) fn apply_under<R: Rules>(
+pub(super) fn apply_under<R: LifecycleRules>(
     rules: R,
     family: &FamilyState,
     event: LifecycleEvent,
-) -> Result<(FamilyState, Vec<LifecycleChange>), Refusal> {
+) -> Result<(FamilyState, Vec<LifecycleChange>), LifecycleRefusal> {
     let mut step = ApplyStep { family: family.clone(), rules };
     step.run(event)?;
     for (version, before) in step.family.versions.iter_mut().zip(&family.versions) {
@@ -39,85 +37,44 @@ pub(super) fn apply_under<R: Rules>(
     Ok((step.family, changes))
 }
 
-/// What differs, in the order in which it is to be written: versions leave a state before others enter it.
-fn changes(before: &FamilyState, after: &FamilyState) -> Vec<LifecycleChange> {
-    let mut out = Vec::new();
-    let numbered = |index: usize| VersionRef(u16::try_from(index).unwrap_or(u16::MAX));
-    if before.context != after.context {
-        out.push(LifecycleChange::Context { context: after.context });
-    }
-    let mut entering = Vec::new();
-    for (index, new) in after.versions.iter().enumerate() {
-        let version = numbered(index);
-        let Some(old) = before.versions.get(index) else {
-            out.push(LifecycleChange::Added { version, state: new.state });
-            continue;
-        };
-        if old.state != new.state {
-            let change = LifecycleChange::State { version, from: old.state, to: new.state };
-            if new.state == State::Active { entering.push(change) } else { out.push(change) }
-        }
-        if old.flags != new.flags {
-            out.push(LifecycleChange::Flags { version, from: old.flags, to: new.flags });
-        }
-        let standing = |v: &Version| (v.round, v.predecessor, v.sandbox, v.shadow, v.gate, v.approval);
-        if standing(old) != standing(new) || old.closed != new.closed {
-            out.push(LifecycleChange::Standing { version });
-        }
-    }
-    out.extend(entering);
-    if before.active() != after.active() {
-        out.push(LifecycleChange::Active { from: before.active(), to: after.active() });
-    }
-    if before.safe_stopped != after.safe_stopped {
-        out.push(LifecycleChange::SafeStopped { stopped: after.safe_stopped });
-    }
-    if before.review != after.review {
-        out.push(LifecycleChange::Review { open: after.review.map(|review| review.version) });
-    }
-    out
-}
-
 struct ApplyStep<R> {
     family: FamilyState,
     rules: R,
 }
 
-impl<R: Rules> ApplyStep<R> {
-    fn version(&mut self, version: VersionRef) -> Result<&mut Version, Refusal> {
-        let unknown = Refusal::UnknownVersion { version: version.0 };
+impl<R: LifecycleRules> ApplyStep<R> {
+    fn version(&mut self, version: VersionRef) -> Result<&mut Version, LifecycleRefusal> {
+        let unknown = LifecycleRefusal::UnknownVersion { version: version.0 };
         self.family.versions.get_mut(usize::from(version.0)).ok_or(unknown)
     }
 
-    fn stamp(&mut self, version: VersionRef) -> Result<Stamp, Refusal> {
+    fn stamp(&mut self, version: VersionRef) -> Result<ValidityStamp, LifecycleRefusal> {
         let context = self.family.context;
-        Ok(Stamp { context, round: self.version(version)?.round })
+        Ok(ValidityStamp { context, round: self.version(version)?.round })
     }
 
-    /// The version, in one of these states and not paused.
     fn ready(
         &mut self,
         version: VersionRef,
         event: &'static str,
         from: &[State],
-    ) -> Result<&mut Version, Refusal> {
+    ) -> Result<&mut Version, LifecycleRefusal> {
         let pause_blocks = self.rules.demand(LifecycleRule::PauseBlocks);
         let found = self.within(version, event, from)?;
-        if found.flags.paused && pause_blocks { Err(Refusal::Paused) } else { Ok(found) }
+        if found.flags.paused && pause_blocks { Err(LifecycleRefusal::Paused) } else { Ok(found) }
     }
 
-    /// The version, in one of these states.
     fn within(
         &mut self,
         version: VersionRef,
         event: &'static str,
         from: &[State],
-    ) -> Result<&mut Version, Refusal> {
+    ) -> Result<&mut Version, LifecycleRefusal> {
         let found = self.version(version)?;
         if from.contains(&found.state) {
             return Ok(found);
         }
-        Err(Refusal::State { event, state: found.state, allowed: from.to_vec() })
+        Err(LifecycleRefusal::State { event, state: found.state, allowed: from.to_vec() })
     }
 
     fn void_family(&mut self, rule: bool) {
@@ -126,13 +83,12 @@ impl<R: Rules> ApplyStep<R> {
             for version in &mut self.family.versions {
                 version.gate = None;
                 version.approval = None;
-                // A question about circumstances that are gone is not open any more.
                 version.flags.awaiting_approval = false;
             }
         }
     }
 
-    fn run(&mut self, event: LifecycleEvent) -> Result<(), Refusal> {
+    fn run(&mut self, event: LifecycleEvent) -> Result<(), LifecycleRefusal> {
         match event {
             LifecycleEvent::Bootstrap => self.bootstrap(),
             LifecycleEvent::Register => self.register(),
@@ -141,7 +97,7 @@ impl<R: Rules> ApplyStep<R> {
             LifecycleEvent::Abort { version } => {
                 let found = self.version(version)?;
                 let running = found.flags.running.take();
-                running.map(|_| ()).ok_or(Refusal::Running { running })
+                running.map(|_| ()).ok_or(LifecycleRefusal::Running { running })
             }
             LifecycleEvent::Demote { version } => self.demote(version),
             LifecycleEvent::Reject { version } => self.reject(version),
@@ -151,7 +107,7 @@ impl<R: Rules> ApplyStep<R> {
             LifecycleEvent::ApprovalExpired { version } => {
                 let found = self.version(version)?;
                 if !found.flags.awaiting_approval && found.approval.is_none() {
-                    return Err(Refusal::Condition { why: "nothing was asked" });
+                    return Err(LifecycleRefusal::Condition { why: "nothing was asked" });
                 }
                 found.flags.awaiting_approval = false;
                 found.approval = None;
@@ -168,7 +124,7 @@ impl<R: Rules> ApplyStep<R> {
             }
             LifecycleEvent::Reviewed { version } => {
                 if !self.family.is_unreviewed(version) {
-                    return Err(Refusal::Condition { why: "no review of it is open" });
+                    return Err(LifecycleRefusal::Condition { why: "no review of it is open" });
                 }
                 self.family.review = None;
                 Ok(())
@@ -179,7 +135,9 @@ impl<R: Rules> ApplyStep<R> {
             LifecycleEvent::Restrict { version } => {
                 let found = self.within(version, "restricting", &[State::Active])?;
                 if found.flags.rollback_pending || found.flags.restricted {
-                    return Err(Refusal::Condition { why: "it is restricted already, or being rolled back" });
+                    return Err(LifecycleRefusal::Condition {
+                        why: "it is restricted already, or being rolled back",
+                    });
                 }
                 found.flags.restricted = true;
                 Ok(())
@@ -188,9 +146,10 @@ impl<R: Rules> ApplyStep<R> {
             LifecycleEvent::BeginRollback { version } => {
                 let found = self.within(version, "rolling back", &[State::Active])?;
                 if found.flags.rollback_pending {
-                    return Err(Refusal::RollbackPending);
+                    return Err(LifecycleRefusal::RollbackPending);
                 }
-                found.flags = Flags { rollback_pending: true, awaiting_approval: false, ..found.flags };
+                found.flags =
+                    VersionFlags { rollback_pending: true, awaiting_approval: false, ..found.flags };
                 Ok(())
             }
             LifecycleEvent::FinishRollback { version, leave } => self.finish_rollback(version, leave),
@@ -212,23 +171,23 @@ impl<R: Rules> ApplyStep<R> {
         }
     }
 
-    fn bootstrap(&mut self) -> Result<(), Refusal> {
+    fn bootstrap(&mut self) -> Result<(), LifecycleRefusal> {
         if !self.family.versions.is_empty() {
-            return Err(Refusal::Condition { why: "the family has a first version already" });
+            return Err(LifecycleRefusal::Condition { why: "the family has a first version already" });
         }
         self.family.versions.push(Version::new(State::Active));
         Ok(())
     }
 
-    fn register(&mut self) -> Result<(), Refusal> {
+    fn register(&mut self) -> Result<(), LifecycleRefusal> {
         if self.family.versions.len() >= VERSIONS_MAX {
-            return Err(Refusal::Condition { why: "a family has at most 10,000 versions" });
+            return Err(LifecycleRefusal::Condition { why: "a family has at most 10,000 versions" });
         }
         self.family.versions.push(Version::new(State::Registered));
         Ok(())
     }
 
-    fn start(&mut self, version: VersionRef, stage: Stage) -> Result<(), Refusal> {
+    fn start(&mut self, version: VersionRef, stage: Stage) -> Result<(), LifecycleRefusal> {
         let context = self.family.context;
         let from = match stage {
             Stage::Validation => State::Registered,
@@ -239,16 +198,16 @@ impl<R: Rules> ApplyStep<R> {
         let bind = self.rules.demand(LifecycleRule::BindEvidence);
         let found = self.ready(version, "starting this stage", &[from])?;
         if found.flags.running.is_some() {
-            return Err(Refusal::Running { running: found.flags.running });
+            return Err(LifecycleRefusal::Running { running: found.flags.running });
         }
         if stage == Stage::Shadow && bind && !is_current(found.sandbox, context) {
-            return Err(Refusal::Stale { what: "sandbox evidence" });
+            return Err(LifecycleRefusal::Stale { what: "sandbox evidence" });
         }
         found.flags.running = Some(stage);
         Ok(())
     }
 
-    fn pass(&mut self, version: VersionRef, stage: Stage) -> Result<(), Refusal> {
+    fn pass(&mut self, version: VersionRef, stage: Stage) -> Result<(), LifecycleRefusal> {
         let stamp = self.stamp(version)?;
         let rules = self.rules;
         let from: &[State] = match stage {
@@ -259,9 +218,9 @@ impl<R: Rules> ApplyStep<R> {
         };
         let found = self.ready(version, "passing this stage", from)?;
         if found.flags.running != Some(stage) && rules.demand(LifecycleRule::PassNeedsRun) {
-            return Err(Refusal::Running { running: found.flags.running });
+            return Err(LifecycleRefusal::Running { running: found.flags.running });
         }
-        let stale = |what| Err(Refusal::Stale { what });
+        let stale = |what| Err(LifecycleRefusal::Stale { what });
         match stage {
             Stage::Validation => found.state = State::Validated,
             Stage::Sandbox => {
@@ -288,42 +247,47 @@ impl<R: Rules> ApplyStep<R> {
         Ok(())
     }
 
-    fn confirm(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    fn confirm(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         let rules = self.rules;
         if self.family.is_unreviewed(version) && rules.demand(LifecycleRule::ReviewBeforeConfirm) {
-            return Err(Refusal::ReviewOpen);
+            return Err(LifecycleRefusal::ReviewOpen);
         }
         let found = self.ready(version, "confirming", &[State::Active])?;
         if found.flags.rollback_pending {
-            return Err(Refusal::RollbackPending);
+            return Err(LifecycleRefusal::RollbackPending);
         }
         if found.flags.restricted && rules.demand(LifecycleRule::ReleaseBeforeConfirm) {
-            return Err(Refusal::Condition { why: "it is restricted; it is released first" });
+            return Err(LifecycleRefusal::Condition { why: "it is restricted; it is released first" });
         }
         if !found.flags.provisional {
-            return Err(Refusal::Condition { why: "it is not provisional" });
+            return Err(LifecycleRefusal::Condition { why: "it is not provisional" });
         }
         found.flags.provisional = false;
         Ok(())
     }
 
-    /// Closes a profile to a version, or opens it again; how it stands is not touched by it.
-    fn close(&mut self, version: VersionRef, profile: ProfileName, closed: bool) -> Result<(), Refusal> {
+    /// Blocks a version under a profile, or unblocks it; its state does not change.
+    fn close(
+        &mut self,
+        version: VersionRef,
+        profile: ProfileName,
+        closed: bool,
+    ) -> Result<(), LifecycleRefusal> {
         let found = self.version(version)?;
         if found.state.is_terminal() {
-            return Err(Refusal::Condition { why: "it is rejected or rolled back for good" });
+            return Err(LifecycleRefusal::Condition { why: "it is rejected or rolled back for good" });
         }
         let changed = if closed { found.closed.insert(profile) } else { found.closed.remove(&profile) };
         if changed {
             Ok(())
         } else {
             let why =
-                if closed { "the profile is closed to it already" } else { "the profile is open to it" };
-            Err(Refusal::Condition { why })
+                if closed { "it is blocked under the profile already" } else { "the profile is open to it" };
+            Err(LifecycleRefusal::Condition { why })
         }
     }
 
-    fn demote(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    fn demote(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         let mut from = vec![State::Validated, State::Sandboxed, State::Shadowed];
         if !self.rules.demand(LifecycleRule::ActiveLeavesByRollback) {
             from.push(State::Active);
@@ -333,7 +297,7 @@ impl<R: Rules> ApplyStep<R> {
         Ok(())
     }
 
-    fn reject(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    fn reject(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         let mut from = vec![
             State::Registered,
             State::Validated,
@@ -349,23 +313,23 @@ impl<R: Rules> ApplyStep<R> {
         let is_first = version == VersionRef(0) && self.rules.demand(LifecycleRule::KeepFirst);
         let found = self.within(version, "rejecting", &from)?;
         if found.state == State::Superseded && pinned {
-            return Err(Refusal::Pinned);
+            return Err(LifecycleRefusal::Pinned);
         }
         if is_first {
-            let why = "a stopped family can always go back to its first version, so that is not rejected; `demote` takes it off";
-            return Err(Refusal::Condition { why });
+            let why = "a stopped family can always return to its first version, so that is not rejected; `demote` deactivates it";
+            return Err(LifecycleRefusal::Condition { why });
         }
         found.leave(State::Rejected);
         Ok(())
     }
 
-    fn repeat(&mut self, version: VersionRef, stage: Stage) -> Result<(), Refusal> {
+    fn repeat(&mut self, version: VersionRef, stage: Stage) -> Result<(), LifecycleRefusal> {
         let (context, rules) = (self.family.context, self.rules);
         let mut from = match stage {
             Stage::Sandbox => vec![State::Sandboxed, State::Shadowed, State::Demoted],
             Stage::Shadow => vec![State::Shadowed, State::Demoted],
             Stage::Validation | Stage::Activation => {
-                return Err(Refusal::Condition { why: "sandbox and shadow can be repeated" });
+                return Err(LifecycleRefusal::Condition { why: "sandbox and shadow can be repeated" });
             }
         };
         if !rules.demand(LifecycleRule::TerminalIsFinal) {
@@ -376,13 +340,13 @@ impl<R: Rules> ApplyStep<R> {
         }
         let found = self.ready(version, "repeating this stage", &from)?;
         if found.flags.running.is_some() {
-            return Err(Refusal::Running { running: found.flags.running });
+            return Err(LifecycleRefusal::Running { running: found.flags.running });
         }
         if stage == Stage::Shadow
             && rules.demand(LifecycleRule::BindEvidence)
             && !is_current(found.sandbox, context)
         {
-            return Err(Refusal::Stale { what: "sandbox evidence" });
+            return Err(LifecycleRefusal::Stale { what: "sandbox evidence" });
         }
         if rules.demand(LifecycleRule::RepeatVoids) {
             found.gate = None;
@@ -394,73 +358,73 @@ impl<R: Rules> ApplyStep<R> {
         }
         found.shadow = None;
         found.state = State::Demoted;
-        found.flags = Flags { running: Some(stage), ..Flags::default() };
+        found.flags = VersionFlags { running: Some(stage), ..VersionFlags::default() };
         Ok(())
     }
 
-    fn request(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    fn request(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         let found = self.ready(version, "asking for approval", &[State::Shadowed, State::Active])?;
         if found.state == State::Active && (!found.flags.restricted || found.flags.rollback_pending) {
-            return Err(Refusal::Condition {
+            return Err(LifecycleRefusal::Condition {
                 why: "an active version is asked about only while it is restricted",
             });
         }
         if found.flags.awaiting_approval {
-            return Err(Refusal::Condition { why: "people were asked already" });
+            return Err(LifecycleRefusal::Condition { why: "people were asked already" });
         }
         found.flags.awaiting_approval = true;
         found.approval = None;
         Ok(())
     }
 
-    fn approved(&mut self, version: VersionRef, row_version: u64) -> Result<(), Refusal> {
+    fn approved(&mut self, version: VersionRef, row_version: u64) -> Result<(), LifecycleRefusal> {
         let stamp = self.stamp(version)?;
         let bind_row = self.rules.demand(LifecycleRule::BindRow);
         let found = self.ready(version, "approving", &[State::Shadowed, State::Active])?;
         if !found.flags.awaiting_approval {
-            return Err(Refusal::Condition { why: "nothing was asked" });
+            return Err(LifecycleRefusal::Condition { why: "nothing was asked" });
         }
         if bind_row && found.row_version != row_version {
-            return Err(Refusal::Stale { what: "approval" });
+            return Err(LifecycleRefusal::Stale { what: "approval" });
         }
         found.flags.awaiting_approval = false;
         found.approval = Some(stamp);
         Ok(())
     }
 
-    /// The gate pass, and the approval if the profile needs one, are of the present circumstances.
-    fn standing(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    /// Checks that the gate pass, and the approval if the profile needs one, are current.
+    fn check_current(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         let (stamp, rules, needs_approval) = (self.stamp(version)?, self.rules, self.family.needs_approval);
         let found = self.version(version)?;
         let (gate, approval) = (found.gate, found.approval);
         if rules.demand(LifecycleRule::BindGate) && gate != Some(stamp) {
-            return Err(Refusal::Stale { what: "gate pass" });
+            return Err(LifecycleRefusal::Stale { what: "gate pass" });
         }
         if needs_approval && rules.demand(LifecycleRule::BindApproval) && approval != Some(stamp) {
-            return Err(Refusal::Stale { what: "approval" });
+            return Err(LifecycleRefusal::Stale { what: "approval" });
         }
         Ok(())
     }
 
-    fn activate(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    fn activate(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         if self.family.safe_stopped && self.rules.demand(LifecycleRule::StopHolds) {
-            return Err(Refusal::SafeStopped);
+            return Err(LifecycleRefusal::SafeStopped);
         }
         self.promotable()?;
         self.ready(version, "activating", &[State::Shadowed])?;
-        self.standing(version)?;
+        self.check_current(version)?;
         let old = self.family.active();
         if let Some(old) = old {
             let supersede = self.rules.demand(LifecycleRule::SupersedeOld);
             let replaced = self.version(old)?;
             if replaced.flags.rollback_pending {
-                return Err(Refusal::RollbackPending);
+                return Err(LifecycleRefusal::RollbackPending);
             }
             if supersede {
                 replaced.state = State::Superseded;
                 replaced.left_restricted = replaced.flags.restricted;
                 replaced.left_provisional = replaced.flags.provisional;
-                replaced.flags = Flags::default();
+                replaced.flags = VersionFlags::default();
             }
         }
         self.enter(version, old)?;
@@ -469,26 +433,29 @@ impl<R: Rules> ApplyStep<R> {
         Ok(())
     }
 
-    /// No review of an emergency activation is open.
-    fn promotable(&self) -> Result<(), Refusal> {
+    /// Refuses while the review of a break-glass activation is open.
+    fn promotable(&self) -> Result<(), LifecycleRefusal> {
         let blocked = self.family.review.is_some() && self.rules.demand(LifecycleRule::ReviewBlocks);
-        if blocked { Err(Refusal::ReviewOpen) } else { Ok(()) }
+        if blocked { Err(LifecycleRefusal::ReviewOpen) } else { Ok(()) }
     }
 
-    /// Makes a version active under a predecessor.
-    fn enter(&mut self, version: VersionRef, predecessor: Option<VersionRef>) -> Result<(), Refusal> {
+    fn enter(
+        &mut self,
+        version: VersionRef,
+        predecessor: Option<VersionRef>,
+    ) -> Result<(), LifecycleRefusal> {
         self.void_family(self.rules.demand(LifecycleRule::ActiveChangeVoids));
         let found = self.version(version)?;
         found.state = State::Active;
-        found.flags = Flags { provisional: true, ..Flags::default() };
+        found.flags = VersionFlags { provisional: true, ..VersionFlags::default() };
         found.predecessor = predecessor;
         found.gate = None;
         found.approval = None;
         Ok(())
     }
 
-    /// Gives control back to a version that had it, as provisional and as restricted as it was.
-    fn enter_again(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    /// Reactivates a version, as provisional and as restricted as it was.
+    fn enter_again(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         let before = self.family.restorable_predecessor(version);
         self.enter(version, before)?;
         let rules = self.rules;
@@ -500,15 +467,15 @@ impl<R: Rules> ApplyStep<R> {
         Ok(())
     }
 
-    fn release(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    fn release(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         let (stamp, needs_approval) = (self.stamp(version)?, self.family.needs_approval);
         let bind = self.rules.demand(LifecycleRule::BindRelease);
         let found = self.ready(version, "releasing", &[State::Active])?;
         if !found.flags.restricted || found.flags.rollback_pending {
-            return Err(Refusal::Condition { why: "it is not restricted, or being rolled back" });
+            return Err(LifecycleRefusal::Condition { why: "it is not restricted, or being rolled back" });
         }
         if needs_approval && bind && found.approval != Some(stamp) {
-            return Err(Refusal::Stale { what: "approval" });
+            return Err(LifecycleRefusal::Stale { what: "approval" });
         }
         found.flags.restricted = false;
         found.flags.awaiting_approval = false;
@@ -516,51 +483,55 @@ impl<R: Rules> ApplyStep<R> {
         Ok(())
     }
 
-    fn finish_rollback(&mut self, version: VersionRef, leave: Leave) -> Result<(), Refusal> {
+    fn finish_rollback(
+        &mut self,
+        version: VersionRef,
+        leave: DeactivationKind,
+    ) -> Result<(), LifecycleRefusal> {
         let rules = self.rules;
         let found = self.within(version, "rolling back", &[State::Active])?;
         if rules.demand(LifecycleRule::RevokeFirst) && !found.flags.rollback_pending {
-            return Err(Refusal::Condition { why: "its command authority has to be revoked first" });
+            return Err(LifecycleRefusal::Condition { why: "its command authority has to be revoked first" });
         }
         let target = found.predecessor;
         let Some(target) = target.filter(|t| self.family.state(*t) == Some(State::Superseded)) else {
-            return Err(Refusal::Condition { why: "there is no version to roll back to" });
+            return Err(LifecycleRefusal::Condition { why: "there is no version to roll back to" });
         };
         let to = match leave {
-            Leave::RolledBack => State::RolledBack,
-            Leave::Demoted => State::Demoted,
+            DeactivationKind::RolledBack => State::RolledBack,
+            DeactivationKind::Demoted => State::Demoted,
         };
         self.version(version)?.leave(to);
-        self.left(version);
+        self.on_deactivated(version);
         if rules.demand(LifecycleRule::RestorePredecessor) {
             self.enter_again(target)?;
         }
         Ok(())
     }
 
-    fn fail_rollback(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    fn fail_rollback(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         let rules = self.rules;
         let found = self.within(version, "failing a rollback", &[State::Active])?;
         if rules.demand(LifecycleRule::RevokeFirst) && !found.flags.rollback_pending {
-            return Err(Refusal::Condition { why: "its command authority has to be revoked first" });
+            return Err(LifecycleRefusal::Condition { why: "its command authority has to be revoked first" });
         }
         found.leave(State::Demoted);
-        self.left(version);
+        self.on_deactivated(version);
         self.family.safe_stopped = rules.demand(LifecycleRule::StopWithoutTarget);
         self.void_family(rules.demand(LifecycleRule::ActiveChangeVoids));
         Ok(())
     }
 
-    /// An active version has left; people still have to look at how it came in.
-    fn left(&mut self, version: VersionRef) {
+    /// Called after an active version left; its break-glass review stays open.
+    fn on_deactivated(&mut self, version: VersionRef) {
         if self.family.is_unreviewed(version) && !self.rules.demand(LifecycleRule::ReviewOutlives) {
             self.family.review = None;
         }
     }
 
-    fn rearm(&mut self, version: VersionRef) -> Result<(), Refusal> {
+    fn rearm(&mut self, version: VersionRef) -> Result<(), LifecycleRefusal> {
         if !self.family.safe_stopped {
-            return Err(Refusal::Condition { why: "the family is not stopped" });
+            return Err(LifecycleRefusal::Condition { why: "the family is not stopped" });
         }
         let state = self.ready(version, "re-arming", &[State::Superseded, State::Demoted])?.state;
         if state == State::Demoted {
@@ -569,13 +540,13 @@ impl<R: Rules> ApplyStep<R> {
             let acted = self.family.has_acted(version) || !self.rules.demand(LifecycleRule::RearmActedOnly);
             if other || !acted {
                 let why = "a superseded version comes first, and a demoted one only if it was active before";
-                return Err(Refusal::Condition { why });
+                return Err(LifecycleRefusal::Condition { why });
             }
             let is_first = version == VersionRef(0);
             let by_gate = self.family.needs_approval && self.rules.demand(LifecycleRule::RearmThroughGate);
             if by_gate && !is_first {
-                let why = "where people decide, a demoted version comes back through the gate: re-arm the family's first version";
-                return Err(Refusal::Condition { why });
+                let why = "where people decide, a demoted version comes back through the gate: reactivate the family's first version";
+                return Err(LifecycleRefusal::Condition { why });
             }
         }
         self.enter_again(version)?;
@@ -583,10 +554,10 @@ impl<R: Rules> ApplyStep<R> {
         Ok(())
     }
 
-    fn pause(&mut self, version: VersionRef, paused: bool) -> Result<(), Refusal> {
+    fn pause(&mut self, version: VersionRef, paused: bool) -> Result<(), LifecycleRefusal> {
         let found = self.version(version)?;
         if found.state.is_terminal() || found.flags.paused == paused || found.state == State::Superseded {
-            return Err(Refusal::Condition {
+            return Err(LifecycleRefusal::Condition {
                 why: if paused { "it cannot be paused" } else { "it is not paused" },
             });
         }
@@ -595,6 +566,6 @@ impl<R: Rules> ApplyStep<R> {
     }
 }
 
-fn is_current(stamp: Option<Stamp>, context: u32) -> bool {
+fn is_current(stamp: Option<ValidityStamp>, context: u32) -> bool {
     stamp.is_some_and(|stamp| stamp.context == context)
 }

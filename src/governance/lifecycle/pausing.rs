@@ -1,12 +1,12 @@
-//! What a pause may hold, and what it holds: one rule for every front end and the engine.
+//! The rule of pauses, for every front end and the engine.
 
-use super::{Flags, State};
+use super::{State, VersionFlags};
 
 impl State {
-    /// Whether a person may pause a version that stands here: a candidate is held where it is; of a provisional
-    /// version the promotion is held, while it goes on working. What is confirmed has nothing to be kept from.
+    /// Whether a person may pause a version in this state: a candidate stays where it is; a provisional version keeps
+    /// running, and only its confirmation waits. A confirmed version has nothing to pause.
     #[must_use]
-    pub const fn may_pause(self, flags: &Flags) -> bool {
+    pub const fn may_pause(self, flags: &VersionFlags) -> bool {
         let on_its_way = match self {
             Self::Registered | Self::Validated | Self::Sandboxed | Self::Shadowed | Self::Demoted => true,
             Self::Active => flags.provisional,
@@ -15,10 +15,10 @@ impl State {
         on_its_way && !flags.paused
     }
 
-    /// Whether a person may let a version that stands here go on: it was paused, or it is a candidate that the gate
-    /// or an unanswered question holds (`held`).
+    /// Whether a person may resume a version in this state: it was paused, or it is a candidate on hold by the gate or
+    /// an unanswered request (`held`).
     #[must_use]
-    pub const fn may_resume(self, flags: &Flags, held: bool) -> bool {
+    pub const fn may_resume(self, flags: &VersionFlags, held: bool) -> bool {
         match self {
             Self::Registered | Self::Validated | Self::Sandboxed | Self::Shadowed | Self::Demoted => {
                 flags.paused || held
@@ -28,9 +28,9 @@ impl State {
         }
     }
 
-    /// What a pause of a version that stands here is called: an active one has the arm all the same.
+    /// The name of a pause in this state: an active version keeps the arm.
     #[must_use]
-    pub const fn paused_word(self) -> &'static str {
+    pub const fn paused_label(self) -> &'static str {
         match self {
             Self::Active => "promotion paused",
             Self::Registered
@@ -53,8 +53,8 @@ mod tests {
     fn what_is_paused_can_go_on_and_what_goes_on_is_not_paused() {
         for state in State::ALL {
             for provisional in [false, true] {
-                let free = Flags { provisional, ..Flags::default() };
-                let paused = Flags { paused: true, ..free };
+                let free = VersionFlags { provisional, ..VersionFlags::default() };
+                let paused = VersionFlags { paused: true, ..free };
                 assert!(!state.may_pause(&paused), "{state}: twice");
                 if state.may_pause(&free) {
                     assert!(state.may_resume(&paused, false), "{state}: a pause without an end");
@@ -62,7 +62,8 @@ mod tests {
                 assert!(!state.may_resume(&free, false), "{state}: nothing holds it");
             }
         }
-        let (provisional, confirmed) = (Flags { provisional: true, ..Flags::default() }, Flags::default());
+        let (provisional, confirmed) =
+            (VersionFlags { provisional: true, ..VersionFlags::default() }, VersionFlags::default());
         assert!(State::Active.may_pause(&provisional) && !State::Active.may_pause(&confirmed));
         assert!(State::Shadowed.may_resume(&confirmed, true), "the gate holds it");
         assert!(!State::Active.may_resume(&provisional, true), "it works");

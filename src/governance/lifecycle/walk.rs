@@ -2,13 +2,13 @@
 //! the profile at any point, against the invariants of the lifecycle; and for every rule a mutant without it,
 //! which the walk has to catch.
 //!
-//! The ordinary run walks two parts: everything that can happen with one candidate, and what two candidates can
-//! do to each other (without aborting, repeating, pausing, restricting and confirming, which look at one version only). With
-//! `HOLDPOINT_WALK=full` the whole space of two candidates is walked as well, which takes more than a quarter of an hour.
+//! The ordinary run walks two parts: everything that can happen with one candidate, and what two candidates can do to
+//! each other. The second part omits aborting, repeating, pausing, restricting and confirming, which look at one
+//! version only. `HOLDPOINT_WALK=full` walks the whole space of two candidates, which takes more than 15 minutes.
 //!
 //! A robot, like a profile, is part of what [`LifecycleEvent::ContextChanged`] stands for, with the mutant
-//! `ContextChangeVoids`. The agent's identity is in no state of a family and moved by no event of it, so there is
-//! nothing here to walk: another agent is held back before an event is asked for; the engine's tests try each door.
+//! `ContextChangeVoids`. The agent's identity is in no state of a family, and no event moves it. So this walk omits
+//! it; the engine's tests cover every entry point for another agent.
 //!
 //! Counters are brought back to "the present one" or "an earlier one" after each step, so that the space is
 //! finite without a bound on the length of a history.
@@ -16,9 +16,10 @@
 use std::collections::{HashSet, VecDeque};
 
 use super::apply::apply_under;
-use super::rules::{All, LifecycleRule, Rules};
+use super::rules::{AllLifecycleRules, LifecycleRule, LifecycleRules};
 use super::{
-    FamilyState, Flags, Leave, LifecycleChange, LifecycleEvent, Stage, Stamp, State, Version, VersionRef,
+    DeactivationKind, FamilyState, LifecycleChange, LifecycleEvent, Stage, State, ValidityStamp, Version,
+    VersionFlags, VersionRef,
 };
 use crate::wall_time::WallTime;
 
@@ -27,7 +28,7 @@ const VERSIONS: usize = 3;
 /// No walk may grow beyond this.
 const WORLDS_MAX: usize = 60_000_000;
 
-/// What really happened to a version, kept by the walk itself and not by the product.
+/// The true history of a version, recorded by the walk and not by the product.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Debug)]
 struct VersionTruth {
     sandbox: bool,
@@ -42,17 +43,17 @@ struct VersionTruth {
 struct WalkWorld {
     family: FamilyState,
     truth: [VersionTruth; VERSIONS],
-    /// The version that one person let in and nobody has reviewed.
+    /// The unreviewed version that one person activated.
     unreviewed: Option<VersionRef>,
-    /// Who was in control before.
+    /// The versions that were in control before.
     acted: [bool; VERSIONS],
-    /// Who is restricted, or was when they left: until people release them, or the gate lets them in anew.
+    /// Versions restricted now or when they left: until people lift it or the gate activates them again.
     restricted: [bool; VERSIONS],
-    /// Whose window is not passed.
+    /// The versions whose window is not passed.
     provisional: [bool; VERSIONS],
 }
 
-fn stamp_code(stamp: Option<Stamp>) -> u128 {
+fn stamp_code(stamp: Option<ValidityStamp>) -> u128 {
     stamp.map_or(0, |stamp| 1 + u128::from(stamp.context) * 2 + u128::from(stamp.round))
 }
 
@@ -73,7 +74,7 @@ fn canonical(mut world: WalkWorld) -> WalkWorld {
         let round = version.round;
         let stamps = [&mut version.sandbox, &mut version.shadow, &mut version.gate, &mut version.approval];
         for stamp in stamps.into_iter().flatten() {
-            *stamp = Stamp {
+            *stamp = ValidityStamp {
                 context: u32::from(stamp.context == context),
                 round: u32::from(stamp.round == round),
             };
@@ -148,19 +149,19 @@ fn key(world: &WalkWorld) -> u128 {
     key
 }
 
-/// Which part of the space is walked.
+/// The walked part of the space.
 #[derive(Clone, Copy)]
-struct Part {
+struct WalkPart {
     versions: usize,
     /// Aborting, repeating, pausing, restricting, releasing, confirming and expiries too.
     single_version_events: bool,
 }
 
-const ONE_CANDIDATE: Part = Part { versions: 2, single_version_events: true };
-const TWO_CANDIDATES: Part = Part { versions: 3, single_version_events: false };
-const EVERYTHING: Part = Part { versions: 3, single_version_events: true };
+const ONE_CANDIDATE: WalkPart = WalkPart { versions: 2, single_version_events: true };
+const TWO_CANDIDATES: WalkPart = WalkPart { versions: 3, single_version_events: false };
+const EVERYTHING: WalkPart = WalkPart { versions: 3, single_version_events: true };
 
-fn events(world: &WalkWorld, part: Part) -> Vec<LifecycleEvent> {
+fn events(world: &WalkWorld, part: WalkPart) -> Vec<LifecycleEvent> {
     let mut out = Vec::new();
     if world.family.versions.len() < part.versions {
         out.push(LifecycleEvent::Register);
@@ -184,8 +185,8 @@ fn events(world: &WalkWorld, part: Part) -> Vec<LifecycleEvent> {
             LifecycleEvent::ActivateUnreviewed { version, until: WallTime::default() },
             LifecycleEvent::Reviewed { version },
             LifecycleEvent::BeginRollback { version },
-            LifecycleEvent::FinishRollback { version, leave: Leave::RolledBack },
-            LifecycleEvent::FinishRollback { version, leave: Leave::Demoted },
+            LifecycleEvent::FinishRollback { version, leave: DeactivationKind::RolledBack },
+            LifecycleEvent::FinishRollback { version, leave: DeactivationKind::Demoted },
             LifecycleEvent::FailRollback { version },
             LifecycleEvent::Rearm { version },
         ]);
@@ -207,7 +208,7 @@ fn events(world: &WalkWorld, part: Part) -> Vec<LifecycleEvent> {
     out
 }
 
-/// What the event really did, by the walk's own book-keeping.
+/// The true effect of the event, by the walk's own records.
 fn follow(before: &WalkWorld, event: LifecycleEvent, after: &mut WalkWorld) {
     let index = |version: VersionRef| usize::from(version.0);
     match event {
@@ -300,7 +301,7 @@ fn follow(before: &WalkWorld, event: LifecycleEvent, after: &mut WalkWorld) {
     }
 }
 
-/// What holds of every world.
+/// The invariants of every world.
 fn state_problem(world: &WalkWorld) -> Option<&'static str> {
     let family = &world.family;
     let active: Vec<&Version> =
@@ -309,7 +310,7 @@ fn state_problem(world: &WalkWorld) -> Option<&'static str> {
         return Some("exactly one active version, or safe-stopped");
     }
     if family.versions[0].state == State::Rejected {
-        return Some("the version that a stopped family goes back to was rejected");
+        return Some("the version that a stopped family returns to was rejected");
     }
     let target =
         |version: &Version| version.predecessor.is_none_or(|p| family.state(p) == Some(State::Superseded));
@@ -317,7 +318,7 @@ fn state_problem(world: &WalkWorld) -> Option<&'static str> {
         return Some("the rollback target is superseded and so can be restored");
     }
     for version in &family.versions {
-        let Flags { running, provisional, restricted, rollback_pending, awaiting_approval, .. } =
+        let VersionFlags { running, provisional, restricted, rollback_pending, awaiting_approval, .. } =
             version.flags;
         if version.state != State::Active && (provisional || restricted || rollback_pending) {
             return Some("only an active version is provisional, restricted or being rolled back");
@@ -340,7 +341,7 @@ fn state_problem(world: &WalkWorld) -> Option<&'static str> {
     None
 }
 
-/// What holds of every step.
+/// The invariants of every step.
 fn step_problem(
     before: &WalkWorld,
     event: LifecycleEvent,
@@ -374,7 +375,7 @@ fn step_problem(
         if is.state == State::Active && was.state == State::Demoted {
             let rearmed = matches!(event, LifecycleEvent::Rearm { .. }) && old.safe_stopped;
             if !rearmed || !before.acted[index] {
-                return Some("a demoted version acts again that never did, or without being re-armed");
+                return Some("a demoted version acts again that never did, or without being reactivated");
             }
             if old.needs_approval && index != 0 {
                 return Some("a demoted version acts again beside the gate, where people decide");
@@ -427,12 +428,12 @@ fn step_problem(
 
 /// Whether the reported changes lead from the old family to the new one.
 fn reported(old: &FamilyState, new: &FamilyState, changes: &[LifecycleChange]) -> bool {
-    let mut states: Vec<(State, Flags)> = old.versions.iter().map(|v| (v.state, v.flags)).collect();
+    let mut states: Vec<(State, VersionFlags)> = old.versions.iter().map(|v| (v.state, v.flags)).collect();
     let (mut active, mut stopped) = (old.active(), old.safe_stopped);
     let mut review = old.review.map(|review| review.version);
     for change in changes {
         match *change {
-            LifecycleChange::Added { state, .. } => states.push((state, Flags::default())),
+            LifecycleChange::Added { state, .. } => states.push((state, VersionFlags::default())),
             LifecycleChange::State { version, from, to } => {
                 let slot = &mut states[usize::from(version.0)].0;
                 if *slot != from {
@@ -447,21 +448,21 @@ fn reported(old: &FamilyState, new: &FamilyState, changes: &[LifecycleChange]) -
             LifecycleChange::Standing { .. } | LifecycleChange::Context { .. } => {}
         }
     }
-    let wanted: Vec<(State, Flags)> = new.versions.iter().map(|v| (v.state, v.flags)).collect();
+    let wanted: Vec<(State, VersionFlags)> = new.versions.iter().map(|v| (v.state, v.flags)).collect();
     let reviewed = review == new.review.map(|review| review.version);
     states == wanted && active == new.active() && stopped == new.safe_stopped && reviewed
 }
 
-struct Walk {
+struct LifecycleWalk {
     worlds: usize,
     steps: usize,
     problem: Option<(&'static str, String)>,
-    /// A candidate became active; the baseline came back; two successors in a row; a stopped family was re-armed;
-    /// an emergency activation was reviewed while active; a demoted version passed a stage again.
+    /// A candidate became active; the baseline came back; two successors in a row; a stopped family was reactivated; a
+    /// break-glass activation was reviewed while active; a demoted version passed a stage again.
     reached: [bool; 6],
 }
 
-fn walk<R: Rules>(rules: R, part: Part) -> Walk {
+fn walk<R: LifecycleRules>(rules: R, part: WalkPart) -> LifecycleWalk {
     let mut start = WalkWorld {
         family: FamilyState::empty(true),
         truth: [VersionTruth::default(); VERSIONS],
@@ -470,11 +471,11 @@ fn walk<R: Rules>(rules: R, part: Part) -> Walk {
         restricted: [false; VERSIONS],
         provisional: [false; VERSIONS],
     };
-    start.family = apply_under(All, &start.family, LifecycleEvent::Bootstrap).unwrap().0;
+    start.family = apply_under(AllLifecycleRules, &start.family, LifecycleEvent::Bootstrap).unwrap().0;
     let start = canonical(start);
     let mut seen = HashSet::from([key(&start)]);
     let mut open = VecDeque::from([start]);
-    let mut walk = Walk { worlds: 1, steps: 0, problem: None, reached: [false; 6] };
+    let mut walk = LifecycleWalk { worlds: 1, steps: 0, problem: None, reached: [false; 6] };
     while let Some(world) = open.pop_front() {
         let mut next: Vec<WalkWorld> = Vec::new();
         for event in events(&world, part) {
@@ -525,9 +526,9 @@ fn walk<R: Rules>(rules: R, part: Part) -> Walk {
     reason = "the long walk is asked for from outside; the rules read no environment"
 )]
 fn every_history_keeps_the_invariants() {
-    // A changed count is a changed lifecycle: the commit that changes it says why.
+    // A changed count means a changed lifecycle: explain it in the commit message.
     let found = [ONE_CANDIDATE, TWO_CANDIDATES].map(|part| {
-        let walk = walk(All, part);
+        let walk = walk(AllLifecycleRules, part);
         assert_eq!(walk.problem, None);
         (walk.worlds, walk.steps, walk.reached)
     });
@@ -537,7 +538,7 @@ fn every_history_keeps_the_invariants() {
     ];
     assert_eq!(found, known);
     if std::env::var("HOLDPOINT_WALK").is_ok_and(|value| value == "full") {
-        let walk = walk(All, EVERYTHING);
+        let walk = walk(AllLifecycleRules, EVERYTHING);
         assert_eq!((walk.problem, walk.reached), (None, [true; 6]));
         // How many there are since versions keep how they left control was never counted to the end.
         println!("everything: {} worlds, {} steps", walk.worlds, walk.steps);
@@ -546,9 +547,9 @@ fn every_history_keeps_the_invariants() {
 
 /// Every rule but one.
 #[derive(Clone, Copy)]
-struct AllBut(LifecycleRule);
+struct LifecycleRulesExcept(LifecycleRule);
 
-impl Rules for AllBut {
+impl LifecycleRules for LifecycleRulesExcept {
     fn demand(self, rule: LifecycleRule) -> bool {
         self.0 != rule
     }
@@ -556,7 +557,7 @@ impl Rules for AllBut {
 
 #[test]
 fn every_rule_is_needed() {
-    let mutants: [(LifecycleRule, Part); 31] = [
+    let mutants: [(LifecycleRule, WalkPart); 31] = [
         (LifecycleRule::SupersedeOld, TWO_CANDIDATES),
         (LifecycleRule::ActiveLeavesByRollback, ONE_CANDIDATE),
         (LifecycleRule::PinPredecessor, TWO_CANDIDATES),
@@ -590,7 +591,7 @@ fn every_rule_is_needed() {
         (LifecycleRule::ReportChanges, ONE_CANDIDATE),
     ];
     for (rule, part) in mutants {
-        let found = walk(AllBut(rule), part).problem;
+        let found = walk(LifecycleRulesExcept(rule), part).problem;
         assert!(found.is_some(), "the walk does not notice that {rule:?} is missing");
     }
 }

@@ -1,9 +1,9 @@
-//! What is normal for a version, from the episodes of its twins.
+//! The normal rates of a version, from the episodes of its twins.
 
 use crate::evidence::{EpisodeValues, Signature};
 use crate::stats::wilson_upper;
 
-/// One-sided level of the bound on what is normal for a version in the live world.
+/// One-sided level of the bound on a version's normal rates in the live world.
 const NORMAL_ALPHA: f64 = 0.10;
 
 /// What is normal for a version: for each rate the upper bound that the episodes of its twins leave open at .10, so

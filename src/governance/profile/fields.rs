@@ -1,4 +1,4 @@
-//! Every number of a profile: its range, and which way is tighter.
+//! Every number of a profile: its range, and its stricter direction.
 //!
 //! One table; a test holds that it names every number of the shipped profiles, and no other.
 
@@ -6,7 +6,7 @@ use super::Profile;
 
 /// In which direction a number makes a profile tighter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tighter {
+pub enum StricterDirection {
     /// A lower number is tighter.
     Lower,
     /// A higher number is tighter.
@@ -16,7 +16,7 @@ pub enum Tighter {
 }
 
 /// Path, lowest and highest value allowed, which way is tighter, and whether the profiles have to differ.
-pub struct Field {
+pub struct ProfileField {
     /// Path of the number in the file, e.g. `runtime.retries_max`.
     pub path: &'static str,
     /// Lowest value accepted, included.
@@ -24,23 +24,23 @@ pub struct Field {
     /// Highest value accepted, included.
     pub highest: f64,
     /// In which direction it makes a profile tighter.
-    pub tighter: Tighter,
+    pub tighter: StricterDirection,
     /// Whether each tighter profile has to be strictly tighter.
     pub strict: bool,
 }
 
-const fn field(path: &'static str, lowest: f64, highest: f64, tighter: Tighter) -> Field {
-    Field { path, lowest, highest, tighter, strict: false }
+const fn field(path: &'static str, lowest: f64, highest: f64, tighter: StricterDirection) -> ProfileField {
+    ProfileField { path, lowest, highest, tighter, strict: false }
 }
 
-const fn strict(path: &'static str, lowest: f64, highest: f64, tighter: Tighter) -> Field {
-    Field { path, lowest, highest, tighter, strict: true }
+const fn strict(path: &'static str, lowest: f64, highest: f64, tighter: StricterDirection) -> ProfileField {
+    ProfileField { path, lowest, highest, tighter, strict: true }
 }
 
-use Tighter::{Higher, Lower, Neither};
+use StricterDirection::{Higher, Lower, Neither};
 
 /// Every number of a profile, in the order of the file.
-pub const FIELDS: &[Field] = &[
+pub const FIELDS: &[ProfileField] = &[
     field("thresholds.scale", 0.5, 1.5, Higher),
     field("composite.interface", 0.0, 1.0, Neither),
     field("composite.policy", 0.0, 1.0, Neither),
@@ -194,10 +194,10 @@ pub fn numbers(profile: &Profile) -> Vec<(String, f64)> {
     out
 }
 
-/// What is wrong with a profile: field, value, what is allowed.
+/// The first problem of a profile: field, value, what is allowed.
 pub(super) fn problem(profile: &Profile) -> Option<(String, String, String)> {
     let values = numbers(profile);
-    for Field { path, lowest, highest, .. } in FIELDS {
+    for ProfileField { path, lowest, highest, .. } in FIELDS {
         let value = values.iter().find(|(name, _)| name == path).map_or(f64::NAN, |(_, value)| *value);
         if !(*lowest..=*highest).contains(&value) {
             return Some(((*path).to_owned(), value.to_string(), format!("{lowest} to {highest}")));
@@ -285,17 +285,17 @@ mod tests {
     #[test]
     fn human_is_tighter_than_real_and_real_than_sim() {
         let profiles = ProfileName::ALL.map(|name| numbers(&Profile::builtin(name).unwrap()));
-        for Field { path, tighter, strict, .. } in FIELDS {
+        for ProfileField { path, tighter, strict, .. } in FIELDS {
             let values =
                 profiles.each_ref().map(|numbers| numbers.iter().find(|(p, _)| p == path).unwrap().1);
             for pair in values.windows(2) {
                 let (loose, tight) = (pair[0], pair[1]);
                 let ok = match (tighter, strict) {
-                    (Tighter::Lower, true) => tight < loose,
-                    (Tighter::Lower, false) => tight <= loose,
-                    (Tighter::Higher, true) => tight > loose,
-                    (Tighter::Higher, false) => tight >= loose,
-                    (Tighter::Neither, _) => tight == loose,
+                    (StricterDirection::Lower, true) => tight < loose,
+                    (StricterDirection::Lower, false) => tight <= loose,
+                    (StricterDirection::Higher, true) => tight > loose,
+                    (StricterDirection::Higher, false) => tight >= loose,
+                    (StricterDirection::Neither, _) => tight == loose,
                 };
                 assert!(ok, "{path}: {values:?} is not tighter from sim to human");
             }

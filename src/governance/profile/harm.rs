@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::harm::{HarmKind, HarmMeasures};
 
-/// What a profile allows of one measure; written `[mean, limit]`, both in the measure's unit.
+/// The limits of one measure; written `[mean, limit]`, both in the measure's unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(from = "[f64; 2]", into = "[f64; 2]")]
 #[schemars(with = "[f64; 2]")]
@@ -32,7 +32,7 @@ impl From<HarmTolerance> for [f64; 2] {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HarmSettings {
-    /// By how much the share of episodes past a limit may rise, for each measure.
+    /// The accepted rise of the share of episodes past a limit, for each measure.
     pub past_tolerance: f64,
     /// Share of episodes with a reduced command from which a version asks for more than it declares.
     pub asking_share_max: f64,
@@ -87,7 +87,7 @@ impl HarmSettings {
         HarmKind::ALL.into_iter().any(|kind| kind.is_past(harm.of(kind), self.of(kind).limit))
     }
 
-    /// What is allowed of a measure.
+    /// The limits of a measure.
     #[must_use]
     pub const fn of(&self, kind: HarmKind) -> HarmTolerance {
         match kind {

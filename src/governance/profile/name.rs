@@ -9,9 +9,9 @@ use crate::ids::is_name;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ProfileName {
-    /// Simulation only: nothing can be damaged, nobody is asked (paper appendix D).
+    /// Simulation only: nothing can be damaged, no approval is required (paper appendix D).
     Sim,
-    /// A real cell with nobody inside while it works.
+    /// A real cell with no person inside while it runs.
     Real,
     /// People work beside the robot: the tightest limits, and activation needs signatures.
     Human,
@@ -65,7 +65,7 @@ pub fn titled(class: ProfileName, site: Option<&SiteName>) -> String {
     site.map_or_else(|| class.name().to_owned(), |site| format!("{class} ({site})"))
 }
 
-/// A text that is no name of a profile of one's own.
+/// A text that is no valid name of a site's profile.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the name {0:?} is not allowed: 1 to 64 characters of a-z, 0-9, '.', '_' and '-', starting with a letter or \

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-/// A number of a profile, and why it is what it is.
+/// A number of a profile and its reason.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ReasonedNumber {
     /// Its path in the file, e.g. `runtime.retries_max`.
@@ -14,7 +14,7 @@ pub struct ReasonedNumber {
     pub value: f64,
     /// The number of the shipped profile of the class, where that is another.
     pub shipped: Option<f64>,
-    /// Why, as the file says it.
+    /// The reason in the file.
     pub reason: Option<String>,
 }
 

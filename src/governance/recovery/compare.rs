@@ -1,11 +1,12 @@
-//! The drills of one kind side by side: intervals, and whether the candidate is established as worse.
+//! The drills of one kind side by side: intervals, and whether the candidate is significantly worse.
 //!
-//! Says what the counts support; the outcome is the rule's of [`super`].
+//! Reports what the counts support; the rule of [`super`] gives the outcome.
 
 use serde::{Deserialize, Serialize};
 
-use crate::decision::{Dimension, Reason, ReasonCode};
-use crate::evidence::{DrillKind, DrillTally, Drills, RecoveryEvidence};
+use crate::decision::Reason;
+use crate::evidence::{DrillKind, DrillTallies, DrillTally, RecoveryEvidence};
+use crate::finding::{DrillSide, Finding};
 use crate::profile::Profile;
 use crate::stats::{self, PairedCounts};
 
@@ -36,9 +37,9 @@ pub struct KindRates {
     pub candidate: RateInterval,
     /// How often the active version passed the same drills.
     pub active: RateInterval,
-    /// The candidate's rate is established as lower at `evaluation.alpha / 4`.
+    /// The candidate's rate is significantly lower at `evaluation.alpha / 4`.
     pub established_worse: bool,
-    /// The candidate's rate leans towards lower, at a weaker level.
+    /// The candidate's rate leans toward lower, at a weaker level.
     #[serde(default)]
     pub leans_worse: bool,
 }
@@ -48,14 +49,14 @@ pub(super) fn kinds(
     evidence: &RecoveryEvidence,
     profile: &Profile,
     drills_min: u32,
-) -> Result<Vec<KindRates>, (&'static str, DrillKind)> {
+) -> Result<Vec<KindRates>, (DrillSide, DrillKind)> {
     let alpha = profile.evaluation.alpha / DrillKind::ALL.len() as f64;
     DrillKind::ALL
         .into_iter()
         .map(|kind| {
             let (new, old) = (evidence.candidate.of(kind), evidence.active.of(kind));
-            let candidate = interval(new, drills_min).ok_or(("candidate", kind))?;
-            let active = interval(old, drills_min).ok_or(("active version", kind))?;
+            let candidate = interval(new, drills_min).ok_or((DrillSide::Candidate, kind))?;
+            let active = interval(old, drills_min).ok_or((DrillSide::Active, kind))?;
             let (established_worse, leans_worse) =
                 (is_worse(new, old, alpha), is_worse(new, old, LEAN_ALPHA));
             Ok(KindRates { kind, candidate, active, established_worse, leans_worse })
@@ -67,7 +68,7 @@ pub(super) fn kinds(
 /// together at their least and at their most favourable.
 pub(super) fn interval_of_kappa(evidence: &RecoveryEvidence, profile: &Profile) -> Option<[f64; 2]> {
     let alpha = profile.evaluation.alpha / (2 * DrillKind::ALL.len()) as f64;
-    let rho_at = |drills: &Drills, bound: IntervalEnd| {
+    let rho_at = |drills: &DrillTallies, bound: IntervalEnd| {
         let rates: Option<Vec<(DrillKind, f64)>> = DrillKind::ALL
             .into_iter()
             .map(|kind| {
@@ -88,22 +89,22 @@ pub(super) fn interval_of_kappa(evidence: &RecoveryEvidence, profile: &Profile) 
 /// One end of an exact interval: of successes, trials and error rate.
 type IntervalEnd = fn(u64, u64, f64) -> Result<f64, stats::StatsError>;
 
-/// Error rate at which a kind of drill leans towards worse. Leaning decides nothing: it opens a doubt that is settled
-/// on fresh drills, so that an equally good version loses its place only if it leans twice. At 40 drills, 4 failures
+/// Error rate at which a kind of drill leans toward worse. Leaning decides nothing: it opens a concern that fresh
+/// drills settle, so that an equally good version loses its place only if it leans twice. At 40 drills, 4 failures
 /// against none lean.
 pub(super) const LEAN_ALPHA: f64 = 0.05;
 
-/// Says that a kind is established as worse, or that it leans towards it.
+/// The reason if a kind is significantly worse or leans toward it.
 pub(super) fn reason(kind: &KindRates) -> Option<Reason> {
-    let (code, text) = if kind.established_worse {
-        (ReasonCode::RecoveryEstablishedWorse, "are established as passing less often")
+    let drill = kind.kind;
+    let finding = if kind.established_worse {
+        Finding::DrillsWorse { drill }
     } else if kind.leans_worse {
-        (ReasonCode::RecoveryLeaning, "lean towards passing less often")
+        Finding::DrillsLean { drill }
     } else {
         return None;
     };
-    let text = format!("{} drills {text}", kind.kind.name());
-    Some(Reason::new(code, Dimension::Recovery, text).with(kind.candidate.rate, kind.active.rate))
+    Some(super::reason(finding).with(kind.candidate.rate, kind.active.rate))
 }
 
 pub(super) fn interval(tally: &DrillTally, drills_min: u32) -> Option<RateInterval> {

@@ -3,13 +3,14 @@
 //! Owns both rules; knows nothing of how drills are done. Both let the active version's missing drills all fail:
 //! the lower its `rho`, the better the candidate looks beside it.
 
-use super::{RecoveryAssessment, assess, compare, judge, kappa, kinds, rho};
-use crate::decision::{Dimension, Reason, ReasonCode};
-use crate::ended::EndReason;
-use crate::evidence::{Binding, DrillKind, DrillTally, Drills, RecoveryEvidence};
+use super::{RecoveryAssessment, assess, compare, kappa, kinds, recovery_outcome, rho};
+use crate::decision::Reason;
+use crate::early_stop::EarlyStopReason;
+use crate::evidence::{DrillKind, DrillTallies, DrillTally, EvidenceBinding, RecoveryEvidence};
+use crate::finding::Finding;
 use crate::outcome::{Assessment, Basis, RecoveryOutcome};
 use crate::profile::Profile;
-use crate::stats::population::Runs;
+use crate::stats::population::RunBudget;
 
 /// Exact curtailment: whether the outcome is `incompatible` even if every missing drill of the candidate
 /// passes and every missing one of the active version fails.
@@ -18,7 +19,7 @@ use crate::stats::population::Runs;
 /// version's fall, so the full budget's decision is the same, as long as the rest of the drills are feasible. What
 /// single phases say at the end can only add to it.
 #[must_use]
-pub fn is_lost(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> bool {
+pub fn is_lost(evidence: &RecoveryEvidence, current: &EvidenceBinding, profile: &Profile) -> bool {
     is_incompatible_at(evidence, current, profile, |tally, budget| {
         Some(budget - u64::from(tally.failed).min(budget))
     })
@@ -35,17 +36,21 @@ pub fn is_lost(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile
 /// in its set, at any look. The active version's drills take no part in the error: their missing ones are counted
 /// as failed. What is incompatible at those counts is so at the true ones. At 0 the rule is off.
 #[must_use]
-pub fn is_lost_early(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> bool {
+pub fn is_lost_early(evidence: &RecoveryEvidence, current: &EvidenceBinding, profile: &Profile) -> bool {
     lost_early(evidence, current, profile).is_some()
 }
 
-fn lost_early(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> Option<Vec<Reason>> {
+fn lost_early(
+    evidence: &RecoveryEvidence,
+    current: &EvidenceBinding,
+    profile: &Profile,
+) -> Option<Vec<Reason>> {
     let alpha = profile.evaluation.early_alpha / DrillKind::ALL.len() as f64;
     // Written so that a level that is no number switches the rule off.
     if !(alpha > 0.0 && alpha < 1.0) {
         return None;
     }
-    let population = Runs::new(u64::from(profile.evaluation.drills_per_kind)).ok()?;
+    let population = RunBudget::new(u64::from(profile.evaluation.drills_per_kind)).ok()?;
     is_incompatible_at(evidence, current, profile, |tally, _| {
         let seen = u64::from(tally.feasible());
         population.passes(u64::from(tally.passed), seen, alpha).ok().map(|(_, most)| most)
@@ -53,9 +58,13 @@ fn lost_early(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
 }
 
 /// By which rule the drills have ended, or `None` if more are needed. What the caller records and gives to
-/// [`assess_ended`]. Exact rules are asked first: their answer costs no error rate.
+/// [`assess_early_stop`]. Exact rules are asked first: their answer costs no error rate.
 #[must_use]
-pub fn ended(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> Option<EndReason> {
+pub fn end_reason(
+    evidence: &RecoveryEvidence,
+    current: &EvidenceBinding,
+    profile: &Profile,
+) -> Option<EarlyStopReason> {
     if evidence.binding != *current {
         return None;
     }
@@ -63,11 +72,11 @@ pub fn ended(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) 
     let all = [&evidence.candidate, &evidence.active];
     let full = all.iter().all(|drills| DrillKind::ALL.into_iter().all(|k| drills.of(k).feasible() >= budget));
     if full {
-        Some(EndReason::Full)
+        Some(EarlyStopReason::Full)
     } else if is_lost(evidence, current, profile) {
-        Some(EndReason::Curtailed)
+        Some(EarlyStopReason::Curtailed)
     } else if is_lost_early(evidence, current, profile) {
-        Some(EndReason::FinitePopulation { alpha: profile.evaluation.early_alpha })
+        Some(EarlyStopReason::FinitePopulation { alpha: profile.evaluation.early_alpha })
     } else {
         None
     }
@@ -79,37 +88,36 @@ pub fn ended(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) 
 /// assessment as [`assess`] makes it, which is `no data` short of the budget. A value of `kappa_R` is given only
 /// if every kind has drills of both versions.
 #[must_use]
-pub fn assess_ended(
+pub fn assess_early_stop(
     evidence: &RecoveryEvidence,
-    current: &Binding,
+    current: &EvidenceBinding,
     profile: &Profile,
-    ended: EndReason,
+    ended: EarlyStopReason,
 ) -> RecoveryAssessment {
     let drills_min = profile.evaluation.drills_per_kind;
     let full = kinds(evidence, profile, drills_min).is_ok();
     let blocking = match ended {
         _ if full => None,
-        EndReason::Full | EndReason::HardStop => None,
-        EndReason::Curtailed => is_incompatible_at(evidence, current, profile, |tally, budget| {
+        EarlyStopReason::Full | EarlyStopReason::HardStop => None,
+        EarlyStopReason::Curtailed => is_incompatible_at(evidence, current, profile, |tally, budget| {
             Some(budget - u64::from(tally.failed).min(budget))
         }),
         // The level is the profile's; one named elsewhere is no evidence.
-        EndReason::FinitePopulation { alpha } => (alpha.to_bits()
+        EarlyStopReason::FinitePopulation { alpha } => (alpha.to_bits()
             == profile.evaluation.early_alpha.to_bits())
         .then(|| lost_early(evidence, current, profile))
         .flatten(),
     };
     let Some(mut reasons) = blocking else {
         let mut result = assess(evidence, current, profile);
-        result.ended = (ended == EndReason::Full && full).then_some(ended);
+        result.ended = (ended == EarlyStopReason::Full && full).then_some(ended);
         return result;
     };
     let each = u64::from(drills_min);
     let seen: u64 =
         DrillKind::ALL.iter().map(|kind| u64::from(evidence.candidate.of(*kind).feasible())).sum();
     let budget = each * DrillKind::ALL.len() as u64;
-    let text = ended.sentence(seen, budget, "drills");
-    let reason = Reason::new(ReasonCode::RecoveryEndedEarly, Dimension::Recovery, text)
+    let reason = super::reason(Finding::DrillsEndedEarly { rule: ended, seen, budget })
         .with(seen as f64, budget as f64);
     reasons.insert(0, reason);
     let kinds = kinds(evidence, profile, 1).unwrap_or_default();
@@ -140,7 +148,7 @@ pub fn assess_ended(
 /// by kind, against an active version whose missing drills all fail; `None` if it is not.
 fn is_incompatible_at(
     evidence: &RecoveryEvidence,
-    current: &Binding,
+    current: &EvidenceBinding,
     profile: &Profile,
     most_passed: impl Fn(&DrillTally, u64) -> Option<u64>,
 ) -> Option<Vec<Reason>> {
@@ -148,7 +156,7 @@ fn is_incompatible_at(
         return None;
     }
     let budget = u64::from(profile.evaluation.drills_per_kind);
-    let rates = |drills: &Drills, passed: &dyn Fn(&DrillTally) -> Option<u64>| {
+    let rates = |drills: &DrillTallies, passed: &dyn Fn(&DrillTally) -> Option<u64>| {
         let rate = |kind: DrillKind| {
             let tally = drills.of(kind);
             // With more drills than the budget the rate is over those.
@@ -163,6 +171,6 @@ fn is_incompatible_at(
     })?;
     let worst = rates(&evidence.active, &|tally| Some(u64::from(tally.passed)))?;
     let (new, old) = (rho(&best, &profile.recovery)?, rho(&worst, &profile.recovery)?);
-    let (outcome, reasons) = judge(&best, new, old, kappa(old, new)?, profile);
+    let (outcome, reasons) = recovery_outcome(&best, new, old, kappa(old, new)?, profile);
     (outcome == RecoveryOutcome::Incompatible).then_some(reasons)
 }

@@ -1,13 +1,14 @@
 //! The drills of one kind in one phase of the work: nothing is averaged away over easy phases.
 //!
-//! A hand that opens when it is told to stop passes every drill in which it holds nothing. Says what the counts of each
-//! phase support; the outcome is the rule's of [`super`].
+//! A hand that opens at a stop passes every drill in which it holds nothing. Reports what the counts of each phase
+//! support; the rule of [`super`] gives the outcome.
 
 use serde::{Deserialize, Serialize};
 
 use super::compare::{LEAN_ALPHA, RateInterval, interval, is_worse};
-use crate::decision::{Dimension, Reason, ReasonCode};
+use crate::decision::Reason;
 use crate::evidence::{DrillKind, RecoveryEvidence};
+use crate::finding::Finding;
 use crate::phase::{PhaseTallies, WorkPhase};
 use crate::profile::Profile;
 
@@ -27,7 +28,7 @@ pub struct PhaseRates {
     pub candidate: Option<RateInterval>,
     /// How often the active version passed; absent with fewer.
     pub active: Option<RateInterval>,
-    /// The candidate passes in less than half of the floor, and leans towards passing less often than the active version.
+    /// The candidate passes in less than half of the floor, and leans toward passing less often.
     pub failing: bool,
     /// The candidate's rate is established as lower at `evaluation.alpha`, shared by every kind in every phase that
     /// both versions were drilled in.
@@ -72,38 +73,35 @@ pub(super) fn phases(evidence: &RecoveryEvidence, profile: &Profile) -> Vec<Phas
 pub(super) fn reason(found: &PhaseRates, profile: &Profile) -> Option<Reason> {
     let PhaseRates { kind, phase, candidate, active, .. } = found;
     let rate = candidate.map_or(0.0, |candidate| candidate.rate);
-    let (code, text, limit) = if found.failing {
-        let text = format!("{kind} drills in the phase {phase} fail; other phases do not make up for it");
-        (ReasonCode::RecoveryPhaseFailing, text, 0.5 * profile.recovery.rho_floor)
+    let (drill, phase) = (*kind, *phase);
+    let (finding, limit) = if found.failing {
+        (Finding::PhaseFails { drill, phase }, 0.5 * profile.recovery.rho_floor)
     } else if found.established_worse {
-        let text = format!("{kind} drills in the phase {phase} are established as passing less often");
-        (ReasonCode::RecoveryPhaseWorse, text, active.map_or(0.0, |active| active.rate))
+        (Finding::PhaseWorse { drill, phase }, active.map_or(0.0, |active| active.rate))
     } else {
         return None;
     };
-    Some(Reason::new(code, Dimension::Recovery, text).with(rate, limit))
+    Some(super::reason(finding).with(rate, limit))
 }
 
 /// Where the active version itself is weak: a kind below the floor, or a kind in one phase below half of it. No reason
-/// for or against a candidate, which is compared with it; somebody has to know.
+/// for or against a candidate, which is compared with it; operators have to know.
 pub(super) fn weaknesses(
     kinds: &[super::KindRates],
     phases: &[PhaseRates],
     profile: &Profile,
 ) -> Vec<Reason> {
     let floor = profile.recovery.rho_floor;
-    let reason = |what: String, rate: f64, limit: f64| {
-        let text = format!("the active version's own {what} pass too seldom: a weakness of what is active");
-        Reason::new(ReasonCode::RecoveryActiveWeak, Dimension::Recovery, text).with(rate, limit)
+    let reason = |drill, phase, rate: f64, limit: f64| {
+        super::reason(Finding::ActiveWeak { drill, phase }).with(rate, limit)
     };
     let of_kinds = kinds
         .iter()
         .filter(|found| found.active.rate < floor)
-        .map(|found| reason(format!("{} drills", found.kind), found.active.rate, floor));
+        .map(|found| reason(found.kind, None, found.active.rate, floor));
     let of_phases = phases.iter().filter_map(|found| {
         let active = found.active.filter(|active| active.rate < 0.5 * floor)?;
-        let what = format!("{} drills in the phase {}", found.kind, found.phase);
-        Some(reason(what, active.rate, 0.5 * floor))
+        Some(reason(found.kind, Some(found.phase), active.rate, 0.5 * floor))
     });
     of_kinds.chain(of_phases).collect()
 }
@@ -111,7 +109,8 @@ pub(super) fn weaknesses(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::{Binding, DrillTally, Drills};
+    use crate::decision::ReasonCode;
+    use crate::evidence::{DrillTallies, DrillTally, EvidenceBinding};
     use crate::ids::Digest;
     use crate::outcome::RecoveryOutcome;
     use crate::profile::ProfileName;
@@ -121,8 +120,8 @@ mod tests {
     }
 
     /// Drills of every kind in four phases, ten each, all passed but those of one kind in one phase.
-    fn drills(kind: DrillKind, phase: WorkPhase, tally: DrillTally) -> Drills {
-        let mut drills = Drills::default();
+    fn drills(kind: DrillKind, phase: WorkPhase, tally: DrillTally) -> DrillTallies {
+        let mut drills = DrillTallies::default();
         for each in DrillKind::ALL {
             for at in [WorkPhase::Approach, WorkPhase::Contact, WorkPhase::Holding, WorkPhase::Lifting] {
                 let tally = if (each, at) == (kind, phase) { tally } else { of(10, 0) };
@@ -134,9 +133,9 @@ mod tests {
         drills
     }
 
-    fn judged(candidate: &Drills, active: &Drills) -> super::super::RecoveryAssessment {
+    fn phase_judgement(candidate: &DrillTallies, active: &DrillTallies) -> super::super::RecoveryAssessment {
         let digest = Digest::of_parts("test", &[]);
-        let binding = Binding {
+        let binding = EvidenceBinding {
             candidate: digest,
             active: None,
             profile: digest,
@@ -167,7 +166,7 @@ mod tests {
             (abort(0), abort(6), RecoveryOutcome::Incompatible, ReasonCode::RecoveryPhaseFailing),
             (abort(9), good, RecoveryOutcome::Compatible, ReasonCode::RecoveryCompatible),
         ] {
-            let found = judged(&candidate, &active).assessment;
+            let found = phase_judgement(&candidate, &active).assessment;
             assert_eq!(found.outcome, outcome, "{:?}", found.reasons);
             assert!(found.reasons.iter().any(|reason| reason.code == code), "{:?}", found.reasons);
         }
@@ -178,7 +177,7 @@ mod tests {
         // Ten drills in each of sixteen places, the active version passing all: the fewest failures that count.
         let abort = |failed| drills(DrillKind::Abort, WorkPhase::Lifting, of(10 - failed, failed));
         let outcomes: Vec<RecoveryOutcome> =
-            (0..=10).map(|failed| judged(&abort(failed), &abort(0)).assessment.outcome).collect();
+            (0..=10).map(|failed| phase_judgement(&abort(failed), &abort(0)).assessment.outcome).collect();
         let first = |outcome| outcomes.iter().position(|found| *found == outcome);
         assert_eq!(first(RecoveryOutcome::Incompatible), Some(7), "{outcomes:?}");
         assert!(outcomes[7..].iter().all(|found| *found == RecoveryOutcome::Incompatible), "{outcomes:?}");
@@ -192,8 +191,8 @@ mod tests {
             all
         };
         let (whole, none) = (five(PHASE_DRILLS_MIN, 0), five(0, PHASE_DRILLS_MIN));
-        assert_eq!(judged(&none, &whole).assessment.outcome, RecoveryOutcome::Incompatible);
-        assert_eq!(judged(&whole, &whole).assessment.outcome, RecoveryOutcome::Compatible);
+        assert_eq!(phase_judgement(&none, &whole).assessment.outcome, RecoveryOutcome::Incompatible);
+        assert_eq!(phase_judgement(&whole, &whole).assessment.outcome, RecoveryOutcome::Compatible);
     }
 
     #[test]
@@ -204,14 +203,20 @@ mod tests {
             *without.phases.of_mut(kind, WorkPhase::Lifting) =
                 DrillTally { passed: 0, failed: 0, infeasible: 20 };
         }
-        let found = judged(&without, &good).assessment;
+        let found = phase_judgement(&without, &good).assessment;
         assert_eq!(found.outcome, RecoveryOutcome::NoData);
-        assert!(found.reasons.iter().any(|reason| reason.text.contains("lifting")), "{:?}", found.reasons);
-        // What hangs in the hand was moved another way.
+        assert!(
+            found.reasons.iter().any(|reason| {
+                matches!(reason.finding, Some(Finding::TooFewPhaseDrills { phase: WorkPhase::Lifting, .. }))
+            }),
+            "{:?}",
+            found.reasons
+        );
+        // The object in the hand was moved another way.
         for kind in DrillKind::ALL {
             *without.phases.of_mut(kind, WorkPhase::Transport) = of(10, 0);
         }
-        assert_eq!(judged(&without, &good).assessment.outcome, RecoveryOutcome::Compatible);
+        assert_eq!(phase_judgement(&without, &good).assessment.outcome, RecoveryOutcome::Compatible);
     }
 
     #[test]
@@ -221,21 +226,25 @@ mod tests {
         for kind in DrillKind::ALL {
             *without.phases.of_mut(kind, WorkPhase::Holding) = of(2, 0);
         }
-        assert_eq!(judged(&without, &good).assessment.outcome, RecoveryOutcome::Compatible);
-        // That something is approached is another matter, and so is a grasp that is never rehearsed with it hanging.
+        assert_eq!(phase_judgement(&without, &good).assessment.outcome, RecoveryOutcome::Compatible);
+        // An approach is a separate case, and so is a grasp without a drill with the object hanging.
         for phase in [WorkPhase::Approach, WorkPhase::Lifting] {
             let mut lacking = without;
             for kind in DrillKind::ALL {
                 *lacking.phases.of_mut(kind, phase) = of(2, 0);
             }
-            assert_eq!(judged(&lacking, &good).assessment.outcome, RecoveryOutcome::NoData, "{phase}");
+            assert_eq!(
+                phase_judgement(&lacking, &good).assessment.outcome,
+                RecoveryOutcome::NoData,
+                "{phase}"
+            );
         }
     }
 
     #[test]
     fn a_weakness_of_the_active_version_is_said() {
         let weak = drills(DrillKind::Detect, WorkPhase::Lifting, of(2, 8));
-        let found = judged(&weak, &weak).assessment;
+        let found = phase_judgement(&weak, &weak).assessment;
         let said = found.reasons.iter().filter(|reason| reason.code == ReasonCode::RecoveryActiveWeak);
         assert_eq!(said.count(), 1, "the phase, and no kind as a whole: {:?}", found.reasons);
         assert_eq!(found.outcome, RecoveryOutcome::Compatible);
@@ -245,12 +254,12 @@ mod tests {
     fn tallies_by_phase_are_kept_as_rows() {
         let drills = drills(DrillKind::Abort, WorkPhase::Lifting, of(4, 6));
         let text = serde_json::to_string(&drills).unwrap();
-        assert_eq!(serde_json::from_str::<Drills>(&text).unwrap(), drills);
+        assert_eq!(serde_json::from_str::<DrillTallies>(&text).unwrap(), drills);
         let row = r#"{"kind":"abort","phase":"lifting","passed":4,"failed":6,"infeasible":0}"#;
         assert!(text.contains(row), "{text}");
         let twice = text.replace("\"phases\":[", &format!("\"phases\":[{row},"));
-        let told = serde_json::from_str::<Drills>(&twice).unwrap_err().to_string();
+        let told = serde_json::from_str::<DrillTallies>(&twice).unwrap_err().to_string();
         assert!(told.contains("abort drills in lifting are there twice"), "{told}");
-        assert!(!serde_json::to_string(&Drills::default()).unwrap().contains("phases"));
+        assert!(!serde_json::to_string(&DrillTallies::default()).unwrap().contains("phases"));
     }
 }

@@ -10,24 +10,24 @@ use serde::{Deserialize, Serialize};
 use super::special::ln_choose;
 use super::{SAMPLES_MAX, StatsError, open_unit};
 
-/// What is known about the rule's outcome.
+/// The present knowledge of the rule's outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum CurtailVerdict {
     /// The full run would pass.
     Pass,
     /// The full run would fail.
     Fail,
-    /// The runs seen do not decide yet; go on.
+    /// The runs seen do not decide yet; continue.
     Open,
 }
 
-/// Runs seen so far and what they decide.
+/// Runs seen so far and their decision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Curtailment {
-    /// What the runs seen so far decide.
-    pub verdict: Verdict,
+    /// The decision of the runs seen so far.
+    pub verdict: CurtailVerdict,
     /// Runs seen when it was decided.
     pub seen: u64,
     /// Runs of the full number that were not needed.
@@ -95,11 +95,11 @@ impl PassRule {
         self.check(successes, seen)?;
         let failures = seen - successes;
         let verdict = if successes >= self.needed {
-            Verdict::Pass
+            CurtailVerdict::Pass
         } else if failures > self.runs - self.needed {
-            Verdict::Fail
+            CurtailVerdict::Fail
         } else {
-            Verdict::Open
+            CurtailVerdict::Open
         };
         Ok(self.answer(verdict, seen))
     }
@@ -112,16 +112,16 @@ impl PassRule {
     pub fn ppr(self, successes: u64, seen: u64, alpha: f64) -> Result<Curtailment, StatsError> {
         open_unit("alpha", alpha)?;
         let exact = self.curtail(successes, seen)?;
-        if exact.verdict != Verdict::Open {
+        if exact.verdict != CurtailVerdict::Open {
             return Ok(exact);
         }
         // Total K is excluded if L(K) <= alpha / (t + 1), L the hypergeometric likelihood of what was seen.
         let ln_bar = libm::log(alpha / (seen as f64 + 1.0));
         let possible = |total: u64| self.ln_likelihood(total, successes, seen) > ln_bar;
         let verdict = match ((self.needed..=self.runs).any(possible), (0..self.needed).any(possible)) {
-            (true, false) => Verdict::Pass,
-            (false, true) => Verdict::Fail,
-            (true, true) | (false, false) => Verdict::Open,
+            (true, false) => CurtailVerdict::Pass,
+            (false, true) => CurtailVerdict::Fail,
+            (true, true) | (false, false) => CurtailVerdict::Open,
         };
         Ok(self.answer(verdict, seen))
     }
@@ -145,8 +145,8 @@ impl PassRule {
         Ok(())
     }
 
-    fn answer(self, verdict: Verdict, seen: u64) -> Curtailment {
-        let saved = if verdict == Verdict::Open { 0 } else { self.runs - seen };
+    fn answer(self, verdict: CurtailVerdict, seen: u64) -> Curtailment {
+        let saved = if verdict == CurtailVerdict::Open { 0 } else { self.runs - seen };
         Curtailment { verdict, seen, saved }
     }
 }
@@ -159,18 +159,18 @@ mod tests {
     fn worked_values() {
         let rule = PassRule::new(150, 135).unwrap();
         for (successes, seen, verdict) in [
-            (0, 0, Verdict::Open),
-            (0, 15, Verdict::Open),
-            (0, 16, Verdict::Fail),
-            (134, 149, Verdict::Open),
-            (135, 135, Verdict::Pass),
-            (134, 150, Verdict::Fail),
+            (0, 0, CurtailVerdict::Open),
+            (0, 15, CurtailVerdict::Open),
+            (0, 16, CurtailVerdict::Fail),
+            (134, 149, CurtailVerdict::Open),
+            (135, 135, CurtailVerdict::Pass),
+            (134, 150, CurtailVerdict::Fail),
         ] {
             assert_eq!(rule.curtail(successes, seen).unwrap().verdict, verdict, "{successes}/{seen}");
         }
         // Reference run: the published means for p = 1 are 51 (alpha 0.05) and 72 (alpha 0.001) runs.
         for (alpha, expected) in [(0.05, 51), (0.001, 72)] {
-            let first = (0..=150).find(|&t| rule.ppr(t, t, alpha).unwrap().verdict == Verdict::Pass);
+            let first = (0..=150).find(|&t| rule.ppr(t, t, alpha).unwrap().verdict == CurtailVerdict::Pass);
             assert_eq!(first, Some(expected), "{alpha}");
         }
         assert!(rule.curtail(2, 1).is_err() && rule.curtail(0, 151).is_err());
@@ -185,13 +185,13 @@ mod tests {
             let runs = outcomes.len() as u64;
             let rule = PassRule::new(runs, needed.min(runs)).unwrap();
             let total = outcomes.iter().filter(|ok| **ok).count() as u64;
-            let full = if total >= rule.needed() { Verdict::Pass } else { Verdict::Fail };
+            let full = if total >= rule.needed() { CurtailVerdict::Pass } else { CurtailVerdict::Fail };
             let mut successes = 0;
             let mut decided = None;
             for (seen, ok) in outcomes.iter().enumerate() {
                 successes += u64::from(*ok);
                 let verdict = rule.curtail(successes, seen as u64 + 1).unwrap().verdict;
-                if verdict != Verdict::Open {
+                if verdict != CurtailVerdict::Open {
                     proptest::prop_assert_eq!(verdict, full);
                     decided = Some(verdict);
                 }

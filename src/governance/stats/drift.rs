@@ -8,13 +8,13 @@ use serde::{Deserialize, Serialize};
 
 use super::{StatsError, open_unit};
 
-/// The longest false-alarm run length that can be asked for, in observations.
+/// The longest supported false-alarm run length, in observations.
 pub const ARL_MAX: f64 = 1e9;
 
 /// The failure rates a [`ShiryaevRoberts`] bets on, as parts of the way from the normal rate to 1.
 const BETS: [f64; 3] = [0.05, 0.15, 0.35];
 
-/// What a detector says after an observation.
+/// The signal of a detector after an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DriftSignal {
@@ -72,7 +72,7 @@ impl Cusum {
         Ok(Self { rate_normal, rate_degraded, threshold, statistic: 0.0, alarmed: false })
     }
 
-    /// Takes one episode's result and says how the statistic stands after it.
+    /// Takes one episode's result and returns the signal after it.
     pub fn update(&mut self, failed: bool) -> DriftSignal {
         self.statistic =
             (self.statistic + libm::log(ratio(self.rate_normal, self.rate_degraded, failed))).max(0.0);
@@ -80,7 +80,7 @@ impl Cusum {
         self.state()
     }
 
-    /// What the statistic says now, without a new observation.
+    /// The present signal, without a new observation.
     #[must_use]
     pub fn state(&self) -> DriftSignal {
         if self.alarmed { DriftSignal::Alarm } else { DriftSignal::of(self.statistic, self.threshold) }
@@ -131,7 +131,7 @@ impl ShiryaevRoberts {
         Ok(Self { rate_normal, arl, statistics: [0.0; BETS.len()], alarmed: false })
     }
 
-    /// Takes one episode's result and says how the statistic stands after it.
+    /// Takes one episode's result and returns the signal after it.
     pub fn update(&mut self, failed: bool) -> DriftSignal {
         /// Far above every threshold, far below what the next product could not hold.
         const STATISTIC_MAX: f64 = 1e100;
@@ -144,7 +144,7 @@ impl ShiryaevRoberts {
         self.state()
     }
 
-    /// What the statistic says now, without a new observation.
+    /// The present signal, without a new observation.
     #[must_use]
     pub fn state(&self) -> DriftSignal {
         if self.alarmed { DriftSignal::Alarm } else { DriftSignal::of(self.statistic(), self.arl) }

@@ -270,7 +270,7 @@ mod tests {
                 };
                 let mut found = 0;
                 for active_only in 0..pairs / 2 {
-                    // The smallest count that is established; none smaller, all larger are.
+                    // The smallest significant count: all larger ones are significant, too.
                     let rest = pairs - active_only;
                     let least = (0..=rest).find(|worse| established(*worse, active_only));
                     let Some(least) = least else { continue };

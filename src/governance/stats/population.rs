@@ -47,12 +47,12 @@ impl LnFactorials {
 
 /// A budget of runs that pass or fail.
 #[derive(Clone, Debug)]
-pub struct Runs {
+pub struct RunBudget {
     size: u64,
     ln: LnFactorials,
 }
 
-impl Runs {
+impl RunBudget {
     /// A population of `size` runs, 1 to [`SAMPLES_MAX`].
     ///
     /// # Errors
@@ -90,7 +90,7 @@ impl Runs {
     }
 }
 
-/// What a budget of pairs can still come to.
+/// The possible totals of a budget of pairs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PairsPossible {
     /// The smallest possible number of candidate-only pairs less active-only pairs.
@@ -104,7 +104,7 @@ impl PairsPossible {
     /// least net count beside the most discordance. What is established of them is established of every outcome
     /// in the set, for a bound that only widens with discordance and only rises with the net count.
     #[must_use]
-    pub fn most_favourable(&self, size: u64) -> PairedCounts {
+    pub fn most_favorable(&self, size: u64) -> PairedCounts {
         let net = self.least_net.unsigned_abs();
         // Net count and discordance are both odd or both even.
         let discordant = self.most_discordant.max(net);
@@ -119,18 +119,18 @@ impl PairsPossible {
 /// A budget of pairs, each with the event in the candidate alone, in the active version alone, or in neither way
 /// different.
 #[derive(Clone, Debug)]
-pub struct Pairs {
+pub struct PairBudget {
     size: u64,
     ln: LnFactorials,
 }
 
-impl Pairs {
+impl PairBudget {
     /// A population of `size` pairs, 1 to [`SAMPLES_MAX`].
     ///
     /// # Errors
     /// No pairs, or too many.
     pub fn new(size: u64) -> Result<Self, StatsError> {
-        let Runs { size, ln } = Runs::new(size)?;
+        let RunBudget { size, ln } = RunBudget::new(size)?;
         Ok(Self { size, ln })
     }
 
@@ -158,7 +158,7 @@ impl Pairs {
         let t = pairs as f64;
         let ln_bar =
             libm::log(2.0 * alpha / ((t + 1.0) * (t + 2.0))) - LN_SLACK + self.ln.ln_choose(self.size, pairs);
-        // Until the first slice says otherwise: what is certain.
+        // The certain bounds until the first slice.
         let mut found: Option<PairsPossible> = None;
         for better in active_only..=active_only + unseen {
             let rest = self.size - better;
@@ -218,7 +218,7 @@ mod tests {
     use super::*;
     use crate::stats::special::ln_choose;
 
-    /// Every composition, held against the bar one by one.
+    /// Every composition, compared with the bar one by one.
     fn enumerated(size: u64, seen: PairedCounts, alpha: f64) -> PairsPossible {
         let PairedCounts { pairs, candidate_only, active_only } = seen;
         let same = pairs - candidate_only - active_only;
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn the_walk_finds_what_enumeration_finds() {
-        let pairs = Pairs::new(60).unwrap();
+        let pairs = PairBudget::new(60).unwrap();
         for seen in [
             counts(0, 0, 0),
             counts(1, 1, 0),
@@ -271,25 +271,25 @@ mod tests {
 
     #[test]
     fn the_whole_population_is_known_at_the_end() {
-        let found = Pairs::new(60).unwrap().possible(counts(60, 9, 4), 0.01).unwrap();
+        let found = PairBudget::new(60).unwrap().possible(counts(60, 9, 4), 0.01).unwrap();
         assert_eq!(found, PairsPossible { least_net: 5, most_discordant: 13 });
-        assert_eq!(found.most_favourable(60), counts(60, 9, 4));
-        assert_eq!(Runs::new(40).unwrap().passes(31, 40, 0.01).unwrap(), (31, 31));
+        assert_eq!(found.most_favorable(60), counts(60, 9, 4));
+        assert_eq!(RunBudget::new(40).unwrap().passes(31, 40, 0.01).unwrap(), (31, 31));
     }
 
     #[test]
     fn runs_agree_with_the_pass_rule() {
-        use crate::stats::{PassRule, Verdict};
-        let runs = Runs::new(40).unwrap();
+        use crate::stats::{CurtailVerdict, PassRule};
+        let runs = RunBudget::new(40).unwrap();
         for needed in [1, 20, 28, 40] {
             let rule = PassRule::new(40, needed).unwrap();
             for seen in 0..=40 {
                 for passed in 0..=seen {
                     let (least, most) = runs.passes(passed, seen, 0.01).unwrap();
                     let verdict = match (least >= needed, most < needed) {
-                        (true, _) => Verdict::Pass,
-                        (_, true) => Verdict::Fail,
-                        _ => Verdict::Open,
+                        (true, _) => CurtailVerdict::Pass,
+                        (_, true) => CurtailVerdict::Fail,
+                        _ => CurtailVerdict::Open,
                     };
                     assert_eq!(
                         rule.ppr(passed, seen, 0.01).unwrap().verdict,
@@ -303,9 +303,9 @@ mod tests {
 
     #[test]
     fn refuses_bad_input() {
-        assert!(Pairs::new(0).is_err() && Runs::new(0).is_err());
-        assert!(Pairs::new(SAMPLES_MAX as u64 + 1).is_err());
-        let (pairs, runs) = (Pairs::new(10).unwrap(), Runs::new(10).unwrap());
+        assert!(PairBudget::new(0).is_err() && RunBudget::new(0).is_err());
+        assert!(PairBudget::new(SAMPLES_MAX as u64 + 1).is_err());
+        let (pairs, runs) = (PairBudget::new(10).unwrap(), RunBudget::new(10).unwrap());
         for seen in [counts(11, 0, 0), counts(3, 2, 2), counts(3, u64::MAX, 2)] {
             assert!(pairs.possible(seen, 0.05).is_err(), "{seen:?}");
         }
@@ -323,15 +323,15 @@ mod tests {
             worse in 0u64..30, better in 0u64..30, same in 0u64..30, size in 90u64..200,
         ) {
             let seen = counts(worse + better + same, worse, better);
-            let found = Pairs::new(size).unwrap().possible(seen, 0.01).unwrap();
-            let corner = found.most_favourable(size);
+            let found = PairBudget::new(size).unwrap().possible(seen, 0.01).unwrap();
+            let corner = found.most_favorable(size);
             proptest::prop_assert!(corner.candidate_only + corner.active_only <= size + 1);
             proptest::prop_assert_eq!(difference(corner.candidate_only, corner.active_only), found.least_net);
             proptest::prop_assert!(corner.candidate_only + corner.active_only >= found.most_discordant);
             let unseen = size - seen.pairs;
             proptest::prop_assert!(found.least_net >= difference(worse, better + unseen));
             proptest::prop_assert!(found.most_discordant <= worse + better + unseen);
-            let wider = Pairs::new(size).unwrap().possible(seen, 0.001).unwrap();
+            let wider = PairBudget::new(size).unwrap().possible(seen, 0.001).unwrap();
             proptest::prop_assert!(wider.least_net <= found.least_net);
             proptest::prop_assert!(wider.most_discordant >= found.most_discordant);
         }

@@ -5,20 +5,20 @@ use serde::Deserialize;
 use super::*;
 
 #[derive(Deserialize)]
-struct Reference {
+struct SciPyReference {
     source: String,
-    proportions: Vec<Proportion>,
-    signed_rank: Vec<Ranked>,
-    normal: Vec<Normal>,
-    student: Vec<Student>,
-    student_pairs: Vec<Pairs>,
-    bootstrap: Vec<Bootstrap>,
-    runs_possible: Vec<RunsPossible>,
-    pairs_possible: Vec<PairsSeen>,
+    proportions: Vec<ProportionReference>,
+    signed_rank: Vec<SignedRankReference>,
+    normal: Vec<NormalReference>,
+    student: Vec<StudentReference>,
+    student_pairs: Vec<StudentPairsReference>,
+    bootstrap: Vec<BootstrapReference>,
+    runs_possible: Vec<RunsPossibleReference>,
+    pairs_possible: Vec<PairsPossibleReference>,
 }
 
 #[derive(Debug, Deserialize)]
-struct RunsPossible {
+struct RunsPossibleReference {
     size: u64,
     passed: u64,
     seen: u64,
@@ -28,7 +28,7 @@ struct RunsPossible {
 }
 
 #[derive(Debug, Deserialize)]
-struct PairsSeen {
+struct PairsPossibleReference {
     size: u64,
     seen: u64,
     worse: u64,
@@ -39,7 +39,7 @@ struct PairsSeen {
 }
 
 #[derive(Debug, Deserialize)]
-struct Proportion {
+struct ProportionReference {
     k: u64,
     n: u64,
     level: f64,
@@ -48,7 +48,7 @@ struct Proportion {
 }
 
 #[derive(Debug, Deserialize)]
-struct Ranked {
+struct SignedRankReference {
     differences: Vec<f64>,
     w: f64,
     two_sided: f64,
@@ -58,20 +58,20 @@ struct Ranked {
 }
 
 #[derive(Debug, Deserialize)]
-struct Normal {
+struct NormalReference {
     p: f64,
     z: f64,
 }
 
 #[derive(Debug, Deserialize)]
-struct Student {
+struct StudentReference {
     p: f64,
     df: f64,
     t: f64,
 }
 
 #[derive(Debug, Deserialize)]
-struct Pairs {
+struct StudentPairsReference {
     differences: Vec<f64>,
     alpha: f64,
     lower: f64,
@@ -79,7 +79,7 @@ struct Pairs {
 }
 
 #[derive(Debug, Deserialize)]
-struct Bootstrap {
+struct BootstrapReference {
     values: Vec<f64>,
     method: String,
     level: f64,
@@ -87,8 +87,8 @@ struct Bootstrap {
     upper: f64,
 }
 
-fn reference() -> Reference {
-    let reference: Reference = serde_json::from_str(include_str!("reference.json")).unwrap();
+fn reference() -> SciPyReference {
+    let reference: SciPyReference = serde_json::from_str(include_str!("reference.json")).unwrap();
     assert!(reference.source.starts_with("SciPy 1.17"));
     reference
 }
@@ -155,16 +155,16 @@ fn paired_means() {
 
 #[test]
 fn what_a_finite_population_can_still_hold() {
-    use population::{Pairs, Runs};
+    use population::{PairBudget, RunBudget};
     let reference = reference();
     assert!(reference.runs_possible.len() >= 5 && reference.pairs_possible.len() >= 4);
     for row in reference.runs_possible {
-        let found = Runs::new(row.size).unwrap().passes(row.passed, row.seen, row.alpha).unwrap();
+        let found = RunBudget::new(row.size).unwrap().passes(row.passed, row.seen, row.alpha).unwrap();
         assert_eq!(found, (row.least, row.most), "{row:?}");
     }
     for row in reference.pairs_possible {
         let seen = PairedCounts { pairs: row.seen, candidate_only: row.worse, active_only: row.better };
-        let found = Pairs::new(row.size).unwrap().possible(seen, row.alpha).unwrap();
+        let found = PairBudget::new(row.size).unwrap().possible(seen, row.alpha).unwrap();
         assert_eq!((found.least_net, found.most_discordant), (row.least_net, row.most_discordant), "{row:?}");
     }
 }

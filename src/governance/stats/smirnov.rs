@@ -6,7 +6,7 @@
 
 use super::{StatsError, finite};
 
-/// What two samples come to.
+/// The comparison of two samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Smirnov {
     /// The largest excess, 0 to 1.

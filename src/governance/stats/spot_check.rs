@@ -1,10 +1,10 @@
-//! How many of a block are to be looked at again, so that a block of which a share was edited is found.
+//! The number of results of a block to re-run, so that an edited share is detected.
 //!
-//! Sampling without replacement, exactly (hypergeometric): of `kept` cells at least `edited` are false, `n` are drawn,
-//! each set of `n` as likely as any other; `1 - C(kept - edited, n) / C(kept, n)` is the chance that one of the false
-//! ones is among them. Whoever edits fewer is found less often: [`found`] says how often.
+//! Sampling without replacement, exactly (hypergeometric): of `kept` cells at least `edited` are false, `n` are
+//! sampled, each set of `n` as likely as any other; `1 - C(kept - edited, n) / C(kept, n)` is the chance that one of
+//! the false ones is among them. Fewer edits are found less often: [`detection_probability`] says how often.
 
-/// The edited share that a spot check is made for: one in twenty, rounded up to whole cells.
+/// The edited share that a spot check is designed for: one in twenty, rounded up to whole cells.
 pub const EDITED_ONE_IN: u32 = 20;
 
 /// The chance with which a spot check finds that share.
@@ -13,15 +13,15 @@ pub const SPOT_CHECK_POWER: f64 = 0.95;
 /// Rounding must ask for no cell more.
 const SLACK: f64 = 1e-12;
 
-/// The least number of edited cells that a spot check of `kept` is made for.
+/// The least number of edited cells that a spot check of `kept` is designed for.
 #[must_use]
-pub const fn edited(kept: u32) -> u32 {
+pub const fn assumed_edits(kept: u32) -> u32 {
     kept.div_ceil(EDITED_ONE_IN)
 }
 
 /// The chance that `edited` false cells among `kept` show in `drawn` of them.
 #[must_use]
-pub fn found(kept: u32, edited: u32, drawn: u32) -> f64 {
+pub fn detection_probability(kept: u32, edited: u32, drawn: u32) -> f64 {
     let drawn = drawn.min(kept);
     let Some(honest) = kept.checked_sub(edited) else { return 1.0 };
     if drawn > honest {
@@ -31,10 +31,11 @@ pub fn found(kept: u32, edited: u32, drawn: u32) -> f64 {
     1.0 - missed
 }
 
-/// How many of `kept` cells are to be drawn for [`SPOT_CHECK_POWER`]: 59 of very many, 54 of 300, 19 of 20, all of fewer.
+/// Sample size among `kept` cells for [`SPOT_CHECK_POWER`]: 59 of very many, 54 of 300, 19 of 20, all of fewer.
 #[must_use]
 pub fn spot_check(kept: u32) -> u32 {
-    let enough = |drawn: &u32| found(kept, edited(kept), *drawn) >= SPOT_CHECK_POWER - SLACK;
+    let enough =
+        |drawn: &u32| detection_probability(kept, assumed_edits(kept), *drawn) >= SPOT_CHECK_POWER - SLACK;
     // With replacement 59 are enough, so they are without it.
     (0..=kept).find(enough).unwrap_or(kept)
 }
@@ -61,16 +62,19 @@ mod tests {
             (4_000_000_000, 59),
         ] {
             assert_eq!(spot_check(kept), drawn, "of {kept}");
-            assert!(drawn == 0 || found(kept, edited(kept), drawn - 1) < SPOT_CHECK_POWER, "of {kept}");
+            assert!(
+                drawn == 0 || detection_probability(kept, assumed_edits(kept), drawn - 1) < SPOT_CHECK_POWER,
+                "of {kept}"
+            );
         }
         assert_eq!(spot_check(0), 0);
-        assert!((found(300, 15, 54) - 0.952_945_859_891_852_1).abs() < 1e-12);
+        assert!((detection_probability(300, 15, 54) - 0.952_945_859_891_852_1).abs() < 1e-12);
     }
 
     #[test]
     fn what_is_edited_less_is_found_less_often() {
-        assert!(found(300, 1, 54) < 0.19, "one of 300 is found with the share that is drawn");
-        assert!(found(300, 300, 1) >= 1.0);
-        assert!(found(300, 0, 300) <= 0.0);
+        assert!(detection_probability(300, 1, 54) < 0.19, "one of 300 is found with the share that is drawn");
+        assert!(detection_probability(300, 300, 1) >= 1.0);
+        assert!(detection_probability(300, 0, 300) <= 0.0);
     }
 }

@@ -1,6 +1,6 @@
 //! Clocks, repeated samples, and the two numbers that are reported of them.
 //!
-//! Owns how a figure is taken; must not know what is measured.
+//! Owns how a figure is taken; must not know the subject.
 
 use std::time::Instant;
 
@@ -9,15 +9,15 @@ use serde::Serialize;
 
 use super::BenchError;
 
-/// What a figure's time is.
+/// The clock of a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FigureClock {
-    /// Processor time of the thread that works: other programs on the machine hardly show in it.
+    /// CPU time of the measuring thread: other programs on the machine hardly affect it.
     ThreadCpu,
-    /// Processor time of all threads of the program.
+    /// CPU time of all threads of the program.
     ProcessCpu,
-    /// Time that passes: for what waits for the disk.
+    /// Elapsed time, for work that waits for the disk.
     Wall,
 }
 
@@ -100,7 +100,7 @@ impl FigureEffort {
         audit_records: 10_000,
         peer_seeds: 200,
     };
-    /// A run of some seconds, to see that it works.
+    /// A run of some seconds, as a check.
     pub const QUICK: Self = Self {
         samples_min: 3,
         samples_max: 31,
@@ -121,13 +121,13 @@ pub struct MeasuredFigure {
     /// The sample that nine in ten are at or below.
     pub p90: f64,
     pub unit: FigureUnit,
-    /// What time it is.
+    /// The clock.
     pub clock: FigureClock,
-    /// What one sample is.
+    /// The content of one sample.
     pub sample: &'static str,
 }
 
-/// What is measured, and how it is told.
+/// The subject of a measurement, and how it is reported.
 #[derive(Clone, Debug)]
 pub(super) struct Figure {
     pub(super) name: String,
@@ -146,8 +146,8 @@ impl Figure {
         Self { name: name.into(), unit, clock, sample }
     }
 
-    /// Takes samples for `secs_max`, after one call that is not counted. `work` gets the number of the call and
-    /// gives the units of work it did, by which its time is divided; none if the call does not count.
+    /// Takes samples for `secs_max`, after one call that is not counted. `work` gets the number of the call and returns
+    /// its units of work, which divide its time; `None` if the call does not count.
     pub(super) fn take(
         self,
         effort: &FigureEffort,

@@ -1,8 +1,8 @@
 //! Times the grasp-and-place episode on this cell and, beside it in the same rounds, on other physics engines.
 //!
-//! Owns the rounds and what is reported of them. The peers are programs of their own (scripts for `PyBullet` and
-//! `MuJoCo`, and `MuJoCo` in C): each prints one JSON line, of which this file believes the rates alone. A peer that is
-//! not there is named with the reason and left out; a figure of an earlier run is never taken instead.
+//! Owns the rounds and their report. The peers are separate programs (scripts for `PyBullet` and `MuJoCo`, and `MuJoCo`
+//! in C): each prints one JSON line, of which this file uses the rates alone. A missing peer is named with the reason
+//! and left out; an earlier figure never replaces it.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -19,22 +19,22 @@ use super::BenchError;
 use super::measure::median;
 use super::simulation::{PHYSICS_NUMBERS, peer};
 
-/// Rounds that are worked unless told otherwise.
+/// The default number of rounds.
 pub const ROUNDS: u32 = 5;
 
-/// The most rounds that can be asked for.
+/// The most rounds.
 pub const ROUNDS_MAX: u32 = 100;
 
 /// The longest a peer may take for one round.
 const PEER_MAX: Duration = Duration::from_mins(15);
 
-/// How often a running peer is looked at.
+/// How often a running peer is checked.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// The most of a peer's output that is read, bytes.
 const OUTPUT_MAX: u64 = 1 << 20;
 
-/// Lowest share of episodes that must be lifted and placed: a quick engine that drops the cube is not compared.
+/// Lowest rate of episodes that must be lifted and placed: a fast engine that drops the cube is not compared.
 const SUCCESS_MIN: f64 = 0.99;
 
 /// Where the peers are.
@@ -44,14 +44,14 @@ pub struct PeerSettings {
     pub python: PathBuf,
     /// The folder of the scripts and their `models`.
     pub scripts: PathBuf,
-    /// The program that works the episode in `MuJoCo` from C; absent to leave it out.
+    /// The program that runs the episode in `MuJoCo` from C; absent to leave it out.
     pub native: Option<PathBuf>,
     pub rounds: u32,
-    /// Episodes of a round in this cell; a peer's own number fits its speed.
+    /// Episodes of a round in this cell; each peer's own number fits its speed.
     pub episodes: u64,
 }
 
-/// Who works the episode.
+/// The engine that runs the episode.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PeerEngine {
@@ -84,7 +84,7 @@ impl CellMode {
 }
 
 impl PeerEngine {
-    /// Who works in a round, in turn.
+    /// The engines of a round, in turn.
     const ALL: [Self; 7] = [
         Self::Holdpoint(CellMode::Reduced),
         Self::MujocoNative,
@@ -132,14 +132,14 @@ impl PeerEngine {
     }
 }
 
-/// The line a peer prints, as far as it is believed.
+/// The part of a peer's output that is used.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PeerRates {
     /// Episodes of the round.
     pub episodes: u64,
-    /// Share in which the cube was raised by 10 cm.
+    /// Rate of episodes in which the cube was raised by 10 cm.
     pub lift_rate: f64,
-    /// Share in which it ended within 2 cm of the target.
+    /// Rate of episodes in which it ended within 2 cm of the target.
     pub place_rate: f64,
     /// Episodes in a second of one thread's processor time.
     pub episodes_per_cpu_s: f64,
@@ -154,9 +154,9 @@ pub struct PeerRow {
     /// Rates of the rounds, in their order, episodes per CPU-s.
     pub rates: Vec<f64>,
     pub median: f64,
-    /// Share of all rounds' episodes in which the cube was raised by 10 cm.
+    /// Rate of all rounds' episodes in which the cube was raised by 10 cm.
     pub lift_rate: f64,
-    /// Share of all rounds' episodes in which the cube was placed.
+    /// Rate of all rounds' episodes in which the cube was placed.
     pub place_rate: f64,
     /// Median of the rounds' ratios to `PyBullet`; absent without it.
     pub to_pybullet: Option<f64>,
@@ -164,7 +164,7 @@ pub struct PeerRow {
     pub to_mujoco_native: Option<f64>,
 }
 
-/// Everything of one comparison.
+/// The result of one comparison.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PeerReport {
     pub rounds: u32,
@@ -178,10 +178,10 @@ pub struct PeerReport {
 /// Why there is no comparison.
 #[derive(Debug, thiserror::Error)]
 pub enum PeerError {
-    /// This cell's own episodes could not be worked.
+    /// This cell's own episodes could not run.
     #[error(transparent)]
     Own(#[from] BenchError),
-    /// A folder or program is not where it was said to be.
+    /// A given folder or program does not exist.
     #[error("{what} {path:?} is not there")]
     Missing { what: &'static str, path: PathBuf },
     /// No peer could be run.
@@ -206,7 +206,7 @@ impl Hint for PeerError {
     }
 }
 
-/// Works the rounds, every engine once in each, and tells `progress` which round and engine is worked now.
+/// Runs the rounds, every engine once in each, and passes the present round and engine to `progress`.
 ///
 /// # Errors
 /// [`PeerError`]; no partial report is given, because only whole rounds compare.
@@ -262,10 +262,10 @@ fn one_round(engine: &PeerEngine, settings: &PeerSettings) -> Result<Result<Peer
     Ok(printed(command, &settings.scripts).and_then(|text| rates_in(&text)))
 }
 
-/// What a peer prints, within a time limit.
+/// The output of a peer, within a time limit.
 fn printed(mut command: Command, scripts: &Path) -> Result<String, String> {
     let cannot = |error: io::Error| format!("cannot be run: {error}");
-    // A file and no pipe: nobody reads while it runs, and a full pipe would stop it.
+    // A file, because no thread reads while the peer runs, and a full pipe would stop it.
     let output = tempfile::NamedTempFile::new().map_err(cannot)?;
     let mut child = command
         .current_dir(scripts)
@@ -282,7 +282,7 @@ fn printed(mut command: Command, scripts: &Path) -> Result<String, String> {
             break status;
         }
         if Instant::now() > until {
-            // It is killed because its time is over; what it printed does not count.
+            // The peer is killed because its time is over; its output does not count.
             let _ = child.kill();
             let _ = child.wait();
             return Err(format!("did not end within {} s", PEER_MAX.as_secs()));
@@ -355,7 +355,7 @@ mod tests {
 
     use super::*;
 
-    /// A peer that prints what it is given, whatever it is asked.
+    /// A peer that prints the given text for any arguments.
     fn peer_that_prints(folder: &Path, line: &str) -> PathBuf {
         let path = folder.join("python");
         fs::write(&path, format!("#!/bin/sh\necho warming up\nprintf '%s\\n' '{line}'\n")).unwrap();

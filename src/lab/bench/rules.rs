@@ -1,4 +1,4 @@
-//! The rules: reading a candidate, static compatibility, behaviour, gate and monitor.
+//! The rules: reading a candidate, static compatibility, behavior, gate and monitor.
 //!
 //! These take microseconds, so one sample is the mean over many calls. Inputs are the embedded candidate, and
 //! evidence of the size the profile asks for.
@@ -7,26 +7,27 @@ use std::collections::BTreeSet;
 use std::hint::black_box;
 
 use holdpoint_body::FailureSignal;
+use holdpoint_governance::finding::EvidenceGap;
 
 use super::BenchError;
 use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure};
 use super::subjects::{CANDIDATE, Subjects, seed};
 use holdpoint_engine::cell::Conditions;
 use holdpoint_engine::trial::episodes::episode;
-use holdpoint_engine::trial::seeds::Purpose;
+use holdpoint_engine::trial::seeds::SeedPurpose;
 use holdpoint_engine::trial::worker::Worker;
+use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
-use holdpoint_governance::decision::{Decision, MadeUnder};
+use holdpoint_governance::decision::{Decision, DecisionContext};
 use holdpoint_governance::evidence::{
-    Conduct, DrillTally, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence, ShadowEvidence,
+    Conduct, DrillTallies, DrillTally, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence, ShadowEvidence,
     ShadowSequence,
 };
 use holdpoint_governance::gate::{self, GateInput, GateOutcome};
-use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
 use holdpoint_governance::monitor::{Monitor, MonitorAction};
-use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::recovery::{self, StaticInput};
@@ -41,7 +42,7 @@ const CALLS: u64 = 50;
 /// Calls in a sample of what takes a microsecond.
 const CALLS_SHORT: u64 = 500;
 
-/// Pairs of the behaviour assessment that is timed.
+/// Pairs of the behavior assessment that is timed.
 const PAIRS: usize = 120;
 
 /// Pairs that are run to fill it.
@@ -123,19 +124,19 @@ fn static_cold(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFig
     })
 }
 
-fn decide(subjects: &Subjects, kappas: &Kappas, under: &MadeUnder) -> Decision<Recommendation> {
+fn decide(subjects: &Subjects, kappas: &Kappas, under: &DecisionContext) -> Decision<Recommendation> {
     psi(kappas, PsiContext { has_approver: subjects.profile.has_approver() }, *under)
 }
 
 /// The four assessments as far as they go without running anything, from the same parts as stage 2.
 fn static_kappas(subjects: &Subjects, table: &PolicyTable) -> Result<Kappas, BenchError> {
     let candidate = black_box(&subjects.candidate);
-    let active = subjects.predecessor()?;
+    let active = subjects.rollback_target()?;
     let exports = candidate.bundle.interface();
-    let registered: Vec<Registered> = subjects
+    let registered: Vec<RegisteredVersion> = subjects
         .active
         .iter()
-        .map(|version| Registered {
+        .map(|version| RegisteredVersion {
             id: version.id(),
             active: true,
             dependencies: version.manifest.deployment.dependencies.clone(),
@@ -173,7 +174,7 @@ fn static_kappas(subjects: &Subjects, table: &PolicyTable) -> Result<Kappas, Ben
     Ok(Kappas {
         interface: interface.assessment,
         policy: policy.assessment,
-        behavior: behavior::nothing("not measured yet: the sandbox is to come").assessment,
+        behavior: behavior::without_value(EvidenceGap::NotMeasured).assessment,
         recovery,
     })
 }
@@ -182,11 +183,11 @@ fn static_kappas(subjects: &Subjects, table: &PolicyTable) -> Result<Kappas, Ben
 fn behaviour(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let mut worker = Worker::new();
     let mut values = |version: &Capability, index: u64| {
-        let seed = seed(Purpose::Perturbation, index);
+        let seed = seed(SeedPurpose::Perturbation, index);
         let (cell, terms) = (&subjects.cell, &subjects.terms);
         episode(&mut worker, cell, terms, version, Conditions::Sandbox, seed).values()
     };
-    let predecessor = subjects.predecessor()?;
+    let predecessor = subjects.rollback_target()?;
     let run: Vec<(EpisodeValues, EpisodeValues)> = (0..PAIRS_RUN)
         .filter_map(|index| Some((values(predecessor, index)?, values(&subjects.candidate, index)?)))
         .collect();
@@ -195,11 +196,11 @@ fn behaviour(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         pairs.map(|((active, candidate), seed)| Pair { seed, active: *active, candidate: *candidate });
     let binding = subjects.binding()?;
     let evidence = PairedEvidence { binding, pairs: pairs.collect(), hard_stops: Vec::new() };
-    let name = format!("behaviour assessment, {} pairs", evidence.pairs.len());
+    let name = format!("behavior assessment, {} pairs", evidence.pairs.len());
     let assessed = behavior::assess(&evidence, &binding, &subjects.profile);
     if assessed.pairs as usize != PAIRS {
         return Err(BenchError::Unexpected {
-            what: "behaviour assessment",
+            what: "behavior assessment",
             found: format!("{} pairs", assessed.pairs),
             expected: "120 pairs",
         });
@@ -230,7 +231,7 @@ pub(super) const CLEAN: EpisodeValues = EpisodeValues {
     unsafe_continuation_ms: 0.0,
 };
 
-/// The gate over the evidence of a candidate that is as good as its predecessor; it has to pass.
+/// The gate over the evidence of a candidate that is as good as the active version; it has to pass.
 fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let profile = &subjects.profile;
     let binding = subjects.binding()?;
@@ -239,8 +240,13 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         .collect();
     let paired = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
     let passed = DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0 };
-    let drills =
-        Drills { rollback: passed, fallback: passed, abort: passed, detect: passed, ..Drills::default() };
+    let drills = DrillTallies {
+        rollback: passed,
+        fallback: passed,
+        abort: passed,
+        detect: passed,
+        ..DrillTallies::default()
+    };
     let rehearsed = RecoveryEvidence { binding, candidate: drills, active: drills };
     let sequences = (0..u64::from(profile.evaluation.shadow_sequences))
         .map(|seed| ShadowSequence {
@@ -283,7 +289,7 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         clock_doubt: None,
         row_version: 4,
         made_under: subjects.made_under()?,
-        omitted: Omitted::default(),
+        omitted: AblatedParts::default(),
     };
     let result = gate::evaluate(&input, &subjects.table, profile);
     if *result.decision.outcome() != GateOutcome::Pass {

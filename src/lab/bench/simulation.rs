@@ -14,9 +14,9 @@ use super::BenchError;
 use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure, median, quantile};
 use super::subjects::{Subjects, seed};
 use holdpoint_engine::cell::Conditions;
-use holdpoint_engine::trial::drills::{Cast, DrillResult, drill};
+use holdpoint_engine::trial::drills::{DrillResult, DrillVersions, drill};
 use holdpoint_engine::trial::episodes::episode;
-use holdpoint_engine::trial::seeds::Purpose;
+use holdpoint_engine::trial::seeds::SeedPurpose;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::world::live::LiveCell;
 use holdpoint_engine::world::shadow::Shadow;
@@ -28,17 +28,17 @@ use holdpoint_runtime::task::{self, Supervision};
 /// Number format of the physics that decisions rest on: the arm's own dynamics, and the engine's contacts.
 pub(super) const PHYSICS_NUMBERS: &str = "f64, in contact f32";
 
-/// The engine comparison's episode in one solver mode: 960 ticks of approach, grasp, lift, transfer, place and
-/// retreat with inverse kinematics in every tick, the cell built anew each time.
+/// The engine comparison's episode in one solver mode: 960 ticks of approach, grasp, lift, transfer, place and retreat
+/// with inverse kinematics in every tick. The cell is rebuilt for each episode.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PeerEntry {
     /// How hard the solver works.
     pub mode: Fidelity,
     /// Episodes, on seeds from 0.
     pub n: u64,
-    /// Share of episodes in which the cube was raised by 10 cm.
+    /// Rate of episodes in which the cube was raised by 10 cm.
     pub lift_rate: f64,
-    /// Share of episodes in which it was then placed within 2 cm of the target.
+    /// Rate of episodes in which it was then placed within 2 cm of the target.
     pub place_rate: f64,
     /// Episodes per second of thread CPU time, over all of them.
     pub episodes_per_cpu_s: f64,
@@ -59,7 +59,7 @@ pub(super) fn measure(subjects: &Subjects, effort: &FigureEffort) -> Result<Vec<
         entries.push(sandbox_episode(subjects, effort, task)?);
     }
     entries.push(tick(subjects, effort)?);
-    entries.extend(watched_tick(subjects, effort)?);
+    entries.extend(guarded_tick(subjects, effort)?);
     for kind in DrillKind::ALL {
         entries.push(one_drill(subjects, effort, kind)?);
     }
@@ -80,7 +80,7 @@ fn sandbox_episode(
         effort,
         effort.slow_secs,
         |call| {
-            let seed = seed(Purpose::Perturbation, call);
+            let seed = seed(SeedPurpose::Perturbation, call);
             let record =
                 episode(&mut worker, &subjects.cell, &subjects.terms, version, Conditions::Sandbox, seed);
             Ok((!record.invalid).then_some(1))
@@ -88,16 +88,16 @@ fn sandbox_episode(
     )
 }
 
-/// What one task of an active version cost.
+/// The cost of one task of an active version.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TaskCost {
     /// How long it took in the world, s.
     pub simulated_secs: f64,
-    /// Processor time of the thread, s; the world's reset is in it.
+    /// CPU time of the thread, s; the world's reset is in it.
     pub cpu_secs: f64,
 }
 
-/// Works tasks of every active version, so many of each, on calibration seeds; one whose world failed is left out.
+/// Runs tasks of every active version, `count` of each, on calibration seeds; a task whose world failed is left out.
 ///
 /// # Errors
 /// If the cell or a version that comes with the program does not load.
@@ -108,7 +108,7 @@ pub fn task_costs(of_each: u64) -> Result<Vec<TaskCost>, BenchError> {
     for task in TaskKind::SEQUENCE {
         let version = subjects.active_for(task)?;
         for call in 0..of_each {
-            let seed = seed(Purpose::Perturbation, call);
+            let seed = seed(SeedPurpose::Perturbation, call);
             let began = FigureClock::ThreadCpu.secs();
             let record =
                 episode(&mut worker, &subjects.cell, &subjects.terms, version, Conditions::Sandbox, seed);
@@ -135,7 +135,7 @@ fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, Be
     );
     let begin = FigureClock::Wall.secs();
     for call in 0..effort.samples_max as u64 {
-        let seed = seed(Purpose::Perturbation, call);
+        let seed = seed(SeedPurpose::Perturbation, call);
         let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, seed);
         let arm = worker.arm(cell, &setup)?;
         let guard = terms.guard(&version.manifest.permissions);
@@ -159,13 +159,13 @@ fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, Be
     figure.of(samples, effort.samples_min)
 }
 
-/// What guard and harm cost in a tick, and harm alone: the ticks of a grasp as they were, checked and measured once more
-/// with nothing else.
-fn watched_tick(subjects: &Subjects, effort: &FigureEffort) -> Result<[MeasuredFigure; 2], BenchError> {
+/// The cost of guard and harm in a tick, and of harm alone: recorded ticks of a grasp, checked and measured again with
+/// nothing else.
+fn guarded_tick(subjects: &Subjects, effort: &FigureEffort) -> Result<[MeasuredFigure; 2], BenchError> {
     let version = subjects.active_for(TaskKind::Grasp)?;
     let (cell, terms) = (&subjects.cell, &subjects.terms);
     let mut worker = Worker::new();
-    let seed = seed(Purpose::Perturbation, 0);
+    let seed = seed(SeedPurpose::Perturbation, 0);
     let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, seed);
     let arm = worker.arm(cell, &setup)?;
     let mut before = arm.handle().telemetry();
@@ -216,7 +216,7 @@ fn watched_tick(subjects: &Subjects, effort: &FigureEffort) -> Result<[MeasuredF
     Ok([both, harm])
 }
 
-/// One rehearsal with the candidate, its start included.
+/// One drill with the candidate, its start included.
 fn one_drill(
     subjects: &Subjects,
     effort: &FigureEffort,
@@ -224,9 +224,9 @@ fn one_drill(
 ) -> Result<MeasuredFigure, BenchError> {
     let candidate = &subjects.candidate;
     let fallback = candidate.manifest.recovery.fallback.as_ref();
-    let cast = Cast {
+    let cast = DrillVersions {
         version: candidate,
-        predecessor: subjects.predecessor()?,
+        predecessor: subjects.rollback_target()?,
         fallback: fallback.and_then(|binding| subjects.active.active(&binding.family)),
     };
     let mut worker = Worker::new();
@@ -235,7 +235,7 @@ fn one_drill(
         effort,
         effort.slow_secs,
         |call| {
-            let seed = seed(Purpose::Drill, call);
+            let seed = seed(SeedPurpose::Drill, call);
             let result = drill(&mut worker, &subjects.cell, &subjects.terms, &cast, kind, seed);
             Ok((result != DrillResult::Infeasible).then_some(1))
         },
@@ -259,7 +259,7 @@ fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<Measure
             None => subjects.cell.world()?,
         };
         let mut shadow = Shadow::new(candidate.clone(), terms.clone(), fork);
-        let seed = seed(Purpose::Live, call);
+        let seed = seed(SeedPurpose::Live, call);
         let report = live.run_sequence(&subjects.active, &|_| terms.clone(), seed, &mut shadow, None);
         let worked = report.task(candidate.bundle.task()).map(|done| &done.record);
         let (trace, fork) = shadow.conclude(worked, report.seed);

@@ -1,23 +1,22 @@
-//! A simulation study: do the rules err as seldom as the profiles say?
+//! A simulation study: are the rules' error rates those that the profiles state?
 //!
-//! Owns the study and its report. Every figure goes through the rules' own functions, on outcomes drawn from
-//! recorded pairs of real episodes ([`tables`]) or, if a rate has to be set exactly, from Bernoulli draws of it.
-//! The same seed and number of runs give the same report. Must not tune anything: what it finds is written into the
-//! profiles by hand, with the number as the reason.
+//! Owns the study and its report. Every figure goes through the rules' own functions, on outcomes sampled from recorded
+//! pairs of real episodes ([`tables`]) or from Bernoulli draws with an exact rate. The same seed and number of runs
+//! give the same report. Must not tune anything: a person writes its numbers into the profiles, as the reason.
 
 mod behavior;
-mod draw;
 mod drift;
 mod early;
+mod figure;
+mod pass_rules;
 mod power;
-mod report;
-mod rules;
+mod sampling;
 mod shadow;
 pub mod tables;
 
 use serde::Serialize;
 
-pub use report::{Stated, StudyFigure};
+pub use figure::{StatedBound, StudyFigure};
 
 use super::BenchError;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -27,20 +26,20 @@ use holdpoint_text::Hint;
 /// Runs of each figure by default.
 pub const RUNS: u32 = 10_000;
 
-/// Fewest runs: below, no stated rate could be refuted.
+/// Fewest runs: with fewer, no stated rate can be refuted.
 pub const RUNS_MIN: u32 = 100;
 
 /// Most runs of each figure.
 pub const RUNS_MAX: u32 = 1_000_000;
 
-/// Everything the study found.
+/// The results of the study.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StudyReport {
     /// Version of the program.
     pub version: &'static str,
     /// Runs of each figure.
     pub runs: u32,
-    /// What the recorded tables are of.
+    /// Names of the recorded tables.
     pub tables: Vec<String>,
     pub findings: Vec<StudyFigure>,
 }
@@ -85,7 +84,7 @@ impl TablesByOrigin {
     }
 }
 
-/// What a part of the study needs.
+/// The inputs of a part of the study.
 pub(super) struct Study {
     runs: u32,
     recorded: TablesByOrigin,
@@ -106,7 +105,7 @@ pub fn run(runs: u32) -> Result<StudyReport, BenchError> {
     }
     let profiles = ProfileName::ALL.into_iter().map(Profile::builtin).collect::<Result<Vec<_>, _>>()?;
     let study = Study { runs, recorded: TablesByOrigin::read()?, profiles };
-    let mut findings = rules::study(&study)?;
+    let mut findings = pass_rules::study(&study)?;
     findings.extend(early::study(&study)?);
     findings.extend(behavior::study(&study)?);
     findings.extend(power::study(&study)?);

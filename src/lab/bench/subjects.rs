@@ -1,4 +1,4 @@
-//! What is measured with: the cell, the embedded baselines and the demonstration candidate.
+//! The subjects of the measurements: the cell, the embedded baselines and the demonstration candidate.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -8,9 +8,9 @@ use holdpoint_body::TaskKind;
 use super::BenchError;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
-use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
-use holdpoint_governance::decision::MadeUnder;
-use holdpoint_governance::evidence::Binding;
+use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
+use holdpoint_governance::decision::DecisionContext;
+use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -28,20 +28,20 @@ pub(super) struct Subjects {
     pub(super) profile: Profile,
     pub(super) table: Arc<PolicyTable>,
     pub(super) terms: SkillTerms,
-    pub(super) active: Active,
+    pub(super) active: ActiveByFamily,
     pub(super) candidate: Capability,
 }
 
 /// The active versions by family.
-pub(super) struct Active(BTreeMap<Family, Capability>);
+pub(super) struct ActiveByFamily(BTreeMap<Family, Capability>);
 
-impl ActiveView for Active {
+impl ActiveView for ActiveByFamily {
     fn active(&self, family: &Family) -> Option<&Capability> {
         self.0.get(family)
     }
 }
 
-impl Active {
+impl ActiveByFamily {
     /// Every active version, by family.
     pub(super) fn iter(&self) -> impl Iterator<Item = &Capability> {
         self.0.values()
@@ -57,7 +57,7 @@ impl Subjects {
         let active = holdpoint_engine::embedded::baselines()?;
         let active = active.into_iter().map(|capability| (capability.id().family, capability)).collect();
         let candidate = Capability::load(CANDIDATE, Self::candidate_package()?)?;
-        Ok(Self { cell, profile, table, terms, active: Active(active), candidate })
+        Ok(Self { cell, profile, table, terms, active: ActiveByFamily(active), candidate })
     }
 
     /// The texts of the candidate.
@@ -71,15 +71,15 @@ impl Subjects {
     }
 
     /// The version the candidate is compared with.
-    pub(super) fn predecessor(&self) -> Result<&Capability, BenchError> {
+    pub(super) fn rollback_target(&self) -> Result<&Capability, BenchError> {
         self.active_for(self.candidate.bundle.task())
     }
 
-    /// What evidence about the candidate is bound to.
-    pub(super) fn binding(&self) -> Result<Binding, BenchError> {
-        Ok(Binding {
+    /// The digests that evidence about the candidate is bound to.
+    pub(super) fn binding(&self) -> Result<EvidenceBinding, BenchError> {
+        Ok(EvidenceBinding {
             candidate: self.candidate.digest(),
-            active: Some(self.predecessor()?.digest()),
+            active: Some(self.rollback_target()?.digest()),
             profile: self.profile.digest()?,
             policy: self.table.digest,
             environment: self.cell.digest(),
@@ -87,10 +87,10 @@ impl Subjects {
         })
     }
 
-    /// What decisions about the candidate are made under.
-    pub(super) fn made_under(&self) -> Result<MadeUnder, BenchError> {
+    /// The context of decisions about the candidate.
+    pub(super) fn made_under(&self) -> Result<DecisionContext, BenchError> {
         let binding = self.binding()?;
-        Ok(MadeUnder {
+        Ok(DecisionContext {
             candidate: binding.candidate,
             active: binding.active,
             policy: binding.policy,
@@ -112,6 +112,6 @@ fn missing(name: &str) -> BenchError {
 }
 
 /// The seed of a calibration episode: nothing is judged by these.
-pub(super) const fn seed(purpose: Purpose, index: u64) -> u64 {
+pub(super) const fn seed(purpose: SeedPurpose, index: u64) -> u64 {
     episode_seed(CALIBRATION_FROM_RUN, purpose, index)
 }

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use holdpoint_engine::cell::Cell;
-use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
+use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_lab::same_code::{CONTROLLERS, compare, with_code};
@@ -31,7 +31,7 @@ fn main() {
         }
         let component = with_code(&version, CONTROLLERS).unwrap();
         let seeds =
-            (0..episodes).map(|place| episode_seed(CALIBRATION_FROM_RUN, Purpose::Perturbation, place));
+            (0..episodes).map(|place| episode_seed(CALIBRATION_FROM_RUN, SeedPurpose::Perturbation, place));
         let mut found = compare((&cell, &terms), &version, &component, seeds).unwrap();
         println!(
             "{}: {} of {} ticks in {} episodes differ; at most {} fuel a tick, {} KiB; fault {:?}",

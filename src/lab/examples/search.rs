@@ -1,6 +1,6 @@
-//! Prints what the search for the worst episode finds, beside as many draws: over mutants of a calibration pool, some
-//! seeds each, the excess at the worst place, and how often a doubt was established on fresh noise.
-//! `cargo run --release --example search -- MUTANTS SEEDS`
+//! Prints the results of the search for the worst episode beside the same number of random draws. It runs over mutants
+//! of a calibration pool, some seeds each. It prints the excess at the worst place, and how often a concern became
+//! significant on fresh noise. `cargo run --release --example search -- MUTANTS SEEDS`
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -13,31 +13,36 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint_engine::cell::Cell;
-use holdpoint_engine::trial::crew::Crew;
-use holdpoint_engine::trial::lab::{Lab, Party};
 use holdpoint_engine::trial::search::{Search, SearchStyle};
 use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
-use holdpoint_engine::trial::sequences::Team;
-use holdpoint_engine::trial::undisturbed::Shelf;
+use holdpoint_engine::trial::sequences::TrialTeam;
+use holdpoint_engine::trial::trial_lab::{TrialLab, TrialSubject};
+use holdpoint_engine::trial::undisturbed_run::UndisturbedCache;
+use holdpoint_engine::trial::worker_pool::WorkerPool;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
-use holdpoint_governance::search::Searched;
-use holdpoint_lab::pool::Preset;
-use holdpoint_lab::pool::generate::{Order, draw};
-use holdpoint_registry::{KeptCells, KeptSecret};
+use holdpoint_governance::worst_case_search::SearchFinding;
+use holdpoint_lab::candidate_pool::Preset;
+use holdpoint_lab::candidate_pool::generate::{PoolSpec, draw};
+use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 
-/// What searches of one style came to.
+/// Results of the searches of one style.
 #[derive(Default)]
-struct Found {
+struct SearchTally {
     searches: u32,
     excess: f64,
     doubts: u32,
     worse_than_other: u32,
 }
 
-fn search(lab: &Lab<'_>, parties: [&Party; 2], style: SearchStyle, limits: &HarmSettings) -> Searched {
+fn search(
+    lab: &TrialLab<'_>,
+    parties: [&TrialSubject; 2],
+    style: SearchStyle,
+    limits: &HarmSettings,
+) -> SearchFinding {
     let mut search = Search::new(lab.seed, style, *limits);
     while !search.is_over() {
         let (first, points) = search.next(usize::MAX);
@@ -48,36 +53,39 @@ fn search(lab: &Lab<'_>, parties: [&Party; 2], style: SearchStyle, limits: &Harm
 
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).map(|text| text.parse().unwrap()).collect();
-    let [mutants, seeds] = numbers[..] else { panic!("MUTANTS and SEEDS are asked for") };
+    let [mutants, seeds] = numbers[..] else { panic!("give MUTANTS and SEEDS") };
     let cell = Cell::builtin().unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
     let baselines = holdpoint_engine::embedded::baselines().unwrap();
     let sets = u32::try_from(mutants.div_ceil(3)).unwrap();
-    let order = Order { seed: CALIBRATION_FROM_RUN + 7, sets, preset: Preset::Mutants };
+    let order = PoolSpec { seed: CALIBRATION_FROM_RUN + 7, sets, preset: Preset::Mutants };
     let pool = draw(order).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let cells = KeptCells::in_folder(folder.path().to_owned(), KeptSecret::fresh().unwrap());
-    let (crew, cancel) = (Crew::new(2), AtomicBool::new(false));
-    let shelf = Arc::new(Shelf::new());
-    let (mut climbed, mut drawn) = (Found::default(), Found::default());
+    let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
+    let (worker_pool, cancel) = (WorkerPool::new(2), AtomicBool::new(false));
+    let shelf = Arc::new(UndisturbedCache::new());
+    let (mut climbed, mut drawn) = (SearchTally::default(), SearchTally::default());
     for package in pool.packages {
         let version = Capability::load("mutant", package).unwrap();
         let active = baselines.iter().find(|one| one.id().family == version.id().family).unwrap();
-        let party =
-            |version: &Capability| Party { version: version.clone(), terms: terms.clone(), fallback: None };
+        let party = |version: &Capability| TrialSubject {
+            version: version.clone(),
+            terms: terms.clone(),
+            fallback: None,
+        };
         let (candidate, active) = (party(&version), party(active));
         for seed in 0..seeds {
-            let lab = Lab {
+            let lab = TrialLab {
                 seed: CALIBRATION_FROM_RUN + 10 + seed,
-                crew: &crew,
+                worker_pool: &worker_pool,
                 undisturbed: &shelf,
                 part: usize::MAX,
                 cancel: &cancel,
                 cell: &cell,
                 cells: &cells,
-                team: Team::default(),
+                team: TrialTeam::default(),
             };
             let by = |style| search(&lab, [&candidate, &active], style, &profile.harm);
             let (by_search, by_draws) = (by(SearchStyle::Evolution), by(SearchStyle::Random));
@@ -86,7 +94,7 @@ fn main() {
             {
                 found.searches += 1;
                 found.excess += one.excess;
-                found.doubts += u32::from(one.doubt().is_some());
+                found.doubts += u32::from(one.concern().is_some());
                 found.worse_than_other += u32::from(one.excess > other.excess + 1e-9);
             }
         }

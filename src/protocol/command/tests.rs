@@ -1,14 +1,14 @@
-//! Commands as they are written: every one is read, and none with a field that it does not know.
+//! Commands in their written form: each one parses, and none with an unknown field.
 
 use serde_json::{Value, json};
 
-use crate::wire::Call;
+use crate::wire::ClientMessage;
 
 fn call(command: &Value) -> Value {
     json!({ "call": "ask", "request": { "id": "r1", "command": command } })
 }
 
-fn read(call: &Value) -> Result<Call, serde_json::Error> {
+fn read(call: &Value) -> Result<ClientMessage, serde_json::Error> {
     serde_json::from_str(&call.to_string())
 }
 
@@ -70,19 +70,19 @@ fn decision() -> Value {
     json!({ "command": "decide", "signed": signed })
 }
 
-/// Every command there is, and what it does to authority.
+/// Every command and its effect on authority.
 #[test]
 fn every_command_reads_gives_takes_or_does_neither() {
-    use super::{Authority, Command};
+    use super::{AuthorityEffect, Command};
     let classes = [
-        (Authority::Reads, "audit detail film health question registry snapshot verify-audit"),
-        (Authority::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
+        (AuthorityEffect::Reads, "audit detail film health question registry snapshot verify-audit"),
+        (AuthorityEffect::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
         (
-            Authority::Gives,
+            AuthorityEffect::Gives,
             "confirm-time continue drift go goal live-fault rearm register release repeat reset-alarm resume shelve-alarm",
         ),
-        (Authority::SignedItself, "decide person"),
-        (Authority::Neither, "acknowledge-alarm note pace unshelve-alarm"),
+        (AuthorityEffect::SignedItself, "decide person"),
+        (AuthorityEffect::Neither, "acknowledge-alarm note pace unshelve-alarm"),
     ];
     let mut count = 0;
     for (class, names) in classes {
@@ -90,20 +90,20 @@ fn every_command_reads_gives_takes_or_does_neither() {
             count += 1;
             let written = commands().into_iter().find(|command| command["command"] == name).unwrap();
             let command: Command = serde_json::from_value(written).unwrap();
-            assert_eq!(command.authority(), class, "{name}");
-            assert_eq!(command.takes_authority_away(), class == Authority::TakesAway, "{name}");
-            assert_eq!(command.only_reads(), class == Authority::Reads, "{name}");
-            // What stops is done before anybody is looked up; what lets go on names who answers for it.
-            // A registration carries its seal; a drift or a fault in the simulated world is named by its signature alone.
+            assert_eq!(command.authority_effect(), class, "{name}");
+            assert_eq!(command.takes_authority_away(), class == AuthorityEffect::TakesAway, "{name}");
+            assert_eq!(command.only_reads(), class == AuthorityEffect::Reads, "{name}");
+            // The engine stops before it looks up any identity; a command that lets something continue names its
+            // signer. A registration carries its signature; only the signature names the signer of a drift or a fault.
             let named_elsewhere = ["register", "drift", "live-fault"].contains(&name);
             let names_somebody = command.by().is_some() || named_elsewhere;
-            assert!(class != Authority::Gives || names_somebody, "{name}");
+            assert!(class != AuthorityEffect::Gives || names_somebody, "{name}");
         }
     }
     assert_eq!(count, commands().len(), "one class for each");
 }
 
-/// Adds a field that nobody knows to every object within, one at a time.
+/// Adds an unknown field to every object within, one at a time.
 fn spoilt(value: &Value) -> Vec<Value> {
     let Value::Object(fields) = value else { return Vec::new() };
     let mut all = Vec::new();

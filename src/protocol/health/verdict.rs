@@ -1,4 +1,4 @@
-//! Whether it is better or worse since a moment, with how sure that is and what else differs between the two sides.
+//! Whether a family is better or worse since a moment, with the interval and other differences of the two sides.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -11,49 +11,49 @@ use holdpoint_governance::stats::Interval;
 
 /// One side of a moment.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
-pub struct Half {
+pub struct VerdictSide {
     /// Live tasks.
     pub tasks: u64,
     /// Of these, done.
     pub succeeded: u64,
     /// Of these, with a violation.
     pub violated: u64,
-    /// Who worked them, and how many each.
+    /// The versions that ran them, with their counts.
     pub versions: BTreeMap<CapabilityId, u64>,
 }
 
-/// Whether it is better or worse since a moment.
+/// The comparison of the tasks before and since a moment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Verdict {
-    /// Whose tasks.
+pub struct HealthVerdict {
+    /// The family.
     pub family: Family,
     /// The moment, in words.
     pub moment: String,
     /// Whether only a sample of the tasks was read.
     pub sampled: bool,
-    /// As much of the span as lies before it.
-    pub before: Half,
+    /// The part of the span before it.
+    pub before: VerdictSide,
     /// From it to the end of the span.
-    pub since: Half,
-    /// Since minus before, as shares, at 95 %: Newcombe's interval of two Wilson intervals; absent where a side has no task.
+    pub since: VerdictSide,
+    /// Rate since minus rate before, at 95 %: Newcombe's interval of two Wilson intervals; absent if a side has no task.
     pub interval: Option<Interval>,
 }
 
-/// Which way it went.
+/// The direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trend {
     /// The interval lies above zero.
     Better,
     /// It lies below zero.
     Worse,
-    /// Zero is within it.
+    /// It contains zero.
     NotShown,
     /// A side has no task.
     NoData,
 }
 
-impl Verdict {
-    /// Which way success went.
+impl HealthVerdict {
+    /// The direction of success.
     #[must_use]
     pub fn trend(&self) -> Trend {
         match self.interval {
@@ -68,7 +68,7 @@ impl Verdict {
     #[must_use]
     pub fn sentence(&self) -> String {
         let Self { family, moment, sampled, before, since, interval } = self;
-        let side = |half: &Half| {
+        let side = |half: &VerdictSide| {
             if half.tasks == 0 {
                 return "no task on record".to_owned();
             }
@@ -77,7 +77,7 @@ impl Verdict {
         let mut text =
             format!("success of {family} since {moment}: {}, before {}", side(since), side(before));
         if let Some(Interval { lower, upper, .. }) = interval {
-            let share = |half: &Half| half.succeeded as f64 / half.tasks.max(1) as f64;
+            let share = |half: &VerdictSide| half.succeeded as f64 / half.tasks.max(1) as f64;
             let points = 100.0 * (share(since) - share(before));
             let (low, high) = (100.0 * lower, 100.0 * upper);
             let _ = match self.trend() {
@@ -97,7 +97,7 @@ impl Verdict {
         text
     }
 
-    /// What else differs between the two sides, if who worked does; one sentence.
+    /// The different versions of the two sides, if any; one sentence.
     #[must_use]
     pub fn confounding(&self) -> Option<String> {
         let (before, since) = (&self.before.versions, &self.since.versions);

@@ -1,4 +1,4 @@
-//! Which alarm is told first.
+//! Which alarm comes first.
 
 use super::*;
 
@@ -19,7 +19,7 @@ fn alarm(priority: Priority, state: AlarmState, since_ms: u64) -> AlarmView {
     }
 }
 
-/// Whether `one` has to be told before `other`, spelt out and not as the code has it.
+/// Whether `one` comes before `other`, spelled out independently of the code.
 fn comes_before(one: &AlarmView, other: &AlarmView) -> bool {
     let urgency = |alarm: &AlarmView| Priority::ALL.iter().position(|known| *known == alarm.priority);
     if one.priority != other.priority {

@@ -1,7 +1,6 @@
-//! Prints what a long chain costs at a start, in the verifier, in a rebuild and for who appends, for stores of 10^4,
-//! 10^5 and 10^6 records of about 1 KB, or of as many as it is given. Each is done by a process of its own: wall and
-//! processor time, and the most memory it had.
-//! `cargo run --release --example long_chain -- 10000 100000 1000000`
+//! Prints the cost of a long chain for a start, the verifier, a rebuild and appends. The stores have 10^4, 10^5 and
+//! 10^6 records of about 1 KB, or the given numbers. Each step is a separate process: wall time, CPU time, and peak
+//! memory. `cargo run --release --example long_chain -- 10000 100000 1000000`
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -21,10 +20,10 @@ use std::time::{Duration, Instant};
 
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{
-    AuditBody, BackupParts, Change, Exporting, Store, StoreError, Transaction, UnreadStore, UnsignedRecords,
-    Views, backup, export_store, prove_record, rebuild, verify,
+    AuditBody, BackupParts, Change, ExportScope, Store, StoreError, Transaction, UnsignedRecords,
+    UnverifiedStore, Views, backup, export_store, prove_record, rebuild, verify,
 };
 use rusqlite::Connection;
 use rustix::time::{ClockId, clock_gettime};
@@ -34,7 +33,7 @@ use store::{bootstrap, evidence, shadowed};
 const OWN: u64 = 64;
 const CALLERS: u64 = 192;
 
-/// Fills a store up to so many records.
+/// Fills a store up to this many records.
 fn fill(store: &Store, records: u64) -> Result<(), StoreError> {
     bootstrap(store, "grasp");
     shadowed(store, "grasp@1.1.0");
@@ -68,12 +67,12 @@ fn fill(store: &Store, records: u64) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Appends that are timed, each a transaction of its own that is on disk when it is answered.
+/// Timed appends, each a transaction that is on disk when it returns.
 const APPENDS: u64 = 10_000;
 
-/// What is measured, each in a process of its own.
+/// The measured steps, each in its own process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Measure {
+enum ChainMeasure {
     View,
     Start,
     StartWhole,
@@ -84,7 +83,7 @@ enum Measure {
     StartAfter,
 }
 
-impl Measure {
+impl ChainMeasure {
     const ALL: [Self; 8] = [
         Self::View,
         Self::Start,
@@ -109,7 +108,7 @@ impl Measure {
         }
     }
 
-    /// What is done to the store before.
+    /// The preparation of the store.
     fn prepare(self, folder: &Path) {
         match self {
             Self::StartWhole => remove_snapshots(folder),
@@ -125,7 +124,7 @@ impl Measure {
         let database = folder.join("holdpoint.db");
         match self {
             Self::View => {
-                let taken = UnreadStore::take(folder)?;
+                let taken = UnverifiedStore::take(folder)?;
                 let views = taken.views()?.ok_or("there is no store")?;
                 views.families()?;
                 views.alarms()?;
@@ -223,7 +222,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     if let [flag, phase, folder] = arguments.as_slice()
         && flag == "--phase"
     {
-        let phase = Measure::ALL.into_iter().find(|known| known.name() == phase).ok_or("no such phase")?;
+        let phase =
+            ChainMeasure::ALL.into_iter().find(|known| known.name() == phase).ok_or("no such phase")?;
         return timed(phase.name(), || phase.work(Path::new(folder)));
     }
     let asked: Vec<u64> = arguments.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
@@ -240,10 +240,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let proof = timed("proof of a record", || prove_record(&database, records / 2))?;
         println!("  which has {} bytes", proof.text()?.len());
         timed("proof checked", || proof.check(&key))?;
-        timed("exported", || export_store(&database, Exporting::Signed, Some(&key), &mut std::io::sink()))?;
+        timed("exported", || export_store(&database, ExportScope::Signed, Some(&key), &mut std::io::sink()))?;
         let beside = tempfile::tempdir()?;
         timed("backup", || backup(folder.path(), &beside.path().join("copy"), BackupParts::default()))?;
-        for phase in Measure::ALL {
+        for phase in ChainMeasure::ALL {
             phase.prepare(folder.path());
             let done = Command::new(std::env::current_exe()?)
                 .args(["--phase", phase.name()])

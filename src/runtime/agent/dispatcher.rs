@@ -14,14 +14,14 @@ use crate::task::{self, Supervisor, TaskRecord};
 use crate::terms::SkillTerms;
 use holdpoint_body::Body;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::manifest::{Bound, Manifest};
+use holdpoint_governance::manifest::{Manifest, ObservableBound};
 
 /// Why a task was not started.
 #[derive(Clone, Debug, PartialEq, thiserror::Error, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Refused {
+pub enum DispatchRefusal {
     /// The family has no active version.
-    #[error("the family {0} has no active version; it is safe-stopped until an operator re-arms it")]
+    #[error("the family {0} has no active version; it is safe-stopped until an operator reactivates it")]
     SafeStopped(Family),
     /// A declared precondition does not hold.
     #[error("{id} needs {observable} {needs}, and it is {found:?}")]
@@ -38,7 +38,7 @@ pub enum Refused {
 #[derive(Debug, thiserror::Error)]
 pub enum DispatchError {
     #[error(transparent)]
-    Refused(#[from] Refused),
+    Refused(#[from] DispatchRefusal),
     #[error(transparent)]
     Body(#[from] BodyError),
 }
@@ -59,7 +59,7 @@ pub fn observable(name: &str, seen: &Telemetry) -> Option<f64> {
 
 /// Whether a bound holds for a measured value; what is not measured holds nothing.
 #[must_use]
-pub fn holds(bound: &Bound, found: Option<f64>) -> bool {
+pub fn holds(bound: &ObservableBound, found: Option<f64>) -> bool {
     let Some(found) = found.filter(|value| value.is_finite()) else { return false };
     let equal = match &bound.equals {
         None => true,
@@ -72,7 +72,7 @@ pub fn holds(bound: &Bound, found: Option<f64>) -> bool {
 ///
 /// # Errors
 /// [`Refused::Precondition`] naming the first that does not hold.
-pub fn admit(manifest: &Manifest, seen: &Telemetry) -> Result<(), Refused> {
+pub fn admit(manifest: &Manifest, seen: &Telemetry) -> Result<(), DispatchRefusal> {
     for (name, bound) in &manifest.invocation.preconditions {
         let found = observable(name, seen);
         if !holds(bound, found) {
@@ -82,7 +82,12 @@ pub fn admit(manifest: &Manifest, seen: &Telemetry) -> Result<(), Refused> {
                 (None, Some(max)) => format!("of at most {max}"),
                 (None, None) => format!("equal to {:?}", bound.equals),
             };
-            return Err(Refused::Precondition { id: manifest.id(), observable: name.clone(), needs, found });
+            return Err(DispatchRefusal::Precondition {
+                id: manifest.id(),
+                observable: name.clone(),
+                needs,
+                found,
+            });
         }
     }
     Ok(())
@@ -90,7 +95,7 @@ pub fn admit(manifest: &Manifest, seen: &Telemetry) -> Result<(), Refused> {
 
 /// A task that ran: which version did it, and what happened.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Dispatched {
+pub struct DispatchedTask {
     pub id: CapabilityId,
     pub record: TaskRecord,
 }
@@ -108,9 +113,9 @@ impl Agent {
         task: TaskKind,
         seed: u64,
         supervise: &mut Supervisor<'_, B>,
-    ) -> Result<Dispatched, DispatchError> {
+    ) -> Result<DispatchedTask, DispatchError> {
         let family = Self::select(task);
-        let capability = view.active(&family).ok_or(Refused::SafeStopped(family))?;
+        let capability = view.active(&family).ok_or(DispatchRefusal::SafeStopped(family))?;
         admit(&capability.manifest, &arm.body().telemetry())?;
         let terms = terms(capability);
         let guard = terms.guard(&capability.manifest.permissions);
@@ -118,7 +123,7 @@ impl Agent {
         let task_terms = terms.task(task, seed, capability.abort_secs());
         self.note_episode();
         let record = task::run(&mut arm.handle(), skill, guard, &task_terms, supervise)?;
-        Ok(Dispatched { id: capability.id(), record })
+        Ok(DispatchedTask { id: capability.id(), record })
     }
 }
 
@@ -128,7 +133,7 @@ mod tests {
 
     #[test]
     fn bounds_hold_or_do_not() {
-        let bound = |min, max| Bound { min, max, equals: None };
+        let bound = |min, max| ObservableBound { min, max, equals: None };
         for (bound, found, ok) in [
             (bound(Some(0.1), None), Some(0.2), true),
             (bound(Some(0.1), None), Some(0.05), false),

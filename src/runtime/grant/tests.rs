@@ -18,7 +18,7 @@ use crate::arm::Arm;
 use crate::capability::Capability;
 use crate::guard::{Guard, PolicyHit};
 use crate::skill::{Hook, Skill};
-use crate::stress::{Person, Stress};
+use crate::stress::{PersonBox, Stress};
 use crate::task::{self, Supervision, TaskRecord};
 use crate::terms::SkillTerms;
 
@@ -233,7 +233,7 @@ fn who_declares_too_little_loses_its_work() {
         refused
     );
     assert_eq!(works("zones = [\"work\", \"transit\"]", "zones = [\"transit\"]"), refused);
-    assert!(!works("\"camera\", ", "").0, "without pictures there is nothing to grasp");
+    assert!(!works("\"camera\", ", "").0, "without camera frames there is nothing to grasp");
     assert!(!works("\"joints\", ", "").0);
     let short = works("memory_kib = 256", "memory_kib = 256\nticks_per_task = 120");
     assert_eq!(short, (false, Some(HardStop::BudgetBreach)));
@@ -273,7 +273,7 @@ fn where_a_person_reaches_in_nothing_is_let_through() {
     let terms = terms();
     let scene = Scene::cell().unwrap();
     let named = |name: ZoneName| scene.zones.iter().find(|zone| zone.name == name.name()).unwrap();
-    let person = Person::reaching_into(named(ZoneName::Work), named(ZoneName::Human));
+    let person = PersonBox::reaching_into(named(ZoneName::Work), named(ZoneName::Human));
     let beside = Command::ToolPose {
         pose: Pose { position: [0.5, -0.25, 0.2], rotation: [1.0, 0.0, 0.0, 0.0] },
         max_speed_m_s: 0.2,

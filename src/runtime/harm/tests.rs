@@ -1,4 +1,4 @@
-//! What the meter makes of contacts, forces, commands and values that are none.
+//! How the meter rates contacts, forces, commands and non-finite values.
 
 use super::*;
 use holdpoint_body::Pose;
@@ -109,7 +109,7 @@ fn what_the_guard_takes_away_counts_with_its_depth() {
     for verdict in [GuardVerdict::Clamped, GuardVerdict::Denied, GuardVerdict::Allowed, GuardVerdict::Allowed]
     {
         let command = if verdict == GuardVerdict::Denied { Command::Stop } else { grip(25.0) };
-        meter.note_command(&grip(38.0), &Checked { command, verdict, hit: None }, &guard, (&q, &q));
+        meter.note_command(&grip(38.0), &CheckedCommand { command, verdict, hit: None }, &guard, (&q, &q));
     }
     meter.note(&seen(0.4, FREE), &guard, false);
     let found = meter.measures();

@@ -1,8 +1,8 @@
 //! A bundle whose work is altered: what it sees, what it asks for, when, and what its hooks do.
 //!
-//! Stands around any bundle, native or not, and knows nothing of what is inside. The alterations are part of the
-//! package (`[[alteration]]` in its parameter file) and of the bundle's digest, so that a version altered in this
-//! way is a candidate like any other. It is how faults are made that nobody planned: a generator draws them blindly.
+//! Wraps any bundle, native or not, and knows nothing of its content. The alterations are part of the package
+//! (`[[alteration]]` in its parameter file) and of the bundle's digest, so that an altered version is a candidate
+//! like any other. A generator samples them, which gives faults that no author planned.
 
 mod run;
 
@@ -26,7 +26,7 @@ pub const WINDOW_TICKS_MAX: u16 = 2_400;
 /// A number of a command. A command that has none such is left as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Output {
+pub enum AlteredOutput {
     /// The commanded tool position along an axis of the world frame, m.
     X,
     Y,
@@ -41,7 +41,7 @@ pub enum Output {
     GripForce,
 }
 
-impl Output {
+impl AlteredOutput {
     /// All of them, in the order of the variants.
     pub const ALL: [Self; 7] =
         [Self::X, Self::Y, Self::Z, Self::Speed, Self::GripWidth, Self::GripSpeed, Self::GripForce];
@@ -50,7 +50,7 @@ impl Output {
 /// A number that a skill sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Input {
+pub enum AlteredInput {
     /// Contact force at the wrist, N.
     WristForce,
     /// Mean force on the pads, N.
@@ -70,7 +70,7 @@ pub enum Input {
     ToolAvailable,
 }
 
-impl Input {
+impl AlteredInput {
     /// All of them, in the order of the variants.
     pub const ALL: [Self; 10] = [
         Self::WristForce,
@@ -89,7 +89,7 @@ impl Input {
 /// When an alteration is in force.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "is", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum When {
+pub enum AlterationTiming {
     #[default]
     Always,
     /// From this tick of the run on.
@@ -109,12 +109,12 @@ pub enum When {
 /// What a hook does instead of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Deed {
+pub enum HookOverride {
     /// Asks for nothing, for ever.
     Nothing,
     /// Says at once that it is done.
     Done,
-    /// Goes on with its work, as if nobody had called.
+    /// Continues its task as if no abort had been requested.
     WorkOn,
 }
 
@@ -132,33 +132,33 @@ pub enum AlteredHook {
 pub enum Alteration {
     /// A number of its commands becomes `factor` times as large, and `offset` more (the number's unit).
     Output {
-        output: Output,
+        output: AlteredOutput,
         #[serde(default = "one")]
         factor: f64,
         #[serde(default)]
         offset: f64,
         #[serde(default)]
-        when: When,
+        when: AlterationTiming,
     },
     /// A number of its commands only follows: `weight` (0 to 1) of the new one, the rest of the one before.
-    Filter { output: Output, weight: f64 },
+    Filter { output: AlteredOutput, weight: f64 },
     /// A number of its commands takes whole multiples of `step` alone.
-    Quantise { output: Output, step: f64 },
+    Quantise { output: AlteredOutput, step: f64 },
     /// A commanded position is mirrored about where the tool is.
     Flip {
-        output: Output,
+        output: AlteredOutput,
         #[serde(default)]
-        when: When,
+        when: AlterationTiming,
     },
     /// A number that it sees is another: `factor` times as large, and `offset` more.
     Input {
-        input: Input,
+        input: AlteredInput,
         #[serde(default = "one")]
         factor: f64,
         #[serde(default)]
         offset: f64,
         #[serde(default)]
-        when: When,
+        when: AlterationTiming,
     },
     /// Every command comes so many ticks later.
     Delay { ticks: u16 },
@@ -173,7 +173,7 @@ pub enum Alteration {
     /// It says that it is done.
     Finish { tick: u16 },
     /// A hook does something else.
-    Hook { hook: AlteredHook, deed: Deed },
+    Hook { hook: AlteredHook, deed: HookOverride },
 }
 
 const fn one() -> f64 {
@@ -182,7 +182,7 @@ const fn one() -> f64 {
 
 /// The part of a parameter file that is no controller's.
 #[derive(Debug, Default, Deserialize)]
-struct Altering {
+struct AlterationSection {
     #[serde(default)]
     alteration: Vec<Alteration>,
 }
@@ -200,7 +200,7 @@ pub fn split(file: &str, text: &str) -> Result<(Vec<Alteration>, Option<String>)
     let Ok(mut table) = text.parse::<toml::Table>() else { return Ok((Vec::new(), None)) };
     let Some(found) = table.remove(FIELD) else { return Ok((Vec::new(), None)) };
     let own = toml::Table::from_iter([(FIELD.to_owned(), found)]).to_string();
-    let Altering { alteration } = parse_toml(file, &own)?;
+    let AlterationSection { alteration } = parse_toml(file, &own)?;
     if alteration.len() > ALTERATIONS_MAX {
         let allowed = format!("at most {ALTERATIONS_MAX}");
         return Err(TextError::value(file, text, FIELD, &alteration.len().to_string(), &allowed));
@@ -214,7 +214,7 @@ pub fn split(file: &str, text: &str) -> Result<(Vec<Alteration>, Option<String>)
     Ok((alteration, Some(table.to_string())))
 }
 
-impl When {
+impl AlterationTiming {
     fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
         match *self {
             Self::Always => Vec::new(),

@@ -4,7 +4,7 @@
 
 use holdpoint_body::TaskKind;
 pub use holdpoint_component::keep_compiled_in;
-use holdpoint_component::{Component, Origin};
+use holdpoint_component::{CodeOrigin, Component};
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::Digest;
 
@@ -28,7 +28,7 @@ impl SkillBundle for ComponentBundle {
     }
 
     fn refused_form(&self) -> bool {
-        self.0.origin() == Origin::Refused
+        self.0.origin() == CodeOrigin::Refused
     }
 
     fn start(&self, seed: u64) -> Box<dyn Skill> {

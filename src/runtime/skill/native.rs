@@ -1,8 +1,7 @@
 //! Controllers compiled into the engine, chosen by name and set by a parameter file.
 //!
-//! A version's manifest says `bundle = "native:<controller>"` and names a parameter file; the two
-//! make a [`NativeBundle`]. What a controller offers is told by its code and its parameters here,
-//! never read from the manifest.
+//! A version's manifest says `bundle = "native:<controller>"` and names a parameter file; the two make a
+//! [`NativeBundle`]. The interface of a controller comes from its code and its parameters, never from the manifest.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -16,9 +15,9 @@ use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand, Sensor, Tool};
 use holdpoint_governance::text_error::{self, TextError};
-use holdpoint_governance::value_type::{FieldSpec, Frame, Unit, ValueKind};
+use holdpoint_governance::value_type::{CoordinateFrame, FieldSpec, Unit, ValueKind};
 use holdpoint_skill::motion::{AbortStyle, RollbackStyle};
-use holdpoint_skill::phases::Runner;
+use holdpoint_skill::phases::PhaseRunner;
 use holdpoint_skill::{align, grasp, park, place};
 use holdpoint_text::Hint;
 
@@ -217,12 +216,12 @@ impl Controller {
 
     fn inputs(&self) -> BTreeMap<String, FieldSpec> {
         let object = |frame| ("object".to_owned(), FieldSpec::pose(frame));
-        let target = ("target".to_owned(), FieldSpec::pose(Frame::World));
+        let target = ("target".to_owned(), FieldSpec::pose(CoordinateFrame::World));
         let width = ("gripper-width".to_owned(), FieldSpec::real(Unit::Metre, 0.0, 0.1));
         match self {
-            Self::Grasp(_) => [object(Frame::World), width].into(),
-            Self::GraspToolFrame(_) => [object(Frame::Tool), width].into(),
-            Self::Align(_) | Self::Place(_) => [object(Frame::World), target, width].into(),
+            Self::Grasp(_) => [object(CoordinateFrame::World), width].into(),
+            Self::GraspToolFrame(_) => [object(CoordinateFrame::Tool), width].into(),
+            Self::Align(_) | Self::Place(_) => [object(CoordinateFrame::World), target, width].into(),
             Self::Park(_) => [width].into(),
         }
     }
@@ -309,10 +308,10 @@ impl SkillBundle for NativeBundle {
     fn start(&self, _seed: u64) -> Box<dyn Skill> {
         // These controllers draw nothing at random; the seed is for bundles that do.
         match self.controller.clone() {
-            Controller::Grasp(p) => Box::new(Runner::new(grasp::Grasp::new(p))),
-            Controller::GraspToolFrame(p) => Box::new(ToolFrame(Runner::new(grasp::Grasp::new(p)))),
-            Controller::Align(p) => Box::new(Runner::new(align::Align::new(p))),
-            Controller::Place(p) => Box::new(Runner::new(place::Place::new(p))),
+            Controller::Grasp(p) => Box::new(PhaseRunner::new(grasp::Grasp::new(p))),
+            Controller::GraspToolFrame(p) => Box::new(ToolFrame(PhaseRunner::new(grasp::Grasp::new(p)))),
+            Controller::Align(p) => Box::new(PhaseRunner::new(align::Align::new(p))),
+            Controller::Place(p) => Box::new(PhaseRunner::new(place::Place::new(p))),
             Controller::Park(p) => Box::new(park::Park::new(p)),
         }
     }
@@ -320,7 +319,7 @@ impl SkillBundle for NativeBundle {
 
 /// Takes the object's pose to be given in the tool's frame, as a camera on the hand would.
 #[derive(Clone)]
-struct ToolFrame(Runner<grasp::Grasp>);
+struct ToolFrame(PhaseRunner<grasp::Grasp>);
 
 impl Skill for ToolFrame {
     fn tick(&mut self, seen: &Observation) -> Command {

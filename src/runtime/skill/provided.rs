@@ -81,18 +81,18 @@ mod tests {
     use crate::skill::{Hook, Skill};
 
     /// Code from outside: it says what the grasp's code says, and stands still.
-    struct Still(NativeBundle);
+    struct StillBundle(NativeBundle);
 
-    struct Run;
+    struct StillRun;
 
-    impl Skill for Run {
+    impl Skill for StillRun {
         fn tick(&mut self, _: &Observation) -> Command {
             Command::Stop
         }
         fn enter(&mut self, _: Hook) {}
     }
 
-    impl SkillBundle for Still {
+    impl SkillBundle for StillBundle {
         fn digest(&self) -> Digest {
             Digest::of_parts("still", &[])
         }
@@ -103,14 +103,14 @@ mod tests {
             TaskKind::Grasp
         }
         fn start(&self, _: u64) -> Box<dyn Skill> {
-            Box::new(Run)
+            Box::new(StillRun)
         }
     }
 
     #[allow(clippy::unnecessary_wraps, reason = "what loads may fail")]
     fn still(file: &str, params: &str) -> Result<Arc<dyn SkillBundle>, TextError> {
         let Ok(controller) = Controller::parse("grasp", file, params) else { panic!("{file}") };
-        Ok(Arc::new(Still(NativeBundle::new(controller).unwrap())))
+        Ok(Arc::new(StillBundle(NativeBundle::new(controller).unwrap())))
     }
 
     fn other(_: &str, _: &str) -> Result<Arc<dyn SkillBundle>, TextError> {

@@ -12,7 +12,7 @@ use super::{
     close, measure_tick, note_budget, note_continuation, note_hit, note_path, tick_secs,
 };
 use crate::arm::ActuatorHandle;
-use crate::guard::{Checked, Guard, PolicyHit};
+use crate::guard::{CheckedCommand, Guard, PolicyHit};
 use crate::harm::HarmMeter;
 use crate::recovery::{AbortRun, RecoveryReport, StoppedBy};
 use crate::skill::{Skill, ask};
@@ -33,7 +33,7 @@ pub enum TaskStage {
 
 /// As [`TaskStage`], with what belongs to each.
 #[derive(Clone, Debug)]
-enum Stage {
+enum StageState {
     Working,
     /// For how many ticks.
     Settling(u64),
@@ -47,7 +47,7 @@ enum Stage {
 struct NextMove {
     observation: Observation,
     asked: Command,
-    checked: Checked,
+    checked: CheckedCommand,
     /// It has used up its attempts.
     exhausted: bool,
 }
@@ -78,7 +78,7 @@ struct TaskProgress {
     decision: Option<NextMove>,
     /// What was observed when it began to settle.
     settling_from: Option<Observation>,
-    stage: Stage,
+    stage: StageState,
 }
 
 impl TaskRun {
@@ -98,7 +98,7 @@ impl TaskRun {
             tick: 0,
             decision: None,
             settling_from: None,
-            stage: Stage::Working,
+            stage: StageState::Working,
         };
         let mut run = Self { terms, skill, guard, progress };
         if terms.limit_ticks == 0 {
@@ -118,25 +118,25 @@ impl TaskRun {
     /// Puts another skill in the place of its own.
     #[cfg(test)]
     pub(super) fn replace_skill(&mut self, with: impl FnOnce(Box<dyn Skill>) -> Box<dyn Skill>) {
-        struct Nobody;
-        impl Skill for Nobody {
+        struct NullSkill;
+        impl Skill for NullSkill {
             fn tick(&mut self, _: &Observation) -> Command {
                 Command::Hold
             }
             fn enter(&mut self, _: crate::skill::Hook) {}
         }
-        let own = std::mem::replace(&mut self.skill, Box::new(Nobody));
+        let own = std::mem::replace(&mut self.skill, Box::new(NullSkill));
         self.skill = with(own);
     }
 
-    /// What it is at.
+    /// Its phase.
     #[must_use]
     pub const fn stage(&self) -> TaskStage {
         match self.progress.stage {
-            Stage::Working => TaskStage::Working,
-            Stage::Settling(_) => TaskStage::Settling,
-            Stage::Recovering(_) => TaskStage::Recovering,
-            Stage::Over => TaskStage::Over,
+            StageState::Working => TaskStage::Working,
+            StageState::Settling(_) => TaskStage::Settling,
+            StageState::Recovering(_) => TaskStage::Recovering,
+            StageState::Over => TaskStage::Over,
         }
     }
 
@@ -170,7 +170,7 @@ impl TaskRun {
     ///
     /// # Errors
     /// As [`TaskRun::tick`]: both episodes are invalid.
-    pub fn work_together<B: Body>(
+    pub fn run_together<B: Body>(
         handle: &mut ActuatorHandle<'_, B>,
         first: &mut Self,
         second: &mut Self,
@@ -186,12 +186,12 @@ impl TaskRun {
         Ok(())
     }
 
-    /// Lets the skill work until `reached` says so after a tick, or until it has had its last word. Tells whether
+    /// Lets the skill work until `reached` says so after a tick, or until it has had its last word. Returns whether
     /// it was reached. The task then stands where it can be copied, left, or gone on with.
     ///
     /// # Errors
     /// As [`TaskRun::tick`].
-    pub fn work_until<B: Body>(
+    pub fn run_until<B: Body>(
         &mut self,
         handle: &mut ActuatorHandle<'_, B>,
         reached: &mut dyn FnMut(&Tick<'_>) -> bool,
@@ -218,7 +218,7 @@ impl TaskRun {
         if let Some(command) = self.ask(handle)? {
             handle.step(&command)?;
             self.take_in(handle, supervise);
-        } else if let Stage::Recovering(abort) = &mut self.progress.stage {
+        } else if let StageState::Recovering(abort) = &mut self.progress.stage {
             let skill = self.skill.as_mut();
             let abort = abort.get_or_insert_with(|| AbortRun::begin(skill, self.terms.abort_secs));
             let watcher = &mut self.progress.watcher;
@@ -237,7 +237,7 @@ impl TaskRun {
     /// `None` while it recovers, which it does by itself in [`TaskRun::tick`], and when it is over.
     fn ask<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Result<Option<Command>, BodyError> {
         Ok(match self.progress.stage {
-            Stage::Working => {
+            StageState::Working => {
                 let decision = match self.progress.decision.take() {
                     Some(decision) => decision,
                     None => self.decide(handle)?,
@@ -246,35 +246,35 @@ impl TaskRun {
                 self.progress.decision = Some(decision);
                 Some(command)
             }
-            Stage::Settling(_) => {
+            StageState::Settling(_) => {
                 let verdict = self.progress.verdict;
                 self.progress.settling_from.get_or_insert_with(|| handle.observe(verdict));
                 Some(Command::Hold)
             }
-            Stage::Recovering(_) | Stage::Over => None,
+            StageState::Recovering(_) | StageState::Over => None,
         })
     }
 
     /// What came of the tick that was asked for.
     fn take_in<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>, supervise: &mut Supervisor<'_, B>) {
         match self.progress.stage {
-            Stage::Working => {
+            StageState::Working => {
                 if let Some(decision) = self.progress.decision.take() {
-                    self.worked(handle, decision, supervise);
+                    self.after_command(handle, decision, supervise);
                 }
             }
-            Stage::Settling(ticks) => {
+            StageState::Settling(ticks) => {
                 if let Some(observation) = self.progress.settling_from.take() {
                     self.settled(handle, ticks, &observation, supervise);
                     self.progress.settling_from = Some(observation);
                 }
             }
-            Stage::Recovering(_) | Stage::Over => {}
+            StageState::Recovering(_) | StageState::Over => {}
         }
     }
 
     /// After a tick in which the skill commanded.
-    fn worked<B: Body>(
+    fn after_command<B: Body>(
         &mut self,
         handle: &mut ActuatorHandle<'_, B>,
         decision: NextMove,
@@ -330,7 +330,7 @@ impl TaskRun {
         }
         let collides = p.tick.is_multiple_of(4) && guard.predicts_collision(&seen);
         let checked = if collides {
-            Checked {
+            CheckedCommand {
                 command: Command::Stop,
                 verdict: GuardVerdict::Denied,
                 hit: Some(PolicyHit::PredictedCollision),
@@ -362,7 +362,7 @@ impl TaskRun {
         p.record.timeout = !done && !wants_recovery;
         p.record.time_secs = tick_secs(p.tick);
         if done && !wants_recovery {
-            p.stage = Stage::Settling(0);
+            p.stage = StageState::Settling(0);
         } else {
             self.recover();
         }
@@ -370,10 +370,10 @@ impl TaskRun {
 
     fn recover(&mut self) {
         self.progress.record.recovery = true;
-        self.progress.stage = Stage::Recovering(None);
+        self.progress.stage = StageState::Recovering(None);
     }
 
-    /// After a tick between a skill's word that it is done and the inspection: nobody commanded, and everything is
+    /// A tick between a skill's report that it is done and the inspection: no command is sent, and everything is
     /// measured and supervised as before.
     fn settled<B: Body>(
         &mut self,
@@ -403,7 +403,7 @@ impl TaskRun {
         if called.stops() || measured.is_some() {
             self.recover();
         } else if ticks + 1 < INSPECT_AFTER_TICKS {
-            p.stage = Stage::Settling(ticks + 1);
+            p.stage = StageState::Settling(ticks + 1);
         } else {
             p.record.success = handle.inspect();
             self.end();
@@ -431,7 +431,7 @@ impl TaskRun {
         close(&mut p.record, &p.watcher, &p.attempts, (&self.guard, confined), p.tick);
         p.record.sensed = p.senses.values();
         p.record.harm = Some(p.harm.measures());
-        p.stage = Stage::Over;
+        p.stage = StageState::Over;
     }
 }
 

@@ -1,12 +1,12 @@
 //! What a task shows of the cell it is worked in: how steadily the camera sees what stands, how often it sees nothing.
 
 use holdpoint_body::{Observation, Pose};
-use holdpoint_governance::senses::SensedValues;
+use holdpoint_governance::sensor_health::SensorReadings;
 
 /// Counts over the ticks of one task.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SensesMeter {
-    /// The newest picture of the tray: its number and where it was seen.
+    /// The newest camera frame of the tray: its number and the measured pose.
     newest: Option<(u32, Pose)>,
     /// Squared steps from picture to picture, m².
     steps_m2: f64,
@@ -40,9 +40,9 @@ impl SensesMeter {
     }
 
     /// What it comes to.
-    pub(super) fn values(&self) -> SensedValues {
+    pub(super) fn values(&self) -> SensorReadings {
         let mean_m2 = (self.steps > 0).then(|| self.steps_m2 / f64::from(self.steps));
-        SensedValues {
+        SensorReadings {
             picture_jitter_m: mean_m2.map(libm::sqrt),
             pictures_missing: (self.ticks > 0).then(|| f64::from(self.blind) / f64::from(self.ticks)),
         }

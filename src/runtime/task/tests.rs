@@ -173,7 +173,7 @@ fn a_run_whose_skill_cannot_be_copied_has_no_copy() {
 fn together(families: [&str; 2], seed: u64) -> ([TaskRecord; 2], u64) {
     let (mut arm, mut first) = shipped(families[0], seed);
     let (mut other, mut second) = shipped(families[1], seed);
-    TaskRun::work_together(&mut arm.handle(), &mut first, &mut second).unwrap();
+    TaskRun::run_together(&mut arm.handle(), &mut first, &mut second).unwrap();
     let shared = arm.body().tick();
     other.body_mut().go_on_from(&arm.body().copy()).unwrap();
     let mut go_on = |_: &mut ActuatorHandle<'_, World>, _: &Tick<'_>| Supervision::Continue;
@@ -240,7 +240,7 @@ fn who_runs_out_of_time_counts_as_an_anomaly() {
             &mut record,
             &watcher,
             &AttemptCounter::new(TaskKind::Grasp),
-            (&guard(), Confined::default()),
+            (&guard(), ConfinementReport::default()),
             9,
         );
         assert_eq!(record.anomaly, timeout);
@@ -267,8 +267,8 @@ impl Skill for Failing {
         self.failed |= self.in_hook;
         self.inner.enter(hook);
     }
-    fn confined(&self) -> Confined {
-        Confined { fuel_tick_max: 7, memory_bytes: 9, fault: self.failed.then_some(self.fault) }
+    fn confined(&self) -> ConfinementReport {
+        ConfinementReport { fuel_tick_max: 7, memory_bytes: 9, fault: self.failed.then_some(self.fault) }
     }
 }
 

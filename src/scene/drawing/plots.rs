@@ -1,19 +1,19 @@
-//! Charts: what is measured of the tool, the pairs, the shadow, the four kappas and the monitor, with its limits.
+//! Charts: measurements of the tool, the pairs, the shadow, the four kappas and the monitor, with its limits.
 
 use re_sdk_types::archetypes::Scalars;
 
 use super::{Drawing, part, style};
 use crate::limits::{LIMIT_EVERY_MS, TEXT_WIDTH_MAX};
-use crate::rows::Moment;
+use crate::rows::RowTime;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_protocol::film::FilmFrame;
-use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, PairsView, ShadowView, Snapshot};
+use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_text::Untrusted;
 
 impl Drawing {
-    pub(super) fn draw_tool(&mut self, picture: &Picture, moment: &Moment) {
+    pub(super) fn draw_tool(&mut self, picture: &VideoFrame, moment: &RowTime) {
         let values = [picture.speed_m_s, picture.force_n, picture.contact_n];
         for (chart, value) in style::tool_charts().into_iter().zip(values) {
             self.value(chart, f64::from(value), moment);
@@ -25,9 +25,9 @@ impl Drawing {
         }
     }
 
-    /// Joints and tool of one version as columns with names, from the base on: angles in rad, torques in N m, speed in m/s,
+    /// Joints and tool of one version as named columns, from the base on: angles in rad, torques in N m, speed in m/s,
     /// forces in N.
-    pub(super) fn draw_columns(&mut self, who: &str, frame: &FilmFrame, moment: &Moment) {
+    pub(super) fn draw_columns(&mut self, who: &str, frame: &FilmFrame, moment: &RowTime) {
         for (name, values) in [("q", &frame.q), ("tau", &frame.tau)] {
             for (joint, value) in (1..).zip(values) {
                 self.column(&format!("joints/{who}/{name}{joint}"), *value, moment);
@@ -39,13 +39,13 @@ impl Drawing {
         }
     }
 
-    fn column(&mut self, path: &str, value: f32, moment: &Moment) {
+    fn column(&mut self, path: &str, value: f32, moment: &RowTime) {
         if value.is_finite() {
             self.rows.at(path, moment, &Scalars::single(f64::from(value)));
         }
     }
 
-    pub(super) fn draw_event(&mut self, event: &Event, moment: &Moment) {
+    pub(super) fn draw_event(&mut self, event: &Event, moment: &RowTime) {
         if let EventKind::Decided { version, dimensions, .. } = &event.kind
             && self.version.as_ref() == Some(version)
         {
@@ -55,7 +55,7 @@ impl Drawing {
         }
     }
 
-    fn draw_kappa(&mut self, dimension: &DimensionResult, at_ms: u64, moment: &Moment) {
+    fn draw_kappa(&mut self, dimension: &DimensionResult, at_ms: u64, moment: &RowTime) {
         let letter = match dimension.dimension {
             Dimension::Interface => "I",
             Dimension::Policy => "P",
@@ -75,7 +75,7 @@ impl Drawing {
         }
     }
 
-    pub(super) fn draw_snapshot(&mut self, snapshot: &Snapshot, moment: &Moment) {
+    pub(super) fn draw_snapshot(&mut self, snapshot: &Snapshot, moment: &RowTime) {
         let Some(version) = self.version.clone() else { return };
         if let Some(view) = snapshot.candidates.iter().find(|view| view.version == version) {
             self.draw_candidate(view, snapshot.at_ms, moment);
@@ -85,7 +85,7 @@ impl Drawing {
         }
     }
 
-    fn draw_candidate(&mut self, view: &CandidateView, at_ms: u64, moment: &Moment) {
+    fn draw_candidate(&mut self, view: &CandidateView, at_ms: u64, moment: &RowTime) {
         if let Some(pairs) = &view.pairs {
             self.draw_pairs(pairs, moment);
         }
@@ -94,7 +94,7 @@ impl Drawing {
         }
     }
 
-    fn draw_pairs(&mut self, pairs: &PairsView, moment: &Moment) {
+    fn draw_pairs(&mut self, pairs: &PairsView, moment: &RowTime) {
         if pairs.n == self.pairs_drawn || pairs.n == 0 {
             return;
         }
@@ -106,16 +106,16 @@ impl Drawing {
         }
     }
 
-    /// Only what is new of the series: one value for each shadowed sequence.
-    fn draw_shadow(&mut self, shadow: &ShadowView, at_ms: u64, moment: &Moment) {
-        // A shadow that is begun anew counts from 0 again.
+    /// Only the new part of the series: one value for each shadowed sequence.
+    fn draw_shadow(&mut self, shadow: &ShadowView, at_ms: u64, moment: &RowTime) {
+        // A restarted shadow counts from 0 again.
         let drawn = if shadow.series.len() < self.shadow_drawn { 0 } else { self.shadow_drawn };
         let Some([output, governance, envelope]) = shadow.series.last().copied() else { return };
         if shadow.series.len() == drawn {
             return;
         }
         self.shadow_drawn = shadow.series.len();
-        // Where several came since the last look, the last one is drawn: they have no time of their own.
+        // If several arrived since the last snapshot, the last one is drawn: they have no time of their own.
         let values = [("output", output), ("governance", governance), ("envelope", envelope)];
         for ((name, value), limit) in values.into_iter().zip(shadow.limits) {
             let chart = format!("shadow/{name}");
@@ -126,7 +126,7 @@ impl Drawing {
         }
     }
 
-    fn draw_monitor(&mut self, monitor: &MonitorView, at_ms: u64, moment: &Moment) {
+    fn draw_monitor(&mut self, monitor: &MonitorView, at_ms: u64, moment: &RowTime) {
         if monitor.episodes == self.monitored {
             return;
         }
@@ -146,15 +146,15 @@ impl Drawing {
         }
     }
 
-    fn value(&mut self, chart: &str, value: f64, moment: &Moment) {
-        // What is no number has no place in a chart.
+    fn value(&mut self, chart: &str, value: f64, moment: &RowTime) {
+        // A value that is not a number has no place in a chart.
         if value.is_finite() {
             self.rows.at(&format!("plots/{chart}"), moment, &Scalars::single(value));
         }
     }
 
-    /// A limit, if it changed or was not said for a while.
-    fn limit(&mut self, chart: &str, limit: f64, at_ms: u64, moment: &Moment) {
+    /// Writes a limit if it changed or its last point is old.
+    fn limit(&mut self, chart: &str, limit: f64, at_ms: u64, moment: &RowTime) {
         let said = self.limits.get(chart).is_some_and(|(said_ms, said)| {
             *said == limit && at_ms >= *said_ms && at_ms < said_ms.saturating_add(LIMIT_EVERY_MS)
         });

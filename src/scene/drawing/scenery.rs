@@ -1,18 +1,18 @@
-//! The scene that does not move, and how what moves is drawn.
+//! The fixed scene, and the style of what moves.
 
 use re_sdk_types::archetypes::{
     Arrows3D, Boxes3D, Capsules3D, LineStrips3D, Points3D, TextLog, ViewCoordinates,
 };
 use re_sdk_types::components::{FillMode, Radius};
 
-use super::world::Whose;
+use super::world::BodyRole;
 use super::{part, theme};
 use crate::limits::TEXT_WIDTH_MAX;
-use crate::rows::Rows;
-use holdpoint_protocol::picture::{Region, Scenery};
+use crate::rows::PendingRows;
+use holdpoint_protocol::video_frame::{Region, Scenery};
 use holdpoint_text::Untrusted;
 
-pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
+pub(super) fn draw(rows: &mut PendingRows, scenery: &Scenery) {
     rows.always("world", &ViewCoordinates::RIGHT_HAND_Z_UP());
     for fixture in &scenery.fixtures {
         if fixture.name == Region::TABLE {
@@ -20,7 +20,7 @@ pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
                 boxed(fixture).with_colors([theme::solid([92, 96, 104])]).with_fill_mode(FillMode::Solid);
             rows.always("world/table", &solid);
         } else {
-            // Where the tray may stand; the tray itself is drawn with each sequence.
+            // Where the tray may be; the tray itself is drawn with each sequence.
             rows.always(
                 &format!("world/zones/{}", part(&fixture.name)),
                 &outlined(fixture, [74, 124, 176], 70),
@@ -41,7 +41,7 @@ pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
     if let Some(workspace) = &scenery.workspace {
         rows.always("world/zones/workspace", &outlined(workspace, [120, 150, 190], 110));
     }
-    for whose in [Whose::Live, Whose::Twin] {
+    for whose in [BodyRole::Live, BodyRole::Twin] {
         looks(rows, whose);
     }
     rows.always("world/standing", &Boxes3D::update_fields().with_fill_mode(FillMode::Solid));
@@ -49,17 +49,17 @@ pub(super) fn draw(rows: &mut Rows, scenery: &Scenery) {
     rows.always("log/audit", &TextLog::update_fields().with_color(theme::solid([200, 206, 214])));
 }
 
-/// Colours and sizes of a body, which stay.
-fn looks(rows: &mut Rows, whose: Whose) {
+/// Colors and sizes of a body, which never change.
+fn looks(rows: &mut PendingRows, whose: BodyRole) {
     let root = whose.root();
     let (arm, joint, hand, path) = match whose {
-        Whose::Live => (
+        BodyRole::Live => (
             theme::solid([205, 210, 218]),
             theme::solid([70, 140, 255]),
             theme::solid([60, 66, 76]),
             theme::solid([70, 140, 255]),
         ),
-        Whose::Twin => (
+        BodyRole::Twin => (
             theme::ghost([255, 150, 40], 70),
             theme::ghost([255, 150, 40], 110),
             theme::ghost([255, 150, 40], 90),

@@ -1,12 +1,12 @@
-//! How charts look: names, colours and widths, said once for each line.
+//! Style of the charts: name, color and width, written once for each line.
 
 use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::components::InterpolationMode;
 
 use super::theme;
-use crate::rows::Rows;
+use crate::rows::PendingRows;
 
-/// A line of a chart: path beneath `plots/`, name, colour, whether it is a limit.
+/// A line of a chart: path beneath `plots/`, name, color, whether it is a limit.
 type ChartLine = (&'static str, &'static str, [u8; 3], bool);
 
 const BLUE: [u8; 3] = [70, 140, 255];
@@ -39,19 +39,19 @@ const LINES: [ChartLine; 26] = [
     ("kappa/P", "policy", VIOLET, false),
     ("kappa/P/limit", "limit of policy", VIOLET, true),
     ("kappa/B", "behaviour", ORANGE, false),
-    ("kappa/B/limit", "limit of behaviour", ORANGE, true),
+    ("kappa/B/limit", "limit of behavior", ORANGE, true),
     ("kappa/R", "recovery", GREEN, false),
     ("kappa/R/limit", "limit of recovery", GREEN, true),
 ];
 
-/// Says how each chart's lines look.
-pub(super) fn draw(rows: &mut Rows) {
+/// Writes the style of each chart's lines.
+pub(super) fn draw(rows: &mut PendingRows) {
     for (path, name, rgb, limit) in LINES {
         rows.always(&format!("plots/{path}"), &line(name, rgb, limit));
     }
 }
 
-/// How one line looks.
+/// Writes the style of one line.
 pub(super) fn line(name: &str, [red, green, blue]: [u8; 3], limit: bool) -> SeriesLines {
     let (alpha, width) = if limit { (150, 1.0) } else { (255, 2.0) };
     let look = SeriesLines::new()
@@ -61,7 +61,7 @@ pub(super) fn line(name: &str, [red, green, blue]: [u8; 3], limit: bool) -> Seri
     if limit { look.with_interpolation_mode(InterpolationMode::StepAfter) } else { look }
 }
 
-/// Colours of a monitor's charts, in turn.
+/// Colors of a monitor's charts, in turn.
 pub(super) const fn monitor_color(index: usize) -> [u8; 3] {
     match index % 5 {
         0 => BLUE,
@@ -72,7 +72,7 @@ pub(super) const fn monitor_color(index: usize) -> [u8; 3] {
     }
 }
 
-/// The tool's charts beneath `plots/`: what has a value in every picture.
+/// The tool's charts beneath `plots/` that have a value in every frame.
 #[must_use]
 pub const fn tool_charts() -> [&'static str; 3] {
     ["tool/speed", "tool/force", "tool/contact"]

@@ -1,4 +1,4 @@
-//! The scene that moves: arm, gripper, object, contacts, the tool's way, and the candidate's twin as a ghost.
+//! The moving scene: arm, gripper, object, contacts, the tool's path, and the candidate's twin as a ghost.
 
 use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Capsules3D, Clear, LineStrips3D, Points3D};
 use re_sdk_types::components::{Color, RotationQuat};
@@ -6,18 +6,18 @@ use re_sdk_types::datatypes::Quaternion;
 
 use super::{Drawing, Trail, theme};
 use crate::limits::{GRID_PER_M, PATH_POINTS_MAX, PATH_STEP_M};
-use crate::rows::Moment;
-use holdpoint_protocol::picture::{ArmPicture, Block, Contact, Picture, Point, Turn};
+use crate::rows::RowTime;
+use holdpoint_protocol::video_frame::{ArmView, Contact, Orientation, SceneBlock, VideoFrame, WorldPoint};
 
-/// Whether a body is the one that drives, or the ghost of the one that would.
+/// Whether a body is the robot or the ghost of its twin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Whose {
+pub enum BodyRole {
     Live,
     Twin,
 }
 
-impl Whose {
-    /// Where it is drawn.
+impl BodyRole {
+    /// Its entity path.
     pub const fn root(self) -> &'static str {
         match self {
             Self::Live => "world",
@@ -25,7 +25,7 @@ impl Whose {
         }
     }
 
-    /// How thick its links are, m. The ghost is a hair thicker, so that equal surfaces do not flicker.
+    /// Thickness of its links, m. The ghost is slightly thicker, so that equal surfaces do not flicker.
     pub const fn link_m(self) -> f32 {
         match self {
             Self::Live => 0.032,
@@ -33,7 +33,7 @@ impl Whose {
         }
     }
 
-    /// How much larger its boxes are.
+    /// Factor of its boxes' size.
     const fn swell(self) -> f32 {
         match self {
             Self::Live => 1.0,
@@ -52,17 +52,17 @@ const ARROW_MAX_M: f32 = 0.25;
 /// The tray is a floor and four walls; what follows is clutter.
 const TRAY_PARTS: usize = 5;
 
-/// A force that is drawn in the colour of the strongest, N.
+/// The force, in N, that is drawn in the strongest color.
 const STRONG_N: f32 = 20.0;
 
 /// A point on the grid.
-pub fn on_grid(point: Point) -> Point {
+pub fn on_grid(point: WorldPoint) -> WorldPoint {
     point.map(|value| (value * GRID_PER_M).round() / GRID_PER_M)
 }
 
 impl Drawing {
-    pub(super) fn draw_world(&mut self, picture: &Picture, moment: &Moment) {
-        self.draw_body(&picture.body, Whose::Live, picture, moment);
+    pub(super) fn draw_world(&mut self, picture: &VideoFrame, moment: &RowTime) {
+        self.draw_body(&picture.body, BodyRole::Live, picture, moment);
         self.draw_contacts(&picture.contacts, moment);
         if self.standing != Some(picture.sequence) {
             self.draw_blocks(&picture.blocks, moment);
@@ -70,7 +70,7 @@ impl Drawing {
         match &picture.twin {
             Some(twin) => {
                 self.twin_shown = true;
-                self.draw_body(&twin.body, Whose::Twin, picture, moment);
+                self.draw_body(&twin.body, BodyRole::Twin, picture, moment);
             }
             None if self.twin_shown => {
                 self.twin_shown = false;
@@ -80,8 +80,8 @@ impl Drawing {
         }
     }
 
-    /// Tray and clutter, which stand for a sequence.
-    fn draw_blocks(&mut self, blocks: &[Block], moment: &Moment) {
+    /// Tray and clutter, which keep their place for a sequence.
+    fn draw_blocks(&mut self, blocks: &[SceneBlock], moment: &RowTime) {
         let colors = (0..blocks.len())
             .map(|index| theme::solid(if index < TRAY_PARTS { [74, 124, 176] } else { [148, 112, 84] }));
         let boxes = Boxes3D::update_fields()
@@ -92,9 +92,9 @@ impl Drawing {
         self.rows.at("world/standing", moment, &boxes);
     }
 
-    fn draw_body(&mut self, body: &ArmPicture, whose: Whose, picture: &Picture, moment: &Moment) {
+    fn draw_body(&mut self, body: &ArmView, whose: BodyRole, picture: &VideoFrame, moment: &RowTime) {
         let root = whose.root();
-        let joints: Vec<Point> = body.links.iter().copied().map(on_grid).collect();
+        let joints: Vec<WorldPoint> = body.links.iter().copied().map(on_grid).collect();
         self.rows.at(&format!("{root}/arm/links"), moment, &links(&joints));
         self.rows.at(
             &format!("{root}/arm/joints"),
@@ -115,12 +115,12 @@ impl Drawing {
         self.draw_path(body, whose, picture, moment);
     }
 
-    fn draw_path(&mut self, body: &ArmPicture, whose: Whose, picture: &Picture, moment: &Moment) {
+    fn draw_path(&mut self, body: &ArmView, whose: BodyRole, picture: &VideoFrame, moment: &RowTime) {
         let every_ms = self.path_every_ms;
         let [live, twin] = &mut self.trails;
         let trail = match whose {
-            Whose::Live => live,
-            Whose::Twin => twin,
+            BodyRole::Live => live,
+            BodyRole::Twin => twin,
         };
         let Some(&tool) = body.links.last() else { return };
         if trail.follow(on_grid(tool), picture, every_ms) {
@@ -129,7 +129,7 @@ impl Drawing {
         }
     }
 
-    fn draw_contacts(&mut self, contacts: &[Contact], moment: &Moment) {
+    fn draw_contacts(&mut self, contacts: &[Contact], moment: &RowTime) {
         let length = |contact: &Contact| contact.force_n.iter().map(|part| part * part).sum::<f32>().sqrt();
         let vectors = contacts.iter().map(|contact| {
             let newton = length(contact);
@@ -150,8 +150,8 @@ impl Drawing {
 }
 
 impl Trail {
-    /// Follows the tool; tells whether the path is due.
-    fn follow(&mut self, tool: Point, picture: &Picture, every_ms: u64) -> bool {
+    /// Follows the tool; returns whether the path is due.
+    fn follow(&mut self, tool: WorldPoint, picture: &VideoFrame, every_ms: u64) -> bool {
         if self.sequence != picture.sequence || self.said_ms.is_none() {
             *self = Self { sequence: picture.sequence, points: vec![tool], said_ms: Some(picture.at_ms) };
             return true;
@@ -161,7 +161,7 @@ impl Trail {
         });
         if far {
             if self.points.len() >= PATH_POINTS_MAX {
-                // Every other point is enough from here on: the path keeps its shape and its bound.
+                // From here on every other point is enough: the path keeps its shape and its bound.
                 let mut index = 0_usize;
                 self.points.retain(|_| {
                     index += 1;
@@ -179,10 +179,10 @@ impl Trail {
 }
 
 /// A capsule from each joint to the next.
-fn links(joints: &[Point]) -> Capsules3D {
+fn links(joints: &[WorldPoint]) -> Capsules3D {
     let pairs = || joints.iter().zip(joints.iter().skip(1));
-    let along = |(from, to): (&Point, &Point)| [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
-    let norm = |way: Point| way.iter().map(|part| part * part).sum::<f32>().sqrt();
+    let along = |(from, to): (&WorldPoint, &WorldPoint)| [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
+    let norm = |way: WorldPoint| way.iter().map(|part| part * part).sum::<f32>().sqrt();
     Capsules3D::update_fields()
         // Links do not stretch: a rounded length is the same number in every row.
         .with_lengths(pairs().map(|pair| (norm(along(pair)) * 512.0).round() / 512.0))
@@ -193,10 +193,10 @@ fn links(joints: &[Point]) -> Capsules3D {
         }))
 }
 
-/// The shortest turn that brings z into a direction.
-fn turn_from_z(way: Point, length: f32) -> Turn {
+/// The shortest rotation that turns z into a direction.
+fn turn_from_z(way: WorldPoint, length: f32) -> Orientation {
     if length <= f32::EPSILON {
-        return holdpoint_protocol::picture::NO_TURN;
+        return holdpoint_protocol::video_frame::NO_TURN;
     }
     let [x, y, z] = way.map(|part| part / length);
     let turn = [-y, x, 0.0, 1.0 + z];
@@ -204,16 +204,16 @@ fn turn_from_z(way: Point, length: f32) -> Turn {
     if norm < 1e-4 { [1.0, 0.0, 0.0, 0.0] } else { turn.map(|part| part / norm) }
 }
 
-fn quaternion(turn: Turn) -> RotationQuat {
+fn quaternion(turn: Orientation) -> RotationQuat {
     RotationQuat::from(Quaternion::from_xyzw(turn.map(|part| (part * GRID_PER_M).round() / GRID_PER_M)))
 }
 
-fn object_color(whose: Whose, held: bool) -> Color {
+fn object_color(whose: BodyRole, held: bool) -> Color {
     match (whose, held) {
-        (Whose::Live, true) => theme::solid([88, 214, 120]),
-        (Whose::Live, false) => theme::solid([226, 182, 74]),
-        (Whose::Twin, true) => theme::ghost([150, 235, 170], 70),
-        (Whose::Twin, false) => theme::ghost([255, 205, 120], 70),
+        (BodyRole::Live, true) => theme::solid([88, 214, 120]),
+        (BodyRole::Live, false) => theme::solid([226, 182, 74]),
+        (BodyRole::Twin, true) => theme::ghost([150, 235, 170], 70),
+        (BodyRole::Twin, false) => theme::ghost([255, 205, 120], 70),
     }
 }
 

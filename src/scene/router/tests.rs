@@ -1,10 +1,10 @@
-//! The router with files that fail, tear, and go on.
+//! The router with files that fail, tear and continue.
 
 use std::fs::File;
 use std::io;
 
 use super::*;
-use crate::pace::tests::picture;
+use crate::frame_sampling::tests::picture;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::submission::{Provenance, Risk};
 
@@ -37,11 +37,11 @@ fn closed(version: &str) -> EventKind {
     EventKind::AuditClosed { version: id(version), outcome: UpgradeEnd::Confirmed, records: 3 }
 }
 
-fn router(folder: &Path, open: Box<Open>) -> Router {
+fn router(folder: &Path, open: Box<OpenFile>) -> Router {
     Router::new(folder.to_owned(), BTreeSet::new(), false, open)
 }
 
-fn plain() -> Box<Open> {
+fn plain() -> Box<OpenFile> {
     Box::new(|path| File::create(path))
 }
 
@@ -84,13 +84,15 @@ fn a_full_disk_ends_one_recording_is_told_once_and_harms_no_other() {
         (0, 0),
     );
     let reports = router.reports();
-    let failed: Vec<&Report> =
-        reports.iter().filter(|report| matches!(report, Report::Failed { .. })).collect();
-    let [Report::Failed { version: Some(version), text }] = failed.as_slice() else { panic!("{reports:?}") };
+    let failed: Vec<&SinkReport> =
+        reports.iter().filter(|report| matches!(report, SinkReport::Failed { .. })).collect();
+    let [SinkReport::Failed { version: Some(version), text }] = failed.as_slice() else {
+        panic!("{reports:?}")
+    };
     assert_eq!(*version, id("grasp@1.1.0"));
     assert!(text.contains("cannot be written") && text.contains("Hint:"), "{text}");
     assert!(reports.iter().any(
-        |report| matches!(report, Report::Closed(closed) if closed.version == id("grasp@1.2.0") && closed.pictures > 30)
+        |report| matches!(report, SinkReport::Closed(closed) if closed.version == id("grasp@1.2.0") && closed.pictures > 30)
     ));
 }
 
@@ -104,7 +106,7 @@ fn how_often_rows_are_written_changes_no_byte() {
             work(&mut router, "grasp@1.1.0", flush);
             router.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
             let reports = router.reports();
-            let [Report::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
+            let [SinkReport::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
             closed.digest
         })
         .collect();
@@ -122,15 +124,15 @@ fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
     let bytes = std::fs::read(&path).unwrap();
     drop(first);
     std::fs::write(&path, &bytes[..bytes.len() - 37]).unwrap();
-    let torn = read(&path).unwrap();
+    let torn = crate::read(&path).unwrap();
     assert!(torn.pictures.len() > 20 && torn.outcome.is_none());
 
     let mut second = router(folder.path(), plain());
     second.recover();
     assert!(second.reports().is_empty());
-    let mended = read(&path).unwrap();
+    let mended = crate::read(&path).unwrap();
     assert_eq!(mended, torn);
-    assert_eq!(compact::mend("x", &path, (0, 0)).unwrap(), StartFindings::Open);
+    assert_eq!(compact::mend("x", &path, (0, 0)).unwrap(), FileAtStart::Open);
     let same = std::fs::read(&path).unwrap();
 
     second.events(&[event(1, 20_000, registered("grasp@1.1.0", None))], None, (0, 0));
@@ -140,10 +142,10 @@ fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
     assert_eq!(recordings(folder.path()).len(), 2);
     second.events(&[event(3, 21_000, closed("grasp@1.1.0"))], None, (4, 2));
     let reports = second.reports();
-    let [Report::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
+    let [SinkReport::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
     assert_eq!(closed.file, name);
     assert_eq!(recordings(folder.path()).len(), 1);
-    let whole = read(&path).unwrap();
+    let whole = crate::read(&path).unwrap();
     assert_eq!(whole.pictures.len(), torn.pictures.len() + 1);
     assert_eq!(whole.pictures.len() as u64, closed.pictures);
     assert_eq!((whole.outcome, whole.dropped), (Some(UpgradeEnd::Confirmed.into()), (4, 2)));
@@ -156,7 +158,7 @@ fn a_file_on_record_is_never_touched_and_one_that_is_not_is_told_again() {
     work(&mut first, "grasp@1.1.0", false);
     first.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
     let told = first.reports();
-    let [Report::Closed(ended)] = told.as_slice() else { panic!("{told:?}") };
+    let [SinkReport::Closed(ended)] = told.as_slice() else { panic!("{told:?}") };
     let path = folder.path().join(&ended.file);
     let bytes = std::fs::read(&path).unwrap();
 
@@ -169,7 +171,7 @@ fn a_file_on_record_is_never_touched_and_one_that_is_not_is_told_again() {
     assert!(third.reports().is_empty());
     work(&mut third, "grasp@1.1.0", false);
     third.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
-    let [Report::Closed(again)] = &third.reports()[..] else { panic!() };
+    let [SinkReport::Closed(again)] = &third.reports()[..] else { panic!() };
     assert_eq!(again.file, ended.file.replace(".rrd", ".2.rrd"));
     assert_eq!(std::fs::read(&path).unwrap(), bytes);
 }

@@ -19,13 +19,13 @@ use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_protocol::clock::tick_of;
 use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
-use holdpoint_protocol::picture::{Block, Contact, Picture, Twin};
-use holdpoint_protocol::sink::{Closed, Report};
+use holdpoint_protocol::sink::{ClosedRecording, SinkReport};
 use holdpoint_protocol::snapshot::Snapshot;
-use holdpoint_recordings::folder::file_stem;
+use holdpoint_protocol::video_frame::{Contact, SceneBlock, Twin, VideoFrame};
 use holdpoint_recordings::recording::{Recording, Series};
+use holdpoint_recordings::recording_folder::file_stem;
 use holdpoint_scene::feed::Feed;
-use holdpoint_scene::{SceneConfig, Scenes, read, until};
+use holdpoint_scene::{SceneConfig, SceneSink, read, until};
 use holdpoint_text::Hint as _;
 use support::{digest, id, snapshot};
 
@@ -34,9 +34,9 @@ const PATIENCE: Duration = Duration::from_mins(1);
 /// Half a step of the grid, and what is lost in adding.
 const GRID_M: f32 = 3.2e-5;
 
-/// What an upgrade of some sequences hands over.
+/// The items of an upgrade of some sequences.
 struct Script {
-    pictures: Vec<Picture>,
+    pictures: Vec<VideoFrame>,
     events: Vec<Event>,
     at_ms: u64,
     seq: u64,
@@ -55,12 +55,12 @@ impl Script {
         self.events.push(event);
     }
 
-    /// A sequence of the live world with its twin, thirty pictures a second.
+    /// A sequence of the live cell with its twin, thirty frames a second.
     fn sequence(&mut self, feed: &Feed, index: u64, secs: u64, success: bool, twin: bool) {
         for step in 0..secs * 30 {
             self.at_ms += 33 + u64::from(step % 3 == 0);
             let picture = picture(index, self.at_ms, step, twin);
-            // A reader that cannot follow drops pictures; here it is waited for.
+            // A slow reader drops frames; the test waits for it.
             offer(feed, &picture);
             self.pictures.push(picture);
         }
@@ -85,8 +85,8 @@ impl Script {
     }
 }
 
-/// Hands a picture over and makes sure that it was taken.
-fn offer(feed: &Feed, picture: &Picture) {
+/// Hands a frame over and waits until it is taken.
+fn offer(feed: &Feed, picture: &VideoFrame) {
     loop {
         let (dropped, _) = feed.dropped();
         feed.picture(picture.clone());
@@ -97,7 +97,7 @@ fn offer(feed: &Feed, picture: &Picture) {
     }
 }
 
-fn picture(sequence: u64, at_ms: u64, step: u64, twin: bool) -> Picture {
+fn picture(sequence: u64, at_ms: u64, step: u64, twin: bool) -> VideoFrame {
     let mut picture = support::picture();
     let phase = step as f32 / 40.0;
     picture.sequence = sequence;
@@ -113,7 +113,7 @@ fn picture(sequence: u64, at_ms: u64, step: u64, twin: bool) -> Picture {
     if step.is_multiple_of(5) {
         picture.contacts = vec![Contact { at: picture.body.object, force_n: [0.5, -1.25, 4.0] }];
     }
-    picture.blocks = vec![Block {
+    picture.blocks = vec![SceneBlock {
         at: [0.5, 0.2, 0.01 * sequence as f32],
         half_m: [0.1, 0.1, 0.005],
         turn: picture.body.object_turn,
@@ -144,8 +144,8 @@ fn registered() -> EventKind {
 }
 
 /// A whole upgrade: some shadowed sequences, a decision, some monitored ones.
-fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Script, Closed, PathBuf) {
-    let scenes = Scenes::start(config(folder)).unwrap();
+fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Script, ClosedRecording, PathBuf) {
+    let scenes = SceneSink::start(config(folder)).unwrap();
     let feed = scenes.feed();
     let mut script = Script::new();
     script.event(&feed, registered(), None);
@@ -183,7 +183,7 @@ fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Scrip
     let closed = EventKind::AuditClosed { version: id(VERSION), outcome: UpgradeEnd::Confirmed, records: 12 };
     script.event(&feed, closed, None);
     let reports = scenes.finish(PATIENCE);
-    let [Report::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
+    let [SinkReport::Closed(closed)] = reports.as_slice() else { panic!("{reports:?}") };
     let path = folder.join(&closed.file);
     (script, closed.clone(), path)
 }
@@ -192,8 +192,8 @@ fn near(a: [f32; 3], b: [f32; 3]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= GRID_M)
 }
 
-fn same(read: &Picture, wrote: &Picture) {
-    let exact = |picture: &Picture| {
+fn same(read: &VideoFrame, wrote: &VideoFrame) {
+    let exact = |picture: &VideoFrame| {
         (
             picture.sequence,
             picture.at_ms,
@@ -207,7 +207,7 @@ fn same(read: &Picture, wrote: &Picture) {
         )
     };
     assert_eq!(exact(read), exact(wrote));
-    let bodies = |picture: &Picture| {
+    let bodies = |picture: &VideoFrame| {
         let twin = picture.twin.as_ref().map(|twin| twin.body.clone());
         std::iter::once(picture.body.clone()).chain(twin).collect::<Vec<_>>()
     };
@@ -219,7 +219,7 @@ fn same(read: &Picture, wrote: &Picture) {
         assert!(read.hand.iter().zip(wrote.hand).all(|(read, wrote)| (read - wrote).abs() <= GRID_M));
         assert_eq!(read.object_half_m, wrote.object_half_m);
     }
-    assert_eq!(read.blocks, wrote.blocks, "what stands there is said for the whole sequence");
+    assert_eq!(read.blocks, wrote.blocks, "a value is written once for the whole sequence");
     assert_eq!(read.contacts.len(), wrote.contacts.len());
     for (read, wrote) in read.contacts.iter().zip(&wrote.contacts) {
         assert!(near(read.at, wrote.at));
@@ -251,7 +251,7 @@ fn what_is_written_is_read_back() {
         let wrote = script.pictures.iter().find(|wrote| wrote.at_ms == picture.at_ms).unwrap();
         same(picture, wrote);
     }
-    // The sequence that failed is there whole, the others are not.
+    // The failed sequence is there whole, the others are not.
     let of = |sequence| recording.pictures.iter().filter(|picture| picture.sequence == sequence).count();
     assert_eq!(of(1), 17 * 30);
     assert!((100..=200).contains(&of(0)), "{}", of(0));
@@ -282,7 +282,7 @@ fn a_copy_until_a_tick_holds_nothing_later() {
     let out = folder.path().join("copy");
     until(&path, tick_of(middle_ms), &out).unwrap();
     let (whole, copy) = (read(&path).unwrap(), read(&out).unwrap());
-    let before: Vec<&Picture> =
+    let before: Vec<&VideoFrame> =
         whole.pictures.iter().filter(|picture| tick_of(picture.at_ms) <= tick_of(middle_ms)).collect();
     assert!(!before.is_empty() && before.len() < whole.pictures.len());
     assert_eq!(copy.pictures.iter().collect::<Vec<_>>(), before);
@@ -296,7 +296,7 @@ fn a_whole_upgrade_is_small() {
     let (script, closed, _) = upgrade(folder.path(), 20, 60, &[3, 11, 25, 40, 55, 70]);
     let minutes = (script.at_ms - 500_000) as f64 / 60_000.0;
     let mebibytes = closed.bytes as f64 / f64::from(1 << 20);
-    assert!(mebibytes < 2.0, "{mebibytes:.2} MiB, {} pictures, {minutes:.1} min", closed.pictures);
+    assert!(mebibytes < 2.0, "{mebibytes:.2} MiB, {} frames, {minutes:.1} min", closed.pictures);
     assert!(closed.pictures > 2_000);
 }
 
@@ -314,11 +314,11 @@ fn what_is_no_recording_is_told() {
 #[test]
 fn a_viewer_is_served_and_ending_does_not_hang() {
     let view = Some("127.0.0.1:0".parse().unwrap());
-    let scenes = Scenes::start(SceneConfig { view, ..SceneConfig::default() }).unwrap();
+    let scenes = SceneSink::start(SceneConfig { view, ..SceneConfig::default() }).unwrap();
     let mut script = Script::new();
     script.event(&scenes.feed(), registered(), None);
     script.sequence(&scenes.feed(), 0, 5, true, true);
     let reports = scenes.finish(PATIENCE);
-    let [Report::Serving { url }] = reports.as_slice() else { panic!("{reports:?}") };
+    let [SinkReport::Serving { url }] = reports.as_slice() else { panic!("{reports:?}") };
     assert!(url.starts_with("rerun+http://127.0.0.1:") && url.ends_with("/proxy"), "{url}");
 }

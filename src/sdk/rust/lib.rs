@@ -1,6 +1,6 @@
 //! What a skill's component in Rust is written with: the messages, one trait and one macro.
 //!
-//! A component is a [`Bundle`] that says what it offers and begins runs of a [`Skill`]; [`component!`] makes of it what
+//! A component is a [`BundleSource`] that says what it offers and begins runs of a [`Skill`]; [`component!`] makes of it what
 //! the contract `holdpoint:skill@1.0.0` (`wit/skill.wit`) asks for:
 //!
 //! ```ignore
@@ -19,8 +19,8 @@
 //! holdpoint_sdk::component!(MyGrasp);
 //! ```
 //!
-//! The types are those of the engine itself: a [`Skill`] that is compiled into it and one in a component are the same
-//! code. One instance of a component works one task, so its run is kept in one static place.
+//! The types are those of the engine itself: a [`Skill`] compiled into it and one in a component are the same code.
+//! One instance of a component runs one task, so its run is stored in one static place.
 //!
 //! `wit-bindgen` generates the exports from the contract, and its code is `unsafe`: it takes apart what the host wrote
 //! into the component's memory. Nothing that is written here is.
@@ -39,7 +39,7 @@ pub use wit::{Adapter, bindings};
 pub struct Description {
     /// The primitive it performs.
     pub task: TaskKind,
-    /// Its interface as JSON, see `description` in the WIT; held against the manifest.
+    /// Its interface as JSON, see `description` in the WIT; the engine compares it with the manifest.
     pub interface: String,
 }
 
@@ -61,7 +61,7 @@ pub trait Bundle {
     fn start(seed: u64, params: Self::Params) -> Result<Box<dyn Skill>, String>;
 }
 
-/// Makes a component of a [`Bundle`]; once a crate.
+/// Makes a component of a [`BundleSource`]; once a crate.
 #[macro_export]
 macro_rules! component {
     ($bundle:ty) => {

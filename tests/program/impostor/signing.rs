@@ -2,14 +2,14 @@
 
 use std::sync::atomic::Ordering;
 
-use holdpoint::engine::door::Client;
-use holdpoint::engine::host::{Host, Update};
+use holdpoint::engine::control_socket::Client;
+use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate};
 use holdpoint::protocol::command::{Command, Reply, Request};
-use holdpoint::protocol::seat::Sitting;
+use holdpoint::protocol::console_presence::ConsolePresence;
 
 use super::{Impostor, LIE, Served, said, until};
 
-/// Nothing is signed for whoever is not known to be the engine: a `go` was, over stops that an impostor had hidden.
+/// Only a verified engine gets a signature: a `go` was once signed over stops that an impostor had hidden.
 #[test]
 fn nothing_is_signed_for_an_impostor() {
     let folder = tempfile::tempdir().unwrap();
@@ -25,27 +25,28 @@ fn nothing_is_signed_for_an_impostor() {
     served.end();
 }
 
-/// A console at the engine read registry, evidence and the check of the chain from an impostor, over its second connection.
+/// A console attached to the engine once read registry, evidence and verification from an impostor, over its second
+/// connection.
 #[test]
 fn a_console_at_the_engine_reads_from_nobody_else() {
     let folder = tempfile::tempdir().unwrap();
     let served = Served::start(folder.path());
     let client = Client::connect(&served.layout()).unwrap().unwrap();
-    let mut console = Host::attach(served.layout(), client, Sitting::default()).unwrap();
-    assert_eq!(console.doubt(), None);
-    // Its requests go over a connection that is made with the first of them.
+    let mut console = EngineHandle::attach(served.layout(), client, ConsolePresence::default()).unwrap();
+    assert_eq!(console.unverified_origin(), None);
+    // Its requests use a connection that the first request opens.
     let impostor = Impostor::start(&served.layout());
     until("the name is not taken", || impostor.taken.load(Ordering::Acquire) > 0);
     console.ask(Request::unsigned("read".to_owned(), Command::VerifyAudit)).unwrap();
     let reply = loop {
         match console.updates.blocking_recv().unwrap() {
-            Update::Answer { reply, .. } => break reply,
-            Update::Ended(ended) => panic!("{ended:?}"),
+            EngineUpdate::Answer { reply, .. } => break reply,
+            EngineUpdate::Ended(ended) => panic!("{ended:?}"),
             _ => {}
         }
     };
     let Reply::Refused { text, .. } = &reply else { panic!("{reply:?}") };
-    assert!(text.contains("nothing was asked of it") && !text.contains(LIE), "{text}");
+    assert!(text.contains("sent it no request") && !text.contains(LIE), "{text}");
     drop((console, impostor));
     served.end();
 }

@@ -127,7 +127,7 @@ fn numbers_are_taken_as_they_are_and_nan_has_one_form() {
 
 #[test]
 fn a_nan_inside_the_code_has_one_form_too() {
-    // The sum's bits, as a number that is none: what the code could tell machines apart by.
+    // The sum's bits, as a NaN: code could use them to tell machines apart.
     let tick = format!(
         "(i64.store8 (i32.const {COMMAND}) (i64.const 3))
         (f64.store (i32.const {}) (f64.convert_i64_u (i64.shr_u (i64.reinterpret_f64
@@ -141,7 +141,7 @@ fn a_nan_inside_the_code_has_one_form_too() {
     assert_eq!(width_m, f64::from(0x7ff8_0000_u32));
 }
 
-/// Code that could save its state and take it back would be told by that when it is rehearsed.
+/// Code that could save and restore its state could tell from this that it is in a drill.
 #[test]
 fn a_run_is_never_copied() {
     let state = "holdpoint:skill/state@1.0.0";

@@ -21,7 +21,7 @@ pub const COMMAND: u32 = 256;
 const DESCRIBED: u32 = 64;
 const STARTED: u32 = 128;
 const TEXT: u32 = 16_384;
-/// Where what the host hands over is put, anew in each call.
+/// Address of the host's arguments, written in each call.
 const HANDED: u32 = 1_024;
 
 /// The parts of a guest; each function's body is a text of instructions.

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use holdpoint_body::{CodeFault, Command};
-use holdpoint_component::{Call, Component, ComponentError, ComponentLimits};
+use holdpoint_component::{Component, ComponentCall, ComponentError, ComponentLimits};
 use holdpoint_skill::{Hook, Skill as _};
 
 use crate::guest::{Guest, LIMITS, all_is_well, seen, wit};
@@ -111,7 +111,7 @@ fn a_start_that_goes_wrong_is_a_fault_of_its_run() {
     }
 }
 
-/// Writes the result of `start`: an error with a text of so many bytes.
+/// Writes the result of `start`: an error with a text of `bytes` bytes.
 fn error_at(bytes: u32) -> String {
     format!(
         "(i32.store (i32.const 128) (i32.const 1)) (i32.store (i32.const 132) (i32.const 16384))
@@ -135,7 +135,7 @@ fn a_hook_that_goes_wrong_is_a_fault_of_its_run() {
 
 #[test]
 fn a_tick_in_between_is_counted_by_itself() {
-    // Works for so many ticks, then never again: what a tick left over is not the next one's.
+    // Does `ticks` ticks of work, then none: fuel that a tick leaves does not carry over.
     let tick = format!(
         "(local.set $word (i64.load (local.get 0)))
         (if (i64.eq (local.get $word) (i64.const 40)) (then (loop (br 0))))
@@ -159,11 +159,11 @@ fn a_description_that_goes_wrong_is_one_error() {
         all_is_well();
         error
     };
-    assert!(matches!(describe(FOREVER), ComponentError::Fuel { call: Call::Describe, .. }));
-    assert!(matches!(describe("unreachable"), ComponentError::Trapped { call: Call::Describe, .. }));
+    assert!(matches!(describe(FOREVER), ComponentError::Fuel { call: ComponentCall::Describe, .. }));
+    assert!(matches!(describe("unreachable"), ComponentError::Trapped { call: ComponentCall::Describe, .. }));
     assert!(matches!(
         describe("(drop (memory.grow (i32.const 1000))) unreachable"),
-        ComponentError::Memory { call: Call::Describe, .. }
+        ComponentError::Memory { call: ComponentCall::Describe, .. }
     ));
     // Its text's length.
     let text =
@@ -198,13 +198,13 @@ fn an_instance_that_goes_wrong_is_one_error() {
         error
     };
     let start = "(func $begin (loop (br 0))) (start $begin)";
-    assert!(matches!(more(start), ComponentError::Fuel { call: Call::Instantiate, .. }));
+    assert!(matches!(more(start), ComponentError::Fuel { call: ComponentCall::Instantiate, .. }));
     let start = "(func $begin unreachable) (start $begin)";
-    assert!(matches!(more(start), ComponentError::Trapped { call: Call::Instantiate, .. }));
+    assert!(matches!(more(start), ComponentError::Trapped { call: ComponentCall::Instantiate, .. }));
     let table = "(table 1000000 funcref)";
-    assert!(matches!(more(table), ComponentError::Memory { call: Call::Instantiate, .. }));
+    assert!(matches!(more(table), ComponentError::Memory { call: ComponentCall::Instantiate, .. }));
     let large = Guest { memory: "65536".to_owned(), ..Guest::default() }.load().unwrap_err();
-    assert!(matches!(large, ComponentError::Memory { call: Call::Instantiate, .. }), "{large}");
+    assert!(matches!(large, ComponentError::Memory { call: ComponentCall::Instantiate, .. }), "{large}");
     assert!(holdpoint_text::Hint::sentence(&large).contains("memory_kib"));
     all_is_well();
 }
@@ -347,7 +347,7 @@ fn a_package_that_is_not_declared_is_refused_whatever_is_called() {
     assert_eq!(fault(&reaching("(i32.const 256)").load_with(&REACHED).unwrap()), None);
 }
 
-/// Before anybody has looked at what it declares, a component is asked what it is: that is bounded by what there is.
+/// Describing an unchecked component is bounded by the host's own limits.
 #[test]
 fn what_a_manifest_declares_beyond_all_reason_is_refused_before_anything_runs() {
     let bytes = Guest { describe: FOREVER.to_owned(), ..Guest::default() }.bytes();
@@ -363,6 +363,6 @@ fn what_a_manifest_declares_beyond_all_reason_is_refused_before_anything_runs() 
     }
     let began = Instant::now();
     let error = load(ComponentLimits { fuel_per_tick: 4_166_000, ..LIMITS }).unwrap_err();
-    assert!(matches!(error, ComponentError::Fuel { call: Call::Describe, .. }), "{error}");
+    assert!(matches!(error, ComponentError::Fuel { call: ComponentCall::Describe, .. }), "{error}");
     assert!(began.elapsed().as_secs() < 5, "{:?}", began.elapsed());
 }

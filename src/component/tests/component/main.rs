@@ -2,9 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
 
+mod compiled_cache;
 mod contract;
 mod guest;
 mod hostile;
-mod kept;
 mod refused;
 mod wasi;

@@ -12,7 +12,7 @@ fn what_is_no_component_is_told_what_it_is() {
     {
         assert_eq!(load(bytes).unwrap_err(), ComponentError::NotWasm { begins: begins.to_owned() });
     }
-    // A compiled form is not taken for a component, whoever made it.
+    // A compiled form is not accepted as a component.
     assert!(matches!(load(b"\x7fELF\x02\x01\x01\0").unwrap_err(), ComponentError::NotWasm { .. }));
     let core = load(&Guest::default().core()).unwrap_err();
     assert_eq!(core, ComponentError::CoreModule);

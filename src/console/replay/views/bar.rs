@@ -1,4 +1,4 @@
-//! The time bar: marks of what was decided and what failed, where there are pictures, and the cursor.
+//! The time bar: marks of decisions and failures, the stretches with frames, and the cursor.
 //!
 //! ```text
 //!            ✔      ◷✔ ↑           ⚠↩
@@ -9,8 +9,8 @@ use ratatui::layout::Rect;
 
 use super::secs;
 use crate::look::{Glyph, ThemeRole};
-use crate::replay::mark::TimeMark;
 use crate::replay::model::ReplayModel;
+use crate::replay::time_mark::TimeMark;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 
@@ -41,7 +41,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     pen.cell(here, area.y + line, pen.look.glyph(Glyph::Limit), ThemeRole::Focus);
 }
 
-/// The column of a time; the last one for the end.
+/// The column of a time; the last column for the end.
 fn column(at_ms: u64, (from_ms, to_ms): (u64, u64), width: u16) -> u16 {
     let span_ms = u128::from(to_ms.saturating_sub(from_ms).max(1));
     let passed_ms = u128::from(at_ms.saturating_sub(from_ms));
@@ -49,7 +49,7 @@ fn column(at_ms: u64, (from_ms, to_ms): (u64, u64), width: u16) -> u16 {
     u16::try_from(column).unwrap_or(u16::MAX).min(width.saturating_sub(1))
 }
 
-/// Where there are pictures, and where there are none.
+/// Draws the stretches with frames and the gaps.
 fn pictures(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
     let full = if pen.look.ascii() { "=" } else { "━" };
     for x in area.left()..area.right() {
@@ -62,7 +62,7 @@ fn pictures(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(
     }
 }
 
-/// The gravest mark of each column.
+/// The most serious mark of each column.
 fn marks(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
     let mut gravest: Vec<Option<TimeMark>> = vec![None; usize::from(area.width)];
     for (at_ms, mark) in model.timeline.marks() {

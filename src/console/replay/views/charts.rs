@@ -1,4 +1,4 @@
-//! The charts of one kind, with their values and limits at the cursor. What has no room for a chart is a line.
+//! The charts of one kind, with their values and limits at the cursor. A chart without room becomes a line.
 //!
 //! ```text
 //! ─ Shadow ──────────────────────────── 2 of 3, by stage ─
@@ -38,7 +38,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let right = format!("{} of {count}{chosen}", place + 1);
     let fits = heading.len() + right.len() + ROOM_ROUND_HEADING <= usize::from(area.width);
     let inside = pen.pane(area, heading, false, if fits { &right } else { "" });
-    let drawn = drawn(inside.height, group.charts.len());
+    let drawn = visible_charts(inside.height, group.charts.len());
     let lines = u16::try_from(group.charts.len() - drawn).unwrap_or(u16::MAX).min(inside.height);
     let mut rest = above(inside, inside.height - lines);
     for (index, chart) in group.charts.iter().take(drawn).enumerate() {
@@ -55,7 +55,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// How many charts are drawn; the others get a line each.
-fn drawn(height: u16, charts: usize) -> usize {
+fn visible_charts(height: u16, charts: usize) -> usize {
     let fits = |drawn: &usize| {
         let lines = charts - drawn;
         usize::from(height) >= drawn * usize::from(HEIGHT_MIN) + lines
@@ -63,7 +63,7 @@ fn drawn(height: u16, charts: usize) -> usize {
     (0..=charts).rev().find(fits).unwrap_or(0)
 }
 
-/// A chart's name with its value and limit at the cursor, the limit in as many words as there is room for.
+/// A chart's name with its value and limit at the cursor; the limit's words are as many as fit.
 fn value_line(chart: &LimitedSeries, model: &ReplayModel, pen: &Pen<'_>, width: u16) -> Row {
     let (value, limit) = chart.at(model.cursor.at_ms);
     let judged = if chart.limits_mean { chart.mean(model.cursor.at_ms) } else { value };
@@ -97,7 +97,7 @@ mod tests {
     fn every_chart_has_a_line_at_least() {
         for (height, charts, expected) in [(12, 3, 3), (11, 3, 2), (9, 3, 2), (4, 3, 0), (7, 4, 1), (0, 4, 0)]
         {
-            assert_eq!(drawn(height, charts), expected, "{height} {charts}");
+            assert_eq!(visible_charts(height, charts), expected, "{height} {charts}");
         }
     }
 }

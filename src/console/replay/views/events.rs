@@ -1,5 +1,5 @@
-//! What happened, with the event at the cursor marked; what comes after it is muted. A line too long for the pane is
-//! told whole below the list.
+//! The events, with the one at the cursor marked and later ones muted. A line too long for the pane is shown in full
+//! below the list.
 //!
 //! ```text
 //! ─ Events ─────────────────────────────────── 14 of 96 ─
@@ -15,21 +15,21 @@ use crate::replay::model::ReplayModel;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
-use holdpoint_protocol::words;
+use holdpoint_wording::event as event_text;
 
-/// Lines from which there is a list.
+/// The height from which there is a list.
 const PANE_HEIGHT_MIN: u16 = 3;
 
-/// Lines of the pane from which a long event is told whole.
+/// Lines of the pane from which a long event is shown in full.
 const WHOLE_HEIGHT_MIN: u16 = 6;
 
-/// The most lines that it takes.
+/// The most lines of a long event.
 const WHOLE_ROWS_MAX: usize = 3;
 
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let count = model.timeline.recording().events.len();
     if area.height < PANE_HEIGHT_MIN {
-        // The event at the cursor alone.
+        // Shows only the event at the cursor.
         let here = model.cursor.event.map_or_else(Row::new, |event| row(model, pen.look, event));
         pen.row(area, 0, &here);
         return;
@@ -44,7 +44,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
         pen.text(inside, 0, ThemeRole::Muted, "No event was recorded");
         return;
     }
-    let whole = whole(model, inside);
+    let whole = full_event_rows(model, inside);
     let taken = u16::try_from(whole.len()).unwrap_or(0).min(inside.height);
     let (list, foot) = cut(inside, inside.height - taken);
     let look = pen.look;
@@ -58,18 +58,18 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
 /// One event: its mark on the time bar, and its line of the plain stream.
 #[must_use]
 pub fn row(model: &ReplayModel, look: &Look, event: usize) -> Row {
-    let Some(told) = model.timeline.event(event).map(words::line) else { return Row::new() };
+    let Some(told) = model.timeline.event(event).map(event_text::line) else { return Row::new() };
     let (glyph, role) =
         model.timeline.mark(event).map_or((" ", ThemeRole::Text), |mark| (look.glyph(mark.glyph), mark.role));
     let is_past = model.cursor.event.is_some_and(|here| event <= here);
     Row::of(role, glyph).with(if is_past { ThemeRole::Text } else { ThemeRole::Muted }, &told)
 }
 
-/// The event at the cursor in lines of its own, if its line does not hold it and the pane has room.
-fn whole(model: &ReplayModel, inside: Rect) -> Vec<Row> {
+/// The event at the cursor in full, if its line cuts it and the pane has room.
+fn full_event_rows(model: &ReplayModel, inside: Rect) -> Vec<Row> {
     let width = inside.width.saturating_sub(GUTTER);
     let here = model.cursor.event.and_then(|event| model.timeline.event(event));
-    let told = here.filter(|_| inside.height >= WHOLE_HEIGHT_MIN).map(words::line).unwrap_or_default();
+    let told = here.filter(|_| inside.height >= WHOLE_HEIGHT_MIN).map(event_text::line).unwrap_or_default();
     if told.width() < usize::from(width) {
         return Vec::new();
     }

@@ -1,4 +1,4 @@
-//! What is replayed and how it ended; below it how it stood at the cursor, how it plays, and when.
+//! The recording and its outcome; below, the state at the cursor, the playing, and the time.
 //!
 //! ```text
 //!  REPLAY   ◇ SIM  arm-1  place@1.1.0 against place@1.0.0  seed 42                    ended: ✖ rejected
@@ -8,32 +8,32 @@
 use ratatui::layout::Rect;
 
 use super::secs;
+use crate::formatters;
 use crate::look::{Glyph, ThemeRole};
 use crate::replay::model::ReplayModel;
-use crate::theme::Mark;
-use crate::theme::mark::of_end;
+use crate::theme::StateMark;
+use crate::theme::state_mark::of_end;
 use crate::views::short;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
-use crate::words;
 use holdpoint_protocol::clock::tick_of;
 
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
-    let top = spread(vec![badge(), subject(model)], asides(model, pen), outcome(model, pen), width);
+    let top = justify(vec![badge(), subject(model)], asides(model, pen), outcome(model, pen), width);
     pen.row(area, 0, &top);
     let when = playing(model, pen).and(time(model, true));
-    let stands = stands(model, pen);
+    let stands = version_status(model, pen);
     let when = if stands.width() + when.width() < width {
         when
     } else {
         playing(model, pen).and(time(model, false))
     };
-    pen.row(area, 1, &spread(vec![stands], Vec::new(), when, width));
+    pen.row(area, 1, &justify(vec![stands], Vec::new(), when, width));
 }
 
-/// What must be said at the left, what helps if there is room, and what stands at the right end.
-fn spread(must: Vec<Row>, helps: Vec<Row>, right: Row, width: usize) -> Row {
+/// Joins what must appear at the left, what appears if there is room, and the right end.
+fn justify(must: Vec<Row>, helps: Vec<Row>, right: Row, width: usize) -> Row {
     let mut row = must.into_iter().fold(Row::new(), Row::and);
     for piece in helps {
         if row.width() + piece.width() + right.width() + 2 <= width {
@@ -46,7 +46,7 @@ fn spread(must: Vec<Row>, helps: Vec<Row>, right: Row, width: usize) -> Row {
     row
 }
 
-/// The word that tells a replay from the live cell.
+/// The word that distinguishes a replay from the live cell.
 #[must_use]
 pub fn badge() -> Row {
     Row::of(ThemeRole::ReadOnly, " REPLAY ").with(ThemeRole::Text, " ")
@@ -56,7 +56,7 @@ fn subject(model: &ReplayModel) -> Row {
     Row::of(ThemeRole::Title, &model.timeline.recording().about.version.to_string())
 }
 
-/// The rest about the recording, the weightiest first.
+/// More about the recording, the most important first.
 fn asides(model: &ReplayModel, pen: &Pen<'_>) -> Vec<Row> {
     let recording = model.timeline.recording();
     let about = &recording.about;
@@ -65,19 +65,19 @@ fn asides(model: &ReplayModel, pen: &Pen<'_>) -> Vec<Row> {
         rows.push(Row::of(ThemeRole::Text, &format!(" against {predecessor}")));
     }
     let (pictures, events) = recording.dropped;
-    let lost = lost(pictures, events);
+    let lost = dropped_summary(pictures, events);
     if !lost.is_empty() {
         rows.push(Row::of(ThemeRole::Warning, &format!("  {} {lost}", pen.look.glyph(Glyph::Warning))));
     }
-    let profile = about.profile.known().map_or(Mark::NO_PROFILE, |profile| Mark::profile(*profile));
-    rows.push(Row::of(ThemeRole::Text, "  ").with(profile.role, &pen.look.words(profile)));
+    let profile = about.profile.known().map_or(StateMark::NO_PROFILE, |profile| StateMark::profile(*profile));
+    rows.push(Row::of(ThemeRole::Text, "  ").with(profile.role, &pen.look.mark_label(profile)));
     rows.push(Row::of(ThemeRole::Text, &format!("  {}", short(&about.robot, 24))));
     rows.push(Row::of(ThemeRole::Muted, &format!("  seed {}", about.seed)));
     rows
 }
 
-/// What was dropped on the way into the file; empty if nothing was.
-fn lost(pictures: u64, events: u64) -> String {
+/// The number of dropped records; empty if there are none.
+fn dropped_summary(pictures: u64, events: u64) -> String {
     let counted = [(pictures, "pictures"), (events, "events")];
     let lost: Vec<String> = counted
         .iter()
@@ -99,19 +99,19 @@ fn outcome(model: &ReplayModel, pen: &Pen<'_>) -> Row {
     }
 }
 
-/// How the version stood at the cursor: sign, word, and where in the pipeline.
-fn stands(model: &ReplayModel, pen: &Pen<'_>) -> Row {
-    let standing = model.timeline.standing(model.cursor);
+/// The state of the version at the cursor: sign, word, and place in the pipeline.
+fn version_status(model: &ReplayModel, pen: &Pen<'_>) -> Row {
+    let standing = model.timeline.version_status(model.cursor);
     let Some(state) = standing.state else {
         return Row::of(
             ThemeRole::Unknown,
             &format!("{} state not recorded yet", pen.look.glyph(Glyph::Unknown)),
         );
     };
-    let mark = Mark::version(state, &standing.flags);
-    let row = Row::of(mark.role, &pen.look.words(mark));
-    let words = words::standing(state, &standing.flags);
-    // A state that is a word of its own is said once.
+    let mark = StateMark::version(state, &standing.flags);
+    let row = Row::of(mark.role, &pen.look.mark_label(mark));
+    let words = formatters::state_label(state, &standing.flags);
+    // A state whose name is its own word appears once.
     if words.replace('-', " ") == mark.word { row } else { row.with(ThemeRole::Text, &format!("  {words}")) }
 }
 
@@ -124,7 +124,7 @@ pub fn playing(model: &ReplayModel, pen: &Pen<'_>) -> Row {
         (Glyph::Paused, "paused", ThemeRole::Held)
     };
     Row::of(role, &format!("{} {word}", pen.look.glyph(glyph)))
-        .with(ThemeRole::Text, &format!(" {}", model.speed.word()))
+        .with(ThemeRole::Text, &format!(" {}", model.speed.label()))
 }
 
 fn time(model: &ReplayModel, with_tick: bool) -> Row {

@@ -1,10 +1,10 @@
-//! Help over the screen: every key, and what the signs of the time bar mean.
+//! The help over the screen: all keys, and the signs of the time bar.
 
 use ratatui::layout::Rect;
 
 use crate::look::{Look, ThemeRole};
 use crate::replay::action::ReplayAction;
-use crate::replay::mark::LEGEND;
+use crate::replay::time_mark::LEGEND;
 use crate::views::window;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
@@ -26,7 +26,7 @@ pub fn draw(first: u16, pen: &mut Pen<'_>, area: Rect) {
     pen.rows(inside, 0, rows.get(first..).unwrap_or_default());
 }
 
-/// Actions that go both ways stand in one line.
+/// Actions in two directions share a line.
 const LINES: [(ReplayAction, Option<ReplayAction>); 12] = [
     (ReplayAction::Play, None),
     (ReplayAction::NextPicture, Some(ReplayAction::PreviousPicture)),

@@ -1,4 +1,4 @@
-//! The last line: keys that matter here, or the answer to the last one, or what is being typed.
+//! The last line: the keys that apply here, the answer to the last one, or the text being typed.
 //!
 //! ```text
 //! space play  right picture  . second  + faster  n event  d decision  : jump  tab charts  ? help  q leave
@@ -31,7 +31,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     pen.row(area, 0, &row);
 }
 
-/// The weightiest first; help and the way out stand in every line.
+/// The most important first; help and leaving stand in every line.
 fn keys(model: &ReplayModel, width: usize) -> Row {
     use ReplayAction as A;
     let here = [

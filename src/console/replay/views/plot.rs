@@ -16,13 +16,13 @@ use crate::widgets::row::Row;
 /// Columns left of a chart, for its numbers.
 const SCALE: u16 = 6;
 
-/// What is shown of a moving value, ms: before and after the cursor.
+/// The visible span of a moving value, ms: before and after the cursor.
 const WINDOW_MS: (u64, u64) = (15_000, 5_000);
 
 /// Moving values further apart are not joined, ms.
 const JOINED_MS: u64 = 1_000;
 
-/// What is drawn where.
+/// The areas and scales of a chart.
 struct PlotArea {
     from_ms: u64,
     to_ms: u64,
@@ -66,7 +66,7 @@ pub fn draw(chart: &LimitedSeries, model: &ReplayModel, pen: &mut Pen<'_>, area:
     dots.draw(pen, plot);
 }
 
-/// What is shown: round the cursor of what moves, all of what holds.
+/// The visible span: around the cursor for moving values, everything for the others.
 fn window_ms(chart: &LimitedSeries, model: &ReplayModel) -> (u64, u64) {
     let (first_ms, last_ms) = model.timeline.span_ms();
     let (before_ms, after_ms) = WINDOW_MS;
@@ -77,7 +77,7 @@ fn window_ms(chart: &LimitedSeries, model: &ReplayModel) -> (u64, u64) {
     (to_ms - before_ms - after_ms, to_ms)
 }
 
-/// The smallest and largest number of the scale, of the whole recording so that it stands still.
+/// The smallest and largest number of the scale, over the whole recording so that it does not change.
 fn range(chart: &LimitedSeries) -> (f64, f64) {
     let all =
         chart.values.iter().chain(&chart.limits).map(|(_, value)| *value).filter(|value| value.is_finite());
@@ -88,7 +88,7 @@ fn range(chart: &LimitedSeries) -> (f64, f64) {
     }
     let low = if chart.at_least { low } else { low.min(0.0) };
     let room = if high > low { 0.1 * (high - low) } else { 0.1 * high.abs().max(1.0) };
-    // Room beyond, so that a limit is never the frame.
+    // Some room beyond, so that a limit never coincides with the frame.
     (if chart.at_least { low - room } else { low }, high + room)
 }
 
@@ -122,7 +122,7 @@ fn cursor(model: &ReplayModel, frame: &PlotArea, pen: &mut Pen<'_>, plot: Rect) 
     pen.lay(Rect { x: plot.x + column, width: 1, ..plot }, ThemeRole::Focus);
 }
 
-/// The values; what comes after the cursor is muted.
+/// The values; those after the cursor are muted.
 fn values(chart: &LimitedSeries, frame: &PlotArea, here_ms: u64, dots: &mut Dots) {
     let first = chart.values.partition_point(|(at_ms, _)| *at_ms < frame.from_ms);
     let end = chart.values.partition_point(|(at_ms, _)| *at_ms <= frame.to_ms);
@@ -177,7 +177,7 @@ impl PlotPoint {
         Ink { role, ascii: if self.is_past { "X" } else { "*" }, dashed: false }
     }
 
-    /// Draws the value until a column, from the cursor's column on as what is still to come.
+    /// Draws the value up to a column, muted from the cursor's column on.
     fn hold(self, dots: &mut Dots, until_x: i64, (here_ms, here_x): (u64, i64)) {
         let turns_x = if self.at_ms <= here_ms { here_x.clamp(self.x, until_x.max(self.x)) } else { self.x };
         dots.line((turns_x, self.y), (until_x, self.y), Ink { role: ThemeRole::Muted, ..self.ink(here_ms) });

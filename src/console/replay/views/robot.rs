@@ -1,8 +1,8 @@
-//! The arm and the twin at the cursor: the last picture that was kept, its age if it is old.
+//! The arm and the twin at the cursor: the last frame, and its age if it is old.
 //!
 //! ```text
 //! ─ Robot ──────────────────── sequence 211, 3.4 s ─
-//! ◷ picture of 1.5 s earlier
+//! ◷ frame of 1.5 s earlier
 //!   side view           │ top view
 //! ```
 
@@ -20,7 +20,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let picture = model.cursor.picture.and_then(|picture| model.timeline.picture(picture));
     let place = picture
         .map(|picture| match film(model) {
-            Some(_) => format!("worked again, {:.1} s", picture.at_secs),
+            Some(_) => format!("re-run, {:.1} s", picture.at_secs),
             None => format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs),
         })
         .unwrap_or_default();
@@ -44,21 +44,21 @@ pub fn draw_inside(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
         return;
     }
     robot::draw_picture(picture, &model.timeline.recording().scenery, Vec::new(), pen, area);
-    // What is long past is not drawn as if it were now.
+    // A scene long past is not drawn as if it were current.
     if model.timeline.gap_ms(model.cursor).is_some() {
         pen.lay(area, ThemeRole::Muted);
     }
 }
 
-/// The piece of an evaluation that the picture shown is of; `None` for one of the live cell. It is the picture's time that
-/// says so: the last one stands there until another follows, and nobody may take it for what the live arm did.
+/// The re-run that the shown frame belongs to; `None` for one of the live cell. The frame's own time decides: the
+/// last one stays until another follows, and must not be taken for the live arm.
 fn film(model: &ReplayModel) -> Option<&FilmSpan> {
     let at_ms = model.timeline.picture(model.cursor.picture?)?.at_ms;
     let films = &model.timeline.recording().films;
     films.iter().find(|film| (film.from_ms..=film.until_ms).contains(&at_ms))
 }
 
-/// What must be known about the picture before it is looked at.
+/// What the user must know about the frame first.
 fn doubts(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
     let mut said = Vec::new();
     if let Some(film) = film(model) {
@@ -68,15 +68,15 @@ fn doubts(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
         let stretch = format!("from {} to {}", secs(from_ms), secs(to_ms));
         said.push((
             ThemeRole::Unknown,
-            if model.timeline.standing(model.cursor).is_apart() {
-                format!("no pictures {stretch}: the candidate is evaluated apart from the live cell")
+            if model.timeline.version_status(model.cursor).is_offline() {
+                format!("no frames {stretch}: the candidate is evaluated apart from the live cell")
             } else {
-                format!("no pictures {stretch}")
+                format!("no frames {stretch}")
             },
         ));
     }
     if let Some(age_ms) = model.picture_age_ms().filter(|age_ms| *age_ms > FRESH_MS) {
-        said.push((ThemeRole::Stale, format!("picture of {} earlier", secs(age_ms))));
+        said.push((ThemeRole::Stale, format!("frame of {} earlier", secs(age_ms))));
     }
     said
 }

@@ -1,22 +1,22 @@
-//! The health view: what is asked for and how often, the cursor, and the course of alarms, which changes nothing.
+//! The health view: its queries and their frequency, the cursor, and the alarm history, which changes nothing.
 
 use super::*;
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_protocol::health::{HealthAsked, HealthClock, HealthSeries};
+use holdpoint_protocol::health::{HealthClock, HealthQuery, HealthSeries};
 
 /// Tue 17 Nov 2026, 08:00 UTC.
 const TUESDAY_MS: i64 = 1_794_902_400_000;
 
-fn asked(effects: &[Effect]) -> Option<(String, HealthAsked)> {
+fn asked(effects: &[Effect]) -> Option<(String, HealthQuery)> {
     effects.iter().find_map(|effect| match effect {
-        Effect::Ask { id, question: Question::Health(asked) | Question::AlarmHistory(asked) } => {
+        Effect::Ask { id, question: EngineQuery::Health(asked) | EngineQuery::AlarmHistory(asked) } => {
             Some((id.clone(), *asked))
         }
         _ => None,
     })
 }
 
-fn series(asked: HealthAsked, until_ms: i64) -> Reply {
+fn series(asked: HealthQuery, until_ms: i64) -> Reply {
     let width = i64::try_from(asked.bucket_ms).unwrap();
     let alarm = json!({ "alarm": "degraded:grasp@1.3.0", "priority": "high", "text": "worse",
         "raised": { "at_ms": 5, "wall_ms": null, "by": null, "reason": null }, "began_before": false,
@@ -29,16 +29,16 @@ fn series(asked: HealthAsked, until_ms: i64) -> Reply {
     Reply::Health { series: Box::new(serde_json::from_value::<HealthSeries>(series).unwrap()) }
 }
 
-/// In the health view, with an answer to what it asked.
+/// In the health view, after its query was answered.
 fn opened() -> TestConsole {
     let mut console = TestConsole::new(0);
     let effects = console.keys("8");
-    assert_eq!(console.model.place.view, View::Health);
+    assert_eq!(console.model.view_state.view, View::Health);
     answer(&mut console, &effects, TUESDAY_MS);
     console
 }
 
-fn answer(console: &mut TestConsole, effects: &[Effect], until_ms: i64) -> HealthAsked {
+fn answer(console: &mut TestConsole, effects: &[Effect], until_ms: i64) -> HealthQuery {
     let (id, asked) = asked(effects).expect("the record is asked");
     console.tell(MsgKind::Answer { id, reply: Box::new(series(asked, until_ms)) });
     asked
@@ -71,15 +71,15 @@ fn the_cursor_stays_at_its_moment_while_time_goes_on() {
     let mut console = opened();
     assert_eq!(console.model.health_bucket(), Some(72), "the newest");
     console.keys("hh");
-    let (series, _) = console.model.told.health.clone().unwrap();
+    let (series, _) = console.model.engine_data.health.clone().unwrap();
     let moment = series.start_ms(70);
-    assert_eq!(console.model.place.health.cursor_ms, Some(moment));
+    assert_eq!(console.model.view_state.health.cursor_ms, Some(moment));
     console.now_ms += 20_000;
     let effects = console.tell(MsgKind::Tick);
     answer(&mut console, &effects, TUESDAY_MS + 900_000);
     assert_eq!(console.model.health_bucket(), Some(69), "the same moment, one column further left");
     console.keys("lll");
-    assert_eq!(console.model.place.health.cursor_ms, None);
+    assert_eq!(console.model.view_state.health.cursor_ms, None);
     let effects = console.keys("-");
     answer(&mut console, &effects, TUESDAY_MS + 900_000);
     assert_eq!(console.model.health_bucket(), Some(72), "it goes on with the newest");
@@ -125,21 +125,21 @@ fn the_course_of_alarms_is_read_and_changes_nothing() {
     console.keys("5");
     let effects = console.press(KeyCode::Tab);
     let asked = answer(&mut console, &effects, TUESDAY_MS);
-    assert!(asked.only_alarms && console.model.told.health.is_none());
+    assert!(asked.only_alarms && console.model.engine_data.health.is_none());
     assert_eq!(console.model.alarm_spells().len(), 1);
     for key in [" ", "z", "Z", "R"] {
         let effects = console.keys(key);
-        assert!(effects.is_empty() && console.model.entry.overlay.is_none(), "{key}: {effects:?}");
+        assert!(effects.is_empty() && console.model.input.overlay.is_none(), "{key}: {effects:?}");
         assert!(console.model.notice.as_ref().unwrap().text.contains("changes nothing"));
     }
     console.press(KeyCode::Enter);
-    assert_eq!(console.model.place.view, View::Candidate, "it opens what the alarm is about");
+    assert_eq!(console.model.view_state.view, View::Candidate, "it opens what the alarm is about");
     console.keys("!");
-    assert_eq!(console.model.place.pane(), 0, "the alarm to attend to is among the open ones");
+    assert_eq!(console.model.view_state.pane(), 0, "the alarm to attend to is among the open ones");
     assert!(!console.press(KeyCode::Char(' ')).is_empty());
 }
 
-/// In the health view, with work and so many notes in the newest column, one minute apart.
+/// In the health view, with tasks and `count` notes in the newest column, one minute apart.
 fn opened_with_notes(notes: usize) -> TestConsole {
     let mut console = TestConsole::new(0);
     let effects = console.keys("8");
@@ -167,12 +167,12 @@ fn opened_with_notes(notes: usize) -> TestConsole {
     console
 }
 
-/// Two or three of them were told, the newest was not, and nothing said so.
+/// Two or three marks were shown, the newest was not, and the screen did not say so.
 #[test]
 fn marks_of_a_column_are_all_told_or_counted_the_newest_first() {
     for (notes, columns, rows) in [(2, 80, 24), (6, 80, 24), (9, 120, 36), (9, 80, 24), (14, 60, 16)] {
         let console = opened_with_notes(notes);
-        let screen = super::agreeing::screen(&console, columns, rows);
+        let screen = super::consistency::screen(&console, columns, rows);
         let told: Vec<bool> =
             (0..notes).map(|number| screen.contains(&format!("ana: note {number}."))).collect();
         let shown = told.iter().filter(|told| **told).count();
@@ -187,17 +187,17 @@ fn marks_of_a_column_are_all_told_or_counted_the_newest_first() {
     }
     assert_eq!(
         (0..6)
-            .filter(|number| super::agreeing::screen(&opened_with_notes(6), 120, 36)
+            .filter(|number| super::consistency::screen(&opened_with_notes(6), 120, 36)
                 .contains(&format!("ana: note {number}.")))
             .count(),
         6,
-        "where there is room all are told"
+        "with enough room all are shown"
     );
 }
 
 #[test]
 fn the_smallest_window_shows_a_chart_its_marks_and_the_verdict() {
-    let screen = super::agreeing::screen(&opened_with_notes(1), 40, 12);
+    let screen = super::consistency::screen(&opened_with_notes(1), 40, 12);
     for word in ["Health: Success", "grasp", "% of 480", "marks", "N", "100", "success of grasp"] {
         assert!(screen.contains(word), "{word:?} is not in\n{screen}");
     }

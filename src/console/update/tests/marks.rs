@@ -1,11 +1,11 @@
-//! Several versions at once: what takes away takes all that are marked, after one question that names each; what gives
-//! authority takes one alone, and is never led by marks.
+//! Several versions at once: an operation that takes authority away applies to all marked ones, after one question
+//! that names each. One that gives authority applies to one version and ignores marks.
 
-use super::agreeing::screen;
+use super::consistency::screen;
 use super::*;
 use holdpoint_governance::lifecycle::State;
 
-/// Three candidates on their way, and one that is done.
+/// Three candidates in the pipeline, and a finished one.
 fn candidates() -> Snapshot {
     let mut now = snapshot(0, 'e');
     let first = now.candidates[0].clone();
@@ -29,7 +29,7 @@ fn opened() -> TestConsole {
     console
 }
 
-/// Marks these, wherever they stand in the list.
+/// Marks these versions, wherever they are in the list.
 fn mark(console: &mut TestConsole, versions: &[&str]) {
     console.keys("1");
     for version in versions {
@@ -42,7 +42,7 @@ fn mark(console: &mut TestConsole, versions: &[&str]) {
 }
 
 fn form(console: &TestConsole) -> Option<&crate::form::Form> {
-    match &console.model.entry.overlay {
+    match &console.model.input.overlay {
         Some(Overlay::Form(form)) => Some(form),
         _ => None,
     }
@@ -64,7 +64,7 @@ fn confirm(console: &mut TestConsole) -> Vec<Command> {
 
 #[test]
 fn one_question_names_every_marked_version_and_each_is_asked_for() {
-    for (key, title) in [("F", "Reject for good: 2 versions"), ("p", "Hold: 2 versions")] {
+    for (key, title) in [("F", "Reject: 2 versions"), ("p", "Hold: 2 versions")] {
         let mut console = opened();
         mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
         assert!(console.model.notice.as_ref().unwrap().text.starts_with("2 marked: F rejects, p holds"));
@@ -85,7 +85,7 @@ fn one_question_names_every_marked_version_and_each_is_asked_for() {
             .collect();
         let why = "not for this part".to_owned();
         assert_eq!(asked, [("align@1.1.0".to_owned(), why.clone()), ("place@1.1.0".to_owned(), why)]);
-        assert!(console.model.place.marked_versions.is_empty() && form(&console).is_none());
+        assert!(console.model.view_state.marked_versions.is_empty() && form(&console).is_none());
     }
 }
 
@@ -106,7 +106,7 @@ fn one_that_changes_makes_the_question_void_and_one_that_cannot_is_named() {
     assert!(console.keys("F").is_empty() && form(&console).is_none());
     let said = &console.model.notice.as_ref().unwrap().text;
     assert!(said.contains("grasp@1.4.0 is rejected") && said.contains("take its mark away"), "{said}");
-    // A screen that cannot name them all asks nothing.
+    // A screen that cannot name them all does not ask.
     let mut console = opened();
     mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
     console.tell(MsgKind::Resize(40, 10));
@@ -137,7 +137,7 @@ fn what_gives_authority_never_takes_marks_and_what_stops_is_not_kept_by_them() {
             assert!(said.bad && said.text.contains("this acts on one alone"), "{action:?}: {said:?}");
         }
     }
-    // Stopping is for what lies under the cursor, whatever is marked.
+    // Stopping applies to the version under the cursor, whatever is marked.
     let mut console = opened();
     mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
     console.keys("x");
@@ -152,15 +152,20 @@ fn marks_are_seen_copied_and_taken_away() {
     let shown = screen(&console, 100, 30);
     assert!(shown.contains("- align@1.1.0") && shown.contains("- place@1.1.0"), "{shown}");
     assert_eq!(console.keys("y"), [Effect::Copy("align@1.1.0\nplace@1.1.0".to_owned())]);
-    // In a view of one version they mean nothing.
+    // In a view of one version, marks have no effect.
     console.keys("3");
     assert_eq!(console.keys("y"), [Effect::Copy(console.model.subject().unwrap().to_string())]);
     console.keys("1");
     console.press(KeyCode::Esc);
-    assert!(console.model.place.marked_versions.is_empty() && console.model.place.view == View::Overview);
-    // The story has nothing to mark.
+    assert!(
+        console.model.view_state.marked_versions.is_empty()
+            && console.model.view_state.view == View::Overview
+    );
+    // The event log has nothing to mark.
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
     console.keys("m");
-    assert!(console.model.notice.as_ref().unwrap().bad && console.model.place.marked_versions.is_empty());
+    assert!(
+        console.model.notice.as_ref().unwrap().bad && console.model.view_state.marked_versions.is_empty()
+    );
 }

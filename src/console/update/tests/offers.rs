@@ -1,11 +1,11 @@
-//! What the console offers: keys in hints, what a line could become, who could sit here, what a candidate waits for.
+//! The offers of the console: keys in hints, completions of a line, identities, and what a candidate waits for.
 
-use super::agreeing::screen;
+use super::consistency::screen;
 use super::*;
 use crate::action::Action;
-use crate::update::possible::Possible;
+use crate::update::availability::ActionAvailability;
 use crate::views::hints;
-use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
 
@@ -15,22 +15,23 @@ fn with(console: &mut TestConsole, change: impl FnOnce(&mut Snapshot)) {
     console.tell(MsgKind::Snapshot(Arc::new(now)));
 }
 
-/// A key that a hint offers does something; one that would be refused is none.
+/// A key in a hint has an effect; a key that would be refused is not a hint.
 #[test]
 fn no_hint_offers_a_key_that_would_be_refused() {
     type Change = fn(&mut Snapshot);
     let states: [(&str, Change); 6] = [
         ("waiting", |_| ()),
         ("at work", |now| {
-            now.candidates[0].flags = Flags { running: Some(Stage::Sandbox), ..Flags::default() }
+            now.candidates[0].flags =
+                VersionFlags { running: Some(Stage::Sandbox), ..VersionFlags::default() }
         }),
-        ("held", |now| now.candidates[0].flags = Flags { paused: true, ..Flags::default() }),
+        ("held", |now| now.candidates[0].flags = VersionFlags { paused: true, ..VersionFlags::default() }),
         ("rejected", |now| now.candidates[0].state = State::Rejected),
         ("active", |now| {
             now.candidates[0].version = "grasp@1.2.0".parse().unwrap();
             now.candidates[0].state = State::Active;
             now.prompts.clear();
-            now.families[0].flags = Some(Flags { provisional: true, ..Flags::default() });
+            now.families[0].flags = Some(VersionFlags { provisional: true, ..VersionFlags::default() });
         }),
         ("nothing at all", |now| {
             now.candidates.clear();
@@ -44,7 +45,7 @@ fn no_hint_offers_a_key_that_would_be_refused() {
             with(&mut console, change);
             console.now_ms += 1_000;
             console.model.now_ms += 1_000;
-            console.model.place.view = view;
+            console.model.view_state.view = view;
             for action in hints::actions(&console.model) {
                 let mut tried = console.clone();
                 super::super::act(&mut tried.model, action);
@@ -60,18 +61,20 @@ fn hints_follow_how_things_stand() {
     let mut console = TestConsole::new(0);
     let offered = |console: &TestConsole, action| hints::actions(&console.model).contains(&action);
     assert!(offered(&console, Action::Pause) && !offered(&console, Action::Resume));
-    with(&mut console, |now| now.candidates[0].flags = Flags { paused: true, ..Flags::default() });
+    with(&mut console, |now| {
+        now.candidates[0].flags = VersionFlags { paused: true, ..VersionFlags::default() }
+    });
     assert!(!offered(&console, Action::Pause) && offered(&console, Action::Resume));
     with(&mut console, |now| now.prompts.clear());
     assert!(!offered(&console, Action::ShowApprovals), "nothing waits");
-    // Help keeps what is off in its place, and says why.
-    console.keys("?let what is held");
+    // Help keeps a disabled key in its place, with the reason.
+    console.keys("?resume");
     let text = screen(&console, 120, 36);
     assert!(
         text.contains("resume") && text.contains("(off: ") && text.contains("only what is held"),
         "{text}"
     );
-    let possible = Possible::of(&console.model);
+    let possible = ActionAvailability::of(&console.model);
     assert_eq!(possible.why_not(Action::Go).as_deref(), Some("the cell is not stopped"));
 }
 
@@ -85,13 +88,13 @@ fn what_a_key_or_a_word_alone_asks_for_is_answered() {
     assert!(said(&console).contains("the mouse is the terminal's again"));
     console.keys(":pace");
     assert!(console.press(KeyCode::Enter).is_empty());
-    assert!(said(&console).contains("works 1 simulated seconds in a second"), "{}", said(&console));
-    // There is no why of what nobody has assessed.
+    assert!(said(&console).contains("runs 1 simulated seconds a second"), "{}", said(&console));
+    // An unassessed version has no explanation.
     console.keys("3");
     assert!(!hints::actions(&console.model).contains(&Action::Open));
 }
 
-/// A letter that is text, and a key that something stands against, is no hint.
+/// A letter that is typed as text, or a key with an obstacle, is not a hint.
 #[test]
 fn hints_inside_a_question_follow_what_is_read_and_typed() {
     use Action as A;
@@ -125,7 +128,7 @@ fn hints_inside_a_question_follow_what_is_read_and_typed() {
 }
 
 fn typed(console: &TestConsole) -> String {
-    match &console.model.entry.typing {
+    match &console.model.input.typing {
         Some(Typing::Command(line)) => line.text().to_owned(),
         other => format!("{other:?}"),
     }
@@ -152,12 +155,15 @@ fn tab_goes_through_what_a_line_could_become_and_back() {
     assert_eq!(typed(&console), "candidate grasp@1.4.0");
     // The first Esc leaves the menu, the second the line.
     console.press(KeyCode::Esc);
-    assert_eq!((typed(&console).as_str(), &console.model.entry.menu), ("candidate ", &None));
+    assert_eq!((typed(&console).as_str(), &console.model.input.menu), ("candidate ", &None));
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
     console.press(KeyCode::Enter);
-    assert_eq!(console.model.place.chosen.as_ref().map(ToString::to_string).as_deref(), Some("grasp@1.4.0"));
-    assert!(console.model.entry.menu.is_none());
+    assert_eq!(
+        console.model.view_state.chosen.as_ref().map(ToString::to_string).as_deref(),
+        Some("grasp@1.4.0")
+    );
+    assert!(console.model.input.menu.is_none());
 }
 
 #[test]
@@ -171,7 +177,7 @@ fn a_path_is_completed_by_what_its_folder_holds() {
     let answer = MsgKind::Completions { typed: typed_line, lines };
     console.tell(answer.clone());
     assert_eq!(typed(&console), "register /shop/grasp-a");
-    // An answer about a line that is not there any more changes nothing.
+    // An answer about a line that is gone changes nothing.
     console.keys("x");
     console.tell(answer);
     assert_eq!(typed(&console), "register /shop/grasp-ax");
@@ -193,14 +199,14 @@ fn somebody_who_is_nobody_is_offered_an_identity_in_sim_alone() {
             assert_eq!(console.press(KeyCode::Enter), [Effect::UseIdentity("zoe".to_owned())]);
         }
         console.tell(stranger());
-        assert_eq!(console.model.entry.overlay.is_some(), offered, "{profile:?} {by_key}");
+        assert_eq!(console.model.input.overlay.is_some(), offered, "{profile:?} {by_key}");
         if !offered {
             let said = console.model.notice.clone().unwrap();
             assert!(said.bad && said.text.contains("there is no zoe"), "{said:?}");
             continue;
         }
         assert_eq!(console.confirm(), [Effect::MakeIdentity("zoe".to_owned())]);
-        assert!(console.model.entry.overlay.is_none());
+        assert!(console.model.input.overlay.is_none());
     }
 }
 
@@ -208,7 +214,7 @@ fn at_work(version: &str) -> CandidateView {
     let mut other = snapshot(0, 'e').candidates[0].clone();
     other.version = version.parse().unwrap();
     other.state = State::Validated;
-    other.flags = Flags { running: Some(Stage::Sandbox), ..Flags::default() };
+    other.flags = VersionFlags { running: Some(Stage::Sandbox), ..VersionFlags::default() };
     let (what, early) = ("paired episodes".to_owned(), String::new());
     other.progress =
         Some(ProgressView { stage: Stage::Sandbox, what, done: 3, budget: 9, since_ms: 0, early });
@@ -228,7 +234,7 @@ fn a_queued_candidate_says_what_it_waits_for() {
             |now| {
                 now.candidates.push(CandidateView {
                     state: State::Active,
-                    flags: Flags { provisional: true, ..Flags::default() },
+                    flags: VersionFlags { provisional: true, ..VersionFlags::default() },
                     ..at_work("align@2.0.0")
                 });
             },
@@ -239,7 +245,7 @@ fn a_queued_candidate_says_what_it_waits_for() {
                 now.candidates[0].state = State::Demoted;
                 now.candidates.push(at_work("align@2.0.0"));
             },
-            "waits until somebody has it evaluated again",
+            "waits for an operator to evaluate it again",
         ),
         (
             |now| {
@@ -248,16 +254,16 @@ fn a_queued_candidate_says_what_it_waits_for() {
             },
             "stands still at 3 of 9 paired episodes: the engine holds",
         ),
-        (|now| now.candidates[0].held = true, "held back"),
+        (|now| now.candidates[0].held = true, "on hold"),
         (|now| now.holding = Some("the disk is full".to_owned()), "waits: the engine holds"),
         (|now| now.families[0].active = None, "waits until grasp has an active version"),
-        (|now| now.candidates[0].state = State::Demoted, "waits until somebody has it evaluated again"),
+        (|now| now.candidates[0].state = State::Demoted, "waits for an operator to evaluate it again"),
     ];
     for (change, said) in cases {
         let mut console = TestConsole::new(0);
         with(&mut console, |now| {
             now.candidates[0].state = State::Validated;
-            now.candidates[0].flags = Flags::default();
+            now.candidates[0].flags = VersionFlags::default();
             change(now);
         });
         let text = screen(&console, 120, 36);
@@ -265,31 +271,31 @@ fn a_queued_candidate_says_what_it_waits_for() {
     }
     let mut console = TestConsole::new(0);
     with(&mut console, |now| now.candidates = vec![at_work("align@2.0.0")]);
-    assert!(!screen(&console, 120, 36).contains("waits"), "what is worked waits for nothing");
-    // What was rejected while it was worked keeps nobody waiting, and has no bar any more.
+    assert!(!screen(&console, 120, 36).contains("waits"), "a running stage waits for nothing");
+    // A candidate rejected during a stage blocks no other, and its bar disappears.
     let rejected =
-        || CandidateView { state: State::Rejected, flags: Flags::default(), ..at_work("align@2.0.0") };
+        || CandidateView { state: State::Rejected, flags: VersionFlags::default(), ..at_work("align@2.0.0") };
     with(&mut console, |now| {
         now.candidates[0].state = State::Validated;
-        now.candidates[0].flags = Flags::default();
+        now.candidates[0].flags = VersionFlags::default();
         now.candidates.push(rejected());
     });
     let text = screen(&console, 120, 36);
     assert!(!text.contains("waits for align") && !text.contains("3 of 9"), "{text}");
-    // Whoever waits for people is not at the beginning of a stage.
+    // A candidate that waits for approvers is not at the beginning of a stage.
     with(&mut console, |now| now.candidates[0].flags.running = Some(Stage::Activation));
     let text = screen(&console, 120, 36);
     assert!(text.contains("0 of 2 approved, held at ") && !text.contains("begins"), "{text}");
 }
 
-/// Its window was over, and nothing said what it goes on being provisional for.
+/// Its window was over, and the screen did not say why it was still provisional.
 #[test]
 fn a_provisional_version_says_what_it_waits_for_after_its_window() {
     let sized = |change: &dyn Fn(&mut Snapshot), columns, rows| {
         let mut console = TestConsole::new(0);
         with(&mut console, |now| {
             now.families[0].provisional = Some((40, 40));
-            now.families[0].flags = Some(Flags { provisional: true, ..Flags::default() });
+            now.families[0].flags = Some(VersionFlags { provisional: true, ..VersionFlags::default() });
             now.candidates.clear();
             now.prompts.clear();
             change(now);
@@ -299,31 +305,35 @@ fn a_provisional_version_says_what_it_waits_for_after_its_window() {
     let over = |change: &dyn Fn(&mut Snapshot)| sized(change, 160, 40);
     let own = |now: &mut Snapshot| {
         let state = State::Active;
-        now.candidates.push(CandidateView { state, flags: Flags::default(), ..at_work("grasp@1.2.0") });
+        now.candidates.push(CandidateView {
+            state,
+            flags: VersionFlags::default(),
+            ..at_work("grasp@1.2.0")
+        });
     };
     let again: fn(&mut Snapshot) = |now| {
         let state = State::Active;
-        let mut own = CandidateView { state, flags: Flags::default(), ..at_work("grasp@1.2.0") };
+        let mut own = CandidateView { state, flags: VersionFlags::default(), ..at_work("grasp@1.2.0") };
         own.progress = own.progress.map(|progress| ProgressView { stage: Stage::Shadow, ..progress });
         now.candidates.push(own);
     };
     let confirmed_and_again = |now: &mut Snapshot| {
         again(now);
         now.families[0].provisional = None;
-        now.families[0].flags = Some(Flags::default());
+        now.families[0].flags = Some(VersionFlags::default());
     };
     let behind: fn(&mut Snapshot) = |now| now.candidates.push(at_work("align@2.0.0"));
     for (text, said) in [
         (over(&|_: &mut Snapshot| ()), "waits for its confirmation"),
         (over(&behind), "waits for its confirmation, behind align@2.0.0"),
         (over(&own), "in confirmation, 3 of 9"),
-        (over(&again), "suspicious, 3 of 9 worked again"),
-        (over(&confirmed_and_again), "suspicious, 3 of 9 worked again"),
+        (over(&again), "re-evaluated, 3 of 9"),
+        (over(&confirmed_and_again), "re-evaluated, 3 of 9"),
     ] {
         assert!(text.contains(said) && !text.contains("window over"), "{said}: {text}");
     }
-    // What stands first is what is left on a smaller screen.
-    for (columns, rows, said) in [(100, 30, "suspicious, 3 of 9"), (80, 24, "suspi")] {
+    // The first hints remain on a smaller screen.
+    for (columns, rows, said) in [(100, 30, "re-evaluated, 3"), (80, 24, "re-ev")] {
         let text = sized(&confirmed_and_again, columns, rows);
         assert!(text.contains(said), "{columns}x{rows}: {text}");
     }
@@ -347,7 +357,7 @@ fn the_monitors_are_whole_at_every_size() {
         {
             assert!(text.contains(words), "{columns}: {words}\n{text}");
         }
-        // Names stand whole, and what is past its limit or nearest to it comes first.
+        // Names are never cut, and the chart past its limit or nearest to it comes first.
         let places = ["! retry", "  violation", "  intervention"].map(|name| text.find(name));
         assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{columns}: {places:?}\n{text}");
     }
@@ -388,7 +398,7 @@ fn rejected_versions_are_found_by_the_word_in_pipeline_and_registry() {
     assert!(screen(&console, 80, 24).contains(CANDIDATE));
 }
 
-fn picture(sequence: u64, reach: f32, contact: bool) -> holdpoint_protocol::picture::Picture {
+fn picture(sequence: u64, reach: f32, contact: bool) -> holdpoint_protocol::video_frame::VideoFrame {
     let body = json!({ "links": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.4], [reach, 0.1, 0.3]],
         "pads": [[reach, 0.1, 0.2], [reach, 0.1, 0.2]], "hand": [0.0, 0.0, 0.0, 1.0],
         "object": [0.3, 0.1, 0.1], "object_turn": [0.0, 0.0, 0.0, 1.0], "object_half_m": 0.02, "held": false });
@@ -399,7 +409,7 @@ fn picture(sequence: u64, reach: f32, contact: bool) -> holdpoint_protocol::pict
     .unwrap()
 }
 
-/// Where the words of the pane stand: its layout and its scale show in them.
+/// The places of the pane's words: they show its layout and scale.
 fn laid_out(console: &TestConsole, columns: u16, rows: u16) -> Vec<(usize, usize)> {
     let text = screen(console, columns, rows);
     let place = |word: &str| {

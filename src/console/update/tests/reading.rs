@@ -1,4 +1,4 @@
-//! Nothing is approved that was not on the screen, and what is kept with a decision is what was there.
+//! Only a text that was on the screen is approved, and exactly this text is stored with the decision.
 
 use super::*;
 
@@ -16,12 +16,12 @@ fn opened(tier: u8) -> TestConsole {
 }
 
 fn unread(console: &TestConsole) -> usize {
-    let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("no prompt") };
+    let Some(Overlay::Approval(prompt)) = &console.model.input.overlay else { panic!("no prompt") };
     prompt.unread()
 }
 
-/// The answer, and the lines that are signed with it.
-fn decision(effects: &[Effect]) -> (Answer, Option<Vec<String>>) {
+/// The answer, and the lines that it signs.
+fn decision(effects: &[Effect]) -> (ApprovalDecision, Option<Vec<String>>) {
     let Some(Effect::Decide { decision, .. }) = effects.first() else { panic!("{effects:?}") };
     (decision.answer(), decision.question().map(|question| question.lines.clone()))
 }
@@ -31,7 +31,7 @@ fn nothing_is_approved_before_every_line_was_on_the_screen() {
     let mut console = opened(0);
     let all = unread(&console);
     assert!(!decides(&console.keys("Y")), "before the first frame");
-    assert_eq!(console.block(), Some(Obstacle::Unread));
+    assert_eq!(console.block(), Some(DecisionObstacle::Unread));
     let mut left = all;
     for page in 0.. {
         console.draw(SMALL);
@@ -42,16 +42,16 @@ fn nothing_is_approved_before_every_line_was_on_the_screen() {
             break;
         }
         assert!(!decides(&console.keys("Y")), "{left} of {all} unread");
-        assert_eq!(console.block(), Some(Obstacle::Unread));
+        assert_eq!(console.block(), Some(DecisionObstacle::Unread));
         console.press(KeyCode::PageDown);
     }
-    let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("no prompt") };
+    let Some(Overlay::Approval(prompt)) = &console.model.input.overlay else { panic!("no prompt") };
     let text = prompt.text();
     let (answer, shown) = decision(&console.keys("Y"));
-    assert_eq!((answer, shown), (Answer::Approve, Some(text)));
+    assert_eq!((answer, shown), (ApprovalDecision::Approve, Some(text)));
 }
 
-/// Keys that come faster than frames scroll over lines that nobody can have seen.
+/// Keys that come faster than frames scroll over lines that the operator cannot have seen.
 #[test]
 fn what_was_scrolled_over_between_two_frames_was_not_read() {
     let mut console = opened(0);
@@ -79,7 +79,7 @@ fn a_line_is_read_once_all_its_rows_were_there_at_one_width() {
         console.draw((width, 16));
     }
     let before = unread(&console);
-    // Read at another width stays read.
+    // A text read at another width stays read.
     console.draw((120, 16));
     assert!(unread(&console) <= before);
     console.draw((120, 80));
@@ -96,7 +96,7 @@ fn rejecting_needs_no_reading_and_signs_no_line_that_was_not_read() {
         console.keys("not now");
         console.press(KeyCode::Esc);
         let (answer, shown) = decision(&console.keys("N"));
-        assert_eq!(answer, Answer::Reject);
+        assert_eq!(answer, ApprovalDecision::Reject);
         assert_eq!(shown.is_some(), is_read, "{shown:?}");
     }
 }
@@ -117,15 +117,15 @@ fn a_reason_that_nobody_can_see_is_none() {
         console.open_prompt();
         console.fill("aaaa", unseen);
         assert!(!decides(&console.keys("Y")), "{unseen:?}");
-        assert_eq!(console.block(), Some(Obstacle::Reason), "{unseen:?}");
+        assert_eq!(console.block(), Some(DecisionObstacle::Reason), "{unseen:?}");
         assert!(!decides(&console.keys("N")), "{unseen:?}");
     }
 }
 
-/// A question that was answered elsewhere: no key that would do nothing is offered, and none does anything.
+/// After an answer from elsewhere, the prompt offers no key without an effect, and no key has one.
 #[test]
 fn a_closed_question_offers_nothing_but_to_leave_it() {
-    let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
+    let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Unicode);
     for (is_stale, protection) in
         [(false, Protection::None), (true, Protection::None), (false, Protection::Passphrase)]
     {
@@ -137,7 +137,7 @@ fn a_closed_question_offers_nothing_but_to_leave_it() {
             console.tell(MsgKind::Snapshot(Arc::new(snapshot(1, 'f'))));
         } else if protection == Protection::Passphrase {
             console.keys("Y");
-            let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("it asks") };
+            let Some(Overlay::Approval(prompt)) = &console.model.input.overlay else { panic!("it asks") };
             assert!(prompt.signing.is_some());
         }
         let mut closed = snapshot(1, 'e');
@@ -164,10 +164,10 @@ fn a_closed_question_offers_nothing_but_to_leave_it() {
                 assert!(!screen.contains(offer), "{offer:?} after {keys:?}: {screen}");
             }
         }
-        // Where a passphrase was being typed, a key of its own leaves it.
+        // Where a passphrase was being typed, a separate key leaves it.
         console.now_ms += GUARD_MS;
         console.press(KeyCode::Enter);
-        assert!(console.model.entry.overlay.is_none());
-        assert!(!console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("goes on waiting")));
+        assert!(console.model.input.overlay.is_none());
+        assert!(!console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("it waits")));
     }
 }

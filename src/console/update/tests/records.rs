@@ -1,6 +1,6 @@
-//! The audit view in sentences and raw, the story's own filter, the smallest and the largest windows.
+//! The audit view in sentences and raw, the event log's own filter, the smallest and the largest windows.
 
-use super::agreeing::screen;
+use super::consistency::screen;
 use super::*;
 use crate::audit::AuditGroup;
 use crate::model::STORY_PANE;
@@ -28,7 +28,7 @@ fn logged() -> TestConsole {
     ]);
     let page = AuditPage { rows: serde_json::from_value(rows).unwrap(), head: 9 };
     console.keys("7");
-    console.model.told.audit = Arc::new(page);
+    console.model.engine_data.audit = Arc::new(page);
     console
 }
 
@@ -54,14 +54,14 @@ fn the_log_is_told_in_sentences_by_kind_and_enter_shows_a_record_raw() {
         "{text}"
     );
     assert!(text.contains(&digest('2')), "the whole hash: {text}");
-    // What is looked for in it is gone to, and nothing is filtered by it.
+    // A search moves the cursor and filters nothing.
     console.keys("/reason");
     console.press(KeyCode::Enter);
-    assert!(console.model.place.opened.is_some_and(|opened| opened.scroll > 0));
+    assert!(console.model.view_state.opened.is_some_and(|opened| opened.scroll > 0));
     assert_eq!(console.model.row_count(), 4);
     console.press(KeyCode::Esc);
-    assert!(console.model.place.opened.is_none() && console.model.place.view == View::Audit);
-    // A sentence is found by its words, though its content has others.
+    assert!(console.model.view_state.opened.is_none() && console.model.view_state.view == View::Audit);
+    // The search finds words of a sentence, though its content has others.
     console.keys("/in sandbox");
     console.press(KeyCode::Enter);
     assert_eq!(console.model.row_count(), 1);
@@ -69,31 +69,31 @@ fn the_log_is_told_in_sentences_by_kind_and_enter_shows_a_record_raw() {
 
 fn storied() -> TestConsole {
     let mut console = TestConsole::new(0);
-    console.model.told.story.clear();
+    console.model.engine_data.events.clear();
     let fault =
         |seq, text: &str| Event { seq, at_ms: seq * 1_000, kind: EventKind::Fault { text: text.to_owned() } };
-    console.tell(MsgKind::Events(vec![fault(1, "a wheel came off"), fault(2, "the light went out")]));
+    console.tell(MsgKind::Events(vec![fault(1, "a wheel broke"), fault(2, "the light went out")]));
     console
 }
 
 #[test]
 fn the_story_has_a_filter_of_its_own() {
     let mut console = storied();
-    console.model.place.panes[View::Overview as usize] = STORY_PANE;
+    console.model.view_state.panes[View::Overview as usize] = STORY_PANE;
     console.keys("/wheel");
     assert_eq!(console.model.row_count(), 1, "while it is typed");
     console.press(KeyCode::Enter);
     let text = screen(&console, 120, 36);
-    assert!(text.contains("a wheel came off") && !text.contains("the light"), "{text}");
+    assert!(text.contains("a wheel broke") && !text.contains("the light"), "{text}");
     assert!(text.contains("1 of 2 lines with \"wheel\""), "what is filtered says so: {text}");
     assert!(text.contains(CANDIDATE), "the pipeline keeps its candidates: {text}");
     console.press(KeyCode::Esc);
     assert_eq!(console.model.row_count(), 2);
-    console.model.place.panes[View::Overview as usize] = 0;
+    console.model.view_state.panes[View::Overview as usize] = 0;
     console.keys("/nothing of this name");
     console.press(KeyCode::Enter);
     let text = screen(&console, 120, 36);
-    assert!(text.contains("a wheel came off"), "the pipeline's filter is not the story's");
+    assert!(text.contains("a wheel broke"), "the event log has its own filter");
     assert!(text.contains("none with \"nothing of this name\", 1 in all"), "{text}");
     console.press(KeyCode::Esc);
     console.keys("/grasp");
@@ -121,7 +121,7 @@ fn a_small_window_shows_the_view_below_what_calls() {
         assert!(text.contains(said), "{key}: {said}\n{text}");
         assert!(text.contains("HIGH") && text.contains("X stop"), "{key}\n{text}");
     }
-    // With fewer lines alarms and what waits are all there is.
+    // With fewer lines only alarms and waiting requests remain.
     console.keys("1");
     let text = screen(&console, 40, 6);
     assert!(text.contains("approval grasp@1.3.0") && !text.contains("Overview"), "{text}");
@@ -186,7 +186,7 @@ fn the_registry_is_sorted_by_its_columns_and_back_to_the_tree() {
     let tree = ["align@1.0.0", "grasp@1.0.0", "grasp@1.2.0", "grasp@1.10.0"];
     assert_eq!(versions(&console), tree);
     assert_eq!(console.model.row_count(), 6, "families are rows of the tree");
-    // The cursor stays on its version, wherever that is now.
+    // The cursor stays on its version, wherever that moves.
     console.keys("G");
     console.keys("ssss");
     assert_eq!(
@@ -203,7 +203,7 @@ fn the_registry_is_sorted_by_its_columns_and_back_to_the_tree() {
         ["grasp@1.2.0", "grasp@1.0.0", "grasp@1.10.0", "align@1.0.0"],
         "turned round; what is not measured stays last"
     );
-    // A page that comes anew keeps the order.
+    // A reloaded page keeps the order.
     listed(&mut console);
     assert_eq!(versions(&console)[0], "grasp@1.2.0");
     console.keys("ss");
@@ -228,7 +228,7 @@ fn details_are_searched_and_n_goes_on() {
             { "field": "params.speed", "old": 1, "new": 2 }, { "field": "params.grip", "old": "soft", "new": "hard" },
             { "field": "params.lift", "old": null, "new": 3 }, { "field": "params.drop", "old": "hard", "new": null }],
         "drills": [], "decisions": [], "audit": [], "evidence": null, "untested": [] });
-    console.model.told.detail = Some(Arc::new(serde_json::from_value(value).unwrap()));
+    console.model.engine_data.detail = Some(Arc::new(serde_json::from_value(value).unwrap()));
     console.press(KeyCode::Tab);
     // By a value, and not only by the field's name.
     console.keys("/HARD");
@@ -268,26 +268,26 @@ fn a_click_leads_where_it_points_and_decides_nothing() {
         console.tell(MsgKind::Click(column, row))
     };
     click(&mut console, "5 Alarms");
-    assert_eq!(console.model.place.view, View::Alarms);
+    assert_eq!(console.model.view_state.view, View::Alarms);
     click(&mut console, "3o LOW");
     click(&mut console, "1^ CRIT  # latched");
     assert_eq!(console.model.row(), 3, "the alarm that was pointed at");
     click(&mut console, "2 Registry");
     listed(&mut console);
     click(&mut console, "Candidates");
-    assert_eq!(console.model.place.pane(), 2);
+    assert_eq!(console.model.view_state.pane(), 2);
     click(&mut console, "All");
     click(&mut console, "1.10.0");
     assert_eq!(console.model.version_here().unwrap().to_string(), "grasp@1.10.0");
     console.now_ms += 1_000;
     click(&mut console, "1.10.0");
-    assert_eq!(console.model.place.view, View::Candidate, "what is under the cursor opens");
+    assert_eq!(console.model.view_state.view, View::Candidate, "what is under the cursor opens");
     click(&mut console, "1 Overview");
-    click(&mut console, "Story");
-    assert_eq!(console.model.place.pane(), STORY_PANE);
+    click(&mut console, "Events");
+    assert_eq!(console.model.view_state.pane(), STORY_PANE);
     click(&mut console, CANDIDATE);
-    assert_eq!(console.model.place.pane(), 0);
-    // Nothing over the view takes a click: no button of a form or a question is one.
+    assert_eq!(console.model.view_state.pane(), 0);
+    // A dialog over the view takes no click, and has no buttons to click.
     for open in ["x", "a"] {
         console.keys("1");
         console.keys(open);
@@ -296,19 +296,19 @@ fn a_click_leads_where_it_points_and_decides_nothing() {
             console.keys("x");
         }
         let before = console.model.clone();
-        assert!(before.entry.overlay.is_some(), "{open}");
+        assert!(before.input.overlay.is_some(), "{open}");
         for row in 0..36 {
             for column in (0..120).step_by(3) {
                 assert!(console.tell(MsgKind::Click(column, row)).is_empty());
             }
         }
-        assert_eq!(console.model.entry, before.entry, "{open}");
+        assert_eq!(console.model.input, before.input, "{open}");
         console.press(KeyCode::Esc);
     }
     console.model.settings.mouse = false;
     console.keys("1");
     click(&mut console, "5 Alarms");
-    assert_eq!(console.model.place.view, View::Overview, "the mouse was given back");
+    assert_eq!(console.model.view_state.view, View::Overview, "the mouse was given back");
 }
 
 #[test]
@@ -316,51 +316,51 @@ fn every_marked_alarm_is_acknowledged_by_one_key() {
     let mut console = TestConsole::new(0);
     console.keys("5g");
     console.keys("mmm");
-    assert_eq!(console.model.place.marked.len(), 3);
+    assert_eq!(console.model.view_state.marked.len(), 3);
     assert!(screen(&console, 100, 30).contains("LOW-"), "{}", screen(&console, 100, 30));
     let effects = console.keys(" ");
     let named: Vec<&str> = effects
         .iter()
         .filter_map(|effect| match effect {
-            Effect::Ask { question: Question::Acknowledge { alarm, by }, .. } if by == "ana" => {
+            Effect::Ask { question: EngineQuery::Acknowledge { alarm, by }, .. } if by == "ana" => {
                 Some(alarm.as_str())
             }
             _ => None,
         })
         .collect();
-    // The third is acknowledged already.
+    // The third is already acknowledged.
     assert_eq!(named, ["low:1", "high:1"]);
     console.keys(" ");
-    assert!(console.model.place.marked.is_empty());
-    assert!(console.keys("gm").is_empty() && console.model.place.marked.len() == 1);
+    assert!(console.model.view_state.marked.is_empty());
+    assert!(console.keys("gm").is_empty() && console.model.view_state.marked.len() == 1);
     console.keys("gm");
-    assert!(console.model.place.marked.is_empty(), "the same key takes the mark away");
+    assert!(console.model.view_state.marked.is_empty(), "the same key takes the mark away");
 }
 
 #[test]
 fn changed_files_of_keys_and_themes_are_taken_in() {
     let mut console = TestConsole::new(0);
     console.now_ms += 5_000;
-    assert!(console.tell(MsgKind::Tick).contains(&Effect::LookAtOwnFiles));
-    assert!(!console.tell(MsgKind::Tick).contains(&Effect::LookAtOwnFiles), "not at every tick");
+    assert!(console.tell(MsgKind::Tick).contains(&Effect::CheckOperatorFiles));
+    assert!(!console.tell(MsgKind::Tick).contains(&Effect::CheckOperatorFiles), "not at every tick");
     let keymap = Keymap::with_file("keys.toml", "[keys]\nalarms = [\"f5\"]\n").unwrap();
     let themes = vec!["calm-dark".to_owned(), "dusk".to_owned()];
-    console.tell(MsgKind::OwnFiles { keymap: Arc::new(keymap), themes });
+    console.tell(MsgKind::OperatorFiles { keymap: Arc::new(keymap), themes });
     console.press(KeyCode::F(5));
-    assert_eq!(console.model.place.view, View::Alarms);
+    assert_eq!(console.model.view_state.view, View::Alarms);
     assert_eq!(console.keys("T"), [Effect::UseTheme("dusk".to_owned())]);
 }
 
-/// After a long shift the newest thousand records were seals of telemetry, and notes and stops could not be reached.
+/// After a long shift the newest thousand records were telemetry digests, and notes and stops could not be reached.
 #[test]
 fn each_pane_of_the_log_is_read_for_itself() {
     let mut console = TestConsole::new(0);
     let asked = |effects: &[Effect]| match effects {
-        [Effect::Ask { question: Question::Audit(group), .. }] => *group,
+        [Effect::Ask { question: EngineQuery::Audit(group), .. }] => *group,
         other => panic!("{other:?}"),
     };
     let told = asked(&console.keys("7"));
-    assert_eq!(told, AuditGroup::Told);
+    assert_eq!(told, AuditGroup::Events);
     for kind in RecordKind::SEALS {
         let leave_out = AuditGroup::ALL.map(|group| group.leaves_out().contains(&kind));
         assert_eq!(leave_out, [true, true, true, true, false]);

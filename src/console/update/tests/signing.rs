@@ -1,4 +1,4 @@
-//! A decision whose key is under a passphrase.
+//! A decision whose key has a passphrase.
 
 use holdpoint_approvals::{Nonce, Passphrase};
 use holdpoint_protocol::snapshot::SigningView;
@@ -12,13 +12,13 @@ fn passphrase() -> Passphrase {
 }
 
 impl TestConsole {
-    /// Somebody sits down whose key is kept so.
+    /// Makes a person the operator whose key has this protection.
     pub(super) fn sit_with(&mut self, name: &str, protection: Protection) {
         self.tell(MsgKind::Operator(Operator { name: name.to_owned(), role: Role::Engineer, protection }));
     }
 }
 
-/// A console whose operator was asked for a passphrase by the key that promotes.
+/// A console whose operator pressed the key that promotes, and is asked for a passphrase.
 fn asked() -> TestConsole {
     let mut console = TestConsole::new(1);
     console.sit_with("ana", Protection::Passphrase);
@@ -28,17 +28,17 @@ fn asked() -> TestConsole {
     console
 }
 
-fn field(console: &TestConsole) -> Option<&crate::secret::Signing<Answer>> {
-    match &console.model.entry.overlay {
-        Some(Overlay::Prompt(prompt)) => prompt.signing.as_ref(),
+fn field(console: &TestConsole) -> Option<&crate::secret::Signing<ApprovalDecision>> {
+    match &console.model.input.overlay {
+        Some(Overlay::Approval(prompt)) => prompt.signing.as_ref(),
         _ => None,
     }
 }
 
-/// What a person sees, and what the model would tell if it were printed.
+/// The screen's text, and the model's debug output.
 fn seen(console: &TestConsole) -> String {
-    let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
-    let told = format!("{:?}{:?}", console.model.entry.overlay, console.model.notice);
+    let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
+    let told = format!("{:?}{:?}", console.model.input.overlay, console.model.notice);
     crate::frame::text_of(&console.model, &look, 120, 80) + &told
 }
 
@@ -60,7 +60,7 @@ fn a_protected_key_is_opened_at_the_moment_of_signing_and_nothing_shows_it() {
     };
     assert_eq!(
         (decision.by(), decision.answer(), with.as_ref()),
-        ("ana", Answer::Approve, Some(&passphrase()))
+        ("ana", ApprovalDecision::Approve, Some(&passphrase()))
     );
     assert!(!format!("{effects:?}").contains("oak"));
     assert!(field(&console).unwrap().secret.is_empty(), "what was handed over is kept nowhere");
@@ -68,11 +68,11 @@ fn a_protected_key_is_opened_at_the_moment_of_signing_and_nothing_shows_it() {
     let reply = serde_json::from_value(json!({ "reply": "accepted", "text": "approved", "version": null }));
     let answer = MsgKind::Answer { id: id.clone(), reply: Box::new(reply.unwrap()) };
     console.tell(answer);
-    assert!(console.model.entry.overlay.is_none());
+    assert!(console.model.input.overlay.is_none());
     assert!(!seen(&console).contains("oak"));
 }
 
-/// From Enter until the engine's answer no key is text, and the keys that stop are none that wait.
+/// From Enter until the engine's answer no key is text, and the keys that stop still work.
 #[test]
 fn what_stops_works_while_a_passphrase_is_checked() {
     for key in [KeyCode::Char('X'), KeyCode::F(9)] {
@@ -95,7 +95,7 @@ fn a_wrong_passphrase_is_said_in_place_and_the_question_stays() {
     console.tell(MsgKind::Unsigned { id: id.clone(), text: text.clone() });
     assert_eq!(field(&console).unwrap().problem.as_deref(), Some(text.as_str()));
     assert!(seen(&console).contains(&text));
-    assert!(!console.model.asking.pending.contains_key(id));
+    assert!(!console.model.requests.pending.contains_key(id));
     console.keys(WORDS);
     let effects = console.press(KeyCode::Enter);
     assert!(
@@ -109,7 +109,7 @@ fn what_changes_while_a_passphrase_is_typed_is_not_signed() {
     console.keys(WORDS);
     console.tell(MsgKind::Snapshot(Arc::new(snapshot(1, 'f'))));
     assert!(!decides(&console.press(KeyCode::Enter)));
-    assert_eq!(console.block(), Some(Obstacle::Stale));
+    assert_eq!(console.block(), Some(DecisionObstacle::Stale));
     assert_eq!(field(&console), None);
 }
 
@@ -122,16 +122,16 @@ fn esc_leads_back_to_the_question_and_an_empty_field_signs_nothing() {
     assert_eq!(field(&console).unwrap().secret.len(), WORDS.len());
     console.press(KeyCode::Esc);
     assert_eq!(field(&console), None);
-    assert!(matches!(console.model.entry.overlay, Some(Overlay::Prompt(_))));
+    assert!(matches!(console.model.input.overlay, Some(Overlay::Approval(_))));
     console.keys("Y");
     assert!(field(&console).unwrap().secret.is_empty(), "what was typed before is gone");
     // Stopping works with the field open.
     let effects = console.press(KeyCode::F(9));
-    assert!(matches!(&effects[..], [Effect::Ask { question: Question::Stop { .. }, .. }]), "{effects:?}");
+    assert!(matches!(&effects[..], [Effect::Ask { question: EngineQuery::Stop { .. }, .. }]), "{effects:?}");
 }
 
 impl TestConsole {
-    /// Where the engine asks for a signature under what gives authority, somebody stopped the cell.
+    /// The cell is stopped, and the engine asks for a signature under what gives authority.
     fn signs(&mut self) {
         let mut now = snapshot(1, 'a');
         now.signing = Some(SigningView {
@@ -145,7 +145,7 @@ impl TestConsole {
     }
 
     fn form(&self) -> Option<&crate::form::Form> {
-        match &self.model.entry.overlay {
+        match &self.model.input.overlay {
             Some(Overlay::Form(form)) => Some(form),
             _ => None,
         }
@@ -172,7 +172,7 @@ fn what_gives_authority_is_signed_in_its_form() {
     let text = "wrong passphrase, nothing was signed".to_owned();
     console.tell(MsgKind::Unsigned { id: id.clone(), text: text.clone() });
     assert!(seen(&console).contains(&text));
-    // Esc leads back to the form, and what was typed is gone.
+    // Esc leads back to the form, and the typed text is gone.
     console.press(KeyCode::Esc);
     assert!(console.form().is_some_and(|form| form.signing.is_none()));
     console.press(KeyCode::Enter);
@@ -193,9 +193,9 @@ fn what_gives_authority_is_signed_in_its_form() {
 fn a_candidate_is_submitted_by_somebody_and_stopping_asks_for_nothing() {
     let mut console = TestConsole::new(1);
     console.signs();
-    console.model.seat.operator = None;
+    console.model.session.operator = None;
     console.keys(":demo");
-    assert!(console.press(KeyCode::Enter).is_empty(), "nobody sits here");
+    assert!(console.press(KeyCode::Enter).is_empty(), "there is no operator");
     assert!(console.model.notice.as_ref().unwrap().text.contains(":as NAME"));
     console.sit_with("ana", Protection::Passphrase);
     console.keys(":demo");
@@ -204,7 +204,7 @@ fn a_candidate_is_submitted_by_somebody_and_stopping_asks_for_nothing() {
     assert!(console.confirm().is_empty());
     console.keys(WORDS);
     let effects = console.press(KeyCode::F(9));
-    assert!(matches!(&effects[..], [Effect::Ask { question: Question::Stop { .. }, .. }]), "{effects:?}");
+    assert!(matches!(&effects[..], [Effect::Ask { question: EngineQuery::Stop { .. }, .. }]), "{effects:?}");
     let effects = console.press(KeyCode::Enter);
     assert!(
         matches!(&effects[..], [Effect::Register { folder: None, passphrase: Some(with), .. }] if *with == passphrase())

@@ -1,12 +1,12 @@
-//! Stopping: one key, from everywhere, without a question, and back to work only with a reason.
+//! Stopping: one key, from everywhere, without a question; starting needs a reason.
 
 use super::*;
 use crate::form::FormFocus;
-use holdpoint_governance::wall_time::ClockDoubt;
-use holdpoint_protocol::snapshot::{ClockDoubtView, StopAgain};
+use holdpoint_governance::wall_time::ClockMismatch;
+use holdpoint_protocol::snapshot::{ClockMismatchView, RepeatedStop};
 
 fn stops(effects: &[Effect]) -> bool {
-    matches!(effects, [Effect::Ask { question: Question::Stop { .. }, .. }])
+    matches!(effects, [Effect::Ask { question: EngineQuery::Stop { .. }, .. }])
 }
 
 #[test]
@@ -20,11 +20,13 @@ fn one_key_stops_from_everywhere() {
     assert!(stops(&console.keys("X")), "with nothing under evaluation as well");
     console.open_prompt();
     assert!(stops(&console.press(KeyCode::F(9))));
-    // Who only looks on may stop, and so may who has not said a name.
+    // A read-only console may stop, and so may an operator without a name.
     console.model.settings.read_only = true;
-    console.model.seat.operator = None;
+    console.model.session.operator = None;
     let stopped = console.press(KeyCode::F(9));
-    assert!(matches!(&stopped[..], [Effect::Ask { question: Question::Stop { by }, .. }] if by.is_empty()));
+    assert!(
+        matches!(&stopped[..], [Effect::Ask { question: EngineQuery::Stop { by }, .. }] if by.is_empty())
+    );
 }
 
 #[test]
@@ -39,7 +41,7 @@ fn no_number_of_requests_keeps_from_stopping() {
 fn going_on_needs_a_name_and_a_reason() {
     let mut console = TestConsole::new(0);
     assert!(console.keys("W").is_empty());
-    assert!(console.model.entry.overlay.is_none(), "there is nothing to let go");
+    assert!(console.model.input.overlay.is_none(), "there is nothing to let go");
     let mut now = snapshot(0, 'e');
     now.stopped = Some(StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
     console.tell(MsgKind::Snapshot(Arc::new(now)));
@@ -66,35 +68,35 @@ fn going_on_needs_a_name_and_a_reason() {
     );
 }
 
-/// In a small window the form named two of five who had stopped the cell, and let it go for all of them.
+/// In a small window the form named two of five operators who had stopped the cell, and started it for all of them.
 #[test]
 fn a_form_that_does_not_fit_is_read_to_its_end_first() {
     let mut console = TestConsole::new(0);
     let mut stopped = StoppedView::first("bo".to_owned(), Caller::Script, "r ".repeat(80), 1_000);
     for at_ms in [2_000, 3_000, 4_000] {
         let (by, reason) = ("cy".to_owned(), "he is at the far side and cannot be seen ".repeat(3));
-        stopped.note_again(StopAgain { by, caller: Caller::Script, reason, at_ms });
+        stopped.record_repeat(RepeatedStop { by, caller: Caller::Script, reason, at_ms });
     }
     let (by, reason) = ("dora".to_owned(), "I AM INSIDE THE CELL".to_owned());
-    stopped.note_again(StopAgain { by, caller: Caller::Script, reason, at_ms: 5_000 });
+    stopped.record_repeat(RepeatedStop { by, caller: Caller::Script, reason, at_ms: 5_000 });
     let mut now = snapshot(0, 'e');
     now.stopped = Some(stopped);
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     let size = (60, 16);
     let shown = |console: &TestConsole| {
-        let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
-        let model = Model { size, ..console.model.clone() };
+        let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
+        let model = ConsoleModel { size, ..console.model.clone() };
         crate::frame::text_of(&model, &look, size.0, size.1)
     };
     let confirms = |console: &mut TestConsole| {
-        let Some(Overlay::Form(form)) = &mut console.model.entry.overlay else { panic!("a form is open") };
+        let Some(Overlay::Form(form)) = &mut console.model.input.overlay else { panic!("a form is open") };
         form.focus = FormFocus::Confirm;
         console.press(KeyCode::Enter)
     };
     console.keys("Wthe cell is empty");
     console.draw(size);
     let screen = shown(&console);
-    assert!(screen.contains("make sure that nobody is in") && screen.contains("more below"), "{screen}");
+    assert!(screen.contains("make sure that the cell is") && screen.contains("more below"), "{screen}");
     assert!(!screen.contains("INSIDE"), "{screen}");
     assert!(confirms(&mut console).is_empty(), "it is not read yet");
     assert!(shown(&console).contains("to its end first"), "{}", shown(&console));
@@ -106,14 +108,14 @@ fn a_form_that_does_not_fit_is_read_to_its_end_first() {
     }
     assert!(read.contains("INSIDE THE CELL") && !shown(&console).contains("more below"), "{read}");
     assert!(matches!(confirms(&mut console)[..], [Effect::Operate { .. }]));
-    // Where the form cannot be drawn at all, nothing of it is confirmed.
-    console.model.entry.overlay = None;
+    // Where the form cannot be drawn, nothing is confirmed.
+    console.model.input.overlay = None;
     console.keys("Wthe cell is empty");
     console.draw((40, 4));
     assert!(confirms(&mut console).is_empty());
 }
 
-/// What the agent works towards is asked for with a reason, as whatever a person answers for.
+/// The agent's goal needs a reason, like each operation that a person takes responsibility for.
 #[test]
 fn a_goal_takes_a_reason() {
     let mut console = TestConsole::new(0);
@@ -132,7 +134,7 @@ fn a_goal_takes_a_reason() {
     assert_eq!(confirmed.as_ref().clone().into_command(), asked);
 }
 
-/// Enter twice, and the second one was on the button that cancels: nothing was said.
+/// Enter twice, the second time on the button that cancels, gave no message.
 #[test]
 fn a_form_that_is_left_says_that_nothing_was_done() {
     let said = |console: &TestConsole| console.model.notice.as_ref().unwrap().text.clone();
@@ -140,7 +142,7 @@ fn a_form_that_is_left_says_that_nothing_was_done() {
     console.keys("pit drops what it holds");
     console.press(KeyCode::Enter);
     console.press(KeyCode::Enter);
-    assert!(console.model.entry.overlay.is_none());
+    assert!(console.model.input.overlay.is_none());
     assert_eq!(said(&console), "nothing was done: not held");
     for leave in [KeyCode::Esc, KeyCode::Char('n')] {
         let mut console = TestConsole::new(0);
@@ -150,7 +152,7 @@ fn a_form_that_is_left_says_that_nothing_was_done() {
     }
 }
 
-/// An engine that holds refuses it: the key was offered, and a reason typed for nothing.
+/// A halted engine refuses it: the key was offered, and a reason typed without effect.
 #[test]
 fn what_holds_is_not_let_work_by_a_key() {
     let mut console = TestConsole::new(0);
@@ -163,12 +165,12 @@ fn what_holds_is_not_let_work_by_a_key() {
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     assert!(!offered(&console));
     console.keys("W");
-    assert!(console.model.entry.overlay.is_none());
+    assert!(console.model.input.overlay.is_none());
     let said = &console.model.notice.as_ref().unwrap().text;
     assert!(said.contains("the engine holds") && said.contains("free some space"), "{said}");
 }
 
-/// Whoever let it work again, and from wherever: no line of this screen goes on saying that it is stopped.
+/// Once the cell runs again, from whatever source, no line of this screen says that it is stopped.
 #[test]
 fn a_go_from_elsewhere_leaves_no_stale_line() {
     let mut console = TestConsole::new(0);
@@ -180,7 +182,8 @@ fn a_go_from_elsewhere_leaves_no_stale_line() {
     console.tell(MsgKind::Picture(Arc::new(serde_json::from_value(picture).unwrap())));
     let effects = console.keys("X");
     let [Effect::Ask { id, .. }] = &effects[..] else { panic!("{effects:?}") };
-    let reply = json!({ "reply": "accepted", "text": "the cell is stopped; `go` lets it work again", "version": null });
+    let reply =
+        json!({ "reply": "accepted", "text": "the cell is stopped; `go` starts it", "version": null });
     let reply = Box::new(serde_json::from_value(reply).unwrap());
     console.tell(MsgKind::Answer { id: id.clone(), reply });
     let mut now = snapshot(0, 'e');
@@ -189,7 +192,7 @@ fn a_go_from_elsewhere_leaves_no_stale_line() {
         ..StoppedView::first("ana".to_owned(), Caller::Script, String::new(), 60_000)
     });
     console.tell(MsgKind::Snapshot(Arc::new(now)));
-    let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
+    let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Unicode);
     let screen = |console: &TestConsole| crate::frame::text_of(&console.model, &look, 120, 36).to_lowercase();
     assert!(screen(&console).contains("stopped"));
 
@@ -199,23 +202,23 @@ fn a_go_from_elsewhere_leaves_no_stale_line() {
     console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
     let after = screen(&console);
     assert!(!after.contains("stopped"), "{after}");
-    assert!(after.contains("the cell works again: omar let it"), "{after}");
+    assert!(after.contains("the cell runs again: started by omar"), "{after}");
 }
 
-/// The form had the clock's second in it: each second it had just changed, and no passphrase was typed fast enough.
+/// The form contained the clock's second: it changed each second, and no passphrase was typed fast enough.
 #[test]
 fn the_form_that_confirms_the_time_stays_as_it_was_read() {
     let mut console = TestConsole::new(0);
     let mut now = snapshot(0, 'e');
     let at = |now: &mut Snapshot, secs: u64| {
-        let (doubt, said) = (ClockDoubt::Jumped { by_ms: 60_000 }, now.time.plus_ms(secs * 1_000));
-        now.clock_doubt = Some(ClockDoubtView { doubt, text: doubt.to_string(), said });
+        let (doubt, said) = (ClockMismatch::Jumped { by_ms: 60_000 }, now.time.plus_ms(secs * 1_000));
+        now.clock_doubt = Some(ClockMismatchView { doubt, text: doubt.to_string(), said });
     };
     at(&mut now, 0);
     console.tell(MsgKind::Snapshot(Arc::new(now.clone())));
     console.keys(":confirm-time");
     console.press(KeyCode::Enter);
-    let form = |console: &TestConsole| match &console.model.entry.overlay {
+    let form = |console: &TestConsole| match &console.model.input.overlay {
         Some(Overlay::Form(form)) => (form.consequences.clone(), form.problem.clone(), form.void.is_some()),
         other => panic!("{other:?}"),
     };

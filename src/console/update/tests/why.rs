@@ -1,12 +1,12 @@
-//! Why a check came out as it did, and the work that shows it: what opens them, what their keys do and do not.
+//! The explanation of a check's result, and the re-run that shows it: opening, keys, and what the keys never do.
 
 use super::*;
 use crate::frame;
-use crate::model::AskedFor;
+use crate::model::RequestSubject;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::detail::Detail;
-use holdpoint_protocol::film::{Film, FilmAsked, FilmOf};
+use holdpoint_protocol::film::{Film, FilmRequest, FilmSubject};
 
 fn detail() -> Detail {
     let dimension = |name: &str, outcome: &str| {
@@ -56,32 +56,32 @@ fn film(number: u32) -> Film {
     .unwrap()
 }
 
-/// At the checks of the candidate, the engine's answer there.
+/// At the checks of the candidate, with the engine's answer.
 fn at_checks() -> TestConsole {
     let mut console = TestConsole::new(0);
     console.keys("3");
-    console.answer(AskedFor::Detail, Reply::Detail { detail: Box::new(detail()) });
+    console.answer(RequestSubject::Detail, Reply::Detail { detail: Box::new(detail()) });
     console
 }
 
 impl TestConsole {
-    /// The engine answers what waits of a kind.
-    fn answer(&mut self, about: AskedFor, reply: Reply) {
-        let pending = self.model.asking.pending.iter().find(|(_, pending)| pending.about == about);
+    /// The engine answers the waiting requests of a kind.
+    fn answer(&mut self, about: RequestSubject, reply: Reply) {
+        let pending = self.model.requests.pending.iter().find(|(_, pending)| pending.about == about);
         let id = pending.map(|(id, _)| id.clone()).unwrap();
         self.tell(MsgKind::Answer { id, reply: Box::new(reply) });
     }
 
     fn player(&self) -> &crate::player::Player {
-        match &self.model.entry.overlay {
+        match &self.model.input.overlay {
             Some(Overlay::Film(watched)) => &watched.player,
             other => panic!("no film is open: {other:?}"),
         }
     }
 
     fn shown(&self, columns: u16, rows: u16) -> String {
-        let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
-        let model = Model { size: (columns, rows), ..self.model.clone() };
+        let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
+        let model = ConsoleModel { size: (columns, rows), ..self.model.clone() };
         frame::text_of(&model, &look, columns, rows)
     }
 }
@@ -96,7 +96,7 @@ fn enter_on_a_check_says_why_in_numbers_first() {
         let screen = console.shown(columns, rows);
         let flat: String = screen.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(flat.contains("Passes a limit in 38 of 120 episodes, the active version in 0;"), "{screen}");
-        assert!(flat.contains("It would have to be otherwise 12 fewer of 120 episodes"), "{screen}");
+        assert!(flat.contains("To pass, this would have to change 12 fewer of 120 episodes"), "{screen}");
         assert!(flat.contains("params.grip_n 12 > 20") && flat.contains("w worst episode"), "{screen}");
         let worse = screen.find("x tolerated").or_else(|| screen.find("38 of 120")).unwrap();
         assert!(worse < screen.find("takes 4.10 s").unwrap(), "{screen}");
@@ -105,10 +105,10 @@ fn enter_on_a_check_says_why_in_numbers_first() {
     console.keys("h");
     assert!(console.keys("w").is_empty(), "interface shows no work");
     console.press(KeyCode::Esc);
-    assert_eq!(console.model.entry.overlay, None);
+    assert_eq!(console.model.input.overlay, None);
 }
 
-/// A check of a candidate is pointed at, and pointed at again it opens, as Enter does.
+/// The first click selects a check; the second opens it, as Enter does.
 #[test]
 fn a_click_on_a_check_selects_it_and_then_opens_it() {
     let mut console = at_checks();
@@ -117,13 +117,13 @@ fn a_click_on_a_check_selects_it_and_then_opens_it() {
     let rows: Vec<String> = console.shown(120, 36).lines().map(str::to_owned).collect();
     let at = rows.iter().rposition(|row| row.contains("ehavio")).unwrap();
     console.tell(MsgKind::Click(6, u16::try_from(at).unwrap()));
-    assert_eq!((console.model.row(), &console.model.entry.overlay), (1, &None), "{}", rows.join("\n"));
+    assert_eq!((console.model.row(), &console.model.input.overlay), (1, &None), "{}", rows.join("\n"));
     console.now_ms += 1_000;
     console.tell(MsgKind::Click(6, u16::try_from(at).unwrap()));
     assert!(
-        matches!(console.model.entry.overlay, Some(Overlay::Why(_))),
+        matches!(console.model.input.overlay, Some(Overlay::Why(_))),
         "{:?}",
-        console.model.entry.overlay
+        console.model.input.overlay
     );
 }
 
@@ -132,15 +132,15 @@ fn one_key_asks_for_the_worst_episode_and_it_is_played() {
     let mut console = at_checks();
     console.press(KeyCode::Down);
     console.press(KeyCode::Enter);
-    let asked = FilmAsked { of: FilmOf::Episode, number: None };
+    let asked = FilmRequest { of: FilmSubject::Episode, number: None };
     let effects = console.keys("w");
     assert!(
-        matches!(&effects[..], [Effect::Ask { question: Question::Film { asked: wanted, .. }, .. }] if *wanted == asked),
+        matches!(&effects[..], [Effect::Ask { question: EngineQuery::Film { asked: wanted, .. }, .. }] if *wanted == asked),
         "{effects:?}"
     );
     assert!(console.keys("w").is_empty(), "one at a time");
-    console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(17)) });
-    // It begins a second before it goes wrong, and runs.
+    console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film(17)) });
+    // It plays from a second before the failure.
     assert_eq!((console.player().tick(), console.player().runs()), (240, true));
     console.now_ms += 500;
     console.tell(MsgKind::Tick);
@@ -173,20 +173,20 @@ fn one_key_asks_for_the_worst_episode_and_it_is_played() {
     console.now_ms += 60_000;
     console.tell(MsgKind::Tick);
     assert_eq!((console.player().tick(), console.player().runs()), (960, false), "it stands at its end");
-    // The next one, then back to why, then to the checks.
+    // The next one, then back to the explanation, then to the checks.
     let effects = console.keys("n");
-    let next = FilmAsked { of: FilmOf::Episode, number: Some(18) };
+    let next = FilmRequest { of: FilmSubject::Episode, number: Some(18) };
     assert!(
-        matches!(&effects[..], [Effect::Ask { question: Question::Film { asked, .. }, .. }] if *asked == next),
+        matches!(&effects[..], [Effect::Ask { question: EngineQuery::Film { asked, .. }, .. }] if *asked == next),
         "{effects:?}"
     );
     console.press(KeyCode::Esc);
-    assert!(matches!(console.model.entry.overlay, Some(Overlay::Why(_))));
+    assert!(matches!(console.model.input.overlay, Some(Overlay::Why(_))));
     console.press(KeyCode::Esc);
-    assert_eq!(console.model.entry.overlay, None);
-    // What comes then opens nothing by itself.
-    console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(18)) });
-    assert_eq!(console.model.entry.overlay, None);
+    assert_eq!(console.model.input.overlay, None);
+    // A late answer opens nothing by itself.
+    console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film(18)) });
+    assert_eq!(console.model.input.overlay, None);
 }
 
 #[test]
@@ -197,17 +197,17 @@ fn the_arm_can_be_stopped_from_every_one_of_them() {
         console.press(KeyCode::Enter);
         console.keys(keys);
         if !keys.is_empty() {
-            console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(17)) });
+            console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film(17)) });
         }
         let effects = console.keys("X");
         assert!(
-            matches!(&effects[..], [Effect::Ask { question: Question::Stop { .. }, .. }]),
+            matches!(&effects[..], [Effect::Ask { question: EngineQuery::Stop { .. }, .. }]),
             "{keys:?}: {effects:?}"
         );
     }
 }
 
-/// Nothing typed there does anything but look.
+/// No typed key there has an effect.
 #[test]
 fn no_key_of_them_changes_anything() {
     for letter in (' '..='~').filter(|letter| *letter != 'X') {
@@ -217,7 +217,7 @@ fn no_key_of_them_changes_anything() {
             console.press(KeyCode::Enter);
             if open {
                 console.keys("w");
-                console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(17)) });
+                console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film(17)) });
             }
             let effects = console.press(KeyCode::Char(letter));
             let only_looks = effects.iter().all(|effect| match effect {
@@ -239,7 +239,7 @@ fn a_film_that_is_not_what_was_recorded_says_so() {
     let mut film = film(17);
     film.candidate.as_recorded = Some(false);
     film.doubts.push("it was judged by another build, or in another cell".to_owned());
-    console.answer(AskedFor::Film, Reply::Film { film: Box::new(film) });
+    console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film) });
     let screen = console.shown(120, 36);
     assert!(screen.contains("NOT AS RECORDED") && screen.contains("judged by another build"), "{screen}");
     assert_eq!(console.model.subject_detail().unwrap().why[1].about, Dimension::Behavior);
@@ -251,7 +251,7 @@ fn a_view_key_leads_out_of_both() {
     console.press(KeyCode::Down);
     console.press(KeyCode::Enter);
     console.keys("w");
-    console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(17)) });
+    console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film(17)) });
     console.keys("7");
-    assert_eq!((console.model.place.view, &console.model.entry.overlay), (View::Audit, &None));
+    assert_eq!((console.model.view_state.view, &console.model.input.overlay), (View::Audit, &None));
 }

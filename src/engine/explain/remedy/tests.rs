@@ -1,17 +1,17 @@
-//! Numbers in "what would have to change" against the rule's own bounds.
+//! Compares numbers in the needed changes with the rule's own bounds.
 
 use super::*;
 use holdpoint_governance::decision::ReasonCode;
 
-fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) -> Noted {
+fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) -> ReasonRecord {
     let value = serde_json::json!({
         "code": code, "dimension": dimension, "text": text, "evidence": evidence, "limit": limit,
     });
     serde_json::from_value(value).unwrap()
 }
 
-/// A dossier of 120 pairs, of which the candidate alone has a violation in so many.
-fn dossier(worse: usize) -> DossierRecord {
+/// An evidence file of 120 pairs; in `worse` of them only the candidate has a violation.
+fn dossier(worse: usize) -> EvidenceFileRecord {
     let values = |violation: bool| {
         serde_json::json!({
             "success": true, "violation": violation, "anomaly": false, "recovery": false, "intervention": false,
@@ -29,7 +29,7 @@ fn dossier(worse: usize) -> DossierRecord {
             "rollback": rollback, "abort": tally(40, 0), "fallback": tally(0, 0), "detect": tally(0, 0),
         })
     };
-    let dossier: DossierRecord = serde_json::from_value(serde_json::json!({
+    let dossier: EvidenceFileRecord = serde_json::from_value(serde_json::json!({
         "kappas": {},
         "field": "of a later build",
         "pairs": pairs,
@@ -51,10 +51,10 @@ fn dossier(worse: usize) -> DossierRecord {
     dossier
 }
 
-/// What another build wrote in another form is as if it were not there, and a word of its own is told as it is.
+/// Unknown forms of another build are ignored, and its unknown codes are shown as they are.
 #[test]
 fn what_another_build_wrote_is_told_as_far_as_it_can_be() {
-    let dossier: DossierRecord = serde_json::from_value(serde_json::json!({
+    let dossier: EvidenceFileRecord = serde_json::from_value(serde_json::json!({
         "kappas": {}, "behavior": { "form": "of a later build" }, "drills": 7, "pairs": "none",
     }))
     .unwrap();
@@ -80,19 +80,14 @@ fn the_number_of_episodes_is_the_smallest_that_does() {
         let left = worse as u64 - less;
         assert!(upper(left) <= 0.05, "{worse}: {left} are left");
         assert!(less == 0 || upper(left + 1) > 0.05, "{worse}: one fewer would do as well");
-        let said = reason(
-            "behavior-suspicious",
-            "behavior",
-            "violation may be worse beyond its tolerance",
-            0.1,
-            0.05,
-        );
+        let said =
+            reason("behavior-suspicious", "behavior", "violation may be worse beyond its margin", 0.1, 0.05);
         let text = change(&said, &dossier).unwrap();
         assert!(text.ends_with(&format!("must be at most 0.050: {less} fewer of 120 episodes")), "{text}");
     }
 }
 
-/// What was traded is the component that is worse, not the success it was traded for.
+/// The traded component is the worse one, not the success it was traded for.
 #[test]
 fn a_traded_component_is_the_one_that_is_worse() {
     let dossier = dossier(10);
@@ -120,17 +115,17 @@ fn drills_are_counted() {
 #[test]
 fn people_are_counted() {
     let said = |missing| reason("approval-pending", "approval", "waits", missing, 2.0);
-    assert_eq!(change(&said(1.0), &DossierRecord::default()).unwrap(), "approval by 1 more operator");
-    assert_eq!(change(&said(2.0), &DossierRecord::default()).unwrap(), "approval by 2 more operators");
+    assert_eq!(change(&said(1.0), &EvidenceFileRecord::default()).unwrap(), "approval by 1 more operator");
+    assert_eq!(change(&said(2.0), &EvidenceFileRecord::default()).unwrap(), "approval by 2 more operators");
 }
 
-/// Every reason there is either speaks for the version or says what would have to change, also without evidence.
+/// Every reason either supports the version or names a change, also without evidence.
 #[test]
 fn no_reason_is_left_without_a_word() {
     let mut in_favour = Vec::new();
     for code in ReasonCode::ALL {
         let said = reason(code.as_str(), "gate", "what was found", 1.0, 2.0);
-        match change(&said, &DossierRecord::default()) {
+        match change(&said, &EvidenceFileRecord::default()) {
             Some(text) => assert!(!text.is_empty(), "{code}"),
             None => in_favour.push(code.as_str()),
         }

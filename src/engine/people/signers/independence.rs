@@ -1,5 +1,5 @@
-//! Who registered or wrote a version approves none of it, by whichever door and after whichever restart; and an author's
-//! estimate lowers nothing.
+//! The author and the registrar of a version cannot approve it, by any route or after any restart; and an author's
+//! estimate lowers no requirement.
 
 use holdpoint_approvals::SignedAuthorship;
 use holdpoint_governance::approval::Requester;
@@ -17,19 +17,19 @@ use crate::pipeline::Pipeline;
 use crate::stages::activation::tests::{asked_by, package};
 use crate::test_pipeline::pipeline;
 use crate::tests::asked;
-use holdpoint_approvals::keyfile::Keep;
+use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation};
 
 fn person(pipeline: &mut Pipeline, name: &str, role: Role) -> Identity {
-    enrolled(pipeline.live().record, name, role, Keep::Plain)
+    enrolled(pipeline.live().record, name, role, KeyEncoding::Plain)
 }
 
 fn approve(pipeline: &mut Pipeline, who: &Identity) -> Reply {
     let open = pipeline.snapshot().prompts.remove(0);
-    match signed(pipeline, &open, who, Answer::Approve) {
+    match signed(pipeline, &open, who, ApprovalDecision::Approve) {
         Ok(command) => pipeline.command(command),
         Err(refused) => refused,
     }
@@ -70,7 +70,7 @@ fn who_registered_a_version_does_not_approve_it_after_a_restart_either() {
     let shown = question(&mut second, &open, "ben").unwrap();
     assert!(shown.lines.iter().any(|line| line.contains("registered by rita")), "{:?}", shown.lines);
     approve(&mut second, &ben);
-    assert_eq!(second.record().ledger().version(&id).unwrap().1.state, State::Shadowed, "one of two");
+    assert_eq!(second.record().version_table().version(&id).unwrap().1.state, State::Shadowed, "one of two");
     assert!(matches!(approve(&mut second, &sam), Reply::Accepted { .. }));
     assert!(second.snapshot().prompts.is_empty(), "two others are enough");
 }
@@ -85,7 +85,7 @@ fn nobody_alone_brings_a_demoted_version_back_or_ends_a_restriction() {
     approve(&mut pipeline, &ben);
     approve(&mut pipeline, &sam);
     let standing = |pipeline: &Pipeline, id: &CapabilityId| {
-        let (_, standing, _) = pipeline.record().ledger().version(id).unwrap();
+        let (_, standing, _) = pipeline.record().version_table().version(id).unwrap();
         (standing.state, standing.flags.restricted)
     };
     while standing(&pipeline, &id).0 != State::Active && pipeline.record().holding().is_none() {
@@ -103,7 +103,7 @@ fn nobody_alone_brings_a_demoted_version_back_or_ends_a_restriction() {
     done(Command::Restrict(of(&first)));
     done(Command::Vacate(of(&first)));
     let refused = done(Command::Rearm(of(&id)));
-    assert!(refused.contains("comes back through the gate"), "{refused}");
+    assert!(refused.contains("through the gate"), "{refused}");
     let taken = done(Command::Rearm(of(&first)));
     assert!(taken.contains("active again"), "{taken}");
     assert_eq!(standing(&pipeline, &id), (State::Demoted, false));
@@ -148,7 +148,7 @@ fn an_author_is_known_by_their_key_and_excluded_by_it() {
     let register = |pipeline: &mut Pipeline, package: Package| {
         pipeline.command(Command::Register { package, name: "test".to_owned(), by: None })
     };
-    // A signature that is not over these files, or by a key that nobody enrolled, is no free text: it is refused.
+    // A signature that does not cover these files, or by an unknown key, is refused, not treated as free text.
     for (wrong, what) in [
         (SignedAuthorship { public_key: "00".repeat(32), ..signature.clone() }, "not over these files"),
         (SignedAuthorship { author: "ben".to_owned(), ..signature.clone() }, "names the author \"acme\""),
@@ -183,7 +183,7 @@ fn a_registration_tells_who_asked_for_it() {
     assert_eq!(pipeline.snapshot().prompts[0].author, "ana (signed)");
 }
 
-/// What was registered unsigned came into control near people by `rearm`, with nobody's approval.
+/// Regression: an unsigned version became active near people by `rearm`, without an approval.
 #[test]
 fn a_version_without_a_known_requester_is_not_re_armed_where_people_decide() {
     let folder = tempfile::tempdir().unwrap();

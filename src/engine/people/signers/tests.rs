@@ -1,17 +1,17 @@
-//! Whose answers count, at the door of the engine: whoever sends them, console, verb or another program.
+//! Which answers the socket accepts, whether the console, a command or another program sends them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use holdpoint_approvals::keyfile::{self, Keep};
-use holdpoint_approvals::{Approval, Cost, Nonce, Passphrase, SignedPersonAct};
+use holdpoint_approvals::keyfile::{self, KeyEncoding};
+use holdpoint_approvals::{Approval, KdfCost, Nonce, Passphrase, SignedPersonAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_protocol::approval_document::ApprovalDocument;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
-use holdpoint_protocol::question::QuestionView;
-use holdpoint_protocol::snapshot::PromptView;
+use holdpoint_protocol::snapshot::ApprovalRequestView;
 
 use super::*;
 use crate::people::persons::{enrolled, guarded};
@@ -27,7 +27,7 @@ fn waiting(profile: ProfileName, scripted: bool) -> (Bench, PathBuf) {
         let now_ms = bench.pipeline.record().now_ms();
         bench.pipeline.live().record.set_clock(Clock::real(now_ms));
     }
-    let folder = bench.pipeline.record().ledger().store().layout().identities();
+    let folder = bench.pipeline.record().version_table().store().layout().identities();
     (bench, folder)
 }
 
@@ -36,20 +36,28 @@ fn words() -> Passphrase {
 }
 
 fn protected(bench: &mut Bench, name: &str) -> Identity {
-    enrolled(bench.pipeline.live().record, name, Role::Safety, Keep::Sealed(&words(), Cost::LEAST))
+    enrolled(bench.pipeline.live().record, name, Role::Safety, KeyEncoding::Sealed(&words(), KdfCost::LEAST))
 }
 
 fn plain(bench: &mut Bench, name: &str) -> Identity {
-    enrolled(bench.pipeline.live().record, name, Role::Safety, Keep::Plain)
+    enrolled(bench.pipeline.live().record, name, Role::Safety, KeyEncoding::Plain)
 }
 
 /// The store's first administrator.
 fn administrator(bench: &Bench, folder: &Path) -> Identity {
-    bench.pipeline.record().ledger().store().persons().unwrap().unasked(folder).unwrap()
+    bench
+        .pipeline
+        .record()
+        .version_table()
+        .store()
+        .persons()
+        .unwrap()
+        .unprotected_administrator(folder)
+        .unwrap()
 }
 
-fn act(bench: &mut Bench, act: impl FnOnce(&Persons) -> SignedPersonAct) -> Reply {
-    let signed = act(&bench.pipeline.record().ledger().store().persons().unwrap());
+fn act(bench: &mut Bench, act: impl FnOnce(&PersonDirectory) -> SignedPersonAct) -> Reply {
+    let signed = act(&bench.pipeline.record().version_table().store().persons().unwrap());
     bench.pipeline.command(Command::Person { signed: Box::new(signed) })
 }
 
@@ -65,7 +73,11 @@ fn done(reply: &Reply) {
 }
 
 /// An open question as `who` gets it; else the refusal.
-pub(crate) fn question(pipeline: &mut Pipeline, open: &PromptView, who: &str) -> Result<QuestionView, Reply> {
+pub(crate) fn question(
+    pipeline: &mut Pipeline,
+    open: &ApprovalRequestView,
+    who: &str,
+) -> Result<ApprovalDocument, Reply> {
     let (version, purpose) = (open.version.clone(), open.purpose);
     match pipeline.command(Command::Question { version, purpose, who: who.to_owned() }) {
         Reply::Question { question } => Ok(*question),
@@ -73,18 +85,18 @@ pub(crate) fn question(pipeline: &mut Pipeline, open: &PromptView, who: &str) ->
     }
 }
 
-/// The command by which somebody answers an open question that they were shown; else the refusal.
+/// The command by which a person answers an open request that they were shown; else the refusal.
 pub(crate) fn signed(
     pipeline: &mut Pipeline,
-    open: &PromptView,
+    open: &ApprovalRequestView,
     who: &Identity,
-    answer: Answer,
+    answer: ApprovalDecision,
 ) -> Result<Command, Reply> {
     let question = question(pipeline, open, &who.info().name)?;
     Ok(question.answer(who, answer, "evidence read").unwrap())
 }
 
-fn say(bench: &mut Bench, who: &Identity, answer: Answer) -> Reply {
+fn say(bench: &mut Bench, who: &Identity, answer: ApprovalDecision) -> Reply {
     let open = bench.pipeline.snapshot().prompts.remove(0);
     match signed(&mut bench.pipeline, &open, who, answer) {
         Ok(command) => bench.pipeline.command(command),
@@ -93,7 +105,7 @@ fn say(bench: &mut Bench, who: &Identity, answer: Answer) -> Reply {
 }
 
 fn approve(bench: &mut Bench, who: &Identity) -> Reply {
-    say(bench, who, Answer::Approve)
+    say(bench, who, ApprovalDecision::Approve)
 }
 
 #[track_caller]
@@ -114,7 +126,7 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
     refused(&reply, &["the key of ann has no passphrase", "`holdpoint identity passphrase ann` sets one"]);
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
     // The same key under a passphrase, by the way that the refusal names.
-    ann.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+    ann.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
     let reply = approve(&mut bench, &ann);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
@@ -144,7 +156,8 @@ fn an_approval_takes_what_was_shown_and_a_refusal_does_not() {
         let ann = protected(&mut bench, "ann");
         let open = bench.pipeline.snapshot().prompts.remove(0);
         let shown = question(&mut bench.pipeline, &open, "ann").unwrap();
-        let Command::Decide { signed } = shown.answer(&ann, Answer::Approve, "read").unwrap() else {
+        let Command::Decide { signed } = shown.answer(&ann, ApprovalDecision::Approve, "read").unwrap()
+        else {
             panic!("a decision")
         };
         let said = Approval { shown: None, ..signed.approval().clone() };
@@ -158,7 +171,7 @@ fn an_approval_takes_what_was_shown_and_a_refusal_does_not() {
 /// A decision that the person signed over something else than the engine put to them: each part of it by itself.
 #[test]
 fn an_answer_over_anything_else_than_was_asked_is_refused() {
-    type Edit = fn(&mut QuestionView, &QuestionView);
+    type Edit = fn(&mut ApprovalDocument, &ApprovalDocument);
     let edits: [(&str, Edit, &str); 9] = [
         ("a line is altered", |ours, _| ours.lines[3].push('!'), "the lines that were shown"),
         ("a line is missing", |ours, _| drop(ours.lines.remove(5)), "the lines that were shown"),
@@ -183,29 +196,29 @@ fn an_answer_over_anything_else_than_was_asked_is_refused() {
         let mut altered = whole.clone();
         edit(&mut altered, &of_ben);
         assert_ne!(altered, whole, "{name}");
-        let reply = bench.pipeline.command(altered.answer(&ann, Answer::Approve, "read").unwrap());
+        let reply = bench.pipeline.command(altered.answer(&ann, ApprovalDecision::Approve, "read").unwrap());
         refused(&reply, &["align@1.1.0 counts for nothing", why]);
         assert!(matches!(reply, Reply::Refused { code: Refusal::Stale, .. }), "{name}: {reply:?}");
     }
     // Another's question is another's: their name stands in it.
-    let reply = bench.pipeline.command(of_ben.answer(&ann, Answer::Approve, "read").unwrap());
+    let reply = bench.pipeline.command(of_ben.answer(&ann, ApprovalDecision::Approve, "read").unwrap());
     refused(&reply, &["counts for nothing", "a request that is not open"]);
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
-    // What nobody altered is taken, once.
-    let command = whole.answer(&ann, Answer::Approve, "read").unwrap();
+    // An unaltered answer is accepted, once.
+    let command = whole.answer(&ann, ApprovalDecision::Approve, "read").unwrap();
     done(&bench.pipeline.command(command.clone()));
     assert!(matches!(bench.pipeline.command(command), Reply::Refused { .. }));
     drop(ben);
 }
 
-/// A question that changed after somebody answered it: what they said is void, and people are asked again.
+/// A request that changed after an answer: the answer is void, and people are asked again.
 #[test]
 fn what_was_answered_before_the_question_changed_counts_for_nothing() {
     let (mut bench, _) = waiting_for_two();
     let (ann, ben) = (protected(&mut bench, "ann"), protected(&mut bench, "ben"));
     done(&approve(&mut bench, &ann));
     let id = bench.pipeline.snapshot().prompts[0].version.clone();
-    bench.pipeline.live().dossiers.edit(&id).conditions.clear();
+    bench.pipeline.live().evidence_files.edit(&id).conditions.clear();
     let reply = approve(&mut bench, &ben);
     refused(&reply, &["what people were shown of align@1.1.0 has changed since"]);
     assert!(bench.pipeline.snapshot().prompts.iter().all(|open| open.approved_by.is_empty()));
@@ -216,9 +229,11 @@ fn an_answer_without_a_reason_is_refused_whoever_sends_it() {
     for scripted in [true, false] {
         let (mut bench, _) = waiting(ProfileName::Human, scripted);
         let ann = protected(&mut bench, "ann");
-        for (answer, reason) in
-            [(Answer::Approve, ""), (Answer::Approve, " \u{200b}"), (Answer::Reject, "\n")]
-        {
+        for (answer, reason) in [
+            (ApprovalDecision::Approve, ""),
+            (ApprovalDecision::Approve, " \u{200b}"),
+            (ApprovalDecision::Reject, "\n"),
+        ] {
             let open = bench.pipeline.snapshot().prompts.remove(0);
             let shown = question(&mut bench.pipeline, &open, "ann").unwrap();
             let command = shown.answer(&ann, answer, reason).unwrap();
@@ -236,11 +251,11 @@ fn scripts_refusals_and_other_profiles_need_no_passphrase() {
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     let (mut bench, _) = waiting(ProfileName::Human, false);
     let ann = plain(&mut bench, "ann");
-    let reply = say(&mut bench, &ann, Answer::Reject);
+    let reply = say(&mut bench, &ann, ApprovalDecision::Reject);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
-/// A copy of somebody's key files under another name, as earlier versions took it for another person.
+/// A copy of a person's key files under another name, which earlier versions took for another person.
 fn copied(folder: &Path, from: &str, to: &str) -> Identity {
     for ending in ["key", "pub"] {
         fs::copy(folder.join(format!("{from}.{ending}")), folder.join(format!("{to}.{ending}"))).unwrap();
@@ -248,7 +263,7 @@ fn copied(folder: &Path, from: &str, to: &str) -> Identity {
     Identity::open(folder, to).unwrap().unlock(Some(&words())).unwrap()
 }
 
-/// An author's alias approved his own work.
+/// Regression: an author's alias approved the author's own version.
 #[test]
 fn the_authors_key_under_another_name_approves_nothing() {
     for scripted in [true, false] {
@@ -261,14 +276,14 @@ fn the_authors_key_under_another_name_approves_nothing() {
         // Nor does an administrator make two persons of one key.
         let admin = administrator(&bench, &folder);
         if !scripted {
-            admin.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+            admin.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
         }
         let reply =
             act(&mut bench, |persons| persons.enrolment(alias.info(), false, &admin, "a test").unwrap());
         refused(&reply, &["one key is one person", &author]);
         // Under the own name it is put down, and does not count.
         done(&approve(&mut bench, &themselves));
-        assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it waits for somebody else");
+        assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it waits for another person");
     }
 }
 
@@ -280,7 +295,7 @@ fn waiting_for_two() -> (Bench, PathBuf) {
     assert!(submitted.submission.contains(from), "{}", submitted.submission);
     submitted.submission = submitted.submission.replace(from, to);
     asked(&mut bench.pipeline, submitted);
-    let folder = bench.pipeline.record().ledger().store().layout().identities();
+    let folder = bench.pipeline.record().version_table().store().layout().identities();
     assert_eq!(bench.pipeline.snapshot().prompts[0].needed, 2);
     (bench, folder)
 }
@@ -306,16 +321,16 @@ fn the_same_answer_is_not_taken_twice_and_another_one_is() {
     let (mut bench, _) = waiting_for_two();
     let ann = protected(&mut bench, "ann");
     let asked = bench.pipeline.snapshot().prompts.remove(0);
-    let mut answer = |answer: Answer| {
+    let mut answer = |answer: ApprovalDecision| {
         // Each is signed for itself: only what it says is the same.
         let command = signed(&mut bench.pipeline, &asked, &ann, answer).unwrap();
         let reply = bench.pipeline.command(command);
-        let records = bench.pipeline.record().ledger().store().views().unwrap().head().unwrap().seq;
+        let records = bench.pipeline.record().version_table().store().views().unwrap().head().unwrap().seq;
         (reply, records, bench.pipeline.snapshot().prompts)
     };
-    let (first, records, _) = answer(Answer::Approve);
+    let (first, records, _) = answer(ApprovalDecision::Approve);
     done(&first);
-    let (second, after, prompts) = answer(Answer::Approve);
+    let (second, after, prompts) = answer(ApprovalDecision::Approve);
     refused(
         &second,
         &["ann has answered approve on align@1.1.0 already", "the same answer is not taken twice"],
@@ -323,20 +338,20 @@ fn the_same_answer_is_not_taken_twice_and_another_one_is() {
     assert_eq!(after, records, "nothing more is put on record");
     assert_eq!(prompts[0].approved_by, ["ann"]);
     // Who thinks better of it is heard.
-    let (other, after, prompts) = answer(Answer::Reject);
+    let (other, after, prompts) = answer(ApprovalDecision::Reject);
     done(&other);
     assert!(after > records && prompts.is_empty());
 }
 
-/// An approval that has run out is given anew: it counts no more, so the next one says something.
+/// An approval that has run out can be given again: the old one no longer counts.
 #[test]
 fn an_answer_that_has_run_out_can_be_given_again() {
     let (mut bench, _) = waiting_for_two();
     let ann = protected(&mut bench, "ann");
     let asked = bench.pipeline.snapshot().prompts.remove(0);
     let shown = question(&mut bench.pipeline, &asked, "ann").unwrap();
-    let soon = QuestionView { valid_until: asked.asked.plus_ms(2_000), ..shown };
-    done(&bench.pipeline.command(soon.answer(&ann, Answer::Approve, "read").unwrap()));
+    let soon = ApprovalDocument { valid_until: asked.asked.plus_ms(2_000), ..shown };
+    done(&bench.pipeline.command(soon.answer(&ann, ApprovalDecision::Approve, "read").unwrap()));
     let later_ms = bench.pipeline.record().engine_ms_at(asked.asked.plus_ms(3_000));
     bench.pipeline.jump_to(later_ms);
     done(&approve(&mut bench, &ann));
@@ -350,7 +365,7 @@ fn what_a_revoked_key_signed_does_not_count() {
     let (ann, ben, cleo) =
         (protected(&mut bench, "ann"), protected(&mut bench, "ben"), protected(&mut bench, "cleo"));
     let open = bench.pipeline.snapshot().prompts.remove(0);
-    let early = signed(&mut bench.pipeline, &open, &ann, Answer::Approve).unwrap();
+    let early = signed(&mut bench.pipeline, &open, &ann, ApprovalDecision::Approve).unwrap();
     done(&approve(&mut bench, &ann));
     let reply = revoke(&mut bench, &folder, "ann");
     assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("count no more: 1")), "{reply:?}");
@@ -371,15 +386,15 @@ fn an_answer_of_somebody_revoked_is_not_taken_up() {
     let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
     // A review takes two people.
     crate::tests::asked(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
-    let folder = bench.pipeline.record().ledger().store().layout().identities();
+    let folder = bench.pipeline.record().version_table().store().layout().identities();
     let ann = protected(&mut bench, "ann");
     done(&approve(&mut bench, &ann));
     let bench = bench.reopened(Profile::builtin(ProfileName::Human).unwrap());
     assert_eq!(bench.pipeline.snapshot().prompts[0].approved_by, ["ann"]);
     // Revoked while no engine runs: the store takes the act itself.
-    let store = bench.pipeline.record().ledger().store();
+    let store = bench.pipeline.record().version_table().store();
     let persons = store.persons().unwrap();
-    let admin = persons.unasked(&folder).unwrap();
+    let admin = persons.unprotected_administrator(&folder).unwrap();
     let signed = persons.revocation(persons.named("ann").unwrap(), &admin, "a test").unwrap();
     let at_ms = store.views().unwrap().head().unwrap().at_ms;
     let changes = vec![holdpoint_registry::Change::RevokePerson(Box::new(signed))];
@@ -405,21 +420,21 @@ fn public_files_decide_nothing() {
     assert!(bench.pipeline.snapshot().prompts.iter().all(|open| open.approved_by == ["ann"]));
 }
 
-/// The first administrator's key has no passphrase at first: under `human` it enrols nobody until it has one.
+/// The first administrator's key has no passphrase at first: under `human` it adds no person until it has one.
 #[test]
 fn the_unprotected_first_administrator_enrols_nobody_where_people_decide() {
     let (mut bench, folder) = waiting(ProfileName::Human, false);
     let admin = administrator(&bench, &folder);
     let ben = Identity::create(&folder, "ben", Role::Safety).unwrap();
-    let enrol = |persons: &Persons| persons.enrolment(ben.info(), true, &admin, "a test").unwrap();
+    let enrol = |persons: &PersonDirectory| persons.enrolment(ben.info(), true, &admin, "a test").unwrap();
     let reply = act(&mut bench, enrol);
     refused(&reply, &["the key of admin has no passphrase", "`holdpoint identity passphrase admin`"]);
-    admin.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+    admin.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
     done(&act(&mut bench, enrol));
 }
 
-/// Enrols `who` by `admin`.
-fn by<'a>(who: &'a Identity, admin: &'a Identity) -> impl FnOnce(&Persons) -> SignedPersonAct + 'a {
+/// `admin` enrolls `who`.
+fn by<'a>(who: &'a Identity, admin: &'a Identity) -> impl FnOnce(&PersonDirectory) -> SignedPersonAct + 'a {
     move |persons| persons.enrolment(who.info(), true, admin, "a test").unwrap()
 }
 
@@ -432,7 +447,7 @@ fn only_administrators_enrol() {
     refused(&act(&mut bench, by(&ben, &ann)), &["only an administrator"]);
     let admin = administrator(&bench, &folder);
     refused(&revoke(&mut bench, &folder, "admin"), &["last administrator"]);
-    let second = enrolled(bench.pipeline.live().record, "second", Role::Admin, Keep::Plain);
+    let second = enrolled(bench.pipeline.live().record, "second", Role::Admin, KeyEncoding::Plain);
     done(&act(&mut bench, |persons| {
         persons.revocation(persons.named("admin").unwrap(), &second, "a test").unwrap()
     }));
@@ -440,24 +455,26 @@ fn only_administrators_enrol() {
     done(&act(&mut bench, by(&ben, &second)));
 }
 
-/// Enrolled by an open key where nobody is kept from the arm, a person decided where people are.
+/// Regression: a person enrolled by an unencrypted key without people near the arm decided where people are near.
 #[test]
 fn whom_an_open_key_enrolled_lets_nothing_in_where_people_decide() {
     let (mut bench, folder) = waiting(ProfileName::Human, true);
     let admin = administrator(&bench, &folder);
     let ann =
-        Identity::create_kept(&folder, "ann", Role::Safety, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+        Identity::create_kept(&folder, "ann", Role::Safety, KeyEncoding::Sealed(&words(), KdfCost::LEAST))
+            .unwrap();
     done(&act(&mut bench, by(&ann, &admin)));
     let now_ms = bench.pipeline.record().now_ms();
     bench.pipeline.live().record.set_clock(Clock::real(now_ms));
-    let said = ["ann is enrolled by admin", "not confirmed", "`holdpoint identity confirm ann --by admin"];
+    let said = ["ann is not confirmed", "unencrypted key", "`holdpoint identity confirm ann --by admin"];
     refused(&approve(&mut bench, &ann), &said);
-    // An act that says it was guarded is held against the file, under every profile.
+    // An act that claims a passphrase-protected key is checked against the key file, under every profile.
     let admin = guarded(&folder, &admin);
-    let confirm =
-        |persons: &Persons| persons.confirmation(persons.named("ann").unwrap(), &admin, "a test").unwrap();
+    let confirm = |persons: &PersonDirectory| {
+        persons.confirmation(persons.named("ann").unwrap(), &admin, "a test").unwrap()
+    };
     refused(&act(&mut bench, confirm), &["the key of admin has no passphrase, although the act says"]);
-    admin.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+    admin.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
     let reply = act(&mut bench, confirm);
     assert!(
         matches!(&reply, Reply::Accepted { text, .. } if text == "ann is confirmed by admin"),
@@ -469,7 +486,7 @@ fn whom_an_open_key_enrolled_lets_nothing_in_where_people_decide() {
 /// What such a person answers to stop something is taken, and where no person is asked it counts.
 #[test]
 fn whom_an_open_key_enrolled_refuses_and_decides_in_scripts() {
-    for (scripted, answer) in [(true, Answer::Approve), (false, Answer::Reject)] {
+    for (scripted, answer) in [(true, ApprovalDecision::Approve), (false, ApprovalDecision::Reject)] {
         let (mut bench, folder) = waiting(ProfileName::Human, true);
         let admin = administrator(&bench, &folder);
         let ann = Identity::create(&folder, "ann", Role::Safety).unwrap();

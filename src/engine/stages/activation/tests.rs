@@ -1,9 +1,9 @@
-//! What people are told before they decide, and what conditions do to a version that is active.
+//! What people see before they decide, and how conditions affect an active version.
 
 use std::path::Path;
 
-use holdpoint_approvals::keyfile::Keep;
-use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_approvals::keyfile::KeyEncoding;
+use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::lifecycle::State;
@@ -13,14 +13,14 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::Event;
-use holdpoint_protocol::words;
 use holdpoint_registry::AuditFilter;
 use holdpoint_runtime::capability;
+use holdpoint_wording::event as event_text;
 
 use super::*;
 use crate::people::persons::enrolled;
 use crate::pipeline::Pipeline;
-use crate::stages::emergency;
+use crate::stages::break_glass;
 use crate::stages::rollback::tests::Bench;
 
 pub(crate) fn package(name: &str, changes: &[(&str, &str)]) -> Package {
@@ -52,18 +52,18 @@ pub(crate) fn asked_by(pipeline: &mut Pipeline, package: Package, by: Option<&st
     let reply = pipeline.command(register);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     pipeline.advance();
-    let (version, standing, _) = pipeline.record().ledger().version(&id).unwrap();
+    let (version, standing, _) = pipeline.record().version_table().version(&id).unwrap();
     assert_eq!(standing.state, State::Validated);
     let mut move_on = |event| {
-        pipeline.live().record.transition(&id.family, event, Note::because("test")).unwrap();
+        pipeline.live().record.transition(&id.family, event, TransitionNote::because("test")).unwrap();
     };
     for stage in [Stage::Sandbox, Stage::Shadow] {
         move_on(LifecycleEvent::Start { version, stage });
         move_on(LifecycleEvent::Pass { version, stage });
     }
     move_on(LifecycleEvent::Start { version, stage: Stage::Activation });
-    let Activation { context, record, dossiers, approvals, .. } = pipeline.activation();
-    approvals.ask(context, record, dossiers, &id).unwrap();
+    let Activation { context, record, evidence_files: dossiers, approvals, .. } = pipeline.activation();
+    approvals.request_approval(context, record, dossiers, &id).unwrap();
     id
 }
 
@@ -112,7 +112,7 @@ fn everything_that_changes_is_told_before_people_decide() {
     let events = pipeline.drain_events();
     let kind = events.into_iter().find(|kind| matches!(kind, EventKind::ApprovalRequested { .. })).unwrap();
     let event = Event { seq: 1, at_ms: 0, kind };
-    let (json, line) = (serde_json::to_string(&event).unwrap(), words::line(&event));
+    let (json, line) = (serde_json::to_string(&event).unwrap(), event_text::line(&event));
     for text in new.iter().chain(&differences) {
         assert!(line.contains(text), "{text}: {line}");
     }
@@ -122,30 +122,31 @@ fn everything_that_changes_is_told_before_people_decide() {
         "{json}"
     );
     // The record: the evidence that is signed over has it, and what was on the screen is kept with the answer.
-    let open = pipeline.record().ledger().store().views().unwrap().open_requests().unwrap().remove(0);
-    let kept: Dossier = serde_json::from_str(&open.json).unwrap();
+    let open = pipeline.record().version_table().store().views().unwrap().open_requests().unwrap().remove(0);
+    let kept: EvidenceFile = serde_json::from_str(&open.json).unwrap();
     assert_eq!(
         (kept.new_permissions.clone(), kept.digest().unwrap()),
         (question.new_permissions.clone(), question.evidence)
     );
-    let silent = Dossier { new_permissions: Vec::new(), ..kept.clone() };
+    let silent = EvidenceFile { new_permissions: Vec::new(), ..kept.clone() };
     assert_ne!(silent.digest().unwrap(), question.evidence, "the signature covers what is new");
-    let identity = enrolled(pipeline.live().record, "ann", Role::Safety, Keep::Plain);
+    let identity = enrolled(pipeline.live().record, "ann", Role::Safety, KeyEncoding::Plain);
     let shown = crate::people::signers::tests::question(pipeline, &question, "ann").unwrap();
     for text in new.iter().chain(&differences) {
         assert!(shown.lines.iter().any(|line| line.contains(text)), "{text}: {:#?}", shown.lines);
     }
-    let decide = shown.answer(&identity, Answer::Approve, "read").unwrap();
+    let decide = shown.answer(&identity, ApprovalDecision::Approve, "read").unwrap();
     let reply = pipeline.command(decide);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     let filter = AuditFilter { kind: Some(RecordKind::Shown), ..AuditFilter::default() };
-    let kept = pipeline.record().ledger().store().views().unwrap().audit(&filter).unwrap().remove(0).body;
+    let kept =
+        pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap().remove(0).body;
     for text in new.iter().chain(&differences) {
         assert!(kept.contains(text), "{text}: {kept}");
     }
 }
 
-/// A version that declares itself for simulation alone works there, and is taken off before it gets another arm.
+/// A version for simulation alone runs there, and is rolled back before it gets another arm.
 #[test]
 fn a_version_for_simulation_alone_gets_no_other_arm() {
     let package = package("align-improved", &[("[\"sim\", \"real\", \"human\"]", "[\"sim\"]")]);
@@ -163,7 +164,7 @@ fn a_version_for_simulation_alone_gets_no_other_arm() {
     for name in [ProfileName::Real, ProfileName::Human] {
         bench = bench.reopened(profile(name));
         assert_eq!(active(&bench.pipeline).as_deref(), Some("align@1.0.0"), "{name}");
-        let state = bench.pipeline.record().ledger().version(&id).unwrap().1.state;
+        let state = bench.pipeline.record().version_table().version(&id).unwrap().1.state;
         assert_eq!(state, State::Demoted, "{name}");
         assert!(!works(&mut bench.pipeline), "{name}");
     }
@@ -201,11 +202,11 @@ fn a_version_with_a_closed_profile_does_not_act_under_it() {
     assert_eq!(active(&bench, &id), Some(id.to_string()));
     bench = bench.reopened(profile(ProfileName::Human));
     assert_eq!(active(&bench, &id).as_deref(), Some("align@1.0.0"));
-    assert_eq!(bench.pipeline.record().ledger().version(&id).unwrap().1.state, State::Demoted);
+    assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::Demoted);
     assert!(!works(&mut bench, &id));
 }
 
-/// Whom a version would go back to is held to the same, and so is whoever makes a stopped family work again.
+/// The same holds for a rollback target, and for a version that a person reactivates.
 #[test]
 fn nobody_goes_back_to_a_version_with_a_closed_profile() {
     let mut bench = Bench::new();
@@ -219,7 +220,7 @@ fn nobody_goes_back_to_a_version_with_a_closed_profile() {
     let rearm = || Command::Rearm(operation(&before));
     let reply = bench.pipeline.command(rearm());
     let Reply::Refused { hint: Some(hint), .. } = &reply else { panic!("{reply:?}") };
-    assert_eq!(hint, "`holdpoint release align@1.0.0 --profile human` opens it");
+    assert_eq!(hint, "`holdpoint release align@1.0.0 --profile human` unblocks it");
     let open = Command::Release { operation: operation(&before), profiles: vec![ProfileName::Human] };
     for command in [open, rearm()] {
         let reply = bench.pipeline.command(command);
@@ -228,7 +229,7 @@ fn nobody_goes_back_to_a_version_with_a_closed_profile() {
     assert!(works(&mut bench, &before));
 }
 
-/// An operator who takes a version off is told first that nobody would take over.
+/// An operator who rolls back the last version learns first that no version follows.
 #[test]
 fn a_predecessor_with_a_closed_profile_does_not_take_over() {
     let mut bench = Bench::new();
@@ -239,16 +240,15 @@ fn a_predecessor_with_a_closed_profile_does_not_take_over() {
     assert_eq!(active(&bench, &id), Some(id.to_string()));
 }
 
-/// No sequence gives the arm to what is closed, however it became so; what the emergency door let in acts until it is
-/// reviewed.
+/// No sequence runs a blocked version, whatever blocked it; a version activated by break-glass runs until its review.
 #[test]
 fn a_sequence_holds_versions_to_their_closed_profiles() {
     for unreviewed in [false, true] {
         let mut bench = Bench::new();
         let id = bench.pass("align-improved", &Stage::ALL);
-        let version = bench.pipeline.record().ledger().version(&id).unwrap().0;
+        let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
         let event = LifecycleEvent::Close { version, profile: ProfileName::Sim };
-        bench.pipeline.live().record.transition(&id.family, event, Note::because("test")).unwrap();
+        bench.pipeline.live().record.transition(&id.family, event, TransitionNote::because("test")).unwrap();
         bench.enter(&id, |version| {
             if unreviewed {
                 LifecycleEvent::ActivateUnreviewed {
@@ -269,8 +269,8 @@ fn a_sequence_holds_versions_to_their_closed_profiles() {
             };
             let upheld = ApprovalResult { outcome, reasons: Vec::new() };
             let mut live = bench.pipeline.live();
-            emergency::settle_review(&mut live, &mut Approvals::default(), &id, &upheld).unwrap();
-            assert!(works(&mut bench, &id), "whoever upholds it has opened the profile");
+            break_glass::settle_review(&mut live, &mut Approvals::default(), &id, &upheld).unwrap();
+            assert!(works(&mut bench, &id), "upholding it unblocks the version");
         }
     }
 }
@@ -315,8 +315,8 @@ fn conditions_of_an_activation_reach_its_monitor() {
     assert!(soon < late, "{soon} against {late} episodes");
     let live = bench.pipeline.live();
     live.monitors.of_mut(&id).unwrap().monitor.confirmed().unwrap();
-    live.dossiers.edit(&id).conditions.retain(Condition::outlives_confirmation);
-    assert!(live.dossiers.of(&id).unwrap().conditions.is_empty());
+    live.evidence_files.edit(&id).conditions.retain(Condition::outlives_confirmation);
+    assert!(live.evidence_files.of(&id).unwrap().conditions.is_empty());
     let view = bench.pipeline.snapshot().live.monitors.remove(0);
     assert_eq!((view.factor, view.coupled, view.charts[0].2), (1.0, false, plain.charts[0].2));
 }

@@ -12,27 +12,27 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::cell::Cell;
-use crate::ledger::Ledger;
-use crate::monitors::Watched;
-use crate::pipeline::{Pipeline, PipelineSettings, Progress};
+use crate::monitors::ActivationMonitor;
+use crate::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::version_table::VersionTable;
 use crate::wall_clock::WallClock;
 use crate::world::live::LiveFault;
-use crate::world::switch::Controls;
+use crate::world::stop_switch::Controls;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::SafetyEvent;
-use holdpoint_governance::own_profile::{ChosenProfile, ProfileTexts};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts};
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{Change, Store};
 use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
@@ -104,13 +104,13 @@ impl Bench {
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
             controls: Controls::default(),
-            omitted: holdpoint_governance::omitted::Omitted::default(),
+            omitted: holdpoint_governance::ablation::AblatedParts::default(),
         };
         let store = Store::open(folder.path()).unwrap();
         let clock = Clock::scripted(store.opening().head.at_ms);
-        let ledger = Ledger::open(store, WallClock::scripted(0, None)).unwrap();
+        let version_table = VersionTable::open(store, WallClock::scripted(0, None)).unwrap();
         let baselines = crate::embedded::baselines().unwrap();
-        let pipeline = Pipeline::new(settings, ledger, clock, baselines).unwrap();
+        let pipeline = Pipeline::new(settings, version_table, clock, baselines).unwrap();
         Self { folder, pipeline }
     }
 
@@ -144,23 +144,31 @@ impl Bench {
         let id = Capability::load("test", package.clone()).unwrap().id();
         let reply = pipeline.command(Command::Register { package, name: "test".to_owned(), by: None });
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-        let version = pipeline.record().ledger().version(&id).unwrap().0;
-        pipeline.live().dossiers.edit(&id).conditions = conditions.to_vec();
+        let version = pipeline.record().version_table().version(&id).unwrap().0;
+        pipeline.live().evidence_files.edit(&id).conditions = conditions.to_vec();
         for stage in stages.iter().copied() {
             pipeline
                 .live()
                 .record
-                .transition(&id.family, LifecycleEvent::Start { version, stage }, Note::because("test"))
+                .transition(
+                    &id.family,
+                    LifecycleEvent::Start { version, stage },
+                    TransitionNote::because("test"),
+                )
                 .unwrap();
             pipeline
                 .live()
                 .record
-                .transition(&id.family, LifecycleEvent::Pass { version, stage }, Note::because("test"))
+                .transition(
+                    &id.family,
+                    LifecycleEvent::Pass { version, stage },
+                    TransitionNote::because("test"),
+                )
                 .unwrap();
         }
         let live = pipeline.live();
-        live.dossiers.edit(&id).twins = vec![GOOD; 40];
-        let dossier = live.dossiers.of(&id).unwrap();
+        live.evidence_files.edit(&id).twins = vec![GOOD; 40];
+        let dossier = live.evidence_files.of(&id).unwrap();
         let evidence = Change::PutEvidence {
             version: id.clone(),
             kind: EvidenceKind::Shadow,
@@ -174,10 +182,10 @@ impl Bench {
     /// Makes a candidate that has passed every stage active and watched.
     pub(crate) fn enter(&mut self, id: &CapabilityId, event: impl Fn(VersionRef) -> LifecycleEvent) {
         let pipeline = &mut self.pipeline;
-        let version = pipeline.record().ledger().version(id).unwrap().0;
+        let version = pipeline.record().version_table().version(id).unwrap().0;
         let now_tick = pipeline.record().now_tick();
         let live = pipeline.live();
-        let watched = Watched::new(id, live.dossiers.of(id), live.context, now_tick).unwrap();
+        let watched = ActivationMonitor::new(id, live.evidence_files.of(id), live.context, now_tick).unwrap();
         let digest = Digest::of_parts("test", &[b"gate"]);
         let gate = Change::PutEvidence {
             version: id.clone(),
@@ -185,10 +193,10 @@ impl Bench {
             json: "{}".to_owned(),
             digest,
         };
-        let note = Note {
+        let note = TransitionNote {
             cause: Some(ActiveCause::Gate { evidence: digest, approvals_needed: 0 }),
             before: vec![gate],
-            ..Note::because("test")
+            ..TransitionNote::because("test")
         };
         pipeline.live().record.transition(&id.family, event(version), note).unwrap();
         pipeline.live().monitors.insert(watched);
@@ -209,15 +217,15 @@ impl Bench {
         record
     }
 
-    /// The record that was told, which is the one that is kept.
+    /// The record in the event, which equals the stored one.
     fn record(&mut self) -> RollbackRecord {
         let events = self.pipeline.drain_events();
         let told = events.iter().rev().find_map(|event| match event {
             EventKind::RolledBack { record, .. } => Some((**record).clone()),
             _ => None,
         });
-        let record = told.expect("a rollback was told");
-        let views = self.pipeline.record().ledger().store().views().unwrap();
+        let record = told.expect("an event reports the rollback");
+        let views = self.pipeline.record().version_table().store().views().unwrap();
         let kept = views.evidence(&record.candidate, Some(EvidenceKind::Rollback)).unwrap().pop().unwrap();
         assert_eq!(serde_json::from_str::<RollbackRecord>(&kept.json).unwrap(), record);
         let rungs: Vec<Rung> = events
@@ -238,13 +246,13 @@ impl Bench {
         record
     }
 
-    /// The family has nobody in control, and the ladder ended where it failed.
+    /// The family has no active version, and the ladder ended where it failed.
     fn assert_stopped(&self, record: &RollbackRecord, failure: RungFailure) {
         assert_eq!(record.stopped_by(), Some(failure), "{:?}", record.rungs);
         assert_eq!(record.rungs.last().unwrap().failure, Some(failure), "nothing is tried after it");
         assert_eq!((record.post_status, record.recovered), (PostStatus::SafeStopped, Some(false)));
         assert_eq!(record.time_to_restored_ticks, None);
-        let family = self.pipeline.record().ledger().family(&record.candidate.family).unwrap();
+        let family = self.pipeline.record().version_table().family(&record.candidate.family).unwrap();
         assert!(family.state.safe_stopped && family.active().is_none());
     }
 
@@ -281,7 +289,7 @@ fn a_safety_event_acts_in_the_tick_it_happens() {
     // It flies low, among the live cell's clutter.
     let id = bench.activate("align-low-transit");
     for _ in 0..40 {
-        assert_eq!(bench.pipeline.advance(), Progress::Worked);
+        assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
         if bench.pipeline.live().monitors.iter().next().is_none() {
             break;
         }
@@ -328,7 +336,7 @@ fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
             }));
         }
         for _ in 0..3 {
-            assert_eq!(bench.pipeline.advance(), Progress::Worked);
+            assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
         }
         let operation = Operation { version: id, by: "ann".to_owned(), reason: "drill".to_owned() };
         bench.pipeline.command(Command::Rollback(operation));
@@ -336,7 +344,7 @@ fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
     });
     assert_eq!(told[0], told[1], "who draws changes neither what is done nor when");
     let taken = taken.lock().unwrap();
-    assert!(taken.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms), "pictures are in order of time");
+    assert!(taken.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms), "frames are in order of time");
     assert!(
         taken.iter().any(
             |picture| picture.task == Some(holdpoint_body::TaskKind::Grasp) && picture.envelope.is_some()
@@ -344,12 +352,12 @@ fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
     );
     assert!(taken.iter().any(|picture| !picture.contacts.is_empty()));
     // The ladder ends with the tool clear of everything, and the arm under no task.
-    let raised = |picture: &&holdpoint_protocol::picture::Picture| {
+    let raised = |picture: &&holdpoint_protocol::video_frame::VideoFrame| {
         picture.task.is_none()
             && picture.stopped
             && picture.body.links.last().is_some_and(|tool| tool[2] > 0.15)
     };
-    assert!(taken.iter().filter(raised).count() > 3, "{} pictures", taken.len());
+    assert!(taken.iter().filter(raised).count() > 3, "{} frames", taken.len());
 }
 
 #[test]
@@ -357,7 +365,7 @@ fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     bench.move_tool([0.5, 0.2, 0.35], 48);
-    // The task was stopped 40 ticks ago, and its hook has not brought the arm to a stand since.
+    // The task was stopped 40 ticks ago, and its hook has not brought the arm to a standstill since.
     let world_tick = bench.pipeline.live().world.cell.rig_mut().unwrap().world().tick() - 40;
     let stopped = RecoveryReport {
         stopped_by: StoppedBy::Nothing,
@@ -367,7 +375,7 @@ fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
     };
     let trip = Trip { event: Some(SafetyEvent::KeepOut), world_tick, tick: 0, stopped: Some(stopped) };
     let trigger = trigger(bench.pipeline.record(), TriggerKind::SafetyEvent, "test");
-    bench.pipeline.live().take_off(&id, trigger, Some(&trip), Leave::RolledBack).unwrap();
+    bench.pipeline.live().deactivate(&id, trigger, Some(&trip), DeactivationKind::RolledBack).unwrap();
     let record = bench.record();
     assert_eq!(record.rungs[1].failure, Some(RungFailure::HookFailed), "{:?}", record.rungs);
     assert!(record.time_to_safe_ticks.unwrap() >= 40, "time counts from the trigger");
@@ -410,10 +418,10 @@ fn a_jammed_joint_blocks_the_retreat() {
 fn a_predecessor_that_was_changed_in_the_store_is_not_bound() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
-    let database = bench.pipeline.record().ledger().store().layout().database();
+    let database = bench.pipeline.record().version_table().store().layout().database();
     assert!(database.starts_with(bench.folder.path()));
     let other = rusqlite::Connection::open(database).unwrap();
-    // Whoever can write the file can take away what guards it.
+    // Write access to the file can remove its guards.
     let guards: Vec<String> = other
         .prepare("SELECT name FROM sqlite_master WHERE type = 'trigger' AND tbl_name = 'version'")
         .and_then(|mut found| found.query_map([], |row| row.get(0))?.collect())
@@ -459,8 +467,8 @@ fn a_rollback_under_a_sites_own_policies_restores() {
 fn the_agents_identity_is_the_same_before_and_after_upgrade_and_rollback() {
     let mut bench = Bench::new();
     let of = |bench: &Bench| {
-        let views = bench.pipeline.record().ledger().store().views().unwrap();
-        (bench.pipeline.snapshot().agent, crate::bound::agent(&views).unwrap().unwrap())
+        let views = bench.pipeline.record().version_table().store().views().unwrap();
+        (bench.pipeline.snapshot().agent, crate::store_identity::agent(&views).unwrap().unwrap())
     };
     let before = of(&bench);
     assert_eq!(before.0, before.1);
@@ -488,7 +496,7 @@ fn own_policies_that_are_not_those_in_force_end_the_ladder() {
 fn a_swap_that_cannot_be_written_ends_the_ladder() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
-    let database = bench.pipeline.record().ledger().store().layout().database();
+    let database = bench.pipeline.record().version_table().store().layout().database();
     // Of the gate's activation and one that restores there can be one alone.
     let index = "CREATE UNIQUE INDEX refuse ON activation (family) WHERE cause IN ('gate', 'restore')";
     rusqlite::Connection::open(database).and_then(|other| other.execute_batch(index)).unwrap();
@@ -501,9 +509,14 @@ fn a_swap_that_cannot_be_written_ends_the_ladder() {
 fn a_predecessor_that_is_no_safer_is_said() {
     let mut bench = Bench::new();
     let before = bench.activate("align-low-transit");
-    let version = bench.pipeline.record().ledger().version(&before).unwrap().0;
+    let version = bench.pipeline.record().version_table().version(&before).unwrap().0;
     let confirm = LifecycleEvent::Confirm { version };
-    bench.pipeline.live().record.transition(&before.family, confirm, Note::because("test")).unwrap();
+    bench
+        .pipeline
+        .live()
+        .record
+        .transition(&before.family, confirm, TransitionNote::because("test"))
+        .unwrap();
     let id = bench.activate("align-improved");
     let record = bench.by_operator(&id);
     bench.assert_restored(&record);
@@ -573,7 +586,7 @@ fn a_predecessor_comes_back_as_restricted_and_as_watched_as_it_left() {
     let id = bench.activate("align-low-transit");
     assert!(bench.pipeline.live().monitors.of(&before).is_none());
     bench.by_operator(&id);
-    let (_, standing, _) = bench.pipeline.record().ledger().version(&before).unwrap();
+    let (_, standing, _) = bench.pipeline.record().version_table().version(&before).unwrap();
     assert_eq!(standing.state, State::Active);
     assert!(standing.flags.restricted && standing.flags.provisional, "{standing:?}");
     let watched = bench.pipeline.live().monitors.of(&before).map(|watched| watched.restricted);

@@ -1,4 +1,4 @@
-//! A checkpoint that cannot be written is told, and the store works on.
+//! A checkpoint that cannot be written raises an alarm, and the store continues.
 
 use std::fs;
 
@@ -9,7 +9,7 @@ use crate::stages::rollback::tests::Bench;
 #[test]
 fn a_checkpoint_that_cannot_be_written_alarms_until_one_can_be() {
     let mut bench = Bench::new();
-    let folder = bench.pipeline.record().ledger().store().layout().checkpoints();
+    let folder = bench.pipeline.record().version_table().store().layout().checkpoints();
     let aside = folder.with_extension("aside");
     let condition = |bench: &Bench| {
         bench.pipeline.record().alarms().get(&AlarmKey::CheckpointFailed).map(|alarm| alarm.condition)
@@ -22,7 +22,7 @@ fn a_checkpoint_that_cannot_be_written_alarms_until_one_can_be() {
     bench.pipeline.advance();
     assert_eq!(condition(&bench), Some(true));
     assert!(
-        bench.pipeline.record().ledger().version(&first).is_ok()
+        bench.pipeline.record().version_table().version(&first).is_ok()
             && bench.pipeline.record().holding().is_none()
     );
     fs::rename(&aside, &folder).unwrap();

@@ -14,12 +14,12 @@ use holdpoint_runtime::task::TaskRecord;
 use crate::cell::Conditions;
 use crate::stages::rollback::tests::Bench;
 use crate::trial::episodes::{alone, pair};
-use crate::trial::undisturbed::{TrialCase, Undisturbed};
+use crate::trial::undisturbed_run::{TrialCase, UndisturbedRun};
 use crate::trial::worker::Worker;
 use crate::world::listener::Listener as _;
 use crate::world::shadow::Shadow;
 
-/// The most sequences a version may fail in before it is taken off.
+/// The most sequences a version may fail in before it is rolled back.
 const FEW: usize = 12;
 
 /// A version whose precondition no arm of this cell ever meets.
@@ -53,11 +53,11 @@ fn a_version_whose_calls_are_refused_alarms_and_is_taken_off() {
             }
         }
     }
-    let (sequence, record) = taken_off.expect("it is taken off");
-    assert!(rang && failed > 0, "taken off after {sequence} sequences, {failed} refused");
+    let (sequence, record) = taken_off.expect("it is rolled back");
+    assert!(rang && failed > 0, "rolled back after {sequence} sequences, {failed} refused");
     assert_eq!(record.candidate, id);
-    let ledger = bench.pipeline.record().ledger();
-    assert_ne!(ledger.version(&id).unwrap().1.state, State::Active);
+    let version_table = bench.pipeline.record().version_table();
+    assert_ne!(version_table.version(&id).unwrap().1.state, State::Active);
 }
 
 #[test]
@@ -97,9 +97,9 @@ fn sandbox_drill_and_twin_call_as_the_dispatcher_does() {
     let worked = alone(&mut worker, other);
     assert!(worked.success);
     assert_eq!(pair(&mut worker, [one, other]), [refused.clone(), worked]);
-    let mut begun = Undisturbed::begin(&mut worker, &one, None).unwrap();
+    let mut begun = UndisturbedRun::begin(&mut worker, &one, None).unwrap();
     assert!(begun.reach(&mut worker, &one, 10).unwrap().is_none(), "no tick of it is worked");
-    // Whoever is active is admitted wherever it begins: the check costs nobody who asks for what there is.
+    // The active version is always admitted where it begins: the check costs no request that the cell can meet.
     for version in crate::embedded::baselines().unwrap() {
         for conditions in [Conditions::Canonical, Conditions::Sandbox, Conditions::Live] {
             for seed in 1_300_000..1_300_020 {

@@ -1,12 +1,12 @@
-//! Telemetry at the end of an engine's life and at the start of the next.
+//! Telemetry at the end of a session and at the start of the next.
 
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_registry::{Batch, verify};
 
-use super::kept::pipeline;
+use super::cache_edits::pipeline;
 use crate::trial::cache::EpisodeCache;
 
-/// What was measured last is sealed when the engine ends in order; what is removed meanwhile is told by the next one.
+/// An orderly end writes the digest of the last telemetry; the next session reports telemetry removed meanwhile.
 #[test]
 fn what_is_lost_between_two_engines_is_told() {
     let folder = tempfile::tempdir().unwrap();
@@ -16,7 +16,7 @@ fn what_is_lost_between_two_engines_is_told() {
     let to_ms = first.record().now_ms();
     let body = b"what was measured".to_vec();
     let batch = Batch { version, stream: "live".into(), from_ms: to_ms, to_ms, rows: 1, body };
-    first.record().ledger().store().append_telemetry(&batch).unwrap();
+    first.record().version_table().store().append_telemetry(&batch).unwrap();
     drop(first);
     let database = store.join("holdpoint.db");
     assert_eq!(verify(&database, None).unwrap().batches, 1);
@@ -24,16 +24,16 @@ fn what_is_lost_between_two_engines_is_told() {
     std::fs::remove_file(store.join("telemetry.db")).unwrap();
     assert!(verify(&database, None).is_err());
     let second = pipeline(&store, EpisodeCache::InStore, 1);
-    let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("somebody is told");
+    let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("an alarm is raised");
     assert!(alarm.text.raw().starts_with("1 sealed batches"), "{alarm:?}");
     drop(second);
     let report = verify(&database, None).unwrap();
     assert_eq!((report.batches, report.batches_missed), (0, 1));
     let third = pipeline(&store, EpisodeCache::InStore, 1);
-    assert_eq!(third.record().ledger().store().opening().telemetry.missing, 0);
+    assert_eq!(third.record().version_table().store().opening().telemetry.missing, 0);
 }
 
-/// Whatever lies in place of telemetry, the engine comes up, somebody is told, and it is on record.
+/// Whatever is in the place of telemetry, the engine starts, raises an alarm and records it.
 #[test]
 fn telemetry_of_another_shape_is_put_aside_with_an_alarm() {
     let folder = tempfile::tempdir().unwrap();
@@ -43,12 +43,12 @@ fn telemetry_of_another_shape_is_put_aside_with_an_alarm() {
     telemetry.execute_batch("CREATE TRIGGER x AFTER INSERT ON batch BEGIN DELETE FROM batch; END").unwrap();
     drop(telemetry);
     let second = pipeline(&store, EpisodeCache::InStore, 1);
-    let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("somebody is told");
+    let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("an alarm is raised");
     let text = alarm.text.raw();
     assert!(text.contains("the trigger \"x\"") && text.contains("telemetry-aside-1.db"), "{text}");
     drop(second);
     assert!(store.join("telemetry-aside-1.db").is_file());
     verify(&store.join("holdpoint.db"), None).unwrap();
     let third = pipeline(&store, EpisodeCache::InStore, 1);
-    assert_eq!(third.record().ledger().store().opening().telemetry.aside, []);
+    assert_eq!(third.record().version_table().store().opening().telemetry.aside, []);
 }

@@ -5,8 +5,8 @@ use holdpoint_governance::monitor::Rate;
 use holdpoint_protocol::command::{Caller, Command, Reply};
 use holdpoint_text::Hint;
 
-use super::standings::{CANDIDATE, operation};
-use crate::binding::{measured_terms_of, terms_of};
+use super::state_verb_table::{CANDIDATE, operation};
+use crate::evidence_binding::{measured_terms_of, terms_of};
 use crate::stages::rollback::tests::Bench;
 
 /// A tighter envelope binds where the version is measured and where it has the arm.
@@ -17,8 +17,9 @@ fn a_tighter_envelope_binds_in_the_sandbox_and_on_the_arm() {
     let limits = |bench: &mut Bench| {
         let live = bench.pipeline.live();
         let version = live.record.capability(&id).unwrap();
-        let measured = measured_terms_of(live.context, live.dossiers, &version);
-        let acting = terms_of(live.context, live.record.ledger(), live.dossiers, live.monitors, &version);
+        let measured = measured_terms_of(live.context, live.evidence_files, &version);
+        let acting =
+            terms_of(live.context, live.record.version_table(), live.evidence_files, live.monitors, &version);
         [measured, acting].map(|terms| {
             let envelope = terms.envelope();
             (envelope.tool_speed_max_m_s, envelope.grip_force_max_n)
@@ -26,14 +27,14 @@ fn a_tighter_envelope_binds_in_the_sandbox_and_on_the_arm() {
     };
     let wide = limits(&mut bench);
     let (speed, force) = (0.5 * wide[0].0, 0.5 * wide[0].1);
-    bench.pipeline.live().dossiers.edit(&id).conditions =
+    bench.pipeline.live().evidence_files.edit(&id).conditions =
         vec![Condition::TighterEnvelope { speed_max_m_s: speed, force_max_n: force }];
     for (tight, wide) in limits(&mut bench).into_iter().zip(wide) {
         assert!(tight.0 <= speed && tight.1 <= force, "{tight:?} of {wide:?}");
     }
 }
 
-/// Whoever restricts an active version has stepped in, and its monitor knows.
+/// A manual restriction of an active version counts as an intervention, and its monitor knows.
 #[test]
 fn a_restriction_by_a_person_reaches_the_chart_of_interventions() {
     let mut bench = Bench::new();
@@ -56,7 +57,7 @@ fn a_caller_that_cannot_be_put_on_record_holds_the_engine() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     let caller = Caller::Process { uid: 7, user: None, process: Some(7) };
-    let database = bench.pipeline.record().ledger().store().layout().database();
+    let database = bench.pipeline.record().version_table().store().layout().database();
     let asked = bench.pipeline.command_of(Command::Restrict(operation(&id)), &caller, None);
     assert!(
         matches!(asked, Reply::Accepted { .. }) && bench.pipeline.record().holding().is_none(),

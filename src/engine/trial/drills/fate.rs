@@ -1,14 +1,14 @@
 //! What becomes of the object in a drill, read from its true pose and the forces on it.
 //!
-//! An arm that stands is no safe end if what it held lies broken. Reads and sorts; what a drill makes of it is its own.
+//! A standstill is no safe end if the object that the arm held is broken. Only reads and sorts; the drill decides.
 
 use holdpoint_body::RATE_HZ;
 use holdpoint_sim::world::World;
 
 use super::phases::is_held;
 
-/// How long a drill goes on watching after the arm stands, ticks: 1 s. A hand opens in .4 s at its slowest permitted
-/// speed, a fall from the highest lift (.4 m) takes .29 s, what rolls or slides has come to rest by then.
+/// Time for which a drill watches after the standstill, ticks: 1 s. A hand opens in .4 s at its slowest permitted
+/// speed, a fall from the highest lift (.4 m) takes .29 s, and a rolling or sliding object is at rest by then.
 pub const WATCH_TICKS: u64 = RATE_HZ as u64;
 
 /// The furthest that an object may come down without a hand, m: it then lands with .44 m/s. What is set down is let go

@@ -1,7 +1,7 @@
-//! Which fault a detect drill injects: one that somebody could notice.
+//! Selects the fault that a detect drill injects: one that a watcher could notice.
 //!
-//! A joint that sticks while it has nowhere to go, or a camera that fails while the arm stands, changes nothing within
-//! the time there is; whether the watcher is blind is to be learnt from what does. Read from the undisturbed work.
+//! A joint that sticks without a motion to make, or a camera that fails at standstill, has no effect in the time of a
+//! drill. Only faults with an effect show whether the watcher is blind. Read from the undisturbed run.
 
 use holdpoint_runtime::limits::WatchLimits;
 use holdpoint_runtime::watcher::WatcherSignal;
@@ -19,15 +19,15 @@ const OFF_TICKS: usize = 6;
 /// How many times the watcher's limit a joint has to travel: a part of it the rest of the arm makes up for when it sticks.
 const OFF_SHARE: f64 = 2.0;
 
-/// Speed from which the arm counts as moving on its pictures, m/s: the watcher's, with room for noise.
+/// Speed from which the arm counts as moving on its camera frames, m/s: the watcher's, with room for noise.
 const MOVING_M_S: f64 = 0.04;
 
 /// A fault, and the signals that name it.
-pub type Named = (InjectedFault, &'static [WatcherSignal]);
+pub type NamedFault = (InjectedFault, &'static [WatcherSignal]);
 
 /// When and how long there is to notice it.
 #[derive(Clone, Copy)]
-pub struct Notice<'a> {
+pub struct DetectionWindow<'a> {
     pub trace: &'a WorkTrace,
     /// The tick the fault sets in.
     pub point: u64,
@@ -38,12 +38,12 @@ pub struct Notice<'a> {
     pub held: bool,
 }
 
-impl Notice<'_> {
+impl DetectionWindow<'_> {
     /// The faults that can be noticed.
     #[must_use]
-    pub fn noticeable(&self) -> Vec<Named> {
+    pub fn noticeable(&self) -> Vec<NamedFault> {
         let Self { trace, point, within, limits, held } = *self;
-        let mut faults: Vec<Named> = Vec::new();
+        let mut faults: Vec<NamedFault> = Vec::new();
         // On something that it stands on, an object stays where it is in a hand without force.
         if held && trace.hangs_within(point, within / 2) {
             faults.push((InjectedFault::GripLost, &[WatcherSignal::ObjectLost, WatcherSignal::ObjectSlip]));
@@ -66,7 +66,7 @@ impl Notice<'_> {
     /// One of them, drawn evenly; none if nothing could be noticed.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-    pub fn draw(&self, stream: &mut Stream) -> Option<Named> {
+    pub fn sample(&self, stream: &mut Stream) -> Option<NamedFault> {
         let faults = self.noticeable();
         let at = stream.uniform(0.0, 1.0) * faults.len() as f64;
         faults.get((at as usize).min(faults.len().saturating_sub(1))).copied()

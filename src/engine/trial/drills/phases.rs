@@ -129,7 +129,7 @@ impl WorkTrace {
 
     /// Phases that the work shows, in the order of [`WorkPhase::ALL`]: for [`WorkPhase::SHOWN_TICKS`] at least.
     #[must_use]
-    pub fn shown(&self) -> Vec<WorkPhase> {
+    pub fn phases_present(&self) -> Vec<WorkPhase> {
         let is_shown = |phase: &WorkPhase| self.points(Some(*phase)).len() >= WorkPhase::SHOWN_TICKS;
         WorkPhase::ALL.into_iter().filter(is_shown).collect()
     }

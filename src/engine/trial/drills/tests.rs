@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use holdpoint_body::{Observation, TaskKind};
-use holdpoint_governance::evidence::Drills;
+use holdpoint_governance::evidence::DrillTallies;
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
@@ -52,13 +52,13 @@ impl Bench {
         self.versions.iter().find(|version| version.id().family.as_str() == family).unwrap()
     }
 
-    fn cast<'a>(&'a self, version: &'a Capability) -> Cast<'a> {
-        Cast { version, predecessor: version, fallback: Some(self.version("park")) }
+    fn cast<'a>(&'a self, version: &'a Capability) -> DrillVersions<'a> {
+        DrillVersions { version, predecessor: version, fallback: Some(self.version("park")) }
     }
 
     fn case<'a>(
         &'a self,
-        cast: &'a Cast<'a>,
+        cast: &'a DrillVersions<'a>,
         kind: DrillKind,
         phase: Option<WorkPhase>,
         seed: u64,
@@ -67,8 +67,13 @@ impl Bench {
     }
 
     /// Passed, failed and infeasible drills of each kind in each phase, over so many seeds.
-    fn tallies(&self, cast: &Cast<'_>, phases: &[WorkPhase], seeds: std::ops::Range<u64>) -> Drills {
-        let (mut worker, mut drills) = (Worker::new(), Drills::default());
+    fn tallies(
+        &self,
+        cast: &DrillVersions<'_>,
+        phases: &[WorkPhase],
+        seeds: std::ops::Range<u64>,
+    ) -> DrillTallies {
+        let (mut worker, mut drills) = (Worker::new(), DrillTallies::default());
         for phase in phases {
             for index in seeds.clone() {
                 let mut shared = None;
@@ -97,18 +102,18 @@ fn end(worker: &mut Worker, result: DrillResult) -> Ended {
 /// The drill with the whole work walked and its point reached from a reset, as if nothing were kept.
 fn from_the_start(worker: &mut Worker, case: &DrillCase<'_>) -> Ended {
     let trial = case.trial();
-    let mut work = Undisturbed::begin(worker, &trial, None).unwrap();
+    let mut work = UndisturbedRun::begin(worker, &trial, None).unwrap();
     let trace = work.trace(worker, &trial).unwrap().clone();
     let mut stream = case.stream();
     let Some(point) = case.point(&trace.points(case.phase), &mut stream) else {
         return (DrillResult::Infeasible, 0);
     };
     let (within, limits, held) = (case.terms.detect_ticks, case.terms.watch(), trace.is_held(point));
-    let notice = Notice { trace: &trace, point, within, limits, held };
-    let fault = (case.kind == DrillKind::Detect).then(|| notice.draw(&mut stream)).flatten();
+    let notice = DetectionWindow { trace: &trace, point, within, limits, held };
+    let fault = (case.kind == DrillKind::Detect).then(|| notice.sample(&mut stream)).flatten();
     let arm = worker.arm(case.cell, &trial.setup()).unwrap();
     let mut run = trial.start();
-    assert!(run.work_until(&mut arm.handle(), &mut |passed| passed.tick >= point).unwrap());
+    assert!(run.run_until(&mut arm.handle(), &mut |passed| passed.tick >= point).unwrap());
     let result = match case.at_point(worker, run, fault).unwrap() {
         Some(true) => DrillResult::Passed,
         Some(false) => DrillResult::Failed,
@@ -169,7 +174,7 @@ struct Bent(Arc<dyn SkillBundle>, Option<Bend>);
 enum Bend {
     /// The safe-abort hook brakes, and then rises at 3 cm/s for as long as it is asked.
     AbortCreeps,
-    /// The safe-abort hook brakes, and opens the hand once the arm stands.
+    /// The safe-abort hook brakes, and opens the hand once the arm is at standstill.
     AbortLetsGoLate,
     /// The rollback hook opens the hand and says that it is done half a second later.
     RollbackDrops,
@@ -240,7 +245,8 @@ fn a_skill_that_cannot_be_copied_is_worked_again_and_comes_to_the_same() {
     let bench = Bench::new();
     let version = bench.version("align");
     let single = bent(version, None);
-    let (cast, cast_single) = (bench.cast(version), Cast { version: &single, ..bench.cast(version) });
+    let (cast, cast_single) =
+        (bench.cast(version), DrillVersions { version: &single, ..bench.cast(version) });
     let (mut worker, mut other) = (Worker::new(), Worker::new());
     let (mut shared, mut never) = (None, None);
     for kind in DrillKind::ALL {
@@ -260,10 +266,10 @@ const SHOWN: [(&str, &[WorkPhase]); 3] = [
     ("place", &[WorkPhase::SettingDown, WorkPhase::Released]),
 ];
 
-/// Kinds in which somebody has to do something to the arm.
+/// Kinds in which a version or a hook must act on the arm.
 const BY_HOOKS: [DrillKind; 3] = [DrillKind::Rollback, DrillKind::Fallback, DrillKind::Abort];
 
-fn share(drills: &Drills, kind: DrillKind, phase: WorkPhase) -> (u32, u32) {
+fn share(drills: &DrillTallies, kind: DrillKind, phase: WorkPhase) -> (u32, u32) {
     let tally = drills.phases.of(kind, phase);
     (tally.passed, tally.feasible())
 }
@@ -296,7 +302,7 @@ fn honest_versions_pass_in_every_phase() {
     ];
     for (family, changes) in honest {
         let version = bench.variant(family, changes);
-        let cast = Cast { version: &version, ..bench.cast(bench.version(family)) };
+        let cast = DrillVersions { version: &version, ..bench.cast(bench.version(family)) };
         let drills = bench.tallies(&cast, SHOWN[0].1, 0..5);
         for phase in SHOWN[0].1 {
             for kind in BY_HOOKS {
@@ -309,7 +315,7 @@ fn honest_versions_pass_in_every_phase() {
 /// What fails and what passes, of five drills each, written down before the run.
 type Expected<'a> = &'a [(DrillKind, WorkPhase, u32)];
 
-fn check(bench: &Bench, cast: &Cast<'_>, name: &str, expected: Expected<'_>) {
+fn check(bench: &Bench, cast: &DrillVersions<'_>, name: &str, expected: Expected<'_>) {
     let mut phases: Vec<WorkPhase> = expected.iter().map(|(_, phase, _)| *phase).collect();
     phases.sort_unstable();
     phases.dedup();
@@ -338,15 +344,20 @@ fn a_hand_that_opens_when_it_is_told_to_stop_fails_where_something_is_held() {
         let changes: Vec<_> =
             if family == "align" { [&release[..], &[gripper, channel]].concat() } else { release.to_vec() };
         let version = bench.variant(family, &changes);
-        check(&bench, &Cast { version: &version, ..bench.cast(bench.version(family)) }, family, expected);
+        check(
+            &bench,
+            &DrillVersions { version: &version, ..bench.cast(bench.version(family)) },
+            family,
+            expected,
+        );
     }
     let version = bench.variant("place", &release);
-    let cast = Cast { version: &version, ..bench.cast(bench.version("place")) };
+    let cast = DrillVersions { version: &version, ..bench.cast(bench.version("place")) };
     let drills = bench.tallies(&cast, &[SettingDown], 0..10);
     let (passed, feasible) = share(&drills, Abort, SettingDown);
     assert!(feasible == 10 && passed <= 5, "let go above the tray: {passed} of {feasible} passed");
     let late = bent(bench.version("grasp"), Some(Bend::AbortLetsGoLate));
-    let cast = Cast { version: &late, ..bench.cast(bench.version("grasp")) };
+    let cast = DrillVersions { version: &late, ..bench.cast(bench.version("grasp")) };
     check(&bench, &cast, "lets go late", &[(Abort, Approach, 5), (Abort, Lifting, 0)]);
 }
 
@@ -359,7 +370,7 @@ fn an_arm_that_creeps_on_has_not_stopped() {
         ("align", [WorkPhase::Transport, WorkPhase::SettingDown]),
     ] {
         let version = bent(bench.version(family), Some(Bend::AbortCreeps));
-        let cast = Cast { version: &version, ..bench.cast(bench.version(family)) };
+        let cast = DrillVersions { version: &version, ..bench.cast(bench.version(family)) };
         check(&bench, &cast, family, &phases.map(|phase| (Abort, phase, 0)));
     }
 }
@@ -370,7 +381,7 @@ fn a_rollback_hook_that_says_done_at_once_fails_where_something_was_to_be_done()
     let bench = Bench::new();
     for family in ["grasp", "align", "place"] {
         let version = bench.variant(family, &[("rollback = \"handover\"", "rollback = \"stay\"")]);
-        let cast = Cast { version: &version, ..bench.cast(bench.version(family)) };
+        let cast = DrillVersions { version: &version, ..bench.cast(bench.version(family)) };
         let (phase, passed) = match family {
             // The arm is under way to something.
             "grasp" => (WorkPhase::Lifting, 0),
@@ -381,7 +392,7 @@ fn a_rollback_hook_that_says_done_at_once_fails_where_something_was_to_be_done()
     }
     // Also if it waits before it says so: a grasp goes on with the object in its hand.
     let waits = bent(bench.version("grasp"), Some(Bend::RollbackWaits));
-    let cast = Cast { version: &waits, ..bench.cast(bench.version("grasp")) };
+    let cast = DrillVersions { version: &waits, ..bench.cast(bench.version("grasp")) };
     check(&bench, &cast, "waits", &[(Rollback, WorkPhase::Contact, 0)]);
 }
 
@@ -398,7 +409,7 @@ fn a_hook_that_the_code_does_not_have_is_none() {
     assert!(!version.has_rollback_hook() && version.abort_secs() == 0.0);
     let own = bench.version("grasp");
     assert!(own.has_rollback_hook() && own.abort_secs() > 0.0);
-    let cast = Cast { version: &version, ..bench.cast(own) };
+    let cast = DrillVersions { version: &version, ..bench.cast(own) };
     check(&bench, &cast, "grasp", &[(Rollback, WorkPhase::Lifting, 0), (Abort, WorkPhase::Lifting, 0)]);
 }
 
@@ -408,7 +419,7 @@ fn a_rollback_hook_that_drops_the_object_fails() {
     let bench = Bench::new();
     for family in ["grasp", "place"] {
         let version = bent(bench.version(family), Some(Bend::RollbackDrops));
-        let cast = Cast { version: &version, ..bench.cast(bench.version(family)) };
+        let cast = DrillVersions { version: &version, ..bench.cast(bench.version(family)) };
         let phase = if family == "grasp" { WorkPhase::Lifting } else { WorkPhase::SettingDown };
         check(&bench, &cast, family, &[(Rollback, phase, 0)]);
     }
@@ -420,12 +431,12 @@ fn a_fallback_that_cannot_take_over_what_is_held_fails() {
     let bench = Bench::new();
     for (family, phase) in [("grasp", WorkPhase::Lifting), ("align", WorkPhase::Transport)] {
         let opens = bent(bench.version("grasp"), Some(Bend::WorkOpens));
-        let cast = Cast { fallback: Some(&opens), ..bench.cast(bench.version(family)) };
+        let cast = DrillVersions { fallback: Some(&opens), ..bench.cast(bench.version(family)) };
         check(&bench, &cast, family, &[(Fallback, phase, 0)]);
     }
     // An align is not admitted to an empty hand.
-    let cast = Cast { fallback: Some(bench.version("align")), ..bench.cast(bench.version("grasp")) };
+    let cast = DrillVersions { fallback: Some(bench.version("align")), ..bench.cast(bench.version("grasp")) };
     check(&bench, &cast, "not admitted", &[(Fallback, WorkPhase::Approach, 0)]);
-    let cast = Cast { fallback: None, ..bench.cast(bench.version("grasp")) };
+    let cast = DrillVersions { fallback: None, ..bench.cast(bench.version("grasp")) };
     check(&bench, &cast, "none", &[(Fallback, WorkPhase::Approach, 0)]);
 }

@@ -1,9 +1,9 @@
-//! What an evaluation works, in which order and on which seeds. Knows counts and nothing of what came of them.
+//! The jobs of an evaluation, their order and their seeds. Knows counts and no results.
 
 use super::tally;
 use crate::trial::drills::DrillResult;
-use crate::trial::seeds::Purpose;
-use holdpoint_governance::evidence::{DrillKind, Drills};
+use crate::trial::seeds::SeedPurpose;
+use holdpoint_governance::evidence::{DrillKind, DrillTallies};
 use holdpoint_governance::profile::Profile;
 
 /// Pairs in one slice of work.
@@ -21,33 +21,33 @@ const ATTEMPTS_FACTOR: u64 = 2;
 /// Pairs of sequences in one slice of work.
 const SEQUENCES_A_SLICE: u64 = 10;
 
-/// What is to be worked, and on which seeds.
+/// The jobs and their seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Plan {
+pub struct EvaluationPlan {
     pub pairs: u32,
     /// Feasible drills of each kind, for both versions.
     pub drills: u32,
     /// Seeds of the pairs.
-    pub pair_seeds: Purpose,
+    pub pair_seeds: SeedPurpose,
     /// Seeds of the drills.
-    pub drill_seeds: Purpose,
+    pub drill_seeds: SeedPurpose,
     /// Pairs of whole sequences, if pairs and drills reject nothing.
     pub sequences: u32,
     /// Seeds of the sequences.
-    pub sequence_seeds: Purpose,
+    pub sequence_seeds: SeedPurpose,
 }
 
-impl Plan {
+impl EvaluationPlan {
     /// The sandbox's plan under a profile.
     #[must_use]
     pub const fn sandbox(profile: &Profile) -> Self {
         Self {
             pairs: profile.evaluation.sandbox_pairs,
             drills: profile.evaluation.drills_per_kind,
-            pair_seeds: Purpose::Perturbation,
-            drill_seeds: Purpose::Drill,
+            pair_seeds: SeedPurpose::Perturbation,
+            drill_seeds: SeedPurpose::Drill,
             sequences: profile.evaluation.sandbox_sequences,
-            sequence_seeds: Purpose::Sequence,
+            sequence_seeds: SeedPurpose::Sequence,
         }
     }
 
@@ -55,20 +55,20 @@ impl Plan {
     #[must_use]
     pub const fn confirmation(profile: &Profile) -> Self {
         Self {
-            pair_seeds: Purpose::Confirmation,
-            drill_seeds: Purpose::ConfirmationDrill,
-            sequence_seeds: Purpose::ConfirmationSequence,
+            pair_seeds: SeedPurpose::Confirmation,
+            drill_seeds: SeedPurpose::ConfirmationDrill,
+            sequence_seeds: SeedPurpose::ConfirmationSequence,
             ..Self::sandbox(profile)
         }
     }
 
     /// The pairs and sequences of that budget, on seeds that neither used. Drills know no live conditions.
     #[must_use]
-    pub const fn again(profile: &Profile) -> Self {
+    pub const fn re_evaluation(profile: &Profile) -> Self {
         Self {
             drills: 0,
-            pair_seeds: Purpose::Again,
-            sequence_seeds: Purpose::AgainSequence,
+            pair_seeds: SeedPurpose::ReEvaluation,
+            sequence_seeds: SeedPurpose::ReEvaluationSequence,
             ..Self::confirmation(profile)
         }
     }
@@ -91,21 +91,21 @@ pub(super) enum NextSlice {
 
 /// How far an evaluation has come: whose turn it is follows from this and the plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Reached {
+pub(super) struct EvaluationProgress {
     pub(super) pairs: u64,
     pub(super) pairs_tried: u64,
-    pub(super) drills: (Drills, Drills),
+    pub(super) drills: (DrillTallies, DrillTallies),
     pub(super) drills_tried: [u64; DrillKind::ALL.len()],
     pub(super) sequences: u64,
     pub(super) sequences_tried: u64,
     pub(super) turns: usize,
 }
 
-impl Reached {
+impl EvaluationProgress {
     /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
     /// that mostly fails goes first: the order within a kind stays as it was committed to, so that both stopping
     /// rules hold, and a candidate that cannot recover is known sooner. Sequences come last.
-    pub(super) fn next(&self, plan: &Plan) -> Option<NextSlice> {
+    pub(super) fn next(&self, plan: &EvaluationPlan) -> Option<NextSlice> {
         let left = |kind: &DrillKind| {
             let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
             feasible < plan.drills
@@ -136,7 +136,7 @@ impl Reached {
     }
 
     /// The seeds of a slice, as places among its purpose's.
-    pub(super) fn range(&self, plan: &Plan, slice: NextSlice) -> std::ops::Range<u64> {
+    pub(super) fn range(&self, plan: &EvaluationPlan, slice: NextSlice) -> std::ops::Range<u64> {
         match slice {
             NextSlice::Pairs => {
                 let missing = u64::from(plan.pairs).saturating_sub(self.pairs);
@@ -154,7 +154,7 @@ impl Reached {
     }
 
     /// Takes a slice for worked, and everything in it for feasible and passed.
-    pub(super) fn suppose(&mut self, plan: &Plan, slice: NextSlice) {
+    pub(super) fn suppose(&mut self, plan: &EvaluationPlan, slice: NextSlice) {
         let range = self.range(plan, slice);
         self.turns += 1;
         match slice {

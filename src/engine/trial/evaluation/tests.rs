@@ -2,11 +2,12 @@
 
 use super::*;
 use crate::cell::Cell;
-use crate::trial::crew::Crew;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
-use crate::trial::sequences::Team;
-use crate::trial::undisturbed::Shelf;
+use crate::trial::sequences::TrialTeam;
+use crate::trial::undisturbed_run::UndisturbedCache;
+use crate::trial::worker_pool::WorkerPool;
 use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::outcome::RecoveryOutcome;
 use holdpoint_governance::policy::PolicyTable;
@@ -26,9 +27,9 @@ fn small() -> Profile {
     profile
 }
 
-fn binding() -> Binding {
+fn binding() -> EvidenceBinding {
     let digest = Digest::of_parts("test", &[]);
-    Binding {
+    EvidenceBinding {
         candidate: digest,
         active: None,
         profile: digest,
@@ -81,7 +82,7 @@ fn evaluate_beside(
     let cell = Cell::builtin().unwrap();
     let table = Arc::new(PolicyTable::builtin(profile).unwrap());
     let terms = SkillTerms::new(profile, table, cell.geometry.clone(), cell.zones.clone());
-    let party = |version: &Capability| Party {
+    let party = |version: &Capability| TrialSubject {
         version: version.clone(),
         terms: terms.clone(),
         fallback: Some(self::version("park/1.0.0", &[])),
@@ -89,18 +90,18 @@ fn evaluate_beside(
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).unwrap();
     let cancel = AtomicBool::new(false);
-    let lab = Lab {
+    let lab = TrialLab {
         seed: CALIBRATION_FROM_RUN + seed,
-        crew: &Crew::new(2),
-        undisturbed: &Arc::new(Shelf::new()),
+        worker_pool: &WorkerPool::new(2),
+        undisturbed: &Arc::new(UndisturbedCache::new()),
         part,
         cancel: &cancel,
         cell: &cell,
         cells: store.cells(),
-        team: Team::beside(active.bundle.task(), beside.iter().map(party)),
+        team: TrialTeam::excluding(active.bundle.task(), beside.iter().map(party)),
     };
     let (candidate, active) = (party(candidate), party(active));
-    let mut evaluation = Evaluation::new(Plan::sandbox(profile), binding(), Vec::new());
+    let mut evaluation = Evaluation::new(EvaluationPlan::sandbox(profile), binding(), Vec::new());
     let mut order = Vec::new();
     while evaluation.ended().is_none() {
         let step = evaluation.step(&lab, &candidate, &active, profile).unwrap();
@@ -113,7 +114,7 @@ fn evaluate_beside(
 fn pairs_and_drills_take_turns_until_the_budget_is_worked() {
     let profile = small();
     let (evaluation, order) = evaluate("align/1.0.0", "align/1.0.0", &profile);
-    assert_eq!(evaluation.ended(), Some(EndReason::Full));
+    assert_eq!(evaluation.ended(), Some(EarlyStopReason::Full));
     let pairs = evaluation.paired().pairs;
     assert_eq!(pairs.len(), 50);
     assert!(pairs.iter().all(|pair| pair.active == pair.candidate), "one version against itself");
@@ -133,7 +134,9 @@ fn a_candidate_that_cannot_stop_is_lost_early() {
     let (evaluation, _) = evaluate("candidates/align-no-stop", "align/1.0.0", &profile);
     assert!(matches!(
         evaluation.ended(),
-        Some(EndReason::HardStop | EndReason::Curtailed | EndReason::FinitePopulation { .. })
+        Some(
+            EarlyStopReason::HardStop | EarlyStopReason::Curtailed | EarlyStopReason::FinitePopulation { .. }
+        )
     ));
     assert!(evaluation.done() < evaluation.plan.budget(), "{} done", evaluation.done());
     let (_, recovery) = evaluation.assess(&profile);
@@ -154,15 +157,16 @@ fn parts_of_a_slice_change_no_result() {
 
 #[test]
 fn what_is_tried_again_does_not_exceed_the_budget() {
-    let mut evaluation = Evaluation::new(Plan::sandbox(&small()), binding(), Vec::new());
+    let mut evaluation = Evaluation::new(EvaluationPlan::sandbox(&small()), binding(), Vec::new());
     evaluation.drills_tried = [10, 20, 30, 40];
     assert_eq!((evaluation.tried(), evaluation.done()), (100, 10 + 3 * 20));
 }
 
 #[test]
 fn a_hard_stop_before_the_first_pair_ends_it() {
-    let evaluation = Evaluation::new(Plan::sandbox(&small()), binding(), vec![HardStop::MotionAfterStop]);
-    assert_eq!(evaluation.ended(), Some(EndReason::HardStop));
+    let evaluation =
+        Evaluation::new(EvaluationPlan::sandbox(&small()), binding(), vec![HardStop::MotionAfterStop]);
+    assert_eq!(evaluation.ended(), Some(EarlyStopReason::HardStop));
 }
 
 /// What the drills make of variants of the baselines over so many seeds, with few pairs, which are not looked at.
@@ -174,11 +178,11 @@ fn recoveries(folder: &str, changes: &[(&str, &str)], seeds: u64) -> Vec<(Recove
     let recovery = |seed| {
         let (evaluation, _) = evaluate_versions(&candidate, &active, &profile, (usize::MAX, seed));
         let rehearsed = evaluation.rehearsed();
-        let found = recovery::assess_ended(
+        let found = recovery::assess_early_stop(
             &rehearsed,
             &binding(),
             &profile,
-            evaluation.ended().unwrap_or(EndReason::Full),
+            evaluation.ended().unwrap_or(EarlyStopReason::Full),
         );
         let assessment = found.assessment;
         (assessment.outcome, assessment.reasons.iter().map(|reason| reason.code).collect())
@@ -254,7 +258,7 @@ fn held_high(align: &[(&str, &str)], part: usize) -> (Evaluation, Vec<String>) {
 fn a_handover_that_is_bad_for_the_next_skill_alone_is_found_by_sequences() {
     let profile = with_sequences();
     let (evaluation, order) = held_high(&[TRUSTING], usize::MAX);
-    let own = behavior::assess_ended(&evaluation.paired(), &binding(), &profile, EndReason::Full);
+    let own = behavior::assess_early_stop(&evaluation.paired(), &binding(), &profile, EarlyStopReason::Full);
     assert_eq!(own.assessment.outcome, BehaviorOutcome::Compatible, "{:?}", own.assessment.reasons);
     let sequences = evaluation.sequences().unwrap();
     assert_eq!((sequences.pairs.len(), sequences.beside.len()), (40, 2));
@@ -265,7 +269,11 @@ fn a_handover_that_is_bad_for_the_next_skill_alone_is_found_by_sequences() {
     assert_eq!(found.assessment.outcome, BehaviorOutcome::Incompatible);
     let reason = &found.assessment.reasons[0];
     assert_eq!(reason.code, ReasonCode::BehaviorSequenceWorse);
-    assert!(reason.text.contains("the next skill, align, fails in"), "{reason}");
+    let ends = match &reason.finding {
+        Some(Finding::SequenceWorse { ends, .. }) => ends.unwrap(),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!((ends.task, ends.is_next), (holdpoint_body::TaskKind::Align, true));
 
     let (parts, _) = held_high(&[TRUSTING], 3);
     assert_eq!(parts.sequences(), evaluation.sequences(), "parts of a slice change no result");
@@ -293,12 +301,12 @@ fn no_sequence_is_worked_for_who_is_rejected_without_and_none_can_be_with_an_emp
 
     let profile = with_sequences();
     let (evaluation, _) = evaluate_beside(&active, &active, &beside[..1], &profile, (usize::MAX, 1));
-    assert_eq!(evaluation.ended(), Some(EndReason::Full));
+    assert_eq!(evaluation.ended(), Some(EarlyStopReason::Full));
     let (found, _) = evaluation.assess(&profile);
     assert_eq!(found.assessment.outcome, BehaviorOutcome::Suspicious);
     let reason = &found.assessment.reasons[0];
     assert_eq!(reason.code, ReasonCode::BehaviorSequenceSuspicious);
-    assert!(reason.text.contains("another family has no active version"), "{reason}");
+    assert_eq!(reason.finding, Some(Finding::SequencesNotRun));
 }
 
 /// Seconds of processor time that this process has used, where the system tells it.

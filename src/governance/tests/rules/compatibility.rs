@@ -7,9 +7,10 @@ use holdpoint_governance::behavior;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::evidence::{EpisodeValues, HardStop};
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::Family;
-use holdpoint_governance::interface::declared;
-use holdpoint_governance::interface::{self, InterfaceInput, Registered};
+use holdpoint_governance::interface::declared_changes;
+use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
 use holdpoint_governance::manifest::Manifest;
 use holdpoint_governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
@@ -80,7 +81,7 @@ fn interface_changes() {
     ] {
         let (active, candidate) = (manifest(), manifest_with(from, to));
         let exports = exports(&candidate);
-        let version = |id: &str, active, needs: Option<&str>| Registered {
+        let version = |id: &str, active, needs: Option<&str>| RegisteredVersion {
             id: id.parse().unwrap(),
             active,
             dependencies: needs
@@ -206,7 +207,7 @@ fn what_the_code_needs_counts_even_where_the_manifest_is_silent() {
     };
     let found = policy::assess(&input, &table, &profile).assessment;
     assert_eq!((found.outcome, found.reasons[0].code), (PolicyOutcome::Incompatible, PolicyUndeclaredImport));
-    // A table of another profile says nothing.
+    // A table of another profile does not apply.
     let other = PolicyTable::builtin(&crate::fixture::profile(ProfileName::Real)).unwrap();
     assert_eq!(policy::assess(&input, &other, &profile).assessment.outcome, PolicyOutcome::NoData);
 }
@@ -225,7 +226,7 @@ fn behaviour(
 }
 
 #[test]
-fn behavioural_changes() {
+fn behavioral_changes() {
     use BehaviorOutcome::{Compatible, Incompatible};
     let anomaly = EpisodeValues { anomaly: true, ..GOOD };
     let violation = EpisodeValues { violation: true, ..GOOD };
@@ -244,7 +245,7 @@ fn behavioural_changes() {
         (ProfileName::Sim, (0, GOOD), (60, failure), Incompatible, BehaviorEstablishedWorse),
         (ProfileName::Sim, (30, failure), (0, GOOD), Compatible, BehaviorImproved),
         (ProfileName::Sim, (30, failure), (12, anomaly), Incompatible, BehaviorSafetyTraded),
-        // Six of 300 more with an anomaly are not established as worse at this level; seven are.
+        // Six of 300 more with an anomaly are not significantly worse at this level; seven are.
         (ProfileName::Sim, (30, failure), (6, anomaly), Compatible, BehaviorImproved),
         (ProfileName::Sim, (30, failure), (30, anomaly), Incompatible, BehaviorSafetyTraded),
         // That recovery runs more often is no harm by itself, within its tolerance; bought with it, nothing is.
@@ -427,7 +428,7 @@ fn conditions_are_issued_where_they_are_due() {
     }
 }
 
-/// What a version asks for beyond the active one is named in full, with both levels; of a first version everything is.
+/// Permissions beyond the active version's are named in full, with both levels; for a first version all are.
 #[test]
 fn what_is_asked_for_beyond_the_active_version_is_named() {
     let profile = profile(ProfileName::Human);
@@ -467,7 +468,7 @@ fn what_is_asked_for_beyond_the_active_version_is_named() {
     assert!(!first.assessment.reasons.iter().any(|reason| reason.code == PolicyNewPermission));
 }
 
-/// What an author declares of the interface is held against what is found, part by part.
+/// An author's declaration of the interface is compared with the finding, part by part.
 #[test]
 fn declared_interface_changes_are_held_against_the_manifests() {
     let candidate = manifest_with("range = [0.0, 0.08]", "range = [0.0, 0.05]");
@@ -475,15 +476,19 @@ fn declared_interface_changes_are_held_against_the_manifests() {
         inputs: BTreeMap::from([("pose".to_owned(), candidate.inputs["object_pose"].clone())]),
         ..candidate
     };
-    let found = declared::changes(Some(&manifest()), &candidate);
+    let found = declared_changes::changes(Some(&manifest()), &candidate);
     let said: Vec<String> = found.iter().map(ToString::to_string).collect();
     assert_eq!(said, ["input object_pose removed", "input pose added", "output width changed"]);
     let all: Vec<InterfaceChange> = found.iter().cloned().collect();
-    assert!(declared::held_against(&all, &found).is_empty());
-    let held = declared::held_against(&all[1..], &found);
+    assert!(declared_changes::undeclared_changes(&all, &found).is_empty());
+    let held = declared_changes::undeclared_changes(&all[1..], &found);
     assert_eq!((held.len(), held[0].code), (1, InterfaceUndeclaredChange));
-    assert!(held[0].text.contains("input object_pose removed, which the submission does not declare"));
-    let empty = declared::held_against(&all, &declared::changes(Some(&manifest()), &manifest()));
+    let undeclared = Finding::ChangeUndeclared { change: all[0].clone() };
+    assert_eq!(held[0].finding, Some(undeclared));
+    let empty = declared_changes::undeclared_changes(
+        &all,
+        &declared_changes::changes(Some(&manifest()), &manifest()),
+    );
     assert_eq!(empty.len(), 3, "declared and not found: {empty:?}");
 }
 

@@ -2,10 +2,11 @@
 
 use holdpoint_governance::behavior;
 use holdpoint_governance::decision::ReasonCode::{self, *};
-use holdpoint_governance::ended::EndReason;
+use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{
-    DrillTally, Drills, EpisodeValues, HardStop, Pair, PairedEvidence, RecoveryEvidence,
+    DrillTallies, DrillTally, EpisodeValues, HardStop, Pair, PairedEvidence, RecoveryEvidence,
 };
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::recovery;
@@ -30,26 +31,26 @@ fn with_pairs(mut profile: Profile, sandbox_pairs: u32) -> Profile {
 }
 
 #[test]
-fn what_ends_a_behavioural_evaluation() {
+fn what_ends_a_behavioral_evaluation() {
     let mut profile = with_pairs(profile(ProfileName::Sim), 120);
     let alpha = profile.evaluation.early_alpha;
     assert!(alpha > 0.0, "the rule is on");
-    let early = Some(EndReason::FinitePopulation { alpha });
+    let early = Some(EarlyStopReason::FinitePopulation { alpha });
     for (seen, bad, how, expected) in [
         (20, 0, GOOD, None),
         (20, 5, FAILURE, None),
-        // Of 20 lost pairs out of 20 the other 100 could still make a net worsening that is not established.
+        // With 20 of 20 pairs lost, the other 100 could still make the net worsening insignificant.
         (20, 20, FAILURE, None),
         (40, 40, ANOMALY, early),
         (40, 12, ANOMALY, None),
         // The active version's pairs could still outweigh 40 failures in the 80 that are left, in theory.
         (40, 40, FAILURE, early),
-        (100, 80, FAILURE, Some(EndReason::Curtailed)),
-        (120, 0, GOOD, Some(EndReason::Full)),
-        (120, 120, FAILURE, Some(EndReason::Full)),
+        (100, 80, FAILURE, Some(EarlyStopReason::Curtailed)),
+        (120, 0, GOOD, Some(EarlyStopReason::Full)),
+        (120, 120, FAILURE, Some(EarlyStopReason::Full)),
     ] {
         let evidence = begun(&profile, seen, bad, how);
-        assert_eq!(behavior::ended(&evidence, &binding(), &profile), expected, "{seen} {bad} {how:?}");
+        assert_eq!(behavior::end_reason(&evidence, &binding(), &profile), expected, "{seen} {bad} {how:?}");
         if expected.is_none() {
             let found = behavior::assess(&evidence, &binding(), &profile);
             assert_eq!(found.assessment.outcome, BehaviorOutcome::Inconclusive);
@@ -57,34 +58,35 @@ fn what_ends_a_behavioural_evaluation() {
     }
     let mut hard = begun(&profile, 3, 0, GOOD);
     hard.hard_stops.push(HardStop::CommandPastGuard);
-    assert_eq!(behavior::ended(&hard, &binding(), &profile), Some(EndReason::HardStop));
+    assert_eq!(behavior::end_reason(&hard, &binding(), &profile), Some(EarlyStopReason::HardStop));
     // Off at 0, and evidence of something else ends nothing.
     profile.evaluation.early_alpha = 0.0;
     let lost = begun(&profile, 40, 40, FAILURE);
-    assert_eq!(behavior::ended(&lost, &binding(), &profile), None);
+    assert_eq!(behavior::end_reason(&lost, &binding(), &profile), None);
     let mut stale = hard;
     stale.binding.candidate = digest("other");
-    assert_eq!(behavior::ended(&stale, &binding(), &profile), None);
+    assert_eq!(behavior::end_reason(&stale, &binding(), &profile), None);
 }
 
 #[test]
 fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
     use BehaviorOutcome::{Incompatible, Inconclusive};
     let profile = with_pairs(profile(ProfileName::Sim), 120);
-    let early = EndReason::FinitePopulation { alpha: profile.evaluation.early_alpha };
-    let another = EndReason::FinitePopulation { alpha: 0.04 };
+    let early = EarlyStopReason::FinitePopulation { alpha: profile.evaluation.early_alpha };
+    let another = EarlyStopReason::FinitePopulation { alpha: 0.04 };
     let code = Some(BehaviorEndedEarly);
     for (seen, bad, named, outcome, first) in [
         (40, 40, early, Incompatible, code),
         (40, 40, another, Inconclusive, None),
-        (40, 40, EndReason::Curtailed, Inconclusive, None),
+        (40, 40, EarlyStopReason::Curtailed, Inconclusive, None),
         (20, 0, early, Inconclusive, None),
-        (100, 80, EndReason::Curtailed, Incompatible, code),
-        (100, 80, EndReason::Full, Inconclusive, None),
-        (100, 80, EndReason::HardStop, Inconclusive, None),
-        (120, 120, EndReason::Full, Incompatible, None),
+        (100, 80, EarlyStopReason::Curtailed, Incompatible, code),
+        (100, 80, EarlyStopReason::Full, Inconclusive, None),
+        (100, 80, EarlyStopReason::HardStop, Inconclusive, None),
+        (120, 120, EarlyStopReason::Full, Incompatible, None),
     ] {
-        let found = behavior::assess_ended(&begun(&profile, seen, bad, FAILURE), &binding(), &profile, named);
+        let found =
+            behavior::assess_early_stop(&begun(&profile, seen, bad, FAILURE), &binding(), &profile, named);
         let what = format!("{seen} {bad} {named:?}: {found:?}");
         assert_eq!(found.assessment.outcome, outcome, "{what}");
         let names: Option<ReasonCode> = found
@@ -94,94 +96,101 @@ fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
             .map(|reason| reason.code)
             .filter(|code| *code == BehaviorEndedEarly);
         assert_eq!(names, first, "{what}");
-        let borne_out = first.is_some() || (named == EndReason::Full && seen == 120);
+        let borne_out = first.is_some() || (named == EarlyStopReason::Full && seen == 120);
         assert_eq!(found.ended, borne_out.then_some(named), "{what}");
         assert!(found.assessment.conditions.is_empty() || outcome != Incompatible, "{what}");
     }
-    let found = behavior::assess_ended(&begun(&profile, 40, 40, FAILURE), &binding(), &profile, early);
+    let found = behavior::assess_early_stop(&begun(&profile, 40, 40, FAILURE), &binding(), &profile, early);
     let reason = &found.assessment.reasons[0];
     assert_eq!((reason.evidence, reason.limit), (Some(40.0), Some(120.0)));
-    for part in ["finite-population", "40 of 120", "0.01"] {
-        assert!(reason.text.contains(part), "{part} is not in {:?}", reason.text);
-    }
+    let ended = Finding::PairsEndedEarly {
+        rule: EarlyStopReason::FinitePopulation { alpha: 0.01 },
+        seen: 40,
+        budget: 120,
+    };
+    assert_eq!(reason.finding, Some(ended));
 }
 
 #[test]
 fn the_rule_that_ended_it_is_kept() {
     for (ended, text) in [
-        (EndReason::Full, r#""full""#),
-        (EndReason::HardStop, r#""hard-stop""#),
-        (EndReason::Curtailed, r#""curtailed""#),
-        (EndReason::FinitePopulation { alpha: 0.01 }, r#"{"finite-population":{"alpha":0.01}}"#),
+        (EarlyStopReason::Full, r#""full""#),
+        (EarlyStopReason::HardStop, r#""hard-stop""#),
+        (EarlyStopReason::Curtailed, r#""curtailed""#),
+        (EarlyStopReason::FinitePopulation { alpha: 0.01 }, r#"{"finite-population":{"alpha":0.01}}"#),
     ] {
         assert_eq!(serde_json::to_string(&ended).unwrap(), text);
-        assert_eq!(serde_json::from_str::<EndReason>(text).unwrap(), ended);
+        assert_eq!(serde_json::from_str::<EarlyStopReason>(text).unwrap(), ended);
     }
 }
 
-/// Drills with so many passed of so many done, alike in the four kinds.
-fn done(passed: u32, of: u32) -> Drills {
+/// Drills with `passed` passed of `of` done, alike in the four kinds.
+fn done(passed: u32, of: u32) -> DrillTallies {
     let tally = DrillTally { passed, failed: of - passed, infeasible: 0 };
-    Drills { rollback: tally, fallback: tally, abort: tally, detect: tally, ..Drills::default() }
+    DrillTallies { rollback: tally, fallback: tally, abort: tally, detect: tally, ..DrillTallies::default() }
 }
 
 #[test]
 fn what_ends_the_drills() {
     let profile = profile(ProfileName::Real);
     assert_eq!(profile.evaluation.drills_per_kind, 40);
-    let early = Some(EndReason::FinitePopulation { alpha: profile.evaluation.early_alpha });
+    let early = Some(EarlyStopReason::FinitePopulation { alpha: profile.evaluation.early_alpha });
     let seven = DrillTally { passed: 0, failed: 7, infeasible: 0 };
     let whole = done(40, 40);
     for (candidate, expected) in [
-        (Drills::default(), None),
+        (DrillTallies::default(), None),
         (done(20, 20), None),
-        (done(40, 40), Some(EndReason::Full)),
-        (done(10, 40), Some(EndReason::Full)),
+        (done(40, 40), Some(EarlyStopReason::Full)),
+        (done(10, 40), Some(EarlyStopReason::Full)),
         // Rollback below the floor of 30 of 40: certain after 11 failures, at the error rate after 7 of 7.
         (
-            Drills { rollback: DrillTally { failed: 11, ..DrillTally::default() }, ..whole },
-            Some(EndReason::Curtailed),
+            DrillTallies { rollback: DrillTally { failed: 11, ..DrillTally::default() }, ..whole },
+            Some(EarlyStopReason::Curtailed),
         ),
-        (Drills { rollback: seven, ..whole }, early),
-        (Drills { rollback: DrillTally { passed: 3, failed: 4, infeasible: 0 }, ..whole }, None),
+        (DrillTallies { rollback: seven, ..whole }, early),
+        (DrillTallies { rollback: DrillTally { passed: 3, failed: 4, infeasible: 0 }, ..whole }, None),
         // A fallback that never works alone is lost only once all of its drills are done.
         (
-            Drills { fallback: DrillTally { failed: 39, ..DrillTally::default() }, ..whole },
-            Some(EndReason::Curtailed),
+            DrillTallies { fallback: DrillTally { failed: 39, ..DrillTally::default() }, ..whole },
+            Some(EarlyStopReason::Curtailed),
         ),
-        (Drills { fallback: seven, ..whole }, None),
+        (DrillTallies { fallback: seven, ..whole }, None),
     ] {
         let evidence = RecoveryEvidence { binding: binding(), candidate, active: whole };
-        assert_eq!(recovery::ended(&evidence, &binding(), &profile), expected, "{candidate:?}");
+        assert_eq!(recovery::end_reason(&evidence, &binding(), &profile), expected, "{candidate:?}");
         let Some(named) = expected else { continue };
-        let found = recovery::assess_ended(&evidence, &binding(), &profile, named);
+        let found = recovery::assess_early_stop(&evidence, &binding(), &profile, named);
         assert_eq!(found.ended, Some(named), "{found:?}");
-        if named != EndReason::Full {
+        if named != EarlyStopReason::Full {
             assert_eq!(found.assessment.outcome, RecoveryOutcome::Incompatible, "{found:?}");
             assert_eq!(found.assessment.reasons[0].code, RecoveryEndedEarly, "{found:?}");
-            assert!(recovery::is_lost(&evidence, &binding(), &profile) || named != EndReason::Curtailed);
+            assert!(
+                recovery::is_lost(&evidence, &binding(), &profile) || named != EarlyStopReason::Curtailed
+            );
         }
         let plain = recovery::assess(&evidence, &binding(), &profile);
         assert_eq!(
             plain.assessment.outcome == RecoveryOutcome::NoData,
-            named != EndReason::Full,
+            named != EarlyStopReason::Full,
             "{plain:?}"
         );
     }
-    // What the evidence does not bear out is no data, whatever is named.
+    // A named rule that the evidence does not confirm is no data.
     let begun = RecoveryEvidence { binding: binding(), candidate: done(20, 20), active: whole };
-    for named in [EndReason::Full, EndReason::Curtailed, EndReason::FinitePopulation { alpha: 0.01 }] {
-        let found = recovery::assess_ended(&begun, &binding(), &profile, named);
+    for named in
+        [EarlyStopReason::Full, EarlyStopReason::Curtailed, EarlyStopReason::FinitePopulation { alpha: 0.01 }]
+    {
+        let found = recovery::assess_early_stop(&begun, &binding(), &profile, named);
         assert_eq!((found.assessment.outcome, found.ended), (RecoveryOutcome::NoData, None), "{named:?}");
     }
     let mut off = profile;
     off.evaluation.early_alpha = 0.0;
     let lost = RecoveryEvidence {
         binding: binding(),
-        candidate: Drills { rollback: seven, ..whole },
+        candidate: DrillTallies { rollback: seven, ..whole },
         active: whole,
     };
-    assert_eq!(recovery::ended(&lost, &binding(), &off), None);
+    assert_eq!(recovery::end_reason(&lost, &binding(), &off), None);
 }
 
 #[test]
@@ -198,7 +207,8 @@ fn each_kind_of_drill_has_its_intervals() {
     assert_eq!(worse, [false, true, false, false]);
     let named: Vec<_> =
         found.assessment.reasons.iter().filter(|reason| reason.code == RecoveryEstablishedWorse).collect();
-    assert!(named.len() == 1 && named[0].text.contains("fallback"), "{named:?}");
+    let fallback = Finding::DrillsWorse { drill: holdpoint_governance::evidence::DrillKind::Fallback };
+    assert!(named.len() == 1 && named[0].finding == Some(fallback), "{named:?}");
     // The outcome and kappa_R are the rule's, as before.
     assert_eq!(found.assessment.outcome, RecoveryOutcome::Compatible);
 }
@@ -253,7 +263,7 @@ proptest! {
         let tally = |passed: u32, of: u32| DrillTally { passed, failed: of - passed, infeasible: 0 };
         let of = |passed: [u32; 4]| {
             let [rollback, fallback, abort, detect] = passed.map(|passed| tally(passed, 40));
-            Drills { rollback, fallback, abort, detect, ..Drills::default() }
+            DrillTallies { rollback, fallback, abort, detect, ..DrillTallies::default() }
         };
         let full = RecoveryEvidence { binding: binding(), candidate: of(candidate), active: of(active) };
         let mut part = full;

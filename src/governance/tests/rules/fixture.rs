@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 
 use holdpoint_governance::composition::Kappas;
-use holdpoint_governance::decision::{Kappa, MadeUnder};
+use holdpoint_governance::decision::{DecisionContext, Kappa};
 use holdpoint_governance::evidence::{
-    Binding, Conduct, DrillTally, Drills, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence,
-    ShadowEvidence, ShadowSequence,
+    Conduct, DrillTallies, DrillTally, EpisodeValues, EvidenceBinding, Pair, PairedEvidence,
+    RecoveryEvidence, ShadowEvidence, ShadowSequence,
 };
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::Digest;
@@ -84,7 +84,7 @@ pub fn manifest_with(from: &str, to: &str) -> Manifest {
     Manifest::parse("manifest.toml", &MANIFEST.replace(from, to)).unwrap()
 }
 
-/// Exports of code that is what the manifest says.
+/// Exports of code that matches the manifest.
 pub fn exports(manifest: &Manifest) -> Interface {
     let mut needs = BTreeSet::new();
     for channel in &manifest.permissions.channels {
@@ -116,8 +116,8 @@ pub fn digest(name: &str) -> Digest {
     Digest::of_parts("test", &[name.as_bytes()])
 }
 
-pub fn binding() -> Binding {
-    Binding {
+pub fn binding() -> EvidenceBinding {
+    EvidenceBinding {
         candidate: digest("candidate"),
         active: Some(digest("active")),
         profile: digest("profile"),
@@ -127,9 +127,9 @@ pub fn binding() -> Binding {
     }
 }
 
-pub fn made_under() -> MadeUnder {
-    let Binding { candidate, active, profile, policy, environment, neighbours } = binding();
-    MadeUnder {
+pub fn made_under() -> DecisionContext {
+    let EvidenceBinding { candidate, active, profile, policy, environment, neighbours } = binding();
+    DecisionContext {
         candidate,
         active,
         policy,
@@ -165,10 +165,10 @@ pub fn pairs(profile: &Profile) -> PairedEvidence {
 }
 
 /// Drills with so many passed of 100, in the order rollback, fallback, abort, detect.
-pub fn drills(passed: [u32; 4]) -> Drills {
+pub fn drills(passed: [u32; 4]) -> DrillTallies {
     let [rollback, fallback, abort, detect] =
         passed.map(|passed| DrillTally { passed, failed: 100 - passed, infeasible: 0 });
-    Drills { rollback, fallback, abort, detect, ..Drills::default() }
+    DrillTallies { rollback, fallback, abort, detect, ..DrillTallies::default() }
 }
 
 pub fn recovery(active: [u32; 4], candidate: [u32; 4]) -> RecoveryEvidence {

@@ -2,28 +2,29 @@
 
 use std::collections::BTreeSet;
 
+use holdpoint_governance::ablation::{AblatedParts, AblationPart};
 use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult, Requester};
 use holdpoint_governance::composition::{Kappas, PsiContext, admits, psi};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::decision::{Dimension, Reason};
-use holdpoint_governance::evidence::{Binding, HardStop};
+use holdpoint_governance::evidence::{EvidenceBinding, HardStop};
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::{self, GateInput, GateOutcome, GateResult, ShadowAssessment};
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::omitted::{Omitted, Part};
 use holdpoint_governance::outcome::{
     ActivationMode, Basis, BehaviorOutcome, InterfaceOutcome, PolicyOutcome, Recommendation, RecoveryOutcome,
 };
 use holdpoint_governance::policy::{PolicySource, PolicyTable};
 use holdpoint_governance::profile::{FreezeWindow, Profile, ProfileName};
 use holdpoint_governance::submission::{Provenance, Risk};
-use holdpoint_governance::wall_time::{ClockDoubt, WallTime};
+use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 
 use crate::fixture::{at, binding, digest, kappas, made_under, profile, shadow};
 
 fn recovery_fails(kappas: &mut Kappas, code: ReasonCode) {
     kappas.recovery.outcome = RecoveryOutcome::Incompatible;
-    kappas.recovery.reasons = vec![Reason::new(code, Dimension::Recovery, "x")];
+    kappas.recovery.reasons = vec![Reason::coded(code, Dimension::Recovery, Finding::RecoveryReady)];
 }
 
 #[test]
@@ -112,7 +113,7 @@ struct Case {
     table: PolicyTable,
     kappas: Kappas,
     shadow: Option<ShadowAssessment>,
-    bindings: Vec<Binding>,
+    bindings: Vec<EvidenceBinding>,
     approval: Option<ApprovalResult>,
     closed: BTreeSet<ProfileName>,
     unmet: Vec<String>,
@@ -121,16 +122,16 @@ struct Case {
     profile_authorized: bool,
     improved: bool,
     now: WallTime,
-    clock_doubt: Option<ClockDoubt>,
+    clock_doubt: Option<ClockMismatch>,
     policy: Digest,
-    omitted: Omitted,
+    omitted: AblatedParts,
 }
 
 impl Case {
     fn new(name: ProfileName) -> Self {
         let profile = profile(name);
         let table = PolicyTable::builtin(&profile).unwrap();
-        let current = Binding { policy: table.digest, ..binding() };
+        let current = EvidenceBinding { policy: table.digest, ..binding() };
         let mut evidence = shadow(&profile);
         evidence.binding = current;
         Self {
@@ -149,12 +150,12 @@ impl Case {
             policy: table.digest,
             profile,
             table,
-            omitted: Omitted::default(),
+            omitted: AblatedParts::default(),
         }
     }
 
     fn evaluate(&self) -> GateResult {
-        let current = Binding { policy: self.policy, ..binding() };
+        let current = EvidenceBinding { policy: self.policy, ..binding() };
         let input = GateInput {
             kappas: &self.kappas,
             shadow: self.shadow.as_ref(),
@@ -172,14 +173,17 @@ impl Case {
             now: self.now,
             clock_doubt: self.clock_doubt,
             row_version: 7,
-            made_under: holdpoint_governance::decision::MadeUnder { policy: self.policy, ..made_under() },
+            made_under: holdpoint_governance::decision::DecisionContext {
+                policy: self.policy,
+                ..made_under()
+            },
             omitted: self.omitted,
         };
         gate::evaluate(&input, &self.table, &self.profile)
     }
 }
 
-/// What an experiment leaves out is not demanded, is said, and leaves everything else as strict as it was.
+/// A part that an experiment leaves out is not required, is reported, and leaves everything else as strict as before.
 #[test]
 fn what_is_left_out_is_not_demanded_and_is_said() {
     let skipped = |result: &GateResult| {
@@ -187,15 +191,15 @@ fn what_is_left_out_is_not_demanded_and_is_said() {
         all.filter(|reason| reason.code == GateSkipped).map(|reason| reason.dimension).collect::<Vec<_>>()
     };
     for (part, dimensions) in [
-        (Part::Validation, vec![Dimension::Interface, Dimension::Policy]),
-        (Part::Sandbox, vec![Dimension::Behavior, Dimension::Recovery]),
-        (Part::Recovery, vec![Dimension::Recovery]),
-        (Part::Shadow, vec![Dimension::Shadow]),
+        (AblationPart::Validation, vec![Dimension::Interface, Dimension::Policy]),
+        (AblationPart::Sandbox, vec![Dimension::Behavior, Dimension::Recovery]),
+        (AblationPart::Recovery, vec![Dimension::Recovery]),
+        (AblationPart::Shadow, vec![Dimension::Shadow]),
     ] {
         let mut case = Case::new(ProfileName::Sim);
-        let omitted = Omitted::of(&[part]);
-        case.kappas = omitted.waive(case.kappas.clone());
-        if part == Part::Shadow {
+        let omitted = AblatedParts::of(&[part]);
+        case.kappas = omitted.fill_ablated(case.kappas.clone());
+        if part == AblationPart::Shadow {
             case.shadow = None;
         }
         let demanded = case.evaluate();
@@ -205,7 +209,7 @@ fn what_is_left_out_is_not_demanded_and_is_said() {
         assert!(result.passed.is_some(), "{part}: {:?}", result.decision.reasons());
         assert_eq!(skipped(&result), dimensions, "{part}");
         case.kappas.behavior.outcome = BehaviorOutcome::Incompatible;
-        let measured = !matches!(part, Part::Sandbox);
+        let measured = !matches!(part, AblationPart::Sandbox);
         assert_eq!(case.evaluate().passed.is_none(), measured, "{part}: the rest is judged as ever");
     }
 }
@@ -287,7 +291,7 @@ fn what_closes_the_gate() {
             GateDimensionFailed,
         ),
         (
-            "P review, nobody to ask",
+            "P review, no approver",
             ProfileName::Sim,
             |c| c.kappas.policy.outcome = PolicyOutcome::Review,
             Reject,
@@ -316,20 +320,20 @@ fn what_closes_the_gate() {
         (
             "a clock that was set",
             ProfileName::Sim,
-            |c| c.clock_doubt = Some(ClockDoubt::Jumped { by_ms: 9_000 }),
+            |c| c.clock_doubt = Some(ClockMismatch::Jumped { by_ms: 9_000 }),
             Hold,
             GateClockDoubted,
         ),
         ("unmet", ProfileName::Sim, |c| c.unmet = vec!["align@^2".into()], Hold, GateDependencyUnmet),
         (
-            "nobody on record as having registered it, people nearby",
+            "no requester on record it, people nearby",
             ProfileName::Human,
             |c| c.requester = Requester::Unknown,
             Hold,
             GateRequesterUnknown,
         ),
         (
-            "nobody on record as having registered it, and a review on a real cell",
+            "no requester on record it, and a review on a real cell",
             ProfileName::Real,
             |c| {
                 c.requester = Requester::Unknown;
@@ -339,7 +343,7 @@ fn what_closes_the_gate() {
             GateRequesterUnknown,
         ),
         ("review open", ProfileName::Sim, |c| c.review_open = true, Hold, GateReviewOpen),
-        ("nobody signed", ProfileName::Real, |c| c.profile_authorized = false, Hold, GateProfileUnauthorized),
+        ("no one signed", ProfileName::Real, |c| c.profile_authorized = false, Hold, GateProfileUnauthorized),
         (
             "profile closed",
             ProfileName::Real,
@@ -366,7 +370,7 @@ fn what_closes_the_gate() {
             Reject,
             GateSitePolicyForbids,
         ),
-        ("nobody asked", ProfileName::Human, |_| (), AwaitApproval, ApprovalPending),
+        ("no one asked", ProfileName::Human, |_| (), AwaitApproval, ApprovalPending),
         (
             "one of two",
             ProfileName::Human,
@@ -408,7 +412,7 @@ fn a_pass_holds_for_its_circumstances_only() {
     case.approval = Some(granted(&["ann", "bob"]));
     let passed = case.evaluate().passed.unwrap();
     let under = *passed.made_under();
-    let other = holdpoint_governance::decision::MadeUnder { evidence: digest("other"), ..under };
+    let other = holdpoint_governance::decision::DecisionContext { evidence: digest("other"), ..under };
     for (row_version, made_under, now_s, holds) in
         [(7, under, 199, true), (8, under, 100, false), (7, other, 100, false), (7, under, 200, false)]
     {
@@ -418,33 +422,33 @@ fn a_pass_holds_for_its_circumstances_only() {
 
 #[test]
 fn shadow_by_governance_signals() {
-    use holdpoint_governance::outcome::Check;
+    use holdpoint_governance::outcome::CheckResult;
     let profile = profile(ProfileName::Sim);
     type Change = fn(&mut holdpoint_governance::evidence::ShadowEvidence);
-    let table: [(&str, Change, Check, ReasonCode); 8] = [
-        ("clean", |_| (), Check::Pass, ShadowClean),
-        ("one hit", |e| e.sequences[0].twin_policy_hit = true, Check::Pass, ShadowClean),
+    let table: [(&str, Change, CheckResult, ReasonCode); 8] = [
+        ("clean", |_| (), CheckResult::Pass, ShadowClean),
+        ("one hit", |e| e.sequences[0].twin_policy_hit = true, CheckResult::Pass, ShadowClean),
         (
             "many hits",
             |e| e.sequences.iter_mut().take(10).for_each(|s| s.twin_policy_hit = true),
-            Check::Fail,
+            CheckResult::Fail,
             ShadowGovernanceDivergence,
         ),
         (
             "hits in both",
             |e| e.sequences.iter_mut().for_each(|s| (s.twin_policy_hit, s.live_policy_hit) = (true, true)),
-            Check::Pass,
+            CheckResult::Pass,
             ShadowClean,
         ),
         (
             "other outputs",
             |e| e.sequences.iter_mut().for_each(|s| s.output_divergence = 0.9),
-            Check::Inconclusive,
+            CheckResult::Inconclusive,
             ShadowOutputDivergence,
         ),
-        ("few", |e| e.sequences.truncate(19), Check::Inconclusive, ShadowNoData),
-        ("no number", |e| e.sequences[3].envelope_divergence = f64::NAN, Check::NoData, ShadowNoData),
-        ("hard stop", |e| e.hard_stops.push(HardStop::BudgetBreach), Check::Fail, GateHardLimit),
+        ("few", |e| e.sequences.truncate(19), CheckResult::Inconclusive, ShadowNoData),
+        ("no number", |e| e.sequences[3].envelope_divergence = f64::NAN, CheckResult::NoData, ShadowNoData),
+        ("hard stop", |e| e.hard_stops.push(HardStop::BudgetBreach), CheckResult::Fail, GateHardLimit),
     ];
     for (name, change, check, code) in table {
         let mut evidence = shadow(&profile);
@@ -459,14 +463,14 @@ fn shadow_by_governance_signals() {
     long.sequences = (0..60)
         .map(|seed| holdpoint_governance::evidence::ShadowSequence { seed, output_divergence: 0.9, ..first })
         .collect();
-    assert_eq!(gate::assess_shadow(&long, &binding(), &profile).check, Check::Pass);
+    assert_eq!(gate::assess_shadow(&long, &binding(), &profile).check, CheckResult::Pass);
 }
 
-/// What the record calls a candidate in the paper's words (section 4.5), at each rule that decides.
+/// The recorded deployment outcome of a candidate (paper section 4.5), at each deciding rule.
 #[test]
 fn the_four_deployment_outcomes_are_on_record() {
     use holdpoint_governance::composition::psi_after_shadow;
-    use holdpoint_governance::outcome::Check;
+    use holdpoint_governance::outcome::CheckResult;
     use holdpoint_governance::vocabulary::Deployability::{
         Conditionally, EvaluationOnly, Fully, Incompatible,
     };
@@ -490,8 +494,8 @@ fn the_four_deployment_outcomes_are_on_record() {
         let written = serde_json::to_value(&decision).unwrap();
         assert_eq!(written["answers"]["deployment"], expected.name());
     }
-    // What shadow does not pass stays for evaluation.
-    for (check, expected) in [(Check::Pass, Fully), (Check::Fail, EvaluationOnly)] {
+    // A candidate that does not pass shadow stays for evaluation.
+    for (check, expected) in [(CheckResult::Pass, Fully), (CheckResult::Fail, EvaluationOnly)] {
         let decision = psi_after_shadow(&of(|_| ()), context, made_under(), check);
         assert_eq!(decision.answers().deployment, Some(expected), "{check:?}");
     }
@@ -553,7 +557,7 @@ fn conditions_act_at_the_gate() {
     }
 }
 
-/// A site's policy can ask people about activations that the profile asks nobody about.
+/// A site's policy can require approval of activations for which the profile requires none.
 #[test]
 fn a_site_policy_asks_people() {
     let text = "@review(\"learnt versions\") permit (principal, action == Action::\"activate\", resource) \

@@ -1,13 +1,14 @@
 //! Harm is compared by itself: whatever success does, nothing pays for it.
 
-use holdpoint_governance::behavior::{self, BehaviorAssessment, HarmComparison};
+use holdpoint_governance::behavior::{self, BehaviorAssessment, HarmComparison, HarmDecider};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{EpisodeValues, PairedEvidence};
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
 use holdpoint_governance::outcome::BehaviorOutcome::{self, Compatible, Incompatible, NoData, Suspicious};
-use holdpoint_governance::outcome::Check;
+use holdpoint_governance::outcome::CheckResult;
 use holdpoint_governance::profile::{Profile, ProfileName};
 
 use crate::fixture::{GOOD, binding, pairs, profile, shadow};
@@ -26,7 +27,7 @@ const USUAL: HarmMeasures = HarmMeasures {
     ..HarmMeasures::STILL
 };
 
-/// Equal pairs, of which the candidate's first `worse` are changed; small differences so that a spread is known.
+/// Equal pairs, of which the candidate's first `worse` are changed; small differences give a standard deviation.
 fn evidence(profile: &Profile, worse: usize, change: &dyn Fn(&mut HarmMeasures)) -> PairedEvidence {
     let mut evidence = pairs(profile);
     for (index, pair) in evidence.pairs.iter_mut().enumerate() {
@@ -64,7 +65,12 @@ fn more_force_with_better_success_is_stopped_in_its_unit() {
         assert!(found.improved && found.assessment.kappa.unwrap().get() > 0.999, "no cost pays for it");
         let said =
             found.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
-        assert!(said.text.contains("25.4 N against 18.1 N, at most"), "{said}");
+        let Some(Finding::HarmWorse { measure: HarmKind::GripPeak, candidate, active, .. }) = said.finding
+        else {
+            panic!("{said:?}")
+        };
+        let near = |value: f64, expected: f64| (value - expected).abs() < 0.05;
+        assert!(near(candidate, 25.4) && near(active, 18.1), "{candidate} against {active}");
     }
 }
 
@@ -92,9 +98,9 @@ fn within_the_tolerance_it_is_compatible_and_near_it_in_doubt() {
             &profile,
         );
         assert_eq!(found.assessment.outcome, outcome, "{more}: {:?}", found.assessment.reasons);
-        // A mean that is allowed and a doubt beside it: what makes the doubt is said.
+        // An allowed mean beside a concern: the text names the cause of the concern.
         let said = compared(&found, HarmKind::GripPeak).deciding();
-        assert_eq!(said.is_some_and(|said| said.contains("its bound decides: up to")), deciding, "{more}");
+        assert_eq!(matches!(said, Some(HarmDecider::Bound(Some(_)))), deciding, "{more}");
     }
 }
 
@@ -114,12 +120,17 @@ fn rare_bad_episodes_count_whether_or_not_they_were_done() {
     assert_eq!(found.assessment.outcome, Incompatible, "{found:?}");
     let said =
         found.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
-    assert!(said.text.contains("past 0.0100 m in 12.7 % of episodes against 0.0 %"), "{said}");
-    let deciding = compared(&found, HarmKind::DropHeight).deciding().unwrap();
-    assert!(deciding.starts_with("its rare episodes decide: past 0.0100 m in 12.7 % of them"), "{deciding}");
+    let Some(Finding::HarmLimitWorse { measure: HarmKind::DropHeight, limit, candidate, active, .. }) =
+        said.finding
+    else {
+        panic!("{said:?}")
+    };
+    assert_eq!((limit, active), (0.01, 0.0));
+    assert!((candidate - 38.0 / 300.0).abs() < 1e-9, "{candidate}");
+    assert_eq!(compared(&found, HarmKind::DropHeight).deciding(), Some(HarmDecider::RareEpisodes));
 }
 
-/// Three hard touches in 300 episodes are neither a habit nor a doubt; thirty are.
+/// Three hard touches in 300 episodes are neither a habit nor a concern; thirty are.
 #[test]
 fn a_few_touches_are_chance_and_many_are_not() {
     for name in ProfileName::ALL {
@@ -139,7 +150,10 @@ fn a_distance_is_worse_when_it_shrinks() {
     assert_eq!(near.assessment.outcome, Incompatible);
     let said =
         near.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
-    assert!(said.text.contains("less is allowed"), "{said}");
+    assert!(
+        matches!(said.finding, Some(Finding::HarmWorse { measure: HarmKind::ZoneClearance, .. })),
+        "{said:?}"
+    );
 }
 
 #[test]
@@ -179,7 +193,7 @@ fn half_measured_is_not_measured() {
 #[test]
 fn shadow_fails_by_harm_alone_and_not_by_what_is_tolerated() {
     let profile = profile(ProfileName::Sim);
-    for (fall_m, check) in [(0.02, Check::Fail), (0.001, Check::Pass)] {
+    for (fall_m, check) in [(0.02, CheckResult::Fail), (0.001, CheckResult::Pass)] {
         let mut evidence = shadow(&profile);
         for sequence in &mut evidence.sequences {
             sequence.live_conduct.harm = Some(USUAL);
@@ -188,8 +202,13 @@ fn shadow_fails_by_harm_alone_and_not_by_what_is_tolerated() {
         }
         let found = assess_shadow(&evidence, &binding(), &profile);
         assert_eq!(found.check, check, "{fall_m}: {found:?}");
-        let said = found.reasons.iter().any(|reason| reason.text.contains("fall of the object"));
-        assert_eq!(said, check == Check::Fail, "{found:?}");
+        let said = found.reasons.iter().any(|reason| match &reason.finding {
+            Some(Finding::HarmWorse { measure, .. } | Finding::HarmLimitWorse { measure, .. }) => {
+                *measure == HarmKind::DropHeight
+            }
+            _ => false,
+        });
+        assert_eq!(said, check == CheckResult::Fail, "{found:?}");
     }
 }
 

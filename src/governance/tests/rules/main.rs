@@ -1,4 +1,4 @@
-//! The rules of governance against tables of worked values, and against values that are none.
+//! The rules of governance against tables of worked values, and against invalid values.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -6,7 +6,7 @@
     reason = "a test says what it expects by failing"
 )]
 
-mod asking;
+mod approvals;
 mod compatibility;
 mod early;
 mod fixture;

@@ -1,15 +1,15 @@
 //! Evidence that is damaged in any one field never passes the gate and never confirms an activation.
 //!
-//! The fields are read off the serialised evidence, so a new one is covered without being named here. Each is
-//! dropped, renamed, given what is no number or out of range, and made stale; the whole evidence does pass.
+//! The fields are read off the serialized evidence, so a new one is covered without being named here. Each is dropped,
+//! renamed, set to a non-number or out of range, and made stale; the whole evidence does pass.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::composition::Kappas;
-use holdpoint_governance::decision::MadeUnder;
+use holdpoint_governance::decision::DecisionContext;
 use holdpoint_governance::evidence::{
-    Binding, EpisodeValues, HardStop, PairedEvidence, RecoveryEvidence, ShadowEvidence,
+    EpisodeValues, EvidenceBinding, HardStop, PairedEvidence, RecoveryEvidence, ShadowEvidence,
 };
 use holdpoint_governance::gate::{self, GateInput};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
@@ -31,22 +31,22 @@ struct Evidence {
     behavior: PairedEvidence,
     recovery: RecoveryEvidence,
     shadow: ShadowEvidence,
-    /// The static dimensions as they are; behaviour and recovery are assessed anew from the evidence.
+    /// The static dimensions as they are; behavior and recovery are assessed again from the evidence.
     kappas: Kappas,
 }
 
-/// What does not change between the mutations.
+/// The constant inputs of the mutations.
 struct World {
     profile: Profile,
     table: PolicyTable,
-    current: Binding,
+    current: EvidenceBinding,
 }
 
 impl World {
     fn new() -> Self {
         let profile = profile(ProfileName::Sim);
         let table = PolicyTable::builtin(&profile).unwrap();
-        let current = Binding { policy: table.digest, ..binding() };
+        let current = EvidenceBinding { policy: table.digest, ..binding() };
         Self { profile, table, current }
     }
 
@@ -92,8 +92,8 @@ impl World {
                 now: crate::fixture::at(1),
                 clock_doubt: None,
                 row_version: 1,
-                made_under: MadeUnder { policy: self.table.digest, ..made_under() },
-                omitted: holdpoint_governance::omitted::Omitted::default(),
+                made_under: DecisionContext { policy: self.table.digest, ..made_under() },
+                omitted: holdpoint_governance::ablation::AblatedParts::default(),
             };
             gate::evaluate(&input, &self.table, profile).passed.is_some()
         };
@@ -104,7 +104,7 @@ impl World {
         serde_json::from_value(value.clone()).is_ok_and(|evidence| self.passes(&evidence))
     }
 
-    /// As `json_passes`, of a form that has numbers that are none.
+    /// As `json_passes`, of a format that has non-finite numbers.
     fn toml_passes(&self, value: toml::Value) -> bool {
         value.try_into().is_ok_and(|evidence| self.passes(&evidence))
     }
@@ -304,7 +304,7 @@ fn confirmed(profile: &Profile, twins: &[EpisodeValues], live: &[Value], silent_
     let Ok(mut monitor) = Monitor::new(profile, &expected, 0) else { return false };
     for (index, value) in live.iter().enumerate() {
         let tick = (index as u64 + 1) * 960;
-        // What does not parse is an episode of which nothing arrived.
+        // A text that does not parse is an episode without data.
         let Ok(episode) = serde_json::from_value::<EpisodeValues>(value.clone()) else { continue };
         if index < silent_from {
             monitor.telemetry(tick);

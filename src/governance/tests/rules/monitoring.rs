@@ -43,13 +43,13 @@ fn every_safety_event_trips_at_once_and_latches() {
     }
 }
 
-/// What a blind spot leaves: the other rates, and what trips at once.
+/// A blind spot leaves the other rates and the immediate trips.
 #[test]
 fn a_monitor_that_is_blind_to_a_rate_sees_the_others_and_every_safety_event() {
     let failing = EpisodeValues { success: false, ..GOOD };
     let acts = |blind: &[Rate], episode: EpisodeValues| {
         let mut monitor = monitor(ProfileName::Sim);
-        monitor.blind(blind);
+        monitor.disable_rates(blind);
         (1..=40).map(|tick| monitor.observe(&episode, tick).action).max().unwrap()
     };
     assert_eq!(acts(&[], failing), MonitorAction::Rollback);
@@ -104,7 +104,7 @@ fn what_is_no_number_and_unsafe_continuation_trip() {
     }
 }
 
-/// Silence escalates after 100 ms (24 ticks) and restricts after 300 ms (72); nobody answers for 60 s: rollback.
+/// Silence escalates after 100 ms (24 ticks), restricts after 300 ms (72), and rolls back after 60 s without an answer.
 #[test]
 fn silence_and_deadlines() {
     let mut monitor = monitor(ProfileName::Sim);
@@ -120,10 +120,10 @@ fn silence_and_deadlines() {
     }
     let mut answered = self::monitor(ProfileName::Sim);
     assert_eq!(answered.tick(30).action, MonitorAction::Escalate);
-    answered.answered(&profile(ProfileName::Sim), &expected(), 40).unwrap();
+    answered.on_answer(&profile(ProfileName::Sim), &expected(), 40).unwrap();
     answered.telemetry(60 * 240 + 30);
     assert_eq!(answered.tick(60 * 240 + 31).action, MonitorAction::Continue);
-    // A clock that runs backwards is silence.
+    // A clock that runs backward is silence.
     assert_eq!(answered.tick(5).action, MonitorAction::Restrict);
 }
 
@@ -144,13 +144,13 @@ fn under(name: ProfileName, conditions: &[Condition]) -> Monitor {
     Monitor::strict(&profile(name), &expected, Strictness::of(conditions), 0).unwrap()
 }
 
-/// The values of an episode where one in so many shows an anomaly.
+/// The values of an episode where one in `every` shows an anomaly.
 fn one_in(every: u64, tick: u64) -> &'static EpisodeValues {
     const BAD: EpisodeValues = EpisodeValues { anomaly: true, ..GOOD };
     if tick.is_multiple_of(every) { &BAD } else { &GOOD }
 }
 
-/// Half the limits: the same episodes warn and trip sooner, and both levels are told.
+/// Half the limits: the same episodes warn and trip sooner, and the text names both levels.
 #[test]
 fn stricter_thresholds_halve_the_limits_until_the_version_is_confirmed() {
     let conditions = [Condition::StricterThresholds { factor: 0.5 }];
@@ -179,8 +179,8 @@ fn stricter_thresholds_halve_the_limits_until_the_version_is_confirmed() {
     }
 }
 
-/// Rollback-coupled: the first warning takes the version off, and nobody is asked. Silence says nothing of the version
-/// and asks as ever.
+/// Rollback-coupled: the first warning rolls the version back without asking an operator. Silence says nothing of the
+/// version and asks as usual.
 #[test]
 fn a_coupled_version_is_rolled_back_on_the_first_warning() {
     // Where a chart warns before another trips, the two monitors part.

@@ -1,12 +1,12 @@
-//! What is no number, is missing or is of other circumstances never passes.
+//! A value that is NaN, missing or of other circumstances never passes.
 
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::composite;
 use holdpoint_governance::decision::Kappa;
-use holdpoint_governance::evidence::{Binding, EpisodeValues, Signature};
+use holdpoint_governance::evidence::{EpisodeValues, EvidenceBinding, Signature};
 use holdpoint_governance::gate;
 use holdpoint_governance::monitor::{Monitor, MonitorAction};
-use holdpoint_governance::outcome::Check;
+use holdpoint_governance::outcome::CheckResult;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile::fields::Weights;
 use holdpoint_governance::recovery;
@@ -36,7 +36,7 @@ proptest! {
         let pair = &mut evidence.pairs[at];
         spoil(if old { &mut pair.active } else { &mut pair.candidate }, field, value);
         let found = behavior::assess(&evidence, &binding(), &profile);
-        prop_assert!(!Check::from(found.assessment.outcome).advances(), "{:?}", found.assessment);
+        prop_assert!(!CheckResult::from(found.assessment.outcome).advances(), "{:?}", found.assessment);
         prop_assert_eq!(found.assessment.kappa, None);
     }
 
@@ -53,7 +53,7 @@ proptest! {
     fn one_foreign_digest(which in 0..5usize) {
         let profile = profile(ProfileName::Sim);
         let other = digest("other");
-        let mut foreign: Binding = binding();
+        let mut foreign: EvidenceBinding = binding();
         match which {
             0 => foreign.candidate = other,
             1 => foreign.active = None,
@@ -61,9 +61,9 @@ proptest! {
             3 => foreign.policy = other,
             _ => foreign.environment = other,
         }
-        prop_assert!(!Check::from(behavior::assess(&pairs(&profile), &foreign, &profile).assessment.outcome).advances());
+        prop_assert!(!CheckResult::from(behavior::assess(&pairs(&profile), &foreign, &profile).assessment.outcome).advances());
         let drills = drilled([95; 4], [95; 4]);
-        prop_assert!(!Check::from(recovery::assess(&drills, &foreign, &profile).assessment.outcome).advances());
+        prop_assert!(!CheckResult::from(recovery::assess(&drills, &foreign, &profile).assessment.outcome).advances());
         prop_assert!(!gate::assess_shadow(&shadow(&profile), &foreign, &profile).check.advances());
     }
 
@@ -75,7 +75,7 @@ proptest! {
         let tally = drills.of_mut(holdpoint_governance::evidence::DrillKind::ALL[kind]);
         (tally.passed, tally.failed, tally.infeasible) = (left, 0, 100);
         let found = recovery::assess(&evidence, &binding(), &profile);
-        prop_assert!(!Check::from(found.assessment.outcome).advances(), "{:?}", found);
+        prop_assert!(!CheckResult::from(found.assessment.outcome).advances(), "{:?}", found);
     }
 
     #[test]
@@ -99,7 +99,7 @@ proptest! {
         *slot.into_iter().nth(field).unwrap() = value;
         // The candidate's are worse than any; as the active version's, they are no yardstick.
         for found in [behavior::estimate(&bad, &good, &profile), behavior::estimate(&good, &bad, &profile)] {
-            prop_assert!(!Check::from(found.assessment.outcome).advances(), "{:?}", found);
+            prop_assert!(!CheckResult::from(found.assessment.outcome).advances(), "{:?}", found);
         }
         // Time is not charted: it has no share of bad episodes.
         prop_assert!(field == 1 || Monitor::new(&profile, &bad, 0).is_err());

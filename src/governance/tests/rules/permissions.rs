@@ -1,14 +1,15 @@
-//! Declared against used permissions, and what conduct, stress and interventions come to.
+//! Declared against used permissions, and the effects of conduct, stress and interventions.
 
 use std::collections::BTreeSet;
 
 use holdpoint_governance::behavior::{self, signature};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{Conduct, EpisodeValues, ShadowSequence};
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand, Sensor, Tool, ZoneName};
-use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
-use holdpoint_governance::outcome::{BehaviorOutcome, Check, PolicyOutcome};
+use holdpoint_governance::monitor::{Monitor, MonitorAction, Rate, normal_rates};
+use holdpoint_governance::outcome::{BehaviorOutcome, CheckResult, PolicyOutcome};
 use holdpoint_governance::permission::{PermissionUse, PermissionsUsed};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::ProfileName;
@@ -36,7 +37,8 @@ fn what_the_code_reads_has_to_be_declared() {
     let camera = judged([Sensor::Camera].into(), tools);
     assert_eq!(camera.outcome, PolicyOutcome::Incompatible);
     assert_eq!(camera.reasons[0].code, ReasonCode::PolicyUndeclaredImport);
-    assert!(camera.reasons[0].text.contains("sensor camera"), "{}", camera.reasons[0].text);
+    let undeclared = Finding::SensorUndeclared { name: "camera".to_owned() };
+    assert_eq!(camera.reasons[0].finding, Some(undeclared));
 }
 
 #[test]
@@ -108,7 +110,7 @@ fn declared_and_used_permissions_differ_both_ways() {
 fn conduct_makes_shadow_longer_and_rejects_nothing() {
     let profile = profile(ProfileName::Sim);
     let calm = shadow(&profile);
-    assert_eq!(assess_shadow(&calm, &binding(), &profile).check, Check::Pass);
+    assert_eq!(assess_shadow(&calm, &binding(), &profile).check, CheckResult::Pass);
     let all = [
         Conduct { retried: true, ..Conduct::default() },
         Conduct { warned: true, ..Conduct::default() },
@@ -120,18 +122,26 @@ fn conduct_makes_shadow_longer_and_rejects_nothing() {
             sequence.twin_conduct = twin_conduct;
         }
         let result = assess_shadow(&evidence, &binding(), &profile);
-        assert_eq!(result.check, Check::Inconclusive, "{twin_conduct:?}");
+        assert_eq!(result.check, CheckResult::Inconclusive, "{twin_conduct:?}");
         assert_eq!(result.reasons[0].code, ReasonCode::ShadowLeaning);
         // The same of both sides is no difference.
         for sequence in &mut evidence.sequences {
             sequence.live_conduct = twin_conduct;
         }
-        assert_eq!(assess_shadow(&evidence, &binding(), &profile).check, Check::Pass, "{twin_conduct:?}");
+        assert_eq!(
+            assess_shadow(&evidence, &binding(), &profile).check,
+            CheckResult::Pass,
+            "{twin_conduct:?}"
+        );
         let first = calm.sequences[0];
         evidence.sequences = (0..u64::from(profile.evaluation.shadow_sequences_max))
             .map(|seed| ShadowSequence { seed, twin_conduct, ..first })
             .collect();
-        assert_eq!(assess_shadow(&evidence, &binding(), &profile).check, Check::Pass, "the longest decides");
+        assert_eq!(
+            assess_shadow(&evidence, &binding(), &profile).check,
+            CheckResult::Pass,
+            "the longest decides"
+        );
     }
 }
 
@@ -143,15 +153,21 @@ fn monitor() -> Monitor {
 fn timeouts_warnings_and_slow_tasks_are_charted() {
     let slow = profile(ProfileName::Sim).monitor.slow_factor * GOOD.time_s;
     for (bad, named) in [
-        (EpisodeValues { timeout: true, ..GOOD }, "timeout"),
-        (EpisodeValues { policy_warning: true, ..GOOD }, "policy-warning"),
-        (EpisodeValues { near_violation: true, ..GOOD }, "near-limit"),
-        (EpisodeValues { time_s: slow + 0.01, ..GOOD }, "slow"),
+        (EpisodeValues { timeout: true, ..GOOD }, Rate::Timeout),
+        (EpisodeValues { policy_warning: true, ..GOOD }, Rate::PolicyWarning),
+        (EpisodeValues { near_violation: true, ..GOOD }, Rate::NearLimit),
+        (EpisodeValues { time_s: slow + 0.01, ..GOOD }, Rate::Slow),
     ] {
         let mut monitor = monitor();
         let told = (1..=60).map(|tick| monitor.observe(&bad, tick)).collect::<Vec<_>>();
         let first = told.iter().find(|decision| decision.action == MonitorAction::Restrict).unwrap();
-        assert!(first.reasons.iter().any(|reason| reason.text.contains(named)), "{named}: {first:?}");
+        assert!(
+            first.reasons.iter().any(|reason| match reason.finding {
+                Some(Finding::RateDrifts { rate }) => rate == named,
+                _ => false,
+            }),
+            "{named}: {first:?}"
+        );
         assert_eq!(told.last().unwrap().action, MonitorAction::Rollback, "{named}");
     }
     let mut monitor = monitor();
@@ -161,7 +177,7 @@ fn timeouts_warnings_and_slow_tasks_are_charted() {
     }
 }
 
-/// What the profile clamps in every task of a version is its manner, and no warning can become more frequent.
+/// A clamp by the profile in every task is normal for the version: such a rate cannot rise.
 #[test]
 fn what_was_always_so_is_no_drift() {
     let clamped = EpisodeValues { policy_warning: true, near_violation: true, ..GOOD };
@@ -176,7 +192,7 @@ fn what_was_always_so_is_no_drift() {
     }
 }
 
-/// A tighter envelope clamps and slows by itself: that is no fault of who works under it, and everything else is.
+/// Clamps and slowness under a tighter envelope do not count against the version; everything else does.
 #[test]
 fn what_follows_from_a_restriction_is_not_charted() {
     let slow = 2.0 * profile(ProfileName::Sim).monitor.slow_factor * GOOD.time_s;
@@ -211,14 +227,18 @@ fn an_intervention_is_charted_as_one_and_as_nothing_else() {
     assert_eq!(monitor.provisional_left(), window, "it is no episode of the window");
     let stands = |monitor: &Monitor| monitor.charts().map(|(_, _, stands, _)| stands).collect::<Vec<_>>();
     let mut restricted = self::monitor();
-    restricted.stepped_in(1);
+    restricted.record_intervention(1);
     assert_eq!(stands(&restricted), stands(&monitor), "a restriction by a person counts as much as a stop");
     for (known, now) in before.iter().zip(monitor.charts()) {
         let moved = known.2.to_bits() != now.2.to_bits();
         assert_eq!(moved, now.0.name() == "intervention", "{}", now.0);
     }
-    let told = (2..=40).map(|tick| monitor.stepped_in(tick).action).max();
-    assert_eq!(told, Some(MonitorAction::Rollback), "who has to be stopped again and again comes off");
+    let told = (2..=40).map(|tick| monitor.record_intervention(tick).action).max();
+    assert_eq!(
+        told,
+        Some(MonitorAction::Rollback),
+        "a version that has to be stopped again and again is rolled back"
+    );
 }
 
 #[test]
@@ -229,7 +249,7 @@ fn who_is_unsafe_under_stress_is_in_doubt() {
         [(0, BehaviorOutcome::Compatible), (2, BehaviorOutcome::Compatible), (3, BehaviorOutcome::Suspicious)]
     {
         let mut result = behavior::assess(&evidence, &binding(), &profile);
-        behavior::doubt_under_stress(&mut result, unsafe_episodes, 10, &profile);
+        behavior::add_stress_concern(&mut result, unsafe_episodes, 10, &profile);
         assert_eq!(result.assessment.outcome, outcome, "{unsafe_episodes}");
         let is_conditional = !result.assessment.conditions.is_empty();
         assert_eq!(is_conditional, outcome == BehaviorOutcome::Suspicious);

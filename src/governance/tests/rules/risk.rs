@@ -1,6 +1,6 @@
 //! The risk class: what each change gives alone, and that an author's word never lowers it.
 
-use holdpoint_governance::manifest::Bundle;
+use holdpoint_governance::manifest::BundleSource;
 use holdpoint_governance::manifest::{Manifest, RelativePath};
 use holdpoint_governance::mode::{Authority, Channel, CommandKind, Sensor, Tool, ZoneName};
 use holdpoint_governance::risk::{RiskCause, RiskInput, classify};
@@ -16,8 +16,8 @@ fn input<'a>(candidate: &'a Manifest, active: Option<&'a Manifest>) -> RiskInput
     RiskInput { candidate, active, same_code: true, author_known: true, estimated: Risk::Low }
 }
 
-fn component(name: &str) -> Bundle {
-    Bundle::Wasm(RelativePath::try_from(name.to_owned()).unwrap())
+fn component(name: &str) -> BundleSource {
+    BundleSource::Wasm(RelativePath::try_from(name.to_owned()).unwrap())
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn code_and_authors_count() {
     );
     // A component is high, also with the same bytes.
     assert_eq!(class(input(&wasm, Some(&wasm))), (Risk::High, vec![Component]));
-    // The way back to compiled-in code is another form, and other code.
+    // The rollback target with compiled-in code is another form, and other code.
     assert_eq!(
         class(RiskInput { same_code: false, ..input(&native, Some(&wasm)) }),
         (Risk::High, vec![NewCode, BundleForm])

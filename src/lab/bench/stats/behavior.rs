@@ -3,18 +3,18 @@
 
 use std::collections::BTreeSet;
 
-use super::draw::{Draw, binding};
-use super::report::{Stated, StudyFigure, share};
+use super::figure::{StatedBound, StudyFigure, rate};
+use super::sampling::{SampleStream, binding};
 use super::tables::RecordedTable;
 use super::{BenchError, Study};
-use holdpoint_governance::behavior::{self, BehaviorAssessment, Component, ComponentName};
+use holdpoint_governance::behavior::{self, BehaviorAssessment, BehaviorComponent, ComponentName};
 use holdpoint_governance::evidence::{Pair, PairedEvidence};
 use holdpoint_governance::outcome::BehaviorOutcome;
 use holdpoint_governance::profile::Profile;
 
 const RULE: &str = "kappa_B";
 
-/// Budgets that are told beside the profiles', to show what fewer pairs would come to.
+/// Further budgets that the report shows, to tell the effect of fewer pairs.
 const OTHER_BUDGETS: [u32; 2] = [120, 200];
 
 /// More episodes with an anomaly, of a candidate that has to be rejected.
@@ -41,38 +41,39 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
 
 fn budgeted(study: &Study, profile: &Profile, stated: bool) -> Result<Vec<StudyFigure>, BenchError> {
     let budget = profile.evaluation.sandbox_pairs;
-    let least = |rate: f64| stated.then_some(Stated::AtLeast(rate));
+    let least = |rate: f64| stated.then_some(StatedBound::AtLeast(rate));
     let mut findings = Vec::new();
     for table in &study.recorded.sandbox {
         let under = format!("{}, {budget} pairs", table.name);
-        let count =
-            |what: &str, worsen: &dyn Fn(&mut Draw, &mut Pair), is: &dyn Fn(&BehaviorAssessment) -> bool| {
-                let mut draw = Draw::new(&format!("{what} {under}"));
-                let runs = 0..study.runs;
-                let found = runs.filter(|_| is(&assess(&mut draw, table, profile, worsen))).count();
-                (found as u64, u64::from(study.runs))
-            };
+        let count = |what: &str,
+                     worsen: &dyn Fn(&mut SampleStream, &mut Pair),
+                     is: &dyn Fn(&BehaviorAssessment) -> bool| {
+            let mut draw = SampleStream::new(&format!("{what} {under}"));
+            let runs = 0..study.runs;
+            let found = runs.filter(|_| is(&assess(&mut draw, table, profile, worsen))).count();
+            (found as u64, u64::from(study.runs))
+        };
         let outcome = |wanted| move |found: &BehaviorAssessment| found.assessment.outcome == wanted;
         let equal = count("equal", &|_, _| (), &outcome(BehaviorOutcome::Compatible));
-        findings.push(share(RULE, "equally good: compatible", under.clone(), equal, least(0.97))?);
+        findings.push(rate(RULE, "equally good: compatible", under.clone(), equal, least(0.97))?);
         let worse = count("worse", &anomalies, &outcome(BehaviorOutcome::Incompatible));
-        findings.push(share(RULE, "+.13 anomalies: incompatible", under.clone(), worse, least(0.99))?);
+        findings.push(rate(RULE, "+.13 anomalies: incompatible", under.clone(), worse, least(0.99))?);
         if stated {
             let traded = count("traded", &trade, &|found| {
                 is_traded(found) && outcome(BehaviorOutcome::Compatible)(found)
             });
             let what = "success up, safety established as worse: compatible";
-            findings.push(share(RULE, what, under, traded, Some(Stated::AtMost(0.0)))?);
+            findings.push(rate(RULE, what, under, traded, Some(StatedBound::AtMost(0.0)))?);
         }
     }
     Ok(findings)
 }
 
 fn assess(
-    draw: &mut Draw,
+    draw: &mut SampleStream,
     table: &RecordedTable,
     profile: &Profile,
-    worsen: &dyn Fn(&mut Draw, &mut Pair),
+    worsen: &dyn Fn(&mut SampleStream, &mut Pair),
 ) -> BehaviorAssessment {
     let mut pairs = draw.equal_pairs(table, profile.evaluation.sandbox_pairs);
     for pair in &mut pairs {
@@ -82,13 +83,13 @@ fn assess(
     behavior::assess(&evidence, &binding(), profile)
 }
 
-fn anomalies(draw: &mut Draw, pair: &mut Pair) {
+fn anomalies(draw: &mut SampleStream, pair: &mut Pair) {
     pair.candidate.anomaly |= draw.chance(WORSE);
 }
 
-/// A candidate that fails less often and violates a limit more often: within the violations' tolerance on average,
-/// so that the rule on trades decides and not the sum.
-fn trade(draw: &mut Draw, pair: &mut Pair) {
+/// A candidate that fails less often and violates a limit more often: within the violations' margin on average, so that
+/// the rule on trades decides and not the sum.
+fn trade(draw: &mut SampleStream, pair: &mut Pair) {
     if draw.chance(0.15) {
         pair.active.success = false;
     }
@@ -96,7 +97,7 @@ fn trade(draw: &mut Draw, pair: &mut Pair) {
 }
 
 fn is_traded(found: &BehaviorAssessment) -> bool {
-    let of = |wanted: fn(&Component) -> bool| found.components.iter().any(wanted);
+    let of = |wanted: fn(&BehaviorComponent) -> bool| found.components.iter().any(wanted);
     of(|c| c.name == ComponentName::Success && c.worsening < 0.0)
         && of(|c| c.name.is_safety() && c.is_established())
 }

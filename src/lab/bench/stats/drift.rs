@@ -1,9 +1,9 @@
-//! The monitor after activation, end to end: what is normal is measured on the twins of shadow, then the provisional
+//! The monitor after activation, end to end: the normal rates are measured on the twins of shadow, then the provisional
 //! window is watched.
 
 use super::super::rules::CLEAN;
-use super::draw::Draw;
-use super::report::{Stated, StudyFigure, share, unjudged};
+use super::figure::{StatedBound, StudyFigure, rate, unjudged};
+use super::sampling::SampleStream;
 use super::{BenchError, Study, missing};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
@@ -48,10 +48,10 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
 }
 
 fn set_up(
-    draw: &mut Draw,
+    draw: &mut SampleStream,
     profile: &Profile,
     twins: u32,
-    episode: &dyn Fn(&mut Draw) -> Option<EpisodeValues>,
+    episode: &dyn Fn(&mut SampleStream) -> Option<EpisodeValues>,
 ) -> Result<Monitor, BenchError> {
     let twins: Option<Vec<_>> = (0..twins).map(|_| episode(draw)).collect();
     let expected = twins.as_deref().and_then(normal_rates).ok_or_else(|| missing("twins"))?;
@@ -64,18 +64,18 @@ fn set_up(
 
 /// The first episode of each kind of action, from 1.
 #[derive(Default)]
-struct Firsts {
+struct FirstActions {
     restricted: Option<u32>,
     rolled_back: Option<u32>,
 }
 
 fn watch(
-    draw: &mut Draw,
+    draw: &mut SampleStream,
     monitor: &mut Monitor,
     most: u32,
-    episode: &dyn Fn(&mut Draw) -> Option<EpisodeValues>,
-) -> Firsts {
-    let mut firsts = Firsts::default();
+    episode: &dyn Fn(&mut SampleStream) -> Option<EpisodeValues>,
+) -> FirstActions {
+    let mut firsts = FirstActions::default();
     for number in 1..=most {
         let Some(values) = episode(draw) else { break };
         match monitor.observe(&values, u64::from(number)).action {
@@ -84,7 +84,7 @@ fn watch(
                 firsts.restricted.get_or_insert(number);
             }
             MonitorAction::Rollback => {
-                // What rolls back has also been warned of, at the latest now.
+                // A rolled-back version has also been warned of, at the latest now.
                 firsts.restricted.get_or_insert(number);
                 firsts.rolled_back = Some(number);
                 break;
@@ -94,17 +94,17 @@ fn watch(
     firsts
 }
 
-/// A version that is in live use what its twins were: how often is it restricted or taken off within the window?
+/// A version that behaves in live use as its twins did: how often is it restricted or rolled back within the window?
 fn unchanged(
     study: &Study,
     profile: &Profile,
     twins: u32,
     name: &str,
-    episode: &dyn Fn(&mut Draw) -> Option<EpisodeValues>,
+    episode: &dyn Fn(&mut SampleStream) -> Option<EpisodeValues>,
 ) -> Result<Vec<StudyFigure>, BenchError> {
     let window = profile.activation.provisional_episodes;
     let under = format!("{}, {twins} twins, {window} episodes, {name}", profile.name.name());
-    let mut draw = Draw::new(&format!("unchanged {under}"));
+    let mut draw = SampleStream::new(&format!("unchanged {under}"));
     let (mut restricted, mut rolled_back) = (0, 0);
     for _ in 0..study.runs {
         let mut monitor = set_up(&mut draw, profile, twins, episode)?;
@@ -113,11 +113,11 @@ fn unchanged(
         rolled_back += u64::from(firsts.rolled_back.is_some());
     }
     let runs = u64::from(study.runs);
-    // Nobody need answer in simulation, and a restriction nobody answers ends in a rollback.
-    let stated = (profile.name == ProfileName::Sim).then_some(Stated::AtMost(0.005));
+    // In simulation no operator has to answer, and an unanswered restriction ends in a rollback.
+    let stated = (profile.name == ProfileName::Sim).then_some(StatedBound::AtMost(0.005));
     Ok(vec![
-        share(RULE, "unchanged: restricted within the window", under.clone(), (restricted, runs), stated)?,
-        share(RULE, "unchanged: rolled back within the window", under, (rolled_back, runs), None)?,
+        rate(RULE, "unchanged: restricted within the window", under.clone(), (restricted, runs), stated)?,
+        rate(RULE, "unchanged: rolled back within the window", under, (rolled_back, runs), None)?,
     ])
 }
 
@@ -126,11 +126,12 @@ fn worse(study: &Study, profile: &Profile, shift: f64) -> Result<Vec<StudyFigure
     let window = profile.activation.provisional_episodes;
     let twins = profile.evaluation.shadow_sequences;
     let under = format!("{}, {twins} twins, failures {BEFORE} and +{shift}", profile.name.name());
-    let mut draw = Draw::new(&format!("worse {under}"));
+    let mut draw = SampleStream::new(&format!("worse {under}"));
     let (mut restricted, mut rolled_back) = (Vec::new(), Vec::new());
     for _ in 0..study.runs {
-        let fails =
-            |rate: f64| move |draw: &mut Draw| Some(EpisodeValues { success: !draw.chance(rate), ..CLEAN });
+        let fails = |rate: f64| {
+            move |draw: &mut SampleStream| Some(EpisodeValues { success: !draw.chance(rate), ..CLEAN })
+        };
         let mut monitor = set_up(&mut draw, profile, twins, &fails(BEFORE))?;
         let firsts = watch(&mut draw, &mut monitor, DELAY_MAX, &fails(BEFORE + shift));
         restricted.push(firsts.restricted.unwrap_or(DELAY_MAX + 1));
@@ -146,7 +147,7 @@ fn worse(study: &Study, profile: &Profile, shift: f64) -> Result<Vec<StudyFigure
         let median = delays.get(delays.len() / 2).copied().ok_or_else(|| missing("delays"))?;
         findings.push(unjudged(RULE, what, under.clone(), runs, f64::from(median), "episodes"));
         let in_time = delays.iter().filter(|delay| **delay <= window).count() as u64;
-        findings.push(share(RULE, within, under.clone(), (in_time, runs), None)?);
+        findings.push(rate(RULE, within, under.clone(), (in_time, runs), None)?);
     }
     Ok(findings)
 }

@@ -1,8 +1,8 @@
-//! Early rejection of a behavioural evaluation, looked at after every 20 pairs as the sandbox does.
+//! Early rejection of a behavior evaluation, checked after every 20 pairs as the sandbox does.
 
 use super::super::rules::CLEAN;
-use super::draw::{Draw, binding};
-use super::report::{Stated, StudyFigure, share, unjudged};
+use super::figure::{StatedBound, StudyFigure, rate, unjudged};
+use super::sampling::{SampleStream, binding};
 use super::{BenchError, Study, missing};
 use holdpoint_governance::behavior;
 use holdpoint_governance::evidence::{EpisodeValues, Pair, PairedEvidence};
@@ -14,10 +14,10 @@ const LOOK_PAIRS: usize = 20;
 
 const RULE: &str = "finite population, pairs";
 
-/// What an episode is made to show.
-type Spoil = fn(&mut EpisodeValues);
+/// The event that an episode gets.
+type EpisodeSpoiler = fn(&mut EpisodeValues);
 
-const COMPONENTS: [(&str, Spoil); 4] = [
+const COMPONENTS: [(&str, EpisodeSpoiler); 4] = [
     ("failures", |episode| episode.success = false),
     ("violations", |episode| episode.violation = true),
     ("anomalies", |episode| episode.anomaly = true),
@@ -60,8 +60,8 @@ fn is_incompatible(pairs: &[Pair], profile: &Profile) -> bool {
     found.assessment.outcome == BehaviorOutcome::Incompatible
 }
 
-/// The pairs of a whole budget: so many the candidate's alone, so many the active version's alone.
-fn population(size: usize, worse: usize, better: usize, spoil: Spoil) -> Vec<Pair> {
+/// The pairs of a whole budget: some with events of the candidate alone, some of the active version alone.
+fn population(size: usize, worse: usize, better: usize, spoil: EpisodeSpoiler) -> Vec<Pair> {
     let mut pairs: Vec<Pair> =
         (0..size as u64).map(|seed| Pair { seed, active: CLEAN, candidate: CLEAN }).collect();
     pairs.iter_mut().take(worse).for_each(|pair| spoil(&mut pair.candidate));
@@ -74,7 +74,7 @@ fn boundary(
     study: &Study,
     profile: &Profile,
     name: &'static str,
-    spoil: Spoil,
+    spoil: EpisodeSpoiler,
     opposed: usize,
 ) -> Result<StudyFigure, BenchError> {
     let size = profile.evaluation.sandbox_pairs as usize;
@@ -82,7 +82,7 @@ fn boundary(
     let least =
         (opposed..size - opposed).find(rejected).ok_or_else(|| missing("a population that is rejected"))?;
     let mut pairs = population(size, least - 1, opposed, spoil);
-    let mut draw = Draw::new(&format!("boundary {name} {opposed}"));
+    let mut draw = SampleStream::new(&format!("boundary {name} {opposed}"));
     let mut wrong = 0;
     for _ in 0..study.runs {
         draw.shuffle(&mut pairs);
@@ -90,8 +90,8 @@ fn boundary(
         wrong += u64::from(seen.is_some());
     }
     let under = format!("boundary of {size}: {name} {} against {opposed}", least - 1);
-    let stated = Some(Stated::AtMost(profile.evaluation.early_alpha));
-    Ok(share(
+    let stated = Some(StatedBound::AtMost(profile.evaluation.early_alpha));
+    Ok(rate(
         RULE,
         "rejects early what the full budget does not",
         under,
@@ -112,17 +112,17 @@ fn first_look(pairs: &[Pair], ends: impl Fn(&PairedEvidence) -> bool) -> Option<
     None
 }
 
-/// Candidates drawn from the recorded pairs and made worse: what each rule saves, and whether it ever errs.
+/// Candidates sampled from the recorded pairs and made worse: the pairs that each rule saves, and its errors.
 fn bad(
     study: &Study,
     profile: &Profile,
     name: &'static str,
-    spoil: Spoil,
+    spoil: EpisodeSpoiler,
     worse: f64,
 ) -> Result<Vec<StudyFigure>, BenchError> {
     let size = profile.evaluation.sandbox_pairs;
     let all = u64::from(study.runs);
-    let mut draw = Draw::new(&format!("bad {name} {worse}"));
+    let mut draw = SampleStream::new(&format!("bad {name} {worse}"));
     let (mut exact, mut early, mut wrong, mut differing) = (0, 0, 0, 0);
     for run in 0..study.runs as usize {
         let table = study.recorded.sandbox.get(run % study.recorded.sandbox.len().max(1));
@@ -133,7 +133,7 @@ fn bad(
             }
         }
         let curtailed = first_look(&pairs, |part| behavior::is_lost(part, &binding(), profile));
-        let ended = first_look(&pairs, |part| behavior::ended(part, &binding(), profile).is_some());
+        let ended = first_look(&pairs, |part| behavior::end_reason(part, &binding(), profile).is_some());
         exact += curtailed.unwrap_or(size as usize) as u64;
         early += ended.unwrap_or(size as usize) as u64;
         if ended.is_some() && !is_incompatible(&pairs, profile) {
@@ -144,20 +144,20 @@ fn bad(
     let under = format!("recorded pairs, {name} in +{worse} of {size}");
     let used = |used: u64| used as f64 / all as f64;
     Ok(vec![
-        share(
+        rate(
             "exact curtailment",
             "differs from the full budget",
             under.clone(),
             (differing, all),
-            Some(Stated::AtMost(0.0)),
+            Some(StatedBound::AtMost(0.0)),
         )?,
         unjudged("exact curtailment", "pairs used", under.clone(), all, used(exact), "pairs"),
-        share(
+        rate(
             RULE,
             "rejects early what the full budget does not",
             under.clone(),
             (wrong, all),
-            Some(Stated::AtMost(profile.evaluation.early_alpha)),
+            Some(StatedBound::AtMost(profile.evaluation.early_alpha)),
         )?,
         unjudged(RULE, "pairs used", under, all, used(early), "pairs"),
     ])

@@ -1,12 +1,13 @@
-//! What the comparison of behaviour and harm finds, by what is worse and by how much: a table of effect sizes for every
-//! component and measure under every profile, and how often equally good versions are spoken against by harm.
+//! The effects that the comparison of behavior and harm finds: a table of effect sizes for every component and measure
+//! under every profile. A second table has how often harm counts against equally good versions.
 //!
-//! Pairs are drawn from recorded ones, which of the two is the candidate by a coin; then the candidate is made worse in
-//! one thing alone. For a share so many of its episodes get the event; for time and retries every episode gets more; for a
-//! measure of harm every episode gets so many tolerances of the profile more. Found is what is not called compatible.
+//! Pairs are sampled from recorded ones, and a coin selects the candidate; then one thing of the candidate gets worse.
+//! For a rate, that part of its episodes gets the event; for time and retries every episode gets more; for a measure of
+//! harm every episode gets a multiple of the profile's margin more. An effect counts as found if the result is not
+//! "compatible".
 
-use super::draw::{Draw, binding};
-use super::report::{Stated, StudyFigure, share, unjudged};
+use super::figure::{StatedBound, StudyFigure, rate, unjudged};
+use super::sampling::{SampleStream, binding};
 use super::tables::RecordedTable;
 use super::{BenchError, Study, missing};
 use holdpoint_governance::behavior::{self, BehaviorAssessment, ComponentName, HarmComparison};
@@ -17,37 +18,38 @@ use holdpoint_governance::profile::Profile;
 
 const RULE: &str = "power";
 
-/// Of the study's runs, one in so many is worked for each of the many effects.
-const RUNS_SHARE: u32 = 50;
+/// Each of the many effects gets one in this many of the study's runs.
+const RUNS_DIVISOR: u32 = 50;
 
 /// Fewest runs of an effect.
 const RUNS_MIN: u32 = 10;
 
-/// More episodes with an event, a share.
-const SHARES: [f64; 4] = [0.02, 0.05, 0.1, 0.2];
+/// Added rate of episodes with an event.
+const RATES: [f64; 4] = [0.02, 0.05, 0.1, 0.2];
 
-/// Longer work, a share of each episode's time; and more attempts, a share of the episodes.
+/// Added time, as a fraction of each episode's time; and more attempts, as a rate of the episodes.
 const MORE: [f64; 4] = [0.1, 0.25, 0.5, 1.0];
 
-/// More of a measure in every episode, in tolerances of the profile.
+/// Added amount of a measure in every episode, in margins of the profile.
 const TOLERANCES: [f64; 4] = [1.0, 1.5, 2.0, 3.0];
 
 pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
-    let runs = (study.runs / RUNS_SHARE).max(RUNS_MIN);
+    let runs = (study.runs / RUNS_DIVISOR).max(RUNS_MIN);
     let mut findings = Vec::new();
     for profile in &study.profiles {
         for table in &study.recorded.harm {
             let under = format!("{}, {}", table.name, profile.name);
             let found = count(runs, &format!("equal {under}"), table, profile, |_, _| (), speaks_of_harm);
-            let stated = Some(Stated::AtMost(profile.evaluation.alpha));
-            findings.push(share("harm", "equally good: rejected for harm", under, found, stated)?);
+            let stated = Some(StatedBound::AtMost(profile.evaluation.alpha));
+            findings.push(rate("harm", "equally good: rejected for harm", under, found, stated)?);
         }
-        for effect in Effect::all().filter(|effect| effect.is_limited(profile)) {
+        for effect in WorsenedMeasure::all().filter(|effect| effect.is_limited(profile)) {
             let table = study.recorded.harm.iter().find(|table| table.name.starts_with(effect.family()));
             let table = table.ok_or_else(|| missing("a table with harm"))?;
             for size in effect.sizes() {
-                let under = format!("{}, {}, {}", effect.name(), effect.told(size, profile), profile.name);
-                let worsen = |draw: &mut Draw, pair: &mut Pair| effect.worsen(size, profile, draw, pair);
+                let under = format!("{}, {}, {}", effect.name(), effect.label(size, profile), profile.name);
+                let worsen =
+                    |draw: &mut SampleStream, pair: &mut Pair| effect.worsen(size, profile, draw, pair);
                 let (found, of) = count(runs, &under, table, profile, worsen, is_found);
                 let value = found as f64 / of as f64;
                 findings.push(unjudged(RULE, "worse: not compatible", under, of, value, "share"));
@@ -62,10 +64,10 @@ fn count(
     name: &str,
     table: &RecordedTable,
     profile: &Profile,
-    worsen: impl Fn(&mut Draw, &mut Pair),
+    worsen: impl Fn(&mut SampleStream, &mut Pair),
     is: fn(&BehaviorAssessment) -> bool,
 ) -> (u64, u64) {
-    let mut draw = Draw::new(name);
+    let mut draw = SampleStream::new(name);
     let found = (0..runs).filter(|_| {
         let mut pairs = draw.equal_pairs(table, profile.evaluation.sandbox_pairs);
         for pair in &mut pairs {
@@ -85,14 +87,14 @@ fn speaks_of_harm(found: &BehaviorAssessment) -> bool {
     found.harm.iter().any(HarmComparison::is_established)
 }
 
-/// What is made worse.
+/// The component that gets worse.
 #[derive(Clone, Copy)]
-enum Effect {
+enum WorsenedMeasure {
     Component(ComponentName),
     Harm(HarmKind),
 }
 
-impl Effect {
+impl WorsenedMeasure {
     fn all() -> impl Iterator<Item = Self> {
         let components = ComponentName::ALL.into_iter().map(Self::Component);
         components.chain(HarmKind::ALL.into_iter().map(Self::Harm))
@@ -105,7 +107,7 @@ impl Effect {
         }
     }
 
-    /// Whether the profile limits it: a share that may rise by 1 may do what it likes.
+    /// Whether the profile limits it: a rate that may rise by 1 is unlimited.
     fn is_limited(self, profile: &Profile) -> bool {
         match self {
             Self::Harm(kind) => !kind.unit().is_empty() || profile.harm.of(kind).mean < 1.0,
@@ -113,7 +115,7 @@ impl Effect {
         }
     }
 
-    /// Whose episodes have most to do with it.
+    /// The version whose episodes are most affected.
     const fn family(self) -> &'static str {
         match self {
             Self::Harm(HarmKind::GripPeak | HarmKind::GripHeld | HarmKind::TouchSpeed | HarmKind::Slip) => {
@@ -147,22 +149,22 @@ impl Effect {
     const fn sizes(self) -> [f64; 4] {
         match self {
             Self::Component(ComponentName::Time | ComponentName::Retry) => MORE,
-            Self::Component(_) => SHARES,
+            Self::Component(_) => RATES,
             Self::Harm(_) => TOLERANCES,
         }
     }
 
-    fn told(self, size: f64, profile: &Profile) -> String {
+    fn label(self, size: f64, profile: &Profile) -> String {
         match self {
             Self::Component(ComponentName::Time) => format!("{:.0} % longer", 100.0 * size),
             Self::Component(_) => format!("in {:.0} % more", 100.0 * size),
             Self::Harm(kind) => {
-                format!("{size} x its tolerance of {}", kind.show(profile.harm.of(kind).mean))
+                format!("{size} x its tolerance of {}", kind.format(profile.harm.of(kind).mean))
             }
         }
     }
 
-    fn worsen(self, size: f64, profile: &Profile, draw: &mut Draw, pair: &mut Pair) {
+    fn worsen(self, size: f64, profile: &Profile, draw: &mut SampleStream, pair: &mut Pair) {
         let one: &mut EpisodeValues = &mut pair.candidate;
         match self {
             Self::Component(ComponentName::Time) => one.time_s *= 1.0 + size,
@@ -193,19 +195,22 @@ mod tests {
     use crate::bench::stats::TablesByOrigin;
     use holdpoint_governance::profile::ProfileName;
 
-    /// The largest effect of anything is found; but a new attempt costs little and speaks against nothing by itself.
+    /// The largest effect of every component is found, except that a new attempt costs little and counts against
+    /// nothing alone.
     #[test]
     fn what_is_far_worse_is_found_whatever_it_is() {
         let recorded = TablesByOrigin::read().unwrap();
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
-        let judged =
-            |effect: &Effect| effect.name() != ComponentName::Retry.name() && effect.is_limited(&profile);
-        for effect in Effect::all().filter(judged) {
+        let judged = |effect: &WorsenedMeasure| {
+            effect.name() != ComponentName::Retry.name() && effect.is_limited(&profile)
+        };
+        for effect in WorsenedMeasure::all().filter(judged) {
             let table = recorded.harm.iter().find(|table| table.name.starts_with(effect.family())).unwrap();
             let [.., largest] = effect.sizes();
-            let worsen = |draw: &mut Draw, pair: &mut Pair| effect.worsen(largest, &profile, draw, pair);
+            let worsen =
+                |draw: &mut SampleStream, pair: &mut Pair| effect.worsen(largest, &profile, draw, pair);
             let (found, of) = count(4, effect.name(), table, &profile, worsen, is_found);
-            assert_eq!(found, of, "{} {}", effect.name(), effect.told(largest, &profile));
+            assert_eq!(found, of, "{} {}", effect.name(), effect.label(largest, &profile));
         }
     }
 }

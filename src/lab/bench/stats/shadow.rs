@@ -1,11 +1,11 @@
 //! The shadow comparison: how often does a version that is exactly as good fail it?
 
-use super::draw::{Draw, binding};
-use super::report::{Stated, StudyFigure, share};
+use super::figure::{StatedBound, StudyFigure, rate};
+use super::sampling::{SampleStream, binding};
 use super::{BenchError, Study};
 use holdpoint_governance::evidence::{Conduct, Pair, ShadowEvidence, ShadowSequence};
 use holdpoint_governance::gate::{ShadowAssessment, assess_shadow};
-use holdpoint_governance::outcome::Check;
+use holdpoint_governance::outcome::CheckResult;
 use holdpoint_governance::profile::Profile;
 
 const RULE: &str = "shadow";
@@ -21,20 +21,21 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     for profile in &study.profiles {
         let alpha = profile.evaluation.shadow_alpha;
         let name = profile.name.name();
-        let mut push = |what,
-                        under: String,
-                        diverging: bool,
-                        stated,
-                        sequence: &dyn Fn(&mut Draw) -> Option<ShadowSequence>| {
-            let mut draw = Draw::new(&format!("shadow {what} {under}"));
-            let runs = 0..study.runs;
-            let failed = runs
-                .filter(|_| deployed(&mut draw, profile, diverging, sequence).check == Check::Fail)
-                .count();
-            findings.push(share(RULE, what, under, (failed as u64, u64::from(study.runs)), stated)?);
-            Ok::<(), BenchError>(())
-        };
-        let stated = Some(Stated::AtMost(alpha));
+        let mut push =
+            |what,
+             under: String,
+             diverging: bool,
+             stated,
+             sequence: &dyn Fn(&mut SampleStream) -> Option<ShadowSequence>| {
+                let mut draw = SampleStream::new(&format!("shadow {what} {under}"));
+                let runs = 0..study.runs;
+                let failed = runs
+                    .filter(|_| deployed(&mut draw, profile, diverging, sequence).check == CheckResult::Fail)
+                    .count();
+                findings.push(rate(RULE, what, under, (failed as u64, u64::from(study.runs)), stated)?);
+                Ok::<(), BenchError>(())
+            };
+        let stated = Some(StatedBound::AtMost(alpha));
         for table in &study.recorded.live {
             push("equally good: fails", format!("{name}, {}", table.name), true, stated, &|draw| {
                 let pair = draw.of(&table.pairs)?;
@@ -64,10 +65,10 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
 /// A shadow deployment as the pipeline does it: judged at the plain length and, if that is not enough, at the
 /// longest.
 fn deployed(
-    draw: &mut Draw,
+    draw: &mut SampleStream,
     profile: &Profile,
     diverging: bool,
-    sequence: &dyn Fn(&mut Draw) -> Option<ShadowSequence>,
+    sequence: &dyn Fn(&mut SampleStream) -> Option<ShadowSequence>,
 ) -> ShadowAssessment {
     let divergence = if diverging { 1.0 } else { 0.0 };
     let settings = &profile.evaluation;
@@ -81,7 +82,7 @@ fn deployed(
         assess_shadow(&evidence, &binding(), profile)
     };
     let first = lengthen(settings.shadow_sequences);
-    if first.check == Check::Inconclusive { lengthen(settings.shadow_sequences_max) } else { first }
+    if first.check == CheckResult::Inconclusive { lengthen(settings.shadow_sequences_max) } else { first }
 }
 
 /// Signals in pairs, live before twin: the task failed, policy hit, watcher event.

@@ -1,4 +1,4 @@
-//! Recorded pairs of real episodes, the raw material of the study: their text form and what is made of them.
+//! Recorded pairs of real episodes, the raw material of the study: their text form, and conversions.
 //!
 //! Each file is one candidate against the baseline on calibration seeds, a comment line with its provenance first:
 //!
@@ -19,7 +19,7 @@ use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 
 #[derive(Clone, Debug)]
 pub struct RecordedTable {
-    /// What it is of, e.g. `align-improved, sandbox`.
+    /// Its subject, e.g. `align-improved, sandbox`.
     pub name: &'static str,
     /// The comment line: versions, conditions, seeds.
     pub provenance: String,

@@ -1,14 +1,14 @@
-//! Approvals: bound to what was shown, used once.
+//! Approvals: bound to the displayed text, used once.
 
 use std::sync::Barrier;
 
 use holdpoint_approvals::{Approval, Identity, Nonce};
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::names::{EvidenceKind, RequestState};
+use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{ApprovalRequest, Change, verify};
 
 use crate::support::*;
@@ -73,7 +73,7 @@ fn an_approval_of_something_else_is_refused() {
     let other = digest("other");
     type Edit = fn(&mut Approval, holdpoint_governance::ids::Digest);
     let edits: [(&str, Edit, &str); 8] = [
-        ("refusal", |a, _| a.decision = Answer::Reject, "refusal"),
+        ("refusal", |a, _| a.decision = ApprovalDecision::Reject, "refusal"),
         ("expired", |a, _| a.not_after_ms = 1, "expired"),
         ("row version", |a, _| a.row_version = 3, "changed since"),
         ("candidate", |a, d| a.candidate_digest = d, "another candidate"),

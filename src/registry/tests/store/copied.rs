@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{
-    BackupError, BackupParts, LeftOut, RecordingOnRecord, Store, Views, backup, check_store, store_info,
+    BackupError, BackupParts, OmittedFile, RetainedRecording, Store, Views, backup, check_store, store_info,
     verify, verify_copy,
 };
 
@@ -71,14 +71,14 @@ fn secrets_are_copied_only_where_they_are_asked_for() {
     assert!(!without.join("recordings").exists());
     assert!(backup(folder.path(), &with, ALL).unwrap().keys);
     assert_eq!(keys(&with), keys(folder.path()));
-    // It is a store to go on with.
+    // The copy can be used as a store.
     let head = open(folder.path()).opening().head;
     let copied = open(&with);
     assert_eq!(copied.opening().head, head);
     shadowed(&copied, "place@1.2.0");
     drop(copied);
     verify(&with.join("holdpoint.db"), None).unwrap();
-    // Without keys nobody can.
+    // Without keys an engine cannot.
     assert!(unless_in_use(|| Store::open(&without)).map(drop).unwrap_err().to_string().contains("store.key"));
 }
 
@@ -108,7 +108,7 @@ fn a_copy_overwrites_nothing_and_is_not_made_of_what_is_not_sound() {
     assert_eq!(fs::read_dir(to.path()).unwrap().count(), 2, "nothing is left");
 }
 
-/// What has the name under which a copy is made is somebody's.
+/// An existing entry under the name of a new copy stays.
 #[test]
 fn nothing_that_was_there_is_removed() {
     let (folder, to) = (quick_folder(), quick_folder());
@@ -151,7 +151,7 @@ fn no_copy_is_made_in_the_store() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), before);
 }
 
-/// Recordings are what was recorded, or are not in the copy, and that is said; one that grew without end is not read.
+/// A copied recording matches its record, or is left out and reported; one that grew without end is not read.
 #[test]
 fn recordings_in_a_copy_are_what_was_recorded() {
     let (folder, to) = (quick_folder(), quick_folder());
@@ -163,9 +163,9 @@ fn recordings_in_a_copy_are_what_was_recorded() {
     };
     let names =
         ["good.rrd", "cut.rrd", "swapped.rrd", "gone.rrd", "link.rrd", "pipe.rrd", "endless.rrd", "../keys"];
-    let on_record: Vec<RecordingOnRecord> = names
+    let on_record: Vec<RetainedRecording> = names
         .iter()
-        .map(|file| RecordingOnRecord { file: (*file).to_owned(), sha256: of("scene"), bytes: 5 })
+        .map(|file| RetainedRecording { file: (*file).to_owned(), sha256: of("scene"), bytes: 5 })
         .collect();
     for (name, text) in
         [("good.rrd", "scene"), ("cut.rrd", "scen"), ("swapped.rrd", "Scene"), ("open.rrd", "x")]
@@ -192,19 +192,21 @@ fn recordings_in_a_copy_are_what_was_recorded() {
     {
         assert!(why.contains(expected), "{file}: {why}");
     }
-    let others: Vec<&LeftOut> = report.left_out.iter().filter(|left| !left.bad).collect();
+    let others: Vec<&OmittedFile> = report.left_out.iter().filter(|left| !left.bad).collect();
     assert!(others.len() == 1 && others[0].file == "open.rrd", "{others:?}");
     let copied: Vec<_> =
         fs::read_dir(copy.join("recordings")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(copied, ["good.rrd"]);
 }
 
-/// What is no file in place of a database or of what SQLite keeps beside it is said, with what helps.
+/// Anything but a regular file in place of the database or its companions is reported, with a remedy.
 #[test]
 fn what_is_no_file_of_a_database_is_named() {
-    for (name, helps) in
-        [("holdpoint.db", "--data"), ("holdpoint.db-wal", "remove it"), ("holdpoint.db-shm", "anew")]
-    {
+    for (name, helps) in [
+        ("holdpoint.db", "--data"),
+        ("holdpoint.db-wal", "remove it"),
+        ("holdpoint.db-shm", "makes it again"),
+    ] {
         for kind in ["a named pipe", "a folder", "a link"] {
             let folder = quick_folder();
             made(folder.path());

@@ -1,4 +1,4 @@
-//! Tampering and decay: whatever is done to the files is found, or changes nothing that is read.
+//! Tampering and decay: every change of the files is found, or changes nothing that is read.
 
 use std::fs;
 use std::panic::catch_unwind;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::AuditRecord;
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{
     AuditFilter, Change, Store, UnsignedRecords, VerifyError, VersionFilter, Views, rebuild, verify,
 };
@@ -46,7 +46,7 @@ pub const UNLOCK: &str =
     DROP TRIGGER person_kept; DROP TRIGGER person_identity; DROP TRIGGER person_revoked;
     DROP TRIGGER IF EXISTS person_confirmed; PRAGMA foreign_keys = OFF;";
 
-/// Edits the chain, then makes hashes and head right again: what someone who can write the file could do.
+/// Edits the chain, then corrects hashes and head, as an attacker with write access to the file can.
 pub fn rewrite(folder: &Path, edit: &str) {
     let connection = Connection::open(folder.join("holdpoint.db")).unwrap();
     let mut select = connection.prepare("SELECT sql FROM sqlite_schema WHERE type = 'trigger'").unwrap();
@@ -134,12 +134,12 @@ fn every_tampering_is_found() {
     }
 }
 
-/// Takes the entries of some kind out of the index of kinds: whoever asks for such records is told of none.
+/// Removes the entries of some kind from the index of kinds: queries for such records find none.
 pub(crate) fn hide(database: &Path, kind: &str) {
     index_otherwise(database, kind, |whole| format!("{whole} WHERE kind <> '{kind}'"));
 }
 
-/// Has the index of kinds made as for another definition. Who asks for records of the kind is told of none then.
+/// Makes the index of kinds with another definition. Queries for records of the kind find none.
 fn index_otherwise(database: &Path, kind: &str, definition: impl Fn(&str) -> String) {
     let connection = Connection::open(database).unwrap();
     let whole: String = connection
@@ -172,7 +172,7 @@ fn a_record_that_an_index_hides_is_missed() {
     let error = Store::open(folder.path()).unwrap_err().to_string();
     assert!(error.contains("wrong # of entries in index audit_kind"), "{error}");
 
-    // As many entries, of which some say something else.
+    // The same number of entries, some of them changed.
     let folder = tempfile::tempdir().unwrap();
     let key = made(folder.path());
     let database = folder.path().join("holdpoint.db");
@@ -184,16 +184,15 @@ fn a_record_that_an_index_hides_is_missed() {
         matches!(&error, VerifyError::Damaged(text) if text.contains("the index \"audit_kind\"")),
         "{error}"
     );
-    // What is hidden or made up by an index alone is mended from the records.
+    // A rebuild from the records repairs false indexes.
     let rebuilt = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap();
     assert!(rebuilt.is_some());
     verify(&database, Some(&key)).unwrap();
     let again = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap();
-    assert!(again.is_none(), "nothing is left to mend");
+    assert!(again.is_none(), "nothing is left to repair");
 }
 
-/// As many entries as records, and a stop of the cell among them under another kind: whoever asks whether the cell is
-/// stopped is told that it is not.
+/// As many entries as records, with a stop of the cell under another kind: a query would not find the stop.
 #[test]
 fn a_stop_that_an_index_hides_is_found_at_the_start() {
     let folder = tempfile::tempdir().unwrap();
@@ -260,7 +259,7 @@ fn a_chain_written_anew_is_found_by_its_checkpoints() {
     rewrite(folder.path(), "UPDATE audit SET body = '{\"edited\":1}' WHERE kind = 'decision' AND seq = 5");
     let error = verify(&database, Some(&key)).unwrap_err();
     assert!(error.to_string().contains("history was rewritten"), "{error}");
-    // Nor does it help to remove them.
+    // Removing them does not help either.
     fs::remove_dir_all(folder.path().join("checkpoints")).unwrap();
     let error = verify(&database, Some(&key)).unwrap_err();
     assert!(error.to_string().contains("history was rewritten"), "{error}");
@@ -287,7 +286,7 @@ fn checkpoints_of_others_are_refused() {
     assert_eq!(report.checkpoints, 0, "a copy alone has none");
 }
 
-/// What can be read of a store.
+/// The readable content of a store.
 pub fn contents(database: &Path) -> Result<String, String> {
     let read = || {
         let views = Views::open(database)?;
@@ -305,7 +304,7 @@ pub fn contents(database: &Path) -> Result<String, String> {
     read().map_err(|error: holdpoint_registry::StoreError| error.to_string())
 }
 
-/// Flips one bit at a time: verifying finds it, or all that is read is as it was. Nothing panics.
+/// Flips one bit at a time: verification finds it, or all reads are unchanged. Nothing panics.
 #[test]
 fn flipped_bits_are_found_or_harmless() {
     const FLIPS: usize = 200;
@@ -314,7 +313,7 @@ fn flipped_bits_are_found_or_harmless() {
     let database = folder.path().join("holdpoint.db");
     let good = fs::read(&database).unwrap();
     let before = contents(&database).unwrap();
-    // Most of so small a file is free space, where a flip changes nothing.
+    // Most of this small file is free space, where a flip changes nothing.
     let used: Vec<usize> = (0..good.len()).filter(|byte| good[*byte] != 0).collect();
     let mut found = 0;
     let mut seed = 0x9E37_79B9_7F4A_7C15_u64;
@@ -340,7 +339,7 @@ fn flipped_bits_are_found_or_harmless() {
     assert!(found > FLIPS / 4, "only {found} of {FLIPS} flips were found");
 }
 
-/// Whoever can write the file can put a number there that nothing comes after.
+/// An attacker with write access to the file can put the largest number there.
 #[test]
 fn the_last_number_there_is_ends_no_verifier() {
     let root = crate::edits::quick_folder();

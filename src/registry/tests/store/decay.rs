@@ -1,5 +1,5 @@
-//! Decay of every file of a store: whatever is flipped, cut or written into one of them is found, or changes nothing
-//! that is read. Nothing panics and nothing hangs.
+//! Decay of every file of a store: every flip, cut or write is found, or changes nothing that is read. Nothing panics
+//! and nothing hangs.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::{Identity, keyfile};
 use holdpoint_registry::{
-    AuditFilter, Batch, Found, LyingBatch, Store, TelemetryViews, VerifyReport, Views, verify,
+    AuditFilter, Batch, CacheLookup, Store, StoredBatch, TelemetryViews, VerifyReport, Views, verify,
 };
-use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
+use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 use tempfile::TempDir;
 
 use crate::campaign::{Outcome, campaign};
@@ -21,10 +21,10 @@ use crate::mutate::{Random, flip};
 use crate::released::schema_1;
 use crate::support::*;
 
-/// The longest that looking at one damaged store may take, on however busy a machine.
+/// The time limit for reading one damaged store, on a busy machine.
 const TIME_MAX: Duration = Duration::from_secs(20);
 
-/// A folder in memory where there is such a thing: what is forced to disk here needs no disk.
+/// A folder in memory if possible: flushes need no disk here.
 fn folder() -> TempDir {
     let memory = Path::new("/dev/shm");
     if memory.is_dir() { tempfile::tempdir_in(memory).unwrap() } else { tempfile::tempdir().unwrap() }
@@ -37,7 +37,7 @@ struct Sound {
     /// Every file with its place in the folder and its bytes.
     files: Vec<(PathBuf, Vec<u8>)>,
     contents: String,
-    batches: Vec<LyingBatch>,
+    batches: Vec<StoredBatch>,
     report: VerifyReport,
 }
 
@@ -64,7 +64,7 @@ impl Sound {
         Self { folder, key, files, contents, batches, report }
     }
 
-    /// With every kind of row, sealed telemetry and a kept cell.
+    /// With every kind of row, sealed telemetry and a cached result.
     fn fresh() -> Self {
         let folder = folder();
         let store = folder.path().join("store");
@@ -92,7 +92,7 @@ impl Sound {
         Self::of(folder, &store, key)
     }
 
-    /// Makes the folder anew, with one file other than it was.
+    /// Makes the folder again, with one changed file.
     fn with(&self, file: &Path, bytes: &[u8]) -> PathBuf {
         let store = self.folder.path().join("store");
         fs::remove_dir_all(&store).unwrap();
@@ -107,10 +107,10 @@ impl Sound {
         store
     }
 
-    /// Looks at the store with that file as everybody does who has to do with it: verifier, readers, engine.
+    /// Opens the store with that file as the verifier, the readers and an engine do.
     ///
     /// # Errors
-    /// What must not be: something else is read, and nobody says so.
+    /// A violated expectation: another value is read, and no error is reported.
     fn look(&self, file: &Path, bytes: &[u8]) -> Result<Outcome, String> {
         let store = self.with(file, bytes);
         let database = store.join("holdpoint.db");
@@ -119,7 +119,7 @@ impl Sound {
             if now.as_ref() != Ok(&self.contents) {
                 return Err(format!("{when}: verified, and another content is read: {now:?}"));
             }
-            // What is missing of telemetry, the report says.
+            // The report names missing telemetry.
             if *report == self.report && batches(&store).as_ref() != Ok(&self.batches) {
                 return Err(format!("{when}: verified, and other telemetry is read"));
             }
@@ -139,10 +139,10 @@ impl Sound {
         drop(keyfile::read_public(&store.join("keys/store.pub")));
         match Store::open(&store) {
             Ok(opened) => {
-                if let Found::Cell { body, .. } = opened.cells().get(&digest("cell"))
+                if let CacheLookup::Cell { body, .. } = opened.cells().get(&digest("cell"))
                     && body != b"kept"
                 {
-                    return Err("a kept cell has another body".to_owned());
+                    return Err("a cached result has another body".to_owned());
                 }
                 drop(opened);
                 if let Ok(report) = verify(&database, Some(&self.key)) {
@@ -160,17 +160,17 @@ impl Sound {
     }
 }
 
-/// An error as the program prints it: made harmless, on one line.
+/// An error as the program prints it: sanitized, on one line.
 fn printed(error: &impl Hint) -> String {
     let text = error.to_string();
     let words: Vec<&str> = text.lines().map(str::trim).collect();
     let hint =
-        error.hint().map_or_else(String::new, |hint| format!("\nHint: {}", sanitise(&hint, WIDTH_MAX)));
-    format!("error: {}{hint}", sanitise(&words.join(" "), WIDTH_MAX))
+        error.hint().map_or_else(String::new, |hint| format!("\nHint: {}", sanitize(&hint, WIDTH_MAX)));
+    format!("error: {}{hint}", sanitize(&words.join(" "), WIDTH_MAX))
 }
 
-/// Every batch there is.
-fn batches(store: &Path) -> Result<Vec<LyingBatch>, String> {
+/// All batches.
+fn batches(store: &Path) -> Result<Vec<StoredBatch>, String> {
     let read = || {
         let views = TelemetryViews::open(&store.join("telemetry.db"))?;
         let mut found = Vec::new();
@@ -180,12 +180,12 @@ fn batches(store: &Path) -> Result<Vec<LyingBatch>, String> {
     read().map_err(|error: holdpoint_registry::StoreError| error.to_string())
 }
 
-/// So many cases for each file, and what became of them.
+/// The number of cases for each file, and their results.
 fn decay(name: &str, sound: &Sound, cases: u64) {
     let cases = std::env::var("HOLDPOINT_FUZZ_RUNS").map_or(cases, |text| text.parse().unwrap());
     let seed = std::env::var("HOLDPOINT_FUZZ_SEED").map_or(1, |text| text.parse().unwrap());
     let (mut done, mut found) = (0_u64, 0_u64);
-    // A checkpoint is like the other ones.
+    // One checkpoint stands for the others.
     let mut checkpoints = 0;
     for (number, (file, good)) in (0_u64..).zip(&sound.files) {
         if file.starts_with("checkpoints") {
@@ -240,8 +240,8 @@ fn every_file_of_a_released_store_decays() {
     decay("decay of a released store", &Sound::released(), 1);
 }
 
-/// A log that decayed ends earlier, as one does that a power cut tore: what is left is a beginning of the history, or
-/// is refused.
+/// A decayed log ends earlier, as a log torn by a power cut does: the rest is a beginning of the history, or is
+/// refused.
 #[test]
 fn a_log_that_decayed_loses_its_end_at_most() {
     let folder = folder();
@@ -280,7 +280,7 @@ fn a_log_that_decayed_loses_its_end_at_most() {
     println!("decay of a log: 60 cases, {whole} whole, {shorter} shorter, {refused} refused");
 }
 
-/// The database of a store as somebody may have made it, from a sound one.
+/// The database of a store as an attacker may have made it, from a sound one.
 #[test]
 fn databases_made_up_are_refused_or_read_the_same() {
     let sound = Sound::fresh();

@@ -1,13 +1,13 @@
-//! Rows edited with SQL, in every column of every table: a start finds each, and no later write makes it good.
+//! Rows edited with SQL, in every column of every table: a start finds each, and no later write hides it.
 
 use std::fs;
 use std::path::Path;
 
 use holdpoint_governance::alarms::{AlarmState, Priority};
-use holdpoint_governance::lifecycle::Flags;
+use holdpoint_governance::lifecycle::VersionFlags;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::names::{EvidenceKind, RequestState};
+use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{ApprovalRequest, Change, Store, StoreError, Views, verify};
 use holdpoint_text::Hint as _;
 use rusqlite::types::Value;
@@ -15,14 +15,15 @@ use rusqlite::{Connection, params};
 
 use crate::support::*;
 
-/// Edits in all.
+/// Number of edits.
 const EDITS: usize = 1_000;
 /// Edits of the database of a running engine.
 const EDITS_RUNNING: usize = 40;
 /// The seed, unless `HOLDPOINT_EDITS_SEED` names another.
 const SEED: u64 = 0x005E_ED01;
 
-/// What is told to people or refuses a retry, and decides nothing; the registry's module `compare` says why.
+/// Columns that are only displayed or refuse a retry, and decide nothing; the registry's module `compare` has the
+/// reasons.
 const NOT_VOUCHED: [(&str, &str); 2] = [("audit", "wall_ms"), ("command", "digest")];
 
 /// A closed store with every kind of row.
@@ -78,7 +79,7 @@ pub fn made(folder: &Path) {
     changes.push(Change::VoidFamily { family: family("place"), reason: "a drill".into() });
     changes.push(Change::SetFlags {
         version: id("place@1.1.0"),
-        flags: Flags { paused: true, ..Flags::default() },
+        flags: VersionFlags { paused: true, ..VersionFlags::default() },
     });
     commit(&store, "activate", changes).unwrap();
 }
@@ -96,7 +97,7 @@ impl Dice {
     }
 }
 
-/// A folder in memory where there is one: what is done a thousand times need not reach a disk.
+/// A folder in memory if possible: a thousand runs need no disk.
 pub fn quick_folder() -> tempfile::TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
@@ -110,7 +111,7 @@ pub fn columns(connection: &Connection) -> Vec<(String, String)> {
     select.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap().map(Result::unwrap).collect()
 }
 
-/// A value that is not this one: a slip of a key as well as somebody's intent.
+/// A different value: by a typing error or on purpose.
 fn other(dice: &mut Dice, value: &Value, same_column: &[Value]) -> Value {
     if dice.roll(4) == 0 {
         return same_column[dice.roll(same_column.len())].clone();
@@ -152,7 +153,7 @@ fn other(dice: &mut Dice, value: &Value, same_column: &[Value]) -> Value {
     }
 }
 
-/// Edits one value of a column, past every trigger and check. Tells what it did, `None` if SQLite did not take it.
+/// Edits one value of a column, past every trigger and check. Returns a description, `None` if SQLite rejected it.
 pub fn edit(database: &Path, dice: &mut Dice, table: &str, column: &str) -> Option<String> {
     let connection = Connection::open(database).unwrap();
     let mut select =
@@ -228,7 +229,7 @@ fn every_edit_of_every_column_is_found_at_the_start() {
         let opened = unless_in_use(|| Store::open(folder.path()));
         if NOT_VOUCHED.contains(&(table.as_str(), column.as_str())) {
             not_vouched += 1;
-            // Of a record whose wall time is signed, an edit of it is found.
+            // An edit of a record's signed wall time is found.
             let is_signed =
                 |error: &StoreError| error.to_string().contains("wall time is not the one that was signed");
             if let Err(error) = opened {
@@ -274,8 +275,8 @@ fn no_write_of_a_running_engine_makes_an_edit_good() {
                 let error = commit(&store, retry, vec![context(ProfileName::Real)]).expect_err(&what);
                 assert!(matches!(error, StoreError::Altered(_)), "{what}: {error}");
             }
-            assert!(store.unaltered().is_err(), "{what}");
-            // What only writes something down goes on, and makes nothing good.
+            assert!(store.check_unaltered().is_err(), "{what}");
+            // Writes that only record something continue, and hide nothing.
             let note =
                 Change::SetFamily { family: family("other"), safe_stopped: true, reason: "held".into() };
             commit(&store, "note", vec![note]).unwrap_or_else(|error| panic!("{what}: {error}"));
@@ -340,7 +341,7 @@ fn another_shape_is_found() {
     }
 }
 
-/// A trigger that comes in under a running engine changes nothing that the engine writes, and lets nothing in.
+/// A trigger added under a running engine neither changes the engine's writes nor activates anything.
 #[test]
 fn a_trigger_that_comes_in_does_not_act() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,9 +1,9 @@
-//! A disk that fails: one call of the system that writes, makes room, syncs, renames or removes is refused, at every
-//! place in turn. The error is said, nothing acknowledged is lost, no store is bricked.
+//! A failing disk: one system call that writes, allocates, syncs, renames or removes is refused, at every place in
+//! turn. The error is reported, acknowledged data is kept, and the store stays usable.
 //!
-//! The calls are refused by strace (`--inject`), outside the program: SQLite's own calls are met like ours. Where there
-//! is no strace, or the system forbids tracing, this is left out and said. `HOLDPOINT_IO_ERRORS` is how many (6). One
-//! call fails, or three after another, or every one from there on; lives differ in length.
+//! strace refuses the calls (`--inject`), outside the program, so that SQLite's own calls fail like ours. Without
+//! strace, or where tracing is forbidden, the test skips itself with a message. `HOLDPOINT_IO_ERRORS` is the number of
+//! cases (6). One call fails, or three in a row, or every later one; the lengths of the runs differ.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -15,11 +15,11 @@ use crate::kill::one_step;
 use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_FAILING_CHILD";
-/// Steps of the life beyond its first.
+/// Further steps of the run.
 const MORE: &str = "HOLDPOINT_FAILING_MORE";
 const TEST: &str = "failing::a_disk_that_fails_at_any_call_loses_nothing";
 
-/// What is refused, and with which error.
+/// The refused call and its error.
 const CALLS: [&str; 6] = ["write", "pwrite64", "fsync", "fdatasync", "ftruncate", "rename"];
 const ERRORS: [&str; 2] = ["EIO", "ENOSPC"];
 
@@ -44,8 +44,8 @@ impl Spell {
     }
 }
 
-/// A short life of a store, from its making to an activation and its rollback, with telemetry; says `ACK <seq>` after
-/// each commit and `FAILED` with the error at the first.
+/// A short life of a store, from its creation to an activation and its rollback, with telemetry; prints `ACK <seq>`
+/// after each commit and `FAILED` with the error at the first.
 fn live(folder: &Path) -> Result<(), holdpoint_registry::StoreError> {
     let store = Store::open(folder)?;
     let version = id("grasp@1.0.0");
@@ -78,7 +78,7 @@ fn live(folder: &Path) -> Result<(), holdpoint_registry::StoreError> {
     Ok(())
 }
 
-/// Runs [`live`] in `folder`, with some of these calls refused; what it printed.
+/// Runs [`live`] in `folder` with refused calls; returns its output.
 fn run(folder: &Path, more: u64, (call, error, when): (&str, &str, &str)) -> String {
     let program = std::env::current_exe().unwrap();
     let mut command = Command::new("strace");
@@ -106,7 +106,7 @@ fn can_trace() -> bool {
     traced.is_ok_and(|status| status.success())
 }
 
-/// After the failure: what was acknowledged is there, everything holds, and the next engine works in it.
+/// After the failure: acknowledged data is there, the invariants hold, and the next engine runs on it.
 fn check(folder: &Path, said: &str, when: &str) -> bool {
     let acked = said.lines().filter_map(|line| line.split("ACK ").nth(1)?.trim().parse::<u64>().ok());
     let acked = acked.max().unwrap_or(0);
@@ -141,7 +141,7 @@ fn a_disk_that_fails_at_any_call_loses_nothing() {
     let most: u64 = std::env::var("HOLDPOINT_IO_ERRORS").map_or(6, |text| text.parse().unwrap());
     let (mut done, mut told) = (0, 0);
     'all: for more in 0.. {
-        // Every call of a life at most: a call that is never made lets it end in peace.
+        // At most every call of a run: after a call that is never made, the run ends normally.
         let all = CALLS.iter().flat_map(|call| ERRORS.iter().map(move |error| (*call, *error)));
         let mut open: Vec<(&str, &str, Spell)> =
             all.flat_map(|(call, error)| Spell::ALL.map(|spell| (call, error, spell))).collect();
@@ -161,8 +161,8 @@ fn a_disk_that_fails_at_any_call_loses_nothing() {
                 if done % 500 == 0 {
                     println!("{done} failing calls so far, {told} told by an error");
                 }
-                // A sync or write that fails behind an acknowledgement is put right by the next one, so an end in
-                // peace says nothing of what comes later; calls run out after some hundred.
+                // The next sync repairs a failed one behind an acknowledgment, so a normal end tells nothing about
+                // later calls; calls run out after some hundred.
                 if failed || nth < 60 + 20 * more {
                     still_open.push((call, error, spell));
                 }

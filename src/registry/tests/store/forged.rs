@@ -1,5 +1,5 @@
-//! Makes an edited export hang together again, as whoever has the store's key and those of its people can: what is wrong
-//! with it is then no hash and no signature.
+//! Makes an edited export consistent again, as an attacker with the keys of the store and its people can: then no hash
+//! and no signature shows the edit.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -18,10 +18,10 @@ pub struct Keys {
     people: BTreeMap<String, SigningKey>,
 }
 
-/// What is made to hang together.
+/// The parts to make consistent.
 #[derive(Clone, Copy, Debug)]
 pub struct Mended {
-    /// Numbers and hashes of the records, and what follows from them.
+    /// Numbers and hashes of the records, and the values derived from them.
     pub chain: bool,
     /// Which checkpoint follows which.
     pub links: bool,
@@ -44,7 +44,7 @@ impl Keys {
         Self { store: read_secret(&store.join("keys/store.key")).unwrap(), people }
     }
 
-    /// The key of somebody, or of somebody else where there is none.
+    /// The key of a person, or of another person if there is none.
     fn of_person(&self, name: Option<&str>) -> &SigningKey {
         let own = name.and_then(|name| self.people.get(name));
         own.or_else(|| self.people.values().next()).unwrap()
@@ -177,7 +177,7 @@ fn root(hashes: &[Digest]) -> [u8; 32] {
     }
 }
 
-/// Mends the lines of an export as far as they can be read.
+/// Repairs the lines of an export as far as they can be parsed.
 pub fn mend(lines: &mut [Node], keys: &Keys, mended: Mended) {
     let store_id = lines[0].text(&["export", "store_id"]).unwrap_or_default().to_owned();
     let mut follows = Digest::of_parts("holdpoint/persons/v1", &[store_id.as_bytes()]);
@@ -233,7 +233,7 @@ pub fn mend(lines: &mut [Node], keys: &Keys, mended: Mended) {
     }
 }
 
-/// Mends the acts in a record's body.
+/// Repairs the acts in a record's body.
 fn mend_body(record: &mut Node, keys: &Keys, mended: Mended, (follows, prev): (&mut Digest, Digest)) {
     let Some(kind) = record.text(&["kind"]).map(str::to_owned) else { return };
     let Some(mut body) = record.text(&["body"]).and_then(Node::parse) else { return };

@@ -1,4 +1,4 @@
-//! What a quick look at a store says of its key files.
+//! The quick check of a store's key files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -47,7 +47,7 @@ fn a_quick_look_finds_every_key_file_that_is_not_as_it_has_to_be() {
             &["is not the key that ada is enrolled with"],
         ),
         ("two halves", copied(of("ben.key"), of("ada.key")), &["ada.pub", "do not belong together"]),
-        ("nobody's", copied(of("ben.pub"), of("eve.pub")), &["eve.pub", "identity enrol eve --by admin"]),
+        ("not enrolled", copied(of("ben.pub"), of("eve.pub")), &["eve.pub", "identity enrol eve --by admin"]),
         ("left over", copied(of("ben.key"), of("ben.key.new")), &["ben.key.new", "remove it"]),
     ];
     for (name, damage, expected) in cases {

@@ -1,6 +1,6 @@
-//! Sudden death: a child that uses the store is killed at any moment; nothing it acknowledged is lost and every
-//! invariant holds. `HOLDPOINT_KILLS` sets how often (5). With the `failpoints` feature it also dies at each named
-//! place of a transaction.
+//! Sudden death: a child that uses the store is killed at a random moment; acknowledged data is kept and every
+//! invariant holds. `HOLDPOINT_KILLS` sets the number of kills (5). With the `failpoints` feature it also dies at each
+//! named place of a transaction.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -17,7 +17,7 @@ use crate::edits::quick_folder;
 use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_KILL_CHILD";
-/// So often the same store is killed; then its chain is long enough, and a new one is begun.
+/// The number of kills of one store; then its chain is long enough, and a new one begins.
 const KILLS_OF_A_STORE: u64 = 25;
 
 /// This test again, as a child that works in `folder`.
@@ -45,7 +45,7 @@ pub fn acknowledged(line: &str) -> Option<u64> {
     line.split("ACK ").nth(1)?.trim().parse().ok()
 }
 
-/// Registers, activates and rolls back for ever; says `ACK <seq>` after each commit, `FAILED` if one fails.
+/// Registers, activates and rolls back forever; prints `ACK <seq>` after each commit, `FAILED` if one fails.
 fn work(folder: &Path) {
     let store = Store::open(folder).unwrap();
     let start = store.opening().head.seq;
@@ -64,7 +64,7 @@ fn work(folder: &Path) {
     }
 }
 
-/// An activation that somebody approved, or every other time its rollback.
+/// An approved activation, or every other time its rollback.
 pub fn one_step(store: &Store, ada: &Identity, start: u64, step: u64) -> Result<Receipt, StoreError> {
     let views = store.views()?;
     let status = views.families()?.remove(0);
@@ -97,7 +97,7 @@ pub fn one_step(store: &Store, ada: &Identity, start: u64, step: u64) -> Result<
     }
 }
 
-/// After a death: the chain reaches what was acknowledged and everything holds, also for the next engine.
+/// After a death: the chain reaches the acknowledged record and the invariants hold, also for the next engine.
 pub fn check(folder: &Path, last_ack: u64, when: &str) {
     let database = folder.join("holdpoint.db");
     let report = verify(&database, None).unwrap_or_else(|error| panic!("{when}: {error}"));
@@ -155,7 +155,7 @@ fn killed_at_any_moment_nothing_acknowledged_is_lost() {
     println!("kills of the store: seed {seed}, {kills} kills, {placed} of them at a named place");
 }
 
-/// A disk that takes no more: the error is said, nothing acknowledged is lost, and it goes on once there is room.
+/// A full disk: the error is reported, acknowledged data is kept, and the store continues once there is space.
 #[test]
 fn a_disk_that_takes_no_more_loses_nothing() {
     if let Ok(folder) = std::env::var(CHILD) {

@@ -1,8 +1,8 @@
-//! Making a store and rebuilding one, killed at every durable system call: whatever is left is no store, a whole one,
-//! or the damaged one that can be rebuilt again.
+//! Creating and rebuilding a store, killed at every durable system call: the result is no store, a whole one, or the
+//! damaged one that can be rebuilt again.
 //!
-//! The kernel's own tracer does it, where it is installed (`strace`, and the right to trace); else the tests say that
-//! they did nothing. `HOLDPOINT_KILL_EVERY` thins out the many writes (1 kills at each of them).
+//! The kernel's tracer does it, where it is installed (`strace`, and the permission to trace); else the tests report
+//! that they did nothing. `HOLDPOINT_KILL_EVERY` thins out the many writes (1 kills at each of them).
 
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
@@ -17,7 +17,7 @@ use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_KILLED_CHILD";
 
-/// What changes a disk, or says that it has to be changed by now; a regular expression, as a call has several names.
+/// Calls that change or flush a disk; a regular expression, because a call has several names.
 const CALLS: [&str; 8] = [
     "/^mkdir(at)?$",
     "/^unlink(at)?$",
@@ -31,7 +31,7 @@ const CALLS: [&str; 8] = [
 /// Calls that there are hundreds of.
 const MANY: [&str; 2] = ["/^p?write(64)?$", "/^open(at)?$"];
 
-/// This test again as a child in `folder`, killed at the `nth` call of a kind. Tells whether it was.
+/// This test again as a child in `folder`, killed at the `nth` call of a kind. Returns whether it was killed.
 fn killed(test: &str, folder: &Path, call: &str, nth: usize) -> bool {
     let status = Command::new("strace")
         .args(["-f", "-qq", "-o", "/dev/null", "-e"])
@@ -46,7 +46,7 @@ fn killed(test: &str, folder: &Path, call: &str, nth: usize) -> bool {
         .stderr(Stdio::null())
         .status()
         .unwrap();
-    // The tracer ends as what it traced did.
+    // The tracer ends like its child.
     let by_signal = status.signal() == Some(9);
     assert!(by_signal || status.success(), "{call} {nth}: {status}");
     by_signal

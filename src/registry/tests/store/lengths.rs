@@ -1,12 +1,12 @@
-//! Texts and files that are longer than any that the program writes: each is refused before it is loaded, and named.
+//! Texts and files longer than any that the program writes: each is refused before it is loaded, and named.
 
 use std::fs::{self, File};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use holdpoint_registry::{
-    BackupParts, Exporting, JudgedBy, Layout, Place, Store, UnsignedRecords, Views, backup, check_store,
-    export_store, rebuild, store_info, verify, verify_against, verify_copy,
+    BackupParts, DatabaseLocation, ExportScope, Layout, Store, UnsignedRecords, VerifyOptions, Views, backup,
+    check_store, export_store, rebuild, store_info, verify, verify_against, verify_copy,
 };
 use rusqlite::Connection;
 
@@ -17,7 +17,7 @@ use crate::support::*;
 /// The longest text that is read.
 const LIMIT: &str = "33554432";
 
-/// Puts a text of 34 MB somewhere; the database does as it is told.
+/// Puts a text of 34 MB somewhere, with direct SQL.
 fn lengthen(database: &Path, edit: &str) {
     let connection = Connection::open(database).unwrap();
     connection.execute_batch(UNLOCK).unwrap();
@@ -52,14 +52,14 @@ fn a_text_that_is_too_long_is_refused_with_its_table() {
             backup(folder.path(), &copied, BackupParts::default()).unwrap_err().to_string(),
         ] {
             assert!(said.contains(named) && said.contains(LIMIT), "{edit}: {said}");
-            assert!(said.len() < 1000, "{edit}: {} bytes are said", said.len());
+            assert!(said.len() < 1000, "{edit}: the error has {} bytes", said.len());
         }
         assert!(!copied.exists());
-        // What looks less closely may or may not come upon it, and loads it no more.
+        // A less thorough check may miss it, and never loads it.
         for said in [
             store_info(folder.path()).err().map(|error| error.to_string()),
             check_store(folder.path()).err().map(|error| error.to_string()),
-            export_store(&database, Exporting::Unchecked, None, &mut std::io::sink())
+            export_store(&database, ExportScope::Unchecked, None, &mut std::io::sink())
                 .err()
                 .map(|it| it.to_string()),
         ] {
@@ -69,7 +69,7 @@ fn a_text_that_is_too_long_is_refused_with_its_table() {
     }
 }
 
-/// What is too long for a reader is no longer than a rebuild can do without: it puts what the chain says in its place.
+/// A rebuild can replace a text that is too long for a reader: it restores the chain's value.
 #[test]
 fn what_is_too_long_is_mended_by_a_rebuild() {
     for edit in [
@@ -101,7 +101,8 @@ fn a_copy_with_a_text_that_is_too_long_is_named() {
     fs::copy(&database, &copy).unwrap();
     lengthen(&copy, "UPDATE meta SET value = $LONG WHERE key = 'signed_end'");
     let against = [copy];
-    let judged = JudgedBy { key: None, against: &against, place: Place::Store, tell: &|_, _, _| {} };
+    let judged =
+        VerifyOptions { key: None, against: &against, place: DatabaseLocation::Store, tell: &|_, _, _| {} };
     let said = verify_against(&database, &judged).unwrap_err().to_string();
     assert!(said.contains("copy.db") && said.contains("table meta") && said.contains(LIMIT), "{said}");
 }

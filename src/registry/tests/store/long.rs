@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use holdpoint_registry::{AuditBody, Exporting, Store, Views, export_store, verify};
+use holdpoint_registry::{AuditBody, ExportScope, Store, Views, export_store, verify};
 use rusqlite::Connection;
 
 use crate::edits::{made, quick_folder};
@@ -52,12 +52,12 @@ fn a_start_goes_on_from_a_snapshot_and_trusts_none_that_is_not_signed() {
     verify(&database, Some(open(folder.path()).public_key())).unwrap();
     Views::open_checked(&database).unwrap();
 
-    // Rows are held against it ...
+    // Rows are compared with it ...
     sql(folder.path(), "UPDATE version SET author = 'eve' WHERE name = 'grasp@1.1.0'");
     let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
     assert!(error.contains("the version \"grasp@1.1.0\""), "{error}");
     Views::open_checked(&database).unwrap_err();
-    // ... also by one who edits it to say what the row says.
+    // ... also after an edit that makes it agree with the row.
     let whole = fs::read_to_string(&snapshot).unwrap();
     let row =
         whole.find("[\"version\",\"grasp@1.1.0\",\"").unwrap() + "[\"version\",\"grasp@1.1.0\",\"".len();
@@ -68,20 +68,20 @@ fn a_start_goes_on_from_a_snapshot_and_trusts_none_that_is_not_signed() {
     assert!(error.contains("the version \"grasp@1.1.0\""), "{error}");
     sql(folder.path(), "UPDATE version SET author = 'bob' WHERE name = 'grasp@1.1.0'");
 
-    // Without it, or with one that nobody signed, the chain is read as a whole and found whole.
+    // Without it, or with an unsigned one, the chain is read whole and found sound.
     drop(open(folder.path()));
     fs::remove_file(&snapshot).unwrap();
     drop(open(folder.path()));
     fs::write(&snapshot, &whole).unwrap();
 
-    // A record before it that an index hides is missed all the same.
+    // A record before it that an index hides is still found missing.
     let copy = fs::read(&database).unwrap();
     crate::damage::hide(&database, "decision");
     let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
     assert!(error.contains("wrong # of entries in index audit_kind"), "{error}");
     fs::write(&database, copy).unwrap();
 
-    // What lies before it is not read at a start; the verifier reads it.
+    // A start does not read the part before it; the verifier does.
     sql(
         folder.path(),
         "DROP TRIGGER audit_no_update; UPDATE audit SET subject = 'x' WHERE seq = 1000;
@@ -96,7 +96,7 @@ fn a_start_goes_on_from_a_snapshot_and_trusts_none_that_is_not_signed() {
     assert!(error.contains("audit record 1000"), "{error}");
 }
 
-/// What a start does not read is read by whoever writes it out or counts it.
+/// Exports and counts read the part that a start skips.
 #[test]
 fn an_edited_record_before_the_snapshot_is_neither_written_out_nor_counted() {
     let folder = quick_folder();
@@ -106,10 +106,10 @@ fn an_edited_record_before_the_snapshot_is_neither_written_out_nor_counted() {
     sql(folder.path(), "DROP TRIGGER audit_no_update; UPDATE audit SET body = '[]' WHERE seq = 1000");
     for error in [
         Views::open_records(&database).map(drop).unwrap_err().to_string(),
-        export_store(&database, Exporting::Signed, None, &mut Vec::new()).unwrap_err().to_string(),
+        export_store(&database, ExportScope::Signed, None, &mut Vec::new()).unwrap_err().to_string(),
     ] {
         assert!(error.contains("audit record 1000 is bad"), "{error}");
     }
     let mut lies = Vec::new();
-    assert!(export_store(&database, Exporting::Unchecked, None, &mut lies).unwrap() > RECORDS);
+    assert!(export_store(&database, ExportScope::Unchecked, None, &mut lies).unwrap() > RECORDS);
 }

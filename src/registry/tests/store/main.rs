@@ -1,4 +1,4 @@
-//! The store from outside: what it keeps, what it refuses, what survives.
+//! The store from outside: its contents, its refusals, and its durability.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -8,7 +8,6 @@
 #![allow(clippy::print_stdout, reason = "a child tells its parent what it did")]
 
 mod approvals;
-mod aside;
 #[path = "../../../../tests/fuzz/campaign.rs"]
 mod campaign;
 mod copied;
@@ -24,7 +23,6 @@ mod kill;
 mod killed;
 mod lengths;
 mod long;
-mod loosened;
 #[path = "../../../../tests/fuzz/mutate.rs"]
 mod mutate;
 mod opening;
@@ -32,6 +30,7 @@ mod parted;
 mod persons;
 mod planted;
 mod power;
+mod profile_downgrade;
 mod proofs;
 mod races;
 mod rebuild;
@@ -41,6 +40,7 @@ mod signed;
 mod strict;
 mod support;
 mod telemetry;
+mod telemetry_quarantine;
 mod tree;
 mod verifiers;
 mod wall_time;

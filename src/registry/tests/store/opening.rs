@@ -1,4 +1,4 @@
-//! What an engine finds when it comes: its store, another engine, somebody else's file.
+//! What an engine finds when it starts: its store, another engine, a foreign file.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -39,7 +39,7 @@ fn a_store_is_there_again() {
     }
 }
 
-/// Nothing is written through a link that somebody put in the place of one of the store's folders.
+/// Nothing is written through a planted link in place of one of the store's folders.
 #[test]
 fn a_link_in_the_place_of_a_folder_is_refused() {
     for name in ["keys", "keys/identities", "checkpoints", "recordings", "logs", "compiled"] {
@@ -60,7 +60,7 @@ fn a_link_in_the_place_of_a_folder_is_refused() {
     }
 }
 
-/// What an engine writes into a file that has no name any more is lost: it lets nobody in by it, and says so.
+/// Writes to an unlinked file are lost: the engine activates nothing by it, and reports it.
 #[test]
 fn a_database_that_is_removed_or_replaced_at_work_is_noticed() {
     type Displace = fn(&Path);
@@ -77,9 +77,9 @@ fn a_database_that_is_removed_or_replaced_at_work_is_noticed() {
         let folder = tempfile::tempdir().unwrap();
         let store = open(folder.path());
         bootstrap(&store, "grasp");
-        store.unaltered().unwrap();
+        store.check_unaltered().unwrap();
         displace(&store.layout().database());
-        let error = store.unaltered().unwrap_err().to_string();
+        let error = store.check_unaltered().unwrap_err().to_string();
         assert!(error.contains("removed or replaced"), "{what}: {error}");
         let refused = commit(&store, "more", vec![new_version("grasp@1.1.0", false)]).unwrap_err();
         assert!(matches!(refused, StoreError::Altered(_)), "{what}: {refused}");
@@ -183,7 +183,7 @@ fn broken_registries_and_keys_are_refused() {
     type Make = fn(&Path);
     let table: [(&str, Make, &str); 5] = [
         (
-            "nobody active",
+            "no active version",
             |folder| {
                 run(folder, "UPDATE version SET state = 'demoted', provisional = 0 WHERE state = 'active'");
             },
@@ -241,7 +241,7 @@ fn a_folder_that_cannot_be_used_is_named() {
     }
 }
 
-/// Who takes the database away has not a new history signed by the same store.
+/// Removing the database does not allow a new history signed by the same store.
 #[test]
 fn no_new_history_begins_in_the_place_of_one_that_was_taken_away() {
     let folder = tempfile::tempdir().unwrap();
@@ -264,14 +264,14 @@ fn no_new_history_begins_in_the_place_of_one_that_was_taken_away() {
     fs::write(layout.compiled().join("form"), "x").unwrap();
     refused("there are compiled forms");
     removed(&layout.compiled().join("form"));
-    // Of what is left nothing was ever signed: the new store is another one, and the key is kept for whoever has a backup.
+    // The rest was never signed: the new store is another one, and the key is kept for a restore from a backup.
     let store = open(folder.path());
     assert!(store.opening().created);
     assert_ne!(fs::read(layout.store_key()).unwrap(), before);
     assert_eq!(fs::read(layout.keys().join("store.key.aside-1")).unwrap(), before);
 }
 
-/// A stop stays beside the database even where its words cannot be written.
+/// A stop mark stays beside the database even if its text cannot be written.
 #[test]
 fn a_stop_that_has_no_room_for_its_words_is_marked_all_the_same() {
     let folder = tempfile::tempdir().unwrap();
@@ -298,8 +298,8 @@ fn a_half_made_database_is_made_again() {
     made(folder.path());
 }
 
-/// The lines of the kernel's list of locks that are this process's on a file. The list is read in pieces, and one that
-/// changes meanwhile can leave lines out: a lock is not there if it is in none of many readings.
+/// The lines of the kernel's list of locks that are this process's on a file. The list is read in pieces, and a
+/// concurrent change can omit lines: a lock is absent if none of many reads has it.
 #[cfg(target_os = "linux")]
 fn locks(path: &std::path::Path) -> usize {
     use std::os::unix::fs::MetadataExt as _;
@@ -313,8 +313,8 @@ fn locks(path: &std::path::Path) -> usize {
     (0..50).map(reading).find(|count| *count > 0).unwrap_or(0)
 }
 
-/// A descriptor of the database that was opened and closed beside SQLite's took its locks away: another program's
-/// connection could then delete the log under the engine, and what was acknowledged was lost by a kill.
+/// A descriptor of the database, opened and closed beside SQLite's, once dropped its locks. Another program's
+/// connection could then delete the log under the engine, and a kill lost acknowledged data.
 #[test]
 #[cfg(target_os = "linux")]
 fn whoever_reads_beside_the_writer_takes_no_lock_from_it() {
@@ -334,7 +334,7 @@ fn whoever_reads_beside_the_writer_takes_no_lock_from_it() {
     }
 }
 
-/// The lock is written into: a link or a pipe in its place is refused, and what it points to stays as it is.
+/// A link or a pipe in place of the lock's file is refused, and its target stays unchanged.
 #[test]
 fn the_lock_is_a_file_of_its_own() {
     let folder = tempfile::tempdir().unwrap();

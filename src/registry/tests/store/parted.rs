@@ -1,5 +1,5 @@
-//! Both verifiers against each other: real exports, edited by chance and by somebody who has every key. What one calls sound
-//! the other has to call sound, too.
+//! Both verifiers against each other: real exports, edited at random and by an attacker with every key. Both must agree
+//! on every file.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,11 +14,11 @@ use crate::proofs::public_key;
 use crate::tree::{Letters, Node};
 use crate::verifiers::{exported, python_of_all, same, stores, what};
 
-/// Mutants that Python is asked of at a time.
+/// Mutants that Python verifies at a time.
 const TOGETHER: u64 = 200;
-/// So many that part the verifiers are told.
+/// The most disagreements that are printed.
 const TOLD_MAX: usize = 5;
-/// What JSON is made of, and what it is not.
+/// Tokens of JSON, and others.
 const LETTERS: &[u8] = b"0123456789abcdefE+-.{}[],:\"\\/ \r\n\t\0\x80\xc3\xff";
 
 /// An export that is sound, and the keys to it.
@@ -69,7 +69,7 @@ fn edit_bytes(dice: &mut Dice, bytes: &mut Vec<u8>) {
     }
 }
 
-/// One that matters more often than the many others.
+/// A kind that matters more often than the many others.
 fn a_line(dice: &mut Dice, lines: &[Node]) -> usize {
     const JUDGED: [&str; 6] = [
         "approval-put",
@@ -140,8 +140,8 @@ fn mutant(dice: &mut Dice, whole: &Whole) -> Vec<u8> {
     bytes
 }
 
-/// `HOLDPOINT_FUZZ_RUNS` is how many mutants instead, `HOLDPOINT_FUZZ_SEED` the seed. The keys of the stores are new in each
-/// process, so a mutant that parts the verifiers is left in a file.
+/// `HOLDPOINT_FUZZ_RUNS` is the number of mutants, `HOLDPOINT_FUZZ_SEED` the seed. The keys of the stores are new in
+/// each process, so a disagreement is saved in a file.
 #[test]
 fn mutated_exports_are_judged_the_same_by_both() {
     let root = quick_folder();
@@ -186,7 +186,7 @@ fn mutated_exports_are_judged_the_same_by_both() {
     }
 }
 
-/// That mending mends: what was made by the program is the same afterwards.
+/// The repair is exact: a file of the program is unchanged by it.
 #[test]
 fn a_mended_export_is_sound() {
     let root = quick_folder();

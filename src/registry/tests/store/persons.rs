@@ -1,4 +1,4 @@
-//! Persons: enrolled and revoked by signed acts alone, in the chain like everything else.
+//! Persons: enrolled and revoked only by signed acts, in the chain.
 
 use holdpoint_approvals::{Identity, SignedPersonAct};
 use holdpoint_governance::approval::Role;
@@ -34,7 +34,7 @@ fn refused(store: &Store, change: Change, said: &str) {
     assert_eq!(store.views().unwrap().head().unwrap(), before, "nothing was written");
 }
 
-fn enrol_change(signed: SignedPersonAct) -> Change {
+fn enroll_change(signed: SignedPersonAct) -> Change {
     Change::EnrolPerson(Box::new(signed))
 }
 
@@ -47,9 +47,9 @@ fn the_first_administrator_is_made_once() {
     let persons = store.persons().unwrap();
     let admin = persons.named("admin").unwrap();
     assert_eq!((admin.role, admin.unprotected, admin.enrolled_by.as_str()), (Role::Admin, true, "admin"));
-    // Another key cannot be the first any more.
+    // Another key can no longer be the first.
     let eve = Identity::create(tempfile::tempdir().unwrap().path(), "eve", Role::Admin).unwrap();
-    refused(&store, enrol_change(enrolment(&store, &eve, &eve)), "not enrolled");
+    refused(&store, enroll_change(enrolment(&store, &eve, &eve)), "not enrolled");
     drop(store);
     // A death between the key and its record: the key is taken the next time.
     let folder = tempfile::tempdir().unwrap();
@@ -66,23 +66,23 @@ fn only_an_administrators_act_for_this_store_enrols() {
     let (ada, root) = (person(&store, "ada"), administrator(&store));
     let keys = tempfile::tempdir().unwrap();
     let ben = Identity::create(keys.path(), "ben", Role::Operator).unwrap();
-    refused(&store, enrol_change(enrolment(&store, &ben, &ada)), "only an administrator");
+    refused(&store, enroll_change(enrolment(&store, &ben, &ada)), "only an administrator");
     // Of another store, whose administrator has the same key or another one.
-    refused(&store, enrol_change(enrolment(&other, &ben, &root)), "made for the store");
-    refused(&store, enrol_change(enrolment(&store, &ben, &administrator(&other))), "not enrolled");
-    // An act that was overtaken, and one that was used.
+    refused(&store, enroll_change(enrolment(&other, &ben, &root)), "made for the store");
+    refused(&store, enroll_change(enrolment(&store, &ben, &administrator(&other))), "not enrolled");
+    // A superseded act, and a used one.
     let (early, act) = (enrolment(&store, &ben, &root), enrolment(&store, &ben, &root));
-    commit(&store, "enrol", vec![enrol_change(act.clone())]).unwrap();
-    refused(&store, enrol_change(early), "does not follow");
-    refused(&store, enrol_change(act), "does not follow");
-    // One key is one person, and a revocation is none who enrols.
+    commit(&store, "enrol", vec![enroll_change(act.clone())]).unwrap();
+    refused(&store, enroll_change(early), "does not follow");
+    refused(&store, enroll_change(act), "does not follow");
+    // One key is one person, and a revocation enrolls no one.
     let alias = Identity::create(tempfile::tempdir().unwrap().path(), "cleo", Role::Admin).unwrap();
-    commit(&store, "second", vec![enrol_change(enrolment(&store, &alias, &root))]).unwrap();
+    commit(&store, "second", vec![enroll_change(enrolment(&store, &alias, &root))]).unwrap();
     let revoked = revocation(&store, "admin", &alias);
-    refused(&store, enrol_change(revoked.clone()), "not what it is handed in as");
+    refused(&store, enroll_change(revoked.clone()), "of another kind than its change");
     commit(&store, "revoke", vec![Change::RevokePerson(Box::new(revoked))]).unwrap();
     let dora = Identity::create(keys.path(), "dora", Role::Operator).unwrap();
-    refused(&store, enrol_change(enrolment(&store, &dora, &root)), "not enrolled");
+    refused(&store, enroll_change(enrolment(&store, &dora, &root)), "not enrolled");
     refused(&store, Change::RevokePerson(Box::new(revocation(&store, "cleo", &alias))), "last administrator");
     let report = verify(&store.layout().database(), Some(store.public_key())).unwrap();
     assert_eq!(report.persons, 4);
@@ -98,10 +98,10 @@ fn a_revoked_keys_approval_is_neither_kept_nor_used() {
     let act = revocation(&store, "ada", &root);
     commit(&store, "revoke", vec![Change::RevokePerson(Box::new(act))]).unwrap();
     refused(&store, Change::PutApproval(Box::new(late)), "not enrolled");
-    refused(&store, consume(NEW, 1), "not enrolled any more");
+    refused(&store, consume(NEW, 1), "no longer enrolled");
 }
 
-/// Re-signed approvals with swapped public files, and removed identities, verified as sound.
+/// Re-signed approvals with swapped public files, and removed identities, were once verified as sound.
 #[test]
 fn files_beside_the_store_say_nothing_of_persons() {
     let folder = tempfile::tempdir().unwrap();
@@ -152,13 +152,13 @@ fn a_confirmation_is_kept_checked_and_made_anew_from_the_chain() {
     person(&store, "ben");
     let report = || verify(&folder.path().join("holdpoint.db"), Some(store.public_key())).unwrap();
     assert_eq!((report().persons, report().confirmed), (3, 1));
-    // By a key that lay open, and handed in as something else.
+    // By an unencrypted key, and submitted as another kind of act.
     let persons = store.persons().unwrap();
     let (ada, root) = (persons.named("ada").unwrap(), administrator(&store));
     let open_key = persons.confirmation(ada, &root, "a test").unwrap();
     refused(&store, Change::ConfirmPerson(Box::new(open_key)), "had no passphrase when it signed");
     let guarded = persons.confirmation(ada, &guarded_administrator(&store), "a test").unwrap();
-    refused(&store, Change::RevokePerson(Box::new(guarded.clone())), "not what it is handed in as");
+    refused(&store, Change::RevokePerson(Box::new(guarded.clone())), "of another kind than its change");
     confirm(&store, "ada");
     refused(&store, Change::ConfirmPerson(Box::new(guarded)), "does not follow");
     assert_eq!((report().persons, report().confirmed), (3, 2));
@@ -167,7 +167,7 @@ fn a_confirmation_is_kept_checked_and_made_anew_from_the_chain() {
     confirm(&store, "ben");
     let before: Vec<_> = store.persons().unwrap().all().cloned().collect();
     drop(store);
-    // Laid upon ben by hand: the chain says otherwise, and makes it anew.
+    // Forged for ben by hand: the chain differs, and a rebuild restores it.
     let database = folder.path().join("holdpoint.db");
     let edit = rusqlite::Connection::open(&database).unwrap();
     let by_hand = "DROP TRIGGER person_confirmed; UPDATE person SET confirmed_seq = NULL, confirmed = NULL WHERE name = 'ben'";
@@ -179,7 +179,7 @@ fn a_confirmation_is_kept_checked_and_made_anew_from_the_chain() {
     assert_eq!(open(folder.path()).persons().unwrap().all().cloned().collect::<Vec<_>>(), before);
 }
 
-/// Schema 3 knew no confirmations: its persons are read as they are, and nobody but the first administrator is confirmed.
+/// Schema 3 had no verifications: its persons are read unchanged, and only the first administrator is verified.
 #[test]
 fn schema_3_is_read_and_migrated_with_nobody_confirmed() {
     let folder = tempfile::tempdir().unwrap();

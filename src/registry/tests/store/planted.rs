@@ -1,10 +1,10 @@
-//! What somebody plants beside the record: receipts of commands to come, views in place of tables, files in the store's
-//! folders under names like those of the store's own.
+//! Data planted beside the record: receipts of later commands, views in place of tables, files in the store's folders
+//! under names like the store's own.
 
 use std::fs;
 use std::path::Path;
 
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{
     BackupParts, Change, Store, UnsignedRecords, Views, backup, command_id, rebuild, verify,
 };
@@ -33,7 +33,7 @@ fn edit(folder: &Path, sql: &str) {
     database.execute_batch(sql).unwrap();
 }
 
-/// A command whose receipt is there before it was ever sent is carried out all the same.
+/// A command with a planted receipt runs all the same.
 #[test]
 fn a_receipt_without_records_swallows_and_refuses_nothing() {
     let folder = tempfile::tempdir().unwrap();
@@ -41,7 +41,7 @@ fn a_receipt_without_records_swallows_and_refuses_nothing() {
     let transaction = |id: &str| transaction(id, 1_000_000, vec![more("planted")]);
     let twin = tempfile::tempdir().unwrap();
     twin_of(folder.path(), &twin.path().join("store"));
-    // What the command's digest will be, whoever tries it on a copy knows.
+    // An attacker learns the command's later digest from a copy.
     let tried = open(&twin.path().join("store"));
     tried.commit(transaction("known")).unwrap();
     drop(tried);
@@ -69,7 +69,7 @@ fn a_receipt_without_records_swallows_and_refuses_nothing() {
     for id in ["known", "refused"] {
         let done = store.commit(transaction(id)).unwrap();
         assert!(done.first_seq > seq, "{id} was swallowed: {done:?}");
-        // Sent again it is answered.
+        // A second send gets the answer.
         assert_eq!(store.commit(transaction(id)).unwrap(), done);
     }
     drop(store);
@@ -77,7 +77,7 @@ fn a_receipt_without_records_swallows_and_refuses_nothing() {
     assert_ne!(command_id("engine").unwrap(), command_id("engine").unwrap());
 }
 
-/// A view whose rows have no end is refused before one of them is asked for; otherwise this never ends.
+/// A view with endless rows is refused before its first row is read; otherwise this never ends.
 #[test]
 fn a_view_in_place_of_a_table_is_never_read() {
     const ENDLESS: &str =
@@ -106,7 +106,7 @@ fn a_view_in_place_of_a_table_is_never_read() {
         assert!(Store::open(folder.path()).is_err(), "{table}");
         assert!(verify(&path, None).is_err(), "{table}");
         assert!(Views::open_checked(&path).is_err(), "{table}");
-        // The store's id stands in its checkpoints, too; the chain stands nowhere else.
+        // The store's id is also in its checkpoints; the chain is nowhere else.
         let rebuilt = rebuild(folder.path(), UnsignedRecords::Refuse, "{}", 0);
         assert_eq!(rebuilt.is_ok(), table == "meta", "{table}: {rebuilt:?}");
         if rebuilt.is_ok() {
@@ -115,7 +115,7 @@ fn a_view_in_place_of_a_table_is_never_read() {
     }
 }
 
-/// Names that are not a checkpoint's to the letter are neither counted nor removed, however many there are.
+/// Files without exactly a checkpoint's name are neither counted nor removed, however many there are.
 #[test]
 fn foreign_files_among_the_checkpoints_push_none_out() {
     let folder = tempfile::tempdir().unwrap();
@@ -146,14 +146,14 @@ fn foreign_files_among_the_checkpoints_push_none_out() {
         assert!(there.contains(name), "{name} was removed");
     }
     drop(open(folder.path()));
-    // One that has a checkpoint's name and is none is named, with what to do.
+    // An invalid file with a checkpoint's name is named, with a remedy.
     fs::write(checkpoints.join("000000000099.json"), "{}").unwrap();
     let refused = Store::open(folder.path()).unwrap_err();
     assert!(refused.to_string().contains("000000000099.json"), "{refused}");
     assert!(refused.hint().unwrap().contains("move it elsewhere"), "{:?}", refused.hint());
 }
 
-/// Where the chain ends stands in the chain and under its signature: a row that says otherwise is mended.
+/// The end of the chain is in the chain and under its signature: a row that differs is repaired.
 #[test]
 fn a_wrong_end_is_mended_from_the_chain() {
     for sql in
@@ -182,7 +182,7 @@ fn a_journal_beside_a_database_with_a_log_is_named() {
     drop(open(folder.path()));
 }
 
-/// Only what has the name to the letter, and is there, is said to have been put aside.
+/// Only an existing file with exactly such a name is reported as quarantined.
 #[test]
 fn names_like_those_of_telemetry_put_aside_stop_no_start() {
     let folder = tempfile::tempdir().unwrap();
@@ -199,7 +199,7 @@ fn names_like_those_of_telemetry_put_aside_stop_no_start() {
     assert_eq!(format!("{before:?}"), format!("{after:?}"), "something went on record");
 }
 
-/// A link in the place of a folder that is copied leads to nothing that a copy has: keys, for one.
+/// A link in place of a copied folder adds nothing to the copy, such as keys.
 #[test]
 fn a_copy_follows_no_link() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,9 +1,8 @@
-//! Power cuts: what a store did to its disk is recorded once, and the power goes at any moment of it, thousands of times.
-//! Whatever the disk had not been told to force may be lost, in any order and torn; nothing acknowledged is, and the
-//! store opens.
+//! Power cuts: a store's disk operations are recorded once, and the power fails at thousands of moments. Unflushed data
+//! may be lost, in any order and torn; acknowledged data is kept, and the store opens.
 //!
-//! `HOLDPOINT_POWER_CUTS` is how many of each life (60), `HOLDPOINT_POWER_SEED` the seed (1). Each life is also ended at
-//! moments at which nothing is lost, as `kill -9` ends it: `HOLDPOINT_REPLAYED_KILLS` of them (20).
+//! `HOLDPOINT_POWER_CUTS` is the number for each life (60), `HOLDPOINT_POWER_SEED` the seed (1). Each life also ends at
+//! moments without any loss, as after `kill -9`: `HOLDPOINT_REPLAYED_KILLS` of them (20).
 
 use std::path::Path;
 use std::process::Command;
@@ -19,10 +18,11 @@ use crate::released::schema_1;
 use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_POWER_CHILD";
-/// After everything that the stores here have on record, virtual time.
+/// After all records of the stores here, virtual time.
 const LATER_MS: u64 = 1_000_000_000;
 
-/// Three engines, one after the other, each with activations, rollbacks, telemetry and kept cells; says what it keeps.
+/// Three engines, one after the other, each with activations, rollbacks, telemetry and cached results; prints its
+/// acknowledgments.
 fn life(folder: &Path) {
     for engine in 0..3 {
         let store = Store::open(folder).unwrap();
@@ -60,7 +60,7 @@ fn recorded(test: &str, folder: &Path) -> Option<Trace> {
     Trace::record(folder, &mut child, acknowledged)
 }
 
-/// Ends a recorded life in every way asked for, and looks at what is left; `check` gets what had been acknowledged.
+/// Ends a recorded life in every requested way, and checks the rest; `check` gets the acknowledged record.
 fn ended(name: &str, trace: &Trace, check: impl Fn(&Path, u64, &str)) {
     let seed = number("HOLDPOINT_POWER_SEED", 1);
     for (loss, cases) in [
@@ -79,7 +79,7 @@ fn ended(name: &str, trace: &Trace, check: impl Fn(&Path, u64, &str)) {
     }
 }
 
-/// Nothing acknowledged is lost, everything holds, and the next engine works in it and can be followed by another.
+/// Acknowledged data is kept, the invariants hold, and the next engine runs on it and can be followed by another.
 fn goes_on(folder: &Path, acknowledged: u64, when: &str) {
     let store =
         unless_in_use(|| Store::open(folder)).unwrap_or_else(|error| panic!("{when}: bricked: {error}"));
@@ -109,7 +109,7 @@ fn a_power_cut_at_any_moment_loses_nothing_acknowledged() {
     let Some(trace) = recorded(test, folder.path()) else { return };
     assert!(trace.acknowledged(trace.moments() - 1) > 80 && trace.moments() > 800, "{}", trace.moments());
     ended("a life", &trace, goes_on);
-    // The check can fail: where a disk forces nothing, it does.
+    // The check can fail: it does on a disk that flushes nothing.
     let lost = (0..40).filter(|case| {
         let mut random = Random::of_run(1, *case);
         let moment = random.below(trace.moments());

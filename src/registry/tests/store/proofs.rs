@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::keyfile;
-use holdpoint_registry::{Checkpoint, Proof, kept_head, prove_consistency, prove_record, verify};
+use holdpoint_registry::{Checkpoint, Proof, prove_consistency, prove_record, stored_head, verify};
 
 use crate::edits::{made, quick_folder};
 use crate::released::schema_1;
@@ -23,7 +23,7 @@ pub fn heads(folder: &Path) -> Vec<(PathBuf, Checkpoint)> {
     all.into_iter().map(|path| (path.clone(), Checkpoint::read(&path).unwrap())).collect()
 }
 
-/// Every byte of a proof, changed in several ways, makes it none or makes it false.
+/// Every byte of a proof, changed in several ways, makes it invalid or false.
 fn every_byte_counts(proof: &Proof, key: &VerifyingKey) {
     let text = proof.text().unwrap();
     let holds = |text: &str| Proof::parse(text).is_ok_and(|proof| proof.check(key).is_ok());
@@ -80,17 +80,17 @@ fn the_chain_is_shown_to_go_on_from_each_of_its_heads() {
     let kept = heads(folder.path());
     assert!(kept.len() >= 3);
     for (_, head) in &kept {
-        assert_eq!(kept_head(folder.path(), head.seq).unwrap(), *head);
+        assert_eq!(stored_head(folder.path(), head.seq).unwrap(), *head);
         let proof = prove_consistency(&database, head).unwrap();
         proof.check(&key).unwrap();
         assert_eq!(proof.heads()[0], head);
     }
     every_byte_counts(&prove_consistency(&database, &kept[0].1).unwrap(), &key);
-    let said = kept_head(folder.path(), kept[0].1.seq + 1).unwrap_err().to_string();
+    let said = stored_head(folder.path(), kept[0].1.seq + 1).unwrap_err().to_string();
     assert!(said.contains("the nearest"), "{said}");
     let said = prove_consistency(&database, &heads(other.path())[0].1).unwrap_err().to_string();
     assert!(said.contains("belongs to the store"), "{said}");
-    // Put back to where it was before, and gone on otherwise.
+    // Restored to an earlier state, and continued differently.
     let before = fs::read(&database).unwrap();
     let store = open(folder.path());
     shadowed(&store, "place@1.2.0");
@@ -121,7 +121,7 @@ fn a_store_of_an_earlier_version_has_none_before_an_engine_signed_its_tree() {
     assert!(proof.text().unwrap().len() < 64 << 10);
     let said = prove_consistency(&database, &earlier).unwrap_err().to_string();
     assert!(said.contains("without a tree"), "{said}");
-    // That end names the checkpoints before it: each is missed from then on.
+    // That end names the checkpoints before it: each is expected from then on.
     for (file, _) in heads(&store) {
         let text = fs::read(&file).unwrap();
         fs::remove_file(&file).unwrap();
@@ -139,10 +139,10 @@ fn nothing_is_forged_behind_a_checkpoint_of_an_earlier_version() {
     let folder = tempfile::tempdir().unwrap();
     let store = schema_1(folder.path());
     let kept = heads(&store);
-    // Cut back to a checkpoint that followed from nothing, and the records after it left as if nobody had to sign them.
+    // Cut back to an unlinked checkpoint, with the records after it left unsigned.
     let (newest, _) = kept.last().unwrap();
     fs::remove_file(newest).unwrap();
     let said = unless_in_use(|| holdpoint_registry::Store::open(&store)).map(drop).unwrap_err().to_string();
-    assert!(said.contains("nobody signed the records after"), "{said}");
+    assert!(said.contains("no signature covers the records after"), "{said}");
     verify(&store.join("holdpoint.db"), None).unwrap_err();
 }

@@ -1,7 +1,7 @@
-//! What happens at once, and clocks that jump: of several decisions on one version exactly one counts, and nothing that is
-//! decided rests on the wall clock.
+//! Concurrent decisions, and clocks that jump: of several decisions on one version exactly one counts, and no decision
+//! depends on the wall clock.
 //!
-//! `HOLDPOINT_RACES` is how many races (25), `HOLDPOINT_RACES_SEED` the seed (1).
+//! `HOLDPOINT_RACES` is the number of races (25), `HOLDPOINT_RACES_SEED` the seed (1).
 
 use std::sync::Barrier;
 
@@ -24,17 +24,17 @@ fn state(store: &Store, version: &str) -> State {
     store.views().unwrap().version(&id(version)).unwrap().unwrap().summary.state
 }
 
-/// What people and the clock may decide of a shadowed version, all at the same moment.
+/// The decisions of people and the clock about a shadowed version, all at the same moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Decision {
-    /// With the one approval there is.
+    /// With the only approval.
     Activate,
     /// With the same approval, by another command.
     ActivateAgain,
     Reject,
     /// As the engine does after a deadline.
     Demote,
-    /// With an approval after its time, which never counts.
+    /// With a late approval, which never counts.
     TooLate,
 }
 
@@ -74,7 +74,7 @@ fn of_decisions_at_once_one_counts() {
     let mut won = [0_u64; Decision::ALL.len()];
     for race in 0..races {
         if race > 0 && race % 100 == 0 {
-            // Nonces of one byte are used up, and a short chain is quicker.
+            // There are too few nonces of one byte, and a short chain is quicker.
             drop(store);
             std::fs::remove_dir_all(folder.path()).unwrap();
             store = open(folder.path());
@@ -91,7 +91,7 @@ fn of_decisions_at_once_one_counts() {
         late.not_after_ms = 0;
         let signed = [approve(&store, &ada, &name, nonces[0]), ada.sign(over(late, &ada)).unwrap()];
         let put = signed.into_iter().map(|signed| Change::PutApproval(Box::new(signed))).collect();
-        // One that has run out may be refused where it is put, or where it is used.
+        // An expired one may be refused when it is stored, or when it is used.
         let _ = commit(&store, &format!("put {race}"), put).or_else(|_| {
             let signed = approve(&store, &ada, &name, nonces[0]);
             commit(&store, &format!("put one {race}"), vec![Change::PutApproval(Box::new(signed))])
@@ -135,8 +135,7 @@ fn of_decisions_at_once_one_counts() {
     println!("races: seed {seed}, {races} races, won by {:?}: {won:?}", Decision::ALL);
 }
 
-/// A wall clock that jumps by any amount changes what is told of times and nothing else; the store's own time never goes
-/// back.
+/// A wall clock that jumps by any amount changes only displayed times; virtual time never goes back.
 #[test]
 fn nothing_rests_on_the_wall_clock() {
     let walls = [1_700_000_000_000, -1, 0, i64::MIN, i64::MAX, 1, 4_102_444_800_000];
@@ -159,7 +158,7 @@ fn nothing_rests_on_the_wall_clock() {
             let receipt = store.commit(transaction).unwrap();
             said.push((receipt.last_seq, receipt.row_versions));
         }
-        // Its own time is the other matter: earlier than the last record, nothing is written.
+        // Virtual time differs: a commit before the last record is refused.
         let mut back = transaction("back", 50, vec![new_version("grasp@3.0.0", false)]);
         back.wall_ms = i64::MAX;
         assert!(store.commit(back).unwrap_err().to_string().contains("the clock went back"));

@@ -1,11 +1,11 @@
-//! Tables made anew from the chain: as they were, with the damaged file beside them and a record of it.
+//! Tables rebuilt from the chain: equal to the old ones, with the damaged file beside them and a record of it.
 
 use std::fs;
 use std::path::Path;
 
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{
-    AuditFilter, Rebuilt, Store, StoreError, UnsignedRecords, VersionFilter, Views, rebuild, verify,
+    AuditFilter, RebuildReport, Store, StoreError, UnsignedRecords, VersionFilter, Views, rebuild, verify,
 };
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
@@ -16,10 +16,10 @@ use crate::released::schema_1;
 use crate::support::*;
 
 const BY: &str = "{\"user\":\"ada\"}";
-/// Edits that are mended.
+/// Repaired edits.
 const MENDED: usize = 150;
 
-/// All that is in the tables the chain vouches for.
+/// All contents of the tables that the chain covers.
 fn contents(database: &Path) -> Vec<(String, Vec<Vec<Value>>)> {
     let connection = Connection::open(database).unwrap();
     let tables = [
@@ -40,7 +40,7 @@ fn contents(database: &Path) -> Vec<(String, Vec<Vec<Value>>)> {
         if connection.query_row(there, [table], |row| row.get::<_, u64>(0)).unwrap() == 0 {
             return Vec::new();
         }
-        // The end is signed anew.
+        // The end is signed again.
         let but = if table == "meta" { "WHERE key <> 'signed_end'" } else { "" };
         let mut select = connection.prepare(&format!("SELECT * FROM {table} {but} ORDER BY 1")).unwrap();
         let count = select.column_count();
@@ -56,7 +56,7 @@ fn sql(folder: &Path, text: &str) {
     connection.execute_batch(text).unwrap();
 }
 
-fn mended(folder: &Path) -> Rebuilt {
+fn mended(folder: &Path) -> RebuildReport {
     unless_in_use(|| rebuild(folder, UnsignedRecords::Refuse, BY, 7)).unwrap().unwrap()
 }
 
@@ -82,7 +82,7 @@ fn what_was_edited_is_as_it_was_and_the_rebuild_is_on_record() {
         if let Some(what) = done.filter(|_| at_all) {
             let damaged = fs::read(&database).unwrap();
             match unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)) {
-                // Records may have been cut off behind an end that says there are more.
+                // Records may be missing behind an end that names more.
                 Err(StoreError::Refused { .. }) if table == "audit_head" => {}
                 Err(error) => panic!("{what}: {error}"),
                 Ok(None) => panic!("{what}: nothing was found"),
@@ -120,7 +120,7 @@ fn the_record_says_who_and_what() {
     assert_eq!(
         unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap(),
         None,
-        "there is nothing to mend"
+        "there is nothing to repair"
     );
     sql(folder.path(), "UPDATE version SET permissions = '[1]', author = 'eve' WHERE name = 'grasp@1.1.0'");
     let refused = unless_in_use(|| Store::open(folder.path())).unwrap_err();
@@ -150,7 +150,7 @@ fn the_record_says_who_and_what() {
         assert!(records[0].body.contains(word), "{word}: {}", records[0].body);
     }
     drop(views);
-    // The store goes on, and another rebuild begins where this one ended.
+    // The store continues, and another rebuild begins where this one ended.
     let store = open(folder.path());
     shadowed(&store, "place@1.2.0");
     let busy = rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7).unwrap_err();
@@ -176,7 +176,7 @@ fn a_chain_that_is_not_whole_is_not_built_upon() {
     assert_eq!(fs::read(folder.path().join("holdpoint.db")).unwrap(), before);
 }
 
-/// Records of the first schema repeat no texts: what the chain cannot tell is lost by name, or refused by name.
+/// Records of the first schema repeat no texts: a text that the chain lacks is lost by name, or refused by name.
 #[test]
 fn a_store_of_schema_1_is_rebuilt_as_far_as_its_records_go() {
     let store = |text: &str| {

@@ -1,13 +1,13 @@
 //! Versions, states, the active pointer, views.
 
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State as S;
+use holdpoint_governance::lifecycle::VersionFlags;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup};
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{
-    ActiveCause, AuditBody, AuditFilter, Change, Interrupted, StoreError, Transaction, VersionFilter,
+    ActiveCause, AuditBody, AuditFilter, Change, InterruptedWork, StoreError, Transaction, VersionFilter,
     check_invariants, verify,
 };
 
@@ -32,7 +32,7 @@ fn a_candidate_comes_replaces_and_goes() {
     let views = store.views().unwrap();
     let detail = views.version(&id("grasp@1.1.0")).unwrap().unwrap();
     assert_eq!(detail.summary.state, S::RolledBack);
-    assert_eq!(detail.summary.flags, Flags::default());
+    assert_eq!(detail.summary.flags, VersionFlags::default());
     assert_eq!(detail.activations.iter().map(|a| a.cause).collect::<Vec<_>>(), [ActivationCause::Gate]);
     let kinds: Vec<_> = detail.evidence.iter().map(|e| e.kind).collect();
     assert_eq!(kinds, [EvidenceKind::Gate, EvidenceKind::Rollback]);
@@ -45,7 +45,7 @@ fn a_candidate_comes_replaces_and_goes() {
     assert!(report.checkpoints >= 3, "{report:?}");
 }
 
-/// What is left out takes no row from what is wanted, in either order and from any place.
+/// The filter takes no row from the result, in either order and from any place.
 #[test]
 fn a_list_of_records_leaves_kinds_out_before_it_counts() {
     let folder = tempfile::tempdir().unwrap();
@@ -91,12 +91,12 @@ fn a_list_of_records_leaves_kinds_out_before_it_counts() {
             }
         }
     }
-    // One kind alone, and left out beside: nothing.
+    // One kind alone, and excluded: nothing.
     let none = AuditFilter { kind: Some(kinds[0]), without: [kinds[0]].into(), ..AuditFilter::default() };
     assert!(views.audit(&none).unwrap().is_empty());
 }
 
-/// What must be refused, each on a store with grasp@1.0.0 active and grasp@1.1.0 shadowed with a gate record.
+/// Refused transactions, each on a store with grasp@1.0.0 active and grasp@1.1.0 shadowed with a gate record.
 #[test]
 fn refused_changes_leave_the_store_as_it_was() {
     let gate = |text: &str, approvals_needed| ActiveCause::Gate { evidence: digest(text), approvals_needed };
@@ -112,7 +112,7 @@ fn refused_changes_leave_the_store_as_it_was() {
     let both = |last: Change| vec![old_out(), new_in(), last];
     let pin = Some("grasp@1.0.0");
     let new = Some("grasp@1.1.0");
-    let flags = Flags { provisional: true, ..Flags::default() };
+    let flags = VersionFlags { provisional: true, ..VersionFlags::default() };
     let long = "x".repeat(5000);
     let note = |kind: RecordKind, body: &str| {
         let audit = vec![AuditBody { kind, subject: String::new(), body: body.into() }];
@@ -156,7 +156,7 @@ fn refused_changes_leave_the_store_as_it_was() {
             "restored",
         ),
         (
-            "re-arm while active",
+            "reactivate while active",
             transaction("t", 1, both(set_active(new, pin, ActiveCause::Rearm))),
             "stopped",
         ),
@@ -340,7 +340,7 @@ fn a_retry_returns_the_first_receipt() {
     assert_eq!(store.views().unwrap().head().unwrap().seq, first.last_seq);
 }
 
-/// But for who decides: keys and signatures are drawn fresh.
+/// Except for approvers: keys and signatures are random.
 #[test]
 fn equal_runs_give_equal_chains() {
     let run = |wall_ms: i64| -> Digest {
@@ -402,8 +402,11 @@ fn what_was_interrupted_is_listed() {
         &store,
         "f",
         vec![
-            running("grasp@1.2.0", Flags { running: Some(stage), ..Flags::default() }),
-            running("grasp@1.1.0", Flags { provisional: true, rollback_pending: true, ..Flags::default() }),
+            running("grasp@1.2.0", VersionFlags { running: Some(stage), ..VersionFlags::default() }),
+            running(
+                "grasp@1.1.0",
+                VersionFlags { provisional: true, rollback_pending: true, ..VersionFlags::default() },
+            ),
         ],
     )
     .unwrap();
@@ -412,9 +415,9 @@ fn what_was_interrupted_is_listed() {
     assert_eq!(
         found,
         [
-            Interrupted::RollbackPending { version: id("grasp@1.1.0") },
-            Interrupted::Provisional { version: id("grasp@1.1.0") },
-            Interrupted::Stage { version: id("grasp@1.2.0"), stage },
+            InterruptedWork::RollbackPending { version: id("grasp@1.1.0") },
+            InterruptedWork::Provisional { version: id("grasp@1.1.0") },
+            InterruptedWork::Stage { version: id("grasp@1.2.0"), stage },
         ]
     );
 }

@@ -1,4 +1,4 @@
-//! Stores of released schemas: read as they are, brought to the newest schema, and as sound afterwards.
+//! Stores of released schemas: read unchanged, migrated to the newest schema, and still sound.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -9,7 +9,7 @@ use rusqlite::Connection;
 
 use crate::support::*;
 
-/// A copy of the store of schema 1, as a released program left it.
+/// A copy of the store of schema 1, made by a released program.
 pub fn schema_1(folder: &Path) -> PathBuf {
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/store-4831bf5/store");
     let to = folder.join("store");
@@ -51,7 +51,7 @@ fn schema_1_is_read_as_it_is_and_migrated_by_its_first_writer() {
     let opened = open(&store);
     assert_eq!(opened.opening().head.hash, before.head);
     assert_eq!(opened.views().unwrap().pointer_robots().unwrap(), [], "no record says with which robot");
-    // The rows are those their records speak of; what comes after names its robot.
+    // The rows match their records; later ones name their robot.
     assert_eq!(verify(&database, None).unwrap(), before);
     drop(opened);
     assert_eq!(schema(&database), 4);
@@ -59,7 +59,7 @@ fn schema_1_is_read_as_it_is_and_migrated_by_its_first_writer() {
     assert_eq!(verify(&database, None).unwrap(), before);
 }
 
-/// Schema 2 knew no persons: nobody is enrolled by the migration, whatever keys lie there.
+/// Schema 2 had no persons: the migration enrolls no one, whatever keys are there.
 #[test]
 fn schema_2_gets_its_first_administrator_and_trusts_nobody_else() {
     let folder = tempfile::tempdir().unwrap();

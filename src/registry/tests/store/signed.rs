@@ -1,4 +1,4 @@
-//! Checkpoints as a chain of their own, and the end that every transaction signs.
+//! Checkpoints as a linked list, and the end that every transaction signs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ fn sql(folder: &Path, text: &str) {
     Connection::open(folder.join("holdpoint.db")).unwrap().execute_batch(text).unwrap();
 }
 
-/// What a start says, which leaves the store as it is.
+/// The error of a start, which leaves the store unchanged.
 fn refused(folder: &Path) -> String {
     let before = fs::read(folder.join("holdpoint.db")).unwrap();
     let error = unless_in_use(|| Store::open(folder)).map(drop).unwrap_err();
@@ -62,10 +62,10 @@ fn a_chain_written_anew_is_refused_without_its_checkpoints() {
     Views::open_checked(&folder.path().join("holdpoint.db")).unwrap_err();
     let error = rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7).unwrap_err().to_string();
     assert!(error.contains("history was rewritten"), "{error}");
-    // Nor without what the database says of the signed end.
+    // Nor without the signed end in the database.
     sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
-    assert!(refused(folder.path()).contains("nobody signed"));
-    assert!(not_sound(folder.path()).contains("nobody signed"));
+    assert!(refused(folder.path()).contains("no signature covers"));
+    assert!(not_sound(folder.path()).contains("no signature covers"));
     Views::open_checked(&folder.path().join("holdpoint.db")).unwrap_err();
 }
 
@@ -86,10 +86,10 @@ fn the_end_is_signed_by_this_store_for_this_chain() {
     forged.at_ms += 1;
     put(&serde_json::to_string(&forged).unwrap());
     assert!(refused(folder.path()).contains("was not signed by this store"));
-    // An earlier end does not sign what came after it.
+    // An earlier end does not sign later records.
     let earlier = fs::read_to_string(&files(folder.path())[1]).unwrap();
     put(&earlier);
-    assert!(refused(folder.path()).contains("nobody signed the records after"));
+    assert!(refused(folder.path()).contains("no signature covers the records after"));
     put(&whole);
     drop(open(folder.path()));
 }
@@ -110,7 +110,7 @@ fn a_checkpoint_that_is_missing_is_missed() {
         put_back();
         drop(open(folder.path()));
     }
-    // One put in the place of another.
+    // One in place of another.
     fs::write(&all[1], &texts[2]).unwrap();
     assert!(refused(folder.path()).contains("it is of record"));
     put_back();
@@ -145,7 +145,7 @@ fn a_rebuild_goes_on_without_them_and_says_so() {
     drop(open(folder.path()));
     verify(&database, None).unwrap();
 
-    // Where nothing speaks for the records at the end, it says how many.
+    // If no signature covers the records at the end, the error has their number.
     let records = verify(&database, None).unwrap().records;
     let before = Checkpoint::read(&files(folder.path())[2]).unwrap().seq;
     for file in &files(folder.path())[3..] {
@@ -154,7 +154,7 @@ fn a_rebuild_goes_on_without_them_and_says_so() {
     sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
     refused(folder.path());
     let unasked = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap_err();
-    let named = format!("nobody signed the records {} to {records} (", before + 1);
+    let named = format!("no signature covers the records {} to {records} (", before + 1);
     assert!(unasked.to_string().contains(&named), "{unasked}");
     assert!(unasked.hint().unwrap().contains("--take-unsigned"));
     refused(folder.path());
@@ -181,22 +181,22 @@ fn a_store_with_checkpoints_of_an_earlier_version_goes_on_from_them() {
     assert_eq!(link.previous, Checkpoint::read(earlier.last().unwrap()).unwrap().digest());
     drop(open(&store));
     verify(&store.join("holdpoint.db"), None).unwrap();
-    // The last of them is missed from then on.
+    // The last of them is expected from then on.
     fs::remove_file(earlier.last().unwrap()).unwrap();
     assert!(refused(&store).contains("does not follow"));
     assert!(not_sound(&store).contains("does not follow"));
 
-    // A store of an earlier version whose checkpoints were removed is not signed by anybody.
+    // A store of an earlier version with removed checkpoints is unsigned.
     let folder = tempfile::tempdir().unwrap();
     let store = schema_1(folder.path());
     for file in files(&store) {
         fs::remove_file(file).unwrap();
     }
-    assert!(refused(&store).contains("nobody signed"));
+    assert!(refused(&store).contains("no signature covers"));
     not_sound(&store);
 }
 
-/// Whoever cannot read the store's key and puts one of their own in its place has made another store.
+/// An attacker who replaces the unreadable key of the store by another one has made another store.
 #[test]
 fn a_key_in_place_of_the_stores_is_refused() {
     let folder = quick_folder();
@@ -211,7 +211,7 @@ fn a_key_in_place_of_the_stores_is_refused() {
     assert!(theirs.contains("store.pub") && theirs.contains("secret key store.key"), "{theirs}");
     fs::remove_file(keys.join("store.pub")).unwrap();
     keyfile::write_public(&keys.join("store.pub"), &own.verifying_key(), "").unwrap();
-    // Everything that the store signed, signed anew.
+    // Signs everything of the store again.
     for file in files(folder.path()) {
         let old = Checkpoint::read(&file).unwrap();
         let head = holdpoint_registry::Head { seq: old.seq, hash: old.head, at_ms: old.at_ms };
@@ -233,7 +233,7 @@ fn a_key_in_place_of_the_stores_is_refused() {
     assert!(verify(&database, Some(&ours)).is_err());
 }
 
-/// A stop that was answered was forgotten with the database's log: the end of the chain is signed right after it.
+/// An answered stop was once lost with the database's log: the end of the chain is signed right after it.
 #[test]
 fn the_end_of_the_chain_is_signed_right_after_a_stop_and_not_after_everything() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Exports that say what a sound one says, in other letters or with signatures that only some would take: neither verifier
-//! takes one.
+//! Exports with the content of a sound one, in another notation or with signatures that only some verifiers accept:
+//! neither verifier accepts one.
 
 use std::fs;
 use std::path::Path;
@@ -25,7 +25,7 @@ fn text(text: &str) -> Node {
     Node::Text(text.to_owned())
 }
 
-/// The values of an object without their names: what serde takes for a struct as well.
+/// The values of an object without their names: serde accepts that for a struct as well.
 fn list_of(node: &mut Node) {
     if let Node::Object(fields) = node {
         *node = Node::List(fields.drain(..).map(|(_, value)| value).collect());
@@ -36,7 +36,7 @@ fn written(lines: &[Node]) -> String {
     lines.iter().map(|line| line.written(Letters::Ascii) + "\n").collect()
 }
 
-/// Edits something, if it is what the edit is about.
+/// Edits a node if the edit applies to it.
 type Edit<'a> = &'a dyn Fn(&mut Node) -> Option<()>;
 
 /// Edits the body of the first record of a kind.
@@ -189,20 +189,21 @@ fn other_bytes_are_taken_by_neither() {
 }
 
 /// A key of mixed order and its signature over the first approval of the released store, for which the digest of the
-/// signature is a multiple of eight: who does not look at the key's order takes it, with OpenSSL as with dalek.
+/// signature is a multiple of eight. A verifier that skips the check of the key's order accepts it, with OpenSSL as
+/// with dalek.
 const MIXED: (&str, &str) = (
     "b392281631eb3c35c09b37c6803a41e4f7898c72ed48783796d90492d0e4ea62",
     "fa42cb126aad8e268eec40aeb06c908831c98b28ed7f565166a265a57cacda28\
      cae31e3ac35270c0ccabe9bcd3683f951eb41632b351524648d3def830c86501",
 );
-/// A key of small order and a signature that it makes over anything.
+/// A key of small order with its signature over any text.
 const SMALL: (&str, &str) = (
     "0100000000000000000000000000000000000000000000000000000000000000",
     "0100000000000000000000000000000000000000000000000000000000000000\
      0000000000000000000000000000000000000000000000000000000000000000",
 );
 
-/// The released store, whose approvals are by nobody who is on record: whoever has an editor signs them anew.
+/// The released store, whose approvals have no person on record: an attacker with an editor signs them again.
 fn released(root: &Path, file: &Path) -> (Vec<Node>, Keys) {
     let store = schema_1(root);
     let opened = open(&store);
@@ -227,7 +228,7 @@ fn signatures_by_a_key_of_small_or_mixed_order_are_taken_by_neither() {
         let said = both(&file).unwrap_err();
         assert!(said.contains("its signature does not match the decision"), "{said}");
     }
-    // The one is a signature for who looks at nothing but the equation.
+    // The equation alone accepts the first signature.
     let bytes = |digits: &str| holdpoint_approvals::keyfile::unhex::<32>(digits).unwrap();
     let mixed = ed25519_dalek::VerifyingKey::from_bytes(&bytes(MIXED.0)).unwrap();
     assert!(!mixed.is_weak() && !mixed.to_edwards().is_torsion_free());
@@ -252,25 +253,25 @@ fn an_approval_says_what_its_record_says_and_nothing_foreign() {
     let long = "a".repeat(4097);
     for (field, value, expected) in [
         ("role", text("captain"), "line "),
-        ("role", text("safety"), "not what its record tells"),
+        ("role", text("safety"), "differs from its record"),
         ("decision", text("maybe"), "line "),
         ("profile", text("lab"), "line "),
-        ("profile", text("real"), "not what its record tells"),
+        ("profile", text("real"), "differs from its record"),
         ("version", text("align"), "line "),
         ("version", text("align@1.2"), "line "),
         ("version", text("align@01.2.0"), "line "),
         ("version", text("align@1.2.0-01"), "line "),
         ("version", text("Align@1.2.0"), "line "),
         ("version", text("align@1.2.18446744073709551616"), "line "),
-        ("version", text("align@9.9.9"), "not what its record tells"),
-        ("who", text("eve"), "not what its record tells"),
-        ("reason", text("another"), "not what its record tells"),
+        ("version", text("align@9.9.9"), "differs from its record"),
+        ("who", text("eve"), "differs from its record"),
+        ("reason", text("another"), "differs from its record"),
         ("reason", text(&long), "does not match the decision"),
-        ("row_version", raw("9"), "not what its record tells"),
-        ("not_after_ms", raw("18446744073709551615"), "not what its record tells"),
-        ("nonce", text("0123456789abcdef0123456789abcdef"), "no record speaks of it"),
+        ("row_version", raw("9"), "differs from its record"),
+        ("not_after_ms", raw("18446744073709551615"), "differs from its record"),
+        ("nonce", text("0123456789abcdef0123456789abcdef"), "no record names it"),
         ("nonce", text("ABCDEF0123456789abcdef0123456789"), "line "),
-        ("evidence_digest", text(&"0".repeat(64)), "not what its record tells"),
+        ("evidence_digest", text(&"0".repeat(64)), "differs from its record"),
     ] {
         let mut lines = lines.clone();
         let approval = lines.iter_mut().find_map(|line| line.at_mut(&["approval", "approval"])).unwrap();
@@ -282,7 +283,7 @@ fn an_approval_says_what_its_record_says_and_nothing_foreign() {
     }
 }
 
-/// Address space that Python gets, KiB: a fraction of what the files below have.
+/// Python's address space, KiB: a fraction of the size of the files below.
 const PYTHON_KIB: u64 = 700 * 1024;
 
 #[test]

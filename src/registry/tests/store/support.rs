@@ -4,18 +4,18 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use holdpoint_approvals::{
-    Approval, Identity, IdentityInfo, Nonce, ShownQuestion, SignedApproval, SignedProfileAct, facts_digest,
+    Approval, DisplayBinding, Identity, IdentityInfo, Nonce, SignedApproval, SignedProfileAct, facts_digest,
     lines_digest,
 };
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
-use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_governance::loosened::{Loosened, Settings};
+use holdpoint_governance::lifecycle::VersionFlags;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile_downgrade::{DowngradedField, ProfileSettings};
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::names::{EvidenceKind, RequestState};
+use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{
     ActiveCause, ApprovalRequest, AuditBody, Change, ContextRules, NewVersion, Receipt, Store, StoreError,
     Transaction, allow_profile,
@@ -83,9 +83,9 @@ pub fn context(profile: ProfileName) -> Change {
     context_of(profile, profile.name(), &[])
 }
 
-/// The profile with rules of this name, in which these fields are looser.
+/// The profile with rules of this name, in which these fields are less strict.
 pub fn context_of(profile: ProfileName, rules: &str, looser: &[&str]) -> Change {
-    let loosened = looser.iter().map(|field| Loosened {
+    let loosened = looser.iter().map(|field| DowngradedField {
         before: "1".into(),
         field: (*field).into(),
         now: "3".into(),
@@ -99,12 +99,12 @@ pub fn context_of(profile: ProfileName, rules: &str, looser: &[&str]) -> Change 
             digest: digest(rules),
             loosened: loosened.collect(),
             scripted: false,
-            settings: Settings::from([("name".into(), profile.name().into())]),
+            settings: ProfileSettings::from([("name".into(), profile.name().into())]),
         })),
     }
 }
 
-/// Somebody signs, over the end of the chain as it is, that a profile may come into force.
+/// A person signs, over the present end of the chain, that a profile may come into force.
 pub fn sign_profile(store: &Store, who: &Identity, next: &Change) -> (ProfileName, SignedProfileAct) {
     let Change::SetContext { profile, rules: Some(rules), .. } = next else { panic!("{next:?}") };
     let views = store.views().unwrap();
@@ -189,7 +189,10 @@ pub fn activation(name: &str, old: (&str, u64), approvals_needed: u32) -> Vec<Ch
             cause: ActiveCause::Gate { evidence: digest(&format!("gate {name}")), approvals_needed },
             robot: Some(ROBOT.into()),
         },
-        Change::SetFlags { version: id(name), flags: Flags { provisional: true, ..Flags::default() } },
+        Change::SetFlags {
+            version: id(name),
+            flags: VersionFlags { provisional: true, ..VersionFlags::default() },
+        },
     ]
 }
 
@@ -209,7 +212,7 @@ pub fn rollback(name: (&str, u64), old: (&str, u64)) -> Vec<Change> {
     ]
 }
 
-/// Someone who may decide; whoever is there already is taken as they are.
+/// A person who may decide; an existing one is used unchanged.
 pub fn person(store: &Store, name: &str) -> Identity {
     let folder = store.layout().identities();
     let who = Identity::load(&folder, name)
@@ -218,7 +221,7 @@ pub fn person(store: &Store, name: &str) -> Identity {
     who
 }
 
-/// Enrols somebody by the store's first administrator, unless they are.
+/// The store's first administrator enrolls a person, unless enrolled.
 pub fn enrol(store: &Store, who: &Identity) {
     store.first_administrator(0).unwrap();
     let persons = store.persons().unwrap();
@@ -231,7 +234,7 @@ pub fn enrol(store: &Store, who: &Identity) {
     }
 }
 
-/// Revokes somebody by the store's first administrator.
+/// The store's first administrator revokes a person.
 pub fn revoke(store: &Store, name: &str) {
     let persons = store.persons().unwrap();
     let act = persons.revocation(persons.named(name).unwrap(), &administrator(store), "a test").unwrap();
@@ -242,20 +245,20 @@ pub fn revoke(store: &Store, name: &str) {
 
 /// The store's first administrator, with the key.
 pub fn administrator(store: &Store) -> Identity {
-    store.persons().unwrap().unasked(&store.layout().identities()).unwrap()
+    store.persons().unwrap().unprotected_administrator(&store.layout().identities()).unwrap()
 }
 
-/// An approval of the shadowed `name` on its gate record, good for 1000 ms from [`WALL_MS`] on.
+/// An approval of the shadowed `name` on its gate record, valid for 1000 ms from [`WALL_MS`] on.
 pub fn approve(store: &Store, who: &Identity, name: &str, nonce: u8) -> SignedApproval {
     who.sign(over(approval(store, name, nonce), who)).unwrap()
 }
 
-/// An approval over what [`shown`] has of it.
+/// An approval over the lines and facts of [`shown`].
 pub fn over(approval: Approval, who: &Identity) -> Approval {
     let IdentityInfo { name, role, .. } = who.info().clone();
     let said = Approval { who: name, role, ..approval };
     let (lines, facts) = shown(&said);
-    let shown = said.shown.clone().map(|shown| ShownQuestion {
+    let shown = said.shown.clone().map(|shown| DisplayBinding {
         lines: lines_digest(&lines),
         facts: facts_digest(&facts),
         ..shown
@@ -263,7 +266,7 @@ pub fn over(approval: Approval, who: &Identity) -> Approval {
     Approval { shown, ..said }
 }
 
-/// The lines and facts of the question that an approval answers.
+/// The lines and facts of the request that an approval answers.
 pub fn shown(said: &Approval) -> (Vec<String>, String) {
     let facts = serde_json::json!({
         "asked": { "name": said.who, "role": said.role },
@@ -280,7 +283,7 @@ pub fn shown(said: &Approval) -> (Vec<String>, String) {
     (vec![format!("Promote {}?", said.version)], canonical_json(&facts).unwrap())
 }
 
-/// What goes on record before and beside an approval: the question, and what was shown of it.
+/// The records before and beside an approval: the request, and its displayed text.
 fn with_shown(changes: &[Change]) -> (Vec<Change>, Vec<AuditBody>) {
     let (mut asked, mut records) = (Vec::new(), Vec::new());
     for change in changes {
@@ -317,7 +320,7 @@ pub fn approval(store: &Store, name: &str, nonce: u8) -> Approval {
     Approval {
         who: String::new(),
         role: Role::Operator,
-        decision: Answer::Approve,
+        decision: ApprovalDecision::Approve,
         reason: "seen".into(),
         version: id(name),
         candidate_digest: digest(&format!("candidate {name}")),
@@ -329,7 +332,7 @@ pub fn approval(store: &Store, name: &str, nonce: u8) -> Approval {
         nonce: Nonce::from_bytes([nonce; 16]),
         not_after_ms: WALL_MS.unsigned_abs() + 1000,
         break_glass: false,
-        shown: Some(ShownQuestion {
+        shown: Some(DisplayBinding {
             renderer: 1,
             lines: digest("lines"),
             facts: digest("facts"),
@@ -348,13 +351,13 @@ pub fn consume(name: &str, nonce: u8) -> Change {
     }
 }
 
-/// Opens a store that nobody has. A test beside this one may just be starting a child, which holds this process's
-/// descriptors, a lock that was given back with them, until it becomes another program; that is waited for.
+/// Opens a free store. A parallel test may be starting a child, which inherits this process's descriptors and a
+/// released lock until it runs its program; this function waits for that.
 pub fn open(folder: &Path) -> Store {
     unless_in_use(|| Store::open(folder)).unwrap()
 }
 
-/// Does what needs a store that nobody has, as [`open`] waits for it.
+/// Runs work that needs a free store, waiting as [`open`] does.
 pub fn unless_in_use<T>(mut work: impl FnMut() -> Result<T, StoreError>) -> Result<T, StoreError> {
     let until = Instant::now() + Duration::from_mins(1);
     loop {
@@ -365,18 +368,18 @@ pub fn unless_in_use<T>(mut work: impl FnMut() -> Result<T, StoreError>) -> Resu
     }
 }
 
-/// The store's first administrator with the same key, as it signs once it has a passphrase.
+/// The store's first administrator with the same key, as it signs with a passphrase.
 pub fn guarded_administrator(store: &Store) -> Identity {
-    use holdpoint_approvals::keyfile::Keep;
+    use holdpoint_approvals::keyfile::KeyEncoding;
     let (folder, plain) = (store.layout().identities(), administrator(store));
     let words = holdpoint_approvals::Passphrase::new("under the oak".to_owned().into()).unwrap();
-    plain.keep(&folder, Keep::Sealed(&words, holdpoint_approvals::Cost::LEAST)).unwrap();
+    plain.keep(&folder, KeyEncoding::Sealed(&words, holdpoint_approvals::KdfCost::LEAST)).unwrap();
     let guarded = Identity::open(&folder, &plain.info().name).unwrap().unlock(Some(&words)).unwrap();
-    plain.keep(&folder, Keep::Plain).unwrap();
+    plain.keep(&folder, KeyEncoding::Plain).unwrap();
     guarded
 }
 
-/// Has somebody confirmed by the store's first administrator.
+/// The store's first administrator verifies a person.
 pub fn confirm(store: &Store, name: &str) {
     let persons = store.persons().unwrap();
     let by = guarded_administrator(store);

@@ -1,6 +1,8 @@
-//! Telemetry batches, their seals, retention, and kept cells.
+//! Telemetry batches, their seals, retention, and cached results.
 
-use holdpoint_registry::{Batch, Change, EpisodeKey, Found, Store, TelemetryLimits, VerifyError, verify};
+use holdpoint_registry::{
+    Batch, CacheLookup, Change, EpisodeKey, Store, TelemetryLimits, VerifyError, verify,
+};
 use rusqlite::Connection;
 
 use crate::support::*;
@@ -46,7 +48,7 @@ fn sealed_batches_are_vouched_for() {
     std::fs::remove_file(&telemetry).unwrap();
     let error = verify(&database, None).expect_err("the whole file");
     assert!(matches!(error, VerifyError::Telemetry { batch: 1, .. }), "{error}");
-    // A database that was copied away says what it could not look at.
+    // A database that was copied away names the parts that it could not check.
     let copy = tempfile::tempdir().unwrap();
     std::fs::copy(&database, copy.path().join("holdpoint.db")).unwrap();
     assert_eq!(
@@ -55,7 +57,7 @@ fn sealed_batches_are_vouched_for() {
     );
 }
 
-/// What is missing is told once by the next start; from then on it is on record, and nothing else may go.
+/// The next start reports missing batches once; then they are on record, and no others may go missing.
 #[test]
 fn what_is_missing_is_put_on_record_by_the_next_start() {
     let folder = tempfile::tempdir().unwrap();
@@ -77,14 +79,15 @@ fn what_is_missing_is_put_on_record_by_the_next_start() {
     drop(store);
     let report = verify(&database, None).unwrap();
     assert_eq!((report.batches, report.batches_missed, report.batches_pruned), (3, 2, 0));
-    assert_eq!(open(folder.path()).opening().telemetry.missing, 0, "it is told once");
+    assert_eq!(open(folder.path()).opening().telemetry.missing, 0, "one report");
     lose("DELETE FROM batch WHERE id = 2");
     let error = verify(&database, None).expect_err("between two that are known to be missing");
     assert!(matches!(error, VerifyError::Telemetry { batch: 2, .. }), "{error}");
     assert_eq!(open(folder.path()).opening().telemetry.missing, 1);
 }
 
-/// What an engine kept and did not live to seal is sealed as found; what is about no version is not this store's.
+/// Batches that an engine stored and did not seal are sealed as found; a batch of an unknown version is not this
+/// store's.
 #[test]
 fn what_nobody_sealed_is_sealed_as_found() {
     let folder = tempfile::tempdir().unwrap();
@@ -103,7 +106,7 @@ fn what_nobody_sealed_is_sealed_as_found() {
     assert_eq!(verify(&store.layout().database(), None).unwrap().batches, 1);
 }
 
-/// Telemetry waits for the next record of any kind, for a full block or for its time, whichever comes first.
+/// Telemetry is pending until the next record of any kind, a full block or its time, whichever comes first.
 #[test]
 fn a_block_is_due_by_count_or_by_time() {
     let folder = tempfile::tempdir().unwrap();
@@ -152,11 +155,11 @@ fn the_oldest_go_first() {
     assert_eq!([0, 1, 2].map(is_there), [true, false, true], "the one longest unused goes");
 }
 
-/// The body that is kept of an episode, and whether this opening of the store worked it.
+/// The cached body of an episode, and whether this opening of the store ran it.
 fn is_kept(store: &Store, seed: u64) -> Option<(Vec<u8>, bool)> {
     match store.cells().get(&key(seed).digest()) {
-        Found::Cell { body, own } => Some((body, own)),
-        Found::Nothing | Found::Refused => None,
+        CacheLookup::Cell { body, own } => Some((body, own)),
+        CacheLookup::Nothing | CacheLookup::Refused => None,
     }
 }
 
@@ -174,13 +177,13 @@ fn a_kept_episode_is_that_one_or_none() {
         EpisodeKey { engine_build: "2".into(), ..key(1) },
     ];
     for other in others {
-        assert_eq!(store.cells().get(&other.digest()), Found::Nothing, "{other:?}");
+        assert_eq!(store.cells().get(&other.digest()), CacheLookup::Nothing, "{other:?}");
     }
     drop(store);
     assert_eq!(is_kept(&open(folder.path()), 1), Some((b"second".to_vec(), false)));
 }
 
-/// What somebody writes who can write the file and does not have the secret.
+/// A write by an attacker with access to the file and without the secret.
 #[test]
 fn an_edited_cell_is_no_cell() {
     for (what, sql) in [
@@ -194,7 +197,7 @@ fn an_edited_cell_is_no_cell() {
         store.cells().put(&key(1).digest(), b"second").unwrap();
         drop(store);
         Connection::open(folder.path().join("telemetry.db")).unwrap().execute_batch(sql).unwrap();
-        assert_eq!(open(folder.path()).cells().get(&key(1).digest()), Found::Refused, "{what}");
+        assert_eq!(open(folder.path()).cells().get(&key(1).digest()), CacheLookup::Refused, "{what}");
     }
 }
 
@@ -213,7 +216,7 @@ fn a_replayed_cell_is_no_cell() {
     connection.execute(swap, [&one]).unwrap();
     connection.execute("UPDATE cell SET key = ?1 WHERE key = ?2", [&one, &two]).unwrap();
     drop(connection);
-    assert_eq!(open(folder.path()).cells().get(&key(1).digest()), Found::Refused);
+    assert_eq!(open(folder.path()).cells().get(&key(1).digest()), CacheLookup::Refused);
 }
 
 #[test]
@@ -221,13 +224,13 @@ fn voided_cells_are_gone_and_new_ones_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     store.cells().put(&key(1).digest(), b"one").unwrap();
-    store.cells().void().unwrap();
+    store.cells().invalidate().unwrap();
     assert_eq!(is_kept(&store, 1), None);
     store.cells().put(&key(2).digest(), b"two").unwrap();
     assert!(is_kept(&store, 2).is_some());
 }
 
-/// Episodes of the schema without codes are no evidence: they go, and batches stay.
+/// Episodes of the schema without MACs are no evidence: they are removed, and batches stay.
 #[test]
 fn episodes_of_an_older_schema_are_no_cells() {
     let folder = tempfile::tempdir().unwrap();
@@ -243,7 +246,7 @@ fn episodes_of_an_older_schema_are_no_cells() {
     older.execute_batch("UPDATE usage SET episode_bytes = 2").unwrap();
     drop(older);
     let store = open(folder.path());
-    assert_eq!(store.cells().get(&key(1).digest()), Found::Nothing);
+    assert_eq!(store.cells().get(&key(1).digest()), CacheLookup::Nothing);
     drop(store);
     let now = Connection::open(&path).unwrap();
     let cells: i64 = now.query_row("SELECT count(*) FROM cell", [], |row| row.get(0)).unwrap();

@@ -1,5 +1,5 @@
-//! JSON as a tree that keeps what a parser would not: the order of fields, fields that are there twice, and the letters of
-//! what is no text; and what somebody with an editor makes of it.
+//! JSON as a tree that keeps details a parser would drop: the order of fields, duplicate fields, and the spelling of
+//! values that are not texts. It also makes the edits of an attacker with an editor.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use crate::edits::Dice;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Node {
-    /// Letter by letter: a number, a word of JSON, or what is neither.
+    /// Verbatim: a number, a keyword of JSON, or anything else.
     Raw(String),
     Text(String),
     List(Vec<Node>),
@@ -135,7 +135,7 @@ impl Node {
         fields.iter_mut().find(|(name, _)| name == first)?.1.at_mut(rest)
     }
 
-    /// Puts something in the place of a field that is there.
+    /// Replaces an existing field.
     pub fn set(&mut self, path: &[&str], value: Self) {
         if let Some(there) = self.at_mut(path) {
             *there = value;
@@ -187,7 +187,7 @@ impl Node {
         self.nth(&mut nth).unwrap()
     }
 
-    /// Puts something in the place of all that is like this, in texts that are JSON themselves, too.
+    /// Replaces every equal node, also in texts that are JSON themselves.
     pub fn replace(&mut self, from: &Self, to: &Self) {
         if self == from {
             *self = to.clone();
@@ -208,7 +208,7 @@ impl Node {
         }
     }
 
-    /// Something in it that is no list and no object, and what somebody makes of it.
+    /// A scalar in it, and an edit of that scalar.
     pub fn an_edit(&mut self, dice: &mut Dice) -> Option<(Self, Self)> {
         let found = self.any(dice).clone();
         match &found {
@@ -219,8 +219,7 @@ impl Node {
         }
     }
 
-    /// Puts another value in the place of one, and leaves it as it is written otherwise; `others` is what it may take from
-    /// elsewhere.
+    /// Replaces a value and keeps the other notation; `others` are values from elsewhere.
     pub fn exchange(&mut self, dice: &mut Dice, others: &[Self]) {
         let mut other = others[dice.roll(others.len())].clone();
         let other = other.any(dice).clone();
@@ -246,7 +245,7 @@ impl Node {
         }
     }
 
-    /// What somebody with an editor makes of it; `others` is what it may take from elsewhere.
+    /// An edit by an attacker; `others` are values from elsewhere.
     pub fn mutate(&mut self, dice: &mut Dice, others: &[Self]) {
         let mut other = others[dice.roll(others.len())].clone();
         let other = other.any(dice).clone();
@@ -303,7 +302,7 @@ impl Node {
     }
 }
 
-/// Fields that are not written where they say nothing.
+/// Fields that are omitted when empty.
 const SAYS_NOTHING: [(&str, &str); 12] = [
     ("gap", "false"),
     ("gap", "true"),
@@ -355,7 +354,7 @@ fn other_word(dice: &mut Dice, text: &str) -> Node {
     }
 }
 
-/// Points of small order and others that are written in another way, by their digits.
+/// Points of small order and others in another notation, by their digits.
 const POINTS: [&str; 8] = [
     "0100000000000000000000000000000000000000000000000000000000000000",
     "0100000000000000000000000000000000000000000000000000000000000080",
@@ -372,7 +371,7 @@ const ORDER: [u8; 32] = [
     0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x10,
 ];
 
-/// The same signature for whoever does not look whether its second half is reduced.
+/// The same signature for a verifier that does not check whether its second half is reduced.
 fn not_reduced(text: &str) -> Option<String> {
     let second: [u8; 32] = holdpoint_approvals::keyfile::unhex(text.get(64..)?)?;
     let (mut carry, mut sum) = (0, String::new());

@@ -1,4 +1,4 @@
-//! The history of a store in one file, and the verifier in Python that judges it as ours does.
+//! The history of a store in one file, and the verifier in Python with the same verdicts as ours.
 
 use std::ffi::OsString;
 use std::fs;
@@ -9,7 +9,7 @@ use holdpoint_approvals::{Identity, SignedWitnessAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{
-    ExportReport, Exporting, UnsignedRecords, VerifyError, add_witness, export_store, is_exported, rebuild,
+    ExportReport, ExportScope, UnsignedRecords, VerifyError, add_witness, export_store, is_exported, rebuild,
     verify, verify_export,
 };
 
@@ -22,13 +22,13 @@ use crate::support::*;
 /// The history of a store in one file.
 pub fn exported(folder: &Path, file: &Path) -> Vec<String> {
     let mut bytes = Vec::new();
-    export_store(&folder.join("holdpoint.db"), Exporting::Signed, Some(&public_key(folder)), &mut bytes)
+    export_store(&folder.join("holdpoint.db"), ExportScope::Signed, Some(&public_key(folder)), &mut bytes)
         .unwrap();
     fs::write(file, &bytes).unwrap();
     String::from_utf8(bytes).unwrap().lines().map(str::to_owned).collect()
 }
 
-/// What the verifier in Python says, `None` where there is no Python with `cryptography`.
+/// The verdict of the verifier in Python, `None` without a Python with `cryptography`.
 pub fn python(file: &Path) -> Option<serde_json::Value> {
     let answers = python_of_all(std::slice::from_ref(&file.to_owned()), None)?;
     answers.into_iter().next()
@@ -40,7 +40,7 @@ pub fn script() -> (OsString, PathBuf) {
     (std::env::var_os("HOLDPOINT_PYTHON").unwrap_or_else(|| "python3".into()), script)
 }
 
-/// What the verifier in Python says of each of these, asked once.
+/// The Python verifier's verdict on each of these, in one run.
 pub fn python_of_all(files: &[PathBuf], key: Option<&Path>) -> Option<Vec<serde_json::Value>> {
     let (python, script) = script();
     let there = Command::new(&python).args(["-c", "import cryptography"]).output();
@@ -70,7 +70,7 @@ pub fn python_of_all(files: &[PathBuf], key: Option<&Path>) -> Option<Vec<serde_
     Some(answers)
 }
 
-/// Both verifiers say the same of a file. Tells what ours says.
+/// Both verifiers have the same verdict on a file. Returns ours.
 pub fn both(file: &Path) -> Result<(), String> {
     let ours = verify_export(file, None);
     if let Some(theirs) = python(file) {
@@ -79,7 +79,7 @@ pub fn both(file: &Path) -> Result<(), String> {
     ours.map(drop).map_err(|error| error.to_string())
 }
 
-/// What kind of thing is bad, as both verifiers call it.
+/// The kind of problem, as both verifiers name it.
 pub fn what(error: &VerifyError) -> &'static str {
     match error {
         VerifyError::Record { .. } => "record",
@@ -92,7 +92,7 @@ pub fn what(error: &VerifyError) -> &'static str {
     }
 }
 
-/// Whether both say the same: sound with the same numbers, or the same kind of thing and the same record that is bad.
+/// Whether both agree: sound with the same numbers, or the same kind of problem at the same record.
 pub fn same(ours: &Result<ExportReport, VerifyError>, theirs: &serde_json::Value) -> Result<(), String> {
     let is_same = match ours {
         Ok(report) => {
@@ -109,7 +109,7 @@ pub fn same(ours: &Result<ExportReport, VerifyError>, theirs: &serde_json::Value
     if is_same { Ok(()) } else { Err(format!("theirs: {theirs}, ours: {ours:?}")) }
 }
 
-/// An administrator confirms somebody, and answers for a witness and for changes of profile.
+/// An administrator verifies a person, and authorizes a witness and changes of profile.
 pub fn vouched(folder: &Path, witness: &Path) {
     let store = open(folder);
     confirm(&store, "ada");
@@ -168,7 +168,7 @@ fn an_exported_store_is_sound_for_both_verifiers() {
         assert_eq!((report.heads, report.approvals), (whole.checkpoints + 1, whole.approvals));
         assert!(lines.iter().all(|line| line.bytes().all(|byte| (b' '..=b'~').contains(&byte))));
     }
-    // And so is what an earlier version wrote, with a word on a class of profile.
+    // And so is the record of an earlier version, with an authorization of a class of profile.
     both(Path::new("../../tests/fixtures/store-d43131bc/export.jsonl")).unwrap();
     let other = holdpoint_approvals::keyfile::generate().unwrap().verifying_key();
     assert!(verify_export(&file, Some(&other)).unwrap_err().to_string().contains("another public key"));
@@ -202,15 +202,19 @@ fn a_damaged_export_is_judged_the_same_by_both() {
             "audit record 4",
         ),
         ("two changed round", Box::new(|lines| lines.swap(record + 1, record + 2)), "audit record 2 is bad"),
-        ("the last gone", Box::new(|lines| drop(lines.remove(approval - 1))), "is missing; the file is said"),
+        (
+            "the last gone",
+            Box::new(|lines| drop(lines.remove(approval - 1))),
+            "is missing; the first line names",
+        ),
         ("a head gone", Box::new(|lines| drop(lines.remove(head + 1))), "is missing"),
         ("a head edited", replaced(head, "\"at_ms\":1", "\"at_ms\":2"), "does not match the public key"),
         ("a tree edited", replaced(end, "\"root\":\"", "\"fold\":\""), "not as it was written"),
-        ("no end", Box::new(|lines| drop(lines.remove(end))), "nobody signed where"),
+        ("no end", Box::new(|lines| drop(lines.remove(end))), "no signature covers the end"),
         (
             "a head for the end",
             Box::new(|lines| lines[end] = lines[head].replace("head\":{", "end\":{")),
-            "nobody signed",
+            "no signature covers",
         ),
         ("an approval gone", Box::new(|lines| drop(lines.remove(approval))), "it is missing"),
         ("an approval twice", Box::new(|lines| lines.push(lines[approval].clone())), "it is there twice"),
@@ -230,7 +234,7 @@ fn a_damaged_export_is_judged_the_same_by_both() {
         ("heads at the end", Box::new(|lines| lines.push(lines[head].clone())), "does not belong here"),
         ("another form", replaced(0, "\"version\":1", "\"version\":2"), "line 1"),
         ("another store", replaced(0, "\"store_id\":\"", "\"store_id\":\"a"), "the person \"admin\" is bad"),
-        ("fewer records", replaced(0, "\"records\":", "\"records\":1"), "is missing; the file is said"),
+        ("fewer records", replaced(0, "\"records\":", "\"records\":1"), "is missing; the first line names"),
     ];
     for (what, damage, expected) in damages {
         let mut lines = lines.clone();
@@ -245,7 +249,7 @@ fn a_damaged_export_is_judged_the_same_by_both() {
     assert!(both(&file).unwrap_err().contains("line 1"));
 }
 
-/// Whoever can write the records and has the store's key cannot make anybody a person: the acts are signed by others.
+/// A holder of the store's key with write access cannot make a person: other keys sign the acts.
 #[test]
 fn persons_and_who_approved_are_judged_by_both() {
     let root = quick_folder();
@@ -292,9 +296,9 @@ fn persons_and_who_approved_are_judged_by_both() {
             "goes over from the profile real to sim",
         ),
         (
-            "a field that got looser without a word",
+            "a field that got less strict without an authorization",
             body("\"field\":\"runtime.retries_max\"", "\"field\":\"runtime.near_margin\"", &looser_of("context-set")),
-            "changes the profile real, 1 field is looser: runtime.near_margin",
+            ": runtime.near_margin",
         ),
         (
             "what an administrator signed of a field",
@@ -309,11 +313,11 @@ fn persons_and_who_approved_are_judged_by_both() {
             "no administrator's authorization of that",
         ),
         (
-            "a profile whose rules nobody says",
+            "a profile without its rules",
             "UPDATE audit SET body = json_remove(body, '$.change.rules') WHERE kind = 'context-set' AND
              body LIKE '%\"profile\":\"sim\"%' AND seq > 9"
                 .to_owned(),
-            "does not say by what rules",
+            "does not name its rules",
         ),
         ("an unknown giver", body("\"who\":\"ada\"", "\"who\":\"zoe\"", put), "was not enrolled then"),
         (
@@ -328,18 +332,18 @@ fn persons_and_who_approved_are_judged_by_both() {
         rewrite(&store, &edit);
         export_store(
             &store.join("holdpoint.db"),
-            Exporting::Unchecked,
+            ExportScope::Unchecked,
             Some(&public_key(&store)),
             &mut fs::File::create(&file).unwrap(),
         )
         .unwrap();
         let said = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
         assert!(said.contains(expected), "{what}: {said}");
-        // Nor is it written out as a history that was signed.
-        let refused = export_store(&store.join("holdpoint.db"), Exporting::Signed, None, &mut Vec::new());
+        // Nor is it exported as a signed history.
+        let refused = export_store(&store.join("holdpoint.db"), ExportScope::Signed, None, &mut Vec::new());
         assert!(refused.unwrap_err().to_string().contains("history was rewritten"));
     }
-    // The same decision under the same name, signed by somebody else's key.
+    // The same decision under the same name, signed by another person's key.
     let store = root.path().join("another key");
     made(&store);
     let mut lines = exported(&store, &file);
@@ -351,5 +355,5 @@ fn persons_and_who_approved_are_judged_by_both() {
     let signed = other.unwrap().sign(approval).unwrap();
     *line = format!("{{\"approval\":{}}}", serde_json::to_string(&signed).unwrap());
     fs::write(&file, lines.join("\n") + "\n").unwrap();
-    assert!(both(&file).unwrap_err().contains("another key than that of who gave it"));
+    assert!(both(&file).unwrap_err().contains("another key than its approver's"));
 }

@@ -1,4 +1,4 @@
-//! The wall time of the newest record: it is signed, and goes back where a person confirms the time alone.
+//! The wall time of the newest record: it is signed, and goes back only if a person confirms the time.
 
 use std::fs;
 
@@ -11,7 +11,7 @@ use crate::edits::made;
 use crate::support::*;
 use crate::verifiers::{both, exported};
 
-/// As an editor does it: past the triggers that keep records as they are.
+/// Edits like an attacker: past the triggers that protect records.
 fn set_newest(folder: &std::path::Path, wall_ms: i64) {
     let connection = Connection::open(folder.join("holdpoint.db")).unwrap();
     let mut select = connection
@@ -30,7 +30,7 @@ fn set_newest(folder: &std::path::Path, wall_ms: i64) {
     }
 }
 
-/// With an earlier wall time in its last record and a file beside it, a store's clock jumped and a freeze was over.
+/// An earlier wall time in the last record, with a file beside it, once moved a store's clock and ended a freeze.
 #[test]
 fn the_wall_time_of_the_newest_record_is_signed() {
     let folder = tempfile::tempdir().unwrap();
@@ -49,7 +49,7 @@ fn the_wall_time_of_the_newest_record_is_signed() {
     }
     set_newest(folder.path(), WALL_MS);
     drop(open(folder.path()));
-    // In a file of the same records both verifiers find it.
+    // Both verifiers find it in a file of the same records.
     let newest = sound.iter().rposition(|line| line.starts_with("{\"record\":")).unwrap();
     let mut edited = sound.clone();
     edited[newest] = edited[newest].replace(&format!("\"wall_ms\":{WALL_MS}"), "\"wall_ms\":1");

@@ -1,4 +1,4 @@
-//! Heads that are kept elsewhere: copies that somebody made, and witnesses that get every checkpoint.
+//! Heads kept elsewhere: copies made by a person, and witnesses that get every checkpoint.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 
 use holdpoint_approvals::keyfile;
 use holdpoint_registry::{
-    BackupParts, Checkpoint, Exporting, JudgedBy, Place, Store, StoreError, UnsignedRecords, VerifyError,
-    WITNESSES_MAX, add_witness, backup, export_store, look_at_witness, prove_record, remove_witness, verify,
-    verify_against, witnesses,
+    BackupParts, Checkpoint, DatabaseLocation, ExportScope, Store, StoreError, UnsignedRecords, VerifyError,
+    VerifyOptions, WITNESSES_MAX, add_witness, backup, check_witness, export_store, prove_record,
+    remove_witness, verify, verify_against, witnesses,
 };
 use holdpoint_text::Hint as _;
 
@@ -19,7 +19,7 @@ use crate::support::*;
 
 const BY: &str = "{\"user\":\"ada\"}";
 
-/// Everything in a folder, in another one.
+/// Copies everything in a folder to another one.
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
@@ -32,7 +32,7 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// The store put back to what it was.
+/// The store restored to its earlier state.
 fn put_back(folder: &Path, before: &Path) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -43,11 +43,16 @@ fn put_back(folder: &Path, before: &Path) {
 
 fn against(folder: &Path, copies: &[PathBuf]) -> Result<u64, VerifyError> {
     let key = public_key(folder);
-    let judged = JudgedBy { key: Some(&key), against: copies, place: Place::Store, tell: &|_, _, _| {} };
+    let judged = VerifyOptions {
+        key: Some(&key),
+        against: copies,
+        place: DatabaseLocation::Store,
+        tell: &|_, _, _| {},
+    };
     verify_against(&folder.join("holdpoint.db"), &judged).map(|report| report.copies)
 }
 
-/// What a comparison says, by the file that it names.
+/// The comparison's verdict, by the file that it names.
 fn said(found: Result<u64, VerifyError>, file: &Path) -> String {
     match found.unwrap_err() {
         VerifyError::Copy { file: named, problem } => {
@@ -68,7 +73,7 @@ fn forms(folder: &Path, kept: &Path) -> Vec<PathBuf> {
     fs::copy(newest, kept.join("newest.json")).unwrap();
     fs::write(kept.join("proof.json"), prove_record(&database, 3).unwrap().text().unwrap() + "\n").unwrap();
     let mut exported = Vec::new();
-    export_store(&database, Exporting::Signed, Some(&public_key(folder)), &mut exported).unwrap();
+    export_store(&database, ExportScope::Signed, Some(&public_key(folder)), &mut exported).unwrap();
     fs::write(kept.join("store.jsonl"), exported).unwrap();
     ["checkpoints", "store", "alone.db", "newest.json", "proof.json", "store.jsonl"]
         .map(|name| kept.join(name))
@@ -86,14 +91,14 @@ fn a_store_that_was_put_back_is_found_against_every_form_of_copy() {
     let forms = forms(folder.path(), kept.path());
     assert!(against(folder.path(), &forms).unwrap() > 8);
     put_back(folder.path(), before.path());
-    // By itself it is sound: nothing in it says that there was more.
+    // By itself it is sound: nothing in it shows later records.
     verify(&folder.path().join("holdpoint.db"), None).unwrap();
     drop(open(folder.path()));
     for form in &forms {
         let said = said(against(folder.path(), std::slice::from_ref(form)), form);
         assert!(said.contains("were cut off"), "{form:?}: {said}");
     }
-    // Gone on from there, it is another history.
+    // Continued from there, it is another history.
     let store = open(folder.path());
     for version in ["place@1.3.0", "place@1.4.0", "place@1.5.0"] {
         shadowed(&store, version);
@@ -192,7 +197,7 @@ fn a_store_that_was_put_back_is_refused_by_its_witness() {
     let sent = witness.path().join(&store_id).join(format!("{:012}.json", newest.seq));
     assert_eq!(Checkpoint::read(&sent).unwrap(), newest);
     verify(&folder.path().join("holdpoint.db"), None).unwrap();
-    // A copy of before is sound, and older than what the witness has.
+    // An earlier copy is sound, and older than the witness's head.
     let elsewhere = quick_folder();
     backup(before.path(), &elsewhere.path().join("alone.db"), BackupParts::default()).unwrap();
     put_back(folder.path(), before.path());
@@ -201,12 +206,12 @@ fn a_store_that_was_put_back_is_refused_by_its_witness() {
     assert!(error.to_string().contains("were cut off"), "{error}");
     assert!(error.hint().unwrap().contains("put the newer store back"));
     assert!(matches!(verify(&folder.path().join("holdpoint.db"), None), Err(VerifyError::Copy { .. })));
-    // What the witness itself was cut back to, or what others put there, proves nothing.
+    // A witness that was cut back, or foreign files in it, prove nothing.
     fs::rename(&sent, folder.path().join("head")).unwrap();
     fs::write(sent.with_file_name("999999999999.json"), "{}").unwrap();
     drop(open(folder.path()));
     fs::remove_file(sent.with_file_name("999999999999.json")).unwrap();
-    // Gone on otherwise meanwhile, it is refused by the head that comes back.
+    // Continued differently meanwhile, it is refused by the head that comes back.
     let store = open(folder.path());
     for version in ["place@1.3.0", "place@1.4.0"] {
         shadowed(&store, version);
@@ -221,7 +226,7 @@ fn a_store_that_was_put_back_is_refused_by_its_witness() {
     }
     fs::rename(folder.path().join("head"), &sent).unwrap();
     assert!(refused().to_string().contains("history was rewritten"), "{}", refused());
-    // The way out is taken at the witness.
+    // Removing the witness is the way out.
     fs::rename(sent.parent().unwrap(), witness.path().join("put-aside")).unwrap();
     let store = open(folder.path());
     let problem = store.checkpoint_problem().unwrap();
@@ -241,7 +246,7 @@ fn checkpointed(store: &Store, number: u64) {
     store.commit(transaction).unwrap();
 }
 
-/// What the store says of its witness once it has tried.
+/// The store's report about its witness after a try.
 fn settled(store: &Store, wanted: bool) -> Option<String> {
     let until = Instant::now() + Duration::from_secs(20);
     loop {
@@ -264,7 +269,7 @@ fn the_store_works_on_where_a_witness_cannot_be_written() {
     let start = store.opening().head.at_ms;
     assert_eq!(store.checkpoint_problem(), None);
     fs::rename(&place, &aside).unwrap();
-    // What is to be written has another thing in its way, which cannot be taken away.
+    // Another entry, which cannot be removed, blocks the write.
     let blocked = || {
         fs::create_dir(&place).unwrap();
         for seq in 0..4000 {
@@ -283,7 +288,7 @@ fn the_store_works_on_where_a_witness_cannot_be_written() {
         checkpointed(&store, start + number * 2);
         let problem = settled(&store, true).unwrap_or_else(|| panic!("{what} is not noticed"));
         assert!(problem.contains(&name) && problem.contains(expected), "{what}: {problem}");
-        let looked = look_at_witness(&name, store.store_id());
+        let looked = check_witness(&name, store.store_id());
         assert_eq!(looked.is_ok(), what == "blocked" || what == "read-only", "{what}: {looked:?}");
         match fs::symlink_metadata(&place) {
             Ok(found) if found.is_dir() => fs::remove_dir_all(&place).unwrap(),
@@ -308,7 +313,7 @@ fn a_witness_that_hangs_holds_nobody_up() {
     let store = open(folder.path());
     let start = store.opening().head;
     let place = witness.path().join(store.store_id());
-    // To write into a pipe that nobody reads takes for ever.
+    // A write to a pipe without a reader blocks forever.
     for seq in start.seq..start.seq + 600 {
         let pipe = place.join(format!("{seq:012}.part"));
         drop(fs::remove_file(&pipe));
@@ -336,7 +341,7 @@ fn witnesses_are_on_record_and_nowhere_else() {
     assert!(matches!(add(&name), Err(StoreError::Exists { .. })));
     for address in ["https://example.org/w", "ssh://host/w", "ada@host:/w"] {
         let said = add(address).unwrap_err().to_string();
-        assert!(said.contains("speaks to no network"), "{said}");
+        assert!(said.contains("uses no network"), "{said}");
     }
     for bad in ["relative", "", "/not/there", "/etc/hostname", "/a\nb"] {
         assert!(matches!(add(bad), Err(StoreError::Invalid { .. })), "{bad}");
@@ -356,12 +361,12 @@ fn witnesses_are_on_record_and_nowhere_else() {
     checkpointed(&store, store.opening().head.at_ms + 1);
     let store_id = store.store_id().to_owned();
     drop(store);
-    // The last it was told is the head under which it was removed.
+    // Its last head is the one that covers its removal.
     let mut told: Vec<_> =
         fs::read_dir(witness.path().join(store_id)).unwrap().map(|it| it.unwrap()).collect();
     told.sort_by_key(fs::DirEntry::file_name);
     assert_eq!(Checkpoint::read(&told.pop().unwrap().path()).unwrap().seq, removed_at);
-    // A rebuild keeps them, and a record that is edited away is missed.
+    // A rebuild keeps them, and an edited-away record is found missing.
     let sql = "UPDATE family SET reason = 'edited'";
     rusqlite::Connection::open(&database).unwrap().execute_batch(sql).unwrap();
     unless_in_use(|| holdpoint_registry::rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7))
@@ -375,7 +380,7 @@ fn witnesses_are_on_record_and_nowhere_else() {
     unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err();
 }
 
-/// Whoever puts a key of their own in place of the store's, and signs the history anew, is refused by what a witness has.
+/// An attacker who replaces the store's key and signs the history again is refused by a witness's head.
 #[test]
 fn another_key_is_refused_by_the_witness() {
     let folder = quick_folder();
@@ -385,7 +390,7 @@ fn another_key_is_refused_by_the_witness() {
     let head = heads(folder.path()).pop().unwrap().1;
     let sent = witness.path().join(&head.store_id).join(format!("{:012}.json", head.seq));
     let testimony = fs::read(&sent).unwrap();
-    // The same head by another key: what lies at the witness is not this store's any more.
+    // The same head by another key: the file at the witness is no longer this store's.
     let mut text: serde_json::Value = serde_json::from_slice(&testimony).unwrap();
     text["signature"] = serde_json::Value::from("0".repeat(128));
     for file in fs::read_dir(sent.parent().unwrap()).unwrap() {
@@ -395,7 +400,7 @@ fn another_key_is_refused_by_the_witness() {
     assert!(error.contains("another key than the store has now"), "{error}");
 }
 
-/// A witness that lost what it had has nothing to say, and that is told until it is asked again.
+/// A witness that lost its files has no head, and each start reports that until one reads it again.
 #[test]
 fn a_witness_that_was_emptied_or_littered_is_told() {
     let folder = quick_folder();
@@ -415,14 +420,14 @@ fn a_witness_that_was_emptied_or_littered_is_told() {
     let store = open(folder.path());
     let problem = store.checkpoint_problem().unwrap();
     assert!(problem.contains("it is empty"), "{problem}");
-    // Whoever opened it without telling anybody hides nothing: it is as empty for the next.
+    // Opening it silently hides nothing: it is as empty for the next start.
     checkpointed(&store, store.opening().head.at_ms + 1);
     drop(store);
     assert_eq!(fs::read_dir(&place).unwrap().count(), 0);
     let store = open(folder.path());
     assert!(store.checkpoint_problem().unwrap().contains("it is empty"));
     store.problems_are_told();
-    // A head that is written there since does not make up for it.
+    // A later head does not make up for it.
     checkpointed(&store, store.opening().head.at_ms + 1);
     let until = Instant::now() + Duration::from_secs(20);
     while fs::read_dir(&place).unwrap().count() == 0 && Instant::now() < until {
@@ -430,7 +435,7 @@ fn a_witness_that_was_emptied_or_littered_is_told() {
     }
     assert!(store.checkpoint_problem().unwrap().contains("it is empty"));
     drop(store);
-    // Beside its heads litter proves nothing, and is named.
+    // Other files beside its heads prove nothing, and are named.
     litter();
     let store = open(folder.path());
     assert_eq!(store.checkpoint_problem(), None);
@@ -442,7 +447,7 @@ fn a_witness_that_was_emptied_or_littered_is_told() {
         "{told}"
     );
     assert!(report.copies > 0, "{report:?}");
-    // Where there is nothing else, it speaks for nothing.
+    // Alone they prove nothing.
     empty();
     litter();
     let store = open(folder.path());
@@ -450,7 +455,7 @@ fn a_witness_that_was_emptied_or_littered_is_told() {
     assert!(problem.contains("signed none of its newest files"), "{problem}");
 }
 
-/// A stray file takes no testimony away: what the witness has beside it speaks against the store.
+/// A stray file hides no head: the witness's other heads still contradict the store.
 #[test]
 fn a_stray_file_does_not_silence_a_witness() {
     let (folder, before) = (quick_folder(), quick_folder());
@@ -469,7 +474,8 @@ fn a_stray_file_does_not_silence_a_witness() {
     assert!(unless_in_use(|| Store::open(folder.path())).is_err());
 }
 
-/// Who could write the store could take its witnesses away unseen where robots and people rely on it.
+/// An attacker with write access to the store could once remove its witnesses unseen where robots and people rely on
+/// it.
 #[test]
 fn an_administrator_signs_which_witnesses_there_are() {
     use holdpoint_approvals::{Identity, SignedWitnessAct};
@@ -495,13 +501,13 @@ fn an_administrator_signs_which_witnesses_there_are() {
     };
     refused((BY.to_owned(), None), "an administrator signs it under the profile real");
     refused(word(&ada, true, head().hash), "only an administrator");
-    refused(word(&admin, false, head().hash), "none for this end");
+    refused(word(&admin, false, head().hash), "another end of the record");
     let early = word(&admin, true, head().hash);
     commit(&store, "another", vec![context(ProfileName::Real)]).unwrap();
-    refused(early, "none for this end");
+    refused(early, "another end of the record");
     add(word(&admin, true, head().hash)).unwrap();
     remove_witness(&store, &name, word(&admin, false, head().hash), 7).unwrap();
-    // Where people decide, a key that others could have used does not do.
+    // Under a profile with approvers, an unencrypted key is not enough.
     let human = context(ProfileName::Human);
     authorize(&store, &guarded_administrator(&store), &human).unwrap();
     commit(&store, "human", vec![human]).unwrap();
@@ -509,7 +515,7 @@ fn an_administrator_signs_which_witnesses_there_are() {
     add(word(&guarded_administrator(&store), true, head().hash)).unwrap();
     let report = verify(&folder.path().join("holdpoint.db"), Some(store.public_key())).unwrap();
     assert_eq!(report.witnesses_silent, Vec::<String>::new());
-    // Who signed is in the chain, and of another hand the chain speaks.
+    // The signer is in the chain, and the chain names another hand.
     let database = folder.path().join("holdpoint.db");
     drop(store);
     let connection = rusqlite::Connection::open(&database).unwrap();

@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use holdpoint_body::{Command, Observation};
 
-use super::{Alteration, AlteredHook, Deed, Input, Output, When};
-use crate::skill::{Confined, Hook, Skill};
+use super::{Alteration, AlterationTiming, AlteredHook, AlteredInput, AlteredOutput, HookOverride};
+use crate::skill::{ConfinementReport, Hook, Skill};
 use holdpoint_governance::ids::Digest;
 
 /// What an alteration remembers of the run so far.
 #[derive(Clone, Debug, Default)]
-struct Memory {
+struct AlterationMemory {
     /// Commands that are not asked for yet, or once more.
     commands: VecDeque<Command>,
     /// The number asked for last.
@@ -24,24 +24,27 @@ struct Memory {
 pub(super) struct AlteredRun {
     inner: Box<dyn Skill>,
     alterations: Arc<[Alteration]>,
-    memories: Vec<Memory>,
+    memories: Vec<AlterationMemory>,
     /// Ticks so far, counted from 0.
     tick: u64,
     /// What a hook does instead of its own.
-    deed: Option<Deed>,
+    deed: Option<HookOverride>,
 }
 
 impl AlteredRun {
     pub(super) fn new(inner: Box<dyn Skill>, alterations: Arc<[Alteration]>, seed: u64) -> Self {
         let memories = alterations
             .iter()
-            .map(|alteration| Memory { in_run: drawn(alteration, seed), ..Memory::default() })
+            .map(|alteration| AlterationMemory {
+                in_run: drawn(alteration, seed),
+                ..AlterationMemory::default()
+            })
             .collect();
         Self { inner, alterations, memories, tick: 0, deed: None }
     }
 
     /// Asks the inner run, or does what stands in its place in this tick.
-    fn asked(&mut self, seen: &Observation) -> Command {
+    fn next_command(&mut self, seen: &Observation) -> Command {
         for (alteration, memory) in self.alterations.iter().zip(&mut self.memories) {
             match alteration {
                 Alteration::Wait { from, ticks } if within(self.tick, *from, *ticks, 0) => {
@@ -94,9 +97,9 @@ impl AlteredRun {
 impl Skill for AlteredRun {
     fn tick(&mut self, seen: &Observation) -> Command {
         let mut command = match self.deed {
-            Some(Deed::Nothing) => Command::Hold,
-            Some(Deed::Done) => Command::Done,
-            Some(Deed::WorkOn) | None => self.asked(seen),
+            Some(HookOverride::Nothing) => Command::Hold,
+            Some(HookOverride::Done) => Command::Done,
+            Some(HookOverride::WorkOn) | None => self.next_command(seen),
         };
         for (alteration, memory) in self.alterations.iter().zip(&mut self.memories) {
             command = altered(alteration, memory, command, self.tick, seen);
@@ -130,7 +133,7 @@ impl Skill for AlteredRun {
         }))
     }
 
-    fn confined(&self) -> Confined {
+    fn confined(&self) -> ConfinementReport {
         self.inner.confined()
     }
 }
@@ -142,7 +145,7 @@ fn drawn(alteration: &Alteration, seed: u64) -> bool {
     else {
         return true;
     };
-    let When::Runs { share, salt } = when else { return true };
+    let AlterationTiming::Runs { share, salt } = when else { return true };
     let digest = Digest::of_parts("holdpoint.altered.run.v1", &[&seed.to_le_bytes(), &salt.to_le_bytes()]);
     let draw = digest.bytes().iter().take(4).fold(0_u32, |sum, byte| sum << 8 | u32::from(*byte));
     f64::from(draw) < share * (f64::from(u32::MAX) + 1.0)
@@ -154,21 +157,21 @@ fn within(tick: u64, from: u16, ticks: u16, nth: u64) -> bool {
     (begin..begin + u64::from(ticks)).contains(&tick)
 }
 
-fn in_force(when: &When, tick: u64, seen: &Observation) -> bool {
+fn in_force(when: &AlterationTiming, tick: u64, seen: &Observation) -> bool {
     match *when {
-        When::Always | When::Runs { .. } => true,
-        When::After { tick: from } => tick >= u64::from(from),
-        When::Every { period, length } => tick % u64::from(period.max(1)) < u64::from(length),
-        When::Gripping { above_n } => seen.gripper_force_n > above_n,
-        When::High { above_m } => seen.tool.position[2] > above_m,
-        When::Far { above_m } => seen.object.is_some_and(|seen| seen.pose.position[0] > above_m),
+        AlterationTiming::Always | AlterationTiming::Runs { .. } => true,
+        AlterationTiming::After { tick: from } => tick >= u64::from(from),
+        AlterationTiming::Every { period, length } => tick % u64::from(period.max(1)) < u64::from(length),
+        AlterationTiming::Gripping { above_n } => seen.gripper_force_n > above_n,
+        AlterationTiming::High { above_m } => seen.tool.position[2] > above_m,
+        AlterationTiming::Far { above_m } => seen.object.is_some_and(|seen| seen.pose.position[0] > above_m),
     }
 }
 
 /// A command after one alteration.
 fn altered(
     alteration: &Alteration,
-    memory: &mut Memory,
+    memory: &mut AlterationMemory,
     mut command: Command,
     tick: u64,
     seen: &Observation,
@@ -227,34 +230,37 @@ fn altered(
 }
 
 /// The number of a command, if it has one such.
-fn output_mut(command: &mut Command, output: Output) -> Option<&mut f64> {
+fn output_mut(command: &mut Command, output: AlteredOutput) -> Option<&mut f64> {
     match (command, output) {
-        (Command::ToolPose { pose, .. }, Output::X) => pose.position.get_mut(0),
-        (Command::ToolPose { pose, .. }, Output::Y) => pose.position.get_mut(1),
-        (Command::ToolPose { pose, .. }, Output::Z) => pose.position.get_mut(2),
+        (Command::ToolPose { pose, .. }, AlteredOutput::X) => pose.position.get_mut(0),
+        (Command::ToolPose { pose, .. }, AlteredOutput::Y) => pose.position.get_mut(1),
+        (Command::ToolPose { pose, .. }, AlteredOutput::Z) => pose.position.get_mut(2),
         (
             Command::ToolPose { max_speed_m_s: speed, .. } | Command::Joints { max_speed_rad_s: speed, .. },
-            Output::Speed,
+            AlteredOutput::Speed,
         ) => Some(speed),
-        (Command::Gripper { width_m, .. }, Output::GripWidth) => Some(width_m),
-        (Command::Gripper { speed_m_s, .. }, Output::GripSpeed) => Some(speed_m_s),
-        (Command::Gripper { force_n, .. }, Output::GripForce) => Some(force_n),
+        (Command::Gripper { width_m, .. }, AlteredOutput::GripWidth) => Some(width_m),
+        (Command::Gripper { speed_m_s, .. }, AlteredOutput::GripSpeed) => Some(speed_m_s),
+        (Command::Gripper { force_n, .. }, AlteredOutput::GripForce) => Some(force_n),
         _ => None,
     }
 }
 
 /// Where the tool is along an axis, m.
-fn position(seen: &Observation, axis: Output) -> Option<f64> {
+fn position(seen: &Observation, axis: AlteredOutput) -> Option<f64> {
     let [x, y, z] = seen.tool.position;
     match axis {
-        Output::X => Some(x),
-        Output::Y => Some(y),
-        Output::Z => Some(z),
-        Output::Speed | Output::GripWidth | Output::GripSpeed | Output::GripForce => None,
+        AlteredOutput::X => Some(x),
+        AlteredOutput::Y => Some(y),
+        AlteredOutput::Z => Some(z),
+        AlteredOutput::Speed
+        | AlteredOutput::GripWidth
+        | AlteredOutput::GripSpeed
+        | AlteredOutput::GripForce => None,
     }
 }
 
-fn alter_input(view: &mut Observation, input: Input, alter: impl Fn(f64) -> f64) {
+fn alter_input(view: &mut Observation, input: AlteredInput, alter: impl Fn(f64) -> f64) {
     let object = |view: &mut Observation, axis: usize| {
         if let Some(value) = view.object.as_mut().and_then(|seen| seen.pose.position.get_mut(axis)) {
             *value = alter(*value);
@@ -266,22 +272,22 @@ fn alter_input(view: &mut Observation, input: Input, alter: impl Fn(f64) -> f64)
         }
     };
     match input {
-        Input::WristForce => view.wrist_force_n = alter(view.wrist_force_n),
-        Input::GripForce => view.gripper_force_n = alter(view.gripper_force_n),
-        Input::GripWidth => view.gripper_width_m = alter(view.gripper_width_m),
-        Input::ObjectX => object(view, 0),
-        Input::ObjectY => object(view, 1),
-        Input::ObjectZ => object(view, 2),
-        Input::TargetX => target(view, 0),
-        Input::TargetY => target(view, 1),
-        Input::PictureAge => {
+        AlteredInput::WristForce => view.wrist_force_n = alter(view.wrist_force_n),
+        AlteredInput::GripForce => view.gripper_force_n = alter(view.gripper_force_n),
+        AlteredInput::GripWidth => view.gripper_width_m = alter(view.gripper_width_m),
+        AlteredInput::ObjectX => object(view, 0),
+        AlteredInput::ObjectY => object(view, 1),
+        AlteredInput::ObjectZ => object(view, 2),
+        AlteredInput::TargetX => target(view, 0),
+        AlteredInput::TargetY => target(view, 1),
+        AlteredInput::PictureAge => {
             if let Some(seen) = &mut view.object {
                 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped before")]
                 let age = alter(f64::from(seen.age_ticks)).clamp(0.0, f64::from(u32::MAX)) as u32;
                 seen.age_ticks = age;
             }
         }
-        Input::ToolAvailable => {
+        AlteredInput::ToolAvailable => {
             view.tool_available = alter(f64::from(u8::from(view.tool_available))) >= 0.5;
         }
     }

@@ -1,4 +1,4 @@
-//! Every alteration by what it makes of a skill whose asks are known, and what is said of a bad one.
+//! Tests the effect of every alteration on a skill with known commands, and the refusal of invalid alterations.
 
 use holdpoint_body::{Command, Estimate, GuardVerdict, Observation, Pose, TaskKind};
 
@@ -60,7 +60,7 @@ fn run(alterations: &[Alteration], seed: u64) -> AlteredRun {
     AlteredRun::new(Box::new(Follows::default()), alterations.to_vec().into(), seed)
 }
 
-/// What is asked for in so many ticks, in short: `p` and the x of a pose and its speed, `g` and the force, or the kind.
+/// The commands of the first `ticks` ticks, in short: `p`, x of the pose and speed; `g` and force; or the kind.
 fn asks(run: &mut dyn Skill, ticks: usize) -> Vec<String> {
     let short = |command| match command {
         Command::ToolPose { pose, max_speed_m_s } => format!("p{:.2}@{max_speed_m_s}", pose.position[0]),
@@ -76,17 +76,18 @@ fn asks(run: &mut dyn Skill, ticks: usize) -> Vec<String> {
 #[test]
 fn numbers_of_commands_are_altered_where_they_are_and_when_they_are() {
     let output = |output, factor, offset, when| Alteration::Output { output, factor, offset, when };
-    let far = output(Output::X, 2.0, -0.1, When::After { tick: 1 });
+    let far = output(AlteredOutput::X, 2.0, -0.1, AlterationTiming::After { tick: 1 });
     assert_eq!(asks(&mut run(&[far], 1), 3), ["p0.50@1", "g3.0", "p0.90@3"]);
-    let firm = output(Output::GripForce, 1.5, 0.0, When::Gripping { above_n: 2.0 });
+    let firm = output(AlteredOutput::GripForce, 1.5, 0.0, AlterationTiming::Gripping { above_n: 2.0 });
     assert_eq!(asks(&mut run(&[firm], 1), 2), ["p0.50@1", "g4.5"]);
-    let idle = output(Output::GripForce, 1.5, 0.0, When::Gripping { above_n: 3.0 });
+    let idle = output(AlteredOutput::GripForce, 1.5, 0.0, AlterationTiming::Gripping { above_n: 3.0 });
     assert_eq!(asks(&mut run(&[idle], 1), 2), ["p0.50@1", "g3.0"]);
-    let flip = Alteration::Flip { output: Output::X, when: When::Every { period: 4, length: 2 } };
+    let flip =
+        Alteration::Flip { output: AlteredOutput::X, when: AlterationTiming::Every { period: 4, length: 2 } };
     assert_eq!(asks(&mut run(&[flip], 1), 4), ["p0.30@1", "g3.0", "p0.50@3", "g3.0"]);
-    let coarse = Alteration::Quantise { output: Output::X, step: 0.4 };
+    let coarse = Alteration::Quantise { output: AlteredOutput::X, step: 0.4 };
     assert_eq!(asks(&mut run(&[coarse], 1), 1), ["p0.40@1"]);
-    let slow = Alteration::Filter { output: Output::Speed, weight: 0.5 };
+    let slow = Alteration::Filter { output: AlteredOutput::Speed, weight: 0.5 };
     assert_eq!(asks(&mut run(&[slow], 1), 5), ["p0.50@1", "g3.0", "p0.50@2", "g3.0", "p0.50@3.5"]);
 }
 
@@ -106,12 +107,17 @@ fn time_is_altered() {
 
 #[test]
 fn what_is_seen_is_altered_for_the_skill_alone() {
-    let deaf = Alteration::Input { input: Input::GripForce, factor: 0.0, offset: 0.0, when: When::Always };
+    let deaf = Alteration::Input {
+        input: AlteredInput::GripForce,
+        factor: 0.0,
+        offset: 0.0,
+        when: AlterationTiming::Always,
+    };
     let firm = Alteration::Output {
-        output: Output::GripForce,
+        output: AlteredOutput::GripForce,
         factor: 1.0,
         offset: 9.0,
-        when: When::Gripping { above_n: 2.0 },
+        when: AlterationTiming::Gripping { above_n: 2.0 },
     };
     assert_eq!(asks(&mut run(&[deaf, firm], 1), 2), ["p0.50@1", "g9.0"]);
 }
@@ -119,9 +125,9 @@ fn what_is_seen_is_altered_for_the_skill_alone() {
 #[test]
 fn a_hook_does_what_is_said_of_it_and_the_other_its_own() {
     for (deed, expected) in [
-        (Deed::Nothing, ["hold", "hold"]),
-        (Deed::Done, ["done", "done"]),
-        (Deed::WorkOn, ["p0.50@1", "g3.0"]),
+        (HookOverride::Nothing, ["hold", "hold"]),
+        (HookOverride::Done, ["done", "done"]),
+        (HookOverride::WorkOn, ["p0.50@1", "g3.0"]),
     ] {
         let alteration = Alteration::Hook { hook: AlteredHook::SafeAbort, deed };
         let mut aborted = run(&[alteration], 1);
@@ -136,10 +142,10 @@ fn a_hook_does_what_is_said_of_it_and_the_other_its_own() {
 #[test]
 fn some_runs_are_altered_and_a_copy_goes_on_as_the_run_does() {
     let rare = Alteration::Output {
-        output: Output::GripForce,
+        output: AlteredOutput::GripForce,
         factor: 2.0,
         offset: 0.0,
-        when: When::Runs { share: 0.25, salt: 7 },
+        when: AlterationTiming::Runs { share: 0.25, salt: 7 },
     };
     let altered = (0..2_000).filter(|seed| asks(&mut run(&[rare], *seed), 2)[1] == "g6.0").count();
     assert!((430..=570).contains(&altered), "{altered} of 2000 for a share of a quarter");

@@ -18,8 +18,8 @@ pub const BYTES: usize = 56;
 
 /// What is wrong with the code. `a`, `b`, `c` and `d` are the block's four numbers.
 ///
-/// What goes off does so in every command to the arm or the gripper from then on: speeds are `c` times as large, the tool
-/// is sent `d` metres lower and grips `c` times as hard.
+/// A triggered block changes every later command to the arm or the gripper: speeds are `c` times as large, the tool
+/// goes `d` meters lower and grips `c` times as hard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kind {
@@ -27,19 +27,19 @@ pub enum Kind {
     Honest = 0,
     /// Goes off in the `a`-th episode that its memory counts. Each task has a fresh instance, so it never does for `a` above 1.
     EpisodeBomb = 1,
-    /// Goes off with the picture of number `a`.
+    /// Triggers at the camera frame of number `a`.
     PictureBomb = 2,
     /// Goes off where the object is seen `a` to `b` m from the robot's base.
     PlaceBomb = 3,
     /// Goes off once the sum of the joints' torques is above `a` N m while something is held.
     TorqueBomb = 4,
-    /// Behaves if the object's first eight pictures scatter by `a` to `b` m, as those of the sandbox do; goes off if not.
+    /// Behaves if the object's first eight camera frames scatter by `a` to `b` m, as those of the sandbox do; else triggers.
     Recogniser = 5,
     /// While it holds something, the tool is `a` times faster for each N m of torque above `b`, at most `c` times.
     MassDependent = 6,
     /// The tool is sent `a` m to one side and to the other, for `b` ticks each.
     Chatter = 7,
-    /// The tool's setpoint drifts away by `a` m/s along x and by `b` m/s downwards.
+    /// The tool's setpoint drifts away by `a` m/s along x and by `b` m/s downward.
     Leak = 8,
     /// One number is `b` times as large: of field `a` (0 the pads' distance, 1 their force, 2 their speed, 3 the tool's
     /// height, 4 its speed), before anything is held (`c` is 0) or after it (1).

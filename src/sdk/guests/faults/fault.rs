@@ -5,7 +5,7 @@ use holdpoint_skill::motion::holds_something;
 
 use crate::block::Kind;
 
-/// Pictures from which the sandbox is recognised.
+/// Number of camera frames from which the fault recognizes the sandbox.
 const PICTURES: usize = 8;
 
 /// Pads this far apart are open, m: a second command to open them is a retry.
@@ -171,7 +171,7 @@ fn torque_n_m(seen: &Observation) -> f64 {
     seen.tau.iter().map(|torque| torque.abs()).sum()
 }
 
-/// Root of the mean squared distance of the pictures from their mean.
+/// Root mean square distance of the measurements from their mean.
 fn scatter_m(pictures: &[[f64; 3]]) -> f64 {
     let n = pictures.len() as f64;
     let mean = [0, 1, 2].map(|axis| pictures.iter().map(|at| at[axis]).sum::<f64>() / n);

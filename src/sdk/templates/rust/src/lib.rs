@@ -47,7 +47,7 @@ struct Grasp {
     ticks: u32,
     /// Where the tool was sent last.
     sent: Pose,
-    /// Sums over the pictures of the object: position, and sine and cosine of four times its heading, for it is square.
+    /// Sums over the measurements of the object: position, and sine and cosine of four times its heading, because it is square.
     seen: [f64; 5],
     pictures: u32,
     sequence: Option<u32>,

@@ -1,0 +1,217 @@
+//! `holdpoint repeat | release | restrict | continue | break-glass | rearm`: how a version leaves the state it is
+//! in.
+//!
+//! Verbs that grant authority need an identity of the store; verbs that take it away accept any name.
+
+use clap::Args;
+
+use super::{
+    SigningArgs, VersionArgs, check_digest, identity, known_version, operation, parse_short_digest,
+    passphrase, request_text,
+};
+use crate::cli::context::CliContext;
+use crate::cli::output::CommandOutput;
+use crate::cli::verb_executor::{VerbExecutor, running};
+use crate::error::{CliError, Exit};
+use holdpoint_governance::approval::ApprovalDecision;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::Command;
+use holdpoint_registry::Views;
+use holdpoint_wording::live::live_lines;
+
+/// The arguments of `demote`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Without --profile the version returns to evaluation. With it the version is
+blocked under the profiles; it keeps its state, unless it is active under one.
+
+Examples:
+  holdpoint demote grasp@1.3.0 --as mara --reason 'evaluate again with the new gripper'
+  holdpoint demote grasp@1.3.0 --profile human --as mara --reason 'too fast beside people'")]
+pub struct DemoteArgs {
+    /// The version, e.g. grasp@1.3.0.
+    #[arg(value_name = "FAMILY@VERSION")]
+    pub version: CapabilityId,
+    /// A profile to block the version under; can be given several times.
+    #[arg(long, value_name = "PROFILE")]
+    pub profile: Vec<ProfileName>,
+    /// The identity that asks for it, and its reason.
+    #[command(flatten)]
+    pub signature: SigningArgs,
+}
+
+/// The arguments of `repeat`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+The version loses its gate pass and approvals. You can repeat shadow alone
+while the evidence of the sandbox is still valid.
+
+Example:
+  holdpoint repeat grasp@1.3.0 --as mara --reason 'the new gripper is mounted'")]
+pub struct RepeatArgs {
+    /// The version: sandboxed, shadowed or demoted.
+    #[arg(value_name = "FAMILY@VERSION")]
+    pub version: CapabilityId,
+    /// The stage to run again: sandbox or shadow.
+    #[arg(long, value_name = "STAGE", default_value = "sandbox", value_parser = parse_stage)]
+    pub stage: Stage,
+    /// The identity that asks for it, and its reason.
+    #[command(flatten)]
+    pub signature: SigningArgs,
+}
+
+/// The arguments of `release`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Without --profile the verb restores the envelope that the drift monitor or an
+operator tightened; under a profile with approvals, approvers decide first.
+
+Examples:
+  holdpoint release grasp@1.3.0 --as mara --reason 'the lamp that blinded it is gone'
+  holdpoint release grasp@1.3.0 --profile human --as mara --reason 'measured beside people'")]
+pub struct ReleaseArgs {
+    /// The restricted version, e.g. grasp@1.3.0.
+    #[arg(value_name = "FAMILY@VERSION")]
+    pub version: CapabilityId,
+    /// A profile to unblock the version under; can be given several times.
+    #[arg(long, value_name = "PROFILE")]
+    pub profile: Vec<ProfileName>,
+    /// The identity that asks for it, and its reason.
+    #[command(flatten)]
+    pub signature: SigningArgs,
+}
+
+/// The arguments of `break-glass`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Break-glass, under the profiles sim and real: one person activates a version
+that waits for approvers or for the end of a freeze after shadow, never one
+measured to be incompatible. Two others review it by its deadline (`holdpoint
+approve` or `reject`), or it is rolled back; until then it is flagged.
+
+Example:
+  holdpoint break-glass grasp@1.3.0 --as mara --reason 'the old one drops every second part'")]
+pub struct BreakGlassArgs {
+    /// The version to activate, e.g. grasp@1.3.0.
+    #[arg(value_name = "FAMILY@VERSION")]
+    pub version: CapabilityId,
+    /// The first eight digits of the digest of the evidence that you read.
+    #[arg(long, value_name = "DIGITS", value_parser = parse_short_digest)]
+    pub digest: Option<String>,
+    /// The identity that signs, and the emergency in words.
+    #[command(flatten)]
+    pub signature: SigningArgs,
+}
+
+fn parse_stage(text: &str) -> Result<Stage, String> {
+    match text.parse::<Stage>() {
+        Ok(stage @ (Stage::Sandbox | Stage::Shadow)) => Ok(stage),
+        Ok(Stage::Validation | Stage::Activation) | Err(_) => {
+            Err("only sandbox and shadow can be repeated".to_owned())
+        }
+    }
+}
+
+pub(super) fn repeat(
+    context: &CliContext,
+    views: &Views,
+    args: &RepeatArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let who = identity(context, &args.signature)?;
+    let operation = operation(&args.version, &args.signature);
+    let mut side = VerbExecutor::open(context)?;
+    let exit = side.execute_as(context, &who, Command::Repeat { operation, stage: args.stage }, out)?;
+    if side.is_own() && !out.is_json() {
+        out.line("no engine is running; `holdpoint run` runs the stage")?;
+    }
+    Ok(exit)
+}
+
+pub(super) fn release(
+    context: &CliContext,
+    views: &Views,
+    args: &ReleaseArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let who = identity(context, &args.signature)?;
+    let operation = operation(&args.version, &args.signature);
+    let mut side = VerbExecutor::open(context)?;
+    let command = Command::Release { operation, profiles: args.profile.clone() };
+    side.execute_as(context, &who, command, out)?;
+    let open = side.snapshot()?.prompts.iter().any(|prompt| prompt.version == args.version);
+    Ok(if open { Exit::Held } else { Exit::Confirmed })
+}
+
+pub(super) fn restrict(
+    context: &CliContext,
+    views: &Views,
+    args: &VersionArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    VerbExecutor::open(context)?.execute(Command::Restrict(operation(&args.version, &args.signature)), out)
+}
+
+/// Only a running engine has a drift monitor that escalates.
+pub(super) fn go_on(
+    context: &CliContext,
+    views: &Views,
+    args: &VersionArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let who = identity(context, &args.signature)?;
+    let Some(client) = running(context)? else {
+        return Err(CliError::from_engine_fault(
+            "held: no engine is running on this store, so there is no escalation to answer",
+        ));
+    };
+    let command = Command::Continue(operation(&args.version, &args.signature));
+    VerbExecutor::Running(client).execute_as(context, &who, command, out)
+}
+
+pub(super) fn rearm(
+    context: &CliContext,
+    views: &Views,
+    args: &VersionArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let who = identity(context, &args.signature)?;
+    let command = Command::Rearm(operation(&args.version, &args.signature));
+    VerbExecutor::open(context)?.execute_as(context, &who, command, out)
+}
+
+/// One person signs alone; only a running engine knows which versions wait.
+pub(super) fn break_glass(
+    context: &CliContext,
+    views: &Views,
+    args: &BreakGlassArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let who = passphrase::stored_identity(context, &args.signature.identity)?;
+    let Some(client) = running(context)? else {
+        let text = "held: no engine is running on this store, so no version waits for break-glass";
+        return Err(CliError::from_engine_fault(text).with_hint("start one with `holdpoint run`"));
+    };
+    let mut side = VerbExecutor::Running(client);
+    let snapshot = side.snapshot()?;
+    let Some(door) = snapshot.emergencies.iter().find(|door| door.version == args.version) else {
+        let text = format!("held: break-glass does not apply to {} now", args.version);
+        let hint =
+            "under sim and real, it applies after shadow to a version that waits for approvers or a freeze";
+        return Err(CliError::from_engine_fault(text).with_hint(hint));
+    };
+    let (question, bound) = side.question(door, &who.info().name)?;
+    check_digest(args.digest.as_deref(), &bound)?;
+    request_text::print_request(&question.lines, &live_lines(door, &snapshot), out)?;
+    let who = passphrase::unlock(who, args.signature.passphrase_file.as_deref())?;
+    let command = question.answer(&who, ApprovalDecision::Approve, args.signature.reason.raw());
+    side.execute(command.map_err(CliError::internal)?, out)
+}

@@ -1,0 +1,39 @@
+//! Whether an engine may start under a profile on a store, from its records, and what is missing.
+
+use std::path::Path;
+
+use super::{data, profile_choice};
+use holdpoint_engine::store_identity::{self, RequestedRules, StartPermission};
+use holdpoint_governance::site_profile::ChosenProfile;
+use holdpoint_registry::{ProfileHistory, StoreError, Views};
+use holdpoint_text::Hint as _;
+
+/// Whether an engine may start under a profile on the store in this folder, which may not exist yet.
+///
+/// # Errors
+/// As [`store_identity::may_begin`], and if the store cannot be read.
+pub(super) fn may_begin(data: &Path, chosen: &ChosenProfile) -> Result<StartPermission, StoreError> {
+    let (profile, table) = chosen.rules().map_err(|error| StoreError::Invalid {
+        what: "profile",
+        value: data.display().to_string(),
+        allowed: error.sentence(),
+    })?;
+    let asked = RequestedRules { profile: &profile, table: &table, own: chosen.texts(), scripted: false };
+    match data::open(data) {
+        Ok(views) => {
+            let before = store_identity::context_record(&views)?;
+            store_identity::may_begin(&views.profiles()?, (before.as_ref(), views.head()?.seq), asked)
+        }
+        // There is no store yet, or opening it reports the problem.
+        Err(_) => store_identity::may_begin(&ProfileHistory::default(), (None, 0), asked),
+    }
+}
+
+/// Why an engine on this store would activate nothing; absent if it would.
+pub(super) fn missing(views: &Views) -> Option<String> {
+    let folder = views.folder()?;
+    match may_begin(&folder, &profile_choice::last(&folder).ok()?) {
+        Ok(StartPermission::Unauthorized(why)) => Some(why),
+        Ok(StartPermission::Authorized(_)) | Err(_) => None,
+    }
+}

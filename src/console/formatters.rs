@@ -1,0 +1,255 @@
+//! One formatter for each kind of word and number, shared by views, exports and prompts.
+
+use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::clock::clock_time;
+use holdpoint_protocol::console_presence::AttachedConsoleView;
+use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::snapshot::{ApprovalRequestView, CandidateView, ProgressView, Snapshot};
+use holdpoint_text::Untrusted;
+
+/// Virtual time as hours, minutes and seconds since the store began.
+#[must_use]
+pub fn seconds(at_ms: u64) -> String {
+    clock_time(at_ms)
+}
+
+/// The operator of an attached console: the chosen name, or the console's number.
+#[must_use]
+pub fn seated(seat: &AttachedConsoleView) -> String {
+    let who = match &seat.sitting.who {
+        Some(name) => Untrusted::new(name.clone()).line().into_string(),
+        None => format!("seat {}", seat.seat),
+    };
+    // A read-only console decides nothing.
+    let who = if seat.sitting.read_only { format!("{who}, read-only") } else { who };
+    if seat.not_reading { format!("{who}, NOT READING") } else { who }
+}
+
+/// A duration: `950 ms`, `12 s`, `4 min 5 s`, `3 h 2 min`.
+#[must_use]
+pub fn duration(ms: u64) -> String {
+    let secs = ms / 1000;
+    match secs {
+        0 => format!("{ms} ms"),
+        1..60 => format!("{secs} s"),
+        60..3600 => format!("{} min {} s", secs / 60, secs % 60),
+        _ => format!("{} h {} min", secs / 3600, secs / 60 % 60),
+    }
+}
+
+/// A dimension's sign in Greek, or in letters alone.
+#[must_use]
+pub const fn kappa_sign(dimension: Dimension, ascii: bool) -> &'static str {
+    match (dimension, ascii) {
+        (Dimension::Interface, false) => "κI",
+        (Dimension::Policy, false) => "κP",
+        (Dimension::Behavior, false) => "κB",
+        (Dimension::Recovery, false) => "κR",
+        (Dimension::Interface, true) => "kI",
+        (Dimension::Policy, true) => "kP",
+        (Dimension::Behavior, true) => "kB",
+        (Dimension::Recovery, true) => "kR",
+        (other, _) => other.label(),
+    }
+}
+
+/// One dimension with value, interval, limit and source.
+#[must_use]
+pub fn kappa_line(result: &DimensionResult) -> String {
+    let value = result.kappa.map_or_else(|| "no data".to_owned(), |kappa| format!("{kappa:.3}"));
+    let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
+    let basis = if result.measured { "" } else { ", estimated" };
+    format!(
+        "{} {value}{interval} (at least {:.2}) {}{basis}",
+        result.dimension.label(),
+        result.threshold,
+        result.outcome
+    )
+}
+
+/// A reason with its code.
+#[must_use]
+pub fn reason_line(reason: &Reason) -> String {
+    format!("{}: {}", reason.code, holdpoint_wording::reason(reason))
+}
+
+/// The state of a version, flags included.
+#[must_use]
+pub fn state_label(state: State, flags: &VersionFlags) -> String {
+    let mut words = vec![state.name().to_owned()];
+    let flagged = [
+        (flags.provisional, "provisional"),
+        (flags.restricted, "restricted"),
+        (flags.rollback_pending, "rolling back"),
+        (flags.awaiting_approval, "awaiting approval"),
+        (flags.paused, state.paused_label()),
+    ];
+    words.extend(flagged.into_iter().filter(|(is, _)| *is).map(|(_, word)| word.to_owned()));
+    if let Some(stage) = flags.running {
+        words.push(format!("in {}", stage.name()));
+    }
+    words.join(", ")
+}
+
+/// What an idle candidate waits for; absent if it runs, is finished, or is held by a person.
+#[must_use]
+pub fn waits_for(now: &Snapshot, candidate: &CandidateView) -> Option<String> {
+    let (State::Registered | State::Validated | State::Sandboxed | State::Shadowed | State::Demoted) =
+        candidate.state
+    else {
+        return None;
+    };
+    let flags = candidate.flags;
+    if candidate.progress.is_some() || flags.running.is_some() || flags.paused || flags.awaiting_approval {
+        return None;
+    }
+    let family = now.families.iter().find(|family| family.family == candidate.version.family);
+    let compares = !matches!(candidate.state, State::Registered | State::Shadowed);
+    let mut others = now.candidates.iter().filter(|other| other.version != candidate.version);
+    let at_work = others.find(|other| works(other));
+    Some(if let Some(why) = pipeline_idle_reason(now) {
+        format!("waits: {why}")
+    } else if candidate.held {
+        "on hold: nothing runs until it is resumed".to_owned()
+    } else if compares && family.is_some_and(|family| family.active.is_none()) {
+        format!("waits until {} has an active version to compare it with", candidate.version.family)
+    } else if candidate.state == State::Demoted {
+        "waits for an operator to evaluate it again".to_owned()
+    } else if let Some(review) = family.and_then(|family| family.review.as_ref()) {
+        format!("waits for the review of {}", review.version)
+    } else if let Some(other) = at_work {
+        let stage = other.progress.as_ref().map(|progress| progress.stage).or(other.flags.running);
+        // Fresh evidence about an active version counts as sandbox.
+        let confirms = other.state == State::Active;
+        let stage = match stage {
+            _ if re_evaluation(other).is_some() => "re-evaluation",
+            _ if confirms => "confirmation",
+            stage => stage.map_or("its stage", Stage::name),
+        };
+        format!("waits for {}, in {stage}: one runs at a time", other.version)
+    } else {
+        return None;
+    })
+}
+
+/// Why nothing runs; absent if something may.
+#[must_use]
+pub fn pipeline_idle_reason(now: &Snapshot) -> Option<&'static str> {
+    if now.holding.is_some() {
+        Some("the engine holds")
+    } else {
+        now.stopped.is_some().then_some("the cell is stopped")
+    }
+}
+
+/// Whether a stage of a version is running. A new stage has no count yet.
+#[must_use]
+pub const fn works(candidate: &CandidateView) -> bool {
+    under_way(candidate).is_some() || (candidate.flags.running.is_some() && !candidate.flags.paused)
+}
+
+/// How far a version's stage is; absent if it has left the pipeline, despite an older count.
+#[must_use]
+pub const fn under_way(candidate: &CandidateView) -> Option<&ProgressView> {
+    let rests = matches!(candidate.state, State::Demoted) && candidate.flags.running.is_none();
+    if candidate.state.is_terminal() || rests { None } else { candidate.progress.as_ref() }
+}
+
+/// How far the re-evaluation of an active, inconclusive version is. Its confirmation counts as sandbox, this as
+/// shadow.
+#[must_use]
+pub fn re_evaluation(version: &CandidateView) -> Option<&ProgressView> {
+    under_way(version).filter(|progress| version.state == State::Active && progress.stage == Stage::Shadow)
+}
+
+/// When an approved version takes over.
+#[must_use]
+pub const fn takeover_time(cell_is_stopped: bool) -> &'static str {
+    if cell_is_stopped {
+        "takes over as soon as the cell starts"
+    } else {
+        "takes over when the sequence that runs is over"
+    }
+}
+
+/// The number of approvals, and the outcome of the request.
+#[must_use]
+pub fn approvals(prompt: &ApprovalRequestView, cell_is_stopped: bool, now: WallTime) -> (String, String) {
+    let have = prompt.approved_by.len();
+    let officer = prompt.officer_missing && u32::try_from(have).is_ok_and(|have| have >= prompt.needed);
+    let officer = if officer { ", safety officer missing" } else { "" };
+    let count = format!("{have} of {}{officer}", prompt.needed);
+    let next = if prompt.granted {
+        takeover_time(cell_is_stopped).to_owned()
+    } else {
+        format!("held at {}", prompt.until.as_deadline(now))
+    };
+    (count, next)
+}
+
+/// The seven stages of the pipeline strip, in order.
+pub const STAGES: [&str; 7] = ["register", "validate", "sandbox", "shadow", "gate", "monitor", "confirm"];
+
+/// The place of the monitor's stage in [`STAGES`].
+pub const MONITOR_PLACE: usize = 5;
+
+/// How many of [`STAGES`] a version has passed. A stopped version counts up to the stage that ran then, else up to
+/// the state it left.
+#[must_use]
+pub fn stages_done(state: State, left: Option<State>, ran: Option<Stage>, flags: &VersionFlags) -> usize {
+    match state {
+        State::Registered => 1,
+        State::Validated => 2,
+        State::Sandboxed => 3,
+        State::Shadowed => 4,
+        State::Active if flags.provisional => MONITOR_PLACE,
+        State::Active | State::Superseded => STAGES.len(),
+        State::RolledBack => MONITOR_PLACE,
+        State::Rejected | State::Demoted => ran.map_or_else(|| stopped_after(left), stage_place),
+    }
+}
+
+/// If no stage was running, a person stopped it.
+const fn stopped_after(left: Option<State>) -> usize {
+    match left {
+        None | Some(State::Registered | State::Rejected) => 1,
+        // A demoted version has its sandbox still ahead.
+        Some(State::Validated | State::Demoted) => 2,
+        Some(State::Sandboxed) => 3,
+        Some(State::Shadowed) => 4,
+        Some(State::Active | State::Superseded | State::RolledBack) => MONITOR_PLACE,
+    }
+}
+
+/// The stage's place in [`STAGES`].
+#[must_use]
+pub const fn stage_place(stage: Stage) -> usize {
+    match stage {
+        Stage::Validation => 1,
+        Stage::Sandbox => 2,
+        Stage::Shadow => 3,
+        Stage::Activation => 4,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations_and_times() {
+        let table = [
+            (0, "0 ms"),
+            (950, "950 ms"),
+            (59_999, "59 s"),
+            (245_000, "4 min 5 s"),
+            (10_920_000, "3 h 2 min"),
+        ];
+        for (ms, text) in table {
+            assert_eq!(duration(ms), text);
+        }
+        assert_eq!(seconds(3_723_000), "01:02:03");
+    }
+}

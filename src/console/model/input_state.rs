@@ -1,0 +1,83 @@
+//! The input that has the keys instead of the view: a dialog over it, or a line at the foot of the screen.
+
+use crate::approval_screen::ApprovalScreen;
+use crate::form::Form;
+use crate::line::EditLine;
+use crate::palette::Palette;
+use crate::player::Player;
+use holdpoint_governance::ids::CapabilityId;
+
+/// A dialog over the view, which takes the keys. At most one at a time.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Overlay {
+    /// Help, which is the palette as well.
+    Palette(Palette),
+    Approval(Box<ApprovalScreen>),
+    /// An operation that needs a reason or a confirmation.
+    Form(Box<Form>),
+    /// The explanation of a check's result.
+    Why(WhyScreen),
+    /// The re-run of a part of an evaluation.
+    Film(Box<FilmScreen>),
+}
+
+/// The explanation on the screen, and how far it is scrolled.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WhyScreen {
+    /// The version that is explained.
+    pub version: CapabilityId,
+    /// Its place among the explanations.
+    pub at: usize,
+    /// Rows that have gone out at the top.
+    pub scroll: usize,
+}
+
+impl WhyScreen {
+    /// Another explanation, from its beginning.
+    #[must_use]
+    pub fn turned(&self, at: usize) -> Self {
+        Self { version: self.version.clone(), at, scroll: 0 }
+    }
+}
+
+/// A film, and the explanation it is watched from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FilmScreen {
+    pub player: Player,
+    pub back: WhyScreen,
+}
+
+/// Text that is being typed at the foot of the screen.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Typing {
+    /// A command, typed after `:`.
+    Command(EditLine),
+    /// The view's filter, typed after `/`.
+    Filter(EditLine),
+    /// The text to find, typed after `/` in a view without a filter.
+    Find(EditLine),
+}
+
+/// The completions of a command line, while Tab steps through them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CompletionMenu {
+    /// The line before completion.
+    pub typed: String,
+    /// Whole lines, the best first; at least one.
+    pub lines: Vec<String>,
+    /// Which of them stands in the line.
+    pub at: usize,
+}
+
+/// See the module's head.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct InputState {
+    /// What lies over the view.
+    pub overlay: Option<Overlay>,
+    /// What is typed at the foot.
+    pub typing: Option<Typing>,
+    /// What Tab goes through; absent before it was pressed, and once anything else was.
+    pub menu: Option<CompletionMenu>,
+    /// Command lines of this session, oldest first.
+    pub history: Vec<String>,
+}

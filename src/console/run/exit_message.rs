@@ -1,0 +1,137 @@
+//! The last line: the state that the console left.
+
+use crate::model::ConsoleModel;
+use holdpoint_engine::control_socket::ControlSocketError;
+use holdpoint_engine::engine_handle::EngineEndError;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
+use holdpoint_text::{Hint as _, Untrusted};
+
+/// Why the console ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExitCause {
+    /// The operator asked for it.
+    Requested,
+    Signalled,
+    /// The terminal is lost: no message can appear there.
+    TerminalLost,
+}
+
+/// The state that a console left.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ExitReport {
+    pub cause: ExitCause,
+    /// Whether there was an engine here.
+    pub engine_started: bool,
+    /// Whether the engine shut down cleanly.
+    pub in_order: bool,
+    /// One line on the state that the console left, sanitized.
+    pub text: String,
+}
+
+/// The exit report: the console's cause, the engine's end, and the work in progress at the last snapshot.
+pub(super) fn exit_report(
+    cause: ExitCause,
+    came_up: bool,
+    ended: Option<Result<(), EngineEndError>>,
+    last: Option<&Snapshot>,
+) -> ExitReport {
+    let (in_order, engine) = match ended {
+        Some(Ok(())) => (true, "the engine shut down cleanly".to_owned()),
+        Some(Err(why)) if !came_up => (false, format!("the engine did not come up: {why}")),
+        Some(Err(why)) => (false, format!("the engine ended with a fault: {why}")),
+        None => (false, "the engine did not end in time; the next start recovers its work".to_owned()),
+    };
+    let mut parts = vec![engine];
+    parts.extend(last.into_iter().flat_map(pending_work));
+    let text = Untrusted::new(parts.join("; ")).line().into_string();
+    ExitReport { cause, engine_started: came_up, in_order, text }
+}
+
+/// The exit report if the engine keeps running: `kept` is its reply to the request to run without a console,
+/// `ends_alone_s` how long it does so by itself.
+pub(super) fn at_work(
+    model: &ConsoleModel,
+    cause: ExitCause,
+    kept: &Result<(), ControlSocketError>,
+    ends_alone_s: Option<u64>,
+) -> ExitReport {
+    let (back, stop) = (model.in_shell(""), model.in_shell("stop"));
+    let mut text = format!("left the engine running; {back} attaches to it again, {stop} stops its arm");
+    if let Some(secs) = ends_alone_s {
+        text.push_str(&format!("; without a console, it ends after {secs} s"));
+    }
+    if let Err(error) = kept {
+        text.push_str(&format!("; the request to keep it running FAILED: {}", error.sentence()));
+    }
+    let text = Untrusted::new(text).line().into_string();
+    ExitReport { cause, engine_started: true, in_order: kept.is_ok(), text }
+}
+
+/// The exit report if the engine has not finished its shutdown.
+pub(super) fn still_ending(model: &ConsoleModel, cause: ExitCause) -> ExitReport {
+    let status = model.in_shell("status");
+    let text = format!("the engine is still shutting down; {status} shows when the store is free");
+    let text = Untrusted::new(text).line().into_string();
+    ExitReport { cause, engine_started: true, in_order: false, text }
+}
+
+/// The exit report if an engine in another process is gone.
+pub(super) fn ended_elsewhere(cause: ExitCause, why: &EngineEndError) -> ExitReport {
+    let text =
+        Untrusted::new(format!("the engine that this console was at is gone: {why}")).line().into_string();
+    // Another client ended it on purpose.
+    ExitReport { cause, engine_started: true, in_order: why.orderly, text }
+}
+
+/// The work that continues at the next start, one part for each kind.
+fn pending_work(snapshot: &Snapshot) -> Vec<String> {
+    let count =
+        |is: &dyn Fn(&CandidateView) -> bool| snapshot.candidates.iter().filter(|one| is(one)).count();
+    let mut parts = Vec::new();
+    for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow, Stage::Activation] {
+        let here = count(&|one| one.flags.running == Some(stage) && !one.flags.awaiting_approval);
+        if here > 0 {
+            parts.push(format!(
+                "{} in {}: that stage is run again at the next start",
+                candidates(here),
+                stage.name()
+            ));
+        }
+    }
+    let waiting = snapshot.prompts.len();
+    if waiting > 0 {
+        parts.push(format!("{} held for approval; approvers are asked again", candidates(waiting)));
+    }
+    let watched = count(&|one| one.flags.provisional);
+    if watched > 0 {
+        parts.push(format!("{} provisional, monitored again from the next start", candidates(watched)));
+    }
+    parts
+}
+
+fn candidates(count: usize) -> String {
+    if count == 1 { "1 candidate is".to_owned() } else { format!("{count} candidates are") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn says_how_the_engine_ended() {
+        let fault = || Some(Err(EngineEndError::of("disk full\u{7}")));
+        for (came_up, ended, in_order, words) in [
+            (true, Some(Ok(())), true, "the engine shut down cleanly"),
+            (true, fault(), false, r"with a fault: disk full\u{7}"),
+            (false, fault(), false, r"did not come up: disk full\u{7}"),
+            (true, None, false, "did not end in time"),
+        ] {
+            let left = exit_report(ExitCause::Requested, came_up, ended, None);
+            assert_eq!(left.in_order, in_order);
+            assert!(left.text.contains(words), "{}", left.text);
+        }
+        assert_eq!(candidates(1), "1 candidate is");
+        assert_eq!(candidates(3), "3 candidates are");
+    }
+}

@@ -1,0 +1,95 @@
+//! Starting a stopped cell, and what the operator has to read first.
+
+use super::operations::{dismiss_form, open};
+use super::{refuse, show_message};
+use crate::effect::Effect;
+use crate::form::Intent;
+use crate::formatters::seconds;
+use crate::model::{ConsoleModel, Overlay};
+use holdpoint_protocol::snapshot::StoppedView;
+
+/// Opens the form that starts a stopped cell.
+pub(super) fn go(model: &mut ConsoleModel) -> Vec<Effect> {
+    match may_go(model).cloned() {
+        Ok(stopped) => {
+            let (since_ms, stops) = (stopped.since_ms, stopped.stops);
+            let intent = Intent::Go { since_ms, stops, last_ms: stopped.last_ms() };
+            let lines = go_lines(model, &stopped);
+            open(model, intent, lines)
+        }
+        Err(why) => refuse(model, &why),
+    }
+}
+
+/// The stop that the operator can end, or why not.
+pub(super) fn may_go(model: &ConsoleModel) -> Result<&StoppedView, String> {
+    let now = model.engine_data.snapshot.as_deref();
+    if let Some(why) = now.and_then(|now| now.holding.as_ref()) {
+        // A halted engine refuses it.
+        return Err(format!("the engine holds, and lets nothing work before it is started again: {why}"));
+    }
+    now.and_then(|now| now.stopped.as_ref()).ok_or_else(|| "the cell is not stopped".to_owned())
+}
+
+/// The consequences of starting the cell: its stops, and the version that takes control.
+fn go_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
+    let mut lines = vec!["The arm moves again at once; make sure that the cell is empty".to_owned()];
+    let prompts = model.engine_data.snapshot.iter().flat_map(|now| &now.prompts);
+    let granted = prompts.filter(|prompt| prompt.granted);
+    lines.extend(granted.map(|prompt| format!("{} is approved and takes control at once", prompt.version)));
+    lines.extend(stop_lines(stopped));
+    lines
+}
+
+/// All stops of the cell, with their authors.
+fn stop_lines(stopped: &StoppedView) -> Vec<String> {
+    let somebody = |by: &str| if by.is_empty() { "somebody".to_owned() } else { by.to_owned() };
+    let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason}") };
+    let (by, since) = (somebody(&stopped.by), seconds(stopped.since_ms));
+    let mut lines =
+        vec![format!("Stopped by {by}, {}, since {since}{}", stopped.caller, why(&stopped.reason))];
+    if stopped.unnamed > 0 {
+        lines.push(format!("and {} more times, by whom the record says", stopped.unnamed));
+    }
+    lines.extend(stopped.again.iter().map(|stop| {
+        let (by, at) = (somebody(&stop.by), seconds(stop.at_ms));
+        format!("and by {by}, {}, at {at}{}", stop.caller, why(&stop.reason))
+    }));
+    lines
+}
+
+/// The open form's current consequences, or why it is void.
+pub(super) fn still_stopped(model: &ConsoleModel, read: (u64, u64)) -> Result<Vec<String>, String> {
+    match model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.as_ref()) {
+        None => Err("the cell has already been started".to_owned()),
+        Some(stopped) if (stopped.since_ms, stopped.stops) != read => {
+            let by = stopped.again.last().map_or(&stopped.by, |stop| &stop.by);
+            Err(restop_message(by, stopped.last_ms()))
+        }
+        Some(stopped) => Ok(go_lines(model, stopped)),
+    }
+}
+
+/// Another stop of a stopped cell: the operator who is about to start it has to know.
+pub(super) fn stopped_again(model: &mut ConsoleModel, by: &str, at_ms: u64) {
+    let Some(Overlay::Form(form)) = &model.input.overlay else { return };
+    // A stop from before the last one that was read arrives late.
+    if !matches!(form.intent, Intent::Go { last_ms, .. } if at_ms > last_ms) {
+        return;
+    }
+    let is_asked = form.signing.as_ref().is_some_and(|signing| signing.asked.is_some());
+    if is_asked {
+        show_message(
+            model,
+            format!("{}; your request does not include it and will be refused", restop_message(by, at_ms)),
+            true,
+        );
+    } else if form.void.is_none() {
+        dismiss_form(model, restop_message(by, at_ms));
+    }
+}
+
+fn restop_message(by: &str, at_ms: u64) -> String {
+    let by = if by.is_empty() { "somebody" } else { by };
+    format!("{by} has stopped it again at {}: read why first", seconds(at_ms))
+}

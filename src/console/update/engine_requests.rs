@@ -1,0 +1,166 @@
+//! The console's queries to the engine: on entering a view, and again after a change.
+
+use super::{health, operations, overlays, show_message};
+use crate::audit::AuditGroup;
+use crate::effect::{Effect, EngineQuery};
+use crate::model::{
+    ConsoleModel, EngineState, HISTORY_PANE, Overlay, PendingRequest, PendingStop, RequestSubject, View,
+};
+use holdpoint_governance::record::VersionGroup;
+use holdpoint_text::Hint as _;
+
+/// The most requests without an answer; far below the engine's own limit.
+const PENDING_MAX: usize = 32;
+
+/// The shortest interval between repeats of a failed stop, ms.
+const STOP_AGAIN_MS: u64 = 1_000;
+
+/// The subject of a demonstration candidate in a request.
+pub(super) const DEMO: &str = "submit the next demonstration candidate";
+
+/// A new request's id; absent if too many requests wait.
+pub(super) fn request(model: &mut ConsoleModel, about: RequestSubject, what: String) -> Option<String> {
+    // A confirmed operation may be a stop: its sender decides about the destination.
+    let confirmed = matches!(about, RequestSubject::Operation | RequestSubject::Decision);
+    if let Some(absence) = model.absence().filter(|_| !confirmed) {
+        show_message(model, absence.problem().sentence(), true);
+        return None;
+    }
+    if model.requests.pending.len() >= PENDING_MAX {
+        show_message(model, format!("{PENDING_MAX} requests wait for the engine already"), true);
+        return None;
+    }
+    Some(add_pending(model, about, what))
+}
+
+fn add_pending(model: &mut ConsoleModel, about: RequestSubject, what: String) -> String {
+    let id = format!("console-{}", model.requests.next_request);
+    model.requests.next_request += 1;
+    model.requests.pending.insert(id.clone(), PendingRequest { about, what });
+    id
+}
+
+/// Stops the cell, even if many requests wait, and without a question.
+pub(super) fn stop(model: &mut ConsoleModel) -> Vec<Effect> {
+    // Without an operator the name is empty: the record names user and process beside it.
+    let by = model.session.operator.as_ref().map_or_else(String::new, |who| who.name.clone());
+    let text = match model.absence() {
+        None => "STOP: the stop is requested",
+        Some(_) => "STOP: the running engine is being asked",
+    };
+    show_message(model, text, true);
+    request_stop(model, by)
+}
+
+fn request_stop(model: &mut ConsoleModel, by: String) -> Vec<Effect> {
+    let question = EngineQuery::Stop { by: by.clone() };
+    let id = add_pending(model, question.about(), "stop the cell".to_owned());
+    let now_ms = model.now_ms;
+    let since_ms = model.engine_data.pending_stop.as_ref().map_or(now_ms, |asked| asked.since_ms);
+    model.engine_data.pending_stop =
+        Some(PendingStop { id: id.clone(), by, asked_ms: now_ms, since_ms, why: None });
+    vec![Effect::Ask { id, question }]
+}
+
+/// Sends a stop again to an engine whose cell is running, if the stop failed and was not withdrawn.
+pub(super) fn resend_stop(model: &mut ConsoleModel) -> Vec<Effect> {
+    if model.engine_data.engine != EngineState::Running {
+        return Vec::new();
+    }
+    let now_ms = model.now_ms;
+    // A stop that fails at once is not sent again with each camera frame.
+    let is_due =
+        |asked: &&PendingStop| asked.why.is_some() && now_ms.saturating_sub(asked.asked_ms) >= STOP_AGAIN_MS;
+    let Some(by) = model.engine_data.pending_stop.as_ref().filter(is_due).map(|asked| asked.by.clone())
+    else {
+        return Vec::new();
+    };
+    show_message(model, "STOP: the engine answers again; your stop failed and is sent again", true);
+    request_stop(model, by)
+}
+
+/// Requests the text of an open approval request for the operator at this console.
+pub(super) fn request_approval_text(model: &mut ConsoleModel) -> Vec<Effect> {
+    let Some(who) = model.session.operator.as_ref().map(|who| who.name.clone()) else { return Vec::new() };
+    let Some(Overlay::Approval(prompt)) = &model.input.overlay else { return Vec::new() };
+    let waits = |id: &str| model.requests.pending.contains_key(id);
+    if model.absence().is_some() || model.settings.read_only || !prompt.needs_delivery(&who, waits) {
+        return Vec::new();
+    }
+    let (version, purpose) = (prompt.seen.version.clone(), prompt.seen.purpose);
+    let question = EngineQuery::Asked { version, purpose, who: who.clone() };
+    let Some(id) = request(model, question.about(), String::new()) else { return Vec::new() };
+    if let Some(Overlay::Approval(prompt)) = &mut model.input.overlay {
+        prompt.mark_requested(who, id.clone());
+    }
+    vec![Effect::Ask { id, question }]
+}
+
+/// Sends a query, which decides nothing.
+pub(super) fn send_query(model: &mut ConsoleModel, what: String, question: EngineQuery) -> Vec<Effect> {
+    request(model, question.about(), what).map(|id| Effect::Ask { id, question }).into_iter().collect()
+}
+
+/// Requests the view's data, even without a change.
+pub(super) fn refresh_now(model: &mut ConsoleModel) -> Vec<Effect> {
+    if model.engine_data.engine != EngineState::Running {
+        return Vec::new();
+    }
+    let Some(question) = wanted(model) else { return Vec::new() };
+    model.requests.asked.insert(question.about(), model.requests.changes);
+    send_query(model, String::new(), question)
+}
+
+/// Repeats queries after a change, one of a kind at a time.
+pub(super) fn refresh(model: &mut ConsoleModel) -> Vec<Effect> {
+    let Some(about) = wanted(model).as_ref().map(EngineQuery::about) else { return Vec::new() };
+    let unchanged = model.requests.asked.get(&about) == Some(&model.requests.changes);
+    let fresh = if about == RequestSubject::Health { health::is_fresh(model, unchanged) } else { unchanged };
+    let waits = model.requests.pending.values().any(|pending| pending.about == about);
+    if fresh || waits { Vec::new() } else { refresh_now(model) }
+}
+
+fn wanted(model: &ConsoleModel) -> Option<EngineQuery> {
+    match model.view_state.view {
+        View::Health => Some(EngineQuery::Health(health::health_query(model))),
+        View::Alarms if model.view_state.pane() == HISTORY_PANE => {
+            Some(EngineQuery::AlarmHistory(health::HISTORY))
+        }
+        View::Overview | View::Alarms | View::Approvals => None,
+        View::Registry => Some(EngineQuery::Registry { group: group(model), text: String::new() }),
+        View::Candidate | View::Shadow => Some(EngineQuery::Detail(model.subject()?)),
+        View::Audit => Some(EngineQuery::Audit(AuditGroup::of_pane(model.view_state.pane_of(View::Audit)))),
+    }
+}
+
+fn group(model: &ConsoleModel) -> VersionGroup {
+    match model.view_state.pane_of(View::Registry) {
+        1 => VersionGroup::Active,
+        2 => VersionGroup::Candidate,
+        3 => VersionGroup::History,
+        _ => VersionGroup::All,
+    }
+}
+
+/// Asks for a check of the whole chain.
+pub(super) fn verify(model: &mut ConsoleModel) -> Vec<Effect> {
+    show_message(model, "checking the audit chain", false);
+    send_query(model, "check the audit chain".to_owned(), EngineQuery::Verify)
+}
+
+/// Submits a candidate: a folder, or the next demonstration candidate. If it needs a signature, a form confirms it
+/// first.
+pub(super) fn register(model: &mut ConsoleModel, folder: Option<String>) -> Vec<Effect> {
+    if overlays::is_signed(&model.engine_data) {
+        return operations::register(model, folder);
+    }
+    submit(model, folder)
+}
+
+/// Submits a candidate, with the passphrase to sign it.
+pub(super) fn submit(model: &mut ConsoleModel, folder: Option<String>) -> Vec<Effect> {
+    let what = folder.as_deref().map_or_else(|| DEMO.to_owned(), |folder| format!("submit {folder:?}"));
+    let Some(id) = request(model, RequestSubject::Registration, what) else { return Vec::new() };
+    let passphrase = overlays::leave_form(model, &id);
+    vec![Effect::Register { id, folder, passphrase }]
+}

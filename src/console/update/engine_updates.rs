@@ -1,0 +1,326 @@
+//! Handles the engine's updates and answers.
+
+use std::sync::Arc;
+
+use super::{cell_restart, engine_requests, operations, overlays, show_message, why};
+use crate::effect::{Effect, EngineQuery};
+use crate::model::{
+    ConsoleModel, EngineLink, EngineState, EventLogLine, LOG_MAX, Overlay, RequestSubject, StageProgress,
+    View,
+};
+use holdpoint_engine::control_socket::UnverifiedOrigin;
+use holdpoint_engine::engine_handle::EngineEndError;
+use holdpoint_governance::alarms::Priority;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::record::VersionGroup;
+use holdpoint_protocol::approval_document::ApprovalDocument;
+use holdpoint_protocol::command::{Refusal, Reply, StopPersistence};
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_text::{Hint, Problem, Untrusted};
+use holdpoint_wording::event as event_text;
+
+pub(super) fn started(model: &mut ConsoleModel) -> Vec<Effect> {
+    model.engine_data.engine = EngineState::Running;
+    let mut effects = vec![Effect::ReadIdentities];
+    let everything = EngineQuery::Registry { group: VersionGroup::All, text: String::new() };
+    effects.extend(engine_requests::send_query(model, String::new(), everything));
+    effects
+}
+
+/// The engine is gone, or never came up.
+pub(super) fn ended(model: &mut ConsoleModel, how: Result<(), EngineEndError>) -> Vec<Effect> {
+    if let Err(why) = &how {
+        let came_up = model.engine_data.engine == EngineState::Running;
+        let what = match (came_up, why.orderly) {
+            (true, true) => "the engine is gone",
+            (true, false) => "the engine ended",
+            (false, _) => "the engine did not come up",
+        };
+        show_message(model, format!("{what}: {why}"), !why.orderly);
+    }
+    model.engine_data.console_number = None;
+    model.engine_data.engine = EngineState::Ended(how);
+    operations::dismiss_all_forms(model, "the engine is gone");
+    Vec::new()
+}
+
+/// Attaches to an engine: view and cursor stay, requests to another engine get no answer any more, and the new event
+/// log continues below the old one.
+pub(super) fn seated(
+    model: &mut ConsoleModel,
+    process: Option<i32>,
+    doubt: Option<UnverifiedOrigin>,
+) -> Vec<Effect> {
+    let came_back = matches!(model.engine_data.engine, EngineState::Ended(_));
+    let is_same = process.is_some() && model.engine_data.process == process;
+    if let Some(last) = model.engine_data.events.back().filter(|_| !is_same).cloned() {
+        let text = "(the engine that told this is gone; another one tells what follows)".to_owned();
+        model.engine_data.events.push_back(EventLogLine { seq: last.seq + 1, text, sequences: 0, ..last });
+        model.engine_data.event_base = last.seq + 2;
+    }
+    model.engine_data.process = process;
+    model.engine_data.unverified = doubt;
+    model.engine_data.link = EngineLink::Attached;
+    model.engine_data.engine = EngineState::Starting;
+    model.engine_data.reconnect = None;
+    if came_back {
+        // The end of the other engine says nothing about this one.
+        model.engine_data.started_here = false;
+        model.engine_data.attached_ms = Some(model.now_ms);
+        model.requests.pending.clear();
+        model.requests.asked.clear();
+        let (lost, now) = if is_same {
+            let lost = "the connection to the engine was lost";
+            (lost, "the engine kept running, and this console is attached to it again")
+        } else {
+            let lost = "the engine that was asked is gone";
+            (lost, "an engine runs on this store again, and this console is attached to it")
+        };
+        overlays::unanswered(model, &format!("{lost}; whether your request was carried out is unknown"));
+        if let Some(asked) = &mut model.engine_data.pending_stop {
+            asked.why = Some(lost.to_owned());
+        }
+        show_message(model, now, false);
+    }
+    Vec::new()
+}
+
+/// Takes in events from before this console was attached.
+pub(super) fn past(model: &mut ConsoleModel, events: &[Event], earlier: u64) -> Vec<Effect> {
+    let base = model.engine_data.event_base;
+    let known = model.engine_data.events.back().map(|line| line.seq);
+    if known.is_none_or(|known| known < base)
+        && let Some(first) = events.first()
+    {
+        let text = if earlier == 0 {
+            "(the engine began here)".to_owned()
+        } else {
+            format!("(the log begins here; {earlier} earlier events of this engine are on record only)")
+        };
+        let seq = base.saturating_add(first.seq);
+        model.engine_data.events.push_back(EventLogLine { seq, at_ms: first.at_ms, text, sequences: 0 });
+    }
+    for event in events.iter().filter(|event| known.is_none_or(|known| event.seq + base > known)) {
+        append_event_line(model, event);
+    }
+    Vec::new()
+}
+
+/// Adds a line to the event log.
+fn append_event_line(model: &mut ConsoleModel, event: &Event) {
+    let text = event_text::sentence(event, event_text::LINE_WIDTH_MAX).into_string();
+    let sequences = u32::from(matches!(event.kind, EventKind::Sequence { .. }));
+    let seq = event.seq.saturating_add(model.engine_data.event_base);
+    let line = EventLogLine { seq, at_ms: event.at_ms, text, sequences };
+    // Consecutive sequences share one line, so that they do not drown other events.
+    match model.engine_data.events.back_mut() {
+        Some(last) if sequences > 0 && last.sequences > 0 => {
+            *last = EventLogLine { sequences: last.sequences.saturating_add(1), ..line };
+        }
+        _ => model.engine_data.events.push_back(line),
+    }
+    if model.engine_data.events.len() > LOG_MAX {
+        model.engine_data.events.pop_front();
+    }
+}
+
+pub(super) fn events(model: &mut ConsoleModel, events: Vec<Event>) -> Vec<Effect> {
+    for event in events {
+        // Progress is frequent, and the snapshot contains it.
+        if matches!(event.kind, EventKind::Progress { .. }) {
+            continue;
+        }
+        if let EventKind::CellStopped { by, .. } = &event.kind {
+            cell_restart::stopped_again(model, by, event.at_ms);
+        }
+        if let (
+            EventKind::ApprovalReceived { version, by, decision, have, needed, .. },
+            Some(Overlay::Approval(prompt)),
+        ) = (&event.kind, &mut model.input.overlay)
+        {
+            prompt.note_answer(version, by, *decision, have >= needed);
+        }
+        if !matches!(event.kind, EventKind::Sequence { .. }) {
+            model.requests.changes += 1;
+        }
+        if let EventKind::CellReleased { by, .. } = &event.kind {
+            released(model, by);
+        }
+        append_event_line(model, &event);
+    }
+    Vec::new()
+}
+
+/// The cell is running again, from whatever source: no text may still say that it is stopped.
+fn released(model: &mut ConsoleModel, by: &str) {
+    show_message(
+        model,
+        format!("the cell runs again: started by {}", Untrusted::new(by.to_owned()).line()),
+        false,
+    );
+    if let Some(picture) = &mut model.engine_data.picture {
+        // This is the last frame of the stop, and the next one may take long.
+        Arc::make_mut(picture).stopped = false;
+    }
+}
+
+/// Takes in a new snapshot and compares an open approval request with it at once.
+pub(super) fn snapshot(model: &mut ConsoleModel, snapshot: Arc<Snapshot>) -> Vec<Effect> {
+    let critical =
+        |snapshot: &Snapshot| snapshot.alarm_summary.highest_unacknowledged == Some(Priority::Critical);
+    let calls = critical(&snapshot) && !model.engine_data.snapshot.as_deref().is_some_and(critical);
+    if let Some(Overlay::Approval(prompt)) = &mut model.input.overlay {
+        prompt.look(&snapshot, model.now_ms);
+    }
+    if snapshot.stopped.is_some() {
+        // A stopped cell confirms the stop, whatever its source.
+        model.engine_data.pending_stop = None;
+    }
+    headway(model, &snapshot);
+    model.engine_data.snapshot_ms = model.now_ms;
+    model.engine_data.snapshot = Some(snapshot);
+    operations::follow(model);
+    let mut effects = engine_requests::resend_stop(model);
+    if calls {
+        effects.push(Effect::Bell);
+    }
+    effects
+}
+
+/// Notes the progress of each running stage; entries of other versions are dropped.
+fn headway(model: &mut ConsoleModel, now: &Snapshot) {
+    let under_way = |id: &CapabilityId| {
+        now.candidates.iter().any(|candidate| candidate.version == *id && candidate.progress.is_some())
+    };
+    model.engine_data.stage_progress.retain(|id, _| under_way(id));
+    for candidate in &now.candidates {
+        let Some(progress) = &candidate.progress else { continue };
+        match model.engine_data.stage_progress.get_mut(&candidate.version) {
+            Some(known) => known.see(progress, now.at_ms),
+            None => {
+                model
+                    .engine_data
+                    .stage_progress
+                    .insert(candidate.version.clone(), StageProgress::of(progress, now.at_ms));
+            }
+        }
+    }
+}
+
+pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Effect> {
+    overlays::answered(model, id);
+    let stays_in_sight = stop_answered(model, id, &reply);
+    let pending = model.requests.pending.remove(id);
+    let about = pending.as_ref().map(|pending| pending.about);
+    let asked = pending.map(|pending| pending.what).unwrap_or_default();
+    match reply {
+        _ if stays_in_sight => Vec::new(),
+        Reply::Accepted { text, .. } | Reply::Stopped { text, kept: StopPersistence::OnRecord } => {
+            show_message(model, text, false);
+            Vec::new()
+        }
+        // The stop is in force, but the operator must know what a sudden end would lose.
+        Reply::Stopped { text, kept: StopPersistence::InMark | StopPersistence::InMemory } => {
+            show_message(model, text, true);
+            Vec::new()
+        }
+        // Both consoles have the same list, so the next entry is as good.
+        Reply::Refused { code: Refusal::Exists, text, .. }
+            if asked == engine_requests::DEMO && !overlays::is_signed(&model.engine_data) =>
+        {
+            let effects = engine_requests::submit(model, None);
+            show_message(
+                model,
+                format!("{text}, by another client meanwhile: the next one is submitted"),
+                false,
+            );
+            effects
+        }
+        Reply::Refused { code: Refusal::Exists, text, .. } if asked == engine_requests::DEMO => {
+            show_message(
+                model,
+                format!("{text}, by another client meanwhile: `:demo` again takes the next one"),
+                true,
+            );
+            Vec::new()
+        }
+        // Others ask as well: a query without a key press is repeated silently.
+        Reply::Refused { code: Refusal::NotNow, .. }
+            if matches!(about, Some(RequestSubject::Health | RequestSubject::AlarmHistory)) =>
+        {
+            about.map(|about| model.requests.asked.remove(&about));
+            Vec::new()
+        }
+        Reply::Refused { text, hint, .. } if about == Some(RequestSubject::Question) => {
+            receive_request(model, id, Err(Problem::from((text, hint)).sentence()));
+            Vec::new()
+        }
+        Reply::Question { question } => {
+            receive_request(model, id, Ok(question));
+            Vec::new()
+        }
+        Reply::Refused { text, hint, .. } => {
+            let asked = if asked.is_empty() { asked } else { format!("{asked}: ") };
+            show_message(model, format!("{asked}{}", Problem::from((text, hint)).sentence()), true);
+            Vec::new()
+        }
+        // The engine publishes snapshots by itself, so a requested one is not needed.
+        Reply::Snapshot { snapshot: told } => snapshot(model, Arc::from(told)),
+        Reply::Detail { detail } => {
+            model.engine_data.detail = Some(Arc::from(detail));
+            Vec::new()
+        }
+        Reply::Film { film } => {
+            why::film(model, film);
+            Vec::new()
+        }
+        Reply::Registry { page } => {
+            model.engine_data.registry.take(page);
+            Vec::new()
+        }
+        Reply::Audit { page } => {
+            model.engine_data.audit = Arc::new(page);
+            Vec::new()
+        }
+        Reply::Health { series } => {
+            if about == Some(RequestSubject::AlarmHistory) {
+                model.engine_data.alarm_history = Some(Arc::from(series));
+            } else {
+                model.engine_data.health = Some((Arc::from(series), model.now_ms));
+            }
+            Vec::new()
+        }
+        Reply::Verified { verified } => {
+            show_message(model, verified.text.clone(), !verified.holds);
+            model.engine_data.verified = Some(verified);
+            if model.view_state.view == View::Audit {
+                engine_requests::refresh_now(model)
+            } else {
+                Vec::new()
+            }
+        }
+    }
+}
+
+/// Handles the text of an open approval request, or why there is none; answers for another one are ignored.
+fn receive_request(model: &mut ConsoleModel, id: &str, answer: Result<Box<ApprovalDocument>, String>) {
+    if let Some(Overlay::Approval(prompt)) = &mut model.input.overlay {
+        prompt.take(id, answer);
+    }
+}
+
+/// Handles the answer to a stop. An unanswered stop is repeated until it is confirmed. Returns whether it stays
+/// visible, so that no other message is needed.
+fn stop_answered(model: &mut ConsoleModel, id: &str, reply: &Reply) -> bool {
+    let Some(asked) = model.engine_data.pending_stop.as_mut().filter(|asked| asked.id == id) else {
+        return false;
+    };
+    if let Reply::Refused { code: Refusal::NoAnswer, text, hint } = reply {
+        asked.why = Some(Problem::from((text.clone(), hint.clone())).sentence());
+        model.notice = None;
+        return true;
+    }
+    model.engine_data.pending_stop = None;
+    false
+}

@@ -1,0 +1,88 @@
+//! Moves the cursor to the typed text, in views without a filter.
+
+use super::navigation::set_row;
+use super::refuse;
+use crate::audit;
+use crate::effect::Effect;
+use crate::model::{ConsoleModel, HISTORY_PANE, OpenedRecord, Typing, View};
+use crate::rows::search_text;
+use holdpoint_protocol::health::AlarmEpisode;
+
+/// Moves the cursor to the next row that contains the typed text, from its place and then from the top. It stays if
+/// there is none.
+pub(super) fn look(model: &mut ConsoleModel) {
+    let Some(Typing::Find(line)) = &model.input.typing else { return };
+    if let (Some(lines), Some(opened)) = (model.opened_record().map(audit::raw), model.view_state.opened) {
+        let wanted = line.text().to_lowercase();
+        let fits = |at: &usize| lines.get(*at).is_some_and(|text| text.to_lowercase().contains(&wanted));
+        let found = (opened.scroll..lines.len()).chain(0..opened.scroll).find(fits);
+        if let (Some(scroll), false) = (found, wanted.is_empty()) {
+            model.view_state.opened = Some(OpenedRecord { scroll, ..opened });
+        }
+        return;
+    }
+    if let Some(row) = find_row(model, line.text()) {
+        set_row(model, row);
+    }
+}
+
+/// Moves to the next match, after the row under the cursor.
+pub(super) fn next(model: &mut ConsoleModel) -> Vec<Effect> {
+    let sought = model.view_state.sought.clone();
+    if sought.is_empty() {
+        return refuse(model, "nothing was searched for yet; / begins a search in a list that hides nothing");
+    }
+    let wanted = sought.to_lowercase();
+    let is_in = |text: &String| text.to_lowercase().contains(&wanted);
+    let lines = model.opened_record().map(audit::raw);
+    let (texts, at) = match (&lines, model.view_state.opened) {
+        (Some(lines), Some(opened)) => (lines.clone(), opened.scroll),
+        _ => (texts(model), model.row()),
+    };
+    let after = (at + 1..texts.len()).chain(0..=at.min(texts.len().saturating_sub(1)));
+    let Some(found) = after.into_iter().find(|row| texts.get(*row).is_some_and(is_in)) else {
+        return refuse(model, &format!("{sought:?} is not in this list"));
+    };
+    match (&lines, &mut model.view_state.opened) {
+        (Some(_), Some(opened)) => opened.scroll = found,
+        _ => set_row(model, found),
+    }
+    Vec::new()
+}
+
+pub(super) fn is_there(model: &ConsoleModel, text: &str) -> bool {
+    if let Some(record) = model.opened_record() {
+        let wanted = text.to_lowercase();
+        return audit::raw(record).iter().any(|line| line.to_lowercase().contains(&wanted));
+    }
+    text.is_empty() || find_row(model, text).is_some()
+}
+
+fn find_row(model: &ConsoleModel, text: &str) -> Option<usize> {
+    let wanted = text.to_lowercase();
+    let texts = texts(model);
+    let fits = |row: &usize| texts.get(*row).is_some_and(|text| text.to_lowercase().contains(&wanted));
+    let from = model.row();
+    (!wanted.is_empty()).then(|| (from..texts.len()).chain(0..from).find(fits)).flatten()
+}
+
+/// The text of each row of the view.
+fn texts(model: &ConsoleModel) -> Vec<String> {
+    match model.view_state.view {
+        View::Alarms if model.view_state.pane() == HISTORY_PANE => {
+            let said =
+                |spell: &AlarmEpisode| format!("{} {}", spell.alarm, spell.text.as_deref().unwrap_or(""));
+            model.alarm_spells().into_iter().map(said).collect()
+        }
+        View::Health => model.health_families().iter().map(ToString::to_string).collect(),
+        View::Alarms => {
+            let rows = model.alarm_rows();
+            let alarms = rows.iter().map(|row| row.alarm());
+            alarms.map(|alarm| format!("{} {} {}", alarm.alarm, alarm.subject, alarm.text)).collect()
+        }
+        View::Approvals => model.waiting_rows().iter().map(|row| row.version().to_string()).collect(),
+        View::Candidate => model.candidate_rows(model.view_state.pane()).iter().map(search_text).collect(),
+        View::Shadow => model.disagreement_rows().iter().map(|row| row.text.clone()).collect(),
+        View::Overview | View::Registry | View::Audit => Vec::new(),
+    }
+}

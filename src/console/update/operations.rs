@@ -1,0 +1,559 @@
+//! Operations on versions and alarms: the form to open, or why it is refused.
+
+use super::{cell_restart, engine_requests, identity_offer, overlays, refuse, selection, show_message};
+use crate::action::Action;
+use crate::approval_screen::ApprovalScreen;
+use crate::effect::{Effect, EngineQuery};
+use crate::form::{Abort, ConfirmedOperation, Form, Intent, NO_IDENTITY_TEXT};
+use crate::formatters::state_label;
+use crate::line::EditLine;
+use crate::model::{ConsoleModel, EngineLink, EngineState, Overlay, RequestSubject};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{State, VersionFlags};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::snapshot::AlarmView;
+use holdpoint_text::Hint as _;
+
+/// Sends confirmed operations one by one: an item loses its mark when its operation is sent.
+pub(super) fn carry_out(model: &mut ConsoleModel, confirmed: Vec<ConfirmedOperation>) -> Vec<Effect> {
+    let said: Vec<&str> = confirmed.iter().map(ConfirmedOperation::description).collect();
+    show_message(model, format!("{}: asked", said.join("; ")), false);
+    let mut effects = Vec::new();
+    for one in confirmed {
+        // Too many requests wait: the other items keep their marks.
+        let Some(id) =
+            engine_requests::request(model, RequestSubject::Operation, one.description().to_owned())
+        else {
+            break;
+        };
+        let passphrase = overlays::leave_form(model, &id);
+        if let Some(version) = one.version() {
+            model.view_state.marked_versions.remove(version);
+        }
+        effects.push(Effect::Operate { id, confirmed: Box::new(one), passphrase });
+    }
+    effects
+}
+
+/// Opens a form, or reports a missing operator before a reason is typed.
+pub(super) fn open(model: &mut ConsoleModel, intent: Intent, consequences: Vec<String>) -> Vec<Effect> {
+    if let Some(absence) = model.absence().filter(|_| !intent.stops()) {
+        return refuse(model, &absence.problem().sentence());
+    }
+    if let Some(doubt) = model.engine_data.unverified.filter(|_| !intent.allows_unverified_engine()) {
+        return refuse(model, &format!("{doubt}: nothing is signed for it"));
+    }
+    if intent.needs_person() && model.session.operator.is_none() {
+        return refuse(model, &format!("{NO_IDENTITY_TEXT}: {}", intent.title()));
+    }
+    let form = Form::new(intent, consequences).opened_at(model.now_ms);
+    model.input.overlay = Some(Overlay::Form(Box::new(form)));
+    model.input.typing = None;
+    Vec::new()
+}
+
+/// Opens the form of an operation on the version under the cursor, or says why it is not possible.
+pub(super) fn on_version(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
+    if action == Action::Abort {
+        return match abort(model) {
+            Some((what, consequences)) => open(model, Intent::Abort(what), consequences),
+            None => refuse(model, "nothing to abort is running; B rolls an active version back"),
+        };
+    }
+    if let Some(effects) = selection::on_versions(model, action) {
+        return effects;
+    }
+    let Some(id) = model.version_here() else {
+        return refuse(model, "there is no version under the cursor");
+    };
+    match intent(model, action, &id) {
+        Ok((intent, consequences)) => open(model, intent, consequences),
+        Err(why) => refuse(model, &why),
+    }
+}
+
+/// Updates the open form to the current state. If its operation became impossible or different, the form becomes void
+/// with a reason. It stays open, so that typed text does not become keys.
+pub(super) fn follow(model: &mut ConsoleModel) {
+    let Some(Overlay::Form(form)) = &model.input.overlay else { return };
+    if form.void.is_some() || form.signing.as_ref().is_some_and(|signing| signing.asked.is_some()) {
+        // The operation was sent; the engine's answer closes the form.
+        return;
+    }
+    match now(model, &form.intent) {
+        Ok(consequences) => {
+            if let Some(Overlay::Form(form)) = &mut model.input.overlay {
+                form.follow(consequences);
+            }
+        }
+        Err(why) => dismiss_form(model, why),
+    }
+}
+
+/// Makes any open form void; a request already sent still gets its answer, or a notice that it got none.
+pub(super) fn dismiss_all_forms(model: &mut ConsoleModel, why: &str) {
+    let Some(Overlay::Form(form)) = &mut model.input.overlay else { return };
+    let is_asked = form.signing.as_ref().is_some_and(|signing| signing.asked.is_some());
+    if form.void.is_none() && !is_asked {
+        form.dismiss(why.to_owned(), model.now_ms);
+    }
+}
+
+/// Makes the open form void.
+pub(super) fn dismiss_form(model: &mut ConsoleModel, why: String) {
+    let now_ms = model.now_ms;
+    let Some(Overlay::Form(form)) = &mut model.input.overlay else { return };
+    let text = format!("not asked: {}: {why}", form.intent.title());
+    form.dismiss(why, now_ms);
+    show_message(model, text, true);
+}
+
+/// The current consequences of a form, or why it is void.
+pub(super) fn now(model: &ConsoleModel, opened: &Intent) -> Result<Vec<String>, String> {
+    let (action, id) = match opened {
+        Intent::Pause(id) => (Action::Pause, id),
+        Intent::Resume(id) => (Action::Resume, id),
+        Intent::Reject(id) => (Action::Refuse, id),
+        Intent::Demote(id) => (Action::Demote, id),
+        Intent::Rollback(id) | Intent::Vacate(id) => (Action::Rollback, id),
+        Intent::Restrict(id) => (Action::Restrict, id),
+        Intent::Repeat(id) => (Action::Repeat, id),
+        Intent::Release(id) => (Action::Release, id),
+        Intent::Continue(id) => (Action::Continue, id),
+        Intent::Rearm(id) => (Action::Rearm, id),
+        Intent::Several(each) => return selection::lines(model, each),
+        Intent::Abort(what) => return abort_lines(model, what),
+        Intent::Go { since_ms, stops, .. } => return cell_restart::still_stopped(model, (*since_ms, *stops)),
+        Intent::Goal(_) => return Ok(goal_lines(model)),
+        Intent::ConfirmTime(read) => return clock_lines(model, Some(*read)).map(|(_, lines)| lines),
+        Intent::Note => return Ok(note_lines()),
+        Intent::Profile(id, profile, close) => return Ok(profile_lines(model, id, *profile, *close)),
+        Intent::Shelve(name) => return alarm_lines(alarm_now(model, name)?, Action::Shelve),
+        Intent::ResetAlarm(name) => return alarm_lines(alarm_now(model, name)?, Action::ResetAlarm),
+        Intent::Register(_) => return Ok(register_lines()),
+        Intent::Identity(name) => return Ok(identity_offer::lines(name)),
+        Intent::Quit => return Ok(quit_lines(model)),
+    };
+    let (intent, lines) = intent(model, action, id)?;
+    if intent == *opened {
+        Ok(lines)
+    } else {
+        Err(format!("it would now be something else: {}", intent.title()))
+    }
+}
+
+/// Opens the form that submits a candidate, where a signature is needed.
+pub(super) fn register(model: &mut ConsoleModel, folder: Option<String>) -> Vec<Effect> {
+    open(model, Intent::Register(folder), register_lines())
+}
+
+fn register_lines() -> Vec<String> {
+    vec!["It is registered and evaluated beside the active version; it acts only after its gate".to_owned()]
+}
+
+fn alarm_now<'a>(model: &'a ConsoleModel, name: &str) -> Result<&'a AlarmView, String> {
+    let alarms = model.engine_data.snapshot.as_ref().map_or(&[][..], |snapshot| &snapshot.alarms);
+    alarms.iter().find(|alarm| alarm.alarm == name).ok_or_else(|| "the alarm is normal again".to_owned())
+}
+
+pub(super) fn intent(
+    model: &ConsoleModel,
+    action: Action,
+    id: &CapabilityId,
+) -> Result<(Intent, Vec<String>), String> {
+    let Some((state, flags)) = model.version_state(id) else {
+        return Err(format!("nothing is known about {id} yet"));
+    };
+    let now = format!("{id} is {}", state_label(state, &flags));
+    let wrong = |what: &str| Err(format!("{now}; {what}"));
+    let is_candidate = !state.is_terminal() && state != State::Active && state != State::Superseded;
+    let of = id.clone();
+    let (intent, consequence) = match action {
+        Action::Pause if state.may_pause(&flags) => {
+            let what = if state == State::Active {
+                "It keeps the arm, provisionally, and is monitored; it is not confirmed until it is resumed"
+            } else {
+                "Its stage stops; only reject, demote and resume go through"
+            };
+            (Intent::Pause(of), what.to_owned())
+        }
+        Action::Pause => {
+            return wrong("only a candidate or a provisional version that is not held can be held");
+        }
+        Action::Resume if state.may_resume(&flags, is_held(model, id)) => {
+            let what = if state == State::Active {
+                "It is confirmed once its window is over without a trip"
+            } else {
+                "It continues from its state; this approves nothing"
+            };
+            (Intent::Resume(of), what.to_owned())
+        }
+        Action::Resume => return wrong("only what is held can be resumed"),
+        Action::Refuse if is_candidate => {
+            (Intent::Reject(of), "It never comes back under this version".to_owned())
+        }
+        Action::Refuse => return wrong("only a candidate can be rejected"),
+        Action::Demote if state == State::Active && rollback_target(model, id).is_none() => {
+            return wrong("no version would take over; B deactivates the last version");
+        }
+        Action::Demote if is_candidate || state == State::Active => {
+            (Intent::Demote(of), leaves(model, id, state, "It is evaluated again before it may act"))
+        }
+        Action::Demote => return wrong("only a candidate or an active version can be returned"),
+        Action::Rollback if state == State::Active && rollback_target(model, id).is_none() => {
+            (Intent::Vacate(of), leaves(model, id, state, "An operator has to reactivate the family"))
+        }
+        Action::Rollback if state == State::Active => {
+            (Intent::Rollback(of), leaves(model, id, state, "It does not come back by itself"))
+        }
+        Action::Rollback => return wrong("only an active version can be rolled back"),
+        Action::Restrict if state == State::Active && !flags.restricted => {
+            (Intent::Restrict(of), "Its speed and force are tightened until it is settled".to_owned())
+        }
+        Action::Restrict => return wrong("only an active version that is not restricted can be restricted"),
+        Action::Repeat if !flags.paused && flags.running.is_none() && repeats(state) => {
+            (Intent::Repeat(of), "Its sandbox is run again; gate pass and approvals are void".to_owned())
+        }
+        Action::Repeat => {
+            return wrong("only a sandboxed, shadowed or demoted version at rest is evaluated again");
+        }
+        Action::Release if state == State::Active && flags.restricted => {
+            let what = "It gets its full envelope; its window and its charts start over";
+            (Intent::Release(of), what.to_owned())
+        }
+        Action::Release => return wrong("only a restricted version can be released"),
+        Action::Continue if has_open_request(model, id) => {
+            (Intent::Continue(of), "The monitor's question is closed; its charts start over".to_owned())
+        }
+        Action::Continue => return wrong("its monitor asks nothing"),
+        Action::Rearm if stopped(model, id) && matches!(state, State::Superseded | State::Demoted) => {
+            (Intent::Rearm(of), format!("{} acts again, under this version", id.family))
+        }
+        Action::Rearm => {
+            return wrong("only a superseded version of a stopped family can be reactivated");
+        }
+        _ => return Err(format!("{:?} is not about a version", action.word())),
+    };
+    Ok((intent, vec![now, consequence]))
+}
+
+const fn repeats(state: State) -> bool {
+    matches!(state, State::Sandboxed | State::Shadowed | State::Demoted)
+}
+
+fn is_held(model: &ConsoleModel, id: &CapabilityId) -> bool {
+    model.candidate(id).is_some_and(|candidate| candidate.held)
+}
+
+/// Opens the request for a break-glass activation of the version under the cursor.
+pub(super) fn break_glass(model: &mut ConsoleModel) -> Vec<Effect> {
+    if let Some(effects) = selection::on_versions(model, Action::BreakGlass) {
+        return effects;
+    }
+    let Some(id) = model.version_here() else {
+        return refuse(model, "there is no version under the cursor");
+    };
+    let prompt = model.engine_data.snapshot.as_ref().and_then(|snapshot| {
+        let question = snapshot.emergencies.iter().find(|question| question.version == id)?;
+        Some(ApprovalScreen::open(question, snapshot, model.now_ms))
+    });
+    match prompt {
+        Some(prompt) => {
+            model.input.overlay = Some(Overlay::Approval(Box::new(prompt)));
+            model.input.typing = None;
+            Vec::new()
+        }
+        None => refuse(model, &format!("break-glass does not apply to {id}")),
+    }
+}
+
+/// Opens the form that gives the agent of the live cell a goal.
+pub(super) fn goal(model: &mut ConsoleModel, goal: String) -> Vec<Effect> {
+    let lines = goal_lines(model);
+    open(model, Intent::Goal(goal), lines)
+}
+
+/// Opens the form that confirms what the machine's clock says.
+pub(super) fn confirm_time(model: &mut ConsoleModel) -> Vec<Effect> {
+    match clock_lines(model, None) {
+        Ok((said, lines)) => open(model, Intent::ConfirmTime(said), lines),
+        Err(why) => refuse(model, &why),
+    }
+}
+
+/// The time of the machine's clock, now or as it was read, and why it is not trusted; an error if it is.
+fn clock_lines(model: &ConsoleModel, read: Option<WallTime>) -> Result<(WallTime, Vec<String>), String> {
+    let doubt = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.clock_doubt.as_ref());
+    let doubt = doubt.ok_or_else(|| "the machine's clock is trusted".to_owned())?;
+    let said = read.unwrap_or(doubt.said);
+    let lines = vec![
+        format!("{}; it said {} when this was opened", doubt.text, said.label()),
+        "Compare it with another clock; approvals, freezes and reviews then end by it".to_owned(),
+    ];
+    Ok((said, lines))
+}
+
+/// Opens the form for a note, with the text typed so far.
+pub(super) fn note(model: &mut ConsoleModel, text: &str) -> Vec<Effect> {
+    let effects = open(model, Intent::Note, note_lines());
+    match &mut model.input.overlay {
+        Some(Overlay::Form(form)) if form.intent == Intent::Note => form.reason = EditLine::new(text),
+        _ => {}
+    }
+    effects
+}
+
+fn note_lines() -> Vec<String> {
+    vec!["It goes on record, into the log, and into Health as a mark; it changes nothing else".to_owned()]
+}
+
+fn goal_lines(model: &ConsoleModel) -> Vec<String> {
+    let now = model.engine_data.snapshot.as_ref().map_or("", |snapshot| snapshot.live.goal.as_str());
+    vec![
+        format!("The goal is now {now}; this one applies from the next sequence on"),
+        "A candidate of a family that the goal leaves out meets no task in shadow".to_owned(),
+    ]
+}
+
+/// Opens the form that blocks the version under the cursor for a profile, or unblocks it.
+pub(super) fn on_profile(model: &mut ConsoleModel, profile: ProfileName, close: bool) -> Vec<Effect> {
+    let Some(id) = model.version_here() else {
+        return refuse(model, "there is no version under the cursor");
+    };
+    let lines = profile_lines(model, &id, profile, close);
+    open(model, Intent::Profile(id, profile, close), lines)
+}
+
+fn profile_lines(model: &ConsoleModel, id: &CapabilityId, profile: ProfileName, close: bool) -> Vec<String> {
+    let now = model.engine_data.snapshot.as_ref().map(|snapshot| snapshot.profile);
+    let acts = model.version_state(id).is_some_and(|(state, _)| state == State::Active);
+    let consequence = match (close, acts && now == Some(profile)) {
+        (true, true) => {
+            leaves(model, id, State::Active, "It is active under this profile, so it is rolled back")
+        }
+        (true, false) => format!("Under {} the gate holds it; its state does not change", profile.name()),
+        (false, _) => format!("Under {} the gate looks at it again", profile.name()),
+    };
+    vec![consequence]
+}
+
+fn has_open_request(model: &ConsoleModel, id: &CapabilityId) -> bool {
+    model
+        .engine_data
+        .snapshot
+        .as_ref()
+        .is_some_and(|now| now.questions.iter().any(|question| question.version == *id))
+}
+
+fn stopped(model: &ConsoleModel, id: &CapabilityId) -> bool {
+    let families = model.engine_data.snapshot.as_ref().map_or(&[][..], |snapshot| &snapshot.families);
+    families.iter().any(|family| family.family == id.family && family.safe_stopped)
+}
+
+/// The consequences for the robot when an active version loses control.
+fn leaves(model: &ConsoleModel, id: &CapabilityId, state: State, otherwise: &str) -> String {
+    if state != State::Active {
+        return otherwise.to_owned();
+    }
+    match rollback_target(model, id) {
+        Some(back) => format!("The arm stops; {back} takes over. {otherwise}"),
+        None => format!("The arm stops; {} is safe-stopped: there is no rollback target", id.family),
+    }
+}
+
+fn rollback_target<'a>(model: &'a ConsoleModel, id: &CapabilityId) -> Option<&'a CapabilityId> {
+    let snapshot = model.engine_data.snapshot.as_ref()?;
+    snapshot.families.iter().find(|family| family.active.as_ref() == Some(id))?.pinned.as_ref()
+}
+
+/// The most urgent target of an abort, with its consequences: an active version in question, an unsettled one, the
+/// candidate under the cursor, a running candidate, a waiting one.
+pub(super) fn abort(model: &ConsoleModel) -> Option<(Abort, Vec<String>)> {
+    let snapshot = model.engine_data.snapshot.as_ref()?;
+    let unsettled = |flags: &VersionFlags| flags.provisional || flags.restricted;
+    let actives: Vec<(&CapabilityId, VersionFlags)> = snapshot
+        .families
+        .iter()
+        .filter_map(|family| Some((family.active.as_ref()?, family.flags.unwrap_or_default())))
+        .collect();
+    let here = model.version_here();
+    let asked = snapshot.questions.first().map(|question| &question.version);
+    let open = || actives.iter().filter(|(_, flags)| unsettled(flags)).map(|(id, _)| *id);
+    let active = asked
+        .or_else(|| open().find(|id| Some(*id) == here.as_ref()))
+        .or_else(|| open().next())
+        .or_else(|| actives.iter().map(|(id, _)| *id).find(|id| Some(*id) == here.as_ref()))
+        .cloned();
+    let under_way = |id: &&CapabilityId| is_under_way(model, id);
+    let candidates = || snapshot.candidates.iter().map(|candidate| &candidate.version).filter(under_way);
+    let settled_active = active.as_ref().is_some_and(|id| !open().any(|o| o == id) && asked != Some(id));
+    let candidate = here
+        .as_ref()
+        .filter(under_way)
+        .or_else(|| candidates().find(|id| model.candidate(id).is_some_and(|c| c.progress.is_some())))
+        .or_else(|| candidates().next());
+    let what = match (active, candidate) {
+        (Some(id), None) => Abort::Active(id),
+        (Some(id), Some(_)) if !settled_active => Abort::Active(id),
+        (_, Some(id)) => Abort::Candidate(id.clone()),
+        (None, None) => return None,
+    };
+    let what = match what {
+        Abort::Active(id) if rollback_target(model, &id).is_none() => Abort::Last(id),
+        Abort::Active(_) | Abort::Last(_) | Abort::Candidate(_) => what,
+    };
+    let lines = abort_lines(model, &what).ok()?;
+    Some((what, lines))
+}
+
+/// The consequences of an abort in the current state.
+fn abort_lines(model: &ConsoleModel, what: &Abort) -> Result<Vec<String>, String> {
+    let snapshot = model.engine_data.snapshot.as_ref().ok_or("nothing is known yet")?;
+    let acts = |id: &CapabilityId| snapshot.families.iter().any(|family| family.active.as_ref() == Some(id));
+    let mut lines = match what {
+        Abort::Active(id) | Abort::Last(id) if !acts(id) => {
+            return Err(format!("{id} is not active any more"));
+        }
+        Abort::Active(id) | Abort::Last(id) => {
+            if matches!(what, Abort::Last(_)) == rollback_target(model, id).is_some() {
+                return Err(format!("the version that takes over from {id} has changed: look again"));
+            }
+            vec![leaves(model, id, State::Active, "It does not come back by itself")]
+        }
+        Abort::Candidate(id) if !is_under_way(model, id) => {
+            let stands = model.version_state(id);
+            let stands =
+                stands.map_or_else(|| "gone".to_owned(), |(state, flags)| state_label(state, &flags));
+            return Err(format!("{id} is {stands} by now: look again"));
+        }
+        Abort::Candidate(id) => vec![format!("{id} is held in its state; active versions continue")],
+    };
+    let under_way = snapshot.candidates.iter().map(|candidate| &candidate.version);
+    let rest = under_way.filter(|id| is_under_way(model, id));
+    let rest = rest.filter(|id| !matches!(what, Abort::Candidate(of) if of == *id));
+    lines.extend(rest.map(|id| format!("Not touched: {id}")).take(3));
+    Ok(lines)
+}
+
+/// Whether a candidate continues without an operator.
+fn is_under_way(model: &ConsoleModel, id: &CapabilityId) -> bool {
+    let candidate = model.candidate(id);
+    candidate.is_some_and(|c| !c.state.is_terminal() && c.state != State::Active && !c.flags.paused)
+}
+
+/// Acknowledging and unshelving act at once, because they are easily undone; the others open a form.
+pub(super) fn on_alarm(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
+    use crate::model::{HISTORY_PANE, View};
+    if model.view_state.view != View::Alarms {
+        return refuse(model, "go to the alarms first (5, or ! for the highest)");
+    }
+    if model.view_state.pane() == HISTORY_PANE {
+        return refuse(model, "the history changes nothing; tab leads to the open alarms");
+    }
+    let rows = model.alarm_rows();
+    let Some(alarm) = rows.get(model.row()).map(|item| item.alarm().clone()) else {
+        return refuse(model, "there is no alarm under the cursor");
+    };
+    let by = model.session.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
+    match action {
+        Action::Acknowledge if !model.view_state.marked.is_empty() => selection::acknowledge(model, &by),
+        Action::Acknowledge => {
+            if let Err(why) = selection::takes(&alarm, action) {
+                return refuse(model, &why);
+            }
+            let what = format!("acknowledge {}", alarm.alarm);
+            engine_requests::send_query(model, what, EngineQuery::Acknowledge { alarm: alarm.alarm, by })
+        }
+        Action::Unshelve => {
+            if let Err(why) = selection::takes(&alarm, action) {
+                return refuse(model, &why);
+            }
+            let what = format!("unshelve {}", alarm.alarm);
+            engine_requests::send_query(model, what, EngineQuery::Unshelve { alarm: alarm.alarm, by })
+        }
+        _ => match alarm_lines(&alarm, action) {
+            Ok(lines) if action == Action::Shelve => open(model, Intent::Shelve(alarm.alarm), lines),
+            Ok(lines) => open(model, Intent::ResetAlarm(alarm.alarm), lines),
+            Err(why) => refuse(model, &why),
+        },
+    }
+}
+
+/// The consequences of shelving or resetting an alarm, or why it is not possible.
+pub(super) fn alarm_lines(alarm: &AlarmView, action: Action) -> Result<Vec<String>, String> {
+    if action == Action::Shelve {
+        if !alarm.priority.can_be_shelved() {
+            return Err("a critical alarm stays in sight: it cannot be shelved".to_owned());
+        }
+        let what = "It comes back by itself; shelved alarms are counted on every screen".to_owned();
+        return Ok(vec![alarm.text.clone(), what]);
+    }
+    if alarm.state_below.is_present() {
+        return Err("its condition is still present: acknowledge it, and reset it when it is gone".to_owned());
+    }
+    if !alarm.latching {
+        return Err("it does not wait for a reset".to_owned());
+    }
+    Ok(vec![alarm.text.clone(), "It resumes nothing; say why it is safe".to_owned()])
+}
+
+/// Leaves the view, or opens the form that ends the program.
+pub(super) fn quit(model: &mut ConsoleModel) -> Vec<Effect> {
+    use crate::model::View;
+    if matches!(model.engine_data.engine, EngineState::Ended(_)) {
+        return vec![Effect::End];
+    }
+    if model.view_state.view != View::Overview {
+        model.view_state.back.clear();
+        model.view_state.view = View::Overview;
+        return Vec::new();
+    }
+    if !model.engine_data.ends_with_console() {
+        return vec![Effect::Leave];
+    }
+    let lines = quit_lines(model);
+    open(model, Intent::Quit, lines)
+}
+
+/// Ends only the console, if the engine can run without it.
+pub(super) fn detach(model: &mut ConsoleModel) -> Vec<Effect> {
+    if model.engine_data.link == EngineLink::Own {
+        let text =
+            "this engine runs in this console and ends with it; start without `--in-process` to leave it";
+        show_message(model, text.to_owned(), true);
+        return Vec::new();
+    }
+    if model.engine_data.engine == EngineState::Starting {
+        return refuse(model, "the engine is being started: wait a moment");
+    }
+    vec![Effect::Detach]
+}
+
+/// The consequences for the engine when the program ends.
+fn quit_lines(model: &ConsoleModel) -> Vec<String> {
+    let mut lines = vec!["The engine shuts down cleanly; this approves and activates nothing".to_owned()];
+    let others = model.engine_data.other_consoles().count();
+    if others > 0 {
+        lines.push(format!("{others} more at this engine lose it"));
+    }
+    if model.engine_data.link == EngineLink::Attached {
+        lines.push("This is the last console; `:detach` leaves the engine running".to_owned());
+    }
+    for candidate in model.engine_data.snapshot.iter().flat_map(|snapshot| &snapshot.candidates) {
+        if let Some(progress) = &candidate.progress {
+            lines.push(format!(
+                "{} is in {} ({} of {}): that stage is run again at the next start",
+                candidate.version,
+                progress.stage.name(),
+                progress.done,
+                progress.budget
+            ));
+        } else if candidate.flags.awaiting_approval {
+            lines.push(format!("{} waits for approval: approvers are asked again", candidate.version));
+        } else if candidate.flags.provisional {
+            lines.push(format!("{} is provisional: its window starts over", candidate.version));
+        }
+    }
+    lines
+}

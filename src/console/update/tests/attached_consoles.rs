@@ -1,0 +1,200 @@
+//! Several consoles at one engine: the presence that one reports, and the others that it shows.
+
+use super::*;
+use crate::model::EngineLink;
+use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsolePresence};
+use holdpoint_protocol::event::{Event, EventKind};
+
+fn event(seq: u64, kind: EventKind) -> Event {
+    Event { seq, at_ms: 60_000 + seq, kind }
+}
+
+fn seat(seat: u64, who: Option<&str>, reading: Option<&str>) -> AttachedConsoleView {
+    let reading = reading.map(|version| version.parse().unwrap());
+    let who = who.map(ToOwned::to_owned);
+    AttachedConsoleView {
+        seat,
+        process: None,
+        sitting: ConsolePresence { who, view: "Alarms".to_owned(), reading, read_only: false },
+        not_reading: false,
+    }
+}
+
+fn with_seats(console: &mut TestConsole, seats: Vec<AttachedConsoleView>) {
+    console.model.engine_data.console_number = Some(2);
+    console.tell(MsgKind::Snapshot(Arc::new(Snapshot { seats, ..snapshot(0, 'e') })));
+}
+
+#[test]
+fn a_console_says_where_it_is_and_which_question_it_reads() {
+    let mut console = TestConsole::new(0);
+    let said = |console: &TestConsole| (console.model.attachment().view, console.model.attachment().reading);
+    assert_eq!(console.model.attachment().who.as_deref(), Some("ana"));
+    assert_eq!(said(&console), ("Overview".to_owned(), None));
+    console.keys("a");
+    console.press(KeyCode::Enter);
+    assert_eq!(said(&console), ("Approvals".to_owned(), Some(CANDIDATE.parse().unwrap())));
+    // Once it is closed, no console reads it.
+    console.tell(MsgKind::Snapshot(Arc::new(Snapshot { prompts: Vec::new(), ..snapshot(0, 'e') })));
+    assert_eq!(said(&console).1, None);
+}
+
+#[test]
+fn others_are_everybody_but_this_seat() {
+    let mut console = TestConsole::new(0);
+    with_seats(
+        &mut console,
+        vec![seat(1, Some("bert"), None), seat(2, Some("ana"), None), seat(7, None, None)],
+    );
+    let others: Vec<u64> = console.model.engine_data.other_consoles().map(|one| one.seat).collect();
+    assert_eq!(others, [1, 7]);
+    console.model.engine_data.console_number = None;
+    assert_eq!(
+        console.model.engine_data.other_consoles().count(),
+        0,
+        "which seat is its own is not known yet"
+    );
+}
+
+/// The text of a screen of this size.
+fn screen(console: &TestConsole, columns: u16, rows: u16) -> String {
+    let model = ConsoleModel { size: (columns, rows), ..console.model.clone() };
+    let area = Rect::new(0, 0, columns, rows);
+    let mut buffer = ratatui::buffer::Buffer::empty(area);
+    let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
+    crate::frame::draw(&model, &look, area, &mut buffer);
+    buffer.content.iter().map(ratatui::buffer::Cell::symbol).collect()
+}
+
+#[test]
+fn who_else_is_here_stands_on_every_size_of_screen() {
+    let mut console = TestConsole::new(0);
+    with_seats(&mut console, vec![seat(1, Some("bert"), Some(CANDIDATE)), seat(2, Some("ana"), None)]);
+    assert!(screen(&console, 120, 36).contains("with bert (reads grasp@1.3.0)"));
+    assert!(screen(&console, 100, 30).contains("with bert"));
+    assert!(screen(&console, 80, 24).contains("and 1 more"));
+    let mut looks_on = seat(1, Some("bert"), None);
+    looks_on.sitting.read_only = true;
+    with_seats(&mut console, vec![looks_on, seat(2, Some("ana"), None)]);
+    assert!(screen(&console, 120, 36).contains("with bert, read-only (Alarms)"));
+}
+
+#[test]
+fn an_answer_from_another_seat_is_named_in_the_open_question() {
+    let mut console = TestConsole::new(0);
+    console.keys("a");
+    console.press(KeyCode::Enter);
+    let answer = |version: &str| EventKind::ApprovalReceived {
+        version: version.parse().unwrap(),
+        by: "bert\u{1b}[2J".to_owned(),
+        decision: ApprovalDecision::Reject,
+        reason: "no".to_owned(),
+        have: 0,
+        needed: 2,
+    };
+    let yes = |have| EventKind::ApprovalReceived {
+        version: CANDIDATE.parse().unwrap(),
+        by: "carl".to_owned(),
+        decision: ApprovalDecision::Approve,
+        reason: "read".to_owned(),
+        have,
+        needed: 2,
+    };
+    let answered = |console: &TestConsole| match &console.model.input.overlay {
+        Some(Overlay::Approval(prompt)) => prompt.answered.clone(),
+        other => panic!("{other:?}"),
+    };
+    console.tell(MsgKind::Events(vec![event(1, answer("place@1.0.1"))]));
+    assert_eq!(answered(&console), None, "that was about another one");
+    console.tell(MsgKind::Events(vec![event(2, answer(CANDIDATE))]));
+    let said = answered(&console).unwrap();
+    assert!(
+        said.starts_with("bert") && said.ends_with("rejected it") && !said.contains('\u{1b}'),
+        "{said:?}"
+    );
+    console.tell(MsgKind::Events(vec![event(3, yes(1))]));
+    assert_eq!(answered(&console), None, "one of two closes nothing");
+    console.tell(MsgKind::Events(vec![event(4, yes(2))]));
+    assert_eq!(answered(&console).as_deref(), Some("carl approved it, which was enough"));
+}
+
+#[test]
+fn leaving_ends_what_is_ones_own_and_nothing_else() {
+    let (leaves, keeps) = (Some(Effect::Leave), Some(Effect::Detach));
+    for (link, ends_alone_s, others, quits, detaches) in [
+        (EngineLink::Own, None, 0, None, None),
+        (EngineLink::Attached, None, 0, leaves.clone(), keeps.clone()),
+        // An engine started by a console ends with the last console, unless it was asked to keep running.
+        (EngineLink::Attached, Some(60), 0, None, keeps.clone()),
+        (EngineLink::Attached, Some(60), 1, leaves, keeps),
+    ] {
+        let mut console = TestConsole::new(0);
+        console.model.engine_data.link = link;
+        console.model.engine_data.console_number = Some(9);
+        let seats = (0..others).map(|number| seat(number, None, None)).collect();
+        let now = Snapshot { seats, ends_alone_s, ..snapshot(0, 'e') };
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
+        console.model.notice = None;
+        let word = match (link, &quits) {
+            (EngineLink::Own, _) => "q quit",
+            (EngineLink::Attached, None) => "q end engine",
+            (EngineLink::Attached, Some(_)) => "q leave it on",
+        };
+        assert!(screen(&console, 120, 36).contains(word), "{word}: {}", screen(&console, 120, 36));
+        console.keys(":detach");
+        assert_eq!(console.press(KeyCode::Enter).pop(), detaches, "{link:?}");
+        if detaches.is_none() {
+            let notice = console.model.notice.as_ref().unwrap();
+            assert!(notice.bad && notice.text.contains("--in-process"), "{notice:?}");
+        }
+        assert_eq!(console.keys("q").pop(), quits, "{link:?}");
+        // If it would end the engine, it asks first.
+        assert_eq!(console.model.input.overlay.is_some(), quits.is_none(), "{link:?}");
+    }
+}
+
+#[test]
+fn sequences_do_not_drown_the_story() {
+    let mut console = TestConsole::new(0);
+    console.model.engine_data.events.clear();
+    let sequence = |index| EventKind::Sequence { index, success: true, tasks: Vec::new(), refused: None };
+    let fault = || EventKind::Fault { text: "something else".to_owned() };
+    let mut events: Vec<Event> = (0..40).map(|index| event(index, sequence(index))).collect();
+    events.push(event(40, fault()));
+    events.push(event(41, sequence(41)));
+    console.tell(MsgKind::Events(events));
+    let lines: Vec<(u64, u32)> =
+        console.model.engine_data.events.iter().map(|line| (line.seq, line.sequences)).collect();
+    assert_eq!(lines, [(39, 40), (40, 0), (41, 1)], "the newest of each run, and how many it stands for");
+}
+
+#[test]
+fn versions_are_found_by_how_they_stand() {
+    let mut console = TestConsole::new(0);
+    for (words, found) in [("awaiting", 1), ("shadowed", 1), ("rejected", 0), ("grasp", 1)] {
+        console.model.view_state.filters.insert(View::Overview, words.to_owned());
+        assert_eq!(console.model.pipeline_rows().len(), found, "{words}");
+    }
+}
+
+#[test]
+fn a_seat_that_reads_nothing_is_marked() {
+    let mut console = TestConsole::new(0);
+    let asleep = AttachedConsoleView { not_reading: true, ..seat(1, Some("bert"), None) };
+    with_seats(&mut console, vec![asleep, seat(2, Some("ana"), None)]);
+    assert!(screen(&console, 140, 36).contains("with bert, NOT READING (Alarms)"));
+    assert!(screen(&console, 120, 36).contains("NOT READING"), "{}", screen(&console, 120, 36));
+}
+
+#[test]
+fn whoever_is_not_known_to_be_the_engine_is_named_in_the_first_line() {
+    let mut console = TestConsole::new(0);
+    let said = |console: &TestConsole| screen(console, 100, 30).contains("NOT KNOWN TO COME FROM THE ENGINE");
+    console.tell(MsgKind::Attached(
+        Some(7),
+        holdpoint_engine::control_socket::AnswerOrigin::Untold.unverified(),
+    ));
+    assert!(said(&console));
+    console.tell(MsgKind::Attached(Some(8), None));
+    assert!(!said(&console));
+}

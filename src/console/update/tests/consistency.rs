@@ -1,0 +1,114 @@
+//! Two places of the screen must not contradict each other.
+
+use super::*;
+use holdpoint_protocol::detail::Detail;
+
+/// The screen as lines, at a size.
+pub(super) fn screen(console: &TestConsole, columns: u16, rows: u16) -> String {
+    let model = ConsoleModel { size: (columns, rows), ..console.model.clone() };
+    let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
+    crate::frame::text_of(&model, &look, columns, rows)
+}
+
+fn detail(state: &serde_json::Value) -> Detail {
+    let mut value = json!({
+        "version": CANDIDATE, "against": null, "parent": "grasp@1.2.0", "digest": digest('a'), "summary": "",
+        "author": "cora", "provenance": "manual", "risk": "low", "registered_ms": 0, "dimensions": [],
+        "composite": null, "reasons": [], "conditions": [], "differences": [], "behavior": [], "modes": [],
+        "drills": [], "decisions": [], "audit": [], "evidence": null, "untested": [] });
+    let (Some(into), Some(more)) = (value.as_object_mut(), state.as_object()) else { panic!("objects") };
+    into.extend(more.clone());
+    serde_json::from_value(value).unwrap()
+}
+
+fn told(console: &mut TestConsole, detail: Detail) {
+    console.keys("3");
+    console.model.engine_data.detail = Some(Arc::new(detail));
+}
+
+#[test]
+fn better_is_said_of_the_average_and_an_interval_over_zero_beside_it() {
+    let reason = json!({ "code": "behavior-improved", "dimension": "behavior",
+        "finding": { "finding": "component-better", "component": "retry" },
+        "evidence": 0.02, "limit": 0.0 });
+    let behavior = |high: f64| {
+        json!({ "reasons": [reason], "behavior": [{ "name": "retry", "candidate": 0.02, "active": 0.04,
+            "interval": [-0.05, high], "limit": 0.15, "n": 120 }] })
+    };
+    let mut console = TestConsole::new(0);
+    told(&mut console, detail(&behavior(0.01)));
+    let text = screen(&console, 100, 30);
+    assert!(text.contains("retry is better on average; not established: worse by -0.050..+0.010"), "{text}");
+    told(&mut console, detail(&behavior(-0.01)));
+    let text = screen(&console, 100, 30);
+    assert!(text.contains("retry is better on average") && !text.contains("not established"), "{text}");
+}
+
+#[test]
+fn an_empty_pane_says_why_it_is_empty_as_the_version_stands() {
+    let cases = [
+        ("rolled-back", None, 1, "took over from no other version"),
+        (
+            "rolled-back",
+            Some("grasp@1.1.0"),
+            1,
+            "No field of manifest or parameters differs from grasp@1.1.0",
+        ),
+        ("registered", None, 1, "no version of grasp is active"),
+        ("registered", None, 2, "No sandbox episode of it has run yet"),
+        ("rejected", None, 2, "No sandbox episode of it is on record: it was rejected before"),
+        ("rejected", None, 3, "No recovery drill of it is on record"),
+        ("registered", None, 4, "No decision has been made about it yet"),
+    ];
+    for (state, against, pane, said) in cases {
+        let mut console = TestConsole::new(0);
+        let mut now = snapshot(0, 'e');
+        now.candidates[0].state = serde_json::from_value(json!(state)).unwrap();
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
+        told(&mut console, detail(&json!({ "against": against })));
+        console.model.view_state.panes[View::Candidate as usize] = pane;
+        let text = screen(&console, 100, 30);
+        assert!(text.contains(said) && !text.contains("not been reached"), "{state} {pane}:\n{text}");
+    }
+}
+
+fn shadowed(state: &str, n: u64, reasons: &serde_json::Value) -> TestConsole {
+    let mut console = TestConsole::new(0);
+    let mut now = snapshot(0, 'e');
+    now.candidates[0].state = serde_json::from_value(json!(state)).unwrap();
+    now.candidates[0].reasons = serde_json::from_value(reasons.clone()).unwrap();
+    now.candidates[0].shadow = (n > 0).then(|| {
+        serde_json::from_value(json!({ "n": n, "output": 0.1, "governance": 0.2, "envelope": 0.1,
+            "limits": [0.3, null, 0.4], "series": vec![[0.1, 0.2, 0.1]; usize::try_from(n).unwrap()], "disagreements": [] }))
+        .unwrap()
+    });
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    console.keys("4");
+    console
+}
+
+#[test]
+fn what_shadow_rejected_a_version_for_is_not_said_to_decide_nothing() {
+    let reasons = json!([{ "code": "shadow-governance-divergence", "dimension": "shadow",
+        "text": "policy hits are established as more frequent than under the active version",
+        "evidence": 0.05, "limit": 0.0 }]);
+    for (columns, rows) in [(120, 36), (80, 24)] {
+        let text = screen(&shadowed("rejected", 9, &reasons), columns, rows);
+        assert!(text.contains("policy hits are established as more frequent"), "{text}");
+        assert!(text.contains("signals judged in pairs") && !text.contains("decides nothing"), "{text}");
+    }
+}
+
+#[test]
+fn twin_and_live_world_are_alike_in_what_was_worked_and_in_nothing_else() {
+    let none = json!([]);
+    for (n, said) in [
+        (0, "there is nothing to agree on"),
+        (1, "The one sequence so far ended alike"),
+        (7, "All 7 sequences so far ended alike"),
+    ] {
+        let text = screen(&shadowed("sandboxed", n, &none), 100, 30);
+        assert!(text.contains(said), "{n}:\n{text}");
+        assert_eq!(text.contains("ended alike"), n > 0, "{n}:\n{text}");
+    }
+}

@@ -1,0 +1,186 @@
+//! Keys act on the item that the cursor shows, while lists change under it; typed text is never a key.
+
+use super::*;
+use holdpoint_protocol::snapshot::AlarmView;
+
+fn alarm_view(name: &str, priority: &str) -> AlarmView {
+    serde_json::from_value(alarm(name, priority, "unacknowledged")).unwrap()
+}
+
+fn acknowledged(effects: &[Effect]) -> Option<&str> {
+    match effects.first()? {
+        Effect::Ask { question: EngineQuery::Acknowledge { alarm, .. }, .. } => Some(alarm),
+        _ => None,
+    }
+}
+
+fn under_cursor(console: &TestConsole) -> String {
+    console.model.alarm_rows()[console.model.row()].alarm().alarm.clone()
+}
+
+#[test]
+fn the_cursor_stays_on_its_alarm_when_a_weightier_one_comes_above_it() {
+    let mut console = TestConsole::new(0);
+    console.keys("!");
+    assert_eq!(under_cursor(&console), "high:1");
+    let mut now = snapshot(0, 'e');
+    now.alarms.insert(0, alarm_view("critical:1", "critical"));
+    now.alarms.insert(0, alarm_view("critical:2", "critical"));
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert_eq!(under_cursor(&console), "high:1");
+    assert_eq!(acknowledged(&console.press(KeyCode::Char(' '))), Some("high:1"));
+}
+
+#[test]
+fn a_cursor_that_was_never_moved_stays_on_its_item_too() {
+    let mut console = TestConsole::new(0);
+    console.model.view_state.view = View::Alarms;
+    console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
+    assert_eq!(under_cursor(&console), "low:1");
+    let mut now = snapshot(0, 'e');
+    now.alarms.insert(0, alarm_view("critical:1", "critical"));
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert_eq!(acknowledged(&console.press(KeyCode::Char(' '))), Some("low:1"));
+}
+
+#[test]
+fn a_key_meant_for_what_has_just_gone_does_nothing_to_what_came_in_its_place() {
+    let mut console = TestConsole::new(0);
+    console.model.view_state.view = View::Alarms;
+    console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
+    let mut now = snapshot(0, 'e');
+    now.alarms.remove(0);
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert_eq!(under_cursor(&console), "high:1");
+    console.now_ms += 100;
+    assert_eq!(console.press(KeyCode::Char(' ')), []);
+    let said = console.model.notice.clone().unwrap();
+    assert!(said.bad && said.text.contains("just left the list"), "{said:?}");
+    console.now_ms += 1_000;
+    assert_eq!(acknowledged(&console.press(KeyCode::Char(' '))), Some("high:1"));
+}
+
+#[test]
+fn candidates_that_resort_keep_the_cursor_on_theirs() {
+    let mut console = TestConsole::new(0);
+    let mut more = snapshot(0, 'e');
+    let mut other = more.candidates[0].clone();
+    other.version = "place@2.0.0".parse().unwrap();
+    more.candidates.push(other);
+    let mut settled = more.clone();
+    console.tell(MsgKind::Snapshot(Arc::new(more)));
+    console.keys("g");
+    let first = console.model.version_here().unwrap();
+    assert_eq!(first.to_string(), "place@2.0.0");
+    settled.candidates[1].state = holdpoint_governance::lifecycle::State::Rejected;
+    console.tell(MsgKind::Snapshot(Arc::new(settled)));
+    assert_eq!(console.model.row(), 1);
+    assert_eq!(console.model.version_here(), Some(first));
+}
+
+#[test]
+fn what_is_typed_after_a_slash_never_acts() {
+    for view in View::ALL {
+        let mut console = TestConsole::new(0);
+        console.model.view_state.view = view;
+        // Without the line `x` would open the form that aborts, and `y` confirm it.
+        assert_eq!(console.keys("/xy"), [], "{view:?}");
+        assert!(console.model.input.overlay.is_none() && console.model.input.typing.is_some(), "{view:?}");
+        console.press(KeyCode::Enter);
+        assert!(console.model.input.overlay.is_none() && console.model.input.typing.is_none(), "{view:?}");
+    }
+}
+
+#[test]
+fn in_a_list_that_hides_nothing_the_cursor_goes_to_what_is_typed() {
+    let mut console = TestConsole::new(0);
+    console.keys("!/latched");
+    assert_eq!(under_cursor(&console), "latched:1");
+    assert_eq!(console.model.alarm_rows().len(), 4, "nothing is hidden");
+    console.press(KeyCode::Enter);
+    assert_eq!(under_cursor(&console), "latched:1");
+    console.keys("/no such alarm");
+    console.press(KeyCode::Enter);
+    let said = console.model.notice.clone().unwrap();
+    assert!(said.bad && said.text.contains("not in this list"), "{said:?}");
+}
+
+#[test]
+fn three_and_four_open_what_is_under_the_cursor() {
+    for (key, view) in [("3", View::Candidate), ("4", View::Shadow)] {
+        for from in [View::Overview, View::Approvals] {
+            let mut console = TestConsole::new(0);
+            console.model.view_state.chosen = Some("place@9.9.9".parse().unwrap());
+            console.model.view_state.view = from;
+            console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
+            console.keys(key);
+            assert_eq!(console.model.view_state.view, view);
+            assert_eq!(console.model.subject().unwrap().to_string(), CANDIDATE, "{key} from {from:?}");
+        }
+    }
+}
+
+#[test]
+fn the_story_names_no_version_under_its_cursor() {
+    let mut console = TestConsole::new(0);
+    console.model.view_state.panes[View::Overview as usize] = crate::model::STORY_PANE;
+    assert_eq!(console.model.version_here(), None);
+    assert_eq!(console.keys("D"), []);
+    assert!(console.model.input.overlay.is_none(), "a line of the event log is not a version");
+}
+
+#[test]
+fn typed_lines_complete_recall_and_cancel() {
+    let mut console = TestConsole::new(0);
+    console.keys(":them");
+    console.press(KeyCode::Tab);
+    let Some(Typing::Command(line)) = &console.model.input.typing else { panic!("it is typed") };
+    assert_eq!(line.text(), "theme");
+    console.keys(" mono");
+    assert_eq!(console.press(KeyCode::Enter), [Effect::UseTheme("mono".to_owned())]);
+    console.keys(":");
+    console.press(KeyCode::Up);
+    let Some(Typing::Command(line)) = &console.model.input.typing else { panic!("it is recalled") };
+    assert_eq!(line.text(), "theme mono");
+    console.press(KeyCode::Esc);
+    assert!(console.model.input.typing.is_none());
+    console.keys(":nonsense");
+    console.press(KeyCode::Enter);
+    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad));
+}
+
+/// `:demo` and Tab became `:demote`, and Enter then opened its form.
+#[test]
+fn a_whole_word_stays_what_it_is_when_it_is_completed() {
+    let mut console = TestConsole::new(0);
+    console.keys(":demo");
+    let typed = |console: &TestConsole| match &console.model.input.typing {
+        Some(Typing::Command(line)) => line.text().to_owned(),
+        other => panic!("{other:?}"),
+    };
+    for expected in ["demo", "demote", "demo"] {
+        console.press(KeyCode::Tab);
+        assert_eq!(typed(&console), expected);
+    }
+}
+
+/// The text after `:note` was lost.
+#[test]
+fn a_note_that_is_typed_stands_in_its_form() {
+    let mut console = TestConsole::new(0);
+    console.keys(":note the tray is new");
+    assert!(console.press(KeyCode::Enter).is_empty());
+    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("a form opens") };
+    assert_eq!((&form.intent, form.reason.text()), (&Intent::Note, "the tray is new"));
+}
+
+#[test]
+fn the_palette_runs_what_is_under_the_cursor_and_no_decision() {
+    let mut console = TestConsole::new(0);
+    console.keys("?");
+    let Some(Overlay::Palette(palette)) = &console.model.input.overlay else { panic!("it opens") };
+    assert!(!palette.actions.iter().any(|action| action.decides()));
+    console.keys("audit log");
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.view_state.view, View::Audit);
+}

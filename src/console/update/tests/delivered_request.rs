@@ -1,0 +1,133 @@
+//! The text of an open approval request, as the engine gives it to the operator, who signs exactly that text.
+
+use super::*;
+use holdpoint_approvals::Nonce;
+use holdpoint_protocol::approval_document::ApprovalDocument;
+use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::snapshot::ApprovalRequestView;
+
+/// The lines of a request, shorter than an engine's.
+fn lines(open: &ApprovalRequestView) -> Vec<String> {
+    let mut lines = vec![
+        format!(
+            "Promote {} ({}) to active on arm7, profile human?",
+            open.version,
+            &open.candidate.to_string()[..4]
+        ),
+        open.replaces.as_ref().map_or_else(|| "Replaces nothing".to_owned(), |id| format!("Replaces {id}")),
+        format!("Evidence {}, policy {}", open.evidence, open.policy),
+        "Without an answer it stays on hold, never approved".to_owned(),
+    ];
+    lines.extend(open.untested.iter().map(|what| format!("Not tested: {what}")));
+    lines
+}
+
+/// A snapshot whose requests have lines.
+pub fn with_lines(mut now: Arc<Snapshot>) -> Arc<Snapshot> {
+    let known = Arc::make_mut(&mut now);
+    for open in known.prompts.iter_mut().chain(&mut known.emergencies) {
+        open.lines = lines(open);
+    }
+    now
+}
+
+/// An approval request for one person, whose name it contains.
+fn given(open: &ApprovalRequestView, who: &str) -> ApprovalDocument {
+    let facts = json!({ "asked": { "name": who, "role": "safety" }, "question": open.id,
+        "purpose": open.purpose, "version": open.version, "candidate": open.candidate,
+        "row_version": open.row_version, "evidence": open.evidence, "policy": open.policy,
+        "profile": open.profile, "needed": open.needed });
+    let mut lines = lines(open);
+    lines.insert(1, format!("You are asked as {who}"));
+    ApprovalDocument {
+        lines,
+        facts: facts.to_string(),
+        renderer: 1,
+        request: Nonce::from_bytes([7; 16]),
+        store_id: "s".to_owned(),
+        store_key: "0".repeat(64),
+        valid_until: open.valid_until,
+    }
+}
+
+impl TestConsole {
+    /// Answers like an engine, if the text was requested.
+    pub fn give(&mut self, effects: &mut Vec<Effect>) {
+        let is_asked =
+            |effect: &Effect| matches!(effect, Effect::Ask { question: EngineQuery::Asked { .. }, .. });
+        if let Some(at) = effects.iter().position(is_asked) {
+            let Effect::Ask { id, question: EngineQuery::Asked { version, purpose, who } } =
+                effects.remove(at)
+            else {
+                unreachable!("it was just looked at")
+            };
+            let open = self.model.engine_data.snapshot.as_ref().and_then(|now| {
+                let all = now.prompts.iter().chain(&now.emergencies);
+                all.clone().find(|open| open.version == version && open.purpose == purpose).cloned()
+            });
+            let Some(open) = open else { return };
+            let reply = Box::new(Reply::Question { question: Box::new(given(&open, &who)) });
+            effects.extend(update(
+                &mut self.model,
+                Msg { now_ms: self.now_ms, what: MsgKind::Answer { id, reply } },
+            ));
+        }
+    }
+}
+
+/// The operator signs the text that the engine gave to this operator: not earlier, and not another person's.
+#[test]
+fn nobody_approves_a_question_that_the_engine_did_not_give_them() {
+    let mut console = TestConsole::new(0);
+    console.answers = false;
+    console.keys("a");
+    let effects = console.press(KeyCode::Enter);
+    let ask = |effects: &[Effect]| {
+        effects.iter().find_map(|effect| match effect {
+            Effect::Ask { id, question: EngineQuery::Asked { who, .. } } => Some((id.clone(), who.clone())),
+            _ => None,
+        })
+    };
+    let (id, who) = ask(&effects).unwrap();
+    assert_eq!(who, "ana");
+    console.draw((120, 80));
+    console.now_ms += GUARD_MS;
+    assert!(!decides(&console.keys("Y")));
+    assert_eq!(console.block(), Some(DecisionObstacle::NotAsked));
+    assert_eq!(ask(&console.tell(MsgKind::Tick)), None, "it is asked once");
+    // Another person's text is not accepted.
+    let open = console.model.engine_data.snapshot.as_ref().unwrap().prompts[0].clone();
+    let answer = |id: &str, who: &str| {
+        let reply = Box::new(Reply::Question { question: Box::new(given(&open, who)) });
+        MsgKind::Answer { id: id.to_owned(), reply }
+    };
+    console.tell(answer(&id, "bo"));
+    console.draw((120, 80));
+    assert!(!decides(&console.keys("Y")));
+    assert_eq!(console.block(), Some(DecisionObstacle::NotAsked));
+    // Reading again requests it again; the next operator gets an own text.
+    let (id, _) = ask(&console.keys("r")).unwrap();
+    console.tell(answer(&id, "ana"));
+    console.draw((120, 80));
+    console.now_ms += GUARD_MS;
+    let mut other = console.clone();
+    let seated = MsgKind::Operator(Operator {
+        name: "bo".to_owned(),
+        role: Role::Safety,
+        protection: Protection::None,
+    });
+    assert_eq!(ask(&other.tell(seated)).unwrap().1, "bo");
+    assert!(!decides(&other.keys("Y")));
+    assert!(decides(&console.keys("Y")));
+}
+
+#[test]
+fn another_approval_is_no_change_of_evidence() {
+    let mut console = TestConsole::new(0);
+    console.open_prompt();
+    let mut now = snapshot(0, 'e');
+    now.prompts[0].approved_by = vec!["bo".to_owned()];
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    // The approvers stand beside the request, live and unsigned.
+    assert!(decides(&console.keys("Y")));
+}

@@ -1,0 +1,37 @@
+//! The event log, newest first.
+//!
+//! ```text
+//! 00:12:41  stage-started place@1.1.0 shadow budget 40
+//! 00:12:40  state-changed place@1.1.0 validated -> sandboxed
+//! ```
+
+use ratatui::layout::Rect;
+
+use crate::formatters::seconds;
+use crate::look::ThemeRole;
+use crate::model::ConsoleModel;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
+
+/// Draws it; row 0 is the newest line.
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
+    let rows = model.story_rows();
+    if rows.is_empty() {
+        let filtered = !model.story_filter().is_empty();
+        let text = if filtered { "No line fits the filter" } else { "Nothing has happened yet" };
+        pen.text(area, 0, ThemeRole::Muted, text);
+        return;
+    }
+    let cursor = focused.then(|| model.row());
+    pen.list(area, rows.len(), cursor, |index, _| {
+        rows.get(index).map_or_else(Row::new, |told| {
+            let row = Row::of(ThemeRole::Muted, &format!("{}  ", seconds(told.at_ms)));
+            let row = row.with(ThemeRole::Text, &told.text);
+            if told.sequences > 1 {
+                row.with(ThemeRole::Muted, &format!("  and {} before it", told.sequences - 1))
+            } else {
+                row
+            }
+        })
+    });
+}

@@ -1,0 +1,254 @@
+//! The engine of another process, used like a local one: one thread receives its data, another sends requests, and a stop
+//! waits for neither.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::Duration;
+
+use tokio::sync::{mpsc, watch};
+
+use super::remote_engine::{code, stop};
+use super::update::{EngineEndError, EngineUpdate, OUTSTANDING_MAX};
+use super::{RequestRejected, take_place};
+use crate::control_socket::{
+    Client, ConsoleConnection, ConsoleMessage, ControlSocketError, PresenceSender, StopCall, UnverifiedOrigin,
+};
+use holdpoint_approvals::Nonce;
+use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::console_presence::ConsolePresence;
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_protocol::video_frame::VideoFrame;
+use holdpoint_registry::Layout;
+use holdpoint_text::Hint as _;
+
+/// How long the reader waits for a message before it checks that a receiver is left.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// The channels for received data.
+type DisplayChannels = (
+    mpsc::Sender<EngineUpdate>,
+    watch::Sender<Option<Arc<Snapshot>>>,
+    watch::Sender<Option<Arc<VideoFrame>>>,
+);
+
+/// See the module comment.
+pub(super) struct SocketTransport {
+    layout: Layout,
+    requests: SyncSender<Request>,
+    outstanding: Arc<AtomicUsize>,
+    told: mpsc::Sender<EngineUpdate>,
+    /// Makes this console's request ids unique: every console counts from the same number.
+    own: Nonce,
+    console: u64,
+    process: i32,
+    unverified_origin: Option<UnverifiedOrigin>,
+    sitting: ConsolePresence,
+    sayer: PresenceSender,
+}
+
+impl SocketTransport {
+    /// Attaches to the engine.
+    pub(super) fn start(
+        layout: &Layout,
+        client: Client,
+        sitting: ConsolePresence,
+        shows: DisplayChannels,
+    ) -> Result<Self, ControlSocketError> {
+        let attachment = client.attach(sitting.clone())?;
+        let (seat, process, sayer) =
+            (attachment.console_number(), attachment.process(), attachment.presence_sender()?);
+        let doubt = attachment.unverified_origin();
+        let (requests, asked) = sync_channel(OUTSTANDING_MAX);
+        let outstanding = Arc::new(AtomicUsize::new(0));
+        let told = shows.0.clone();
+        let thread = |name: &str| std::thread::Builder::new().name(name.to_owned());
+        let path = layout.folder().to_owned();
+        let failed =
+            |source| ControlSocketError::Io { what: "start a thread for", path: path.clone(), source };
+        thread("attached-reader").spawn(move || read(attachment, &shows)).map_err(failed)?;
+        let own = Nonce::random()?;
+        let (folder, of) = (layout.clone(), own.clone());
+        let (answers, places) = (told.clone(), Arc::clone(&outstanding));
+        thread("attached-asker")
+            .spawn(move || pass_on((&folder, &of, doubt), &asked, &answers, &places))
+            .map_err(failed)?;
+        Ok(Self {
+            layout: layout.clone(),
+            requests,
+            outstanding,
+            told,
+            own,
+            console: seat,
+            process,
+            unverified_origin: doubt,
+            sitting,
+            sayer,
+        })
+    }
+
+    /// Process id of the engine.
+    pub(super) const fn process(&self) -> i32 {
+        self.process
+    }
+
+    /// Why the data is not known to come from the engine.
+    pub(super) const fn unverified_origin(&self) -> Option<UnverifiedOrigin> {
+        self.unverified_origin
+    }
+
+    /// Sends the presence if it changed. Returns the console's number.
+    pub(super) fn set_presence(&mut self, sitting: ConsolePresence) -> u64 {
+        if sitting != self.sitting {
+            self.sitting = sitting.clone();
+            self.sayer.send_presence(sitting);
+        }
+        self.console
+    }
+
+    /// As [`super::EngineHandle::ask`]. A request that stops the arm or tightens an envelope uses a separate connection, since
+    /// earlier requests may be answered late.
+    pub(super) fn ask(&self, request: Request) -> Result<(), RequestRejected> {
+        let stops = matches!(request.command, Command::Stop { .. });
+        let placed = take_place(&self.outstanding);
+        if !placed && !stops {
+            return Err(RequestRejected::Busy(Box::new(request)));
+        }
+        if request.command.stops_what_acts() || request.command.stops_the_arm() {
+            let (layout, told, places) =
+                (self.layout.clone(), self.told.clone(), Arc::clone(&self.outstanding));
+            let (alone, own, doubt) = (request.clone(), self.own.clone(), self.unverified_origin);
+            let spawned = std::thread::Builder::new().name("attached-stop".to_owned()).spawn(move || {
+                answer(&mut None, (&layout, &own, doubt), alone, &told, placed.then_some(&*places));
+            });
+            if spawned.is_ok() {
+                return Ok(());
+            }
+        }
+        self.requests.try_send(request).map_err(|refused| {
+            if placed {
+                give_place_back(&self.outstanding);
+            }
+            match refused {
+                TrySendError::Full(request) => RequestRejected::Busy(Box::new(request)),
+                TrySendError::Disconnected(request) => RequestRejected::Ended(Box::new(request)),
+            }
+        })
+    }
+}
+
+fn give_place_back(outstanding: &AtomicUsize) {
+    let give = |count: usize| Some(count.saturating_sub(1));
+    let _ = outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, give);
+}
+
+/// Receives data until no receiver is left or the engine is gone. Waits for a slow front end: the engine drops what this
+/// does not read, and sends the count.
+fn read(mut attachment: ConsoleConnection, (told, snapshots, pictures): &DisplayChannels) {
+    let mut is_up = false;
+    while !told.is_closed() {
+        let shown = match attachment.next(LOOK_EVERY) {
+            Ok(None) => continue,
+            Ok(Some(shown)) => shown,
+            Err(error) => {
+                snapshots.send_replace(None);
+                let fault = match error {
+                    ControlSocketError::Closed { text, .. } => EngineEndError::reported(text),
+                    error => EngineEndError::of(error.sentence()),
+                };
+                drop(told.blocking_send(EngineUpdate::Ended(Err(fault))));
+                return;
+            }
+        };
+        let update = match shown {
+            ConsoleMessage::Event(event) => EngineUpdate::Events(vec![*event]),
+            ConsoleMessage::Missed(missed) => EngineUpdate::Lagged { missed },
+            ConsoleMessage::Snapshot(snapshot) => {
+                // A snapshot from before the record was read is shown, but no request is possible yet.
+                let comes_up = !is_up && snapshot.reading.is_none();
+                snapshots.send_replace(Some(Arc::from(snapshot)));
+                if !comes_up {
+                    continue;
+                }
+                is_up = true;
+                EngineUpdate::Started
+            }
+            ConsoleMessage::Picture(picture) => {
+                pictures.send_replace(Some(Arc::from(picture)));
+                continue;
+            }
+            ConsoleMessage::Past { events, earlier } => EngineUpdate::Past { events, earlier },
+            ConsoleMessage::Ended { by } => {
+                let text = format!("it ended cleanly: {by} ended it");
+                drop(told.blocking_send(EngineUpdate::Ended(Err(EngineEndError::orderly(text)))));
+                return;
+            }
+        };
+        if told.blocking_send(update).is_err() {
+            return;
+        }
+    }
+}
+
+/// Sends one request after the other, until no sender is left.
+fn pass_on(
+    to: (&Layout, &Nonce, Option<UnverifiedOrigin>),
+    asked: &Receiver<Request>,
+    told: &mpsc::Sender<EngineUpdate>,
+    places: &AtomicUsize,
+) {
+    let mut client = None;
+    while let Ok(request) = asked.recv() {
+        answer(&mut client, to, request, told, Some(places));
+    }
+}
+
+fn answer(
+    client: &mut Option<Client>,
+    (layout, own, seat): (&Layout, &Nonce, Option<UnverifiedOrigin>),
+    request: Request,
+    told: &mpsc::Sender<EngineUpdate>,
+    places: Option<&AtomicUsize>,
+) {
+    let id = request.id.clone();
+    let sent = Request { id: format!("{}-{id}", own.as_str()), ..request };
+    let reply = if let Command::Stop { by, reason } = sent.command {
+        stop(&StopCall::with_id(sent.id, by, reason), layout)
+    } else {
+        ask(client, (layout, seat), sent).unwrap_or_else(|error| Reply::refused(code(&error), &error))
+    };
+    if let Some(places) = places {
+        give_place_back(places);
+    }
+    // The receiver may be gone.
+    drop(told.blocking_send(EngineUpdate::Answer { id, reply }));
+}
+
+/// Asks over the present connection, or a new one: the engine closes idle ones, and carries out an id only once. If the
+/// origin of this console's own connection is unverified, the screen marks the data it reads. Otherwise requests go only to
+/// a process that is known to be the engine.
+fn ask(
+    client: &mut Option<Client>,
+    (layout, seat): (&Layout, Option<UnverifiedOrigin>),
+    request: Request,
+) -> Result<Reply, ControlSocketError> {
+    let ended = || ControlSocketError::Ended { path: crate::control_socket::socket_path(layout) };
+    let mut connection = match client.take() {
+        Some(connection) => connection,
+        None => Client::connect(layout)?.ok_or_else(ended)?,
+    };
+    let (reads, takes) = (request.command.only_reads(), request.command.takes_authority_away());
+    if let Some(doubt) = connection.unverified_origin()
+        && (seat.is_none() || !(reads || takes))
+    {
+        return Ok(doubt.unasked());
+    }
+    let reply = connection.ask_request(request)?;
+    let doubt = connection.unverified_origin();
+    *client = Some(connection);
+    // The screen marks data that was read; a command is not known to be carried out.
+    Ok(match doubt.filter(|_| !reads) {
+        Some(doubt) => doubt.in_place_of(&reply),
+        None => reply,
+    })
+}

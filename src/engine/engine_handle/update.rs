@@ -1,0 +1,79 @@
+//! The updates from the engine's thread to a front end in the same process, and their limits.
+
+use crate::StartError;
+use holdpoint_protocol::command::{Reply, Request};
+use holdpoint_protocol::event::Event;
+use holdpoint_registry::StoreError;
+use holdpoint_text::Hint as _;
+
+/// The most requests that are unanswered.
+pub const OUTSTANDING_MAX: usize = 64;
+
+/// The most updates that wait for the front end.
+pub const UPDATES_MAX: usize = 256;
+
+/// Why there is no engine: it did not come up, or did not end cleanly.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{text}")]
+pub struct EngineEndError {
+    /// One sentence, with its hint.
+    pub text: String,
+    /// Whether another engine has the store.
+    pub in_use: bool,
+    /// Whether it ended cleanly, at the request of another client.
+    pub orderly: bool,
+    /// Whether the engine itself gave the reason, rather than a lost connection.
+    pub told: bool,
+}
+
+impl EngineEndError {
+    /// An end that does not concern another engine.
+    #[must_use]
+    pub fn of(text: impl Into<String>) -> Self {
+        Self { text: text.into(), in_use: false, orderly: false, told: false }
+    }
+
+    /// An end with the engine's own reason.
+    #[must_use]
+    pub fn reported(text: impl Into<String>) -> Self {
+        Self { told: true, ..Self::of(text) }
+    }
+
+    /// Not a fault: another client ended the engine cleanly.
+    #[must_use]
+    pub fn orderly(text: impl Into<String>) -> Self {
+        Self { orderly: true, ..Self::of(text) }
+    }
+
+    /// Another engine already has the store.
+    #[must_use]
+    pub fn in_use(text: impl Into<String>) -> Self {
+        Self { in_use: true, ..Self::of(text) }
+    }
+}
+
+impl From<StartError> for EngineEndError {
+    fn from(error: StartError) -> Self {
+        let in_use = matches!(&error, StartError::Store(StoreError::InUse { .. }));
+        Self { in_use, ..Self::of(error.sentence()) }
+    }
+}
+
+/// An update from the engine's thread.
+#[derive(Debug)]
+pub enum EngineUpdate {
+    /// The engine is up.
+    Started,
+    /// Events, in order.
+    Events(Vec<Event>),
+    /// Events from before this front end, oldest first, and the number of events before those.
+    Past { events: Vec<Event>, earlier: u64 },
+    /// The answer to a request.
+    Answer { id: String, reply: Reply },
+    /// The front end was too slow: this number of events was dropped.
+    Lagged { missed: u64 },
+    /// The engine ended before it took this request, which had no effect.
+    Returned(Box<Request>),
+    /// The engine has ended; the last update.
+    Ended(Result<(), EngineEndError>),
+}

@@ -1,0 +1,251 @@
+//! Re-runs a part of an evaluation with video.
+//!
+//! Only its inputs are stored. The part is selected from the evidence, both versions run in a filming world, and the result is
+//! compared with the record. Decides and stores nothing, and names its differences from the judged run.
+
+pub(crate) mod episode_selection;
+pub(crate) mod film_render;
+
+use holdpoint_governance::evidence::{EpisodeValues, EvidenceBinding, SandboxMode};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::film::{Film, FilmRequest, FilmSubject, FilmedRun};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::film::FRAMES_MAX;
+
+use self::episode_selection::{SelectedEpisode, SelectedWork};
+use self::film_render::FilmedWork;
+use crate::cell::Conditions;
+use crate::context::Context;
+use crate::evidence_binding::{fallback, measured_terms_of, terms_under};
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
+use crate::trial::drills::{DrillCase, DrillResult, DrillVersions};
+use crate::trial::episodes::alone;
+use crate::trial::stress;
+use crate::trial::undisturbed_run::TrialCase;
+use crate::trial::worker::Worker;
+use crate::view::full_evidence_file;
+use crate::world::cell_frame;
+
+/// Re-runs a part of a version's evaluation.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn film(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    id: &CapabilityId,
+    asked: FilmRequest,
+) -> Result<Reply, EngineFault> {
+    let Some(dossier) = evidence_file_of(record, dossiers, id)? else {
+        return Ok(refused(Refusal::NotFound, format!("there is no version {id} in the registry")));
+    };
+    Ok(match take(context, record, dossiers, (id, &dossier), asked)? {
+        Ok(film) => Reply::Film { film: Box::new(film) },
+        Err(why) => refused(Refusal::NotFound, why),
+    })
+}
+
+/// Films of a rejection in the sandbox: the worst paired episode, the worst solo episode, and the worst failed drill of each
+/// kind.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn of_refusal(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    id: &CapabilityId,
+) -> Result<Vec<Film>, EngineFault> {
+    let Some(dossier) = evidence_file_of(record, dossiers, id)? else { return Ok(Vec::new()) };
+    let mut films = Vec::new();
+    for asked in episode_selection::worst_of_each(&dossier) {
+        // Episodes that did not run are not shown.
+        films.extend(take(context, record, dossiers, (id, &dossier), asked)?.ok());
+    }
+    Ok(films)
+}
+
+fn evidence_file_of(
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    id: &CapabilityId,
+) -> Result<Option<EvidenceFile>, EngineFault> {
+    let stored = record.version_table().store().views()?.version(id)?;
+    Ok(stored.map(|stored| full_evidence_file(dossiers, id, &stored.evidence)))
+}
+
+/// Re-runs the selected part; the error is a sentence.
+fn take(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    (id, dossier): (&CapabilityId, &EvidenceFile),
+    asked: FilmRequest,
+) -> Result<Result<Film, String>, EngineFault> {
+    let chosen = match episode_selection::choose(dossier, asked) {
+        Ok(chosen) => chosen,
+        Err(why) => return Ok(Err(format!("{id}: {why}"))),
+    };
+    let (_, _, member) = record.version_table().version(id)?;
+    let candidate = &member.capability;
+    let Some((active, binding)) = compared_with(record, dossier, candidate) else {
+        return Ok(Err(format!("the version that {id} was compared with is not in the registry")));
+    };
+    let conditions = match asked.of {
+        FilmSubject::Episode | FilmSubject::Drill | FilmSubject::Alone => &dossier.tried_under,
+        FilmSubject::Confirmation => &dossier.conditions,
+    };
+    let case = EpisodeReplay {
+        context,
+        terms: [terms_under(context, candidate, conditions), measured_terms_of(context, dossiers, &active)],
+        versions: [candidate, &active],
+        fallbacks: [fallback(record.version_table(), candidate), fallback(record.version_table(), &active)],
+    };
+    let [new, old] = case.both(&chosen);
+    let SelectedEpisode { number, count, beyond, why, found } = chosen;
+    let (seed, drill, phase) = match found {
+        SelectedWork::Pair(pair) => (pair.seed, None, None),
+        SelectedWork::Drill(failed) => (failed.seed, Some(failed.kind), failed.phase),
+        SelectedWork::Alone(episode) => (episode.seed, None, None),
+    };
+    let mut doubts = replay_differences(context, &binding);
+    if [&new, &old].into_iter().any(|run| run.frames.len() >= FRAMES_MAX) {
+        doubts.push("it continues after the film: only two minutes are stored".to_owned());
+    }
+    Ok(Ok(Film {
+        of: asked.of,
+        number,
+        count,
+        beyond,
+        task: candidate.bundle.task(),
+        seed,
+        drill,
+        phase,
+        why,
+        doubts,
+        scenery: cell_frame::scenery(&context.cell.scene),
+        candidate: new,
+        active: old,
+    }))
+}
+
+fn refused(code: Refusal, text: String) -> Reply {
+    let hint = "`holdpoint explain` shows its measurements";
+    Reply::Refused { code, text, hint: Some(hint.to_owned()) }
+}
+
+/// The version that the evidence compares with, and its binding.
+fn compared_with(
+    record: &EngineRecorder,
+    dossier: &EvidenceFile,
+    candidate: &Capability,
+) -> Option<(Capability, EvidenceBinding)> {
+    let binding = *dossier.bindings.first()?;
+    let entry = record.version_table().family(&candidate.id().family).ok()?;
+    let all = entry.members.iter().map(|member| &member.capability);
+    let active = all.into_iter().find(|version| Some(version.digest()) == binding.active)?;
+    Some((active.clone(), binding))
+}
+
+/// The differences of the replay's context from that of the evidence.
+fn replay_differences(context: &Context, binding: &EvidenceBinding) -> Vec<String> {
+    let mut said = Vec::new();
+    if binding.profile != context.profile_digest {
+        said.push(format!("it was judged under another profile than {}", context.profile.name));
+    }
+    if binding.policy != context.table.digest && binding.profile == context.profile_digest {
+        said.push("it was judged under other policies".to_owned());
+    }
+    if binding.environment != context.cell.digest() {
+        said.push("it was judged by another build, or in another cell".to_owned());
+    }
+    said
+}
+
+/// The versions that run, candidate first.
+struct EpisodeReplay<'a> {
+    context: &'a Context,
+    terms: [SkillTerms; 2],
+    versions: [&'a Capability; 2],
+    fallbacks: [Option<&'a Capability>; 2],
+}
+
+impl EpisodeReplay<'_> {
+    fn both(&self, chosen: &SelectedEpisode) -> [FilmedRun; 2] {
+        match &chosen.found {
+            SelectedWork::Pair(pair) => [(0, &pair.candidate), (1, &pair.active)].map(|(side, recorded)| {
+                let terms = self.terms[side].clone();
+                self.episode(side, (&terms, Conditions::Sandbox), pair.seed, Some(recorded))
+            }),
+            SelectedWork::Alone(worked) => [(0, Some(&worked.values)), (1, None)].map(|(side, recorded)| {
+                let (terms, cell) = (self.terms[side].clone(), &self.context.cell);
+                let task = self.versions[0].bundle.task();
+                let under = match worked.mode {
+                    SandboxMode::Adversarial => {
+                        let stress = stress::of_episode(worked.place, task, cell);
+                        (terms.stressed(stress), Conditions::Sandbox)
+                    }
+                    SandboxMode::Perturbation | SandboxMode::Confirmation => (terms, Conditions::Sandbox),
+                    SandboxMode::Canonical => (terms, Conditions::Canonical),
+                };
+                self.episode(side, (&under.0, under.1), worked.seed, recorded)
+            }),
+            SelectedWork::Drill(failed) => [(0, Some(false)), (1, failed.active)].map(|(side, passed)| {
+                let cast = DrillVersions {
+                    version: self.versions[side],
+                    predecessor: self.versions[1],
+                    fallback: self.fallbacks[side],
+                };
+                let case = DrillCase {
+                    cell: &self.context.cell,
+                    terms: &self.terms[side],
+                    cast: &cast,
+                    kind: failed.kind,
+                    phase: failed.phase,
+                    seed: failed.seed,
+                };
+                self.drill(side, &case, passed)
+            }),
+        }
+    }
+
+    fn episode(
+        &self,
+        side: usize,
+        (terms, conditions): (&SkillTerms, Conditions),
+        seed: u64,
+        recorded: Option<&EpisodeValues>,
+    ) -> FilmedRun {
+        let mut worker = Worker::filming();
+        let cell = &self.context.cell;
+        let trial = TrialCase { cell, terms, version: self.versions[side], conditions, seed };
+        let done = alone(&mut worker, trial);
+        let as_recorded = recorded.map(|recorded| done.values().as_ref() == Some(recorded));
+        let limits = &self.context.profile.harm;
+        let worked = FilmedWork { version: self.versions[side], terms, cell, limits, as_recorded };
+        worked.episode(&mut worker, &done)
+    }
+
+    fn drill(&self, side: usize, case: &DrillCase<'_>, passed: Option<bool>) -> FilmedRun {
+        let mut worker = Worker::filming();
+        let (result, from) = case.run_from(&mut worker, &mut None);
+        let now = match result {
+            DrillResult::Passed => Some(true),
+            DrillResult::Failed => Some(false),
+            DrillResult::Infeasible => None,
+        };
+        let worked = FilmedWork {
+            version: self.versions[side],
+            terms: &self.terms[side],
+            cell: &self.context.cell,
+            limits: &self.context.profile.harm,
+            as_recorded: Some(now == passed),
+        };
+        worked.drill(&mut worker, case.kind, result, from)
+    }
+}

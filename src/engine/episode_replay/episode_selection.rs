@@ -1,0 +1,432 @@
+//! Which piece of work is meant: a numbered one, or the worst.
+//!
+//! The worst pair is the one that shows most of what decided: bad in the component the rules found against the version,
+//! good in the version it was compared with, then by gravity. Reads evidence; judges nothing.
+
+use holdpoint_body::CodeFault;
+use holdpoint_governance::behavior::{ComponentName, component_of};
+use holdpoint_governance::evidence::{DrillKind, EpisodeValues, FailedDrill, Pair, SoloEpisode};
+use holdpoint_governance::harm::HarmKind;
+use holdpoint_governance::permission::{PermissionUse, fault_words};
+use holdpoint_protocol::film::{FilmRequest, FilmSubject};
+use holdpoint_wording::hard_stop;
+
+use crate::evidence_file::EvidenceFile;
+
+/// Shown for the worst pair if none is worse.
+pub(crate) const NOWHERE_WORSE: &str = "in no episode on record is it worse than the active version";
+
+/// The piece that is meant.
+pub(crate) struct SelectedEpisode {
+    /// Its place, from 1.
+    pub(crate) number: u32,
+    pub(crate) count: u32,
+    /// How many more failed than are on record one by one.
+    pub(crate) beyond: u32,
+    /// Why this one, where the worst was wanted; empty otherwise.
+    pub(crate) why: String,
+    pub(crate) found: SelectedWork,
+}
+
+pub(crate) enum SelectedWork {
+    Pair(Box<Pair>),
+    Drill(FailedDrill),
+    Alone(Box<SoloEpisode>),
+}
+
+/// Finds it; a sentence says why it cannot.
+pub(crate) fn choose(dossier: &EvidenceFile, asked: FilmRequest) -> Result<SelectedEpisode, String> {
+    match asked.of {
+        FilmSubject::Episode => pair(&dossier.pairs, dossier, asked, "of the sandbox"),
+        FilmSubject::Confirmation => {
+            let settled = dossier.confirmation.as_ref();
+            let pairs = settled.map_or(&[][..], |confirmation| &confirmation.pairs.pairs);
+            pair(pairs, dossier, asked, "of a confirmation")
+        }
+        FilmSubject::Drill => drill(&dossier.failed_drills, failed(dossier), asked),
+        FilmSubject::Alone => alone(&dossier.alone, overrun(dossier), asked),
+    }
+}
+
+/// What there is of an evaluation in the sandbox, the worst of each kind of work and of each kind of drill.
+pub(crate) fn worst_of_each(dossier: &EvidenceFile) -> Vec<FilmRequest> {
+    let worst = |of: FilmSubject| FilmRequest { of, number: None };
+    let mut asked = Vec::new();
+    asked.extend((!dossier.pairs.is_empty()).then(|| worst(FilmSubject::Episode)));
+    asked.extend((!dossier.alone.is_empty()).then(|| worst(FilmSubject::Alone)));
+    asked.extend(DrillKind::ALL.into_iter().filter_map(|kind| {
+        let of_kind = || dossier.failed_drills.iter().enumerate().filter(|(_, drill)| drill.kind == kind);
+        let against = of_kind().find(|(_, drill)| drill.active == Some(true));
+        let (index, _) = against.or_else(|| of_kind().next())?;
+        Some(FilmRequest { of: FilmSubject::Drill, number: Some(count(index + 1)) })
+    }));
+    asked
+}
+
+/// The component of behavior that the rules found against the version first.
+pub(crate) fn decisive(dossier: &EvidenceFile) -> Option<ComponentName> {
+    let assessment = &dossier.behavior.as_ref()?.assessment;
+    let against = assessment.reasons.iter().filter(|reason| !crate::explain::is_in_favor(reason.code));
+    against.into_iter().find_map(|reason| component_of(reason))
+}
+
+/// What the rules found against the version.
+#[derive(Clone, Copy)]
+enum DecidingFinding {
+    Component(ComponentName),
+    Harm(HarmKind),
+}
+
+impl DecidingFinding {
+    /// By how much the candidate is worse than the other in a pair; 0 where it was not measured.
+    fn excess(self, pair: &Pair) -> f64 {
+        match self {
+            Self::Component(name) => badness(name, &pair.candidate) - badness(name, &pair.active),
+            Self::Harm(kind) => pair
+                .candidate
+                .harm
+                .zip(pair.active.harm)
+                .map_or(0.0, |(new, old)| kind.worsening(new.of(kind), old.of(kind))),
+        }
+    }
+}
+
+/// The component that the rules found first, or else the first measure of harm.
+fn deciding(dossier: &EvidenceFile) -> Option<DecidingFinding> {
+    let harm = || dossier.behavior.as_ref()?.harm.iter().find(|harm| harm.is_established());
+    decisive(dossier).map(DecidingFinding::Component).or_else(|| Some(DecidingFinding::Harm(harm()?.kind)))
+}
+
+/// How confined code failed on record, and in how many of the tasks, a sentence each.
+pub(crate) fn code_faults(dossier: &EvidenceFile) -> Vec<String> {
+    let Some(PermissionUse { used, tasks, .. }) = &dossier.permissions else { return Vec::new() };
+    let said =
+        |(fault, failed): (&CodeFault, &u64)| format!("{} in {failed} of {tasks} tasks", fault_words(*fault));
+    used.faults.iter().map(said).collect()
+}
+
+/// The fault of confined code that counts as a budget that is passed.
+pub(crate) fn overrun(dossier: &EvidenceFile) -> Option<CodeFault> {
+    let faults = &dossier.permissions.as_ref()?.used.faults;
+    [CodeFault::Fuel, CodeFault::Memory].into_iter().find(|fault| faults.contains_key(fault))
+}
+
+/// Whether a hard stop or a fault of the code broke an episode off, as far as its values tell.
+const fn broke_off(values: &EpisodeValues) -> bool {
+    values.recovery && !values.success && (values.anomaly || values.violation)
+}
+
+fn pair(
+    pairs: &[Pair],
+    dossier: &EvidenceFile,
+    asked: FilmRequest,
+    whose: &str,
+) -> Result<SelectedEpisode, String> {
+    let deciding = deciding(dossier);
+    let faults = code_faults(dossier);
+    let breaks = !faults.is_empty() || !dossier.hard_stops.is_empty();
+    if pairs.is_empty() {
+        return Err(format!("no paired episode {whose} is on record"));
+    }
+    let index = match asked.number {
+        Some(number) => numbered(number, pairs.len(), "paired episodes")?,
+        None => worst(pairs, deciding, breaks),
+    };
+    let pair = *pairs.get(index).ok_or("there is no such episode")?;
+    let why = if asked.number.is_some() {
+        String::new()
+    } else if breaks && broke_off(&pair.candidate) && !broke_off(&pair.active) {
+        let stops = dossier.hard_stops.iter().map(|stop| hard_stop(*stop, overrun(dossier)).to_owned());
+        let first = faults.into_iter().chain(stops).next().unwrap_or_default();
+        format!("it is broken off, the active version's is not; on record: {first}")
+    } else {
+        why(&pair, deciding)
+    };
+    Ok(SelectedEpisode {
+        number: count(index + 1),
+        count: count(pairs.len()),
+        beyond: 0,
+        why,
+        found: SelectedWork::Pair(Box::new(pair)),
+    })
+}
+
+/// How many of the version's drills failed, on record one by one or not.
+fn failed(dossier: &EvidenceFile) -> u32 {
+    let own = dossier.drills.as_ref().map(|(own, _)| own);
+    own.map_or(0, |own| DrillKind::ALL.iter().map(|kind| own.of(*kind).failed).sum())
+}
+
+/// `all`: how many failed, of which the first are on record one by one.
+fn drill(failed: &[FailedDrill], all: u32, asked: FilmRequest) -> Result<SelectedEpisode, String> {
+    if failed.is_empty() {
+        return Err("no failed drill is on record one by one".to_owned());
+    }
+    let index = match asked.number {
+        Some(number) => numbered(number, failed.len(), "failed drills on record one by one")?,
+        None => worst_drill(failed),
+    };
+    let found = *failed.get(index).ok_or("there is no such drill")?;
+    let why = match (asked.number, found.active) {
+        (Some(_), _) => String::new(),
+        (None, Some(true)) => "a kind that fails most, and the active version passes this one".to_owned(),
+        (None, Some(false)) => "the kind that fails most; the active version fails this one too".to_owned(),
+        (None, None) => "the kind that fails most".to_owned(),
+    };
+    let (number, kept) = (count(index + 1), count(failed.len()));
+    let beyond = all.saturating_sub(kept);
+    Ok(SelectedEpisode { number, count: kept, beyond, why, found: SelectedWork::Drill(found) })
+}
+
+fn alone(
+    worked: &[SoloEpisode],
+    overrun: Option<CodeFault>,
+    asked: FilmRequest,
+) -> Result<SelectedEpisode, String> {
+    if worked.is_empty() {
+        return Err("no episode that it worked alone is on record one by one".to_owned());
+    }
+    let gravity = |episode: &SoloEpisode| -> [f64; 7] {
+        let mut score = [0.0; 7];
+        score[0] = f64::from(u8::from(episode.hard_stop.is_some()));
+        for (place, name) in score[1..].iter_mut().zip(GRAVITY) {
+            *place = badness(name, &episode.values);
+        }
+        score
+    };
+    let index = match asked.number {
+        Some(number) => numbered(number, worked.len(), "episodes that it worked alone")?,
+        None => first_most(worked.iter().map(gravity)),
+    };
+    let episode = *worked.get(index).ok_or("there is no such episode")?;
+    let why = match (asked.number, episode.hard_stop) {
+        (Some(_), _) => String::new(),
+        (None, Some(stop)) => format!("{}, which ends an evaluation", hard_stop(stop, overrun)),
+        (None, None) => "the gravest of them".to_owned(),
+    };
+    let found = SelectedWork::Alone(Box::new(episode));
+    Ok(SelectedEpisode { number: count(index + 1), count: count(worked.len()), beyond: 0, why, found })
+}
+
+/// Place of the largest; of equal ones the first.
+fn first_most<const N: usize>(scores: impl Iterator<Item = [f64; N]>) -> usize {
+    let mut most: Option<(usize, [f64; N])> = None;
+    for (index, score) in scores.enumerate() {
+        let order = most.as_ref().map(|(_, most)| {
+            let parts = score.iter().zip(most).map(|(new, old)| new.total_cmp(old));
+            parts.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
+        });
+        if order.is_none_or(std::cmp::Ordering::is_gt) {
+            most = Some((index, score));
+        }
+    }
+    most.map_or(0, |(index, _)| index)
+}
+
+fn count(number: usize) -> u32 {
+    u32::try_from(number).unwrap_or(u32::MAX)
+}
+
+fn numbered(number: u32, all: usize, what: &str) -> Result<usize, String> {
+    let index = usize::try_from(number).ok().and_then(|number| number.checked_sub(1));
+    index.filter(|index| *index < all).ok_or_else(|| format!("number {number} is not among the {all} {what}"))
+}
+
+/// How bad an episode is in one component; 0 is good.
+pub(crate) fn badness(name: ComponentName, values: &EpisodeValues) -> f64 {
+    let flag = |on: bool| if on { 1.0 } else { 0.0 };
+    match name {
+        ComponentName::Success => flag(!values.success),
+        ComponentName::Time => values.time_s,
+        ComponentName::Retry => f64::from(values.retries),
+        ComponentName::Violation => flag(values.violation),
+        ComponentName::Anomaly => flag(values.anomaly),
+        ComponentName::Recovery => flag(values.recovery),
+    }
+}
+
+/// By gravity, the gravest first.
+const GRAVITY: [ComponentName; 6] = [
+    ComponentName::Violation,
+    ComponentName::Recovery,
+    ComponentName::Anomaly,
+    ComponentName::Success,
+    ComponentName::Retry,
+    ComponentName::Time,
+];
+
+/// Place of the pair that shows most, one that was broken off first where such are on record; of equal ones the first.
+fn worst(pairs: &[Pair], deciding: Option<DecidingFinding>, breaks: bool) -> usize {
+    let score = |pair: &Pair| -> [f64; 9] {
+        let mut score = [0.0; 9];
+        score[0] = f64::from(u8::from(breaks && broke_off(&pair.candidate) && !broke_off(&pair.active)));
+        score[1] = deciding.map_or(0.0, |deciding| deciding.excess(pair));
+        score[2] = pair.candidate.unsafe_continuation_ms;
+        for (place, name) in score[3..].iter_mut().zip(GRAVITY) {
+            *place = DecidingFinding::Component(name).excess(pair);
+        }
+        score
+    };
+    first_most(pairs.iter().map(score))
+}
+
+/// What the candidate does in a pair that the other does not, the gravest first.
+fn why(pair: &Pair, deciding: Option<DecidingFinding>) -> String {
+    let first = deciding.into_iter().chain(GRAVITY.map(DecidingFinding::Component));
+    let mut said = first.filter(|deciding| deciding.excess(pair) > 0.0);
+    let other = "the active version";
+    let name = match said.next() {
+        Some(DecidingFinding::Component(name)) => Some(name),
+        Some(DecidingFinding::Harm(kind)) => {
+            let show = |values: &EpisodeValues| kind.format(values.harm.unwrap_or_default().of(kind));
+            return format!("{} {}, of {other} {}", kind.label(), show(&pair.candidate), show(&pair.active));
+        }
+        None => None,
+    };
+    match name {
+        Some(ComponentName::Violation) => format!("it passes a limit, {other} does not"),
+        Some(ComponentName::Recovery) => format!("the recovery manager has to take over, not from {other}"),
+        Some(ComponentName::Anomaly) => format!("the watcher names a failure, of {other} none"),
+        Some(ComponentName::Success) => format!("it does not do the task, {other} does"),
+        Some(ComponentName::Retry) => {
+            format!("it tries {} times more often than {other}", pair.candidate.retries - pair.active.retries)
+        }
+        Some(ComponentName::Time) => {
+            let more = pair.candidate.time_s - pair.active.time_s;
+            format!("it takes {more:.1} s longer than {other}")
+        }
+        None => NOWHERE_WORSE.to_owned(),
+    }
+}
+
+/// Place of the first drill of the kind that fails most where the active version passes, else that fails most.
+fn worst_drill(failed: &[FailedDrill]) -> usize {
+    let held_against = |drill: &&FailedDrill| drill.active == Some(true);
+    let number = |kind: DrillKind, alone: bool| {
+        failed.iter().filter(|drill| drill.kind == kind && (!alone || held_against(drill))).count()
+    };
+    let alone = failed.iter().any(|drill| held_against(&drill));
+    let mut kinds = DrillKind::ALL;
+    kinds.sort_by_key(|kind| std::cmp::Reverse(number(*kind, alone)));
+    let first = failed.iter().position(|drill| drill.kind == kinds[0] && (!alone || held_against(&drill)));
+    first.unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::evidence::HardStop;
+    use holdpoint_governance::harm::HarmMeasures;
+
+    fn values(violation: bool, success: bool) -> EpisodeValues {
+        EpisodeValues {
+            success,
+            violation,
+            anomaly: false,
+            recovery: false,
+            intervention: false,
+            timeout: false,
+            near_violation: false,
+            policy_warning: false,
+            retries: 0,
+            time_s: 4.0,
+            unsafe_continuation_ms: 0.0,
+            harm: None,
+        }
+    }
+
+    fn pair(seed: u64, candidate: EpisodeValues, active: EpisodeValues) -> Pair {
+        Pair { seed, active, candidate }
+    }
+
+    #[test]
+    fn the_worst_pair_shows_what_decided() {
+        let good = values(false, true);
+        let pairs = [
+            pair(1, good, good),
+            pair(2, values(false, false), good),
+            pair(3, values(true, true), values(true, true)),
+            pair(4, values(true, true), good),
+            pair(5, values(true, false), good),
+        ];
+        assert_eq!(pairs[worst(&pairs, None, false)].seed, 5, "the gravest, and most of it");
+        let component = |name| Some(DecidingFinding::Component(name));
+        assert_eq!(pairs[worst(&pairs, component(ComponentName::Success), false)].seed, 5);
+        assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Success), false)].seed, 2);
+        assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Violation), false)].seed, 4);
+        assert_eq!(why(&pairs[3], None), "it passes a limit, the active version does not");
+        assert_eq!(why(&pairs[0], None), "in no episode on record is it worse than the active version");
+    }
+
+    /// The slowest episode was shown of a version whose code trapped in others.
+    #[test]
+    fn an_episode_that_was_broken_off_comes_before_what_is_merely_worse() {
+        let good = values(false, true);
+        let slow = EpisodeValues { time_s: 60.0, ..values(false, false) };
+        let trapped = EpisodeValues { anomaly: true, recovery: true, ..values(false, false) };
+        let pairs = [pair(1, slow, good), pair(2, trapped, trapped), pair(3, trapped, good)];
+        let time = Some(DecidingFinding::Component(ComponentName::Time));
+        assert_eq!(pairs[worst(&pairs, time, false)].seed, 1);
+        assert_eq!(pairs[worst(&pairs, time, true)].seed, 3, "and the active version's is not broken off");
+    }
+
+    #[test]
+    fn an_overrun_of_code_is_said_as_one() {
+        let said = |fault| hard_stop(HardStop::BudgetBreach, fault);
+        assert_eq!(said(Some(CodeFault::Fuel)), "its code computed beyond its budget");
+        assert_ne!(said(None), said(Some(CodeFault::Fuel)));
+        let moved = |fault| hard_stop(HardStop::MotionAfterStop, fault);
+        assert_eq!(moved(Some(CodeFault::Fuel)), moved(None));
+    }
+
+    /// Of a version that was refused for what it did to its surroundings the slowest episode was shown.
+    #[test]
+    fn where_harm_decided_the_worst_pair_shows_it() {
+        let pressing = |grip_peak_n, time_s| EpisodeValues {
+            time_s,
+            harm: Some(HarmMeasures { grip_peak_n, ..HarmMeasures::STILL }),
+            ..values(false, true)
+        };
+        let pairs = [
+            pair(1, pressing(25.0, 9.0), pressing(24.0, 4.0)),
+            pair(2, pressing(70.0, 4.0), pressing(24.0, 4.0)),
+        ];
+        let harm = Some(DecidingFinding::Harm(HarmKind::GripPeak));
+        assert_eq!(pairs[worst(&pairs, None, false)].seed, 1);
+        assert_eq!(pairs[worst(&pairs, harm, false)].seed, 2);
+        assert_eq!(
+            why(&pairs[1], harm),
+            "peak grip force on the object 70.0 N, of the active version 24.0 N"
+        );
+    }
+
+    #[test]
+    fn drills_that_are_not_on_record_one_by_one_are_counted() {
+        let failed = [FailedDrill { kind: DrillKind::Abort, phase: None, seed: 1, active: None }];
+        let worst = FilmRequest { of: FilmSubject::Drill, number: None };
+        assert_eq!(drill(&failed, 7, worst).unwrap().beyond, 6);
+        assert_eq!(drill(&failed, 1, worst).unwrap().beyond, 0);
+        // Records of older builds have no tally beside them.
+        assert_eq!(drill(&failed, 0, worst).unwrap().beyond, 0);
+    }
+
+    #[test]
+    fn a_drill_that_the_active_version_passes_comes_first() {
+        let failed = |kind, seed, active| FailedDrill { kind, phase: None, seed, active };
+        let all = [
+            failed(DrillKind::Abort, 1, Some(false)),
+            failed(DrillKind::Abort, 2, Some(false)),
+            failed(DrillKind::Detect, 3, Some(false)),
+            failed(DrillKind::Detect, 4, Some(true)),
+        ];
+        assert_eq!(all[worst_drill(&all)].seed, 4);
+        assert_eq!(all[worst_drill(&all[..3])].seed, 1);
+    }
+
+    #[test]
+    fn a_number_is_held_against_what_there_is() {
+        assert_eq!(numbered(1, 3, "x"), Ok(0));
+        assert_eq!(numbered(4, 3, "drills").unwrap_err(), "number 4 is not among the 3 drills");
+        assert!(numbered(0, 3, "x").is_err());
+    }
+}

@@ -1,0 +1,244 @@
+//! The terms a version runs under, and the bindings of evidence and decisions about it.
+//!
+//! Derives from profile, conditions and identities; decides nothing.
+
+use std::collections::BTreeSet;
+
+use holdpoint_approvals::{PersonDirectory, keyfile};
+use holdpoint_body::TaskKind;
+use holdpoint_governance::composition;
+use holdpoint_governance::condition::{Condition, people_needed};
+use holdpoint_governance::decision::DecisionContext;
+use holdpoint_governance::evidence::{EvidenceBinding, StaleCause};
+use holdpoint_governance::ids::{Digest, Family};
+use holdpoint_governance::lifecycle::{State, VersionRef};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile_downgrade::AdmissionContext;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::terms::SkillTerms;
+
+use crate::context::Context;
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
+use crate::monitors::Monitors;
+use crate::trial::sequences::TrialTeam;
+use crate::trial::trial_lab::TrialSubject;
+use crate::version_table::VersionTable;
+
+/// The terms a version runs under: the profile, capped by its manifest and its conditions, and tighter if its monitor or an
+/// operator restricted it.
+#[must_use]
+pub fn terms_of(
+    context: &Context,
+    version_table: &VersionTable,
+    dossiers: &EvidenceFiles,
+    monitors: &Monitors,
+    capability: &Capability,
+) -> SkillTerms {
+    let id = capability.id();
+    let on_record = version_table.version(&id).is_ok_and(|(_, standing, _)| standing.flags.restricted);
+    let restricted = on_record || monitors.of(&id).is_some_and(|watched| watched.restricted);
+    let terms = measured_terms_of(context, dossiers, capability);
+    if restricted { terms.tightened(context.profile.monitor.restrict_factor) } else { terms }
+}
+
+/// The terms a version is measured under: as [`terms_of`], without restrictions by a monitor or an operator. Evidence is
+/// about the version; a restriction meanwhile would change the comparison.
+#[must_use]
+pub fn measured_terms_of(context: &Context, dossiers: &EvidenceFiles, capability: &Capability) -> SkillTerms {
+    let dossier = dossiers.of(&capability.id());
+    let conditions = dossier.map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
+    terms_under(context, capability, conditions)
+}
+
+/// The terms for measurements under these conditions of use.
+#[must_use]
+pub fn terms_under(context: &Context, capability: &Capability, conditions: &[Condition]) -> SkillTerms {
+    let (speed, force) = composition::envelope(&capability.manifest, conditions);
+    let terms = context.terms().capped(speed, force);
+    // The arm runs only versions with a gate pass and these approvals; sandbox and shadow try them first.
+    if people_needed(conditions) > 0 { terms.reviewed() } else { terms }
+}
+
+/// Why a version's evidence no longer counts. Evidence of superseded versions never counts; that of an active version is
+/// compared with the version and neighbors at the time.
+pub(crate) fn stale_causes(
+    context: &Context,
+    version_table: &VersionTable,
+    of: &Capability,
+    state: State,
+    dossier: &EvidenceFile,
+) -> Vec<StaleCause> {
+    if dossier.bindings.is_empty() || state.is_terminal() {
+        return Vec::new();
+    }
+    let now = binding(context, version_table, of);
+    let took_over = matches!(state, State::Active | State::Superseded);
+    let stale: BTreeSet<StaleCause> = dossier
+        .bindings
+        .iter()
+        .flat_map(|then| then.stale_against(&now))
+        .filter(|cause| !(took_over && matches!(cause, StaleCause::ActiveVersion | StaleCause::Neighbours)))
+        .collect();
+    stale.into_iter().collect()
+}
+
+/// Why a version is not admitted to the arm under the profile in force; `None` if it is: its manifest admits the profile, and
+/// it is not blocked. A break-glass activation past a block stands until its review.
+#[must_use]
+pub fn not_admitted(
+    context: &Context,
+    version_table: &VersionTable,
+    capability: &Capability,
+) -> Option<AdmissionRefusal> {
+    let profile = context.profile.name;
+    if !capability.manifest.deployment.environments.contains(&profile) {
+        return Some(AdmissionRefusal::Undeclared);
+    }
+    let id = capability.id();
+    let (version, standing, member) = version_table.version(&id).ok()?;
+    let unreviewed = version_table.family(&id.family).is_ok_and(|entry| entry.state.is_unreviewed(version));
+    if standing.closed.contains(&profile) && !unreviewed {
+        return Some(AdmissionRefusal::Closed);
+    }
+    let let_in = member.course.let_in.unwrap_or(AdmissionContext::LEAST);
+    // A version that never had control has no gate pass that could be insufficient.
+    let had_control = standing.acted || matches!(standing.state, State::Active | State::Superseded);
+    (had_control && version != VersionRef(0) && !let_in.suffices(version_table.admission()))
+        .then_some(AdmissionRefusal::AdmittedByLess(let_in))
+}
+
+/// Why a version is not admitted to the arm under a profile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AdmissionRefusal {
+    /// Its manifest does not name the profile.
+    Undeclared,
+    /// A demotion blocked it under the profile.
+    Closed,
+    /// The gate admitted it under a less strict profile.
+    AdmittedByLess(AdmissionContext),
+}
+
+impl AdmissionRefusal {
+    /// The second half of a sentence that begins with the version.
+    #[must_use]
+    pub fn text(self, profile: ProfileName) -> String {
+        match self {
+            Self::Undeclared => format!("does not admit the profile {profile}"),
+            Self::Closed => format!("is blocked under the profile {profile}"),
+            Self::AdmittedByLess(AdmissionContext { scripted: true, .. }) => {
+                format!("passed its gate in a script, and the profile {profile} needs a gate pass of its own")
+            }
+            Self::AdmittedByLess(AdmissionContext { class, .. }) => {
+                format!(
+                    "passed its gate under the profile {class}, and {profile} needs a gate pass of its own"
+                )
+            }
+        }
+    }
+}
+
+/// A version with the terms it is measured under and the fallback it has now.
+#[must_use]
+pub fn trial_subject(
+    context: &Context,
+    version_table: &VersionTable,
+    dossiers: &EvidenceFiles,
+    version: &Capability,
+) -> TrialSubject {
+    let terms = measured_terms_of(context, dossiers, version);
+    TrialSubject { version: version.clone(), terms, fallback: fallback(version_table, version).cloned() }
+}
+
+/// The versions that run beside a candidate in whole sequences: the active ones of the other families.
+#[must_use]
+pub fn trial_team(
+    context: &Context,
+    version_table: &VersionTable,
+    dossiers: &EvidenceFiles,
+    candidate: &Capability,
+) -> TrialTeam {
+    let parties = teammates_of(version_table, candidate)
+        .map(|version| trial_subject(context, version_table, dossiers, version));
+    TrialTeam::excluding(candidate.bundle.task(), parties)
+}
+
+/// The present binding for a candidate's evidence.
+#[must_use]
+pub fn binding(context: &Context, version_table: &VersionTable, capability: &Capability) -> EvidenceBinding {
+    let active = version_table.family(&capability.id().family).ok().and_then(|entry| entry.active());
+    EvidenceBinding {
+        candidate: capability.digest(),
+        active: active.map(|member| member.capability.digest()),
+        profile: context.profile_digest,
+        policy: context.table.digest,
+        environment: context.cell.digest(),
+        neighbours: neighbours(version_table, capability),
+    }
+}
+
+/// Digest of the versions that run beside a version: the active ones of the sequence's other families, and its fallback.
+fn neighbours(version_table: &VersionTable, capability: &Capability) -> Option<Digest> {
+    let beside = teammates_of(version_table, capability).map(Capability::digest);
+    let all: Vec<Digest> =
+        beside.chain(fallback(version_table, capability).map(Capability::digest)).collect();
+    let parts: Vec<&[u8]> = all.iter().map(|digest| digest.bytes().as_slice()).collect();
+    (!parts.is_empty()).then(|| Digest::of_parts("holdpoint.neighbours.v1", &parts))
+}
+
+/// The active versions of the other families of a sequence, if the version is part of one.
+fn teammates_of<'a>(
+    version_table: &'a VersionTable,
+    capability: &Capability,
+) -> impl Iterator<Item = &'a Capability> {
+    // A fallback is not part of a sequence, whatever task its code is for.
+    let works = |family: &Family| TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == *family);
+    let own = capability.id().family;
+    let is_part = works(&own);
+    let active = version_table.families().filter_map(|(_, entry)| Some(&entry.active()?.capability));
+    active.filter(move |version| {
+        let family = &version.id().family;
+        is_part && *family != own && works(family)
+    })
+}
+
+/// The fallback bound in its manifest, from the registry.
+pub(crate) fn fallback<'a>(
+    version_table: &'a VersionTable,
+    capability: &Capability,
+) -> Option<&'a Capability> {
+    let bound = capability.manifest.recovery.fallback.as_ref()?;
+    version_table.resolve(&bound.family, &bound.version)
+}
+
+/// The present context of a decision on a candidate.
+#[must_use]
+pub fn made_under(
+    context: &Context,
+    version_table: &VersionTable,
+    capability: &Capability,
+    evidence: Digest,
+) -> DecisionContext {
+    let binding = binding(context, version_table, capability);
+    DecisionContext {
+        candidate: binding.candidate,
+        active: binding.active,
+        policy: binding.policy,
+        profile: binding.profile,
+        authority: authority_digest(version_table),
+        environment: binding.environment,
+        neighbours: binding.neighbours,
+        evidence,
+    }
+}
+
+/// Digest of the persons who may decide.
+fn authority_digest(version_table: &VersionTable) -> Digest {
+    let persons = version_table.store().persons().ok();
+    let lines: Vec<String> = persons
+        .iter()
+        .flat_map(PersonDirectory::enrolled)
+        .map(|who| format!("{} {} {}", who.name, who.role.name(), keyfile::hex(who.public_key.as_bytes())))
+        .collect();
+    let parts: Vec<&[u8]> = lines.iter().map(String::as_bytes).collect();
+    Digest::of_parts("holdpoint.authority.v1", &parts)
+}

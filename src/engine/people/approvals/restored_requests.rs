@@ -1,0 +1,123 @@
+//! A question that was open when the engine ended, taken up as it was.
+
+use holdpoint_approvals::PersonState;
+use holdpoint_governance::approval::{ApprovalDecision, ApprovalOutcome, SignatureCheck, Vote};
+use holdpoint_governance::gate::{GateOutcome, GateResult};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::wall_time::WallTime;
+
+use super::{Approvals, NewApprovalRequest, PendingApproval, RequestKind, activation_terms};
+use crate::context::Context;
+use crate::evidence_file::EvidenceFiles;
+use crate::fault::EngineFault;
+use crate::people::persons::unconfirmed;
+use crate::people::request_display::is_as_shown;
+use crate::recorder::EngineRecorder;
+use crate::stages::activation::gate;
+use crate::version_origin;
+
+impl Approvals {
+    /// Restores a request that was open when the engine ended, with its answers: the same question, evidence and
+    /// deadline. Returns the number of answers; `None` if anything that the request binds has changed, so that people
+    /// must be asked again.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn take_up(
+        &mut self,
+        context: &Context,
+        record: &EngineRecorder,
+        dossiers: &mut EvidenceFiles,
+        id: &CapabilityId,
+    ) -> Result<Option<usize>, EngineFault> {
+        let views = record.version_table().store().views()?;
+        // The newest of those that an interrupted engine may have left.
+        let asked = views.open_requests()?.into_iter().rfind(|request| request.version == *id);
+        let (Some(asked), Some(dossier)) = (asked, dossiers.of(id)) else { return Ok(None) };
+        let (_, _, member) = record.version_table().version(id)?;
+        let provenance = record.capability(id)?.submission.provenance;
+        let Some((quorum, review)) = activation_terms(context, dossier, provenance) else { return Ok(None) };
+        let risk = version_origin::assessed_risk(dossier);
+        let evidence = dossier.digest()?;
+        let asked_ms = views.asked_ms(&asked.id)?.unwrap_or(u64::MAX);
+        // Earlier versions stored the deadline in engine time, which gives no wall time: people are asked again.
+        let unchanged = asked.until >= WallTime::SCRIPT_EPOCH
+            && asked.policy_digest == context.digest
+            && asked.profile == context.profile.name
+            && asked.evidence_digest == evidence
+            && asked.row_version == member.row_version
+            && asked.needed == u32::from(quorum);
+        if !unchanged {
+            return Ok(None);
+        }
+        // The text must show what takes effect: no stage's evidence holds the conditions that the gate adds.
+        let GateResult { decision, .. } = gate(context, record, dossiers, id, None)?;
+        if *decision.outcome() != GateOutcome::AwaitApproval {
+            return Ok(None);
+        }
+        dossiers.edit(id).take_gate(&decision);
+        let mut prompt = PendingApproval::new(
+            context,
+            record,
+            id,
+            NewApprovalRequest {
+                id: asked.id,
+                purpose: RequestKind::Activation,
+                about: String::new(),
+                asked_by: None,
+                evidence,
+                quorum,
+                risk,
+                review,
+                asked: asked.until.minus_secs(context.profile.approval.timeout_s),
+                until: asked.until,
+            },
+        )?;
+        let subject = prompt.request.subject;
+        let persons = record.version_table().store().persons()?;
+        for entry in views.approvals(id)? {
+            let said = entry.signed.approval().clone();
+            let same = said.candidate_digest == subject.candidate
+                && said.row_version == subject.row_version
+                && said.evidence_digest == evidence
+                && said.policy_digest == context.digest
+                && said.profile == context.profile.name
+                && entry.at_ms >= asked_ms;
+            // Answers of revoked and of unverified persons do not count.
+            let counts = |who: &&holdpoint_approvals::Person| {
+                let lets_in = said.decision == ApprovalDecision::Approve && !record.clock().is_scripted();
+                same && who.state == PersonState::Enrolled
+                    && !(lets_in && unconfirmed(context, &persons, &who.name).is_some())
+            };
+            let who = persons.named(&said.who).filter(counts);
+            let Some(who) = who.map(holdpoint_approvals::Person::info) else { continue };
+            // An answer over another text than the present one must be given again.
+            let over_this = is_as_shown(context, record, dossiers, &prompt, &said)?;
+            if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() || !over_this {
+                continue;
+            }
+            prompt.votes.push(Vote {
+                person: said.who.clone(),
+                key: entry.signed.public_key().to_owned(),
+                role: who.role,
+                answer: said.decision,
+                reason: said.reason.clone(),
+                subject,
+                until: said.not_after(),
+                break_glass: false,
+                signature: SignatureCheck::Valid,
+                nonce_used: false,
+            });
+            prompt.signed.push(entry.signed);
+        }
+        drop(views);
+        let answers = prompt.votes.len();
+        match prompt.result(context, record.wall_now()).outcome {
+            ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => self.grant_later(id),
+            ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut | ApprovalOutcome::Refused { .. } => {
+            }
+        }
+        self.prompts.insert(id.clone(), prompt);
+        Ok(Some(answers))
+    }
+}

@@ -1,0 +1,242 @@
+//! Break-glass: what one person may activate alone, and the review that follows.
+//!
+//! Makes the requests and checks the person. The rules ([`holdpoint_governance::approval`]) rate the vote, and the
+//! gate decides on the activation.
+
+use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::approval::{
+    self, ApprovalDecision, ApprovalResult, REVIEWERS, SignatureCheck, Subject, Vote,
+};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::{Review, Stage, State};
+use holdpoint_governance::submission::Risk;
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
+use holdpoint_registry::store_terms::RequestState;
+use holdpoint_registry::{ApprovalRequest, Change};
+use holdpoint_text::is_visible;
+
+use super::approvals::{Approvals, NewApprovalRequest, PendingApproval, closing_note, tier, view};
+use super::request_display::DisplayedText;
+use super::signers::signer;
+use crate::context::Context;
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
+use crate::version_origin;
+
+/// An emergency approval that the rules count, and until when it holds.
+pub(crate) struct BreakGlassApproval {
+    pub(crate) signed: SignedApproval,
+    /// The text shown to its signer.
+    pub(crate) shown: DisplayedText,
+    pub(crate) result: ApprovalResult,
+    /// By when it has to be reviewed.
+    pub(crate) until: WallTime,
+}
+
+/// The stored break-glass approval of a version.
+fn break_glass_approval(
+    record: &EngineRecorder,
+    id: &CapabilityId,
+) -> Result<Option<SignedApproval>, EngineFault> {
+    let kept = record.version_table().store().views()?.approvals(id)?;
+    Ok(kept.into_iter().rev().map(|entry| entry.signed).find(|signed| signed.approval().break_glass))
+}
+
+/// What a break-glass approval of a version must sign now; absent if break-glass does not apply.
+pub(super) fn break_glass_request(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    id: &CapabilityId,
+) -> Option<PendingApproval> {
+    let settings = context.profile.approval;
+    let entry = record.version_table().family(&id.family).ok()?;
+    let (_, standing, member) = entry.find(id)?;
+    let stands = standing.state == State::Shadowed
+        && !standing.flags.paused
+        && matches!(standing.flags.running, None | Some(Stage::Activation));
+    let dossier = dossiers.of(id)?;
+    let waits = dossier.held || standing.flags.awaiting_approval;
+    if !(settings.break_glass && stands && waits && entry.state.review.is_none()) {
+        return None;
+    }
+    let evidence = dossier.digest().ok()?;
+    let now = record.wall_now();
+    let risk = version_origin::assessed_risk(dossier);
+    let asked = NewApprovalRequest {
+        id: format!("{}-{}-{}-emergency", id.family, id.version, member.row_version),
+        purpose: RequestKind::Emergency,
+        about: String::new(),
+        asked_by: None,
+        evidence,
+        // One person is never enough in the ordinary way: it counts as an emergency or not at all.
+        quorum: approval::quorum(&settings, risk, false).max(2),
+        risk,
+        review: true,
+        asked: now,
+        until: now.plus_secs(settings.break_glass_valid_s),
+    };
+    PendingApproval::new(context, record, id, asked).ok()
+}
+
+/// Versions that one person may activate by break-glass now.
+pub(crate) fn views(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+) -> Vec<ApprovalRequestView> {
+    let mut found = Vec::new();
+    if !context.profile.approval.break_glass {
+        return found;
+    }
+    for (_, entry) in record.version_table().families() {
+        for member in &entry.members {
+            let id = member.capability.id();
+            if let Some(question) = break_glass_request(context, record, dossiers, &id) {
+                let mut shown = view(context, record, dossiers, &id, &question);
+                shown.valid_until = question.request.until;
+                shown.tier = tier(context.profile.name, 2, true);
+                found.push(shown);
+            }
+        }
+    }
+    found
+}
+
+/// Holds an emergency approval against everything it has to be. Changes nothing.
+///
+/// # Errors
+/// If the version cannot be read.
+pub(crate) fn check(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    approvals: &Approvals,
+    signed: SignedApproval,
+) -> Result<Result<BreakGlassApproval, Reply>, EngineFault> {
+    let refuse = |code, text: String, hint: Option<&str>| {
+        Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
+    };
+    let identity = match signer(context, record, &signed) {
+        Ok(identity) => identity,
+        Err(refused) => return Ok(Err(refused)),
+    };
+    let said = signed.approval().clone();
+    let (id, settings) = (&said.version, context.profile.approval);
+    if !settings.break_glass {
+        let text = format!("the profile {} permits no break-glass", context.profile.name.name());
+        return refuse(Refusal::NotAllowed, text, Some("people approve it, or it waits"));
+    }
+    if said.decision != ApprovalDecision::Approve || !is_visible(&said.reason) {
+        let text = "break-glass needs an approval with a reason".to_owned();
+        return refuse(Refusal::BadInput, text, None);
+    }
+    let Some(question) = break_glass_request(context, record, dossiers, id) else {
+        let text = format!("{id} does not wait for approval or a freeze after shadow");
+        return refuse(Refusal::NotNow, text, Some("break-glass replaces no stage and no measurement"));
+    };
+    let profile = if said.profile == context.profile.name { context.profile_digest } else { context.digest };
+    let subject = Subject {
+        candidate: said.candidate_digest,
+        row_version: said.row_version,
+        evidence: said.evidence_digest,
+        policy: said.policy_digest,
+        profile,
+    };
+    let vote = Vote {
+        person: said.who.clone(),
+        key: signed.public_key().to_owned(),
+        role: identity.role,
+        answer: said.decision,
+        reason: said.reason.clone(),
+        subject,
+        until: said.not_after(),
+        break_glass: said.break_glass,
+        signature: SignatureCheck::Valid,
+        nonce_used: false,
+    };
+    let result = approval::evaluate(&question.request, &[vote], record.wall_now(), &settings);
+    if !result.is_emergency() {
+        let why = result.reasons.last().map_or_else(String::new, holdpoint_wording::reason);
+        return refuse(Refusal::NotAllowed, format!("{id} is not activated: {why}"), None);
+    }
+    let shown = match approvals.displayed_text(context, record, dossiers, &question, signed.approval())? {
+        Ok(Some(shown)) => shown,
+        Ok(None) => {
+            return refuse(Refusal::BadInput, "it is signed over nothing that was shown".to_owned(), None);
+        }
+        Err(refused) => return Ok(Err(refused)),
+    };
+    let until = said.not_after().min(question.request.until);
+    Ok(Ok(BreakGlassApproval { signed, shown, result, until }))
+}
+
+impl Approvals {
+    /// Asks two people to review an emergency activation, in place of any open request about the version.
+    ///
+    /// # Errors
+    /// If the question cannot be written.
+    pub(crate) fn request_review(
+        &mut self,
+        context: &Context,
+        record: &mut EngineRecorder,
+        dossiers: &EvidenceFiles,
+        id: &CapabilityId,
+        review: Review,
+    ) -> Result<(), EngineFault> {
+        let mut changes = Vec::new();
+        if let Some(old) = self.close(id) {
+            changes = closing_note(context, id, &old, RequestState::Void, "").before;
+        }
+        let risk = dossiers.of(id).map_or(Risk::High, version_origin::assessed_risk);
+        let candidate = record.capability(id)?;
+        let row_version = record.version_table().version(id)?.2.row_version;
+        let now = record.wall_now();
+        let overdue = review.until <= now;
+        let broken = break_glass_approval(record, id)?;
+        let (by, reason) = broken.as_ref().map_or_else(
+            || ("engine".to_owned(), "its approval is not in the store".to_owned()),
+            |signed| (signed.approval().who.clone(), signed.approval().reason.clone()),
+        );
+        let claim = broken.map_or_else(|| candidate.digest(), |signed| signed.approval().claim_digest());
+        let evidence = Digest::of_parts("holdpoint.review.v1", &[claim.bytes(), candidate.digest().bytes()]);
+        let about = if overdue {
+            format!("{by} activated it alone ({reason}); it was not reviewed in time and is rolled back")
+        } else {
+            format!("{by} activated it alone ({reason}); without a review by the deadline it is rolled back")
+        };
+        let prompt_id = format!("{}-{}-{row_version}-review-{}", id.family, id.version, now.ms());
+        let asked = NewApprovalRequest {
+            id: prompt_id.clone(),
+            purpose: RequestKind::Review,
+            about,
+            asked_by: Some(by),
+            evidence,
+            quorum: REVIEWERS,
+            risk,
+            review: true,
+            asked: now,
+            until: review.until,
+        };
+        let question = PendingApproval { overdue, ..PendingApproval::new(context, record, id, asked)? };
+        let empty = EvidenceFile::default();
+        changes.push(Change::PutApprovalRequest(Box::new(ApprovalRequest {
+            id: prompt_id,
+            version: id.clone(),
+            row_version,
+            evidence_digest: evidence,
+            policy_digest: context.digest,
+            profile: context.profile.name,
+            needed: u32::from(REVIEWERS),
+            until: review.until,
+            state: RequestState::Open,
+            json: serde_json::to_string(dossiers.of(id).unwrap_or(&empty))?,
+        })));
+        record.write(changes, Vec::new())?;
+        self.open(context, record, dossiers, id, question);
+        Ok(())
+    }
+}

@@ -1,0 +1,474 @@
+//! What a person is shown of a question: the facts as they stand, the lines that say them, and the nonce of the request.
+//!
+//! Composed when an approver requests it, and again when the answer arrives and when it is used. If the text has
+//! changed by then, the answer does not count. So no one signs a text that was altered between engine and screen.
+
+use std::collections::BTreeMap;
+
+use holdpoint_approvals::keyfile::hex;
+use holdpoint_approvals::{Approval, DisplayBinding, Nonce, facts_digest, lines_digest};
+use holdpoint_governance::approval::{self, ApprovalDecision, Role, SignatureCheck, Vote};
+use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::decision::{Dimension, ReasonCode};
+use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
+use holdpoint_governance::outcome::{Assessment, Basis};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::strictness::Strictness;
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::approval_document::{
+    ApprovalDocument, ApprovalFacts, DriftResponse, PairsFacts, RequestedSigner, ShadowFacts, UntestedAspect,
+};
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::snapshot::RequestKind;
+use holdpoint_registry::AuditBody;
+use holdpoint_wording::approval::{RENDERER_VERSION, render};
+
+use super::approvals::{Approvals, PendingApproval};
+use super::break_glass_approvals;
+use super::signers::person;
+use crate::context::Context;
+use crate::evidence_binding::stale_causes;
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
+use crate::explain::is_in_favor;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
+use crate::view::{check_explanation, evidence};
+
+/// The most requests that are remembered: one for each open question and each person.
+const REQUESTS_MAX: usize = 4096;
+
+/// Reasons against it that are shown.
+const REASONS_MAX: usize = 4;
+
+/// Who got which question, and under what nonce. A question that is closed takes its requests with it; a person who asks
+/// again gets the same nonce until they answer, so that no crowd of requests makes an honest answer void.
+#[derive(Default)]
+pub(super) struct IssuedRequests(BTreeMap<(String, String), Nonce>);
+
+impl IssuedRequests {
+    fn nonce(
+        &mut self,
+        record: &EngineRecorder,
+        question: &str,
+        who: &str,
+    ) -> Result<Option<Nonce>, EngineFault> {
+        let key = (question.to_owned(), who.to_owned());
+        if let Some(known) = self.0.get(&key) {
+            return Ok(Some(known.clone()));
+        }
+        if self.0.len() >= REQUESTS_MAX {
+            return Ok(None);
+        }
+        let nonce = if record.clock().is_scripted() {
+            let digest =
+                Digest::of_parts("holdpoint/scripted-request/v1", &[question.as_bytes(), who.as_bytes()]);
+            let mut bytes = [0; 16];
+            bytes.copy_from_slice(&digest.bytes()[..16]);
+            Nonce::from_bytes(bytes)
+        } else {
+            Nonce::random().map_err(|error| EngineFault::Impossible(error.to_string()))?
+        };
+        self.0.insert(key, nonce.clone());
+        Ok(Some(nonce))
+    }
+
+    fn is_open(&self, question: &str, who: &str, nonce: &Nonce) -> bool {
+        self.0.get(&(question.to_owned(), who.to_owned())) == Some(nonce)
+    }
+
+    /// An answer was taken: the next one takes another request.
+    pub(super) fn answered(&mut self, question: &str, who: &str) {
+        self.0.remove(&(question.to_owned(), who.to_owned()));
+    }
+
+    pub(super) fn close(&mut self, question: &str) {
+        self.0.retain(|(of, _), _| of != question);
+    }
+}
+
+/// The text shown to an approver: its lines, and the facts behind them.
+pub(crate) struct DisplayedText {
+    lines: Vec<String>,
+    facts: String,
+}
+
+impl DisplayedText {
+    /// The record of it, beside the decision that was signed over it.
+    pub(crate) fn record(&self, approval: &Approval) -> Result<AuditBody, EngineFault> {
+        let body = serde_json::json!({
+            "by": approval.who,
+            "nonce": approval.nonce,
+            "lines": self.lines,
+            "facts": self.facts,
+        });
+        // As every body that is judged: it has one text.
+        let body = canonical_json(&body)?;
+        Ok(AuditBody { kind: RecordKind::Shown, subject: approval.version.to_string(), body })
+    }
+}
+
+impl Approvals {
+    /// The question about a version as one person gets it.
+    ///
+    /// # Errors
+    /// If the version cannot be read, or the machine gives no random number.
+    pub(crate) fn question(
+        &mut self,
+        context: &Context,
+        record: &EngineRecorder,
+        dossiers: &EvidenceFiles,
+        (id, purpose): (&CapabilityId, RequestKind),
+        who: &str,
+    ) -> Result<Reply, EngineFault> {
+        let store = record.version_table().store();
+        let who = match person(&store.persons()?, who) {
+            Ok(who) => who,
+            Err(refused) => return Ok(refused),
+        };
+        let door = match purpose {
+            RequestKind::Emergency => {
+                break_glass_approvals::break_glass_request(context, record, dossiers, id)
+            }
+            RequestKind::Activation | RequestKind::Release | RequestKind::Review => None,
+        };
+        let waits = self.of(id).filter(|waits| waits.purpose == purpose);
+        let Some(asked) = door.as_ref().or(waits) else {
+            return Ok(Reply::Refused {
+                code: Refusal::NotFound,
+                text: format!("nothing waits for a decision on the {purpose} of {id}"),
+                hint: Some("see `holdpoint status`".to_owned()),
+            });
+        };
+        let facts = facts(context, record, dossiers, id, asked, Some((&who.name, who.role)))?;
+        let (lines, facts) = (render(&facts), canonical_json(&facts)?);
+        let valid_until = valid_until(context, record, asked);
+        let question = asked.id.clone();
+        let Some(request) = self.requests.nonce(record, &question, &who.name)? else {
+            let text = format!("{REQUESTS_MAX} requests for open questions are remembered already");
+            return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: None });
+        };
+        let question = ApprovalDocument {
+            lines,
+            facts,
+            renderer: RENDERER_VERSION,
+            request,
+            store_id: store.store_id().to_owned(),
+            store_key: hex(store.public_key().as_bytes()),
+            valid_until,
+        };
+        Ok(Reply::Question { question: Box::new(question) })
+    }
+
+    /// What a decision was signed over, if it is what its person would be shown now, under the request that they made;
+    /// `None` for a refusal over nothing that was shown.
+    pub(super) fn displayed_text(
+        &self,
+        context: &Context,
+        record: &EngineRecorder,
+        dossiers: &EvidenceFiles,
+        asked: &PendingApproval,
+        said: &Approval,
+    ) -> Result<Result<Option<DisplayedText>, Reply>, EngineFault> {
+        let stale = |why: &str| {
+            Ok(Err(Reply::Refused {
+                code: Refusal::Stale,
+                text: format!("the decision on {} counts for nothing: {why}", said.version),
+                hint: Some("look at the question again and decide again".to_owned()),
+            }))
+        };
+        let Some(shown) = &said.shown else {
+            return match said.decision {
+                ApprovalDecision::Reject => Ok(Ok(None)),
+                ApprovalDecision::Approve => stale("it is signed over nothing that was shown"),
+            };
+        };
+        if !self.requests.is_open(&asked.id, &said.who, &shown.request) {
+            return stale("it answers a request that is not open");
+        }
+        if said.not_after() > valid_until(context, record, asked) {
+            return stale("it would count for longer than an answer may");
+        }
+        match as_shown(context, record, dossiers, asked, said, shown)? {
+            Ok(texts) => Ok(Ok(Some(texts))),
+            Err(why) => stale(why),
+        }
+    }
+
+    /// Whether an approver would see another text now: then the earlier answers no longer count.
+    ///
+    /// # Errors
+    /// If the version cannot be read.
+    pub(crate) fn is_outdated(
+        &self,
+        context: &Context,
+        record: &EngineRecorder,
+        dossiers: &EvidenceFiles,
+        id: &CapabilityId,
+    ) -> Result<bool, EngineFault> {
+        let Some(asked) = self.of(id) else { return Ok(false) };
+        for signed in &asked.signed {
+            if !is_as_shown(context, record, dossiers, asked, signed.approval())? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+}
+
+/// Until when an answer that is given now counts.
+fn valid_until(context: &Context, record: &EngineRecorder, asked: &PendingApproval) -> WallTime {
+    match asked.purpose {
+        RequestKind::Emergency => asked.request.until,
+        RequestKind::Activation | RequestKind::Release | RequestKind::Review => {
+            record.wall_now().plus_secs(context.profile.approval.valid_s)
+        }
+    }
+}
+
+/// Whether a decision that was taken is over what its person would be shown now. A refusal stands without; an approval of
+/// an earlier version, which signed nothing of it, does not.
+pub(super) fn is_as_shown(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    asked: &PendingApproval,
+    said: &Approval,
+) -> Result<bool, EngineFault> {
+    match &said.shown {
+        None => Ok(said.decision == ApprovalDecision::Reject),
+        Some(shown) => Ok(as_shown(context, record, dossiers, asked, said, shown)?.is_ok()),
+    }
+}
+
+fn as_shown(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    asked: &PendingApproval,
+    said: &Approval,
+    shown: &DisplayBinding,
+) -> Result<Result<DisplayedText, &'static str>, EngineFault> {
+    if shown.renderer != RENDERER_VERSION {
+        return Ok(Err("another version of the program put the question into words"));
+    }
+    if shown.store_key != hex(record.version_table().store().public_key().as_bytes()) {
+        return Ok(Err("it is signed for a store with another key"));
+    }
+    let facts = facts(context, record, dossiers, &said.version, asked, Some((&said.who, said.role)))?;
+    let (lines, facts) = (render(&facts), canonical_json(&facts)?);
+    Ok(if facts_digest(&facts) != shown.facts {
+        Err("the facts that were shown are not those of the question")
+    } else if lines_digest(&lines) != shown.lines {
+        Err("the lines that were shown are not those of the question")
+    } else {
+        Ok(DisplayedText { lines, facts })
+    })
+}
+
+/// The lines of a request for observers; empty if the version cannot be read.
+pub(super) fn overview(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    id: &CapabilityId,
+    asked: &PendingApproval,
+) -> Vec<String> {
+    facts(context, record, dossiers, id, asked, None).map(|facts| render(&facts)).unwrap_or_default()
+}
+
+fn facts(
+    context: &Context,
+    record: &EngineRecorder,
+    dossiers: &EvidenceFiles,
+    id: &CapabilityId,
+    asked: &PendingApproval,
+    who: Option<(&str, Role)>,
+) -> Result<ApprovalFacts, EngineFault> {
+    let (_, standing, member) = record.version_table().version(id)?;
+    let empty = EvidenceFile::default();
+    let dossier = dossiers.of(id).unwrap_or(&empty);
+    let (profile, request) = (&context.profile, &asked.request);
+    let lets_in = matches!(asked.purpose, RequestKind::Activation | RequestKind::Emergency);
+    let against = dossier
+        .reasons
+        .iter()
+        .filter(|reason| !is_in_favor(reason.code) && reason.code != ReasonCode::ApprovalPending);
+    Ok(ApprovalFacts {
+        asked: who.map(|(name, role)| RequestedSigner {
+            name: name.to_owned(),
+            role,
+            void: void(context, record, asked, name, role),
+        }),
+        question: asked.id.clone(),
+        purpose: asked.purpose,
+        version: id.clone(),
+        replaces: asked.replaces.clone(),
+        robot: context.cell.model.name.clone(),
+        candidate: request.subject.candidate,
+        row_version: asked.row_version,
+        evidence: asked.evidence,
+        policy: context.digest,
+        profile: profile.name,
+        site: profile.site.clone(),
+        needed: if asked.purpose == RequestKind::Emergency { 1 } else { u32::from(request.quorum) },
+        until: (asked.purpose != RequestKind::Emergency).then_some(asked.request.until),
+        risk: request.risk,
+        assessed: dossier.risk.clone(),
+        requester: request.requester.clone(),
+        author: request.author.clone(),
+        asked_by: request.asked_by.as_ref().map(|asker| asker.name().to_owned()),
+        about: asked.about.clone(),
+        state: standing.state,
+        deployment: dossier.deployment,
+        stale: stale_causes(context, record.version_table(), &member.capability, standing.state, dossier),
+        dimensions: dossier.dimensions(profile),
+        pairs: evidence::pairs(dossier).map(|pairs| PairsFacts {
+            n: pairs.n,
+            candidate: pairs.candidate.success,
+            candidate_interval: pairs.candidate_success,
+            active: pairs.active.success,
+            active_interval: pairs.active_success,
+        }),
+        shadow: evidence::shadow(dossier, &profile.evaluation).map(|shadow| ShadowFacts {
+            n: shadow.n,
+            output: shadow.output,
+            governance: shadow.governance,
+            envelope: shadow.envelope,
+        }),
+        reasons: against.take(REASONS_MAX).cloned().collect(),
+        why: check_explanation::in_short(dossier),
+        new_permissions: dossier.new_permissions.clone(),
+        changes: dossier.changes.clone(),
+        conditions: dossier.conditions.clone(),
+        untested: untested(dossier),
+        on_drift: lets_in.then(|| on_drift(context, asked, dossier, dossiers.has_open_concern(id))),
+    })
+}
+
+/// Why an approval would not count, by the rules that count it.
+fn void(
+    context: &Context,
+    record: &EngineRecorder,
+    asked: &PendingApproval,
+    name: &str,
+    role: Role,
+) -> Option<ReasonCode> {
+    let vote = Vote {
+        person: name.to_owned(),
+        key: String::new(),
+        role,
+        answer: ApprovalDecision::Approve,
+        reason: "asked".to_owned(),
+        subject: asked.request.subject,
+        until: WallTime::from_ms(i64::MAX),
+        break_glass: asked.purpose == RequestKind::Emergency,
+        signature: SignatureCheck::Valid,
+        nonce_used: false,
+    };
+    let result = approval::evaluate(&asked.request, &[vote], record.wall_now(), &context.profile.approval);
+    let against = |code: &ReasonCode| matches!(code, ReasonCode::ApprovalSelf | ReasonCode::ApprovalRole);
+    result.reasons.iter().map(|reason| reason.code).find(against)
+}
+
+/// What happens when a version gets worse after its activation, and what confirms it.
+pub(super) fn on_drift(
+    context: &Context,
+    asked: &PendingApproval,
+    dossier: &EvidenceFile,
+    in_doubt: bool,
+) -> DriftResponse {
+    let monitor = &context.profile.monitor;
+    let watch = Strictness::of(&dossier.conditions);
+    DriftResponse {
+        back: asked.replaces.clone(),
+        coupled: watch.coupled(),
+        restricted_to: monitor.restrict_factor,
+        answer_within_s: monitor.escalation_deadline_s,
+        confirmed_after: context.profile.activation.provisional_episodes,
+        in_doubt,
+        limits: (watch.factor() < 1.0).then(|| watch.limits(monitor)),
+    }
+}
+
+/// What was not measured.
+pub(crate) fn untested(dossier: &EvidenceFile) -> Vec<UntestedAspect> {
+    let mut said = vec![UntestedAspect::PhysicalArm];
+    match &dossier.kappas {
+        None => said.push(UntestedAspect::Everything),
+        Some(kappas) => said.extend(estimates(kappas)),
+    }
+    if dossier.pairs.is_empty() {
+        said.push(UntestedAspect::Pairs);
+    }
+    for kind in DrillKind::ALL {
+        let feasible = dossier.drills.map_or(0, |(candidate, _)| candidate.of(kind).feasible());
+        if feasible == 0 {
+            said.push(UntestedAspect::Drill(kind));
+        }
+    }
+    if dossier.twins.is_empty() {
+        said.push(UntestedAspect::Twin);
+    }
+    said
+}
+
+fn estimates(kappas: &Kappas) -> Vec<UntestedAspect> {
+    fn of<O>(dimension: Dimension, assessment: &Assessment<O>) -> Option<UntestedAspect> {
+        match (assessment.basis, assessment.kappa) {
+            (Basis::Measured, Some(_)) => None,
+            (_, None) => Some(UntestedAspect::Unmeasured(dimension)),
+            (Basis::Estimated, Some(_)) => Some(UntestedAspect::Estimated(dimension)),
+        }
+    }
+    [
+        of(Dimension::Interface, &kappas.interface),
+        of(Dimension::Policy, &kappas.policy),
+        of(Dimension::Behavior, &kappas.behavior),
+        of(Dimension::Recovery, &kappas.recovery),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::evidence::{DrillTallies, DrillTally};
+
+    /// Such a version was confirmed hundreds of tasks later than the question had said.
+    #[test]
+    fn a_doubt_is_settled_before_a_confirmation() {
+        let mut said = DriftResponse {
+            back: None,
+            coupled: false,
+            restricted_to: 0.5,
+            answer_within_s: 60.0,
+            confirmed_after: 100,
+            in_doubt: false,
+            limits: None,
+        };
+        assert!(said.to_string().ends_with("; confirmed after 100 live tasks"), "{said}");
+        said.in_doubt = true;
+        assert!(said.to_string().contains("; confirmed after 100 live tasks and "), "{said}");
+    }
+
+    #[test]
+    fn what_was_not_tested_is_said() {
+        let mut dossier = EvidenceFile::default();
+        let said = |dossier: &EvidenceFile| -> Vec<String> {
+            untested(dossier).iter().map(ToString::to_string).collect()
+        };
+        let nothing = said(&dossier);
+        assert!(nothing.iter().any(|text| text.contains("rollback drill")), "{nothing:?}");
+        assert!(nothing.iter().any(|text| text.contains("twin")), "{nothing:?}");
+        let ran = DrillTally { passed: 1, failed: 0, infeasible: 0 };
+        let candidate = DrillTallies { rollback: ran, ..DrillTallies::default() };
+        dossier.drills = Some((candidate, DrillTallies::default()));
+        let some = said(&dossier);
+        assert!(!some.iter().any(|text| text.contains("rollback drill")), "{some:?}");
+        assert!(some.iter().any(|text| text.contains("abort drill")), "{some:?}");
+        assert!(some.iter().any(|text| text.contains("physical arm")), "{some:?}");
+    }
+}

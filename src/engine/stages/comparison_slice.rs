@@ -1,0 +1,60 @@
+//! One slice of a comparison of a version with another one after its sandbox: a confirmation or a re-evaluation.
+
+use holdpoint_governance::evidence::SandboxMode;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
+
+use super::closing::progress;
+use crate::cell::{Cell, Conditions};
+use crate::context::Context;
+use crate::evidence_binding::{trial_subject, trial_team};
+use crate::evidence_file::EvidenceFiles;
+use crate::fault::EngineFault;
+use crate::recorder::EngineRecorder;
+use crate::trial::Trials;
+use crate::trial::evaluation::{Evaluation, EvaluationPlan};
+use crate::trial::trace::keep_trace;
+
+/// The comparison and its conditions.
+pub(super) struct ComparisonSlice<'a> {
+    pub(super) id: &'a CapabilityId,
+    pub(super) with: &'a Capability,
+    pub(super) cell: &'a Cell,
+    /// Whose conditions the cell's sandbox has.
+    pub(super) conditions: Conditions,
+    pub(super) plan: EvaluationPlan,
+    /// The stage and the name in progress reports.
+    pub(super) stage: Stage,
+    pub(super) what: &'static str,
+}
+
+/// Runs one slice, stores its traces and reports progress. Returns the number of episodes run.
+///
+/// # Errors
+/// If a worker fails, or the result cannot be written.
+pub(super) fn work_slice(
+    context: &Context,
+    trials: &Trials,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
+    of: &ComparisonSlice<'_>,
+    evaluation: &mut Evaluation,
+) -> Result<u64, EngineFault> {
+    let candidate = record.capability(of.id)?;
+    let version_table = record.version_table();
+    let store = version_table.store();
+    let subject = |version| trial_subject(context, version_table, dossiers, version);
+    let (new, old) = (subject(&candidate), subject(of.with));
+    let lab = trials.lab(of.cell, store).with_team(trial_team(context, version_table, dossiers, &candidate));
+    let Some(slice) = evaluation.step(&lab, &new, &old, &context.profile)? else { return Ok(0) };
+    let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
+    if !fresh.is_empty() {
+        let now_ms = record.now_ms();
+        keep_trace(store, of.cell, of.id, SandboxMode::Confirmation, of.conditions, &fresh, now_ms)?;
+    }
+    let what = format!("{}, {}", of.what, slice.what);
+    progress(record, dossiers, of.id, of.stage, &what, (slice.done, of.plan.budget()));
+    Ok(fresh.len() as u64)
+}

@@ -1,0 +1,212 @@
+//! Re-evaluates a version whose behavior shifted, in the conditions of the live cell.
+//!
+//! Two kinds shift: a candidate that differs in its longest shadow from the sandbox, and an active version that
+//! differs from its shadow (governance's `shift`). The cause may be noise, by which a skill can recognize the
+//! sandbox, or chance. So the sandbox's pairs and sequences are run again, on fresh seeds, under the live cell's
+//! present distribution, drift included: the candidate beside the active version before any decision, the active one
+//! beside its predecessor. A first version has no predecessor to compare with or to activate.
+
+use holdpoint_governance::cached_result::CacheLocation;
+use holdpoint_governance::decision::Dimension;
+use holdpoint_governance::distribution_shift::{is_cleared, re_evaluation_reasons};
+use holdpoint_governance::evidence::EvidenceBinding;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_protocol::event::EventKind;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_sim::distribution::Drift;
+
+use super::cache_mismatch::void;
+use super::closing::{abort_stage, progress};
+use super::comparison_slice::{ComparisonSlice, work_slice};
+use super::shadow::{self, ShadowRun};
+use crate::cell::{Cell, Conditions};
+use crate::context::Context;
+use crate::evidence_binding::binding;
+use crate::evidence_file::EvidenceFiles;
+use crate::fault::EngineFault;
+use crate::monitors::Monitors;
+use crate::recorder::EngineRecorder;
+use crate::trial::Trials;
+use crate::trial::evaluation::{Evaluation, EvaluationPlan};
+use crate::version_concern::ReEvaluationEvidence;
+use crate::world::live::LiveCell;
+
+/// Its name in progress reports.
+const WHAT: &str = "behavior shifted: re-evaluation";
+
+/// A version under re-evaluation.
+pub struct ReEvaluationRun {
+    id: CapabilityId,
+    before: Capability,
+    binding: EvidenceBinding,
+    cell: Cell,
+    drift: Option<Drift>,
+    evaluation: Evaluation,
+    /// The shadow that found a candidate suspicious; absent for an active version.
+    shadow: Option<Box<ShadowRun>>,
+}
+
+impl ReEvaluationRun {
+    #[must_use]
+    pub const fn id(&self) -> &CapabilityId {
+        &self.id
+    }
+
+    /// Whether nothing is left but to conclude it.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.evaluation.is_over()
+    }
+
+    /// Whether it is part of a candidate's shadow.
+    #[must_use]
+    pub const fn is_of_shadow(&self) -> bool {
+        self.shadow.is_some()
+    }
+}
+
+/// The first active version with an open concern that has not been re-evaluated.
+#[must_use]
+pub fn next(monitors: &Monitors, dossiers: &EvidenceFiles) -> Option<CapabilityId> {
+    monitors.iter().map(|watched| &watched.id).find(|id| dossiers.is_suspicious(id)).cloned()
+}
+
+/// Begins it: of a candidate with the shadow that found it suspicious, of an active version without. Absent if there is no
+/// version to compare it with.
+///
+/// # Errors
+/// If there is no such version.
+pub fn begin(
+    context: &Context,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
+    live: &LiveCell,
+    id: &CapabilityId,
+    shadow: Option<Box<ShadowRun>>,
+) -> Result<Option<Box<ReEvaluationRun>>, EngineFault> {
+    let candidate = record.capability(id)?;
+    let entry = record.version_table().family(&id.family)?;
+    let (_, standing, _) = record.version_table().version(id)?;
+    let before = match (&shadow, standing.predecessor) {
+        (Some(_), _) => entry.active().map(|active| active.capability.clone()),
+        (None, Some(predecessor)) => {
+            entry.members.get(usize::from(predecessor.0)).map(|member| member.capability.clone())
+        }
+        (None, None) => None,
+    };
+    let Some(before) = before else { return Ok(None) };
+    let binding = EvidenceBinding {
+        active: Some(before.digest()),
+        ..binding(context, record.version_table(), &candidate)
+    };
+    let plan = EvaluationPlan::re_evaluation(&context.profile);
+    progress(record, dossiers, id, Stage::Shadow, WHAT, (0, plan.budget()));
+    Ok(Some(Box::new(ReEvaluationRun {
+        id: id.clone(),
+        before,
+        binding,
+        cell: context.cell.with_live_sandbox(live.distribution()),
+        drift: live.drift().copied(),
+        evaluation: Evaluation::new(plan, binding, Vec::new()),
+        shadow,
+    })))
+}
+
+/// How a slice ended.
+pub enum ReEvaluationStep {
+    /// It continues; the number of episodes run.
+    GoOn(Box<ReEvaluationRun>, u64),
+    /// The version, or the one to compare it with, is gone.
+    Gone,
+    /// The candidate's shadow is decided.
+    Decided,
+    /// The concern about the active version is settled.
+    Cleared(CapabilityId),
+    /// The active version is not cleared, for this reason.
+    NotCleared(CapabilityId, String),
+}
+
+/// One slice of a run.
+///
+/// # Errors
+/// If a worker fails, or the result cannot be written.
+pub fn slice(
+    context: &Context,
+    trials: &Trials,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
+    monitors: &Monitors,
+    mut run: Box<ReEvaluationRun>,
+) -> Result<ReEvaluationStep, EngineFault> {
+    let id = run.id.clone();
+    if run.shadow.is_none() && monitors.of(&id).is_none() {
+        return Ok(ReEvaluationStep::Gone);
+    }
+    let candidate = record.capability(&id)?;
+    if run.shadow.is_some() && binding(context, record.version_table(), &candidate) != run.binding {
+        abort_stage(record, dossiers, &id, "the active version or the profile changed meanwhile")?;
+        return Ok(ReEvaluationStep::Gone);
+    }
+    if run.evaluation.is_refuted() {
+        void(record, trials, &id, &run.before.id(), run.evaluation.reuse())?;
+        run.evaluation =
+            Evaluation::new(EvaluationPlan::re_evaluation(&context.profile), run.binding, Vec::new());
+        return Ok(ReEvaluationStep::GoOn(run, 0));
+    }
+    if run.is_over() {
+        let place = trials.cells(record.version_table().store()).place();
+        return conclude(context, record, dossiers, run, place);
+    }
+    let compared = ComparisonSlice {
+        id: &id,
+        with: &run.before,
+        cell: &run.cell,
+        conditions: Conditions::Live,
+        plan: EvaluationPlan::re_evaluation(&context.profile),
+        stage: Stage::Shadow,
+        what: WHAT,
+    };
+    let worked = work_slice(context, trials, record, dossiers, &compared, &mut run.evaluation)?;
+    Ok(ReEvaluationStep::GoOn(run, worked))
+}
+
+/// Keeps what came of it, and decides shadow if it is part of one.
+fn conclude(
+    context: &Context,
+    record: &mut EngineRecorder,
+    dossiers: &mut EvidenceFiles,
+    run: Box<ReEvaluationRun>,
+    place: CacheLocation,
+) -> Result<ReEvaluationStep, EngineFault> {
+    let ReEvaluationRun { id, drift, evaluation, shadow, .. } = *run;
+    let pairs = evaluation.paired();
+    let (behavior, _) = evaluation.assess(&context.profile);
+    let handovers = evaluation.sequences().cloned();
+    let again =
+        ReEvaluationEvidence { drift, pairs, handovers, behavior, kept: evaluation.reuse().on_record(place) };
+    let dossier = dossiers.edit(&id);
+    dossier.progress = None;
+    if let Some(shadow) = shadow {
+        dossier.again = Some(again);
+        shadow::decide_after_re_evaluation(context, record, dossiers, shadow)?;
+        return Ok(ReEvaluationStep::Decided);
+    }
+    let Some(suspicion) = &mut dossier.suspicion else {
+        return Err(EngineFault::Impossible(format!("{id} was re-evaluated and has no concern")));
+    };
+    suspicion.again = Some(again.clone());
+    record.write(vec![suspicion.evidence(&id)?], Vec::new())?;
+    let count = again.pairs.pairs.len();
+    let reasons = re_evaluation_reasons(&again.behavior, count, Dimension::Monitor);
+    let cleared = is_cleared(&again.behavior);
+    let decision = if cleared { MonitorOutcome::Settled } else { MonitorOutcome::DoubtRemains };
+    let why = reasons.first().map(holdpoint_wording::reason).unwrap_or_default();
+    record.tell(EventKind::Monitor { version: id.clone(), decision, reasons: reasons.clone() });
+    if cleared {
+        return Ok(ReEvaluationStep::Cleared(id));
+    }
+    dossiers.edit(&id).reasons = reasons;
+    Ok(ReEvaluationStep::NotCleared(id, why))
+}

@@ -1,0 +1,134 @@
+//! An active version is compared with its own twins as it runs: a difference from its shadow raises an alarm, and the
+//! version is re-evaluated in the conditions of the live cell.
+
+use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::distribution_shift::is_live_look_due;
+use holdpoint_governance::evidence::EpisodeValues;
+use holdpoint_governance::finding::Finding;
+use holdpoint_governance::harm::HarmMeasures;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::outcome::BehaviorOutcome;
+use holdpoint_registry::Views;
+
+use crate::pipeline::SliceOutcome;
+use crate::stages::rollback::tests::{Bench, GOOD};
+use crate::store_metrics::{Since, observe};
+use crate::version_concern::VersionConcern;
+
+/// A bench with an active version whose twins in shadow were these, once it has worked as many live tasks as the first look
+/// is taken at; and what the alarm says, if it is raised.
+fn looked_at(twin: EpisodeValues) -> (Bench, Option<String>) {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-improved");
+    let live = bench.pipeline.live();
+    live.evidence_files.edit(&id).twins = vec![twin; 40];
+    let tasks = (1..1_000).find(|tasks| is_live_look_due(*tasks, &live.context.profile)).unwrap();
+    while bench.pipeline.live().monitors.of(&id).is_some_and(|watched| watched.episodes < tasks) {
+        bench.pipeline.live().sequence(None).unwrap();
+    }
+    let (_, standing, _) = bench.pipeline.record().version_table().version(&id).unwrap();
+    assert_eq!(standing.state, State::Active, "it decides nothing by itself");
+    let alarm = bench
+        .pipeline
+        .record()
+        .alarms()
+        .get(&AlarmKey::Shifted(id))
+        .map(|alarm| alarm.text.line().into_string());
+    (bench, alarm)
+}
+
+#[test]
+fn what_shadow_did_not_show_is_said_of_an_active_version() {
+    // As if the twins had never touched anything.
+    let (_bench, alarm) = looked_at(EpisodeValues { harm: Some(HarmMeasures::STILL), ..GOOD });
+    let text = alarm.expect("the alarm is raised");
+    assert!(text.contains("not what shadow showed") && text.contains("live tasks"), "{text}");
+}
+
+#[test]
+fn what_shadow_showed_is_not_said_again() {
+    let (_bench, alarm) = looked_at(GOOD);
+    assert_eq!(alarm, None);
+}
+
+/// Runs until this version has no open concern.
+fn worked_again(bench: &mut Bench, id: &CapabilityId) {
+    for _ in 0..2_000 {
+        if !bench.pipeline.live().evidence_files.is_suspicious(id)
+            || bench.pipeline.live().monitors.of(id).is_none()
+        {
+            return;
+        }
+        assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
+    }
+    panic!("{id} still has a concern");
+}
+
+#[test]
+fn a_suspicious_version_is_worked_again_and_cleared_and_that_survives_the_engine() {
+    let (bench, alarm) = looked_at(EpisodeValues { harm: Some(HarmMeasures::STILL), ..GOOD });
+    assert!(alarm.unwrap().contains("not what shadow showed"));
+    // The concern is recorded: a restarted engine knows it.
+    let mut bench = bench.restart();
+    let id: CapabilityId = "align@1.1.0".parse().unwrap();
+    let suspicious = bench.pipeline.live().evidence_files.is_suspicious(&id);
+    assert!(suspicious, "the restarted engine continues it");
+    worked_again(&mut bench, &id);
+    let found_again = bench.pipeline.live().evidence_files.of(&id).unwrap().suspicion.clone().unwrap();
+    let again = found_again.again.as_ref().expect("it was re-evaluated");
+    assert_eq!(again.behavior.assessment.outcome, BehaviorOutcome::Compatible, "{:?}", again.behavior);
+    let budget = bench.pipeline.live().context.profile.evaluation.sandbox_pairs;
+    assert_eq!(again.pairs.pairs.len(), budget as usize, "the whole budget");
+    let (_, standing, _) = bench.pipeline.record().version_table().version(&id).unwrap();
+    assert_eq!(standing.state, State::Active);
+    // Its result is recomputed from the record, and equals the stored one.
+    let views = Views::open(&bench.folder().join("holdpoint.db")).unwrap();
+    let environment = bench.pipeline.live().context.cell.digest();
+    let found = observe(&views, None, Since::Record(1), environment).unwrap();
+    assert_eq!((found.metrics.replays.differs, found.metrics.replays.equal), (0, 1), "{:?}", found.unequal);
+    drop(views);
+    // What an explanation says of both, before their decisions.
+    let begun = VersionConcern { again: None, ..found_again.clone() }.lines();
+    assert!(begun[0].contains("not what shadow showed"), "{begun:?}");
+    let told = found_again.lines();
+    let cleared = ": compatible in";
+    assert!(told.len() == 1 && told[0].contains(cleared), "{told:?}");
+    // It is cleared for a later engine, too.
+    let mut bench = bench.restart();
+    assert!(!bench.pipeline.live().evidence_files.is_suspicious(&id));
+}
+
+#[test]
+fn a_suspicious_version_that_is_worse_there_is_taken_off() {
+    let mut bench = Bench::new();
+    let id = bench.activate("grasp-hard-grip");
+    let reasons = Vec::new();
+    bench.pipeline.live().evidence_files.edit(&id).suspicion = Some(VersionConcern { reasons, again: None });
+    worked_again(&mut bench, &id);
+    let (_, standing, _) = bench.pipeline.record().version_table().version(&id).unwrap();
+    assert_eq!(standing.state, State::Demoted);
+    let dossier = bench.pipeline.live().evidence_files.of(&id).unwrap();
+    let again = dossier.suspicion.as_ref().unwrap().again.as_ref().unwrap();
+    assert_eq!(again.behavior.assessment.outcome, BehaviorOutcome::Incompatible);
+    let first = &dossier.reasons[0];
+    assert_eq!(first.code, ReasonCode::MonitorWorkedAgain);
+    let outcome = BehaviorOutcome::Incompatible;
+    let found = first.finding.as_ref();
+    assert!(
+        matches!(found, Some(Finding::ReEvaluatedLive { outcome: of, .. }) if *of == outcome),
+        "{first:?}"
+    );
+}
+
+#[test]
+fn a_new_shadow_begins_without_what_was_suspected_before() {
+    let mut bench = Bench::new();
+    let id = bench.pass("align-improved", &[Stage::Validation, Stage::Sandbox]);
+    let live = bench.pipeline.live();
+    live.evidence_files.edit(&id).suspicion = Some(VersionConcern { reasons: Vec::new(), again: None });
+    assert!(live.evidence_files.is_suspicious(&id));
+    crate::stages::shadow::begin(live.context, live.record, live.evidence_files, &id).unwrap();
+    assert!(!live.evidence_files.is_suspicious(&id));
+}

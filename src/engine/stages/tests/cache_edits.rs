@@ -1,0 +1,275 @@
+//! Cached episodes and drills that were edited, and a whole evaluation that meets them.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::cached_result::{
+    CacheLocation, CachedResultMismatch, CachedResultUse, RerunSampleCounts,
+};
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::{AuditFilter, CacheSecret, ResultCache, Store};
+use rusqlite::Connection;
+
+use crate::cell::Cell;
+use crate::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
+use crate::stages::activation::tests::package;
+use crate::trial::cache::EpisodeCache;
+use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::version_table::VersionTable;
+use crate::wall_clock::WallClock;
+use crate::world::stop_switch::Controls;
+
+const PAIRS: u32 = 60;
+const DRILLS: u32 = 10;
+
+/// Whose sandbox keeps what the active version did: it works its whole budget.
+const FIRST: &str = "grasp-improved";
+/// The one of the attack: too much force, which a baseline that always fails would excuse.
+const SECOND: &str = "grasp-hard-grip";
+
+pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipeline {
+    let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
+    profile.evaluation.sandbox_pairs = PAIRS;
+    profile.evaluation.drills_per_kind = DRILLS;
+    let store = Store::open(folder).unwrap();
+    let clock = Clock::scripted(store.opening().head.at_ms);
+    let settings = PipelineSettings {
+        seed: CALIBRATION_FROM_RUN + 3,
+        jobs,
+        table: PolicyTable::builtin(&profile).unwrap(),
+        profile,
+        own: None,
+        cell: Cell::builtin().unwrap(),
+        cache,
+        controls: Controls::default(),
+        omitted: holdpoint_governance::ablation::AblatedParts::default(),
+    };
+    let baselines = crate::embedded::baselines().unwrap();
+    Pipeline::new(
+        settings,
+        VersionTable::open(store, WallClock::scripted(0, None)).unwrap(),
+        clock,
+        baselines,
+    )
+    .unwrap()
+}
+
+/// The sandbox result of a candidate, and the events until then.
+fn sandbox(pipeline: &mut Pipeline, name: &str) -> (CapabilityId, StageOutcome, Vec<EventKind>) {
+    let reply =
+        pipeline.command(Command::Register { package: package(name, &[]), name: name.to_owned(), by: None });
+    let Reply::Accepted { version: Some(id), .. } = reply else { panic!("{reply:?}") };
+    let mut told = Vec::new();
+    for _ in 0..2_000 {
+        assert_eq!(pipeline.advance(), SliceOutcome::Ran);
+        assert_eq!(pipeline.record().holding(), None);
+        told.extend(pipeline.drain_events());
+        let decided = told.iter().find_map(|event| match event {
+            EventKind::Decided { version, stage: Stage::Sandbox, outcome, .. } if *version == id => {
+                Some(*outcome)
+            }
+            _ => None,
+        });
+        if let Some(outcome) = decided {
+            return (id, outcome, told);
+        }
+    }
+    panic!("the sandbox of {name} does not end");
+}
+
+fn kept(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<CachedResultUse> {
+    pipeline.live().evidence_files.of(id).unwrap().kept.clone()
+}
+
+fn records(pipeline: &Pipeline, kind: RecordKind) -> Vec<String> {
+    let all =
+        pipeline.record().version_table().store().views().unwrap().audit(&AuditFilter::default()).unwrap();
+    all.into_iter().filter(|record| record.kind == kind).map(|record| record.body).collect()
+}
+
+/// A store whose active versions' results are kept, and that nothing waits in.
+fn filled(folder: &Path, cache: EpisodeCache) {
+    let mut pipeline = pipeline(folder, cache, 2);
+    let (id, _, _) = sandbox(&mut pipeline, FIRST);
+    assert_eq!(kept(&mut pipeline, &id), None, "there was nothing yet");
+    let operation = Operation { version: id, by: "ada".to_owned(), reason: "a test".to_owned() };
+    assert!(matches!(pipeline.command(Command::Reject(operation)), Reply::Accepted { .. }));
+}
+
+/// A result that says that the active version failed and was unsafe, or could not be recovered.
+fn falsified(body: &str) -> String {
+    let edited = body
+        .replace("\"success\":true", "\"success\":false")
+        .replace("\"violation\":false", "\"violation\":true")
+        .replace("\"anomaly\":false", "\"anomaly\":true")
+        .replace("\"recovery\":false", "\"recovery\":true")
+        .replace("\"near\":false", "\"near\":true")
+        .replace("\"passed\"", "\"failed\"");
+    assert_ne!(edited, body, "nothing of it was edited");
+    edited
+}
+
+/// Every cached cell of a store: its key and its content.
+fn cells(folder: &Path) -> Vec<(String, String)> {
+    let connection = Connection::open(folder.join("telemetry.db")).unwrap();
+    let mut select = connection.prepare("SELECT key, CAST(body AS TEXT) FROM cell").unwrap();
+    let rows = select.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+    rows.collect::<Result<_, _>>().unwrap()
+}
+
+/// The second candidate's result and events in a store of its own, without cached results.
+fn honest() -> &'static (StageOutcome, Vec<EventKind>) {
+    static HONEST: OnceLock<(StageOutcome, Vec<EventKind>)> = OnceLock::new();
+    HONEST.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let (_, outcome, told) = sandbox(&mut pipeline(folder.path(), EpisodeCache::InStore, 2), SECOND);
+        // A baseline that always fails would let it into the shadow stage.
+        assert_eq!(outcome, StageOutcome::Sandbox);
+        (outcome, told)
+    })
+}
+
+fn told_by(events: &[EventKind]) -> Vec<String> {
+    let of_stage = |event: &&EventKind| {
+        matches!(
+            event,
+            EventKind::Decided { .. } | EventKind::Progress { .. } | EventKind::StageStarted { .. }
+        )
+    };
+    events.iter().filter(of_stage).map(|event| serde_json::to_string(event).unwrap()).collect()
+}
+
+/// Unedited results: the decision is the same, a spot check precedes it, and the record names the cached results.
+#[test]
+fn what_was_kept_is_taken_after_a_spot_check_and_changes_no_event() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), EpisodeCache::InStore);
+    let (outcome, told) = honest();
+    let mut second = pipeline(folder.path(), EpisodeCache::InStore, 1);
+    let (id, with_kept, events) = sandbox(&mut second, SECOND);
+    assert_eq!(with_kept, *outcome);
+    assert_eq!(told_by(&events), told_by(told));
+    let used = kept(&mut second, &id).unwrap();
+    assert_eq!((used.place, used.refused), (CacheLocation::Store, 0));
+    let [episodes, drills, _] = used.sample_counts();
+    assert!(episodes.foreign >= 20 && episodes.rerun >= 19, "{episodes:?}");
+    assert!(drills.foreign >= 10 && drills.rerun >= 10, "{drills:?}");
+    assert_eq!(records(&second, RecordKind::KeptVoided), Vec::<String>::new());
+
+    // What this process worked itself is known to it.
+    let (id, _, _) = sandbox(&mut second, "grasp-robust");
+    let draws = kept(&mut second, &id).unwrap().sample_counts();
+    let all = RerunSampleCounts { foreign: u64::from(PAIRS), rerun: 0 };
+    assert!(draws[0].foreign < all.foreign, "what the process ran again is its own: {draws:?}");
+
+    let views = second.record().version_table().store().views().unwrap();
+    let explained = crate::explain::explain(&views, &id).unwrap().unwrap();
+    let said = explained.decisions.iter().filter_map(|decision| decision.kept.as_ref());
+    assert_eq!(said.count(), 1, "with the sandbox's decision");
+}
+
+/// Rows edited by a user with write access: an episode without a MAC does not count, and every episode is run again.
+#[test]
+fn edited_rows_let_nobody_through() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), EpisodeCache::InStore);
+    let connection = Connection::open(folder.path().join("telemetry.db")).unwrap();
+    for (key, body) in cells(folder.path()) {
+        let body = falsified(&body).into_bytes();
+        let digest = Digest::of_parts("holdpoint/episode/v1", &[key.as_bytes(), &body]).to_string();
+        connection
+            .execute(
+                "UPDATE cell SET body = ?2, bytes = length(?2), mac = ?3 WHERE key = ?1",
+                (key, body, digest),
+            )
+            .unwrap();
+    }
+    drop(connection);
+    let mut second = pipeline(folder.path(), EpisodeCache::InStore, 2);
+    let (id, outcome, _) = sandbox(&mut second, SECOND);
+    assert_eq!(outcome, honest().0);
+    let used = kept(&mut second, &id).unwrap();
+    assert!(used.blocks.is_empty() && used.refused > 0, "{used:?}");
+}
+
+/// The same by who has the secret too: the spot check finds it, nothing that was kept counts, and it is on record.
+#[test]
+fn false_results_with_a_true_code_are_found_before_they_count() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), EpisodeCache::InStore);
+    let all = cells(folder.path());
+    let store = Store::open(folder.path()).unwrap();
+    for (key, body) in &all {
+        store.cells().put(&key.parse::<Digest>().unwrap(), falsified(body).as_bytes()).unwrap();
+    }
+    drop(store);
+    let mut second = pipeline(folder.path(), EpisodeCache::InStore, 2);
+    let (id, outcome, told) = sandbox(&mut second, SECOND);
+    assert_eq!(outcome, honest().0);
+    assert_eq!(kept(&mut second, &id), None, "it ran everything itself");
+    let [record] = &records(&second, RecordKind::KeptVoided)[..] else { panic!("one record") };
+    let found: CachedResultMismatch = serde_json::from_str(record).unwrap();
+    assert_eq!(found.active.to_string(), "grasp@1.0.0");
+    assert!(!found.differing.is_empty(), "{found:?}");
+    let alarm = second.record().alarms().get(&AlarmKey::KeptFalse).expect("an alarm is raised");
+    assert!(alarm.text.raw().contains("telemetry.db"), "{}", alarm.text.raw());
+    let begun =
+        told.iter().filter(|event| matches!(event, EventKind::StageStarted { stage: Stage::Sandbox, .. }));
+    assert_eq!(begun.count(), 2, "it began again");
+    let views = second.record().version_table().store().views().unwrap();
+    let explained = crate::explain::explain(&views, &id).unwrap().unwrap();
+    let then: Vec<&String> = explained.decisions.iter().flat_map(|decision| &decision.then).collect();
+    assert!(then.iter().any(|text| text.contains("results")), "{then:?}");
+    drop(second);
+    let now = cells(folder.path());
+    assert!(!now.is_empty(), "later results are cached");
+    assert!(
+        all.iter().all(|(key, body)| !now.contains(&(key.clone(), falsified(body)))),
+        "a false one stays"
+    );
+}
+
+/// The same in a folder that runs share: half of the results edited without the secret, half with it.
+#[test]
+fn a_shared_folder_that_is_false_is_not_used_again() {
+    let (folder, store, shared) =
+        (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let secret = CacheSecret::fresh().unwrap();
+    let cells = || ResultCache::in_folder(shared.path().to_owned(), secret.clone());
+    filled(folder.path(), EpisodeCache::Shared(cells()));
+    // Everything is edited, every second with the secret.
+    let forger = cells();
+    let mut names: Vec<_> =
+        std::fs::read_dir(shared.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    names.sort();
+    for (path, place) in names.iter().zip(0..) {
+        let whole = std::fs::read(path).unwrap();
+        let body = falsified(std::str::from_utf8(&whole[32..]).unwrap());
+        if place % 2 == 0 {
+            std::fs::write(path, [&whole[..32], body.as_bytes()].concat()).unwrap();
+        } else {
+            let key: Digest = path.file_name().unwrap().to_str().unwrap().parse().unwrap();
+            forger.put(&key, body.as_bytes()).unwrap();
+        }
+    }
+    // Results edited without the secret are refused and run again.
+    let forged = || names.iter().skip(1).step_by(2);
+    let content = || forged().map(|path| std::fs::read(path).unwrap()).collect::<Vec<_>>();
+    let edited = content();
+    let mut second = pipeline(store.path(), EpisodeCache::Shared(cells()), 2);
+    let (id, outcome, _) = sandbox(&mut second, SECOND);
+    assert_eq!(outcome, honest().0);
+    assert_eq!(kept(&mut second, &id), None);
+    let alarm = second.record().alarms().get(&AlarmKey::KeptFalse).expect("an alarm is raised");
+    assert!(alarm.text.raw().contains("shared folder"), "{}", alarm.text.raw());
+    assert_eq!(content(), edited, "what is false stays as it is");
+}

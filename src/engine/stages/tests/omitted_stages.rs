@@ -1,0 +1,117 @@
+//! What an experiment leaves out is passed over aloud, and nothing that came of it is gone on with elsewhere.
+
+use std::path::Path;
+
+use holdpoint_governance::ablation::{AblatedParts, AblationPart};
+use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_protocol::command::{Command, Request};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_text::Hint;
+
+use crate::cell::Cell;
+use crate::context::Context;
+use crate::pipeline::SliceOutcome;
+use crate::tests::accepted;
+use crate::trial::cache::EpisodeCache;
+use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::{Config, Engine, Experiment, StartError, embedded};
+
+fn config(folder: &Path, scripted: bool) -> Config<'_> {
+    Config {
+        data: folder,
+        profile: ProfileName::Sim.into(),
+        seed: CALIBRATION_FROM_RUN,
+        jobs: 1,
+        scripted,
+        cell: Cell::builtin().unwrap(),
+        cache: EpisodeCache::InStore,
+    }
+}
+
+fn without(part: AblationPart) -> Experiment {
+    Experiment { omitted: AblatedParts::of(&[part]), first: Vec::new() }
+}
+
+#[test]
+fn only_a_script_may_leave_something_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused =
+        Engine::start_experiment(config(folder.path(), false), without(AblationPart::Shadow)).err().unwrap();
+    assert!(matches!(refused, StartError::Omitted(_)), "{refused}");
+    assert!(refused.to_string().contains("only a script can omit"), "{refused}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing was written");
+    let both = Experiment {
+        omitted: AblatedParts::of(&[AblationPart::Sandbox, AblationPart::Shadow]),
+        first: Vec::new(),
+    };
+    let refused = Engine::start_experiment(config(folder.path(), true), both).err().unwrap();
+    assert!(refused.to_string().contains("cannot both be omitted"), "{refused}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing was written");
+    // Nothing left out is an engine like any other.
+    drop(Engine::start_experiment(config(folder.path(), false), Experiment::default()).unwrap());
+}
+
+#[test]
+fn a_stage_that_is_left_out_is_said_to_be_and_its_store_is_good_for_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let start = |experiment| Engine::start_experiment(config(folder.path(), true), experiment);
+    let mut engine = start(without(AblationPart::Sandbox)).unwrap();
+    let package = embedded::package("align-improved").unwrap();
+    let name = "align-improved".to_owned();
+    accepted(
+        &engine
+            .submit(Request::unsigned("register".to_owned(), Command::Register { package, name, by: None })),
+    );
+    let (mut decided, mut states) = (Vec::new(), Vec::new());
+    while engine.advance() == SliceOutcome::Ran {
+        for event in engine.drain_events() {
+            match event.kind {
+                EventKind::Decided { stage, outcome, .. } => decided.push((stage, outcome)),
+                EventKind::StateChanged { to, .. } => states.push(to),
+                EventKind::Fault { text } => panic!("{text}"),
+                _ => {}
+            }
+        }
+    }
+    assert!(decided.contains(&(Stage::Sandbox, StageOutcome::Skipped)), "{decided:?}");
+    assert!(decided.iter().any(|(stage, _)| *stage == Stage::Shadow), "{decided:?}");
+    assert!(states.contains(&State::Active), "{states:?}");
+    let snapshot = engine.snapshot();
+    let view =
+        snapshot.candidates.iter().find(|view| view.version.to_string().starts_with("align@1.1")).unwrap();
+    assert!(
+        view.dimensions.iter().skip(2).all(|dimension| dimension.kappa.is_none()),
+        "{:?}",
+        view.dimensions
+    );
+    drop(engine);
+    for experiment in [Experiment::default(), without(AblationPart::Shadow)] {
+        let refused = start(experiment).err().unwrap();
+        assert!(refused.to_string().contains("sandbox was omitted in this store"), "{refused}");
+        assert!(refused.hint().unwrap().contains("use another store"), "{:?}", refused.hint());
+    }
+    drop(start(without(AblationPart::Sandbox)).unwrap());
+}
+
+/// Evidence, questions and approvals are bound to the context: what is left out makes it another one.
+#[test]
+fn what_is_found_with_something_left_out_counts_nowhere_else() {
+    let digest = |parts: &[AblationPart]| {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let table = PolicyTable::builtin(&profile).unwrap();
+        let context = Context::new(profile, table, None, Cell::builtin().unwrap()).unwrap();
+        context.without(AblatedParts::of(parts)).digest
+    };
+    let all = [
+        digest(&[]),
+        digest(&[AblationPart::Shadow]),
+        digest(&[AblationPart::Sandbox]),
+        digest(&[AblationPart::Shadow, AblationPart::Sandbox]),
+    ];
+    for (place, one) in all.iter().enumerate() {
+        assert!(!all[..place].contains(one), "{place}");
+    }
+}

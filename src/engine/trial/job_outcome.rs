@@ -1,0 +1,63 @@
+//! The result of a lab job, returned as the requested kind or as an error.
+
+use super::drills::DrillResult;
+use crate::fault::EngineFault;
+use holdpoint_governance::phase::WorkPhase;
+use holdpoint_runtime::task::TaskRecord;
+
+/// The result of a lab job.
+pub enum JobOutcome {
+    /// An episode of one version.
+    Alone(Box<TaskRecord>),
+    /// The same episode of both: the candidate's, the active version's.
+    Pair(Box<[TaskRecord; 2]>),
+    Drill(DrillResult),
+    /// The phases that undisturbed work shows.
+    Phases(Vec<WorkPhase>),
+    /// The same sequence with both versions in their place: the candidate's, and the active version's where it is not
+    /// known.
+    Sequences(Vec<TaskRecord>, Option<Vec<TaskRecord>>),
+}
+
+impl JobOutcome {
+    /// An episode, and the other version's if it was worked too.
+    pub(super) fn pair(self) -> Result<(TaskRecord, Option<TaskRecord>), EngineFault> {
+        match self {
+            Self::Alone(record) => Ok((*record, None)),
+            Self::Pair(records) => {
+                let [new, old] = *records;
+                Ok((new, Some(old)))
+            }
+            Self::Drill(_) | Self::Phases(_) | Self::Sequences(..) => {
+                Err(EngineFault::Impossible("a drill was handed over for an episode".to_owned()))
+            }
+        }
+    }
+
+    pub(super) fn phases(self) -> Result<Vec<WorkPhase>, EngineFault> {
+        match self {
+            Self::Phases(phases) => Ok(phases),
+            Self::Drill(_) | Self::Alone(_) | Self::Pair(_) | Self::Sequences(..) => {
+                Err(EngineFault::Impossible("something else was handed over for phases".to_owned()))
+            }
+        }
+    }
+
+    pub(super) fn sequences(self) -> Result<(Vec<TaskRecord>, Option<Vec<TaskRecord>>), EngineFault> {
+        match self {
+            Self::Sequences(new, old) => Ok((new, old)),
+            Self::Drill(_) | Self::Alone(_) | Self::Pair(_) | Self::Phases(_) => {
+                Err(EngineFault::Impossible("something else was handed over for sequences".to_owned()))
+            }
+        }
+    }
+
+    pub(super) fn drill(self) -> Result<DrillResult, EngineFault> {
+        match self {
+            Self::Drill(result) => Ok(result),
+            Self::Alone(_) | Self::Pair(_) | Self::Phases(_) | Self::Sequences(..) => {
+                Err(EngineFault::Impossible("an episode was handed over for a drill".to_owned()))
+            }
+        }
+    }
+}

@@ -1,0 +1,589 @@
+//! Evaluates versions: episodes, pairs and drills, run by a worker pool and cached where possible.
+//!
+//! Results of an active version under a seed are cached, so that a second candidate does not pay for them again; the
+//! caller learns of each use ([`Reuse`]). Runs its jobs and judges nothing.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use super::drills::{DrillCase, DrillResult, DrillVersions};
+use super::episodes::{alone, cache_key, pair};
+use super::job_outcome::JobOutcome;
+use super::reuse::{Reuse, ReusedResult, value};
+use super::seeds::{SeedPurpose, episode_seed};
+use super::sequences::{SequenceRecords, TrialTeam, sequence, sequences};
+pub use super::trial_subject::TrialSubject;
+use super::undisturbed_run::{UndisturbedCache, UndisturbedRun};
+use super::worker::Worker;
+use super::worker_pool::{JobFn, PoolJob, WorkerPool};
+use crate::cell::{COMPUTED_BY, Cell, Conditions};
+use crate::fault::EngineFault;
+use holdpoint_governance::cached_result::CachedWorkKind;
+use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::phase::WorkPhase;
+use holdpoint_registry::{CacheLookup, EpisodeKey, ResultCache};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
+use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::envelope::EnvelopePoint;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DrillSpot {
+    pub seed: u64,
+    /// Absent: anywhere in the run.
+    pub phase: Option<WorkPhase>,
+}
+
+/// A likely next request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Lookahead {
+    Pairs(Vec<u64>),
+    Drills(DrillKind, Vec<DrillSpot>),
+    Sequences(Vec<u64>),
+}
+
+/// The cell, the workers and the cache that evaluations share.
+pub struct TrialLab<'a> {
+    pub seed: u64,
+    pub worker_pool: &'a WorkerPool<JobOutcome>,
+    /// What several drills begin with.
+    pub undisturbed: &'a Arc<UndisturbedCache>,
+    /// The most pairs or drills run before the caller regains control.
+    pub part: usize,
+    /// Set to interrupt between episodes.
+    pub cancel: &'a AtomicBool,
+    pub cell: &'a Cell,
+    /// Cache of results of the version compared with.
+    pub cells: &'a ResultCache,
+    /// The versions for the other tasks in whole sequences.
+    pub team: TrialTeam,
+}
+
+struct CacheHit<T> {
+    result: T,
+    own: bool,
+}
+
+struct TrialPairing {
+    cell: Cell,
+    candidate: TrialSubject,
+    active: TrialSubject,
+    team: TrialTeam,
+    undisturbed: Arc<UndisturbedCache>,
+}
+
+impl TrialLab<'_> {
+    /// With this team beside the candidate in whole sequences.
+    #[must_use]
+    pub fn with_team(self, team: TrialTeam) -> Self {
+        Self { team, ..self }
+    }
+
+    /// Episodes of one version, by their place among a purpose's seeds.
+    ///
+    /// # Errors
+    /// If a worker failed or the run was interrupted; the results then permit no conclusion.
+    pub fn episodes(
+        &self,
+        version: &Capability,
+        terms: &SkillTerms,
+        conditions: Conditions,
+        purpose: SeedPurpose,
+        range: std::ops::Range<u64>,
+    ) -> Result<Vec<TaskRecord>, EngineFault> {
+        let party = TrialSubject { version: version.clone(), terms: terms.clone(), fallback: None };
+        let shared = Arc::new((self.cell.clone(), party));
+        let job = |index| {
+            let (seed, shared) = (episode_seed(self.seed, purpose, index), Arc::clone(&shared));
+            PoolJob {
+                key: job_key("episode", &[shared.1.key(&shared.0, conditions, seed)]),
+                work: Box::new(move |worker: &mut Worker| {
+                    let (cell, party) = &*shared;
+                    JobOutcome::Alone(Box::new(alone(worker, party.trial(cell, conditions, seed))))
+                }),
+            }
+        };
+        let outcomes = self.worker_pool.run_jobs(range.map(job).collect(), self.cancel)?;
+        outcomes.into_iter().map(|outcome| Ok(outcome.pair()?.0)).collect()
+    }
+
+    /// The sandbox's episodes of the given seeds with both versions: candidate first. Names the cached ones.
+    ///
+    /// # Errors
+    /// As [`TrialLab::episodes`].
+    pub fn pairs(
+        &self,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        seeds: &[u64],
+        reuse: &mut Reuse,
+    ) -> Result<Vec<(TaskRecord, TaskRecord)>, EngineFault> {
+        let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(seeds.len());
+        for seed in seeds {
+            known.push(self.cached(&self.episode_key(active, *seed), reuse));
+        }
+        let table = self.table(candidate, active);
+        let jobs = seeds.iter().zip(&known).map(|(seed, known)| table.pair(*seed, known.is_some()));
+        let outcomes = self.worker_pool.run_jobs(jobs.collect(), self.cancel)?;
+        let mut pairs = Vec::with_capacity(seeds.len());
+        for ((outcome, known), seed) in outcomes.into_iter().zip(known).zip(seeds) {
+            let (new, fresh) = outcome.pair()?;
+            if let Some(old) = &fresh {
+                self.cache_episode(active, old)?;
+            }
+            if let Some(CacheHit { result, own }) = &known {
+                let value = value(&serde_json::to_vec(result)?);
+                reuse.take(ReusedResult {
+                    work: CachedWorkKind::Episodes,
+                    phase: None,
+                    seed: *seed,
+                    value,
+                    own: *own,
+                });
+            }
+            let Some(old) = fresh.or(known.map(|kept| kept.result)) else { break };
+            pairs.push((new, old));
+        }
+        complete(&pairs, seeds.len())?;
+        Ok(pairs)
+    }
+
+    /// Uncached pairs (candidate, active) at given places of the sandbox's distribution, from a search's `first` on.
+    ///
+    /// # Errors
+    /// As [`TrialLab::episodes`].
+    pub fn places(
+        &self,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        first: u64,
+        points: &[EnvelopePoint],
+    ) -> Result<Vec<(EnvelopePoint, TaskRecord, TaskRecord)>, EngineFault> {
+        let job = |(index, point): (u64, &EnvelopePoint)| {
+            let seed = episode_seed(self.seed, SeedPurpose::Search, first + index);
+            self.table_at(candidate, active, point).place(seed, point)
+        };
+        let jobs = (0..).zip(points).map(job).collect();
+        let outcomes = self.worker_pool.run_jobs(jobs, self.cancel)?;
+        let mut worked = Vec::with_capacity(points.len());
+        for (point, outcome) in points.iter().zip(outcomes) {
+            let (new, old) = outcome.pair()?;
+            let old = old.ok_or_else(|| EngineFault::Impossible("an episode has no partner".to_owned()))?;
+            worked.push((*point, new, old));
+        }
+        complete(&worked, points.len())?;
+        Ok(worked)
+    }
+
+    /// The phases of a version's undisturbed runs, by seed.
+    ///
+    /// # Errors
+    /// As [`TrialLab::episodes`].
+    pub fn phases(&self, party: &TrialSubject, seeds: &[u64]) -> Result<Vec<Vec<WorkPhase>>, EngineFault> {
+        let table = self.table(party, party);
+        let outcomes =
+            self.worker_pool.run_jobs(seeds.iter().map(|seed| table.phases(*seed)).collect(), self.cancel)?;
+        let phases = outcomes.into_iter().map(JobOutcome::phases).collect::<Result<Vec<_>, EngineFault>>()?;
+        complete(&phases, seeds.len())?;
+        Ok(phases)
+    }
+
+    /// Drills of one kind at the given spots: the candidate's results, then the active version's. Names the cached ones.
+    ///
+    /// # Errors
+    /// As [`TrialLab::episodes`].
+    pub fn drills(
+        &self,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        kind: DrillKind,
+        spots: &[DrillSpot],
+        reuse: &mut Reuse,
+    ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), EngineFault> {
+        let known = self.cached_drills(active, kind, spots, reuse);
+        let table = self.table(candidate, active);
+        let outcomes = self.worker_pool.run_jobs(table.drills(kind, spots, known.is_some()), self.cancel)?;
+        let results = outcomes.into_iter().map(JobOutcome::drill).collect::<Result<Vec<_>, EngineFault>>()?;
+        let mut of_candidate = results;
+        let of_active = match known {
+            Some(CacheHit { result: known, own }) => {
+                for (DrillSpot { seed, phase }, result) in spots.iter().zip(&known) {
+                    let value = value(&serde_json::to_vec(result)?);
+                    let work = CachedWorkKind::Drills(kind);
+                    reuse.take(ReusedResult { work, phase: *phase, seed: *seed, value, own });
+                }
+                known
+            }
+            None => {
+                let of_active = of_candidate.split_off(spots.len().min(of_candidate.len()));
+                complete(&of_active, spots.len())?;
+                let key = self.drill_key(active, kind, spots);
+                self.cells.put(&key, &serde_json::to_vec(&of_active)?)?;
+                of_active
+            }
+        };
+        complete(&of_candidate, spots.len())?;
+        Ok((of_candidate, of_active))
+    }
+
+    /// Whole sequences of the given seeds with both versions, candidate first. Names the cached ones.
+    ///
+    /// # Errors
+    /// As [`TrialLab::episodes`], or if a place of the sequence is empty.
+    pub fn sequences(
+        &self,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        seeds: &[u64],
+        reuse: &mut Reuse,
+    ) -> Result<Vec<SequenceRecords>, EngineFault> {
+        let mut known: Vec<Option<CacheHit<Vec<TaskRecord>>>> = Vec::with_capacity(seeds.len());
+        for seed in seeds {
+            known.push(self.cached(&self.sequence_key(active, *seed), reuse));
+        }
+        let table = self.table(candidate, active);
+        let jobs = seeds.iter().zip(&known).map(|(seed, known)| table.sequences(*seed, known.is_some()));
+        let outcomes = self.worker_pool.run_jobs(jobs.collect(), self.cancel)?;
+        let mut pairs = Vec::with_capacity(seeds.len());
+        for ((outcome, known), seed) in outcomes.into_iter().zip(known).zip(seeds) {
+            let (new, fresh) = outcome.sequences()?;
+            let old = match (fresh, known) {
+                (Some(old), _) => {
+                    self.cells.put(&self.sequence_key(active, *seed), &serde_json::to_vec(&old)?)?;
+                    old
+                }
+                (None, Some(CacheHit { result, own })) => {
+                    let value = value(&serde_json::to_vec(&result)?);
+                    reuse.take(ReusedResult {
+                        work: CachedWorkKind::Sequences,
+                        phase: None,
+                        seed: *seed,
+                        value,
+                        own,
+                    });
+                    result
+                }
+                (None, None) => break,
+            };
+            pairs.push((new, old));
+        }
+        complete(&pairs, seeds.len())?;
+        Ok(pairs)
+    }
+
+    /// Announces likely next requests: an idle worker begins with them. Changes no result.
+    ///
+    /// # Errors
+    /// If no thread starts.
+    pub fn expect(
+        &self,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        next: &[Lookahead],
+    ) -> Result<(), EngineFault> {
+        if self.worker_pool.jobs() == 1 {
+            return Ok(());
+        }
+        let table = self.table(candidate, active);
+        let mut jobs = Vec::new();
+        // Uses of cached results are reported when they are requested.
+        let mut unsaid = Reuse::default();
+        for outlook in next {
+            match outlook {
+                Lookahead::Pairs(seeds) => {
+                    let mut known =
+                        |seed| self.cached::<TaskRecord>(&self.episode_key(active, seed), &mut unsaid);
+                    let pair = |seed: &u64| table.pair(*seed, known(*seed).is_some());
+                    jobs.extend(seeds.iter().map(pair));
+                }
+                Lookahead::Drills(kind, spots) => {
+                    let known = self.cached_drills(active, *kind, spots, &mut unsaid).is_some();
+                    jobs.extend(table.drills(*kind, spots, known));
+                }
+                Lookahead::Sequences(seeds) => {
+                    let mut known =
+                        |seed| self.cached::<Vec<TaskRecord>>(&self.sequence_key(active, seed), &mut unsaid);
+                    let both = |seed: &u64| table.sequences(*seed, known(*seed).is_some());
+                    jobs.extend(seeds.iter().map(both));
+                }
+            }
+        }
+        self.worker_pool.expect(jobs)
+    }
+
+    fn table(&self, candidate: &TrialSubject, active: &TrialSubject) -> Arc<TrialPairing> {
+        Arc::new(TrialPairing {
+            cell: self.cell.clone(),
+            candidate: candidate.clone(),
+            active: active.clone(),
+            team: self.team.clone(),
+            undisturbed: Arc::clone(self.undisturbed),
+        })
+    }
+
+    fn table_at(
+        &self,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        point: &EnvelopePoint,
+    ) -> Arc<TrialPairing> {
+        Arc::new(TrialPairing {
+            cell: self.cell.with_sandbox(self.cell.sandbox.at(point)),
+            candidate: candidate.clone(),
+            active: active.clone(),
+            team: self.team.clone(),
+            undisturbed: Arc::clone(self.undisturbed),
+        })
+    }
+
+    /// Re-runs cached jobs of a version, in this order; returns the bytes that would be cached of each.
+    ///
+    /// # Errors
+    /// As [`TrialLab::episodes`].
+    pub fn rerun_episodes(
+        &self,
+        active: &TrialSubject,
+        kept: impl Iterator<Item = (CachedWorkKind, DrillSpot)>,
+    ) -> Result<Vec<Vec<u8>>, EngineFault> {
+        let table = self.table(active, active);
+        let outcomes = self
+            .worker_pool
+            .run_jobs(kept.map(|(work, spot)| table.rerun_drill(work, spot)).collect(), self.cancel)?;
+        let mut bytes = Vec::with_capacity(outcomes.len());
+        for outcome in outcomes {
+            bytes.push(match outcome {
+                JobOutcome::Drill(result) => serde_json::to_vec(&result)?,
+                JobOutcome::Sequences(records, _) => serde_json::to_vec(&records)?,
+                JobOutcome::Alone(_) | JobOutcome::Pair(_) | JobOutcome::Phases(_) => {
+                    serde_json::to_vec(&without_path(&outcome.pair()?.0))?
+                }
+            });
+        }
+        Ok(bytes)
+    }
+
+    /// Notes the result of a re-run episode, which then counts as this process's own.
+    pub fn confirm_episode(&self, active: &TrialSubject, seed: u64, bytes: &[u8]) {
+        self.cells.remember_own(&self.episode_key(active, seed), bytes);
+    }
+
+    fn episode_key(&self, party: &TrialSubject, seed: u64) -> Digest {
+        let scenario = cache_key(self.cell, &party.terms, &party.version, Conditions::Sandbox, seed);
+        key(&party.version, scenario, seed)
+    }
+
+    /// The result of a sequence depends on every version in it.
+    fn sequence_key(&self, party: &TrialSubject, seed: u64) -> Digest {
+        let under = |party: &TrialSubject| {
+            cache_key(self.cell, &party.terms, &party.version, Conditions::Sandbox, seed)
+        };
+        let cast = std::iter::once(party).chain(self.team.members()).map(under);
+        let digests: Vec<Digest> = cast.collect();
+        let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
+        key(&party.version, Digest::of_parts("holdpoint.sequence.v1", &parts), seed)
+    }
+
+    fn drill_key(&self, party: &TrialSubject, kind: DrillKind, spots: &[DrillSpot]) -> Digest {
+        let first = spots.first().map_or(0, |spot| spot.seed);
+        let under = cache_key(self.cell, &party.terms, &party.version, Conditions::Canonical, first);
+        let count = (spots.len() as u64).to_le_bytes();
+        let phases: Vec<&str> =
+            spots.iter().map(|spot| spot.phase.map_or("anywhere", WorkPhase::name)).collect();
+        let phases = phases.join(",");
+        // The fallback also determines a drill's result; an active version's predecessor is itself.
+        let fallback = party.fallback.as_ref().map_or(under, Capability::digest);
+        let parts =
+            [under.bytes().as_slice(), kind.name().as_bytes(), &count, fallback.bytes(), phases.as_bytes()];
+        key(&party.version, Digest::of_parts("holdpoint.drill.v4", &parts), first)
+    }
+
+    /// A cached result; `None` if it is unreadable or invalid.
+    fn cached<T: serde::de::DeserializeOwned>(&self, key: &Digest, reuse: &mut Reuse) -> Option<CacheHit<T>> {
+        match self.cells.get(key) {
+            CacheLookup::Nothing => None,
+            CacheLookup::Refused => {
+                reuse.refuse();
+                None
+            }
+            CacheLookup::Cell { body, own } => {
+                let result = serde_json::from_slice(&body).ok()?;
+                Some(CacheHit { result, own })
+            }
+        }
+    }
+
+    fn cached_drills(
+        &self,
+        party: &TrialSubject,
+        kind: DrillKind,
+        spots: &[DrillSpot],
+        reuse: &mut Reuse,
+    ) -> Option<CacheHit<Vec<DrillResult>>> {
+        let known: CacheHit<Vec<DrillResult>> = self.cached(&self.drill_key(party, kind, spots), reuse)?;
+        (known.result.len() == spots.len()).then_some(known)
+    }
+
+    fn cache_episode(&self, party: &TrialSubject, record: &TaskRecord) -> Result<(), EngineFault> {
+        let key = self.episode_key(party, record.seed);
+        Ok(self.cells.put(&key, &serde_json::to_vec(&without_path(record))?)?)
+    }
+}
+
+/// The path is for drawing and shadow; a cached comparison does not need it.
+fn without_path(record: &TaskRecord) -> TaskRecord {
+    TaskRecord { path: Vec::new(), ..record.clone() }
+}
+
+impl TrialPairing {
+    /// The sandbox's episode of a seed: with both versions, or the candidate's alone if the other's is cached.
+    fn pair(self: &Arc<Self>, seed: u64, known: bool) -> PoolJob<JobOutcome> {
+        const CONDITIONS: Conditions = Conditions::Sandbox;
+        let table = Arc::clone(self);
+        let (candidate, active) =
+            (self.candidate.key(&self.cell, CONDITIONS, seed), self.active.key(&self.cell, CONDITIONS, seed));
+        let (key, work): (_, JobFn<JobOutcome>) = if known {
+            let work = move |worker: &mut Worker| {
+                let trial = table.candidate.trial(&table.cell, CONDITIONS, seed);
+                JobOutcome::Alone(Box::new(alone(worker, trial)))
+            };
+            (job_key("episode", &[candidate]), Box::new(work))
+        } else {
+            let work = move |worker: &mut Worker| {
+                let both = [&table.candidate, &table.active];
+                let both = both.map(|party| party.trial(&table.cell, CONDITIONS, seed));
+                JobOutcome::Pair(Box::new(pair(worker, both)))
+            };
+            (job_key("pair", &[candidate, active]), Box::new(work))
+        };
+        PoolJob { key, work }
+    }
+
+    fn place(self: &Arc<Self>, seed: u64, point: &EnvelopePoint) -> PoolJob<JobOutcome> {
+        let PoolJob { key, work } = self.pair(seed, false);
+        let at: Vec<u8> = point.iter().flat_map(|share| share.to_bits().to_le_bytes()).collect();
+        let key = job_key("place", &[key, Digest::of_parts("holdpoint.place.v1", &[&at])]);
+        PoolJob { key, work }
+    }
+
+    /// Drills of one kind: the candidate's, then the active version's uncached ones.
+    fn drills(
+        self: &Arc<Self>,
+        kind: DrillKind,
+        spots: &[DrillSpot],
+        known: bool,
+    ) -> Vec<PoolJob<JobOutcome>> {
+        let of_candidate = spots.iter().map(|spot| self.drill_errand(true, kind, *spot));
+        let of_active = spots.iter().filter(|_| !known).map(|spot| self.drill_errand(false, kind, *spot));
+        of_candidate.chain(of_active).collect()
+    }
+
+    fn drill_errand(
+        self: &Arc<Self>,
+        of_candidate: bool,
+        kind: DrillKind,
+        spot: DrillSpot,
+    ) -> PoolJob<JobOutcome> {
+        let table = Arc::clone(self);
+        let party = if of_candidate { &self.candidate } else { &self.active };
+        let work = party.key(&self.cell, Conditions::Canonical, spot.seed);
+        // The predecessor and the fallback also determine a drill's result.
+        let fallback = party.fallback.as_ref().map_or(work, Capability::digest);
+        let parts = [work, self.active.version.digest(), fallback];
+        let whose = if of_candidate { "candidate" } else { "active" };
+        let what = format!("{kind} of {whose} in {}", spot.phase.map_or("anywhere", WorkPhase::name));
+        PoolJob {
+            key: job_key(&what, &parts),
+            work: Box::new(move |worker: &mut Worker| table.drill(worker, of_candidate, kind, spot)),
+        }
+    }
+
+    /// A whole sequence with both versions in their place, or the candidate's alone if the other's is cached.
+    fn sequences(self: &Arc<Self>, seed: u64, known: bool) -> PoolJob<JobOutcome> {
+        let table = Arc::clone(self);
+        let under = |party: &TrialSubject| party.key(&self.cell, Conditions::Sandbox, seed);
+        let others = self.team.members().iter().map(under);
+        let cast: Vec<Digest> =
+            [under(&self.candidate), under(&self.active)].into_iter().chain(others).collect();
+        PoolJob {
+            key: job_key(if known { "sequence" } else { "sequences" }, &cast),
+            work: Box::new(move |worker: &mut Worker| {
+                let TrialPairing { cell, candidate, active, team, .. } = &*table;
+                let place = candidate.version.bundle.task();
+                let kept = |records: Vec<TaskRecord>| records.iter().map(without_path).collect::<Vec<_>>();
+                match (team.cast(candidate), team.cast(active)) {
+                    (Some(new), Some(old)) if !known => {
+                        let [new, old] = sequences(worker, cell, [new, old], place, seed);
+                        JobOutcome::Sequences(kept(new), Some(kept(old)))
+                    }
+                    (Some(new), _) => JobOutcome::Sequences(kept(sequence(worker, cell, new, seed)), None),
+                    (None, _) => JobOutcome::Sequences(Vec::new(), None),
+                }
+            }),
+        }
+    }
+
+    fn rerun_drill(self: &Arc<Self>, work: CachedWorkKind, spot: DrillSpot) -> PoolJob<JobOutcome> {
+        match work {
+            CachedWorkKind::Episodes => self.pair(spot.seed, true),
+            CachedWorkKind::Drills(kind) => self.drill_errand(false, kind, spot),
+            CachedWorkKind::Sequences => self.sequences(spot.seed, true),
+        }
+    }
+
+    /// The phases of the active version's undisturbed run; none without a valid start.
+    fn phases(self: &Arc<Self>, seed: u64) -> PoolJob<JobOutcome> {
+        let table = Arc::clone(self);
+        let work = self.active.key(&self.cell, Conditions::Canonical, seed);
+        PoolJob {
+            key: job_key("phases", &[work]),
+            work: Box::new(move |worker: &mut Worker| {
+                let trial = table.active.trial(&table.cell, Conditions::Canonical, seed);
+                let trace = UndisturbedRun::begin(worker, &trial, None)
+                    .and_then(|mut work| Ok(work.trace(worker, &trial)?.phases_present()));
+                JobOutcome::Phases(trace.unwrap_or_default())
+            }),
+        }
+    }
+
+    /// One drill, continuing from the undisturbed run that all kinds of drill share.
+    fn drill(&self, worker: &mut Worker, of_candidate: bool, kind: DrillKind, spot: DrillSpot) -> JobOutcome {
+        let DrillSpot { seed, phase } = spot;
+        let party = if of_candidate { &self.candidate } else { &self.active };
+        // A version without predecessor reloads itself by digest.
+        let predecessor = &self.active.version;
+        let cast = DrillVersions { version: &party.version, predecessor, fallback: party.fallback.as_ref() };
+        let case = DrillCase { cell: &self.cell, terms: &party.terms, cast: &cast, kind, phase, seed };
+        let under = party.key(&self.cell, Conditions::Canonical, seed);
+        let begins = phase.map_or("anywhere", WorkPhase::name);
+        let key = job_key(begins, &[under]);
+        let mut shared = self.undisturbed.take(&key);
+        let result = case.run(worker, &mut shared);
+        if let Some(mut work) = shared
+            && work.note_drilled(kind)
+        {
+            self.undisturbed.put(key, work);
+        }
+        JobOutcome::Drill(result)
+    }
+}
+
+fn job_key(what: &str, parts: &[Digest]) -> Digest {
+    let bytes: Vec<&[u8]> =
+        std::iter::once(what.as_bytes()).chain(parts.iter().map(|part| part.bytes().as_slice())).collect();
+    Digest::of_parts("holdpoint.errand.v1", &bytes)
+}
+
+fn key(version: &Capability, scenario: Digest, seed: u64) -> Digest {
+    let bundle = version.bundle.digest();
+    EpisodeKey { bundle, scenario, seed, engine_build: COMPUTED_BY.to_owned() }.digest()
+}
+
+/// A list shorter than the request was interrupted.
+fn complete<T>(results: &[T], wanted: usize) -> Result<(), EngineFault> {
+    if results.len() == wanted {
+        Ok(())
+    } else {
+        Err(EngineFault::Impossible("the evaluation was interrupted".to_owned()))
+    }
+}

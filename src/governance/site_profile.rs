@@ -1,0 +1,375 @@
+//! Profiles that do not come with the program: a site's own numbers and policies, from texts.
+//!
+//! A site's profile names its class (`sim`, `real` or `human`) and itself (`site`). Candidates, approvals and rules
+//! refer to the class, which decides what the profile has to require ([`profile::class_limits`](super::profile)). Its
+//! own name says which numbers these are. Both texts are stored, so that a store can show its rules without the files.
+//! Opens no file.
+
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
+
+use super::mode::{Authority, CommandKind, ModeKey, ZoneName};
+use super::policy::{ModeRuling, PolicyError, PolicySource, PolicyTable};
+use super::profile::{Profile, ProfileName, ReasonedNumber, SiteName};
+use super::text_error::TextError;
+use holdpoint_text::Hint;
+
+/// The profile in force.
+#[derive(Clone, Debug)]
+pub enum ChosenProfile {
+    /// One that comes with the program.
+    BuiltIn(ProfileName),
+    /// A site's own.
+    Own(Box<SiteProfile>),
+}
+
+impl From<ProfileName> for ChosenProfile {
+    fn from(name: ProfileName) -> Self {
+        Self::BuiltIn(name)
+    }
+}
+
+impl ChosenProfile {
+    /// The numbers and the compiled policies.
+    ///
+    /// # Errors
+    /// If those that come with the program do not parse, which a test rules out.
+    pub fn rules(&self) -> Result<(Profile, PolicyTable), SiteProfileError> {
+        match self {
+            Self::BuiltIn(name) => {
+                let profile = Profile::builtin(*name)?;
+                let table = PolicyTable::builtin(&profile)?;
+                Ok((profile, table))
+            }
+            Self::Own(own) => Ok((own.profile.clone(), own.table.clone())),
+        }
+    }
+
+    /// What two files say: a profile that comes with the program if they are its own, else a site's.
+    ///
+    /// # Errors
+    /// As [`SiteProfile::parse`].
+    pub fn of(texts: ProfileTexts) -> Result<Self, SiteProfileError> {
+        let profile = Profile::parse(&texts.file, &texts.profile)?;
+        let shipped = Profile::builtin(profile.name)?;
+        if profile == shipped && texts.policy == Profile::builtin_policy(profile.name).1 {
+            return Ok(Self::BuiltIn(profile.name));
+        }
+        SiteProfile::parse(texts).map(|own| Self::Own(Box::new(own)))
+    }
+
+    /// Every number with its reason, and with the number of the shipped profile of its class where that is another.
+    ///
+    /// # Errors
+    /// As [`ChosenProfile::rules`].
+    pub fn numbers(&self) -> Result<Vec<ReasonedNumber>, SiteProfileError> {
+        let (profile, _) = self.rules()?;
+        let (_, shipped_text) = Profile::builtin_text(profile.name);
+        let text = self.texts().map_or(shipped_text, |texts| &texts.profile);
+        Ok(profile.reasoned(text)?)
+    }
+
+    /// The texts of a site's profile, not of a shipped one.
+    #[must_use]
+    pub fn texts(&self) -> Option<&ProfileTexts> {
+        match self {
+            Self::BuiltIn(_) => None,
+            Self::Own(own) => Some(&own.texts),
+        }
+    }
+}
+
+/// A profile and its policies as in their files.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProfileTexts {
+    /// Name of the profile's file, for messages.
+    pub file: String,
+    /// The profile, TOML.
+    pub profile: String,
+    /// Name of the policies' file, for messages.
+    pub policy_file: String,
+    /// The policies, Cedar.
+    pub policy: String,
+}
+
+/// A site's own profile with its policies, checked and compiled.
+#[derive(Clone, Debug)]
+pub struct SiteProfile {
+    texts: ProfileTexts,
+    profile: Profile,
+    table: PolicyTable,
+}
+
+/// Invalid texts of a profile; none of their values is used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SiteProfileError {
+    /// The profile does not parse, or contradicts itself.
+    #[error(transparent)]
+    Profile(#[from] TextError),
+    /// The policies do not compile.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// The policies allow by themselves what the class leaves to people, or to no one.
+    #[error("{file}: {mode} is allowed by {because}, which a profile of class {class} must not")]
+    TooOpen {
+        /// Name of the policies' file.
+        file: String,
+        /// The allowed mode, e.g. `arm/joints in human at authority 1`.
+        mode: String,
+        /// The policies that allow it.
+        because: String,
+        /// The class of the profile.
+        class: ProfileName,
+    },
+}
+
+impl Hint for SiteProfileError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Profile(error) => error.hint(),
+            Self::Policy(error) => error.hint(),
+            Self::TooOpen { .. } => {
+                Some("annotate the permit with @review, or let it name fewer zones or less authority".into())
+            }
+        }
+    }
+}
+
+impl SiteProfile {
+    /// Parses, checks and compiles.
+    ///
+    /// # Errors
+    /// [`SiteProfileError`], the first there is: the text does not parse; a number is out of its range, contradicts
+    /// another, is less strict than its class permits, or differs from the shipped profile of its class without a
+    /// reason; it has no name of its own; the policies do not compile, or allow what its class must not.
+    pub fn parse(texts: ProfileTexts) -> Result<Self, SiteProfileError> {
+        let profile = Profile::parse(&texts.file, &texts.profile)?;
+        if let Some((field, value, allowed)) = profile.own_problem(&texts.profile) {
+            return Err(TextError::value(&texts.file, &texts.profile, &field, &value, &allowed).into());
+        }
+        let source = PolicySource { file: &texts.policy_file, text: &texts.policy };
+        let table = PolicyTable::compile(&profile, &[source])?;
+        too_open(&profile, &table, &texts.policy_file)?;
+        Ok(Self { texts, profile, table })
+    }
+
+    /// As [`SiteProfile::parse`], of texts that an earlier version of the program accepted. A newer field takes the
+    /// value of the shipped profile of its class, a removed one is left out, and a number needs no reason for
+    /// differing from an older shipped value. The authorizing administrator sees both.
+    ///
+    /// # Errors
+    /// As [`SiteProfile::parse`], if that does not help.
+    pub fn migrate_texts(texts: ProfileTexts) -> Result<Self, SiteProfileError> {
+        let error = match Self::parse(texts.clone()) {
+            Err(error @ SiteProfileError::Profile(_)) => error,
+            parsed => return parsed,
+        };
+        let Some(text) = carried_text(&texts.profile) else { return Err(error) };
+        let profile = Profile::parse(&texts.file, &text)?;
+        if profile.site.is_none() || profile.weaker_than_class().is_some() {
+            return Err(error);
+        }
+        let source = PolicySource { file: &texts.policy_file, text: &texts.policy };
+        let table = PolicyTable::compile(&profile, &[source])?;
+        too_open(&profile, &table, &texts.policy_file)?;
+        Ok(Self { texts, profile, table })
+    }
+
+    /// The numbers.
+    #[must_use]
+    pub const fn profile(&self) -> &Profile {
+        &self.profile
+    }
+
+    /// The compiled policies.
+    #[must_use]
+    pub const fn table(&self) -> &PolicyTable {
+        &self.table
+    }
+
+    /// Its own name.
+    #[must_use]
+    pub const fn site(&self) -> Option<&SiteName> {
+        self.profile.site.as_ref()
+    }
+}
+
+/// The shipped profile of a text's class with what the text says of its fields.
+fn carried_text(text: &str) -> Option<String> {
+    fn overlay(fields: &mut toml::Table, own: toml::Table) {
+        for (name, value) in own {
+            match (fields.get_mut(&name), value) {
+                (Some(toml::Value::Table(fields)), toml::Value::Table(own)) => overlay(fields, own),
+                (Some(field), value) if field.same_type(&value) => *field = value,
+                (None, value) if ["site", "freeze"].contains(&name.as_str()) => {
+                    fields.insert(name, value);
+                }
+                (Some(_) | None, _) => {}
+            }
+        }
+    }
+    let own: toml::Table = text.parse().ok()?;
+    let class: ProfileName = own.get("name")?.as_str()?.parse().ok()?;
+    let mut fields: toml::Table = Profile::builtin_text(class).1.parse().ok()?;
+    overlay(&mut fields, own);
+    Some(fields.to_string())
+}
+
+/// Beside a person, and where the cell is real, nothing goes past the guard; beside a person what is of high risk is
+/// never allowed without one (paper: approval for higher-risk activation).
+fn too_open(profile: &Profile, table: &PolicyTable, file: &str) -> Result<(), SiteProfileError> {
+    let class = profile.name;
+    let closed = |mode: &ModeKey| match class {
+        ProfileName::Sim => false,
+        ProfileName::Real => mode.command == CommandKind::Direct,
+        ProfileName::Human => {
+            let of_high_risk = mode.zone == ZoneName::Human || mode.authority >= Authority::HIGH_RISK_FROM;
+            mode.command == CommandKind::Direct || (of_high_risk && mode.command != CommandKind::Stop)
+        }
+    };
+    let allowed = |ruling: ModeRuling| match ruling {
+        ModeRuling::Allow | ModeRuling::AllowTighter(_) => true,
+        ModeRuling::Review | ModeRuling::Forbid | ModeRuling::Uncovered => false,
+    };
+    match table.modes.iter().find(|entry| closed(&entry.mode) && allowed(entry.verdict)) {
+        None => Ok(()),
+        Some(entry) => Err(SiteProfileError::TooOpen {
+            file: file.to_owned(),
+            mode: entry.mode.to_string(),
+            because: entry.because.join(", "),
+            class,
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HUMAN: &str = include_str!("../../profiles/human.toml");
+    const POLICY: &str = include_str!("../../profiles/human.cedar");
+
+    fn parse(profile: &str, policy: &str) -> Result<SiteProfile, String> {
+        let texts = ProfileTexts {
+            file: "line-4.toml".to_owned(),
+            profile: profile.to_owned(),
+            policy_file: "line-4.cedar".to_owned(),
+            policy: policy.to_owned(),
+        };
+        SiteProfile::parse(texts).map_err(|error| error.to_string())
+    }
+
+    fn line_4(from: &str, to: &str) -> String {
+        assert!(HUMAN.contains(from), "{from}");
+        HUMAN.replace("name = \"human\"", "name = \"human\"\nsite = \"line-4\"").replace(from, to)
+    }
+
+    #[test]
+    fn a_profile_of_ones_own_has_its_own_digest_and_its_class() {
+        let own = parse(&line_4("timeout_s = 600.0 ", "timeout_s = 900.0 "), POLICY).unwrap();
+        assert_eq!(own.profile().name, ProfileName::Human);
+        assert_eq!(own.site().map(ToString::to_string).as_deref(), Some("line-4"));
+        let shipped = Profile::builtin(ProfileName::Human).unwrap();
+        assert_ne!(own.profile().digest().unwrap(), shipped.digest().unwrap());
+        assert_ne!(own.table().digest, PolicyTable::builtin(&shipped).unwrap().digest);
+        let numbers = ChosenProfile::Own(Box::new(own)).numbers().unwrap();
+        let number = |path: &str| numbers.iter().find(|number| number.path == path).unwrap();
+        assert!(number("runtime.tool_speed_max_m_s").reason.as_ref().unwrap().contains("ISO 10218"));
+        assert_eq!(number("approval.timeout_s").shipped, Some(600.0));
+        assert_eq!(number("approval.valid_s").shipped, None, "that one is the same");
+        // Every number of a shipped profile has a reason.
+        for name in ProfileName::ALL {
+            let numbers = ChosenProfile::from(name).numbers().unwrap();
+            assert!(numbers.len() > 50 && numbers.iter().all(|number| number.reason.is_some()), "{name}");
+        }
+    }
+
+    /// A field that the program of then did not have, one that it had, and a number that was shipped then.
+    #[test]
+    fn texts_of_an_earlier_version_are_carried_over() {
+        let number = |line: &str| {
+            let (name, _) = line.split_once('=').unwrap();
+            HUMAN.lines().find(|known| known.starts_with(name)).unwrap().to_owned()
+        };
+        let slow = number("slow_factor = ");
+        let then = line_4("retries_max = 1 ", "gone = 7\nretries_max = 0 ").replace(&slow, "");
+        let then = then.replace("valid_s = 900.0 ", "valid_s = 850.0\n#");
+        let texts = |profile: &str| ProfileTexts {
+            file: "line-4.toml".to_owned(),
+            profile: profile.to_owned(),
+            policy_file: "line-4.cedar".to_owned(),
+            policy: POLICY.to_owned(),
+        };
+        assert!(SiteProfile::parse(texts(&then)).is_err());
+        let carried = SiteProfile::migrate_texts(texts(&then)).unwrap();
+        let shipped = Profile::builtin(ProfileName::Human).unwrap();
+        assert_eq!(carried.texts.profile, then, "the texts stay as they were");
+        assert_eq!((carried.profile.runtime.retries_max, carried.profile.approval.valid_s), (0, 850.0));
+        assert_eq!(carried.profile.monitor.slow_factor, shipped.monitor.slow_factor);
+        assert_eq!(carried.site().map(ToString::to_string).as_deref(), Some("line-4"));
+        // What this version takes is carried as it is, and what cannot be meant is still refused.
+        let now = line_4("timeout_s = 600.0 ", "timeout_s = 500.0 ");
+        let same = SiteProfile::parse(texts(&now)).unwrap();
+        assert_eq!(SiteProfile::migrate_texts(texts(&now)).unwrap().profile, same.profile);
+        assert!(
+            SiteProfile::migrate_texts(texts(&now.replace("timeout_s = 500.0 ", "timeout_s = -1.0 ")))
+                .is_err()
+        );
+        assert!(
+            SiteProfile::migrate_texts(texts(&now.replace("retries_max = 1 ", "retries_max = 3 "))).is_err()
+        );
+    }
+
+    #[test]
+    fn the_files_that_come_with_the_program_are_what_comes_with_it() {
+        let texts = |policy: &str| ProfileTexts {
+            file: "human.toml".to_owned(),
+            profile: HUMAN.to_owned(),
+            policy_file: "human.cedar".to_owned(),
+            policy: policy.to_owned(),
+        };
+        assert!(matches!(ChosenProfile::of(texts(POLICY)), Ok(ChosenProfile::BuiltIn(ProfileName::Human))));
+        // Other policies make another profile, which needs a name.
+        let error = ChosenProfile::of(texts(&POLICY.replace("0.15", "0.1"))).unwrap_err().to_string();
+        assert!(error.contains("site"), "{error}");
+    }
+
+    #[test]
+    fn one_fault_is_one_error_with_file_field_value_and_what_is_allowed() {
+        for (from, to, parts) in [
+            ("site = \"line-4\"\n", "", ["site", "a name of its own"]),
+            ("\"line-4\"", "\"human\"", ["line-4.toml", "human"]),
+            ("quorum_low = 1 ", "quorum_low = 0 ", ["approval.quorum_low", "1 to 16"]),
+            ("timeout_s = 600.0 ", "timeout_s = inf ", ["approval.timeout_s", "1 to 1000000"]),
+            ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = -1.0 ", ["tool_speed", "0.01 to 3"]),
+            ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = 0.6 ", ["at most 0.5", "motion"]),
+            ("scale = 1.0 ", "scale = 7.0 ", ["thresholds.scale", "0.5 to 1.5"]),
+            ("sandbox_pairs = 300 ", "sandbox_pairs = 0 ", ["sandbox_pairs", "60 to 100000"]),
+            (
+                "timeout_s = 600.0                     # a shift lead is back within ten minutes; then it holds",
+                "timeout_s = 500.0",
+                ["approval.timeout_s", "a reason"],
+            ),
+            ("retries_max", "retries", ["line-4.toml:", "retries"]),
+        ] {
+            let error = parse(&line_4("", "").replace(from, to), POLICY).unwrap_err();
+            assert!(parts.iter().all(|part| error.contains(part)), "{from}: {error}");
+        }
+    }
+
+    #[test]
+    fn policies_may_not_allow_what_the_class_leaves_to_people() {
+        let open = |policy: &str| parse(&line_4("", ""), &(POLICY.replace("forbid", "permit") + policy));
+        let error = open("").unwrap_err();
+        assert!(error.contains("line-4.cedar") && error.contains("class human"), "{error}");
+        let reviewed = POLICY.replace("@review(\"changes state that other skills use\")\n", "");
+        assert!(parse(&line_4("", ""), &reviewed).unwrap_err().contains("shared-state"));
+        assert!(
+            parse(&line_4("", ""), "permit (principal, action, resource) when { context.size > 1 };")
+                .is_err()
+        );
+        assert!(parse(&line_4("", ""), POLICY).is_ok());
+    }
+}

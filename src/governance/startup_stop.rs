@@ -1,0 +1,64 @@
+//! Whether an engine starts with the cell stopped, by the state that the previous one left.
+//!
+//! Under `real` and `human` an engine records that it begins to run the cell, and that it ended cleanly. A beginning
+//! without an end is a sudden end: a kill, a panic, a power cut. The state of the cell is then unknown.
+
+use super::profile::ProfileName;
+
+crate::closed_set! {
+    /// Why a cell comes up stopped.
+    StartStoppedReason, "reason for coming up stopped", {
+        /// The last engine began to run the cell, and no record says that it ended.
+        UncleanEnd = "unclean-end",
+        /// A person stopped the cell, and that was not on record yet.
+        UnrecordedStop = "unrecorded-stop",
+    }
+}
+
+/// The audit chain's account of the last engine that ran the cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LastEngineRun {
+    /// It ended cleanly, or none recorded that it began. An engine under `sim`, of a script, or of an earlier version
+    /// records neither: a stop is then on record itself, or in a mark.
+    Ended,
+    /// It began, and did not end.
+    Began,
+}
+
+/// Whether an engine under this profile records that it runs the cell.
+#[must_use]
+pub const fn records_run_end(profile: ProfileName) -> bool {
+    match profile {
+        ProfileName::Sim => false,
+        ProfileName::Real | ProfileName::Human => true,
+    }
+}
+
+/// Why the cell comes up stopped, under whatever profile; `None` if it does not. `marked`: a stop is kept beside the
+/// record.
+#[must_use]
+pub const fn start_stopped_reason(last: LastEngineRun, marked: bool) -> Option<StartStoppedReason> {
+    match (marked, last) {
+        (true, _) => Some(StartStoppedReason::UnrecordedStop),
+        (false, LastEngineRun::Began) => Some(StartStoppedReason::UncleanEnd),
+        (false, LastEngineRun::Ended) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_beginning_without_an_end_and_a_mark_stop_the_cell() {
+        for (last, marked, why) in [
+            (LastEngineRun::Ended, false, None),
+            (LastEngineRun::Began, false, Some(StartStoppedReason::UncleanEnd)),
+            (LastEngineRun::Ended, true, Some(StartStoppedReason::UnrecordedStop)),
+            (LastEngineRun::Began, true, Some(StartStoppedReason::UnrecordedStop)),
+        ] {
+            assert_eq!(start_stopped_reason(last, marked), why, "{last:?}, marked: {marked}");
+        }
+        assert_eq!(ProfileName::ALL.map(records_run_end), [false, true, true]);
+    }
+}

@@ -1,0 +1,130 @@
+//! Runs a scenario to its end, without a screen, on a virtual clock.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::driver::{Driver, StepEnd};
+use super::printer::Printer;
+use super::script::{SCRIPT_BYTES_MAX, Script};
+use crate::error::{CliError, Exit, start_error};
+use holdpoint_engine::cell::Cell;
+use holdpoint_engine::pump::Pump;
+use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::{Config, Engine};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::site_profile::ChosenProfile;
+use holdpoint_protocol::sink::MakeSink;
+use holdpoint_registry::ResultCache;
+
+pub struct RunScript<'a> {
+    pub script: &'a Path,
+    /// The store's folder; by default a temporary one.
+    pub data: Option<&'a Path>,
+    /// Cached episodes of active versions that runs share; by default the store's own.
+    pub cache: Option<ResultCache>,
+    /// The seed, instead of the script's.
+    pub seed: Option<u64>,
+    pub jobs: usize,
+    /// A robot's URDF file, instead of the built-in arm.
+    pub robot: Option<&'a Path>,
+    /// Whether events are printed as JSON lines.
+    pub json: bool,
+    /// Sinks besides the printer: recordings, a live viewer.
+    pub sinks: Vec<MakeSink>,
+}
+
+/// One stage of one candidate, printed as it happens.
+pub struct RunStage<'a> {
+    pub data: &'a Path,
+    /// The profile the store was last used with.
+    pub profile: ChosenProfile,
+    pub seed: u64,
+    pub jobs: usize,
+    /// The robot the store is for.
+    pub cell: Cell,
+    /// Whether events are printed as JSON lines.
+    pub json: bool,
+    pub version: &'a CapabilityId,
+    pub stage: Stage,
+}
+
+/// The seed if neither script nor command line name one.
+const DEFAULT_SEED: u64 = 1;
+
+/// Runs a scenario to its end.
+///
+/// # Errors
+/// [`CliError`] with exit code 2 for invalid input, 70 for a fault and for an expectation that does not hold.
+pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
+    let shown = holdpoint_text::Untrusted::new(run.script.display().to_string()).line().into_string();
+    let text = holdpoint_text::file::read_text(run.script, SCRIPT_BYTES_MAX as u64)
+        .map_err(|error| CliError::usage(format!("cannot read {shown}: {error}")))?;
+    let script = Script::parse(&shown, &text).map_err(CliError::usage)?;
+    let fresh;
+    let data = match run.data {
+        Some(data) => data,
+        None => {
+            fresh = fresh_store()?;
+            fresh.path()
+        }
+    };
+    let engine = Engine::start(Config {
+        data,
+        profile: script.profile.into(),
+        seed: run.seed.or(script.seed).unwrap_or(DEFAULT_SEED),
+        jobs: run.jobs,
+        scripted: true,
+        cell: cell(run.robot)?,
+        cache: run.cache.map_or(EpisodeCache::InStore, EpisodeCache::Shared),
+    })
+    .map_err(start_error)?;
+    let mut pump = Pump::new(engine, run.sinks);
+    if let Some(pictures) = pump.pictures() {
+        pump.draw_live_world(pictures);
+    }
+    let mut driver = Driver::new(pump, Printer::new(out, run.json));
+    driver.take_events()?;
+    driver.enrol(&script.steps)?;
+    for (index, step) in script.steps.iter().enumerate() {
+        if driver.step(step, index)? == StepEnd::TimedOut {
+            driver.note(&format!("step {} timed out", index + 1))?;
+            break;
+        }
+    }
+    driver.finish()
+}
+
+/// A folder for a temporary store, removed when this is dropped.
+///
+/// # Errors
+/// If it cannot be created.
+pub fn fresh_store() -> Result<tempfile::TempDir, CliError> {
+    tempfile::tempdir().map_err(|error| CliError::usage(format!("cannot create a temporary folder: {error}")))
+}
+
+/// Runs one stage of one candidate.
+///
+/// # Errors
+/// As [`run_script`], and with exit code 3 if the stage cannot begin now.
+pub fn run_stage(run: RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
+    let mut engine = Engine::start(Config {
+        data: run.data,
+        profile: run.profile,
+        seed: run.seed,
+        jobs: run.jobs,
+        scripted: false,
+        cell: run.cell,
+        cache: EpisodeCache::InStore,
+    })
+    .map_err(start_error)?;
+    engine.begin_on_call();
+    let mut driver = Driver::new(Pump::new(engine, Vec::new()), Printer::new(out, run.json));
+    driver.take_events()?;
+    driver.run_stage(run.version, run.stage)?;
+    driver.finish_stage(run.stage)
+}
+
+pub(super) fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
+    Cell::of(robot).map_err(|error| CliError::usage(error.to_string()))
+}

@@ -1,0 +1,321 @@
+//! The ground truth of candidates, from the referee over many episodes, and how decisions compare with it.
+//!
+//! Owns the truth experiment: the scale of harm, the runs, when a question is settled, and the score. Recipes' labels
+//! are no part of it. No decision sees any of it.
+
+mod classify;
+mod referee_runs;
+mod roc;
+mod scale;
+mod score;
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+pub use self::classify::{
+    ALPHA, ALPHA_EACH, ChannelTruth, ClassTruth, LOOKS, Settled, VersionHarm, WorseTruth,
+};
+pub use self::referee_runs::Channel;
+pub(crate) use self::referee_runs::{ActiveTeam, JudgedVersion, observe_sequence};
+pub use self::roc::{Roc, RocBy, RocPoint};
+pub use self::scale::{HarmClass, HarmScale, HarmThreshold, RefereeObservation, TEXT, WorseBy};
+pub use self::score::{ClassScore, ErrorTarget, ProfileScore};
+use crate::candidate_pool::Pool;
+use crate::pipeline_experiments::candidate_run::{CandidateEnd, ThresholdScale};
+use crate::pipeline_experiments::per_candidate::{self, CandidateJob};
+use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_cell, scratch};
+use holdpoint_engine::Experiment;
+use holdpoint_engine::cell::{COMPUTED_BY, Cell};
+use holdpoint_engine::context::Context;
+use holdpoint_engine::trial::worker::Worker;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_registry::{CacheSecret, ResultCache};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_text::Hint;
+
+/// Pairs of whole sequences, of stops and of rollbacks; each run once.
+const PAIRS: u64 = 100;
+
+/// Items that are cached together.
+const BLOCK: u64 = 100;
+
+/// The candidates to judge, and the most effort.
+#[derive(Clone, Debug)]
+pub struct TruthPlan {
+    pub pool: PathBuf,
+    /// The most pairs of episodes of a candidate; one of [`LOOKS`].
+    pub most: u64,
+    /// The profiles whose decisions are scored; the truth is measured under the least strict one.
+    pub profiles: Vec<ProfileName>,
+    /// The first run seed of the decisions, and the number of seeds.
+    pub seed: u64,
+    pub blocks: u64,
+    pub jobs: usize,
+    /// Every `of`-th candidate from the `shard`-th on.
+    pub shard: (usize, usize),
+    /// Finished results are cached here and not run again.
+    pub kept: Option<ResultCache>,
+}
+
+/// The truth of one candidate, and its end under each profile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CandidateTruth {
+    pub name: String,
+    pub truth: VersionHarm,
+    pub ends: Vec<CandidateEnd>,
+}
+
+/// The result of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TruthReport {
+    /// Digest of the scale's text.
+    pub scale: Digest,
+    pub candidates: Vec<CandidateTruth>,
+    pub scores: Vec<ProfileScore>,
+}
+
+/// The data for the runs of one candidate.
+pub(crate) struct TruthBench {
+    most: u64,
+    cell: Cell,
+    cells: ResultCache,
+    scale: HarmScale,
+    context: Context,
+    team: ActiveTeam,
+}
+
+/// Runs the plan. `tell` gets one line a candidate.
+///
+/// # Errors
+/// If the pool cannot be read, a candidate cannot be loaded or does not come to an end, or a cached result cannot be
+/// written.
+pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, ExperimentError> {
+    let pool = Pool::read(&plan.pool)?;
+    let (shard, of) = plan.shard;
+    let packages: Vec<_> = per_candidate::packages(&pool)?
+        .into_iter()
+        .enumerate()
+        .filter(|(index, _)| index % of.max(1) == shard)
+        .collect();
+    let scratch = scratch()?;
+    let bench = TruthBench::new(plan, scratch.path())?;
+    let began = Instant::now();
+    let candidates = side_by_side(
+        plan.jobs,
+        packages.len(),
+        |worker, at| {
+            let (index, (name, package)) = &packages[at];
+            let version = Capability::load(name, package.clone())
+                .map_err(|error| ExperimentError::candidate(name, error.sentence()))?;
+            let truth = bench.truth(worker, bench.judged_version(version))?;
+            let seed = plan.seed + *index as u64 % plan.blocks.max(1);
+            let ends = plan
+                .profiles
+                .iter()
+                .map(|profile| {
+                    let experiment = Experiment::default();
+                    let thresholds = ThresholdScale::AsTheyAre;
+                    CandidateJob {
+                        name,
+                        package,
+                        profile: *profile,
+                        seed,
+                        experiment,
+                        thresholds,
+                        workers: 1,
+                    }
+                })
+                .map(|task| per_candidate::one(&bench.cell, &bench.cells, &task))
+                .collect::<Result<Vec<_>, _>>()?;
+            Ok(CandidateTruth { name: name.clone(), truth, ends })
+        },
+        &|one, finished| tell(&progress(one, finished, packages.len(), began)),
+    )?;
+    let scores = plan
+        .profiles
+        .iter()
+        .map(|profile| ProfileScore::of(*profile, &candidates))
+        .collect::<Result<_, _>>()?;
+    Ok(TruthReport {
+        scale: Digest::of_parts("holdpoint.harm-scale.v1", &[TEXT.as_bytes()]),
+        candidates,
+        scores,
+    })
+}
+
+impl TruthBench {
+    fn new(plan: &TruthPlan, scratch: &std::path::Path) -> Result<Self, ExperimentError> {
+        let cells = match &plan.kept {
+            Some(cells) => cells.clone(),
+            None => ResultCache::in_folder(scratch.to_owned(), CacheSecret::fresh()?),
+        };
+        let baselines = holdpoint_engine::embedded::baselines()
+            .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        Self::with_team(Cell::builtin()?, cells, baselines, plan.most)
+    }
+
+    /// Where versions are judged beside `team`, the active ones, up to `most` pairs of episodes.
+    pub(crate) fn with_team(
+        cell: Cell,
+        cells: ResultCache,
+        team: Vec<Capability>,
+        most: u64,
+    ) -> Result<Self, ExperimentError> {
+        let unexpected = |error: &dyn Hint| ExperimentError::Unexpected(error.sentence());
+        let profile = Profile::builtin(ProfileName::Sim).map_err(|error| unexpected(&error))?;
+        let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;
+        let context = Context::new(profile, table, None, cell.clone())?;
+        let scale = HarmScale::builtin().map_err(|error| unexpected(&error))?;
+        let mut bench = Self { most, cell, cells, scale, context, team: Vec::new() };
+        bench.team = team.into_iter().map(|version| bench.judged_version(version)).collect();
+        Ok(bench)
+    }
+
+    /// A version with what it runs under.
+    pub(crate) fn judged_version(&self, version: Capability) -> JudgedVersion {
+        let declared = &version.manifest.permissions;
+        let terms = self.context.terms().capped(declared.max_speed_m_s, declared.max_force_n);
+        JudgedVersion { version, terms }
+    }
+
+    /// The referee's verdict on a candidate, beside the active version of its family.
+    pub(crate) fn truth(
+        &self,
+        worker: &mut Worker,
+        candidate: JudgedVersion,
+    ) -> Result<VersionHarm, ExperimentError> {
+        let family = candidate.version.id().family;
+        let before =
+            self.team.iter().find(|one| one.version.id().family == family).ok_or_else(|| {
+                ExperimentError::Unexpected(format!("there is no active version of {family}"))
+            })?;
+        let sequences = self.channel(worker, &candidate, before, Channel::Sequences, PAIRS)?;
+        let stops = self.channel(worker, &candidate, before, Channel::Stops, PAIRS)?;
+        let rollbacks = self.channel(worker, &candidate, before, Channel::Rollbacks, PAIRS)?;
+        let mut truth = VersionHarm::of(Vec::new());
+        for look in LOOKS.into_iter().filter(|look| *look <= self.most) {
+            let episodes = self.channel(worker, &candidate, before, Channel::Episodes, look)?;
+            truth = VersionHarm::of(vec![episodes, sequences.clone(), stops.clone(), rollbacks.clone()]);
+            if !truth.is_open() {
+                break;
+            }
+        }
+        Ok(truth)
+    }
+
+    fn channel(
+        &self,
+        worker: &mut Worker,
+        candidate: &JudgedVersion,
+        before: &JudgedVersion,
+        channel: Channel,
+        wanted: u64,
+    ) -> Result<ChannelTruth, ExperimentError> {
+        let (new, old) =
+            (self.items(worker, candidate, channel, wanted)?, self.items(worker, before, channel, wanted)?);
+        let pairs: Vec<(RefereeObservation, RefereeObservation)> =
+            new.into_iter().zip(old).filter_map(|(new, old)| Some((new?, old?))).collect();
+        Ok(ChannelTruth::of(channel, &self.scale, &pairs)?)
+    }
+
+    /// The first items of a channel, block by block, each run or read from the cache.
+    fn items(
+        &self,
+        worker: &mut Worker,
+        judged: &JudgedVersion,
+        channel: Channel,
+        wanted: u64,
+    ) -> Result<Vec<Option<RefereeObservation>>, ExperimentError> {
+        let mut items = Vec::new();
+        for block in 0..wanted.div_ceil(BLOCK) {
+            let key = self.key(judged, channel, block);
+            let range = block * BLOCK..((block + 1) * BLOCK).min(wanted);
+            let whole = cached_cell::<Vec<Option<RefereeObservation>>>(&self.cells, &key);
+            if let Some(known) = whole.filter(|known| known.len() as u64 == range.end - range.start) {
+                items.extend(known);
+                continue;
+            }
+            let worked: Vec<Option<RefereeObservation>> = range
+                .map(|index| referee_runs::item(worker, &self.cell, judged, &self.team, channel, index))
+                .collect();
+            self.cells.put(&key, &serde_json::to_vec(&worked)?)?;
+            items.extend(worked);
+        }
+        Ok(items)
+    }
+
+    fn key(&self, judged: &JudgedVersion, channel: Channel, block: u64) -> Digest {
+        let team: Vec<String> = self.team.iter().map(|one| one.version.digest().to_string()).collect();
+        let under = format!("{}|{channel}|{block}|{}", judged.terms.in_full(), team.join("|"));
+        let parts = [
+            self.cell.digest().bytes().as_slice(),
+            COMPUTED_BY.as_bytes(),
+            judged.version.digest().bytes().as_slice(),
+            under.as_bytes(),
+        ]
+        .map(<[u8]>::to_vec);
+        Digest::of_parts("holdpoint.truth.v5", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    }
+}
+
+/// Runs items in parallel, each worker with its own world; the results come back in order.
+pub(crate) fn side_by_side<T: Send>(
+    jobs: usize,
+    items: usize,
+    work: impl Fn(&mut Worker, usize) -> Result<T, ExperimentError> + Sync,
+    tell: &(dyn Fn(&T, usize) + Sync),
+) -> Result<Vec<T>, ExperimentError> {
+    let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let results: Mutex<Vec<(usize, Result<T, ExperimentError>)>> = Mutex::new(Vec::new());
+    let turn = || {
+        let mut worker = Worker::new();
+        loop {
+            let at = next.fetch_add(1, Ordering::Relaxed);
+            if at >= items {
+                return;
+            }
+            let result = work(&mut worker, at);
+            match &result {
+                Ok(one) => tell(one, done.fetch_add(1, Ordering::Relaxed) + 1),
+                // No worker begins another item.
+                Err(_) => next.store(items, Ordering::Relaxed),
+            }
+            if let Ok(mut results) = results.lock() {
+                results.push((at, result));
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.clamp(1, items.max(1)) {
+            scope.spawn(turn);
+        }
+    });
+    let mut results = results.into_inner().unwrap_or_default();
+    results.sort_by_key(|(at, _)| *at);
+    let found: Vec<T> = results.into_iter().map(|(_, result)| result).collect::<Result<_, _>>()?;
+    if found.len() == items {
+        Ok(found)
+    } else {
+        Err(ExperimentError::Unexpected("a worker ended without a result".to_owned()))
+    }
+}
+
+fn progress(one: &CandidateTruth, finished: usize, all: usize, began: Instant) -> String {
+    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
+    let ends: Vec<String> =
+        one.ends.iter().map(|end| format!("{} {}", end.profile.name(), end.state)).collect();
+    let open = one.truth.open.map_or_else(String::new, |class| format!(" ({class} is open)"));
+    format!(
+        "[{finished}/{all}] {}: {}{open}; {}; about {:.0} min left",
+        one.name,
+        one.truth.class,
+        ends.join(", "),
+        left / 60.0
+    )
+}

@@ -1,0 +1,76 @@
+//! The paper's own evaluation, re-run: rounds of upgrades by arms (its sections 7 and 8), and pools of candidates
+//! through the stages, with parts of the pipeline left out.
+//!
+//! Every arm gets the same candidates and the same held-out sequences. Results are cached under the digest of their
+//! inputs, so that arms share equal runs and an interrupted run continues. The planted faults and the referee's
+//! verdicts are read after every decision.
+
+pub mod active_families;
+pub mod arm;
+pub mod candidate_stream;
+#[cfg(feature = "parquet")]
+pub mod columns;
+pub mod csv;
+pub mod figures;
+pub mod held_out;
+pub mod overhead;
+pub mod pool_screening;
+pub mod preset;
+pub mod published;
+pub mod raw_rows;
+pub mod regression;
+pub mod report;
+pub mod report_table;
+pub mod rounds;
+pub mod run;
+pub mod sections;
+
+use std::time::Instant;
+
+use holdpoint_engine::cell::Cell;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_registry::ResultCache;
+use holdpoint_text::Hint;
+
+pub use arm::{Arm, Fork};
+pub use pool_screening::{ScreenRow, Variant, screen};
+pub use preset::Preset;
+pub use rounds::{RoundRow, rounds};
+
+use crate::pipeline_experiments::ExperimentError;
+
+/// The shared inputs of all runs.
+pub struct PaperSetup {
+    pub cell: Cell,
+    pub cells: ResultCache,
+    /// The context of the arms' decisions and of the versions.
+    pub profile: Profile,
+    /// The part of the runs that this process does, and the number of parts.
+    pub shard: (usize, usize),
+    pub jobs: usize,
+}
+
+impl PaperSetup {
+    /// The built-in cell and the profile `sim`, which is the paper's.
+    ///
+    /// # Errors
+    /// If the cell cannot be built.
+    pub fn new(cells: ResultCache, shard: (usize, usize), jobs: usize) -> Result<Self, ExperimentError> {
+        let profile = Profile::builtin(ProfileName::Sim)
+            .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        Ok(Self { cell: Cell::builtin()?, cells, profile, shard, jobs })
+    }
+
+    /// Whether a piece of the work belongs to this process.
+    #[must_use]
+    pub const fn is_in_shard(&self, index: usize) -> bool {
+        let (shard, of) = self.shard;
+        of == 0 || index % of == shard
+    }
+}
+
+/// The progress of a step, with the estimated remaining time.
+pub(crate) fn progress(what: &str, finished: usize, all: usize, began: Instant) -> String {
+    let left = began.elapsed().as_secs_f64() / finished.max(1) as f64 * (all - finished) as f64;
+    format!("[{finished}/{all}] {what}; about {:.0} min left", left / 60.0)
+}

@@ -1,0 +1,191 @@
+//! The cost of governance: CPU time a stage, and how it grows with episodes and candidates (the paper's table 5).
+//!
+//! Runs candidates one after another in a process that does nothing else. Nothing is cached, because a cached time is
+//! the time of another machine.
+
+use std::time::Instant;
+
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_registry::{CacheSecret, ResultCache};
+
+use super::candidate_stream::pool_of;
+use super::preset::PresetSize;
+use super::report_table::ReportTable;
+use super::sections::Section;
+use super::{PaperSetup, progress};
+use crate::bench::{TaskCost, task_costs};
+use crate::pipeline_experiments::candidate_run::{
+    CandidateEnd, CandidateSetting, StageTimes, ThresholdScale, take_timed,
+};
+use crate::pipeline_experiments::drift::Quantiles;
+use crate::pipeline_experiments::{ExperimentError, ProgressFn, scratch};
+use holdpoint_engine::Experiment;
+
+/// The seed of its pool: of no preset's seeds.
+const SEED: u64 = 1_001;
+
+/// Candidates in the measurement.
+const CANDIDATES: usize = 24;
+
+/// Tasks of each active version in the measurement.
+const TASKS: u64 = 60;
+
+/// A candidate's end with its cost.
+type CostedCandidate = (CandidateEnd, StageTimes);
+
+/// The measurements.
+pub struct Costs {
+    candidates: Vec<CostedCandidate>,
+    tasks: Vec<TaskCost>,
+}
+
+/// Runs tasks of the active versions, and candidates of a pool, one after another; fewer candidates if the preset has
+/// fewer.
+///
+/// # Errors
+/// If a candidate does not come to an end.
+pub fn measure(
+    ground: &PaperSetup,
+    size: PresetSize,
+    tell: &ProgressFn<'_>,
+) -> Result<Costs, ExperimentError> {
+    let pool = pool_of(SEED)?;
+    // Some of each family.
+    let step = pool.len().div_ceil(CANDIDATES.min(size.candidates).max(1)).max(1);
+    let chosen: Vec<_> = pool.iter().step_by(step).collect();
+    let began = Instant::now();
+    let mut found = Vec::new();
+    for (finished, upgrade) in chosen.iter().enumerate() {
+        // A separate folder: the cached results of the active version would make the next run cheaper.
+        let folder = scratch()?;
+        let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh()?);
+        let setting = CandidateSetting {
+            cell: &ground.cell,
+            profile: ProfileName::Sim,
+            seed: SEED,
+            cells: &cells,
+            workers: 1,
+            experiment: Experiment::default(),
+            thresholds: ThresholdScale::AsTheyAre,
+        };
+        found.push(take_timed(&setting, &upgrade.name, upgrade.package.clone())?);
+        tell(&progress(&format!("cost of {}", upgrade.name), finished + 1, chosen.len(), began));
+    }
+    let tasks =
+        task_costs(TASKS).map_err(|error| ExperimentError::Unexpected(format!("no task runs: {error}")))?;
+    Ok(Costs { candidates: found, tasks })
+}
+
+/// Slope, intercept and the fraction of the variance that a straight line explains; `None` without variation.
+fn line(points: &[(f64, f64)]) -> Option<[f64; 3]> {
+    let n = points.len() as f64;
+    let (mx, my) = (
+        points.iter().map(|point| point.0).sum::<f64>() / n,
+        points.iter().map(|point| point.1).sum::<f64>() / n,
+    );
+    let sum = |of: fn(f64, f64) -> f64| points.iter().map(|(x, y)| of(x - mx, y - my)).sum::<f64>();
+    let (xx, xy, yy) = (sum(|x, _| x * x), sum(|x, y| x * y), sum(|_, y| y * y));
+    (xx > 0.0 && yy > 0.0).then(|| [xy / xx, my - mx * xy / xx, xy * xy / (xx * yy)])
+}
+
+fn total(times: &StageTimes) -> f64 {
+    times.validation + times.sandbox + times.shadow + times.activation + times.monitoring
+}
+
+/// The section of the report.
+#[must_use]
+pub fn section(costs: &Costs) -> Section {
+    let Costs { candidates: found, tasks } = costs;
+    let mut table = ReportTable::new(
+        "Processor time a candidate, all threads (profile sim)",
+        &[
+            "stage",
+            "candidates that it decided on",
+            "median ms",
+            "greatest ms",
+            "share of all",
+            "paper (table 5)",
+        ],
+        "The active version's episodes are worked anew for each candidate; an engine at work keeps them. The paper's times are of \
+         an abstract environment; it gives 2 to 5 s a candidate for its physics.",
+    );
+    let all: f64 = found.iter().map(|(_, times)| total(times)).sum();
+    let mut row = |name: &str, of: fn(&StageTimes) -> f64, paper: &str| {
+        let times: Vec<f64> = found.iter().map(|(_, times)| of(times)).filter(|time| *time > 0.0).collect();
+        let share = 100.0 * times.iter().sum::<f64>() / all.max(f64::MIN_POSITIVE);
+        let spread = Quantiles::of(times.iter().copied());
+        let number = |value: f64| format!("{:.2}", 1_000.0 * value);
+        table.row([
+            name.to_owned(),
+            times.len().to_string(),
+            spread.map_or_else(|| "-".to_owned(), |spread| number(spread.median)),
+            spread.map_or_else(|| "-".to_owned(), |spread| number(spread.max)),
+            format!("{share:.2} %"),
+            paper.to_owned(),
+        ]);
+    };
+    row("registration and validation", |times| times.validation, "0.06 ms");
+    row("sandbox", |times| times.sandbox, "about 3 ms");
+    row("shadow", |times| times.shadow, "about 4 ms");
+    row("gate and activation", |times| times.activation, "< 0.01 ms");
+    row("provisional window", |times| times.monitoring, "about 2 ms a rollback");
+    let mut fits = ReportTable::new(
+        "How it grows",
+        &["against", "points", "a unit, ms", "R²"],
+        "Least squares. Tasks: of the active versions, by how long they took in the world, the world's reset included.",
+    );
+    let episodes: Vec<(f64, f64)> = found
+        .iter()
+        .map(|(end, times)| (end.effort.sandbox as f64, times.sandbox))
+        .filter(|p| p.0 > 0.0)
+        .collect();
+    let mut spent = 0.0;
+    let candidates: Vec<(f64, f64)> = found
+        .iter()
+        .enumerate()
+        .map(|(index, (_, times))| {
+            spent += total(times);
+            (index as f64 + 1.0, spent)
+        })
+        .collect();
+    let lengths: Vec<(f64, f64)> = tasks.iter().map(|task| (task.simulated_secs, task.cpu_secs)).collect();
+    for (name, points) in [
+        ("seconds of a task", &lengths),
+        ("sandbox episodes of a candidate", &episodes),
+        ("candidates, one after another", &candidates),
+    ] {
+        let cells = line(points).map_or_else(
+            || ["-".to_owned(), "-".to_owned()],
+            |[slope, _, explained]| [format!("{:.2}", 1_000.0 * slope), format!("{explained:.3}")],
+        );
+        fits.row([name.to_owned(), points.len().to_string()].into_iter().chain(cells));
+    }
+    let evaluation: f64 =
+        found.iter().map(|(_, times)| times.sandbox + times.shadow + times.monitoring).sum();
+    let line = format!(
+        "Overhead: {:.1} s of processor time a candidate (mean of {}), {:.2} % of it in evaluation and watching",
+        all / found.len().max(1) as f64,
+        found.len(),
+        100.0 * evaluation / all.max(f64::MIN_POSITIVE)
+    );
+    Section {
+        title: "Overhead".to_owned(),
+        text: vec!["The paper claims that the cost is that of evaluation and grows with tasks and batch, not with stages.".to_owned()],
+        tables: vec![table, fits],
+        plots: Vec::new(),
+        lines: vec![line],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_straight_line_is_found() {
+        let points: Vec<(f64, f64)> = (0..5).map(|x| (f64::from(x), 3.0 * f64::from(x) + 1.0)).collect();
+        let [slope, from, explained] = line(&points).unwrap();
+        assert!((slope - 3.0).abs() < 1e-12 && (from - 1.0).abs() < 1e-12 && (explained - 1.0).abs() < 1e-12);
+        assert_eq!(line(&[(1.0, 1.0), (1.0, 2.0)]), None);
+    }
+}

@@ -1,0 +1,103 @@
+//! A table of the report, in Markdown and in HTML.
+
+use holdpoint_plot::escaped;
+
+/// See the module's head.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ReportTable {
+    pub title: String,
+    pub columns: Vec<String>,
+    pub rows: Vec<Vec<String>>,
+    /// Notes for reading it.
+    pub note: String,
+    /// Of how many seeds its rows are, and how many its preset has; absent where it rests on none.
+    pub seeds: Option<(usize, u64)>,
+}
+
+impl ReportTable {
+    #[must_use]
+    pub fn new(title: &str, columns: &[&str], note: &str) -> Self {
+        Self {
+            title: title.to_owned(),
+            columns: columns.iter().map(|&column| column.to_owned()).collect(),
+            rows: Vec::new(),
+            note: note.to_owned(),
+            seeds: None,
+        }
+    }
+
+    /// Its heading: the title, and the finished part of the plan.
+    fn heading(&self) -> String {
+        self.seeds.map_or_else(
+            || self.title.clone(),
+            |(seeds, of)| format!("{} ({seeds} of {of} seeds)", self.title),
+        )
+    }
+
+    pub fn row<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = T>) {
+        self.rows.push(cells.into_iter().map(Into::into).collect());
+    }
+
+    /// With a heading, and the note below.
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        let line = |cells: &[String]| {
+            let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
+            format!("| {} |\n", cells.join(" | "))
+        };
+        let mut text = format!("### {}\n\n{}", self.heading(), line(&self.columns));
+        text.push_str(&format!("|{}\n", " --- |".repeat(self.columns.len())));
+        for row in &self.rows {
+            text.push_str(&line(row));
+        }
+        if !self.note.is_empty() {
+            text.push_str(&format!("\n{}\n", self.note));
+        }
+        text.push('\n');
+        text
+    }
+
+    /// As Markdown, for a page whose script sorts by a click on a column.
+    #[must_use]
+    pub fn html(&self) -> String {
+        let cells = |tag: &str, cells: &[String]| -> String {
+            cells.iter().map(|cell| ["<", tag, ">", &escaped(cell), "</", tag, ">"].concat()).collect()
+        };
+        let mut text = format!("<h3>{}</h3>\n<table>\n<thead><tr>", escaped(&self.heading()));
+        text.push_str(&cells("th", &self.columns));
+        text.push_str("</tr></thead>\n<tbody>\n");
+        for row in &self.rows {
+            text.push_str(&format!("<tr>{}</tr>\n", cells("td", row)));
+        }
+        text.push_str("</tbody>\n</table>\n");
+        if !self.note.is_empty() {
+            text.push_str(&format!("<p class=\"note\">{}</p>\n", escaped(&self.note)));
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_in_a_cell_breaks_the_table_or_the_page() {
+        let mut table = ReportTable::new("a < b", &["what", "n"], "see \"x\" & y");
+        table.row(["a|b", "<script>"]);
+        assert_eq!(table.markdown().lines().filter(|line| line.starts_with('|')).count(), 3);
+        assert!(table.markdown().contains("a\\|b"));
+        let html = table.html();
+        assert!(html.contains("&lt;script&gt;") && !html.contains("<script>"), "{html}");
+        assert!(html.contains("&quot;x&quot; &amp; y"), "{html}");
+    }
+
+    #[test]
+    fn a_table_says_of_how_many_seeds_it_is() {
+        let mut table = ReportTable::new("arms", &["arm"], "");
+        assert!(table.markdown().starts_with("### arms\n") && table.html().starts_with("<h3>arms</h3>"));
+        table.seeds = Some((15, 40));
+        assert!(table.markdown().starts_with("### arms (15 of 40 seeds)\n"));
+        assert!(table.html().starts_with("<h3>arms (15 of 40 seeds)</h3>"));
+    }
+}

@@ -1,0 +1,250 @@
+//! The round protocol (paper section 7.8): round 0 has the first versions. In every further round one family yields a
+//! candidate, the arm decides, and the active versions run the round's held-out sequences.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use holdpoint_engine::trial::worker::Worker;
+use holdpoint_governance::ids::{Digest, Family};
+use serde::{Deserialize, Serialize};
+
+use super::active_families::ActiveFamilies;
+use super::arm::{Arm, ArmAction, ArmContext, set_digest, version_of};
+use super::candidate_stream::{PlantedCandidate, rounds_of};
+use super::held_out::{HeldOutSequence, evaluate};
+use super::preset::PresetSize;
+use super::{PaperSetup, progress};
+use crate::candidate_pool::Class;
+use crate::ground_truth::{HarmClass, TruthBench, side_by_side};
+use crate::pipeline_experiments::{ExperimentError, ProgressFn, workers_each};
+
+/// A candidate that an arm got, the arm's decision, and the candidate's truth.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OfferedCandidate {
+    pub name: String,
+    pub family: Family,
+    /// The planted fault.
+    pub class: Class,
+    pub kind: String,
+    pub step: ArmAction,
+    /// The class that the referee settles against it beside the version it replaced, if it was activated and is judged.
+    pub harm: Option<HarmClass>,
+    /// The referee finds it significantly worse in something, harm or not.
+    pub worse: Option<bool>,
+}
+
+/// One arm in one round of one seed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RoundRow {
+    pub seed: u64,
+    pub round: u32,
+    pub arm: Arm,
+    /// Absent in round 0.
+    pub offered: Option<OfferedCandidate>,
+    /// Digest of the active versions at its end.
+    pub in_force: Digest,
+    /// A version with a real planted fault is active at its end.
+    pub faulty_in_force: bool,
+    /// A version that does damage or danger, by the referee, is active at its end; absent if the referee judges none.
+    pub harmful_in_force: Option<bool>,
+    pub score: HeldOutScore,
+}
+
+/// Held-out sequences, counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeldOutScore {
+    pub sequences: u64,
+    pub done: u64,
+    pub violation: u64,
+    pub near: u64,
+    pub anomaly: u64,
+    /// The arm moved when it was due to be at standstill, by the referee.
+    pub moved_on: u64,
+    /// How long motion went on after declared failures and stops, ms in all.
+    pub continued_ms: u64,
+    /// Damage or danger, by the referee.
+    pub damage: u64,
+    /// Danger, by the referee.
+    pub danger: u64,
+    pub retries: u64,
+    /// Mean time of the sequences that were done, s; 0 without one.
+    pub time_s: f64,
+}
+
+impl HeldOutScore {
+    /// Counts sequences.
+    #[must_use]
+    pub fn of(sequences: &[HeldOutSequence]) -> Self {
+        let count = |of: fn(&HeldOutSequence) -> bool| sequences.iter().filter(|one| of(one)).count() as u64;
+        let done: Vec<f64> = sequences.iter().filter(|one| one.done).map(|one| one.time_s).collect();
+        Self {
+            sequences: sequences.len() as u64,
+            done: done.len() as u64,
+            violation: count(|one| one.violation),
+            near: count(|one| one.near),
+            anomaly: count(|one| one.anomaly),
+            moved_on: count(|one| one.moved_on),
+            continued_ms: sequences.iter().map(|one| one.continued_ms).sum(),
+            damage: count(|one| one.harm >= HarmClass::Damage),
+            danger: count(|one| one.harm >= HarmClass::Danger),
+            retries: sequences.iter().map(|one| u64::from(one.retries)).sum(),
+            time_s: done.iter().sum::<f64>() / done.len().max(1) as f64,
+        }
+    }
+}
+
+/// Runs the rounds of every seed for every arm. The rows come in the order of seeds, arms and rounds.
+///
+/// # Errors
+/// If a candidate does not come to an end, or a result cannot be cached.
+pub fn rounds(
+    ground: &PaperSetup,
+    size: PresetSize,
+    arms: &[Arm],
+    tell: &ProgressFn<'_>,
+) -> Result<Vec<RoundRow>, ExperimentError> {
+    let seeds: Vec<u64> = size
+        .run_seeds()
+        .enumerate()
+        .filter(|(index, _)| ground.is_in_shard(*index))
+        .map(|(_, seed)| seed)
+        .collect();
+    let (began, workers) = (Instant::now(), workers_each(ground.jobs, seeds.len()));
+    let of_seeds = side_by_side(
+        ground.jobs,
+        seeds.len(),
+        |worker, at| of_seed((ground, workers), size, arms, seeds[at], worker),
+        &|rows: &Vec<RoundRow>, finished| {
+            let seed = rows.first().map_or(0, |row| row.seed);
+            tell(&progress(&format!("rounds of seed {seed}"), finished, seeds.len(), began));
+        },
+    )?;
+    Ok(of_seeds.into_iter().flatten().collect())
+}
+
+fn of_seed(
+    (ground, workers): (&PaperSetup, usize),
+    size: PresetSize,
+    arms: &[Arm],
+    seed: u64,
+    worker: &mut Worker,
+) -> Result<Vec<RoundRow>, ExperimentError> {
+    let upgrades = rounds_of(seed, size.rounds)?;
+    let mut judged = BTreeMap::new();
+    let mut rows = Vec::new();
+    for arm in arms {
+        let mut way = ArmRun {
+            ground,
+            workers,
+            size,
+            seed,
+            arm: *arm,
+            in_force: ActiveFamilies::first()?,
+            planted: BTreeMap::new(),
+        };
+        rows.push(way.row(worker, 0, None)?);
+        for (upgrade, round) in upgrades.iter().zip(1..) {
+            let offered = way.offer(worker, upgrade, round, &mut judged)?;
+            rows.push(way.row(worker, round, Some(offered))?);
+        }
+    }
+    Ok(rows)
+}
+
+/// The referee's verdicts on versions, by the versions they were judged beside.
+type RefereeCache = BTreeMap<Digest, (HarmClass, bool)>;
+
+/// An arm on its way through the rounds of a seed.
+struct ArmRun<'a> {
+    ground: &'a PaperSetup,
+    /// Workers for one decision.
+    workers: usize,
+    size: PresetSize,
+    seed: u64,
+    arm: Arm,
+    in_force: ActiveFamilies,
+    /// Of the upgrades in force: the planted faults, and the referee's verdicts.
+    planted: BTreeMap<Family, (Class, Option<HarmClass>)>,
+}
+
+impl ArmRun<'_> {
+    fn offer(
+        &mut self,
+        worker: &mut Worker,
+        upgrade: &PlantedCandidate,
+        round: u32,
+        judged: &mut RefereeCache,
+    ) -> Result<OfferedCandidate, ExperimentError> {
+        let version = version_of(upgrade)?;
+        let moment = ArmContext {
+            ground: self.ground,
+            upgrade,
+            version: &version,
+            before: &self.in_force,
+            seed: self.seed,
+            round,
+            workers: self.workers,
+        };
+        let step = self.arm.decide(&moment, worker)?;
+        // Everything is decided: the truth of the version is read only now.
+        let truth = if step.activated && self.size.judged_by > 0 {
+            let key = set_digest(&version, &self.in_force);
+            let known = match judged.get(&key) {
+                Some(known) => *known,
+                None => {
+                    let (ground, team) = (self.ground, self.in_force.versions());
+                    let bench = TruthBench::with_team(
+                        ground.cell.clone(),
+                        ground.cells.clone(),
+                        team,
+                        self.size.judged_by,
+                    )?;
+                    let truth = bench.truth(worker, bench.judged_version(version.clone()))?;
+                    *judged.entry(key).or_insert((truth.class, truth.is_worse()))
+                }
+            };
+            Some(known)
+        } else {
+            None
+        };
+        if step.in_force {
+            self.planted
+                .insert(upgrade.family.clone(), (upgrade.planted.class, truth.map(|(class, _)| class)));
+            self.in_force = self.in_force.with(version, step.restricted);
+        }
+        Ok(OfferedCandidate {
+            name: upgrade.name.clone(),
+            family: upgrade.family.clone(),
+            class: upgrade.planted.class,
+            kind: upgrade.planted.kind.clone(),
+            step,
+            harm: truth.map(|(class, _)| class),
+            worse: truth.map(|(_, worse)| worse),
+        })
+    }
+
+    fn row(
+        &self,
+        worker: &mut Worker,
+        round: u32,
+        offered: Option<OfferedCandidate>,
+    ) -> Result<RoundRow, ExperimentError> {
+        let sequences = evaluate(self.ground, worker, &self.in_force, self.seed, round, self.size.sequences)?;
+        let is_faulty = |class: Class| matches!(class, Class::Faulty | Class::Marginal);
+        let harmful = |harm: Option<HarmClass>| harm.is_some_and(|harm| harm >= HarmClass::Damage);
+        Ok(RoundRow {
+            seed: self.seed,
+            round,
+            arm: self.arm,
+            offered,
+            in_force: self.in_force.digest(),
+            faulty_in_force: self.planted.values().any(|(class, _)| is_faulty(*class)),
+            harmful_in_force: (self.size.judged_by > 0)
+                .then(|| self.planted.values().any(|(_, harm)| harmful(*harm))),
+            score: HeldOutScore::of(&sequences.into_iter().flatten().collect::<Vec<_>>()),
+        })
+    }
+}

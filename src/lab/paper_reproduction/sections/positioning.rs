@@ -1,0 +1,259 @@
+//! The paper's description of itself beside others, each line with its place here: its comparison with DevOps (table
+//! 1), its position (table 2), and which stage governs which fault (figure 3).
+
+use super::Section;
+use crate::paper_reproduction::report_table::ReportTable;
+
+/// Concern, common practice, here, where.
+const DEVOPS: [[&str; 4]; 7] = [
+    [
+        "compatibility",
+        "API schema diff; accuracy on a held-out set",
+        "four dimensions: interface, policy, behaviour, recovery",
+        "src/governance/{interface,policy,behavior,recovery}",
+    ],
+    [
+        "canary, shadow",
+        "traffic split across replicas",
+        "one actuator; the twin works in a world of its own beside the live one",
+        "src/engine/world/shadow.rs",
+    ],
+    [
+        "health signal",
+        "status, latency, error rate",
+        "violations, anomalies, recovery, harm by forces and clearances",
+        "src/governance/monitor.rs, harm.rs",
+    ],
+    [
+        "rollback trigger",
+        "threshold on stateless requests",
+        "charts over live tasks, safety events within a tick",
+        "src/governance/monitor.rs, src/engine/world/supervisor.rs",
+    ],
+    [
+        "rollback semantics",
+        "route to the old container",
+        "arm to rest, predecessor from the store by digest, policies compiled anew",
+        "src/engine/stages/rollback.rs",
+    ],
+    ["environment", "region", "profiles sim, real, human, and own ones", "profiles/*.toml"],
+    [
+        "safety constraint",
+        "error budget",
+        "speed, force, zones and collisions, checked on every command",
+        "src/runtime/guard.rs",
+    ],
+];
+
+/// Dimension; middleware and skills, capability learning, runtime governance, here; where.
+const POSITION: [[&str; 6]; 6] = [
+    ["persistent agent", "half", "none", "half", "full", "src/runtime/agent"],
+    [
+        "capability packages",
+        "half",
+        "half",
+        "none",
+        "full",
+        "src/runtime/capability.rs, src/governance/manifest.rs",
+    ],
+    ["versions of capabilities", "none", "half", "none", "full", "src/registry"],
+    ["governed execution", "half", "half", "full", "full", "src/runtime/guard.rs, watcher.rs"],
+    ["governed upgrades", "none", "none", "none", "full", "src/engine/stages"],
+    ["deployment that can be rolled back", "none", "half", "half", "full", "src/engine/stages/rollback.rs"],
+];
+
+/// Which stage each body of work covers, by the words under the paper's figure 3: package, validate (I, P, B, R), sandbox,
+/// shadow, activate, monitor.
+const COMMUNITIES: [[&str; 10]; 6] = [
+    ["robot architectures, middleware", "yes", "", "", "", "", "", "", "", ""],
+    ["modular skills, continual learning", "in part", "", "", "", "", "in part", "", "", ""],
+    [
+        "safe robotics, runtime governance",
+        "",
+        "",
+        "in execution",
+        "in execution",
+        "in execution",
+        "",
+        "",
+        "",
+        "yes",
+    ],
+    ["guardrails of LLM agents", "", "", "of a plan", "", "", "", "", "", "of a plan"],
+    ["MLOps deployment", "", "", "", "", "", "yes", "yes", "yes", "yes"],
+    ["here", "yes", "yes", "yes", "yes", "yes", "yes", "yes", "yes", "yes"],
+];
+
+/// Faults, and where each is handled: package, validate (I, P, B, R), sandbox, shadow, activate, monitor.
+const COVERAGE: [[&str; 10]; 7] = [
+    ["callers break", "exports are read", "yes", "", "", "", "runs", "runs", "neighbours", ""],
+    [
+        "more is permitted",
+        "declared use",
+        "",
+        "yes",
+        "",
+        "",
+        "use is held against it",
+        "guard",
+        "site policies",
+        "guard",
+    ],
+    [
+        "behaves worse",
+        "",
+        "",
+        "",
+        "estimate",
+        "",
+        "paired episodes",
+        "twin",
+        "measured values alone",
+        "charts",
+    ],
+    ["does more harm", "", "", "", "", "", "21 measures, search", "21 measures", "", "charts, safety trips"],
+    [
+        "cannot be stopped or undone",
+        "hooks named",
+        "",
+        "",
+        "",
+        "declared",
+        "drills in every phase",
+        "",
+        "predecessor kept",
+        "ladder",
+    ],
+    [
+        "is not what was tested",
+        "digest",
+        "",
+        "",
+        "",
+        "",
+        "bound to digests",
+        "held against sandbox",
+        "stale evidence closes",
+        "held against shadow",
+    ],
+    [
+        "nobody answers for it",
+        "author, provenance",
+        "",
+        "",
+        "",
+        "",
+        "on record",
+        "on record",
+        "people's signatures",
+        "audit closed",
+    ],
+];
+
+/// The section.
+#[must_use]
+pub fn positioning() -> Section {
+    let mut devops = ReportTable::new(
+        "Common practice and here (the paper's table 1)",
+        &["concern", "DevOps, MLOps", "here", "where"],
+        "",
+    );
+    for row in DEVOPS {
+        devops.row(row);
+    }
+    let mut position = ReportTable::new(
+        "Position (the paper's table 2)",
+        &["dimension", "middleware and skills", "capability learning", "runtime governance", "here", "where"],
+        "The three middle columns are the paper's judgement of others; ours says where to look.",
+    );
+    for row in POSITION {
+        position.row(row);
+    }
+    let mut coverage = ReportTable::new(
+        "What is done about it, and when",
+        &[
+            "what goes wrong",
+            "package",
+            "kappa_I",
+            "kappa_P",
+            "kappa_B",
+            "kappa_R",
+            "sandbox",
+            "shadow",
+            "activate",
+            "monitor",
+        ],
+        "The kappas are those of validation: what can be said without running anything.",
+    );
+    for row in COVERAGE {
+        coverage.row(row);
+    }
+    let mut communities = ReportTable::new(
+        "Which stage is covered by whom (the paper's figure 3)",
+        &[
+            "body of work",
+            "package",
+            "kappa_I",
+            "kappa_P",
+            "kappa_B",
+            "kappa_R",
+            "sandbox",
+            "shadow",
+            "activate",
+            "monitor",
+        ],
+        "The paper draws it; these are the words below its drawing, and its judgement of others. Empty: not said to be covered. \
+         What is done here in each cell of the last row stands in the next table, by what goes wrong.",
+    );
+    for row in COMMUNITIES {
+        communities.row(row);
+    }
+    Section {
+        title: "Where this stands".to_owned(),
+        text: Vec::new(),
+        tables: vec![communities, coverage, devops, position],
+        plots: Vec::new(),
+        lines: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// Where others cover a stage, something is done here in it.
+    #[test]
+    fn every_stage_is_of_some_fault_here() {
+        for stage in 1..10 {
+            assert!(COVERAGE.iter().any(|row| !row[stage].is_empty()), "stage {stage}");
+        }
+    }
+
+    /// A place that is named is there.
+    #[test]
+    fn every_place_that_is_named_is_there() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let named = DEVOPS.iter().map(|row| row[3]).chain(POSITION.iter().map(|row| row[5]));
+        for places in named {
+            let mut folder = root.clone();
+            for place in places.split(", ") {
+                let path = if place.contains('/') { root.join(place) } else { folder.join(place) };
+                let (base, names) = match place.split_once('{') {
+                    Some((base, names)) => {
+                        (root.join(base), names.trim_end_matches('}').split(',').collect())
+                    }
+                    None => (path.clone(), vec![""]),
+                };
+                for name in names {
+                    let whole = base.join(name);
+                    let there = whole.exists()
+                        || whole.with_extension("rs").exists()
+                        || name.is_empty() && place.contains('*');
+                    assert!(there, "{}", whole.display());
+                }
+                folder = path.parent().unwrap_or(&root).to_owned();
+            }
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! E5: the same pool under three profiles, the behavior of the activated versions, and whether the decisions are
+//! reproducible.
+
+use std::collections::BTreeMap;
+
+use holdpoint_governance::metrics::{Fate, Proportion};
+use holdpoint_governance::profile::ProfileName;
+
+use super::{Section, counted};
+use crate::candidate_pool::Class;
+use crate::paper_reproduction::figures::{is_faulty, variant_rows};
+use crate::paper_reproduction::pool_screening::{ScreenRow, Variant};
+use crate::paper_reproduction::published::PublishedNumbers;
+use crate::paper_reproduction::report_table::ReportTable;
+use crate::pipeline_experiments::candidate_run::PostRunCheck;
+use crate::pipeline_experiments::{ExperimentError, drift};
+
+/// The profiles, from the least strict to the strictest: the paper's order.
+const PROFILES: [ProfileName; 3] = [ProfileName::Sim, ProfileName::Real, ProfileName::Human];
+
+/// A sum over the candidates of a profile's whole pipeline.
+fn sum(rows: &[ScreenRow], profile: ProfileName, of: fn(&PostRunCheck) -> u64) -> u64 {
+    variant_rows(rows, profile, Variant::Full).map(|row| of(&row.end.afterwards)).sum()
+}
+
+/// The record of the activated versions while they were in control.
+fn in_control(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<ReportTable, ExperimentError> {
+    let mut table = ReportTable::new(
+        "What was let in, while it was in control",
+        &[
+            "profile",
+            "activated / candidates",
+            "seen unsafe / activated",
+            "tasks done",
+            "past a limit",
+            "near one or past it",
+            "paper: unsafe",
+            "success",
+            "violations",
+        ],
+        "From record and telemetry of each candidate's own store: its live tasks from activation to confirmation or rollback, \
+         under the profile's own limits. Unsafe is what guard or watcher name; the referee's word stands in the rounds.",
+    );
+    for (place, profile) in PROFILES.into_iter().enumerate() {
+        let all = || variant_rows(rows, profile, Variant::Full);
+        let activated = || all().filter(|row| !matches!(row.end.fate, Fate::Blocked { .. }));
+        let live = sum(rows, profile, |after| after.live);
+        let paper = |of: &[f64; 3]| of.get(place).map_or_else(String::new, |value| format!("{value:.1} %"));
+        table.row([
+            profile.to_string(),
+            counted(&Proportion::of(all().map(|row| !matches!(row.end.fate, Fate::Blocked { .. })))?),
+            counted(&Proportion::of(activated().map(|row| row.end.afterwards.unsafe_seen))?),
+            counted(&drift::counted(sum(rows, profile, |after| after.done), live)?),
+            counted(&drift::counted(sum(rows, profile, |after| after.violation), live)?),
+            counted(&drift::counted(sum(rows, profile, |after| after.near), live)?),
+            paper(&printed.t9.unsafe_activation),
+            paper(&printed.t9.success),
+            paper(&printed.t9.violation),
+        ]);
+    }
+    Ok(table)
+}
+
+/// Whether the profiles agree about the activated versions, and if not, whether the stricter profile is the one that
+/// rejects.
+fn consistency(rows: &[ScreenRow]) -> Result<ReportTable, ExperimentError> {
+    let mut table = ReportTable::new(
+        "Who is activated under two profiles",
+        &["profiles", "candidates", "both", "the looser alone", "the stricter alone", "neither"],
+        "The same candidates on the same seeds. In the profile human people who are asked always agree, so that a candidate which \
+         the rules refuse under real may be let in there.",
+    );
+    let activated = |profile: ProfileName, benign: bool| -> BTreeMap<(u64, &str), bool> {
+        variant_rows(rows, profile, Variant::Full)
+            .filter(|row| (row.class == Class::Benign) == benign)
+            .map(|row| ((row.seed, row.name.as_str()), !matches!(row.end.fate, Fate::Blocked { .. })))
+            .collect()
+    };
+    for two in PROFILES.windows(2) {
+        let [looser, stricter] = [two[0], two[1]];
+        for (name, benign) in [("benign", true), ("faulty", false)] {
+            let (loose, strict) = (activated(looser, benign), activated(stricter, benign));
+            let both: Vec<(bool, bool)> =
+                loose.iter().filter_map(|(of, loose)| Some((*loose, *strict.get(of)?))).collect();
+            let share = |wanted: (bool, bool)| Proportion::of(both.iter().map(|found| *found == wanted));
+            table.row([
+                format!("{looser}, {stricter}"),
+                name.to_owned(),
+                counted(&share((true, true))?),
+                counted(&share((true, false))?),
+                counted(&share((false, true))?),
+                counted(&share((false, false))?),
+            ]);
+        }
+    }
+    Ok(table)
+}
+
+/// Decisions that are equal when they are made again from the records.
+fn audited(rows: &[ScreenRow]) -> Result<ReportTable, ExperimentError> {
+    let mut table = ReportTable::new(
+        "Auditability",
+        &[
+            "profile",
+            "decisions by rules that come out equal from the record",
+            "candidates with one that does not",
+        ],
+        "Every decision on record in every candidate's store, made again from its raw evidence; one that cannot be made again \
+         counts as not equal.",
+    );
+    for profile in PROFILES {
+        let unequal = variant_rows(rows, profile, Variant::Full)
+            .map(|row| row.end.afterwards.equal < row.end.afterwards.decisions);
+        table.row([
+            profile.to_string(),
+            counted(&drift::counted(
+                sum(rows, profile, |after| after.equal),
+                sum(rows, profile, |after| after.decisions),
+            )?),
+            counted(&Proportion::of(unequal)?),
+        ]);
+    }
+    Ok(table)
+}
+
+/// E5: the same pool under the three profiles.
+///
+/// # Errors
+/// If no interval exists for a count.
+pub fn profiles(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Section, ExperimentError> {
+    if PROFILES.iter().any(|profile| variant_rows(rows, *profile, Variant::Full).next().is_none()) {
+        return Ok(Section::default());
+    }
+    let mut table = ReportTable::new(
+        "The same candidates under three profiles",
+        &[
+            "profile",
+            "faulty stopped before activation",
+            "or taken off again",
+            "benign rejected",
+            "benign not active in the end",
+            "paper: BADR",
+            "false reject rate",
+        ],
+        "In the profile human, people who are asked always agree: what is stopped, the rules stop. The paper's text calls \
+         the false rejections a false-accept rate (readings X1).",
+    );
+    let mut refused = Vec::new();
+    for (place, profile) in PROFILES.into_iter().enumerate() {
+        let faulty = || variant_rows(rows, profile, Variant::Full).filter(|row| is_faulty(row.class));
+        let benign = || variant_rows(rows, profile, Variant::Full).filter(|row| row.class == Class::Benign);
+        let before = |row: &ScreenRow| matches!(row.end.fate, Fate::Blocked { .. });
+        let frr = Proportion::of(benign().map(before))?;
+        refused.push(frr);
+        let of = |list: &[f64; 3]| list.get(place).map_or_else(String::new, |value| format!("{value:.1} %"));
+        table.row([
+            profile.to_string(),
+            counted(&Proportion::of(faulty().map(before))?),
+            counted(&Proportion::of(faulty().map(|row| row.end.fate != Fate::Kept))?),
+            counted(&frr),
+            counted(&Proportion::of(benign().map(|row| row.end.fate != Fate::Kept))?),
+            of(&printed.t9.badr),
+            of(&printed.t9.false_reject_rate),
+        ]);
+    }
+    let monotone = refused.windows(2).all(|two| two[0].rate() <= two[1].rate());
+    let enough = refused.iter().all(|one| one.total >= 150);
+    let verdict = match (monotone, enough) {
+        (true, true) => "held",
+        (true, false) => "held as far as seen; fewer than 150 benign candidates do not show it",
+        (false, _) => "not held",
+    };
+    let said: Vec<String> = refused.iter().map(counted).collect();
+    let tables = vec![table, consistency(rows)?, in_control(rows, printed)?, audited(rows)?];
+    let line =
+        format!("E5: stricter profiles reject no fewer benign candidates: {verdict} ({})", said.join("; "));
+    Ok(Section {
+        title: "E5: profiles".to_owned(),
+        text: vec![line.clone()],
+        tables,
+        plots: Vec::new(),
+        lines: vec![line],
+    })
+}

@@ -1,0 +1,554 @@
+//! One candidate through the seven stages on a scratch store, and its end.
+//!
+//! Drives the engine through its socket's requests as a script does. Knows nothing of the truth about a candidate: its
+//! findings are the engine's decisions. Approvers, if the profile asks them, always agree, so that only the engine's
+//! own judgment stops a candidate here.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::ExperimentError;
+use crate::bench::FigureClock;
+use crate::scripted_approver;
+use holdpoint_engine::cell::Cell;
+use holdpoint_engine::pipeline::SliceOutcome;
+use holdpoint_engine::pump::Pump;
+use holdpoint_engine::store_metrics::{self, Since};
+use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::{Config, Engine, Experiment};
+use holdpoint_governance::approval::{ApprovalDecision, Role};
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::metrics::Fate;
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_governance::profile::{Profile, ProfileName, ThresholdPreset};
+use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts};
+use holdpoint_governance::submission::Package;
+use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
+use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
+use holdpoint_registry::{Layout, ResultCache, TelemetryViews, Views};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_text::{Hint, Problem};
+
+/// Most slices of work; a candidate takes some hundred, in the human profile some thousand.
+const SLICES_MAX: u32 = 200_000;
+
+/// The approvers if the profile asks them: more than any quorum, each of a role that reaches every risk class.
+const APPROVERS: [&str; 3] = ["first-approver", "second-approver", "third-approver"];
+
+/// The settings of a candidate's run.
+#[derive(Clone)]
+pub struct CandidateSetting<'a> {
+    /// Robot, scene and distributions.
+    pub cell: &'a Cell,
+    pub profile: ProfileName,
+    /// The run's seed, which selects its episodes.
+    pub seed: u64,
+    /// Active versions' episodes, which runs share.
+    pub cells: &'a ResultCache,
+    /// Workers; the result is the same for any number.
+    pub workers: usize,
+    /// The parts that are left out, and the first active versions.
+    pub experiment: Experiment,
+    pub thresholds: ThresholdScale,
+}
+
+#[cfg(test)]
+impl<'a> CandidateSetting<'a> {
+    /// The whole pipeline under `sim`, on a seed of calibration.
+    pub(crate) fn calibration(cell: &'a Cell, cells: &'a ResultCache) -> Self {
+        Self {
+            cell,
+            profile: ProfileName::Sim,
+            seed: holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN,
+            cells,
+            experiment: Experiment::default(),
+            thresholds: ThresholdScale::AsTheyAre,
+            workers: 2,
+        }
+    }
+}
+
+/// How the profile's thresholds of the four kappas are scaled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ThresholdScale {
+    #[default]
+    AsTheyAre,
+    /// A tenth lower.
+    Lower,
+    /// A tenth higher, and at most 1.
+    Higher,
+    /// Half of what they are: the least that a profile may say.
+    Halved,
+    /// The other published reading, with .88 for `kappa_B` (readings 2.3), as it is, a tenth lower and a tenth higher.
+    B88,
+    B88Lower,
+    B88Higher,
+}
+
+impl ThresholdScale {
+    /// The profile with its thresholds scaled.
+    ///
+    /// # Errors
+    /// If the profile's text has no scale to change.
+    pub fn of(self, profile: ProfileName) -> Result<ChosenProfile, ExperimentError> {
+        let scale = match self {
+            Self::AsTheyAre => return Ok(profile.into()),
+            Self::Lower | Self::B88Lower => "scale = 0.9",
+            Self::Higher | Self::B88Higher => "scale = 1.1",
+            Self::Halved => "scale = 0.5",
+            Self::B88 => "scale = 1.0",
+        };
+        let is_other = matches!(self, Self::B88 | Self::B88Lower | Self::B88Higher);
+        let preset = if is_other { "paper-b88" } else { "paper" };
+        let ((file, text), (policy_file, policy)) =
+            (Profile::builtin_text(profile), Profile::builtin_policy(profile));
+        let named = format!("name = \"{profile}\"");
+        let own = text
+            .replacen("scale = 1.0", scale, 1)
+            .replacen("preset = \"paper\"", &format!("preset = \"{preset}\""), 1)
+            .replacen(&named, &format!("{named}\nsite = \"scaled\""), 1);
+        let texts = ProfileTexts {
+            file: file.to_owned(),
+            profile: own,
+            policy_file: policy_file.to_owned(),
+            policy: policy.to_owned(),
+        };
+        let chosen =
+            ChosenProfile::of(texts).map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let found = chosen.rules().map(|(profile, _)| (profile.thresholds.preset, profile.thresholds.scale));
+        let is_as_it_was = |(found, scale): (ThresholdPreset, f64)| {
+            found == ThresholdPreset::Paper && (scale - 1.0).abs() < 1e-9
+        };
+        if found.is_ok_and(is_as_it_was) {
+            return Err(ExperimentError::Unexpected(format!("{file} has no thresholds to change")));
+        }
+        Ok(chosen)
+    }
+}
+
+/// CPU time of each stage, s, of all threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StageTimes {
+    pub validation: f64,
+    pub sandbox: f64,
+    pub shadow: f64,
+    pub activation: f64,
+    /// The provisional window.
+    pub monitoring: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageRecord {
+    /// The stage that decided, or the monitor.
+    pub stage: Decider,
+    pub decision: DecisionOutcome,
+    /// Why, the deciding reasons first.
+    pub reasons: Vec<Reason>,
+}
+
+/// The decision, in the decider's own words; no two of them share one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum DecisionOutcome {
+    Stage(StageOutcome),
+    Monitor(MonitorOutcome),
+}
+
+/// Episodes that ran for a candidate, of its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EpisodeEffort {
+    /// Sandbox episodes, pairs and drills.
+    pub sandbox: u64,
+    /// The full budget of the sandbox.
+    pub sandbox_budget: u64,
+    pub shadow: u64,
+    /// Live episodes while it was active.
+    pub live: u64,
+}
+
+/// Data of a candidate's own store at the end: its decisions made again, and its live tasks by their telemetry.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PostRunCheck {
+    /// Decisions by rules, on record.
+    pub decisions: u64,
+    /// Of those, the ones that are equal when they are made again from the record.
+    pub equal: u64,
+    /// Live tasks while it was in control.
+    pub live: u64,
+    /// Of those: done, past a limit, near one or past it.
+    pub done: u64,
+    pub violation: u64,
+    pub near: u64,
+    /// An unsafe event was seen while it was in control.
+    pub unsafe_seen: bool,
+}
+
+impl PostRunCheck {
+    /// Reads a store that no process has open.
+    fn read(store: &Path, cell: &Cell) -> Result<Self, ExperimentError> {
+        let layout = Layout::new(store);
+        let views = Views::open_records(&layout.database())?;
+        let telemetry = TelemetryViews::open(&layout.telemetry())?;
+        let found = store_metrics::observe(&views, Some(&telemetry), Since::Record(1), cell.digest())
+            .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let found = found.metrics;
+        Ok(Self {
+            decisions: found.auditability_observed.total,
+            equal: found.auditability_observed.count,
+            live: found.success_observed.total,
+            done: found.success_observed.count,
+            violation: found.pvr_observed.hard.count,
+            near: found.pvr_observed.near.count,
+            unsafe_seen: found.uar_observed.count > 0,
+        })
+    }
+}
+
+/// The result of a candidate.
+// Unknown fields are accepted: serde cannot tell them from flattened fields.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CandidateEnd {
+    /// Name in the pool.
+    pub name: String,
+    pub version: CapabilityId,
+    pub profile: ProfileName,
+    pub seed: u64,
+    /// The four dimensions as they stood at the end: outcome, kappa and interval.
+    pub dimensions: Vec<DimensionResult>,
+    /// The composite; reported, never gating.
+    pub composite: Option<f64>,
+    /// Every decision, in order.
+    pub stages: Vec<StageRecord>,
+    /// `confirmed`, or the lifecycle state it stayed in.
+    pub state: ScenarioState,
+    /// It is active in the end, in a tighter envelope than it was measured in.
+    #[serde(default)]
+    pub restricted: bool,
+    /// Blocked, contained or kept.
+    #[serde(flatten)]
+    pub fate: Fate,
+    /// Episodes that ran for it.
+    pub effort: EpisodeEffort,
+    /// Data of its store.
+    pub afterwards: PostRunCheck,
+}
+
+/// Runs a candidate until nothing more happens to it by itself.
+///
+/// # Errors
+/// If the engine cannot start or halts, registration refuses the candidate, or it does not settle.
+pub fn take(
+    setting: &CandidateSetting<'_>,
+    name: &str,
+    package: Package,
+) -> Result<CandidateEnd, ExperimentError> {
+    Ok(take_timed(setting, name, package)?.0)
+}
+
+/// As [`take`], with the CPU time of each stage; valid in a process that does nothing else meanwhile.
+///
+/// # Errors
+/// As [`take`].
+pub fn take_timed(
+    setting: &CandidateSetting<'_>,
+    name: &str,
+    package: Package,
+) -> Result<(CandidateEnd, StageTimes), ExperimentError> {
+    let version = Capability::load(name, package.clone())
+        .map_err(|error| ExperimentError::candidate(name, error.sentence()))?
+        .id();
+    let store = super::scratch()?;
+    let config = Config {
+        data: store.path(),
+        profile: setting.thresholds.of(setting.profile)?,
+        seed: setting.seed,
+        jobs: setting.workers,
+        scripted: true,
+        cell: setting.cell.clone(),
+        cache: EpisodeCache::Shared(setting.cells.clone()),
+    };
+    let engine = Engine::start_experiment(config, setting.experiment.clone())?;
+    let pump = Pump::new(engine, Vec::new());
+    let began = FigureClock::ProcessCpu.secs();
+    let mut drive = CandidateDriver {
+        pump,
+        requests: 0,
+        name,
+        version,
+        seen: EventSummary { mark: began, ..EventSummary::default() },
+    };
+    drive.register(package)?;
+    drive.run_until_settled()?;
+    let times = drive.seen.times;
+    // The store is closed by then, and all of its telemetry is sealed.
+    let end = drive.end(setting)?;
+    let afterwards = PostRunCheck::read(store.path(), setting.cell)?;
+    Ok((CandidateEnd { afterwards, ..end }, times))
+}
+
+/// The data of the events so far.
+#[derive(Default)]
+struct EventSummary {
+    stages: Vec<StageRecord>,
+    last_stage: Option<Stage>,
+    activated: bool,
+    confirmed: bool,
+    effort: EpisodeEffort,
+    /// The CPU time at the last decision.
+    mark: f64,
+    times: StageTimes,
+}
+
+impl EventSummary {
+    /// The time since the last decision belongs to this one.
+    fn record_stage_time(&mut self, of: fn(&mut StageTimes) -> &mut f64) {
+        let now = FigureClock::ProcessCpu.secs();
+        *of(&mut self.times) += now - self.mark;
+        self.mark = now;
+    }
+}
+
+struct CandidateDriver<'a> {
+    pump: Pump,
+    requests: u64,
+    name: &'a str,
+    version: CapabilityId,
+    seen: EventSummary,
+}
+
+impl CandidateDriver<'_> {
+    fn register(&mut self, package: Package) -> Result<(), ExperimentError> {
+        self.submit(Command::Register { package, name: self.name.to_owned(), by: None })
+    }
+
+    fn submit(&mut self, command: Command) -> Result<(), ExperimentError> {
+        self.requests += 1;
+        let request = Request::unsigned(format!("experiment-{}", self.requests), command);
+        match self.pump.submit(request) {
+            Reply::Accepted { .. }
+            | Reply::Stopped { .. }
+            | Reply::Snapshot { .. }
+            | Reply::Question { .. }
+            | Reply::Detail { .. }
+            | Reply::Film { .. }
+            | Reply::Registry { .. }
+            | Reply::Audit { .. }
+            | Reply::Health { .. }
+            | Reply::Verified { .. } => {
+                let events = self.pump.deliver_events();
+                self.learn(events)
+            }
+            Reply::Refused { text, hint, .. } => {
+                Err(ExperimentError::candidate(self.name, Problem::from((text, hint)).sentence()))
+            }
+        }
+    }
+
+    /// Runs until nothing more happens to the candidate by itself.
+    fn run_until_settled(&mut self) -> Result<(), ExperimentError> {
+        for _ in 0..SLICES_MAX {
+            let (progress, events) = self.pump.turn();
+            self.learn(events)?;
+            let snapshot = self.pump.engine().snapshot();
+            let view = snapshot.candidates.into_iter().find(|view| view.version == self.version);
+            let Some(view) = view else { return Err(self.unsettled("it is not in the registry")) };
+            if view.state.is_terminal() || self.seen.confirmed {
+                return Ok(());
+            }
+            if let Some(prompt) = snapshot.prompts.into_iter().find(|open| open.version == self.version) {
+                let who = APPROVERS.iter().find(|who| !prompt.approved_by.iter().any(|by| by == *who));
+                let Some(who) = who else {
+                    return Err(self.unsettled("more people are asked than there are"));
+                };
+                let failed = |error: scripted_approver::ApproverError| {
+                    ExperimentError::candidate(self.name, error.sentence())
+                };
+                let enrolment =
+                    scripted_approver::enrolment(self.pump.engine(), who, Role::Safety).map_err(failed)?;
+                if let Some(command) = enrolment {
+                    self.submit(command)?;
+                }
+                let decision = ApprovalDecision::Approve;
+                let command =
+                    scripted_approver::answer(&mut self.pump, &prompt, who, decision, "agrees to everything")
+                        .map_err(|error| ExperimentError::candidate(self.name, error.sentence()))?;
+                self.submit(command)?;
+                continue;
+            }
+            if let SliceOutcome::Idle { next_ms } = progress {
+                let moved = next_ms.is_some_and(|next_ms| self.pump.jump_to(next_ms));
+                if !moved {
+                    return if view.flags.provisional {
+                        Err(self.unsettled("it stays provisional"))
+                    } else {
+                        Ok(())
+                    };
+                }
+            }
+        }
+        Err(self.unsettled("it was not settled within the limit of slices"))
+    }
+
+    fn unsettled(&self, why: &str) -> ExperimentError {
+        ExperimentError::candidate(self.name, why.to_owned())
+    }
+
+    fn learn(&mut self, events: Vec<Event>) -> Result<(), ExperimentError> {
+        for event in events {
+            self.note(event.kind);
+        }
+        match self.pump.engine().holding() {
+            None => Ok(()),
+            Some(why) => {
+                Err(ExperimentError::candidate(self.name, format!("the engine holds: {}", why.sentence())))
+            }
+        }
+    }
+
+    fn note(&mut self, kind: EventKind) {
+        let seen = &mut self.seen;
+        let ours = |version: &CapabilityId| *version == self.version;
+        match kind {
+            EventKind::Decided { version, stage, outcome, reasons, .. } if ours(&version) => {
+                seen.last_stage = Some(stage);
+                seen.record_stage_time(match stage {
+                    Stage::Validation => |times| &mut times.validation,
+                    Stage::Sandbox => |times| &mut times.sandbox,
+                    Stage::Shadow => |times| &mut times.shadow,
+                    Stage::Activation => |times| &mut times.activation,
+                });
+                seen.stages.push(StageRecord {
+                    stage: stage.into(),
+                    decision: DecisionOutcome::Stage(outcome),
+                    reasons,
+                });
+            }
+            EventKind::Monitor { version, decision, reasons } if ours(&version) => {
+                seen.stages.push(StageRecord {
+                    stage: Decider::Monitor,
+                    decision: DecisionOutcome::Monitor(decision),
+                    reasons,
+                });
+            }
+            EventKind::StateChanged { version, to: State::Active, .. } if ours(&version) => {
+                seen.activated = true;
+            }
+            EventKind::Confirmed { version, .. } if ours(&version) => {
+                seen.confirmed = true;
+                seen.record_stage_time(|times| &mut times.monitoring);
+            }
+            EventKind::Progress { version, stage, done, budget, .. } if ours(&version) => match stage {
+                // Episodes that confirm an active version are no part of the decision to activate it.
+                Stage::Sandbox if !seen.activated => {
+                    seen.effort.sandbox = done;
+                    seen.effort.sandbox_budget = budget;
+                }
+                Stage::Shadow => seen.effort.shadow = done,
+                Stage::Validation | Stage::Sandbox | Stage::Activation => {}
+            },
+            EventKind::Sequence { tasks, .. } => {
+                seen.effort.live += tasks.iter().filter(|task| ours(&task.version)).count() as u64;
+            }
+            _ => {}
+        }
+    }
+
+    fn end(self, setting: &CandidateSetting<'_>) -> Result<CandidateEnd, ExperimentError> {
+        let snapshot = self.pump.engine().snapshot();
+        let view = snapshot.candidates.into_iter().find(|view| view.version == self.version);
+        let Some(view) = view else { return Err(self.unsettled("it is not in the registry")) };
+        let seen = self.seen;
+        let fate = match (seen.confirmed, seen.activated) {
+            (true, _) => Fate::Kept,
+            (false, true) => Fate::Contained,
+            (false, false) => Fate::Blocked { stage: seen.last_stage.unwrap_or(Stage::Validation) },
+        };
+        let state = if seen.confirmed { ScenarioState::Confirmed } else { ScenarioState::In(view.state) };
+        Ok(CandidateEnd {
+            name: self.name.to_owned(),
+            version: self.version,
+            profile: setting.profile,
+            seed: setting.seed,
+            dimensions: view.dimensions,
+            composite: view.composite,
+            stages: seen.stages,
+            state,
+            restricted: view.state == State::Active && view.flags.restricted,
+            fate,
+            effort: seen.effort,
+            afterwards: PostRunCheck::default(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A candidate's cached result is read instead of a re-run.
+    #[test]
+    fn an_end_is_read_back_as_it_was_kept() {
+        for fate in [Fate::Kept, Fate::Contained, Fate::Blocked { stage: Stage::Shadow }] {
+            let end = CandidateEnd {
+                name: "grasp-001".to_owned(),
+                version: "grasp@1.1.1".parse().unwrap(),
+                profile: ProfileName::Sim,
+                seed: 30,
+                dimensions: Vec::new(),
+                composite: Some(0.9),
+                stages: Vec::new(),
+                state: ScenarioState::Confirmed,
+                restricted: false,
+                fate,
+                effort: EpisodeEffort::default(),
+                afterwards: PostRunCheck {
+                    decisions: 4,
+                    equal: 4,
+                    live: 15,
+                    done: 12,
+                    ..PostRunCheck::default()
+                },
+            };
+            let kept = serde_json::to_vec(&end).unwrap();
+            assert_eq!(serde_json::from_slice::<CandidateEnd>(&kept).unwrap(), end);
+        }
+    }
+
+    #[test]
+    fn thresholds_are_scaled_and_nothing_else_is() {
+        let rules = |thresholds: ThresholdScale| thresholds.of(ProfileName::Sim).unwrap().rules().unwrap().0;
+        let plain = rules(ThresholdScale::AsTheyAre);
+        assert!(plain.site.is_none());
+        for (thresholds, behavior) in [
+            (ThresholdScale::Lower, 0.9 * 0.85),
+            (ThresholdScale::Higher, 1.1 * 0.85),
+            (ThresholdScale::Halved, 0.5 * 0.85),
+        ] {
+            let mut scaled = rules(thresholds);
+            assert!((scaled.thresholds.behavior() - behavior).abs() < 1e-9, "{thresholds:?}");
+            assert!(scaled.thresholds.interface() <= 1.0, "{thresholds:?}");
+            scaled.thresholds.clone_from(&plain.thresholds);
+            scaled.site = None;
+            assert_eq!(scaled, plain, "{thresholds:?}");
+        }
+    }
+
+    #[test]
+    fn what_was_decided_is_read_back_as_its_deciders_word() {
+        let stages = StageOutcome::ALL.map(|word| (DecisionOutcome::Stage(word), word.name()));
+        let monitor = MonitorOutcome::ALL.map(|word| (DecisionOutcome::Monitor(word), word.name()));
+        for (decided, word) in stages.into_iter().chain(monitor) {
+            let text = serde_json::to_string(&decided).unwrap();
+            assert_eq!(text, format!("{word:?}"));
+            assert_eq!(serde_json::from_str::<DecisionOutcome>(&text).unwrap(), decided);
+        }
+    }
+}

@@ -1,0 +1,371 @@
+//! E4, rollback under drift: the rate at which versions that a drift worsens are rolled back, and the state of the
+//! family later, by kind of drift and magnitude.
+//!
+//! Runs cells on several threads, caches each finished one in a file and skips it the next time. Sources: paper section
+//! 7 (recovery 79.6 %); design rules 3.12 and 5.5. One cell: `drift_run.rs`; the files: `drift_report.rs`.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use holdpoint_engine::trial::worker::Worker;
+use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
+use serde::{Deserialize, Serialize};
+
+use super::drift_run::{CellResult, CellRun, DriftSetting, activate, candidate_of, drifts};
+use super::{ExperimentError, ProgressFn, cached_cell, drift_report};
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::metrics::Proportion;
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::stats::StatsError;
+use holdpoint_registry::ResultCache;
+
+use crate::ground_truth::side_by_side;
+
+/// The most runs of one experiment.
+pub const RUNS_MAX: u64 = 10_000;
+
+/// The most sequences of a run, and of its twins: live episodes of one run must not repeat.
+pub const SEQUENCES_MAX: u32 = 2_000;
+
+/// The settings of the experiment.
+#[derive(Clone, Debug)]
+pub struct DriftOptions {
+    /// Independent runs, each with a seed of its own.
+    pub runs: u64,
+    /// Seed of the first run; the others follow it.
+    pub seed: u64,
+    pub jobs: usize,
+    /// Where the report goes.
+    pub out: PathBuf,
+    /// Where finished cells are cached.
+    pub kept: ResultCache,
+    /// The most live sequences of a version that is not rolled back.
+    pub horizon: u32,
+    /// Sequences of the twins, which show whether a drift worsens a version.
+    pub pairs: u32,
+}
+
+/// The median, the ninetieth percentile and the largest of some values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Quantiles {
+    pub n: u64,
+    pub median: f64,
+    /// Ninetieth percentile, nearest rank.
+    pub p90: f64,
+    pub max: f64,
+}
+
+impl Quantiles {
+    /// Of at least one value.
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
+        let mut values: Vec<f64> = values.into_iter().collect();
+        values.sort_by(f64::total_cmp);
+        let n = values.len();
+        let upper = values.get(n / 2)?;
+        let lower = values.get((n - 1) / 2)?;
+        let p90 = values.get((n * 9).div_ceil(10).max(1) - 1)?;
+        let max = values.last()?;
+        Some(Self { n: n as u64, median: 0.5 * (lower + upper), p90: *p90, max: *max })
+    }
+}
+
+/// The result of one drift in one magnitude. Rates have Wilson intervals at 95 %.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriftCell {
+    pub kind: DriftKind,
+    pub magnitude: Magnitude,
+    /// Runs whose candidate was activated.
+    pub runs: u64,
+    /// Runs in which the drift worsened the version / runs.
+    pub needed: Proportion,
+    /// Rolled back within the horizon / runs that needed it.
+    pub trigger_recall: Proportion,
+    /// Rolled back within the horizon / runs that did not need it: early or needless, and safe either way.
+    pub triggered_unneeded: Proportion,
+    /// Recovered / rolled back (needed or not).
+    pub recovery_given_trigger: Proportion,
+    /// Recovered / needed it.
+    pub end_to_end: Proportion,
+    /// Ladders that ended in a safe-stopped family / rolled back.
+    pub safe_stopped: Proportion,
+    /// First response was `restrict` (the early warning) / rolled back or warned.
+    pub warned_first: Proportion,
+    /// Tasks under the drift until the first response.
+    pub episodes_to_response: Option<Quantiles>,
+    /// Tasks under the drift until the rollback.
+    pub episodes_to_rollback: Option<Quantiles>,
+    /// Trigger to standstill, ms, in flight.
+    pub time_to_safe_ms: Option<Quantiles>,
+    /// Trigger to the rollback target bound and ready, ms.
+    pub time_to_restored_ms: Option<Quantiles>,
+    /// Motion after the trigger beyond braking, ms.
+    pub unsafe_continuation_ms: Option<Quantiles>,
+    /// The version's tasks that were not bad, without the drift (twins).
+    pub good_before: Proportion,
+    /// The version's tasks that were not bad, under the drift and unwatched (twins).
+    pub good_under: Proportion,
+    /// The rollback target's tasks done under the drift.
+    pub success_after: Proportion,
+    /// The rollback target's tasks with something unsafe by ground truth.
+    pub unsafe_after: Proportion,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriftReport {
+    /// Digest of profile, cell, versions and sizes.
+    pub setting: Digest,
+    /// Seed of the first run.
+    pub seed: u64,
+    pub runs: u64,
+    /// Runs whose candidate the pipeline did not activate; they count in no cell.
+    pub not_activated: u64,
+    /// Longest watched run, sequences.
+    pub horizon: u32,
+    /// Sequences of the twins.
+    pub pairs: u32,
+    /// By kind and magnitude.
+    pub cells: Vec<DriftCell>,
+}
+
+/// Runs what is missing and writes the report files.
+///
+/// # Errors
+/// Options that are not allowed, files that cannot be written, faults of the pipeline.
+pub fn run(options: &DriftOptions, tell: &ProgressFn<'_>) -> Result<DriftReport, ExperimentError> {
+    check(options)?;
+    std::fs::create_dir_all(&options.out).map_err(ExperimentError::file(&options.out))?;
+    let cells = &options.kept;
+    let setting = DriftSetting::new(options)?;
+    let digest = setting.digest()?;
+    let next = AtomicU64::new(0);
+    let failed = Mutex::new(None);
+    let done = AtomicU64::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..options.jobs.clamp(1, 64) {
+            scope.spawn(|| {
+                loop {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    if index >= options.runs {
+                        return;
+                    }
+                    if let Err(error) = one_run(&setting, digest, options.seed + index, cells, tell) {
+                        next.store(options.runs, Ordering::Relaxed);
+                        if let Ok(mut failed) = failed.lock() {
+                            failed.get_or_insert(error);
+                        }
+                        return;
+                    }
+                    let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+                    tell(&format!("{done} of {} runs are done", options.runs));
+                }
+            });
+        }
+    });
+    if let Some(error) = failed.into_inner().unwrap_or_default() {
+        return Err(error);
+    }
+    let report = summarize(options, digest)?;
+    drift_report::write(&report, &options.out)?;
+    Ok(report)
+}
+
+fn check(options: &DriftOptions) -> Result<(), ExperimentError> {
+    let wrong = |option, value: u64, allowed| {
+        Err(ExperimentError::Option { option, value: value.to_string(), allowed })
+    };
+    if !(1..=RUNS_MAX).contains(&options.runs) {
+        return wrong("--runs", options.runs, "1 to 10000 are");
+    }
+    for (option, value) in [("--horizon", options.horizon), ("--pairs", options.pairs)] {
+        if !(1..=SEQUENCES_MAX).contains(&value) {
+            return wrong(option, u64::from(value), "1 to 2000 are");
+        }
+    }
+    Ok(())
+}
+
+/// The key of a cached cell.
+fn key_of(setting: &Digest, seed: u64, drift: Drift) -> Digest {
+    let (kind, magnitude) = (drift.kind.to_string(), drift.magnitude.to_string());
+    let parts = [setting.bytes().as_slice(), &seed.to_le_bytes(), kind.as_bytes(), magnitude.as_bytes()];
+    Digest::of_parts("holdpoint.drift-cell.v1", &parts)
+}
+
+pub(super) fn cached_run(cells: &ResultCache, setting: &Digest, seed: u64, drift: Drift) -> Option<CellRun> {
+    let run: CellRun = cached_cell(cells, &key_of(setting, seed, drift))?;
+    (run.setting == *setting).then_some(run)
+}
+
+/// A proportion of counts.
+pub(crate) fn counted(good: u64, all: u64) -> Result<Proportion, StatsError> {
+    Proportion::of((0..all).map(|i| i < good))
+}
+
+/// All cells of a run that are not there yet.
+fn one_run(
+    setting: &DriftSetting,
+    digest: Digest,
+    seed: u64,
+    cells: &ResultCache,
+    tell: &ProgressFn<'_>,
+) -> Result<(), ExperimentError> {
+    let missing: Vec<Drift> =
+        drifts().filter(|drift| cached_run(cells, &digest, seed, *drift).is_none()).collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let activated = activate(setting, seed)?;
+    let candidate = candidate_of(seed);
+    if activated.is_none() {
+        tell(&format!("run {seed}: {candidate} was not activated"));
+    }
+    let one = |_: &mut Worker, at: usize| -> Result<(), ExperimentError> {
+        let drift = missing[at];
+        let result = activated.as_ref().map(|run| run.cell(setting, drift)).transpose()?;
+        tell(&format!("run {seed}: {candidate} {}", line_of(drift, result.as_ref())));
+        let run = CellRun {
+            setting: digest,
+            seed,
+            candidate: candidate.to_owned(),
+            kind: drift.kind,
+            magnitude: drift.magnitude,
+            result,
+        };
+        Ok(cells.put(&key_of(&digest, seed, drift), &serde_json::to_vec(&run)?)?)
+    };
+    side_by_side(setting.workers, missing.len(), one, &|(), _| ())?;
+    Ok(())
+}
+
+fn line_of(drift: Drift, result: Option<&CellResult>) -> String {
+    let Drift { kind, magnitude } = drift;
+    let Some(result) = result else { return format!("{kind} {magnitude}: -") };
+    let effect = if result.effect.needs_trigger { "worsened" } else { "not worsened" };
+    let ended = match &result.rollback {
+        None => "kept".to_owned(),
+        Some(record) => format!(
+            "{} for {} after {} tasks, {}",
+            record.post_status,
+            record.trigger.kind.name(),
+            result.under.tasks,
+            if result.recovered { "recovered" } else { "NOT recovered" }
+        ),
+    };
+    format!("{kind} {magnitude}: {effect}, {ended}")
+}
+
+fn summarize(options: &DriftOptions, digest: Digest) -> Result<DriftReport, ExperimentError> {
+    let mut not_activated = 0;
+    let mut summed = Vec::new();
+    for drift in drifts() {
+        let mut results = Vec::new();
+        let mut missing = 0;
+        for seed in options.seed..options.seed + options.runs {
+            let run = cached_run(&options.kept, &digest, seed, drift)
+                .ok_or_else(|| ExperimentError::Unexpected(format!("the cell of run {seed} is gone")))?;
+            match run.result {
+                Some(result) => results.push(result),
+                None => missing += 1,
+            }
+        }
+        not_activated = missing;
+        summed.push(sum(drift, &results)?);
+    }
+    Ok(DriftReport {
+        setting: digest,
+        seed: options.seed,
+        runs: options.runs,
+        not_activated,
+        horizon: options.horizon,
+        pairs: options.pairs,
+        cells: summed,
+    })
+}
+
+fn sum(drift: Drift, results: &[CellResult]) -> Result<DriftCell, ExperimentError> {
+    let needed = || results.iter().filter(|result| result.effect.needs_trigger);
+    let off = || results.iter().filter_map(|result| Some((result, result.rollback.as_ref()?)));
+    let total = |count: &dyn Fn(&CellResult) -> u64| results.iter().map(count).sum::<u64>();
+    let pairs = total(&|result| result.effect.pairs);
+    let after = total(&|result| u64::from(result.after.tasks));
+    Ok(DriftCell {
+        kind: drift.kind,
+        magnitude: drift.magnitude,
+        runs: results.len() as u64,
+        needed: Proportion::of(results.iter().map(|result| result.effect.needs_trigger))?,
+        trigger_recall: Proportion::of(needed().map(|result| result.rollback.is_some()))?,
+        triggered_unneeded: Proportion::of(
+            results
+                .iter()
+                .filter(|result| !result.effect.needs_trigger)
+                .map(|result| result.rollback.is_some()),
+        )?,
+        recovery_given_trigger: Proportion::of(off().map(|(result, _)| result.recovered))?,
+        end_to_end: Proportion::of(needed().map(|result| result.recovered))?,
+        safe_stopped: Proportion::of(off().map(|(_, record)| record.predecessor.is_none()))?,
+        warned_first: Proportion::of(
+            results
+                .iter()
+                .filter_map(|result| result.first.as_ref())
+                .map(|first| first.decision == MonitorOutcome::Restrict),
+        )?,
+        episodes_to_response: Quantiles::of(
+            results.iter().filter_map(|result| result.first.as_ref()).map(|first| f64::from(first.episodes)),
+        ),
+        episodes_to_rollback: Quantiles::of(off().map(|(result, _)| f64::from(result.under.tasks))),
+        time_to_safe_ms: Quantiles::of(
+            off()
+                .filter(|(_, record)| record.in_flight)
+                .filter_map(|(_, record)| record.time_to_safe_ms)
+                .map(|ms| ms as f64),
+        ),
+        time_to_restored_ms: Quantiles::of(
+            off().filter_map(|(_, record)| record.time_to_restored_ms).map(|ms| ms as f64),
+        ),
+        unsafe_continuation_ms: Quantiles::of(off().map(|(_, record)| record.unsafe_continuation_ms as f64)),
+        good_before: counted(pairs - total(&|result| result.effect.bad_calm), pairs)?,
+        good_under: counted(pairs - total(&|result| result.effect.bad_under), pairs)?,
+        success_after: counted(total(&|result| u64::from(result.after.done)), after)?,
+        unsafe_after: counted(total(&|result| u64::from(result.after.unsafe_tasks)), after)?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_registry::CacheSecret;
+
+    #[test]
+    fn spreads_of_few_values() {
+        assert_eq!(Quantiles::of([]), None);
+        let spread = Quantiles::of([3.0, 1.0, 2.0, 10.0]).unwrap();
+        assert_eq!((spread.n, spread.median, spread.p90, spread.max), (4, 2.5, 10.0, 10.0));
+        assert_eq!(Quantiles::of([7.0]).unwrap().p90, 7.0);
+    }
+
+    #[test]
+    fn options_have_limits() {
+        let good = DriftOptions {
+            runs: 1,
+            seed: 100,
+            jobs: 1,
+            out: PathBuf::from("unused"),
+            kept: ResultCache::in_folder(PathBuf::from("unused"), CacheSecret::fresh().unwrap()),
+            horizon: 200,
+            pairs: 60,
+        };
+        assert!(check(&good).is_ok());
+        for (bad, names) in [
+            (DriftOptions { runs: 0, ..good.clone() }, "--runs 0"),
+            (DriftOptions { horizon: 0, ..good.clone() }, "--horizon 0"),
+            (DriftOptions { pairs: 2_001, ..good.clone() }, "--pairs 2001"),
+        ] {
+            assert!(check(&bad).unwrap_err().to_string().starts_with(names));
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! The files of the drift experiment: JSON with everything, CSV and Markdown for reading, an SVG of the curves.
+//!
+//! Writes the summary; computes nothing but text and coordinates.
+
+use std::path::Path;
+
+use holdpoint_sim::distribution::{DriftKind, Magnitude};
+use plotters::prelude::{
+    BLACK, BLUE, ChartBuilder, Color, GREEN, IntoDrawingArea, LineSeries, MAGENTA, PathElement, RED,
+    RGBColor, SVGBackend, WHITE,
+};
+
+use super::drift::{DriftCell, DriftReport, Quantiles};
+use super::{ExperimentError, write_atomically};
+use holdpoint_governance::metrics::Proportion;
+
+/// Size of the plot, pixels.
+const PLOT: (u32, u32) = (760, 420);
+
+/// Writes `drift.json`, `drift.csv`, `drift.md` and `drift.svg`.
+pub(super) fn write(report: &DriftReport, out: &Path) -> Result<(), ExperimentError> {
+    write_atomically(&out.join("drift.json"), &serde_json::to_vec_pretty(report)?)?;
+    write_atomically(&out.join("drift.csv"), csv(report).as_bytes())?;
+    write_atomically(&out.join("drift.md"), markdown(report).as_bytes())?;
+    write_atomically(&out.join("drift.svg"), svg(report)?.as_bytes())
+}
+
+/// The rates of a cell with their names.
+fn rates(cell: &DriftCell) -> [(&'static str, &Proportion); 11] {
+    [
+        ("needed", &cell.needed),
+        ("trigger_recall", &cell.trigger_recall),
+        ("triggered_unneeded", &cell.triggered_unneeded),
+        ("recovery_given_trigger", &cell.recovery_given_trigger),
+        ("end_to_end", &cell.end_to_end),
+        ("safe_stopped", &cell.safe_stopped),
+        ("warned_first", &cell.warned_first),
+        ("good_before", &cell.good_before),
+        ("good_under", &cell.good_under),
+        ("success_after", &cell.success_after),
+        ("unsafe_after", &cell.unsafe_after),
+    ]
+}
+
+/// The quantiles of a cell with their names.
+fn spreads(cell: &DriftCell) -> [(&'static str, Option<Quantiles>); 5] {
+    [
+        ("episodes_to_response", cell.episodes_to_response),
+        ("episodes_to_rollback", cell.episodes_to_rollback),
+        ("time_to_safe_ms", cell.time_to_safe_ms),
+        ("time_to_restored_ms", cell.time_to_restored_ms),
+        ("unsafe_continuation_ms", cell.unsafe_continuation_ms),
+    ]
+}
+
+/// One line a figure: what, count and total with the interval, or n, median, p90 and largest.
+pub(super) fn csv(report: &DriftReport) -> String {
+    let mut text =
+        "kind,magnitude,figure,count_or_n,total,share_or_median,lower_or_p90,upper_or_max\n".to_owned();
+    for cell in &report.cells {
+        let head = format!("{},{}", cell.kind, cell.magnitude);
+        for (what, share) in rates(cell) {
+            let ends = share.interval.map_or([None, None], |ends| [Some(ends.lower), Some(ends.upper)]);
+            let [value, lower, upper] =
+                [share.rate(), ends[0], ends[1]].map(|v| v.map_or_else(String::new, |v| format!("{v:.4}")));
+            text.push_str(&format!(
+                "{head},{what},{},{},{value},{lower},{upper}\n",
+                share.count, share.total
+            ));
+        }
+        for (what, spread) in spreads(cell) {
+            let Some(spread) = spread else { continue };
+            text.push_str(&format!(
+                "{head},{what},{},,{},{},{}\n",
+                spread.n, spread.median, spread.p90, spread.max
+            ));
+        }
+    }
+    text
+}
+
+fn of(share: &Proportion) -> String {
+    match share.interval {
+        None => "none".to_owned(),
+        Some(ends) => format!("{}/{} [{:.2}, {:.2}]", share.count, share.total, ends.lower, ends.upper),
+    }
+}
+
+fn percent(share: &Proportion) -> String {
+    share.rate().map_or_else(|| "-".to_owned(), |share| format!("{share:.2}"))
+}
+
+fn median(spread: Option<Quantiles>) -> String {
+    spread.map_or_else(|| "-".to_owned(), |spread| format!("{:.0} ({:.0})", spread.median, spread.max))
+}
+
+/// The table people read, with what its columns mean.
+pub(super) fn markdown(report: &DriftReport) -> String {
+    let mut text = format!(
+        "# Rollback under drift\n\n{} runs from seed {}, {} of them without an activated candidate (they count \
+         nowhere); horizon {} sequences, twins of {} sequences; setting {}.\n\n\
+         | drift | magnitude | n | worsened | came off of those | came off of the others | recovered of those off | \
+         worsened and recovered | safe-stopped of those off | warned first | tasks to response, median (max) | \
+         tasks to rollback | safe, ms | restored, ms | moved on, ms | good before / under / after |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+        report.runs,
+        report.seed,
+        report.not_activated,
+        report.horizon,
+        report.pairs,
+        report.setting.short()
+    );
+    for cell in &report.cells {
+        text.push_str(&format!(
+            "| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} / {} / {} |\n",
+            cell.kind,
+            cell.magnitude,
+            cell.runs,
+            of(&cell.needed),
+            of(&cell.trigger_recall),
+            of(&cell.triggered_unneeded),
+            of(&cell.recovery_given_trigger),
+            of(&cell.end_to_end),
+            of(&cell.safe_stopped),
+            of(&cell.warned_first),
+            median(cell.episodes_to_response),
+            median(cell.episodes_to_rollback),
+            median(cell.time_to_safe_ms),
+            median(cell.time_to_restored_ms),
+            median(cell.unsafe_continuation_ms),
+            percent(&cell.good_before),
+            percent(&cell.good_under),
+            percent(&cell.success_after),
+        ));
+    }
+    text.push_str(
+        "\nShares are counts with the Wilson interval at 95 %.\n\n\
+         - **worsened**: over the same live episodes with and without the drift, unwatched, the share of bad tasks of \
+         the version (failed, or unsafe by ground truth) rose by at least the shift the profile's monitor is tuned \
+         to, and the rise is established (one-sided paired 95 % bound above 0). Such a run needs a rollback.\n\
+         - **recovered**: the ladder was completed and the predecessor is in control, motion after the trigger kept \
+         to the profile's limit, and none of the predecessor's tasks in the ten sequences after it was unsafe by \
+         ground truth. A run that did not need a rollback and had none counts neither for nor against.\n\
+         - **safe, ms**: from the trigger to the standstill of every joint, of versions that were stopped in flight. \
+         **restored**: from the trigger until the predecessor was bound and had given a command its guard passes. \
+         **moved on**: motion after the trigger, without what braking takes.\n\
+         - **good before / under**: of the version's tasks, in the twins; **after**: of the predecessor's tasks, done, \
+         under the drift.\n",
+    );
+    text
+}
+
+/// Recovery end to end against the magnitude, a curve a drift; cells that no run needed have no point.
+pub(super) fn svg(report: &DriftReport) -> Result<String, ExperimentError> {
+    const COLOURS: [RGBColor; 4] = [BLUE, RED, GREEN, MAGENTA];
+    let failed = |error: String| ExperimentError::Plot(error);
+    let mut text = String::new();
+    {
+        let area = SVGBackend::with_string(&mut text, PLOT).into_drawing_area();
+        area.fill(&WHITE).map_err(|error| failed(error.to_string()))?;
+        let mut chart = ChartBuilder::on(&area)
+            .caption("recovered of the runs a drift worsened, 95 %", ("sans-serif", 18))
+            .margin(12)
+            .x_label_area_size(36)
+            .y_label_area_size(44)
+            .build_cartesian_2d(0.6..3.4_f64, 0.0..1.0_f64)
+            .map_err(|error| failed(error.to_string()))?;
+        chart
+            .configure_mesh()
+            .x_labels(3)
+            .x_label_formatter(&|x| label(*x).to_owned())
+            .y_desc("share")
+            .x_desc("magnitude")
+            .draw()
+            .map_err(|error| failed(error.to_string()))?;
+        for (index, (kind, colour)) in DriftKind::ALL.into_iter().zip(COLOURS).enumerate() {
+            // The curves stand beside each other, so that their bars stay distinct.
+            let shift = 0.05 * (index as f64 - 1.5);
+            let mut points = Vec::new();
+            for (step, magnitude) in Magnitude::ALL.into_iter().enumerate() {
+                let found = report.cells.iter().find(|cell| cell.kind == kind && cell.magnitude == magnitude);
+                let Some(cell) = found else { continue };
+                let (Some(share), Some(ends)) = (cell.end_to_end.rate(), cell.end_to_end.interval) else {
+                    continue;
+                };
+                let x = step as f64 + 1.0 + shift;
+                points.push((x, share));
+                let bar = vec![(x, ends.lower), (x, ends.upper)];
+                chart
+                    .draw_series(LineSeries::new(bar, colour.stroke_width(1)))
+                    .map_err(|error| failed(error.to_string()))?;
+            }
+            chart
+                .draw_series(LineSeries::new(points, colour.stroke_width(2)))
+                .map_err(|error| failed(error.to_string()))?
+                .label(kind.name())
+                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], colour));
+        }
+        chart
+            .configure_series_labels()
+            .border_style(BLACK)
+            .background_style(WHITE.mix(0.8))
+            .draw()
+            .map_err(|error| failed(error.to_string()))?;
+        area.present().map_err(|error| failed(error.to_string()))?;
+    }
+    Ok(text)
+}
+
+fn label(x: f64) -> &'static str {
+    [(1.0, "mild"), (2.0, "middle"), (3.0, "strong")]
+        .into_iter()
+        .find(|(at, _)| (x - at).abs() < 0.01)
+        .map_or("", |(_, label)| label)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::ids::Digest;
+
+    fn report() -> DriftReport {
+        let share = |count: u64, total: u64| Proportion::of((0..total).map(|i| i < count)).unwrap();
+        let cell = |kind, magnitude| DriftCell {
+            kind,
+            magnitude,
+            runs: 4,
+            needed: share(3, 4),
+            trigger_recall: share(3, 3),
+            triggered_unneeded: share(0, 1),
+            recovery_given_trigger: share(2, 3),
+            end_to_end: share(2, 3),
+            safe_stopped: share(1, 3),
+            warned_first: share(1, 3),
+            episodes_to_response: Quantiles::of([2.0, 5.0]),
+            episodes_to_rollback: Quantiles::of([7.0]),
+            time_to_safe_ms: None,
+            time_to_restored_ms: Quantiles::of([900.0]),
+            unsafe_continuation_ms: Quantiles::of([0.0]),
+            good_before: share(9, 10),
+            good_under: share(5, 10),
+            success_after: share(0, 0),
+            unsafe_after: share(0, 0),
+        };
+        let cells = DriftKind::ALL
+            .into_iter()
+            .flat_map(|kind| Magnitude::ALL.into_iter().map(move |magnitude| cell(kind, magnitude)))
+            .collect();
+        let setting = Digest::of_parts("test", &[b"setting"]);
+        DriftReport { setting, seed: 100, runs: 5, not_activated: 1, horizon: 200, pairs: 60, cells }
+    }
+
+    #[test]
+    fn every_figure_is_in_the_table_and_none_is_made_up() {
+        let csv = csv(&report());
+        let lines: Vec<&str> = csv.lines().collect();
+        // Eleven rates and the four quantiles that have values, twelve times.
+        assert_eq!(lines.len(), 1 + 12 * (11 + 4));
+        assert!(lines.contains(&"sensor_noise,mild,end_to_end,2,3,0.6667,0.2077,0.9385"), "{csv}");
+        assert!(lines.contains(&"combined,strong,success_after,0,0,,,"));
+        assert!(!csv.contains("time_to_safe_ms"));
+        let text = markdown(&report());
+        assert_eq!(text.lines().filter(|line| line.starts_with("| ")).count(), 2 + 12);
+        assert!(text.contains("| 4 (5) | 7 (7) | - | 900 (900) | 0 (0) | 0.90 / 0.50 / - |"), "{text}");
+    }
+
+    #[test]
+    fn the_plot_has_every_drift() {
+        let svg = svg(&report()).unwrap();
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+        for kind in DriftKind::ALL {
+            assert!(svg.contains(kind.name()), "{kind:?}");
+        }
+    }
+}

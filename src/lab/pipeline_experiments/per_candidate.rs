@@ -1,0 +1,229 @@
+//! Every candidate of a pool through the seven stages, and the truth file's verdict at the end.
+//!
+//! The engine decides first, about all of them; then the truth is read. Each candidate gets its own store. They are
+//! spread over a few run seeds: candidates on one seed share the episodes of the active version (and their luck), so
+//! that a pool does not pay for a baseline per candidate.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::candidate_run::{CandidateEnd, CandidateSetting, ThresholdScale, take};
+use super::claims::{CandidateVerdict, Claim, Summary};
+use super::{ExperimentError, ProgressFn, cached_cell, scratch};
+use crate::candidate_pool::{Pool, PoolCandidate, PoolTruth};
+use holdpoint_engine::Experiment;
+use holdpoint_engine::cell::{Cell, DECIDED_BY};
+use holdpoint_governance::component::ComponentBytes;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::submission::Package;
+use holdpoint_registry::{CacheSecret, ResultCache};
+use holdpoint_runtime::capability;
+use holdpoint_text::Hint;
+
+/// The plan of a run.
+#[derive(Clone, Debug)]
+pub struct RunPlan {
+    pub pool: PathBuf,
+    /// The profiles, from the least strict to the strictest.
+    pub profiles: Vec<ProfileName>,
+    /// The first run seed.
+    pub seed: u64,
+    /// The number of run seeds.
+    pub blocks: u64,
+    pub jobs: usize,
+    /// Finished candidates and active versions' episodes are cached here and not run again; only for this run if
+    /// absent.
+    pub kept: Option<ResultCache>,
+}
+
+/// The result of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PerCandidateReport {
+    /// Each candidate under each profile, in the pool's order.
+    pub candidates: Vec<CandidateVerdict>,
+    pub summaries: Vec<Summary>,
+    /// The claims, and whether they were shown.
+    pub claims: Vec<Claim>,
+}
+
+/// One candidate to be taken through one profile.
+pub(crate) struct CandidateJob<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) package: &'a Package,
+    pub(crate) profile: ProfileName,
+    pub(crate) seed: u64,
+    /// The parts that are left out, and the first active versions.
+    pub(crate) experiment: Experiment,
+    pub(crate) thresholds: ThresholdScale,
+    /// Workers for it.
+    pub(crate) workers: usize,
+}
+
+/// Runs the plan. `tell` is given one line per finished candidate.
+///
+/// # Errors
+/// If the pool cannot be read, a candidate does not come to an end, or the truth is not the sealed one.
+pub fn run(plan: &RunPlan, tell: &ProgressFn<'_>) -> Result<PerCandidateReport, ExperimentError> {
+    let pool = Pool::read(&plan.pool)?;
+    let packages = packages(&pool)?;
+    let scratch = scratch()?;
+    let cells = match &plan.kept {
+        Some(cells) => cells.clone(),
+        None => ResultCache::in_folder(scratch.path().to_owned(), CacheSecret::fresh()?),
+    };
+    let cell = Cell::builtin()?;
+    let mut tasks = Vec::new();
+    for profile in &plan.profiles {
+        for (index, (name, package)) in packages.iter().enumerate() {
+            let seed = plan.seed + index as u64 % plan.blocks.max(1);
+            tasks.push(CandidateJob {
+                name,
+                package,
+                profile: *profile,
+                seed,
+                experiment: Experiment::default(),
+                thresholds: ThresholdScale::AsTheyAre,
+                workers: 1,
+            });
+        }
+    }
+    let ends = work(plan.jobs, &cell, &cells, &tasks, tell)?;
+    // Everything is decided: the truth is read only now.
+    let truth = pool.truth()?;
+    judge(&truth, ends, &plan.profiles)
+}
+
+/// The packages of a pool, in its order.
+pub(crate) fn packages(pool: &Pool) -> Result<Vec<(String, Package)>, ExperimentError> {
+    let read = |candidate: &PoolCandidate| {
+        let package = capability::read(&pool.folder(candidate))
+            .map_err(|error| ExperimentError::candidate(&candidate.name, error.sentence()))?;
+        Ok((candidate.name.clone(), package))
+    };
+    pool.index.candidates.iter().map(read).collect()
+}
+
+/// Takes the tasks through, some at once; the ends come back in the tasks' order.
+fn work(
+    jobs: usize,
+    cell: &Cell,
+    cells: &ResultCache,
+    tasks: &[CandidateJob<'_>],
+    tell: &ProgressFn<'_>,
+) -> Result<Vec<CandidateEnd>, ExperimentError> {
+    let next = AtomicUsize::new(0);
+    let done = AtomicUsize::new(0);
+    let began = Instant::now();
+    let ends: Mutex<Vec<Option<CandidateEnd>>> = Mutex::new(vec![None; tasks.len()]);
+    let failed: Mutex<Option<ExperimentError>> = Mutex::new(None);
+    let worker = || {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(task) = tasks.get(index) else { return };
+            if failed.lock().is_ok_and(|failed| failed.is_some()) {
+                return;
+            }
+            match one(cell, cells, task) {
+                Ok(end) => {
+                    let finished = done.fetch_add(1, Ordering::Relaxed) + 1;
+                    tell(&progress(&end, finished, tasks.len(), began));
+                    if let Ok(mut ends) = ends.lock() {
+                        ends[index] = Some(end);
+                    }
+                }
+                Err(error) => {
+                    if let Ok(mut failed) = failed.lock() {
+                        failed.get_or_insert(error);
+                    }
+                }
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.clamp(1, tasks.len().max(1)) {
+            scope.spawn(worker);
+        }
+    });
+    if let Some(error) = failed.into_inner().ok().flatten() {
+        return Err(error);
+    }
+    let ends =
+        ends.into_inner().map(|ends| ends.into_iter().flatten().collect::<Vec<_>>()).unwrap_or_default();
+    if ends.len() == tasks.len() {
+        Ok(ends)
+    } else {
+        Err(ExperimentError::Unexpected("a worker ended without a result".to_owned()))
+    }
+}
+
+/// One candidate, or its cached result from an earlier run of the same build.
+pub(crate) fn one(
+    cell: &Cell,
+    cells: &ResultCache,
+    task: &CandidateJob<'_>,
+) -> Result<CandidateEnd, ExperimentError> {
+    let (profile, _) = task
+        .thresholds
+        .of(task.profile)?
+        .rules()
+        .map_err(|error| ExperimentError::candidate(task.name, error.sentence()))?;
+    let Experiment { omitted, first } = &task.experiment;
+    let first: Vec<u8> = first.iter().flat_map(|version| *version.digest().bytes()).collect();
+    let omitted = serde_json::to_vec(omitted)?;
+    let parts = [
+        task.package.manifest.as_bytes(),
+        task.package.submission.as_bytes(),
+        task.package.params.as_bytes(),
+        task.package.component.as_ref().map_or(&[], ComponentBytes::bytes),
+        &task.seed.to_le_bytes(),
+        profile.digest()?.bytes().as_slice(),
+        cell.digest().bytes().as_slice(),
+        DECIDED_BY.as_bytes(),
+        &omitted,
+        &first,
+    ]
+    .map(<[u8]>::to_vec);
+    let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
+    let key = Digest::of_parts("holdpoint.end.v5", &parts);
+    if let Some(kept) = cached_cell::<CandidateEnd>(cells, &key).filter(|kept| kept.name == task.name) {
+        return Ok(kept);
+    }
+    let experiment = task.experiment.clone();
+    let CandidateJob { profile, seed, thresholds, workers, .. } = *task;
+    let setting = CandidateSetting { cell, profile, seed, cells, workers, experiment, thresholds };
+    let end = take(&setting, task.name, task.package.clone())?;
+    cells.put(&key, &serde_json::to_vec(&end)?)?;
+    Ok(end)
+}
+
+fn progress(end: &CandidateEnd, finished: usize, all: usize, began: Instant) -> String {
+    let spent = began.elapsed().as_secs_f64();
+    let left = spent / finished as f64 * (all - finished) as f64;
+    format!(
+        "[{finished}/{all}] {} {}: {} after {} episodes; about {:.0} min left",
+        end.profile.name(),
+        end.name,
+        end.state,
+        end.effort.sandbox,
+        left / 60.0
+    )
+}
+
+fn judge(
+    truth: &PoolTruth,
+    ends: Vec<CandidateEnd>,
+    profiles: &[ProfileName],
+) -> Result<PerCandidateReport, ExperimentError> {
+    let candidates: Vec<CandidateVerdict> =
+        ends.into_iter().map(|end| CandidateVerdict::of(end, truth)).collect::<Result<_, _>>()?;
+    let summaries: Vec<Summary> =
+        profiles.iter().map(|profile| Summary::of(*profile, &candidates)).collect::<Result<_, _>>()?;
+    let claims = super::claims::claims(&summaries);
+    Ok(PerCandidateReport { candidates, summaries, claims })
+}

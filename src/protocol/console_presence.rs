@@ -1,0 +1,79 @@
+//! The attached consoles and their views. Grants nothing.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use holdpoint_governance::ids::{CapabilityId, is_name};
+
+/// The longest name of a person or a view, bytes.
+pub const CONSOLE_TEXT_BYTES_MAX: usize = 64;
+
+/// What an attached console says of its user. It decides nothing: a decision is signed.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ConsolePresence {
+    /// The operator's chosen name; absent until chosen.
+    #[serde(default)]
+    pub who: Option<String>,
+    /// The current view.
+    pub view: String,
+    /// The open approval request; absent if none.
+    #[serde(default)]
+    pub reading: Option<CapabilityId>,
+    /// Read-only: this console sends no commands.
+    #[serde(default)]
+    pub read_only: bool,
+}
+
+impl ConsolePresence {
+    /// The invalid field, if any: a name that no identity can have, so that it cannot be a sentence on another screen,
+    /// or a view that is too long or not plain text.
+    #[must_use]
+    pub fn invalid_field(&self) -> Option<String> {
+        if self.who.as_deref().is_some_and(|who| !is_name(who)) {
+            return Some("who is a name: 1 to 64 characters of a-z, 0-9, '.', '_' and '-'".to_owned());
+        }
+        let bad = self.view.len() > CONSOLE_TEXT_BYTES_MAX || self.view.chars().any(char::is_control);
+        bad.then(|| format!("view has at most {CONSOLE_TEXT_BYTES_MAX} bytes of plain text"))
+    }
+}
+
+/// An attached console.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AttachedConsoleView {
+    /// Its number, in order of attachment; an engine never reuses one.
+    pub seat: u64,
+    /// Process id of the console; absent if the system does not report it.
+    #[serde(default)]
+    pub process: Option<u32>,
+    /// What the console states.
+    pub sitting: ConsolePresence,
+    /// The console reads nothing: it is suspended, or its connection is dead. The engine soon disconnects it.
+    #[serde(default)]
+    pub not_reading: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_said_of_a_seat_is_short_and_plain() {
+        let sitting = |who: &str, view: &str| ConsolePresence {
+            who: Some(who.to_owned()),
+            view: view.to_owned(),
+            ..ConsolePresence::default()
+        };
+        assert_eq!(sitting("bert", "overview").invalid_field(), None);
+        assert_eq!(ConsolePresence::default().invalid_field(), None);
+        for (who, view, field) in [
+            ("a\u{1b}[2J", "overview", "who"),
+            ("ana promoted it; ben", "overview", "who"),
+            ("", "overview", "who"),
+            ("bert", &"v".repeat(65), "view"),
+        ] {
+            assert!(sitting(who, view).invalid_field().is_some_and(|text| text.starts_with(field)));
+        }
+    }
+}

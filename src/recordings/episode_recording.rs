@@ -1,0 +1,143 @@
+//! A re-run part of an evaluation as frames of a recording: the candidate as the robot, the compared version as its
+//! twin.
+//!
+//! Converts one form into the other and interpolates nothing.
+
+use holdpoint_protocol::clock::TICKS_PER_SECOND;
+use holdpoint_protocol::film::{Film, FilmFrame};
+use holdpoint_protocol::video_frame::{Twin, VideoFrame};
+
+use crate::recording::{Recording, RecordingSubject, Series};
+
+/// Time of a tick, ms.
+#[must_use]
+pub const fn at_ms(tick: u64) -> u64 {
+    tick.saturating_mul(1_000) / TICKS_PER_SECOND
+}
+
+/// The frames of a film, in order. A version that has finished stays at its last pose.
+#[must_use]
+pub fn pictures(film: &Film) -> Vec<VideoFrame> {
+    let (own, other) = (&film.candidate, &film.active);
+    let mut ticks: Vec<u64> = own.frames.iter().chain(&other.frames).map(|frame| frame.tick).collect();
+    ticks.sort_unstable();
+    ticks.dedup();
+    let picture = |tick: u64| {
+        let frame = own.frame_at(tick)?;
+        let twin = other.frame_at(tick);
+        Some(VideoFrame {
+            sequence: u64::from(film.number),
+            at_ms: at_ms(tick),
+            at_secs: tick as f64 / TICKS_PER_SECOND as f64,
+            task: Some(film.task),
+            version: Some(own.version.clone()),
+            body: frame.body.clone(),
+            speed_m_s: frame.speed_m_s,
+            force_n: frame.grip_n,
+            contact_n: frame.contact_n,
+            envelope: Some(own.envelope),
+            contacts: Vec::new(),
+            blocks: own.blocks.clone(),
+            unexpected_contact: frame.touched,
+            stopped: frame.stopped,
+            twin: twin.map(|frame| Twin { version: other.version.clone(), body: frame.body.clone() }),
+        })
+    };
+    ticks.into_iter().filter_map(picture).collect()
+}
+
+/// A film as a recording, for replay.
+#[must_use]
+pub fn recording(film: &Film, about: RecordingSubject) -> Recording {
+    let envelope = film.candidate.envelope;
+    let series = |name: &str, of: &dyn Fn(&FilmFrame) -> f32| {
+        let frames = film.candidate.frames.iter();
+        let points = frames.map(|frame| (at_ms(frame.tick), f64::from(of(frame)))).collect();
+        Series { name: name.to_owned(), points }
+    };
+    let limit = |name: &str, value: f32| {
+        let from = film.candidate.frames.first().map_or(0, |frame| at_ms(frame.tick));
+        Series { name: format!("{name}/limit"), points: vec![(from, f64::from(value))] }
+    };
+    Recording {
+        about,
+        outcome: None,
+        scenery: film.scenery.clone(),
+        pictures: pictures(film),
+        events: Vec::new(),
+        series: vec![
+            series("tool/speed", &|frame| frame.speed_m_s),
+            limit("tool/speed", envelope.speed_m_s),
+            series("tool/force", &|frame| frame.grip_n),
+            limit("tool/force", envelope.force_n),
+            series("tool/contact", &|frame| frame.contact_n),
+            limit("tool/contact", envelope.contact_n),
+        ],
+        films: Vec::new(),
+        dropped: (0, 0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use holdpoint_protocol::film::{FilmSubject, FilmedRun};
+    use holdpoint_protocol::video_frame::{ArmView, EnvelopeView, NO_TURN, Scenery};
+
+    fn run(version: &str, ticks: &[u64]) -> FilmedRun {
+        let body = ArmView {
+            links: vec![[0.0; 3]; 2],
+            pads: [[0.0; 3]; 2],
+            hand: NO_TURN,
+            object: [0.0; 3],
+            object_turn: NO_TURN,
+            object_half_m: 0.02,
+            held: false,
+        };
+        let frame = |tick: &u64| FilmFrame {
+            tick: *tick,
+            body: body.clone(),
+            q: Vec::new(),
+            tau: Vec::new(),
+            speed_m_s: *tick as f32,
+            grip_n: 0.0,
+            contact_n: 0.0,
+            touched: false,
+            stopped: false,
+        };
+        FilmedRun {
+            version: version.parse().unwrap(),
+            envelope: EnvelopeView { speed_m_s: 1.0, force_n: 1.0, contact_n: 1.0 },
+            ended: String::new(),
+            as_recorded: Some(true),
+            marks: Vec::new(),
+            blocks: Vec::new(),
+            frames: ticks.iter().map(frame).collect(),
+        }
+    }
+
+    #[test]
+    fn who_has_ended_stands_where_it_ended() {
+        let film = Film {
+            of: FilmSubject::Episode,
+            number: 3,
+            count: 9,
+            beyond: 0,
+            task: serde_json::from_str("\"grasp\"").unwrap(),
+            seed: 1,
+            drill: None,
+            phase: None,
+            why: String::new(),
+            doubts: Vec::new(),
+            scenery: Scenery::default(),
+            candidate: run("grasp@1.1.0", &[0, 8, 16, 24]),
+            active: run("grasp@1.0.0", &[0, 8]),
+        };
+        let pictures = pictures(&film);
+        let times: Vec<u64> = pictures.iter().map(|picture| picture.at_ms).collect();
+        assert_eq!(times, [0, 33, 66, 100]);
+        assert!(pictures.iter().all(|picture| picture.twin.is_some() && picture.sequence == 3));
+        assert!((pictures[3].speed_m_s - 24.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,91 @@
+//! Re-checks the signed authorizations on record: of witnesses, and of changes of profile that need one.
+
+use rusqlite::Connection;
+use serde::Deserialize;
+
+use super::change::Change;
+use super::profile_downgrade::{ProfileChangeBody, ProfileHistory};
+use super::verify_error::VerifyError;
+use holdpoint_approvals::{Person, PersonDirectory, PersonError, SignedProfileAct};
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::RecordKind;
+
+/// The checked part of an authorization's record.
+#[derive(Deserialize)]
+struct AuthorizationBody {
+    change: Change,
+}
+
+/// Re-checks every signed authorization: its signer was an administrator at that time, with a passphrase-protected key
+/// under a profile with approvers. Every change of profile that needs an authorization must have one. Returns the first
+/// problem.
+///
+/// # Errors
+/// If the store cannot be read.
+pub(crate) fn check_authorizations(
+    connection: &Connection,
+    persons: &PersonDirectory,
+) -> rusqlite::Result<Result<(), VerifyError>> {
+    let kinds = [RecordKind::WitnessSet, RecordKind::ProfileAllowed, RecordKind::ContextSet];
+    let mut select = connection
+        .prepare("SELECT seq, prev, body, kind FROM audit WHERE kind IN (?1, ?2, ?3) ORDER BY seq")?;
+    let mut rows = select.query(kinds.map(RecordKind::name))?;
+    let mut course = ProfileHistory::default();
+    while let Some(row) = rows.next()? {
+        let (seq, prev, body): (u64, [u8; 32], String) = (row.get(0)?, row.get(1)?, row.get(2)?);
+        let bad = |problem: String| Ok(Err(VerifyError::Record { seq, problem }));
+        if row.get::<_, String>(3)? == RecordKind::ContextSet.name() {
+            let set = serde_json::from_str::<ProfileChangeBody>(&body).map_err(|error| error.to_string());
+            match set.and_then(|set| course.take(seq, set.change)) {
+                Ok(()) => continue,
+                Err(problem) => return bad(problem),
+            }
+        }
+        let change = match serde_json::from_str(&body) {
+            Ok(AuthorizationBody { change }) => change,
+            Err(error) => return bad(error.to_string()),
+        };
+        let by = match &change {
+            Change::SetWitness { act: Some(act), .. } => &act.act().by,
+            Change::AllowProfile { act, .. } => &act.act().by,
+            // Records of earlier versions, which had no authorizations.
+            _ => continue,
+        };
+        let span = connection.query_row("SELECT seq, revoked_seq FROM person WHERE name = ?1", [by], |row| {
+            Ok((row.get::<_, u64>(0)?, row.get::<_, Option<u64>>(1)?))
+        });
+        let was_enrolled =
+            span.is_ok_and(|(since, until)| since < seq && until.is_none_or(|until| seq < until));
+        let then = persons.at_a_time(|person: &Person| &person.name != by || was_enrolled);
+        let after = Digest::from_bytes(prev);
+        let checked = match &change {
+            Change::SetWitness { act: Some(act), folder, present, .. } => {
+                act.judge(&then, (folder, *present), after)
+            }
+            Change::AllowProfile { act, profile, .. } => {
+                let last = course.last().map(|last| last.class);
+                course.allow(seq, *profile, act.act().rules.clone());
+                act.judge(&then, *profile, after).and_then(|()| check_key_guarded(act, &then, last))
+            }
+            _ => continue,
+        };
+        if let Err(error) = checked {
+            let problem = format!("in record {seq}: {error}");
+            return Ok(Err(VerifyError::Person { name: by.clone(), problem }));
+        }
+    }
+    Ok(Ok(()))
+}
+
+/// Under a profile with approvers, before or after the change, only the administrator may be able to give the
+/// authorization.
+pub(crate) fn check_key_guarded(
+    act: &SignedProfileAct,
+    persons: &PersonDirectory,
+    last: Option<ProfileName>,
+) -> Result<(), PersonError> {
+    // Earlier versions checked the profile in force alone.
+    let next = act.act().rules.as_ref().map(|_| act.act().profile);
+    if [last, next].contains(&Some(ProfileName::Human)) { act.check_guarded(persons) } else { Ok(()) }
+}

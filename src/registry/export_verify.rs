@@ -1,0 +1,316 @@
+//! The checks of an exported history: those that another verifier can make from the file alone, in the order of the
+//! guide's page on records.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use ed25519_dalek::VerifyingKey;
+
+use super::approve::RecordedApproval;
+use super::audit::Head;
+use super::authorizations::check_key_guarded;
+use super::checkpoint::{Checkpoint, StoredCheckpoint, check_links, check_newest};
+use super::display_records::DisplayRecords;
+use super::export_body::{self, ExportedProfileAct, RecordStatement};
+use super::export_line::{ExportHeader, ExportLine};
+use super::fold::START;
+use super::head_copies::HEADS_MAX;
+use super::merkle::Frontier;
+use super::profile_downgrade::ProfileHistory;
+use super::verify_error::VerifyError;
+use holdpoint_approvals::keyfile::hex;
+use holdpoint_approvals::{
+    PersonActKind, PersonDirectory, PersonError, PersonState, SignedApproval, SignedPersonAct,
+};
+use holdpoint_governance::approval::Role;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
+
+/// An invalid authorization on record, and its claimed signer.
+fn bad_word(by: &str, error: &PersonError) -> VerifyError {
+    VerifyError::Person { name: by.to_owned(), problem: error.to_string() }
+}
+
+/// The content of a file. Records are dropped after their check.
+pub(super) struct ExportedChain {
+    pub(super) heads: Vec<StoredCheckpoint>,
+    pub(super) signed_end: Option<Checkpoint>,
+    pub(super) end: Head,
+    pub(super) tree: Frontier,
+    /// Records that a head refers to.
+    spoken_of: BTreeSet<u64>,
+    /// Their hash, the tree's root and their wall time.
+    seen: BTreeMap<u64, (Digest, Digest, i64)>,
+    /// The approvals on record, by their nonces.
+    put: BTreeMap<String, StoredApprovalFacts>,
+    /// Nonces that a rebuild gave up.
+    lost: BTreeSet<String>,
+    pub(super) approvals: Vec<SignedApproval>,
+    pub(super) persons: PersonDirectory,
+    course: ProfileHistory,
+    shown: DisplayRecords,
+}
+
+/// The record of an approval.
+struct StoredApprovalFacts {
+    /// The approver's key; none before a person was enrolled.
+    key: Option<String>,
+    /// Digest of the record's content.
+    told: Digest,
+}
+
+impl StoredApprovalFacts {
+    /// The digest of what a record with this subject tells.
+    fn statement_digest(subject: &str, change: &RecordedApproval) -> Result<Digest, serde_json::Error> {
+        Digest::of_json("approval on record", &(subject, change))
+    }
+}
+
+impl ExportedChain {
+    pub(super) fn of(store_id: &str) -> Self {
+        Self {
+            persons: PersonDirectory::none(store_id),
+            heads: Vec::new(),
+            signed_end: None,
+            end: START,
+            tree: Frontier::empty(),
+            spoken_of: BTreeSet::new(),
+            seen: BTreeMap::new(),
+            put: BTreeMap::new(),
+            lost: BTreeSet::new(),
+            approvals: Vec::new(),
+            course: ProfileHistory::default(),
+            shown: DisplayRecords::default(),
+        }
+    }
+
+    pub(super) fn take(&mut self, line: ExportLine, number: u64) -> Result<(), VerifyError> {
+        let bad = |problem: String| VerifyError::Line { line: number, problem };
+        let misplaced = || bad("it does not belong here".to_owned());
+        match line {
+            ExportLine::Export(_) => Err(misplaced()),
+            ExportLine::Head(_) | ExportLine::End(_) if self.end.seq > 0 || self.signed_end.is_some() => {
+                Err(misplaced())
+            }
+            ExportLine::Head(_) if self.heads.len() >= HEADS_MAX => {
+                Err(bad(format!("it is one checkpoint more than {HEADS_MAX}, and so many are allowed")))
+            }
+            ExportLine::Head(checkpoint) => {
+                self.spoken_of.insert(checkpoint.seq);
+                self.heads.push(StoredCheckpoint { file: format!("line {number}"), checkpoint });
+                Ok(())
+            }
+            ExportLine::End(end) => {
+                self.spoken_of.insert(end.seq);
+                self.signed_end = Some(end);
+                Ok(())
+            }
+            ExportLine::Record(_) if !self.approvals.is_empty() => Err(misplaced()),
+            ExportLine::Record(record) => self.take_record(&(*record).into()),
+            // It is one too many: a duplicate, or no record names it.
+            ExportLine::Approval(_) if self.approvals.len() > self.put.len() => {
+                Err(bad("no record names this further approval".to_owned()))
+            }
+            ExportLine::Approval(signed) => {
+                self.approvals.push(*signed);
+                Ok(())
+            }
+        }
+    }
+
+    fn take_record(&mut self, record: &AuditRecord) -> Result<(), VerifyError> {
+        let seq = self.end.seq + 1;
+        let bad = |problem: &str| VerifyError::Record { seq, problem: problem.to_owned() };
+        if record.seq != seq {
+            return Err(bad(&format!("it is missing; the next one is {}", record.seq)));
+        }
+        if record.prev != self.end.hash {
+            return Err(bad("it does not follow from the record before"));
+        }
+        if record.hash != record.expected_hash() {
+            return Err(bad("its content does not match its hash"));
+        }
+        if record.at_ms < self.end.at_ms {
+            return Err(bad("it is older than the record before"));
+        }
+        self.shown
+            .take(record.kind.known().copied(), &record.subject, &record.body)
+            .map_err(|problem| bad(&format!("its body is not of its form: {problem}")))?;
+        let said = export_body::read(record.kind.known(), &record.body)
+            .map_err(|problem| bad(&format!("its body is not of its form: {problem}")))?;
+        match said {
+            RecordStatement::Put(change) => self.take_approval(record, change)?,
+            RecordStatement::Act { change, signed } => self.take_act(record, &change, &signed)?,
+            RecordStatement::Witness(witness) => {
+                if let Some(act) = &witness.act {
+                    let of = (witness.folder.as_str(), witness.present);
+                    let judged = act.judge(&self.persons, of, record.prev);
+                    judged.map_err(|error| bad_word(&act.act().by, &error))?;
+                }
+            }
+            RecordStatement::Profile(ExportedProfileAct { profile, act, .. }) => {
+                let judged = act.judge(&self.persons, profile, record.prev);
+                judged
+                    .and_then(|()| {
+                        check_key_guarded(&act, &self.persons, self.course.last().map(|last| last.class))
+                    })
+                    .map_err(|error| bad_word(&act.act().by, &error))?;
+                self.course.allow(seq, profile, act.act().rules.clone());
+            }
+            RecordStatement::Context(set) => {
+                let set = self.course.set(seq, set.profile, set.looser_by_word, set.rules);
+                set.map_err(|problem| bad(&problem))?;
+            }
+            RecordStatement::Lost(nonces) => self.lost.extend(nonces),
+            RecordStatement::Nothing => {}
+        }
+        self.end = Head { seq, hash: record.hash, at_ms: record.at_ms };
+        self.tree.push(&record.hash);
+        if self.spoken_of.contains(&seq) {
+            self.seen.insert(seq, (record.hash, self.tree.root(), record.wall_ms));
+        }
+        Ok(())
+    }
+
+    fn take_approval(&mut self, record: &AuditRecord, change: RecordedApproval) -> Result<(), VerifyError> {
+        let nonce = change.nonce().to_string();
+        let bad = |problem: &str| VerifyError::Approval { nonce: nonce.clone(), problem: problem.to_owned() };
+        if self.put.contains_key(&nonce) {
+            return Err(bad("two records name it"));
+        }
+        let key = self.key_of(change.who(), change.role()).map_err(bad)?;
+        let told = StoredApprovalFacts::statement_digest(&record.subject, &change)
+            .map_err(|error| bad(&error.to_string()))?;
+        self.put.insert(nonce, StoredApprovalFacts { key, told });
+        Ok(())
+    }
+
+    /// The key of a person enrolled in this role in the records so far; none before a person was enrolled.
+    fn key_of(&self, who: &str, role: Role) -> Result<Option<String>, &'static str> {
+        if self.persons.is_empty() {
+            return Ok(None);
+        }
+        let person = self.persons.named(who).filter(|person| person.state == PersonState::Enrolled);
+        let person = person.ok_or("its approver was not enrolled then")?;
+        if person.role != role {
+            return Err("its approver has another role");
+        }
+        Ok(Some(hex(person.public_key.as_bytes())))
+    }
+
+    /// The act is allowed by the records so far, and matches the kind of its record.
+    fn take_act(
+        &mut self,
+        record: &AuditRecord,
+        change: &str,
+        signed: &SignedPersonAct,
+    ) -> Result<(), VerifyError> {
+        let act = signed.act();
+        let (kind, called) = match act.act {
+            PersonActKind::Enrol => (RecordKind::PersonEnrolled, "enrol-person"),
+            PersonActKind::Confirm => (RecordKind::PersonConfirmed, "confirm-person"),
+            PersonActKind::Revoke => (RecordKind::PersonRevoked, "revoke-person"),
+        };
+        let bad = |problem: String| VerifyError::Person { name: act.name.clone(), problem };
+        if record.kind != kind || change != called || record.subject != act.name {
+            return Err(bad("the act differs from its record".to_owned()));
+        }
+        self.persons.push(signed).map_err(|error| bad(error.to_string()))
+    }
+
+    pub(super) fn check(&self, header: &ExportHeader, key: &VerifyingKey) -> Result<(), VerifyError> {
+        if self.end.seq != header.records {
+            let problem = format!("it is missing; the first line names {} records", header.records);
+            return Err(VerifyError::Record { seq: self.end.seq + 1, problem });
+        }
+        for StoredCheckpoint { file, checkpoint } in &self.heads {
+            self.check_head(checkpoint, &header.store_id, key)
+                .map_err(|problem| VerifyError::Checkpoint { file: file.clone(), problem })?;
+        }
+        let unsigned = VerifyError::Unsigned;
+        match &self.signed_end {
+            Some(end) => {
+                self.check_head(end, &header.store_id, key).map_err(unsigned)?;
+                if end.seq != self.end.seq {
+                    return Err(unsigned(format!("no signature covers the records after {}", end.seq)));
+                }
+            }
+            None if self.end.seq == 0 => {}
+            None => {
+                return Err(unsigned(format!(
+                    "no signature covers the end of the audit chain, record {}",
+                    self.end.seq
+                )));
+            }
+        }
+        let gap = self.signed_end.as_ref().and_then(|end| end.link.as_ref()).is_some_and(|link| link.gap);
+        if !gap {
+            check_links(&self.heads)
+                .map_err(|bad| VerifyError::Checkpoint { file: bad.file, problem: bad.problem })?;
+            if let Some(end) = &self.signed_end {
+                check_newest(end, &self.heads).map_err(unsigned)?;
+            }
+        }
+        self.check_approvals(&header.store_id, &hex(key.as_bytes()))
+    }
+
+    fn check_head(&self, checkpoint: &Checkpoint, store_id: &str, key: &VerifyingKey) -> Result<(), String> {
+        if checkpoint.store_id != store_id {
+            return Err(format!("it belongs to the store {:?}", checkpoint.store_id));
+        }
+        if !checkpoint.is_signed_by(key) {
+            return Err("its signature does not match the public key".to_owned());
+        }
+        match self.seen.get(&checkpoint.seq) {
+            Some((hash, ..)) if *hash != checkpoint.head => {
+                Err("its record is another one: history was rewritten".to_owned())
+            }
+            Some((_, root, _)) if checkpoint.root.is_some_and(|signed| signed != *root) => {
+                Err("its tree head is not the one of these records".to_owned())
+            }
+            Some((_, _, wall_ms)) if checkpoint.wall_ms.is_some_and(|signed| signed != *wall_ms) => {
+                Err("its wall time is not the one of its record".to_owned())
+            }
+            Some(_) => Ok(()),
+            None if checkpoint.seq == 0 => Ok(()),
+            None => Err(format!("its record {} is missing", checkpoint.seq)),
+        }
+    }
+
+    fn check_approvals(&self, store_id: &str, store_key: &str) -> Result<(), VerifyError> {
+        let mut found = BTreeSet::new();
+        for signed in &self.approvals {
+            let nonce = signed.approval().nonce.as_str();
+            let bad = |problem: &str| VerifyError::Approval {
+                nonce: nonce.to_owned(),
+                problem: problem.to_owned(),
+            };
+            if signed.verify_signature().is_err() {
+                return Err(bad("its signature does not match the decision"));
+            }
+            if signed.approval().store_id != store_id {
+                return Err(bad("it was made for another store"));
+            }
+            let Some(StoredApprovalFacts { key, told }) = self.put.get(nonce) else {
+                return Err(bad("no record names it"));
+            };
+            if key.as_deref().is_some_and(|key| key != signed.public_key()) {
+                return Err(bad("it was signed with another key than its approver's"));
+            }
+            let tells = RecordedApproval::of(signed.approval());
+            let tells = StoredApprovalFacts::statement_digest(&signed.approval().version.to_string(), &tells);
+            if tells.map_err(|error| bad(&error.to_string()))? != *told {
+                return Err(bad("it differs from its record"));
+            }
+            self.shown.check(signed.approval(), Some(store_key)).map_err(|problem| bad(&problem))?;
+            if !found.insert(nonce) {
+                return Err(bad("it is there twice"));
+            }
+        }
+        match self.put.keys().find(|put| !found.contains(put.as_str()) && !self.lost.contains(*put)) {
+            None => Ok(()),
+            Some(nonce) => {
+                Err(VerifyError::Approval { nonce: nonce.clone(), problem: "it is missing".to_owned() })
+            }
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! Signed heads that were kept elsewhere. They reveal a store that was cut back, rewritten, or replaced by an earlier
+//! copy.
+//!
+//! A copy is a checkpoint's file, a file of `store export` or `audit proof`, a database, or a folder: of checkpoints,
+//! of a whole store, or of a witness. The store must have signed each head in it, and its chain must begin with it.
+
+use std::fs;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use ed25519_dalek::VerifyingKey;
+
+use super::chain_signature;
+use super::checkpoint::{BadCheckpointFile, Checkpoint, FILE_BYTES_MAX, names};
+use super::export_line::{ExportLine, next_line};
+use super::open::open_sound;
+use super::proof::Proof;
+use super::row_limit;
+use holdpoint_governance::ids::Digest;
+use holdpoint_text::file;
+
+/// The most heads that are read from one folder or file; the newest count.
+pub(crate) const HEADS_MAX: usize = 10_000;
+
+/// A signed head and where it was found.
+#[derive(Clone, Debug)]
+pub(crate) struct HeadCopy {
+    pub(crate) file: String,
+    pub(crate) checkpoint: Checkpoint,
+}
+
+/// The chain's data at a record: its hash, and the root of the tree up to it if known.
+pub(crate) struct ChainPoint {
+    pub(crate) hash: Digest,
+    pub(crate) root: Option<Digest>,
+}
+
+/// Reads every head of a file or folder. If a folder has none, reads those of this store below it: a witness has one
+/// folder for each store.
+pub(crate) fn read_copies(path: &Path, store_id: &str) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
+    let bad = |problem: String| BadCheckpointFile { file: path.display().to_string(), problem };
+    let found = fs::metadata(path).map_err(|error| bad(error.to_string()))?;
+    let copies = if found.is_dir() {
+        let mut copies = Vec::new();
+        for folder in [path.join("checkpoints"), path.to_owned(), path.join(store_id)] {
+            if copies.is_empty() && folder.is_dir() {
+                copies = read_folder(&folder)?;
+            }
+        }
+        let database = path.join("holdpoint.db");
+        if database.is_file() {
+            copies.extend(read_database(&database)?);
+        }
+        copies
+    } else if found.is_file() {
+        read_file(path)?
+    } else {
+        return Err(bad("it is neither a file nor a folder".to_owned()));
+    };
+    if copies.is_empty() {
+        return Err(bad("it holds no signed head".to_owned()));
+    }
+    Ok(copies)
+}
+
+/// The heads in the files of a folder, the newest up to the limit.
+fn read_folder(folder: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
+    let listed = names(folder).map_err(|error| BadCheckpointFile {
+        file: folder.display().to_string(),
+        problem: error.to_string(),
+    })?;
+    let newest = listed.get(listed.len().saturating_sub(HEADS_MAX)..).unwrap_or_default();
+    newest.iter().map(|name| read_one(&folder.join(name))).collect()
+}
+
+/// The heads in the files of a witness, the newest up to the limit, and its files that are not heads.
+pub(crate) fn read_witness(
+    folder: &Path,
+) -> Result<(Vec<HeadCopy>, Vec<BadCheckpointFile>), BadCheckpointFile> {
+    let listed = names(folder).map_err(|error| BadCheckpointFile {
+        file: folder.display().to_string(),
+        problem: error.to_string(),
+    })?;
+    let newest = listed.get(listed.len().saturating_sub(HEADS_MAX)..).unwrap_or_default();
+    let (mut heads, mut strays) = (Vec::new(), Vec::new());
+    for name in newest {
+        match read_one(&folder.join(name)) {
+            Ok(head) => heads.push(head),
+            Err(stray) => strays.push(stray),
+        }
+    }
+    if heads.is_empty() {
+        let problem = "it holds no signed head, although it got one when it was added".to_owned();
+        strays.push(BadCheckpointFile { file: folder.display().to_string(), problem });
+    }
+    Ok((heads, strays))
+}
+
+fn read_one(path: &Path) -> Result<HeadCopy, BadCheckpointFile> {
+    let file = path.display().to_string();
+    match Checkpoint::read(path) {
+        Ok(checkpoint) => Ok(HeadCopy { file, checkpoint }),
+        Err(problem) => Err(BadCheckpointFile { file, problem }),
+    }
+}
+
+/// The signed end of a database.
+fn read_database(path: &Path) -> Result<Option<HeadCopy>, BadCheckpointFile> {
+    let file = path.display().to_string();
+    let end = open_sound(path)
+        .map_err(|error| row_limit::error_message(&error))
+        .and_then(|it| chain_signature::read(&it));
+    match end {
+        Ok(end) => Ok(end.map(|checkpoint| HeadCopy { file, checkpoint })),
+        Err(problem) => Err(BadCheckpointFile { file, problem }),
+    }
+}
+
+fn read_file(path: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
+    let bad = |problem: String| BadCheckpointFile { file: path.display().to_string(), problem };
+    let mut start = [0; 16];
+    let mut start_of = file::open(path).map_err(|error| bad(error.to_string()))?;
+    if start_of.read_exact(&mut start).is_ok() && &start == b"SQLite format 3\0" {
+        return read_database(path).map(|copy| copy.into_iter().collect());
+    }
+    if fs::metadata(path).is_ok_and(|found| found.len() <= FILE_BYTES_MAX)
+        && let Ok(copy) = read_one(path)
+    {
+        return Ok(vec![copy]);
+    }
+    if let Ok(proof) = Proof::read(path) {
+        let held = |checkpoint| HeadCopy { file: path.display().to_string(), checkpoint };
+        return Ok(proof.heads().into_iter().cloned().map(held).collect());
+    }
+    read_lines(path)
+}
+
+/// The heads in a file of JSON lines.
+fn read_lines(path: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
+    let named = |number: usize| format!("{}:{number}", path.display());
+    let bad = |number: usize, problem: String| BadCheckpointFile { file: named(number), problem };
+    let mut reader = BufReader::new(file::open(path).map_err(|error| bad(1, error.to_string()))?);
+    let mut copies = std::collections::VecDeque::new();
+    for number in 1.. {
+        let line = next_line(&mut reader).map_err(|problem| bad(number, problem))?;
+        let Some(line) = line else { break };
+        // Most lines are records; only head lines are read whole.
+        if !line.starts_with(b"{\"head\":") && !line.starts_with(b"{\"end\":") && number > 1 {
+            continue;
+        }
+        match ExportLine::parse(&line) {
+            Ok(ExportLine::Head(checkpoint) | ExportLine::End(checkpoint)) => {
+                copies.push_back(HeadCopy { file: named(number), checkpoint });
+                if copies.len() > HEADS_MAX {
+                    copies.pop_front();
+                }
+            }
+            Ok(ExportLine::Export(_) | ExportLine::Record(_) | ExportLine::Approval(_)) => {}
+            Err(_) if number == 1 => {
+                let problem = "it is no checkpoint, proof, database or exported store";
+                return Err(BadCheckpointFile {
+                    file: path.display().to_string(),
+                    problem: problem.to_owned(),
+                });
+            }
+            Err(problem) => return Err(bad(number, problem)),
+        }
+    }
+    Ok(copies.into())
+}
+
+/// Whether this store signed a copy and its chain, which ends at record `end`, begins with it.
+///
+/// # Errors
+/// What is wrong with the copy, or with the chain.
+pub(crate) fn check_copy(
+    checkpoint: &Checkpoint,
+    (store_id, key): (&str, Option<&VerifyingKey>),
+    end: u64,
+    chain_at: impl FnOnce(u64) -> Option<ChainPoint>,
+) -> Result<(), String> {
+    let seq = checkpoint.seq;
+    if checkpoint.store_id != store_id {
+        return Err(format!("it belongs to the store {:?}", checkpoint.store_id));
+    }
+    if key.is_some_and(|key| !checkpoint.is_signed_by(key)) {
+        return Err("its signature does not match the store's public key".to_owned());
+    }
+    if seq > end {
+        let problem = format!("it was signed at record {seq}, and the chain ends at record {end}");
+        let cut = match seq - end {
+            1 => "1 record was".to_owned(),
+            more => format!("{more} records were"),
+        };
+        return Err(format!("{problem}: {cut} cut off"));
+    }
+    if seq == 0 {
+        return Ok(());
+    }
+    match chain_at(seq) {
+        None => Err(format!("record {seq}, which it was signed at, cannot be read")),
+        Some(at) if at.hash != checkpoint.head => {
+            Err(format!("record {seq} is not the one that it was signed at: history was rewritten"))
+        }
+        Some(ChainPoint { root: Some(root), .. }) if checkpoint.root.is_some_and(|signed| signed != root) => {
+            Err(format!(
+                "the records up to {seq} are not those that it was signed over: history was rewritten"
+            ))
+        }
+        Some(_) => Ok(()),
+    }
+}

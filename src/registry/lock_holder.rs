@@ -1,0 +1,197 @@
+//! The process that holds a lock, from the kernel and not from a file.
+//!
+//! The locks are those of `flock(2)`; `/proc/locks` names the process of each (`proc_locks(5)`). A process of another
+//! PID namespace is not named there.
+
+use std::fs::{self, File};
+use std::io::{ErrorKind, Read as _};
+use std::os::fd::AsRawFd as _;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::Path;
+
+use rustix::fs::{FlockOperation, fcntl_lock, major, minor};
+
+/// The most of the kernel's list of locks that is read, bytes; a line has some 60.
+const LOCKS_BYTES_MAX: u64 = 4 << 20;
+
+/// The buffer of one read, bytes.
+const READ_BYTES: usize = 64 << 10;
+
+/// How often the list is read for a lock that is held. The kernel returns it in parts, and may omit a line if another
+/// process releases a lock between two of them.
+const LOOKS_MAX: usize = 20;
+
+/// The most bytes read of the kernel's data about one open file.
+const FDINFO_BYTES_MAX: u64 = 64 << 10;
+
+/// The holder of a lock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LockHolder {
+    /// No process.
+    Nobody,
+    /// The process of this id.
+    Process(i32),
+    /// Some process may hold it; the kernel does not name it.
+    Untold,
+}
+
+/// The process that holds the lock of a folder: an engine's, on its store or its second socket.
+#[must_use]
+pub fn lock_holder(folder: &Path) -> LockHolder {
+    let found = match fs::metadata(folder) {
+        Ok(found) => found,
+        Err(error) if error.kind() == ErrorKind::NotFound => return LockHolder::Nobody,
+        Err(_) => return LockHolder::Untold,
+    };
+    let file = File::open(folder).ok();
+    let mut names = vec![KernelName::of(&found)];
+    for look in 0..LOOKS_MAX {
+        let Ok(locks) = read_limited("/proc/locks", LOCKS_BYTES_MAX) else { return LockHolder::Untold };
+        if let Some(process) = names.iter().find_map(|name| holders(&locks, name, "WRITE").next()) {
+            return LockHolder::Process(process);
+        }
+        let Some(file) = file.as_ref().filter(|_| look == 0) else { continue };
+        if file.try_lock_shared().is_ok() {
+            drop(file.unlock());
+            return LockHolder::Nobody;
+        }
+        // Some file systems (btrfs, overlayfs) have another device number here than in the list.
+        names.extend(KernelName::from_lock_list(file));
+    }
+    LockHolder::Untold
+}
+
+/// The processes that share the lock of an open file, one entry for each lock.
+#[must_use]
+pub fn lock_sharers(file: &File) -> Vec<i32> {
+    let (Ok(found), Ok(locks)) = (file.metadata(), read_limited("/proc/locks", LOCKS_BYTES_MAX)) else {
+        return Vec::new();
+    };
+    let by_stat = KernelName::of(&found);
+    let sharers: Vec<i32> = holders(&locks, &by_stat, "READ").collect();
+    if !sharers.is_empty() {
+        return sharers;
+    }
+    KernelName::from_lock_list(file).map_or_else(Vec::new, |name| holders(&locks, &name, "READ").collect())
+}
+
+/// A file's name in the kernel's list of locks: `major:minor:inode`.
+#[derive(Debug, PartialEq, Eq)]
+struct KernelName(String);
+
+impl KernelName {
+    fn of(found: &fs::Metadata) -> Self {
+        Self(format!("{:02x}:{:02x}:{}", major(found.dev()), minor(found.dev()), found.ino()))
+    }
+
+    /// By a lock of another kind (`fcntl(2)`), which does not block a `flock`: the file's name in the kernel's list.
+    fn from_lock_list(file: &File) -> Option<Self> {
+        fcntl_lock(file, FlockOperation::NonBlockingLockShared).ok()?;
+        let info = read_limited(&format!("/proc/self/fdinfo/{}", file.as_raw_fd()), FDINFO_BYTES_MAX);
+        let _ = fcntl_lock(file, FlockOperation::NonBlockingUnlock);
+        let lock = info.ok()?.lines().find_map(|line| {
+            let lock = KernelLock::read(line.strip_prefix("lock:")?)?;
+            (lock.kind == "POSIX").then(|| lock.file.to_owned())
+        })?;
+        Some(Self(lock))
+    }
+}
+
+/// One line of the kernel's list.
+struct KernelLock<'a> {
+    kind: &'a str,
+    mode: &'a str,
+    process: i32,
+    file: &'a str,
+}
+
+impl<'a> KernelLock<'a> {
+    /// `1: FLOCK  ADVISORY  WRITE 712 fe:00:5414914 0 EOF`; a line about a process that waits for a lock is none.
+    fn read(line: &'a str) -> Option<Self> {
+        let mut fields = line.split_whitespace().skip(1);
+        let kind = fields.next().filter(|kind| *kind != "->")?;
+        let (mode, process, file) = (fields.nth(1)?, fields.next()?.parse().ok()?, fields.next()?);
+        Some(Self { kind, mode, process, file })
+    }
+}
+
+/// The processes with a `flock` of this mode on a file.
+fn holders<'a>(locks: &'a str, name: &'a KernelName, mode: &'a str) -> impl Iterator<Item = i32> {
+    let held = move |lock: &KernelLock<'_>| {
+        lock.kind == "FLOCK" && lock.mode == mode && lock.file == name.0 && lock.process > 0
+    };
+    locks.lines().filter_map(KernelLock::read).filter(held).map(|lock| lock.process)
+}
+
+fn read_limited(path: &str, bytes_max: u64) -> std::io::Result<String> {
+    // The kernel keeps the list consistent for one read alone, so the reads are large.
+    let mut text = String::with_capacity(READ_BYTES);
+    File::open(path)?.take(bytes_max).read_to_string(&mut text)?;
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::{Command, Stdio};
+
+    fn own() -> i32 {
+        i32::try_from(std::process::id()).unwrap()
+    }
+
+    #[test]
+    fn the_kernel_names_who_has_a_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(lock_holder(folder.path()), LockHolder::Nobody);
+        let lock = File::open(folder.path()).unwrap();
+        lock.try_lock().unwrap();
+        assert_eq!(lock_holder(folder.path()), LockHolder::Process(own()));
+        lock.unlock().unwrap();
+        // Another process, whose number is in no file.
+        let mut other = Command::new("flock")
+            .arg(folder.path())
+            .args(["sh", "-c", "echo up; read line"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut up = [0; 3];
+        other.stdout.as_mut().unwrap().read_exact(&mut up).unwrap();
+        assert_eq!(lock_holder(folder.path()), LockHolder::Process(i32::try_from(other.id()).unwrap()));
+        drop(other.stdin.take());
+        other.wait().unwrap();
+        assert_eq!(lock_holder(folder.path()), LockHolder::Nobody);
+        assert_eq!(lock_holder(&folder.path().join("absent")), LockHolder::Nobody);
+    }
+
+    #[test]
+    fn what_the_kernel_calls_a_file_is_learned_without_its_device_number() {
+        let folder = tempfile::tempdir().unwrap();
+        let held = File::open(folder.path()).unwrap();
+        held.try_lock().unwrap();
+        let file = File::open(folder.path()).unwrap();
+        let name = KernelName::from_lock_list(&file).expect("the kernel says it");
+        let locks = read_limited("/proc/locks", LOCKS_BYTES_MAX).unwrap();
+        assert_eq!(holders(&locks, &name, "WRITE").collect::<Vec<_>>(), [own()]);
+    }
+
+    #[test]
+    fn shared_locks_are_listed_one_by_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mark");
+        let first = File::create(&path).unwrap();
+        assert!(lock_sharers(&first).is_empty());
+        let second = File::open(&path).unwrap();
+        first.try_lock_shared().unwrap();
+        second.try_lock_shared().unwrap();
+        assert_eq!(lock_sharers(&first), [own(), own()]);
+    }
+
+    #[test]
+    fn whoever_waits_holds_nothing() {
+        let locks = "1: FLOCK  ADVISORY  WRITE 712 fe:00:54 0 EOF\n1: -> FLOCK  ADVISORY  WRITE 713 fe:00:54 0 EOF\n\
+                     2: POSIX  ADVISORY  WRITE 714 fe:00:54 0 EOF\n3: FLOCK  ADVISORY  WRITE -1 fe:00:55 0 EOF\n4: FLOCK\n";
+        let of = |name: &str| holders(locks, &KernelName(name.to_owned()), "WRITE").collect::<Vec<_>>();
+        assert_eq!((of("fe:00:54"), of("fe:00:55"), of("fe:00:5")), (vec![712], vec![], vec![]));
+    }
+}

@@ -1,0 +1,210 @@
+//! Text of a recording: the version of an event, the upgrade's phase, levels of log lines, the document.
+//!
+//! Foreign text is sanitized and loses all Markdown syntax.
+
+use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
+use holdpoint_text::Untrusted;
+
+use super::limits::TEXT_WIDTH_MAX;
+use holdpoint_recordings::recording::RecordingSubject;
+
+/// The version of an event; absent if the event concerns the whole cell.
+#[must_use]
+pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
+    match kind {
+        EventKind::Recovered { version, .. }
+        | EventKind::Registered { version, .. }
+        | EventKind::StageStarted { version, .. }
+        | EventKind::Progress { version, .. }
+        | EventKind::Decided { version, .. }
+        | EventKind::StateChanged { version, .. }
+        | EventKind::ApprovalRequested { version, .. }
+        | EventKind::ApprovalReceived { version, .. }
+        | EventKind::Activated { version, .. }
+        | EventKind::Confirmed { version, .. }
+        | EventKind::Monitor { version, .. }
+        | EventKind::Rung { version, .. }
+        | EventKind::RolledBack { version, .. }
+        | EventKind::Continued { version, .. }
+        | EventKind::Released { version, .. }
+        | EventKind::Resumed { version, .. }
+        | EventKind::ProfilesSet { version, .. }
+        | EventKind::BreakGlass { version, .. }
+        | EventKind::Reviewed { version, .. }
+        | EventKind::AuditClosed { version, .. } => Some(version),
+        EventKind::EngineStarted { .. }
+        | EventKind::Sequence { .. }
+        | EventKind::Drift { .. }
+        | EventKind::LiveFault { .. }
+        | EventKind::GoalSet { .. }
+        | EventKind::ShiftNote { .. }
+        | EventKind::Commissioned { .. }
+        | EventKind::SensesCommissioned { .. }
+        | EventKind::CellStopped { .. }
+        | EventKind::ArmStands { .. }
+        | EventKind::CellReleased { .. }
+        | EventKind::Pace { .. }
+        | EventKind::Alarm { .. }
+        | EventKind::Voided { .. }
+        // About a file, not about its content.
+        | EventKind::RecordingKept { .. }
+        | EventKind::Scene { .. }
+        | EventKind::CommandRefused { .. }
+        | EventKind::Fault { .. } => None,
+    }
+}
+
+/// The upgrade's phase after an event; absent if it does not change.
+#[must_use]
+pub fn phase(kind: &EventKind) -> Option<String> {
+    Some(match kind {
+        EventKind::StageStarted { stage, .. } => stage.name().to_owned(),
+        EventKind::StateChanged { to, .. } => to.name().to_owned(),
+        EventKind::ApprovalRequested { .. } => "waits for people".to_owned(),
+        EventKind::Activated { .. } => "active, provisional".to_owned(),
+        EventKind::Confirmed { .. } => "active, confirmed".to_owned(),
+        EventKind::Monitor { decision, .. } => format!("active, {decision}"),
+        EventKind::Rung { .. } => "rollback ladder".to_owned(),
+        EventKind::RolledBack { .. } => "rolled back".to_owned(),
+        _ => return None,
+    })
+}
+
+/// The level of a log line.
+#[must_use]
+pub fn level(kind: &EventKind) -> &'static str {
+    match kind {
+        EventKind::RolledBack { .. }
+        | EventKind::CellStopped { .. }
+        | EventKind::BreakGlass { .. }
+        | EventKind::Fault { .. } => "ERROR",
+        EventKind::Rung { ok: false, .. } => "ERROR",
+        EventKind::Rung { .. }
+        | EventKind::Monitor { .. }
+        | EventKind::CommandRefused { .. }
+        | EventKind::Voided { .. }
+        | EventKind::Drift { kind: Some(_), .. }
+        | EventKind::LiveFault { fault: Some(_) }
+        | EventKind::Sequence { success: false, .. } => "WARN",
+        EventKind::Sequence { .. } | EventKind::Pace { .. } => "DEBUG",
+        _ => "INFO",
+    }
+}
+
+/// The level of an alarm.
+#[must_use]
+pub const fn alarm_level(priority: Priority, state: AlarmState) -> &'static str {
+    match (state, priority) {
+        (AlarmState::Normal, _) => "INFO",
+        (
+            AlarmState::Unacknowledged
+            | AlarmState::Acknowledged
+            | AlarmState::ReturnedUnacknowledged
+            | AlarmState::Latched
+            | AlarmState::Shelved,
+            priority,
+        ) => match priority {
+            Priority::Critical | Priority::High => "ERROR",
+            Priority::Low => "WARN",
+        },
+    }
+}
+
+/// The upgrade in a page of Markdown.
+#[must_use]
+pub fn document(
+    about: &RecordingSubject,
+    phase: Option<&str>,
+    decided: Option<&Event>,
+    outcome: Option<UpgradeEnd>,
+) -> String {
+    let predecessor = about.predecessor.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
+    let mut page = format!(
+        "# {}\n\n| | |\n|---|---|\n| replaces | {} |\n| digest | `{}` |\n| profile | {} |\n| robot | {} |\n| seed | {} \
+         |\n| engine | {} |\n| phase | **{}** |\n",
+        plain(&about.version.to_string()),
+        plain(&predecessor),
+        about.digest.short(),
+        plain(&about.profile.to_string()),
+        plain(&about.robot),
+        about.seed,
+        plain(&about.engine_build),
+        plain(phase.unwrap_or("registered")),
+    );
+    if let Some(outcome) = outcome {
+        page.push_str(&format!("| outcome | **{outcome}** |\n"));
+    }
+    if let Some(event) = decided {
+        page.push_str(&decision(event));
+    }
+    page
+}
+
+fn decision(event: &Event) -> String {
+    let secs = event.at_ms / 1000;
+    match &event.kind {
+        EventKind::Decided { stage, outcome, dimensions, reasons, .. } => {
+            let mut text = format!("\n## {stage}: {outcome}\n\nat {secs} s\n\n");
+            text.push_str("| dimension | value | limit | outcome |\n|---|---|---|---|\n");
+            for dimension in dimensions {
+                text.push_str(&row(dimension));
+            }
+            text + &list(reasons)
+        }
+        EventKind::Monitor { decision, reasons, .. } => {
+            format!("\n## monitor: {decision}\n\nat {secs} s\n{}", list(reasons))
+        }
+        EventKind::RolledBack { restored, trigger, recovered, .. } => {
+            let restored = restored.as_ref().map_or_else(|| "nobody".to_owned(), ToString::to_string);
+            let end = if *recovered { "the family runs again" } else { "the family does not work" };
+            format!("\n## rolled back\n\nat {secs} s to {}: {}; {end}\n", plain(&restored), plain(trigger))
+        }
+        _ => String::new(),
+    }
+}
+
+fn row(dimension: &DimensionResult) -> String {
+    let name = dimension.dimension.label();
+    let value = dimension.kappa.map_or_else(|| "no data".to_owned(), |kappa| format!("{kappa:.3}"));
+    format!("| {name} | {value} | {:.3} | {} |\n", dimension.threshold, dimension.outcome)
+}
+
+fn list(reasons: &[Reason]) -> String {
+    let lines =
+        reasons.iter().take(8).map(|reason| format!("* {}\n", plain(&holdpoint_wording::line(reason))));
+    "\n".to_owned() + &lines.collect::<String>()
+}
+
+/// Foreign text on one line, without Markdown syntax.
+fn plain(text: &str) -> String {
+    let shown = Untrusted::new(text).display(TEXT_WIDTH_MAX);
+    let mut plain = String::with_capacity(shown.as_str().len());
+    for letter in shown.as_str().chars() {
+        if matches!(letter, '\\' | '`' | '*' | '_' | '[' | ']' | '<' | '>' | '#' | '|' | '!') {
+            plain.push('\\');
+        }
+        plain.push(letter);
+    }
+    plain
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn foreign_text_draws_no_table_and_no_link() {
+        assert_eq!(plain("a|b [x](y) \u{1b}[31m"), r"a\|b \[x\](y) \\u{1b}\[31m");
+    }
+
+    #[test]
+    fn an_alarm_that_is_over_is_no_error() {
+        assert_eq!(alarm_level(Priority::High, AlarmState::Normal), "INFO");
+        assert_eq!(alarm_level(Priority::High, AlarmState::Unacknowledged), "ERROR");
+        assert_eq!(alarm_level(Priority::Low, AlarmState::Unacknowledged), "WARN");
+    }
+}

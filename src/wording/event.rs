@@ -1,0 +1,316 @@
+//! One line per event: the plain stream, also for screen readers.
+//!
+//! Foreign text is sanitized; nothing here moves a cursor or draws a box.
+
+use std::fmt::Write as _;
+
+use holdpoint_governance::profile::titled;
+use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
+use holdpoint_protocol::snapshot::RequestKind;
+use holdpoint_text::{SafeText, Untrusted};
+
+/// The longest line, columns; longer ones are cut.
+pub const LINE_WIDTH_MAX: usize = 4_000;
+
+/// The line of an event, without its end.
+#[must_use]
+pub fn line(event: &Event) -> String {
+    let secs = event.at_ms / 1000;
+    let tenths = event.at_ms / 100 % 10;
+    format!("{secs:>6}.{tenths} {}", sentence(event, LINE_WIDTH_MAX).as_str())
+}
+
+/// The text of an event, without its time, on one line of at most `width_max` columns.
+#[must_use]
+pub fn sentence(event: &Event, width_max: usize) -> SafeText {
+    Untrusted::new(text(&event.kind)).display(width_max)
+}
+
+fn text(kind: &EventKind) -> String {
+    match kind {
+        EventKind::EngineStarted { profile, site, robot, seed, policy, agent, .. } => format!(
+            "engine   up: profile {}, robot {robot}, seed {seed}, policy {}, agent {}",
+            titled(*profile, site.as_ref()),
+            policy.short(),
+            agent.short()
+        ),
+        EventKind::Recovered { version, text } => format!("recover  {version}: {text}"),
+        EventKind::Registered {
+            version,
+            digest,
+            author,
+            requester,
+            provenance,
+            risk,
+            parent,
+            interface_changes,
+        } => {
+            let parent = parent.as_ref().map_or_else(String::new, |parent| format!(", from {parent}"));
+            let mut line = format!(
+                "register {version} {} by {author} ({provenance}, estimated risk {risk}{parent}), requested by {}",
+                digest.short(),
+                requester.name()
+            );
+            if !interface_changes.is_empty() {
+                let changes: Vec<String> = interface_changes.iter().map(ToString::to_string).collect();
+                let _ = write!(line, "; declares: {}", changes.join(", "));
+            }
+            line
+        }
+        EventKind::StageStarted { version, stage, budget } => {
+            format!("stage    {version}: {} begins, budget {budget}", stage.name())
+        }
+        EventKind::Progress { version, what, done, budget, .. } => {
+            format!("progress {version}: {what} {done}/{budget}")
+        }
+        EventKind::Decided {
+            version,
+            stage,
+            outcome,
+            dimensions,
+            composite,
+            reasons,
+            conditions,
+            deployment,
+        } => {
+            let mut line = format!("decide   {version}: {} -> {outcome}", stage.name());
+            if let Some(deployment) = deployment {
+                let _ = write!(line, " ({deployment})");
+            }
+            for dimension in dimensions {
+                let _ = write!(line, " {}", kappa(dimension));
+            }
+            if let Some(composite) = composite {
+                let _ = write!(line, " composite={composite:.3}");
+            }
+            for reason in reasons.iter().take(4) {
+                let _ = write!(line, "; {}", crate::line(reason));
+            }
+            if !conditions.is_empty() {
+                let _ = write!(line, "; conditions: {}", listed(conditions));
+            }
+            line
+        }
+        EventKind::StateChanged { version, from, to, reason } => {
+            format!("state    {version}: {from} -> {to} ({reason})")
+        }
+        EventKind::ApprovalRequested {
+            version,
+            replaces,
+            needed,
+            until,
+            evidence,
+            author,
+            new_permissions,
+            changes,
+            conditions,
+            untested,
+            on_drift,
+            purpose,
+        } => {
+            let replaces = replaces.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
+            if *purpose != RequestKind::Activation {
+                let short = evidence.short();
+                return format!(
+                    "ask      {version}: {needed} to decide on its {purpose} by {}, evidence {short}; {on_drift}",
+                    until.label()
+                );
+            }
+            format!(
+                "ask      {version}{replaces}: {needed} to approve by {}, evidence {}, made by {author}; new \
+                 permissions: {}; changes: {}; conditions: {}; if it gets worse: {on_drift}; not tested: {}",
+                until.label(),
+                evidence.short(),
+                listed(new_permissions),
+                listed(&changes.lines()),
+                listed(conditions),
+                listed(untested)
+            )
+        }
+        EventKind::ApprovalReceived { version, by, decision, reason, have, needed } => {
+            format!("answer   {version}: {by} says {decision} ({reason}); {have} of {needed}")
+        }
+        EventKind::Activated { version, replaced, modes, conditions, provisional_episodes } => {
+            let replaced = replaced.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
+            let modes: Vec<&str> = modes.iter().map(|mode| mode.name()).collect();
+            format!(
+                "activate {version}{replaced}: {}, provisional for {provisional_episodes} episodes; conditions: {}",
+                modes.join("+"),
+                listed(conditions)
+            )
+        }
+        EventKind::Confirmed { version, episodes } => {
+            format!("confirm  {version}: {episodes} episodes without a trip")
+        }
+        EventKind::Sequence { index, success, tasks, refused } => {
+            let mut line =
+                format!("work     sequence {index}: {}", if *success { "done" } else { "not done" });
+            for task in tasks {
+                let mark = if task.success { "ok" } else { "failed" };
+                let _ = write!(line, ", {} {mark} {:.1} s", task.version, task.time_secs);
+                if task.violation {
+                    line.push_str(" VIOLATION");
+                }
+                if task.anomaly {
+                    line.push_str(" anomaly");
+                }
+            }
+            if let Some(refused) = refused {
+                let _ = write!(line, "; not started: {refused}");
+            }
+            line
+        }
+        EventKind::Monitor { version, decision, reasons } => {
+            let why: Vec<String> = reasons.iter().map(crate::line).collect();
+            format!("monitor  {version}: {decision}; {}", why.join("; "))
+        }
+        EventKind::Rung { version, rung, failure, ms, text, .. } => {
+            let ended = failure.map_or_else(|| "held".to_owned(), |why| format!("FAILED ({})", why.name()));
+            format!("ladder   {version}: {} {ended} in {ms} ms: {text}", rung.name())
+        }
+        EventKind::RolledBack {
+            version,
+            restored,
+            trigger,
+            time_to_safe_ms,
+            time_to_rollback_ms,
+            recovered,
+            ..
+        } => {
+            let after =
+                |ms: &Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
+            let restored = restored.as_ref().map_or_else(|| "no version".to_owned(), ToString::to_string);
+            format!(
+                "rollback {version} -> {restored}: {trigger}; safe {}, restored {}, {}",
+                after(time_to_safe_ms),
+                after(time_to_rollback_ms),
+                if *recovered { "recovered" } else { "NOT recovered" }
+            )
+        }
+        EventKind::Drift { kind, magnitude } => match kind {
+            Some(kind) => {
+                let much = magnitude.map_or_else(String::new, |magnitude| format!(" {magnitude}"));
+                format!("drift    {kind}{much} sets in")
+            }
+            None => "drift    ends".to_owned(),
+        },
+        EventKind::LiveFault { fault } => match fault {
+            Some(fault) => format!("fault    {fault} in the live world"),
+            None => "fault    repaired in the live world".to_owned(),
+        },
+        EventKind::ShiftNote { by, text } => format!("note     {by}: {text}"),
+        EventKind::GoalSet { goal, by, reason } => format!("goal     {goal}: set by {by} ({reason})"),
+        EventKind::Continued { version, by, reason } => {
+            format!("goes on  {version}: answered by {by} ({reason})")
+        }
+        EventKind::Commissioned { version, tasks, failures, timeouts, peak_force_n } => format!(
+            "normal   {version}: {failures} of {tasks} tasks failed, {timeouts} ran out of time, at most \
+             {peak_force_n:.1} N; stored as normal for {}",
+            version.family
+        ),
+        EventKind::SensesCommissioned { tasks, picture_jitter_m, pictures_missing } => format!(
+            "normal   camera: jitter up to {:.1} mm, up to {:.0} % of camera frames missing in {tasks} \
+             tasks; stored as normal for the cell",
+            picture_jitter_m * 1e3,
+            pictures_missing * 100.0
+        ),
+        EventKind::CellStopped { by, caller, reason } => {
+            let by = if by.is_empty() { "an unnamed user" } else { by };
+            let why = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
+            format!("STOP     the cell is stopped by {by}, {caller}{why}")
+        }
+        EventKind::ArmStands { ticks } => format!("stands   at standstill {ticks} ticks after the stop"),
+        EventKind::CellReleased { by, caller, reason } => {
+            format!("go       the cell is started by {by}, {caller} ({reason})")
+        }
+        EventKind::Released { version, by, reason } => {
+            format!("release  {version}: restriction lifted by {by} ({reason})")
+        }
+        EventKind::Resumed { version, by, reason } => {
+            format!("resume   {version}: resumed by {by} ({reason})")
+        }
+        EventKind::ProfilesSet { version, closed, by, reason } => {
+            let closed: Vec<&str> = closed.iter().map(|profile| profile.name()).collect();
+            let closed = if closed.is_empty() { "none".to_owned() } else { closed.join(", ") };
+            format!("profiles {version}: blocked under: {closed}; set by {by} ({reason})")
+        }
+        EventKind::BreakGlass { version, by, reason, until } => format!(
+            "EMERGENCY {version}: {by} activates it alone ({reason}); rolled back without two reviews by {}",
+            until.label()
+        ),
+        EventKind::Reviewed { version, upheld, by } => {
+            let found = if *upheld { "upheld" } else { "NOT upheld" };
+            format!("review   {version}: its emergency activation is {found} by {}", by.join(", "))
+        }
+        EventKind::Pace { times } => match times {
+            Some(times) => format!("pace     {times} simulated seconds in a second"),
+            None => "pace     as fast as it computes".to_owned(),
+        },
+        EventKind::Alarm { alarm, state, priority, text, .. } => {
+            format!("alarm    {alarm} [{priority}, {state}] {text}")
+        }
+        EventKind::Voided { family, reason } => format!("void     {family}: {reason}"),
+        EventKind::AuditClosed { version, outcome, records } => {
+            format!("closed   {version}: {outcome}, {records} audit records")
+        }
+        EventKind::RecordingKept { version, file, digest, bytes, pictures: frames, dropped } => {
+            let mut line = format!(
+                "kept     {version}: recording {file}, {:.2} MiB, {frames} video frames, {}",
+                *bytes as f64 / f64::from(1 << 20),
+                digest.short()
+            );
+            if dropped.iter().any(|count| *count > 0) {
+                let _ = write!(line, "; {} video frames and {} events DROPPED", dropped[0], dropped[1]);
+            }
+            line
+        }
+        EventKind::Scene { text, failed } => {
+            format!("scene    {}{text}", if *failed { "NOT SHOWN: " } else { "" })
+        }
+        EventKind::CommandRefused { id, text } => format!("refused  {id}: {text}"),
+        EventKind::Fault { text } => format!("FAULT    {text}; the engine is halted"),
+    }
+}
+
+fn listed<T: ToString>(items: &[T]) -> String {
+    if items.is_empty() {
+        return "none".to_owned();
+    }
+    let words: Vec<String> = items.iter().map(ToString::to_string).collect();
+    words.join(", ")
+}
+
+fn kappa(dimension: &DimensionResult) -> String {
+    use holdpoint_governance::decision::Dimension;
+    let name = match dimension.dimension {
+        Dimension::Interface => "kI",
+        Dimension::Policy => "kP",
+        Dimension::Behavior => "kB",
+        Dimension::Recovery => "kR",
+        Dimension::Composition
+        | Dimension::Shadow
+        | Dimension::Gate
+        | Dimension::Approval
+        | Dimension::Monitor => "k",
+    };
+    let estimate = if dimension.measured { "" } else { "~" };
+    match dimension.kappa {
+        Some(value) => format!("{name}={estimate}{value:.2}({})", dimension.outcome),
+        None => format!("{name}=-({})", dimension.outcome),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sanitizing a text twice changes nothing.
+    #[test]
+    fn what_is_safe_stays_as_it_is() {
+        let text = "\u{1b}[2J\u{7}\r\n\u{202e}evom\u{200b} a \\u{41} \u{e9}".to_owned();
+        let event = Event { seq: 1, at_ms: 0, kind: EventKind::Scene { text, failed: false } };
+        let once = sentence(&event, 80);
+        assert!(!once.as_str().contains(char::is_control));
+        assert_eq!(Untrusted::new(once.as_str()).display(80).as_str(), once.as_str());
+    }
+}

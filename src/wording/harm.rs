@@ -1,0 +1,68 @@
+//! Comparisons of harm and of whole sequences in words.
+
+use holdpoint_governance::behavior::{HarmComparison, HarmDecider, SequenceMeasure};
+use holdpoint_governance::harm::HarmKind;
+
+pub(crate) fn percent(rate: f64) -> String {
+    format!("{:.1} %", 100.0 * rate)
+}
+
+pub(crate) const fn more(measure: HarmKind) -> &'static str {
+    if measure.is_worse_when_lower() { "less" } else { "more" }
+}
+
+/// Both means with their unit and the tolerance.
+#[must_use]
+pub fn harm_comparison(found: &HarmComparison) -> String {
+    let HarmComparison { kind, candidate, active, tolerance, .. } = *found;
+    means(kind, [candidate, active, tolerance])
+}
+
+pub(crate) fn means(kind: HarmKind, [candidate, active, tolerance]: [f64; 3]) -> String {
+    format!(
+        "{} against {}, at most {} {} is allowed",
+        kind.format(candidate),
+        kind.format(active),
+        kind.format(tolerance),
+        more(kind)
+    )
+}
+
+/// What makes the verdict where the mean is within the tolerance; `None` where the mean makes it or nothing was found.
+#[must_use]
+pub fn harm_decider(found: &HarmComparison) -> Option<String> {
+    let (kind, past) = (found.kind, found.past);
+    let rare = |verb: &str| {
+        format!(
+            "its rare episodes {verb}: past {} in {} of them against {}, at most {} more is allowed",
+            kind.format(past.limit),
+            percent(past.candidate),
+            percent(past.active),
+            percent(past.tolerance)
+        )
+    };
+    Some(match found.deciding()? {
+        HarmDecider::Bound(Some(upper)) => {
+            format!("its bound decides: up to {} {} is not excluded", kind.format(upper), more(kind))
+        }
+        HarmDecider::Bound(None) => "its bound decides: so few episodes exclude nothing".to_owned(),
+        HarmDecider::RareEpisodes => rare("decide"),
+        HarmDecider::RareEpisodesOpen => rare("leave it open"),
+    })
+}
+
+/// What is compared of sequences, with its unit.
+#[must_use]
+pub fn sequence_measure(measure: SequenceMeasure) -> String {
+    match measure {
+        SequenceMeasure::NotDone => "not done".to_owned(),
+        SequenceMeasure::Violation => "a violation after it".to_owned(),
+        SequenceMeasure::Anomaly => "an anomaly after it".to_owned(),
+        SequenceMeasure::PastLimit => "past a limit of harm after it".to_owned(),
+        SequenceMeasure::Time => "time after it, s".to_owned(),
+        SequenceMeasure::Harm(kind) => match kind.unit() {
+            "" => format!("{} after it", kind.label()),
+            unit => format!("{} after it, {unit}", kind.label()),
+        },
+    }
+}

@@ -1,0 +1,44 @@
+//! Values beside an open request that change every second: shown with their time and signed by no person.
+
+use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
+use holdpoint_text::Untrusted;
+
+/// What stands over these lines; the time follows.
+pub const LIVE_HEADING: &str = "LIVE, NOT SIGNED, as of";
+
+/// The longest line, columns.
+const WIDTH_MAX: usize = 200;
+
+/// The heading with the time of the snapshot, then the answers, the time left, the state of the live cell and the open
+/// alarms. A snapshot is only as reliable as its sender: none of it is a reason to approve.
+#[must_use]
+pub fn live_lines(question: &ApprovalRequestView, now: &Snapshot) -> Vec<String> {
+    let mut lines = vec![format!("{LIVE_HEADING} {}", now.time.label())];
+    let ApprovalRequestView { approved_by, needed, officer_missing, .. } = question;
+    let officer = if *officer_missing { ", a safety officer's is missing" } else { "" };
+    let by = if approved_by.is_empty() { "none yet".to_owned() } else { approved_by.join(", ") };
+    let is_emergency = question.purpose == RequestKind::Emergency;
+    if question.granted {
+        let when = if now.stopped.is_some() {
+            "as soon as the cell starts"
+        } else {
+            "when the sequence that runs is over"
+        };
+        lines.push(format!("Approved by {by}: it takes over {when}"));
+    } else if !is_emergency {
+        lines.push(format!("Approvals: {} of {needed} ({by}){officer}", approved_by.len()));
+    }
+    if !(question.granted || is_emergency) {
+        lines.push(format!("Deadline: {}", question.until.as_deadline(now.time)));
+    }
+    if let (Some(success), recent) = (now.live.recent_success, now.live.recent) {
+        lines.push(format!("Live cell: {:.0} % of the last {recent} sequences done", 100.0 * success));
+    }
+    if now.stopped.is_some() {
+        lines.push("The cell is stopped".to_owned());
+    }
+    if let Some(alarm) = now.foremost_alarm() {
+        lines.push(format!("Open alarms: {}, the foremost {}", now.alarms.len(), alarm.alarm));
+    }
+    lines.into_iter().map(|line| Untrusted::new(line).display(WIDTH_MAX).into_string()).collect()
+}
