@@ -229,7 +229,7 @@ pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn Eng
 
 /// Runs the verb.
 ///
-/// Runs the verb.
+/// # Errors
 /// [`CliError`] with the exit code to end with.
 pub fn dispatch(
     cli: &Cli,

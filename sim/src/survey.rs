@@ -141,7 +141,7 @@ impl Surveyor {
                     fixtures.push(FixedObstacle::new(collider));
                 }
                 ColliderKind::Link(index) => {
-                    parts.push(RobotPart::new(usize::from(*index) - 1, collider, false))
+                    parts.push(RobotPart::new(usize::from(*index) - 1, collider, false));
                 }
                 ColliderKind::Finger(side) => {
                     parts.push(RobotPart::new(joints + usize::from(*side), collider, false));

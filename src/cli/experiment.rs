@@ -1,6 +1,6 @@
 //! `holdpoint experiment`: arguments, progress lines and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::experiment`]; measures and judges nothing.
+//! Prints the results of [`holdpoint_lab::pipeline_experiments`]; measures and judges nothing.
 
 use std::io::Write;
 use std::path::PathBuf;

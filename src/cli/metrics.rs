@@ -1,6 +1,6 @@
 //! `holdpoint metrics`: the paper's metrics from telemetry and audit log, without ground truth.
 //!
-//! Prints the result of [`holdpoint_engine::observed`]; an engine may have the store open meanwhile. Prints no rate
+//! Prints the result of [`holdpoint_engine::store_metrics`]; an engine may have the store open meanwhile. Prints no rate
 //! without a case.
 
 use std::str::FromStr;

@@ -109,7 +109,7 @@ impl<'a> CommandOutput<'a> {
     /// first are indented by four more columns. Nothing is left out.
     ///
     /// # Errors
-    /// As [`Output::line`].
+    /// As [`CommandOutput::line`].
     pub fn paragraph(&mut self, indent: &str, text: &str) -> Result<(), CliError> {
         let width = usize::from(self.width.unwrap_or(WRAP_WIDTH).max(TABLE_WIDTH_MIN));
         let further = format!("{indent}    ");
@@ -125,7 +125,7 @@ impl<'a> CommandOutput<'a> {
     /// One JSON document on one line, without terminal control characters.
     ///
     /// # Errors
-    /// As [`Output::line`], or [`CliError::Internal`] if the value has no JSON form.
+    /// As [`CommandOutput::line`], or [`CliError::Internal`] if the value has no JSON form.
     pub fn json<T: Serialize>(&mut self, value: &T) -> Result<(), CliError> {
         let json = serde_json::to_string(value).map_err(CliError::internal)?;
         Ok(writeln!(self.sink, "{}", escape_json(&json))?)
@@ -134,7 +134,7 @@ impl<'a> CommandOutput<'a> {
     /// A table for people.
     ///
     /// # Errors
-    /// As [`Output::line`].
+    /// As [`CommandOutput::line`].
     pub fn table(&mut self, table: &TextTable) -> Result<(), CliError> {
         let mut drawn = comfy_table::Table::new();
         drawn.load_preset(presets::NOTHING);
@@ -162,7 +162,7 @@ impl<'a> CommandOutput<'a> {
     /// JSON if it was requested, else the output of `show`.
     ///
     /// # Errors
-    /// As [`Output::json`].
+    /// As [`CommandOutput::json`].
     pub fn answer<T: Serialize>(
         &mut self,
         value: &T,
@@ -179,7 +179,7 @@ impl<'a> CommandOutput<'a> {
     /// Writes the buffered output.
     ///
     /// # Errors
-    /// As [`Output::line`].
+    /// As [`CommandOutput::line`].
     pub fn flush(&mut self) -> Result<(), CliError> {
         Ok(self.sink.flush()?)
     }

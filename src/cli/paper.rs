@@ -1,6 +1,6 @@
 //! `holdpoint experiment e1|e2|e3|e4|e5|sensitivity|meta-faults|overhead|ablation|all`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::paper`]; measures and judges nothing.
+//! Prints the results of [`holdpoint_lab::paper_reproduction`]; measures and judges nothing.
 
 use std::io::Write as _;
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! `holdpoint experiment per-candidate`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::experiment::per_candidate`]; measures nothing and leaves nothing out
+//! Prints the results of [`holdpoint_lab::pipeline_experiments::per_candidate`]; measures nothing and leaves nothing out
 //! (JSON has every digit).
 
 use std::io::Write as _;

@@ -1,6 +1,6 @@
 //! `holdpoint refine`: arguments, progress on the standard error, and the printed report.
 //!
-//! Searches and judges nothing: [`holdpoint_lab::refine`] searches, and the pipeline judges the registered
+//! Searches and judges nothing: [`holdpoint_lab::parameter_search`] searches, and the pipeline judges the registered
 //! candidate.
 
 use std::io::{IsTerminal as _, Write as _};

@@ -1,6 +1,6 @@
 //! `holdpoint experiment truth`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::truth`]; measures nothing and leaves nothing out (JSON has every digit).
+//! Prints the results of [`holdpoint_lab::ground_truth`]; measures nothing and leaves nothing out (JSON has every digit).
 
 use std::io::Write as _;
 use std::path::PathBuf;

@@ -121,7 +121,7 @@ impl<'a> EngineBootstrap<'a> {
     /// As [`ControlSocket::serve_console_group`].
     ///
     /// # Errors
-    /// [`StartError::ControlSocket`].
+    /// [`StartError::Socket`].
     pub fn serve_console_group(&mut self, folder: &std::path::Path) -> Result<(), StartError> {
         Ok(self.socket.serve_console_group(folder)?)
     }

@@ -1,6 +1,6 @@
 //! The metrics of a store, without ground truth: from record and telemetry, also beside a running engine.
 //!
-//! Reads and computes; changes and judges nothing. [`holdpoint_governance::metrics::observed`] defines each number and what it
+//! Reads and computes; changes and judges nothing. [`holdpoint_governance::metrics::store_metrics`] defines each number and what it
 //! excludes.
 
 mod chart_replay;

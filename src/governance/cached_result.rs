@@ -45,7 +45,7 @@ pub enum SampleGroup {
 }
 
 impl SampleGroup {
-    /// In the order of [`CachedResultUse::draws`].
+    /// In the order in which a record lists them.
     pub const ALL: [Self; 3] = [Self::Episodes, Self::Drills, Self::Sequences];
 
     const fn name(self) -> &'static str {

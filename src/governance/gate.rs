@@ -446,7 +446,7 @@ impl GateFindings {
             self.demote.push(reason(Finding::PoliciesDiffer));
         }
         if let Some(because) = table.activation_forbidden(input.risk, input.provenance) {
-            self.reject.push(reason(Finding::SitePolicyForbids { because: because.to_vec() }));
+            self.reject.push(reason(Finding::SitePolicyForbids { because: because.clone() }));
         }
         if input.closed.contains(&profile.name) {
             self.hold.push(reason(Finding::ProfileBlocked { profile: profile.name }));

@@ -38,7 +38,7 @@ impl Family {
     /// Parses a family name.
     ///
     /// # Errors
-    /// [`CrateNameError`]: empty, longer than allowed, or with a character outside `[a-z0-9._-]`.
+    /// [`NameError`]: empty, longer than allowed, or with a character outside `[a-z0-9._-]`.
     pub fn new(name: impl Into<String>) -> Result<Self, NameError> {
         let name = name.into();
         if is_name(&name) { Ok(Self(name)) } else { Err(NameError(name)) }

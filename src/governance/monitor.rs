@@ -408,7 +408,7 @@ impl Monitor {
     }
 
     /// Takes the values of one finished live episode and returns the action. One that a person ended says
-    /// that a person stepped in and nothing else ([`Monitor::stepped_in`]).
+    /// that a person stepped in and nothing else ([`Monitor::record_intervention`]).
     pub fn observe(&mut self, episode: &EpisodeValues, now_tick: u64) -> MonitorDecision {
         if !episode.is_valid() {
             return self.safety(SafetyEvent::NotANumber, now_tick);
@@ -539,7 +539,7 @@ impl Monitor {
     /// longer apply. Charts and window restart; an open escalation counts as answered.
     ///
     /// # Errors
-    /// As [`Monitor::answered`].
+    /// As [`Monitor::on_answer`].
     pub fn on_restriction_lifted(
         &mut self,
         profile: &Profile,

@@ -280,7 +280,7 @@ crate::closed_set! {
 
 crate::closed_set! {
     /// What a stage ended with, in its own rule's word: a [`Recommendation`] after validation and sandbox, a
-    /// [`Check`] after shadow, a [`GateOutcome`] after the gate.
+    /// [`CheckResult`] after shadow, a [`GateOutcome`] after the gate.
     StageOutcome, "outcome of a stage", {
         /// Refused, by a recommendation or by the gate.
         Reject = "reject",

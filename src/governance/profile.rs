@@ -207,7 +207,7 @@ pub struct EvaluationSettings {
     /// The accepted rise of the share of failed sequences.
     pub sequence_tolerance: f64,
     /// Error rate of calling an unchanged version shifted: in both looks of shadow together, and in those of its live
-    /// tasks together (see [`shift`](crate::shift)).
+    /// tasks together (see [`shift`](crate::distribution_shift)).
     pub shift_alpha: f64,
     /// Error rate of the shadow comparison, shared by its signals and looks.
     pub shadow_alpha: f64,

@@ -1,8 +1,8 @@
 //! The laboratory: measurements of the engine and its rules, and generated candidates.
 //!
-//! [`mod@bench`] times the engine and measures the error rates of its rules. [`experiment`] runs whole upgrades that
-//! answer a question. [`truth`] measures the ground truth of candidates and scores decisions against it. [`pool`]
-//! generates candidates for them. [`paper`] re-runs the paper's own evaluation. [`refine`] makes a candidate by
+//! [`mod@bench`] times the engine and measures the error rates of its rules. [`pipeline_experiments`] runs whole upgrades that
+//! answer a question. [`ground_truth`] measures the ground truth of candidates and scores decisions against it. [`candidate_pool`]
+//! generates candidates for them. [`paper_reproduction`] re-runs the paper's own evaluation. [`parameter_search`] makes a candidate by
 //! optimizing nominal success alone. Nothing that decides names any of these.
 
 pub mod bench;

@@ -280,7 +280,7 @@ pub struct Request {
     pub id: String,
     /// The command.
     pub command: Command,
-    /// The signer of a command that grants or widens authority ([`Authority`]); absent if it is unsigned. Under `real`
+    /// The signer of a command that grants or widens authority ([`AuthorityEffect`]); absent if it is unsigned. Under `real`
     /// and `human` the engine refuses such a command without it. With any other command it is ignored.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seal: Option<Box<SignedCall>>,

@@ -91,7 +91,7 @@ impl Router {
                     }));
                 }
                 Err(error) => {
-                    self.reports.push(SinkReport::Failed { version: None, text: error.to_string() })
+                    self.reports.push(SinkReport::Failed { version: None, text: error.to_string() });
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Foreign text: everything that people, manifests, bundles or files wrote.
 //!
 //! An [`Untrusted`] value cannot be printed: it has no `Display`, and its `Debug` is sanitized. Only the sanitizer
-//! here makes a [`Shown`], which may reach a widget, log, title, table or error. It shows as `\u{..}` what a terminal
+//! here makes a [`SafeText`], which may reach a widget, log, title, table or error. It shows as `\u{..}` what a terminal
 //! would act on or a reader would not see: control characters (C0, C1, DEL), bidirectional overrides, tag and
 //! zero-width characters, unusual spaces, private and unassigned code points. It also bounds the width in columns and
 //! the bytes of one grapheme, as a pile of accents makes one huge cell.

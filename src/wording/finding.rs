@@ -189,8 +189,8 @@ pub fn finding(finding: &Finding) -> String {
         F::ShiftedInShadow { signal, live, sequences, sandbox, pairs } => {
             let (live, sandbox) = (difference(*signal, *live), difference(*signal, *sandbox));
             format!(
-                "not what the sandbox showed: {} against the active version {live} in {sequences} live sequences, {sandbox} in \
-                 {pairs} sandbox pairs",
+                "not what the sandbox showed: {} {live} than under the active version in {sequences} live sequences, \
+                 {sandbox} in {pairs} sandbox pairs",
                 shift_signal(*signal)
             )
         }

@@ -13,3 +13,6 @@ mod reason;
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};
 pub use reason::{line, reason};
+
+#[cfg(test)]
+mod tests;

@@ -311,7 +311,7 @@ use screen::{print_frame, show};
 
 /// A build without the console cannot draw.
 #[cfg(not(feature = "console"))]
-fn picture(_: &Tryout, _: &Film, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+fn print_frame(_: &Tryout, _: &Film, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     out.line("drawing     none: this build has no screen")
 }
 

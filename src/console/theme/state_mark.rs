@@ -62,7 +62,7 @@ impl StateMark {
     pub const NO_PROFILE: Self = mark(Glyph::Unknown, "UNKNOWN", ThemeRole::BannerHuman);
 
     /// The mark of a version: first what needs attention, then what runs, then its state. An active version always
-    /// shows that it has the arm: see [`Mark::beside`].
+    /// shows that it has the arm: see [`StateMark::secondary`].
     #[must_use]
     pub const fn version(state: State, flags: &VersionFlags) -> Self {
         match state {

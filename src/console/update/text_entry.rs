@@ -277,7 +277,7 @@ pub(super) fn paste(model: &mut ConsoleModel, text: &str) -> Vec<Effect> {
             }
         }
         (None, Some(Overlay::Approval(_))) => {
-            show_message(model, "a prompt takes no pasted text: type it", true)
+            show_message(model, "a prompt takes no pasted text: type it", true);
         }
         (None, Some(Overlay::Why(_) | Overlay::Film(_)) | None) => {
             show_message(model, "pasted text is ignored here", false);

@@ -67,7 +67,7 @@ pub(crate) fn worst_of_each(dossier: &EvidenceFile) -> Vec<FilmRequest> {
 pub(crate) fn decisive(dossier: &EvidenceFile) -> Option<ComponentName> {
     let assessment = &dossier.behavior.as_ref()?.assessment;
     let against = assessment.reasons.iter().filter(|reason| !crate::explain::is_in_favor(reason.code));
-    against.into_iter().find_map(|reason| component_of(reason))
+    against.into_iter().find_map(component_of)
 }
 
 /// What the rules found against the version.

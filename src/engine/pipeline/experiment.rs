@@ -54,7 +54,7 @@ impl ExperimentPipeline {
     /// One sequence under the monitors, after a look at their deadlines: what a slice of the engine's does.
     ///
     /// # Errors
-    /// [`Fault`] of the pipeline's own.
+    /// [`EngineFault`] of the pipeline's own.
     pub fn run_monitored(&mut self) -> Result<SequenceReport, EngineFault> {
         self.0.look_at_deadlines()?;
         self.0.live().sequence(None)

@@ -28,7 +28,7 @@ impl EpisodeCache {
     /// the cache's secret.
     ///
     /// # Errors
-    /// As [`holdpoint_registry::KeptSecret::derived`].
+    /// As [`holdpoint_registry::CacheSecret::derived`].
     pub fn seed_key(&self, store: &Store, script: Option<u64>) -> Result<SeedKey, StoreError> {
         match script {
             Some(seed) => Ok(SeedKey::of_run(seed)),

@@ -1,7 +1,7 @@
 //! Single episodes, and pairs of them, each on the world of its worker.
 //!
 //! Says what determines an episode ([`cache_key`]); what is kept under it, and which versions meet on which
-//! seeds, is for [`super::lab`] and [`super::evaluation`].
+//! seeds, is for [`super::trial_lab`] and [`super::evaluation`].
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

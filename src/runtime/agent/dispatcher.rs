@@ -71,7 +71,7 @@ pub fn holds(bound: &ObservableBound, found: Option<f64>) -> bool {
 /// Checks every declared precondition.
 ///
 /// # Errors
-/// [`Refused::Precondition`] naming the first that does not hold.
+/// [`DispatchRefusal::Precondition`] naming the first that does not hold.
 pub fn admit(manifest: &Manifest, seen: &Telemetry) -> Result<(), DispatchRefusal> {
     for (name, bound) in &manifest.invocation.preconditions {
         let found = observable(name, seen);
