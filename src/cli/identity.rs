@@ -250,6 +250,7 @@ fn create(
 ///
 /// # Errors
 /// [`CliError`].
+#[cfg(feature = "console")]
 pub(super) fn make_unprotected(context: &CliContext, name: &str) -> Result<(), CliError> {
     let name = parse_identity(name).map_err(CliError::usage)?;
     let layout = Layout::new(&context.data);
