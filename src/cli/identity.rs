@@ -12,7 +12,6 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
 use self::identity_rows::IdentityRow;
-use super::decide::parse_identity;
 use super::passphrase;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
@@ -252,7 +251,7 @@ fn create(
 /// [`CliError`].
 #[cfg(feature = "console")]
 pub(super) fn make_unprotected(context: &CliContext, name: &str) -> Result<(), CliError> {
-    let name = parse_identity(name).map_err(CliError::usage)?;
+    let name = super::decide::parse_identity(name).map_err(CliError::usage)?;
     let layout = Layout::new(&context.data);
     let enroller = || admin_acts::Enroller::of(context, None, None);
     create(&layout, (&name, Role::Operator), || Ok(None), enroller).map(drop)
