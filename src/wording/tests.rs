@@ -1,6 +1,6 @@
 //! The one table of texts: a sample of every finding, and the sentence that is made of it.
 //!
-//! `HOLDPOINT_WRITE_SENTENCES=1` writes the sentences anew.
+//! `HOLDPOINT_WRITE_SENTENCES=1` rewrites the sentences.
 
 use std::collections::BTreeSet;
 
