@@ -156,7 +156,7 @@ pub struct ArmDynamics {
 }
 
 impl ArmDynamics {
-    /// Of a robot as described; it has no weight where its drive carries it.
+    /// Builds the dynamics of a robot model; gravity is zero if the motors compensate for it.
     #[must_use]
     pub fn new(robot: &RobotModel) -> Self {
         const NONE: Inertial = Inertial {

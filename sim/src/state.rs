@@ -61,8 +61,8 @@ pub struct InFlightCommand {
     pub command: Command,
 }
 
-/// A command as a snapshot has it: by the number of its variant, because the format of snapshots
-/// describes nothing of itself and so cannot be asked for a tag.
+/// A command as a snapshot stores it, with the index of its variant as the tag. The format of
+/// snapshots is not self-describing, so serde could not read a named tag.
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "Command")]
 enum PlainCommand {
@@ -276,7 +276,7 @@ fn tool_available(setup: &EpisodeSetup, tick: u64) -> bool {
     !setup.tool_windows.iter().any(|window| (window.begin..window.end).contains(&tick))
 }
 
-/// Refuses a command whose numbers cannot be meant.
+/// Returns an error for a command with a number that is not finite or out of range.
 ///
 /// # Errors
 /// [`BodyError::Command`] with the value and what is needed.

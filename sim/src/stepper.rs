@@ -35,8 +35,8 @@ impl Stepper {
         self.cell.as_ref()
     }
 
-    /// One tick under the given drives; `hands` says who has the state. Whether the engine
-    /// rested in this tick.
+    /// Advances the cell by one tick under the given drives. Returns true if the arm's own dynamics
+    /// computed the tick and the physics engine rested.
     pub fn tick(
         &self,
         hands: &mut StateOwner,
@@ -60,7 +60,7 @@ impl Stepper {
         let effort = SolverEffort::of(self.fidelity, situation);
         let before = physics.integration_parameters.num_solver_iterations;
         effort.apply(physics);
-        // Where force and impulse are as the engine remembers them there is nothing to put right.
+        // Without a handover or a change of substeps in this tick, the engine's own warm start is right.
         let warm = self.cell.as_ref().filter(|_| last.is_some() || before != effort.substeps);
         if let Some(cell) = warm {
             physics.narrow_phase.set_query_dispatcher(cell.warm_start(last.as_ref(), before, effort));

@@ -144,8 +144,8 @@ impl schemars::JsonSchema for WallTime {
     }
 }
 
-/// A moment as a number of milliseconds since 1970, where records of earlier versions have a number: there it was of the
-/// engine's clock, and so lies in 1970. It has passed.
+/// Serializes a moment as milliseconds since 1970, for fields that are numbers in earlier records. Earlier
+/// versions wrote the engine's time there, which reads as a moment in 1970 and so has passed.
 pub mod as_ms {
     use serde::{Deserialize, Deserializer, Serializer};
 
@@ -219,8 +219,8 @@ impl fmt::Display for ClockMismatch {
     }
 }
 
-/// Whether the machine's clock can be believed: it has gone as the time since the machine's start has, since a reading
-/// that was believed, and is not behind the newest record. `jump_max_s` is the profile's, s.
+/// Returns a mismatch if the machine's clock is behind the newest record, or jumped by more than `jump_max_s`, s. A jump is
+/// the divergence from the time since boot after the last trusted reading.
 #[must_use]
 pub fn clock_mismatch(
     believed: &ClockReading,

@@ -385,9 +385,9 @@ fn redrawn(
     SequenceEvidence { wanted: count, pairs: pairs.collect(), ..measured.clone() }
 }
 
-/// How often an equally good version has a concern or is rejected for its sequences, and how often one whose next skill
-/// fails in some of the sequences. `SEQUENCE_RUNS` gives the number of evaluations. Equally good: a version cached
-/// beside the baseline, with the two swapped by a coin in each pair, so that neither is better; and as measured.
+/// Prints how often sequences raise a concern or reject a version: an equally good one, and one whose next skill fails at a
+/// given rate. `SEQUENCE_RUNS` is the number of evaluations. Equally good: a `Kept` case, once as measured, and once with
+/// the two sides of each pair swapped by a coin toss.
 #[test]
 fn error_rates_and_power_of_sequences() {
     let runs = number("SEQUENCE_RUNS", 0);
@@ -439,9 +439,9 @@ fn error_rates_and_power_of_sequences() {
     }
 }
 
-/// The verdict of shadow on a shift between sandbox and live cell: of versions that are unchanged, honest, or bet on
-/// latency, over `SHIFT_SHADOWS` shadows of the longest length, each with its two looks. Single tasks under live
-/// conditions stand for the twins' part of a sequence.
+/// Prints how often shadow reports a shift between sandbox and live cell: for an unchanged baseline, for `Kept` cases,
+/// and for a grasp that does not settle. `SHIFT_SHADOWS` is the number of shadows, each examined at both budgets. Single
+/// tasks under live conditions replace the twins.
 #[test]
 fn what_is_said_of_a_shift() {
     let shadows = number("SHIFT_SHADOWS", 0);

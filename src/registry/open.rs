@@ -29,8 +29,8 @@ const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another 
 pub(crate) const HINT_REBUILD: &str = "`holdpoint store rebuild --from-chain` rebuilds the tables from the audit \
     chain and keeps this file beside them";
 /// Hint for a whole chain with missing checkpoints.
-pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; without one, `holdpoint store \
-    rebuild --from-chain` goes on without them, on record, and names the unsigned records";
+pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; without one, \
+    `holdpoint store rebuild --from-chain` goes on without them, on record, and names the unsigned records";
 /// Hint for unsigned records that a rebuild would take.
 pub(crate) const HINT_TAKE_UNSIGNED: &str = "any program that can write the folder can have written them: restore a \
     backup, or look at them with `holdpoint audit list` and take them, on record, with --take-unsigned";

@@ -245,7 +245,7 @@ impl Proof {
     /// # Errors
     /// [`ProofError::NoProof`].
     pub fn read(path: &Path) -> Result<Self, ProofError> {
-        let no_proof = |problem: &str| ProofError::NoProof(format!("{path:?} is no proof: {problem}"));
+        let no_proof = |problem: &str| ProofError::NoProof(format!("{path:?} is not a proof: {problem}"));
         let text = read_text(path, BYTES_MAX).map_err(|error| no_proof(&error.to_string()))?;
         let line = text.strip_suffix('\n').ok_or_else(|| no_proof("it does not end with a line feed"))?;
         Self::parse(line).map_err(|problem| no_proof(&problem))

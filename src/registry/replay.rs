@@ -170,7 +170,7 @@ fn fill_texts(change: &mut Value, damaged_store: &Connection, seq: u64) {
     }
 }
 
-/// Permissions and environments of a version are its manifest's: if the row's own do not match, they come from there.
+/// Restores a version's permissions and environments from its manifest if the row does not match its recorded digest.
 fn mend_version(
     made: &Connection,
     name: &str,

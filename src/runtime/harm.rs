@@ -268,7 +268,7 @@ impl HarmMeter {
         m.landing_speed_m_s = m.landing_speed_m_s.max(fall.speed_m_s());
     }
 
-    /// What it comes to. An object that still falls, or fell past everything, counts as far as it fell.
+    /// Returns the harm measured so far. An object that is still falling counts as if it landed now.
     #[must_use]
     pub fn measures(&self) -> HarmMeasures {
         let mut whole = self.clone();
@@ -298,7 +298,7 @@ const fn nearer(so_far: f64, value: f64) -> f64 {
     if value.is_nan() { f64::NEG_INFINITY } else { so_far.min(value) }
 }
 
-/// By what share of the allowed more was asked for.
+/// The relative excess of the requested value over the allowed one.
 fn depth(asked: &Command, given: &Command) -> f64 {
     let (asked, given) = match (asked, given) {
         (Command::ToolPose { max_speed_m_s: a, .. }, Command::ToolPose { max_speed_m_s: b, .. })

@@ -1,4 +1,4 @@
-//! What a person is shown of a question: the facts as they stand, the lines that say them, and the nonce of the request.
+//! The text of an approval request for one approver: the current facts, the lines rendered from them, and the nonce.
 //!
 //! Composed when an approver requests it, and again when the answer arrives and when it is used. If the text has
 //! changed by then, the answer does not count. So no one signs a text that was altered between engine and screen.
@@ -41,8 +41,8 @@ const REQUESTS_MAX: usize = 4096;
 /// Reasons against it that are shown.
 const REASONS_MAX: usize = 4;
 
-/// Who got which question, and under what nonce. A question that is closed takes its requests with it; a person who asks
-/// again gets the same nonce until they answer, so that no crowd of requests makes an honest answer void.
+/// The open nonces, by approval request and approver. Closing a request removes its nonces. An approver who asks again
+/// before answering gets the same nonce, so that repeated requests cannot void an honest answer.
 #[derive(Default)]
 pub(super) struct IssuedRequests(BTreeMap<(String, String), Nonce>);
 
@@ -160,8 +160,8 @@ impl Approvals {
         Ok(Reply::Question { question: Box::new(question) })
     }
 
-    /// What a decision was signed over, if it is what its person would be shown now, under the request that they made;
-    /// `None` for a refusal over nothing that was shown.
+    /// Returns the text that a decision was signed over, if its nonce is open and the approver would see the same text now.
+    /// A rejection without a text gives `None`.
     pub(super) fn displayed_text(
         &self,
         context: &Context,
@@ -226,8 +226,8 @@ fn valid_until(context: &Context, record: &EngineRecorder, asked: &PendingApprov
     }
 }
 
-/// Whether a decision that was taken is over what its person would be shown now. A refusal stands without; an approval of
-/// an earlier version, which signed nothing of it, does not.
+/// Whether a recorded decision was signed over the text that its approver would see now. A rejection counts without a text;
+/// an approval that an older program recorded without one does not.
 pub(super) fn is_as_shown(
     context: &Context,
     record: &EngineRecorder,
@@ -437,7 +437,7 @@ mod tests {
     use super::*;
     use holdpoint_governance::evidence::{DrillTallies, DrillTally};
 
-    /// Such a version was confirmed hundreds of tasks later than the question had said.
+    /// Regression: a version with a concern was confirmed hundreds of tasks later than its approval request stated.
     #[test]
     fn a_doubt_is_settled_before_a_confirmation() {
         let mut said = DriftResponse {

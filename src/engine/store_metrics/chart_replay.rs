@@ -132,7 +132,7 @@ fn replay_tasks(
         if confirmed.take_if(|seq| *seq < task.seq).is_some() {
             monitor.confirmed().ok()?;
         }
-        // Of a task that a person stopped the monitor received at most that.
+        // A task that was cut short reached the monitor only if a person intervened.
         let shown = !task.marks.cut_short || task.marks.stepped_in;
         let Some(values) = task.values.filter(|_| shown) else { continue };
         monitor.set_tightened(task.marks.tightened);

@@ -28,7 +28,7 @@ pub struct OfferedCandidate {
     pub class: Class,
     pub kind: String,
     pub step: ArmAction,
-    /// The class that the referee settles against it beside the version it replaced, if it was activated and is judged.
+    /// The referee's harm class for it, compared with the version it replaced; absent if not activated or not judged.
     pub harm: Option<HarmClass>,
     /// The referee finds it significantly worse in something, harm or not.
     pub worse: Option<bool>,

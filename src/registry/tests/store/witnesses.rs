@@ -515,7 +515,7 @@ fn an_administrator_signs_which_witnesses_there_are() {
     add(word(&guarded_administrator(&store), true, head().hash)).unwrap();
     let report = verify(&folder.path().join("holdpoint.db"), Some(store.public_key())).unwrap();
     assert_eq!(report.witnesses_silent, Vec::<String>::new());
-    // The signer is in the chain, and the chain names another hand.
+    // The record names the administrator who signed, not the user who ran the command.
     let database = folder.path().join("holdpoint.db");
     drop(store);
     let connection = rusqlite::Connection::open(&database).unwrap();
