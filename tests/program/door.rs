@@ -451,7 +451,7 @@ fn verbs_talk_to_the_engine_that_runs() {
         ("release align@1.0.0 --as mara --reason left", 0, "full envelope"),
         ("release align@1.0.0 --as mara --reason left", 3, "not restricted"),
         ("continue align@1.0.0 --as mara --reason known", 3, "no monitor asks"),
-        ("demote align@1.0.0 --profile human --as mara --reason fast", 0, "closed to align@1.0.0: human"),
+        ("demote align@1.0.0 --profile human --as mara --reason fast", 0, "align@1.0.0: human"),
         ("release align@1.0.0 --profile human --as mara --reason slow", 0, "align@1.0.0: none"),
         ("repeat align@1.0.0 --as mara --reason again", 3, "not possible in the state active"),
         ("break-glass align@1.0.0 --as mara --reason now", 3, "break-glass does not apply"),
