@@ -2,7 +2,7 @@
 
 use holdpoint_sdk::{Description, Skill, TaskKind};
 use holdpoint_skill::motion::{AbortStyle, RollbackStyle};
-use holdpoint_skill::phases::Runner;
+use holdpoint_skill::phases::PhaseRunner;
 use holdpoint_skill::{align, grasp, place};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -19,9 +19,9 @@ pub enum Params {
 impl Params {
     pub fn start(self) -> Box<dyn Skill> {
         match self {
-            Self::Grasp(params) => Box::new(Runner::new(grasp::Grasp::new(params))),
-            Self::Align(params) => Box::new(Runner::new(align::Align::new(params))),
-            Self::Place(params) => Box::new(Runner::new(place::Place::new(params))),
+            Self::Grasp(params) => Box::new(PhaseRunner::new(grasp::Grasp::new(params))),
+            Self::Align(params) => Box::new(PhaseRunner::new(align::Align::new(params))),
+            Self::Place(params) => Box::new(PhaseRunner::new(place::Place::new(params))),
         }
     }
 
