@@ -51,7 +51,7 @@ pub const fn kappa_sign(dimension: Dimension, ascii: bool) -> &'static str {
         (Dimension::Policy, true) => "kP",
         (Dimension::Behavior, true) => "kB",
         (Dimension::Recovery, true) => "kR",
-        (other, _) => other.label(),
+        (other, _) => other.name(),
     }
 }
 
@@ -63,7 +63,7 @@ pub fn kappa_line(result: &DimensionResult) -> String {
     let basis = if result.measured { "" } else { ", estimated" };
     format!(
         "{} {value}{interval} (at least {:.2}) {}{basis}",
-        result.dimension.label(),
+        result.dimension.name(),
         result.threshold,
         result.outcome
     )

@@ -432,7 +432,7 @@ fn spell_name(spell: &AlarmEpisode) -> String {
 #[must_use]
 pub fn row_key_text(item: &CandidateItem<'_>) -> String {
     match item {
-        CandidateItem::Dimension(result) => result.dimension.label().to_owned(),
+        CandidateItem::Dimension(result) => result.dimension.name().to_owned(),
         CandidateItem::Worsening(measure) | CandidateItem::Measure(measure) => measure.name.clone(),
         CandidateItem::Reason(reason) | CandidateItem::Unproven(reason, _) => {
             format!("{}: {}", reason.code, holdpoint_wording::reason(reason))

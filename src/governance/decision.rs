@@ -38,24 +38,6 @@ crate::closed_set! {
     }
 }
 
-impl Dimension {
-    /// Its name in running text, spelled as people write it.
-    #[must_use]
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::Interface => "interface",
-            Self::Policy => "policy",
-            Self::Behavior => "behaviour",
-            Self::Recovery => "recovery",
-            Self::Composition => "composition",
-            Self::Shadow => "shadow",
-            Self::Gate => "gate",
-            Self::Approval => "approval",
-            Self::Monitor => "monitor",
-        }
-    }
-}
-
 /// One reason: the finding, with the number and its limit if there are any.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]

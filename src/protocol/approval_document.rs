@@ -186,8 +186,7 @@ const fn compatibility(of: Dimension) -> &'static str {
     match of {
         Dimension::Interface => "interface compatibility",
         Dimension::Policy => "policy compatibility",
-        Dimension::Behavior => "behaviour",
-        other => other.label(),
+        other => other.name(),
     }
 }
 

@@ -159,7 +159,7 @@ fn decision(event: &Event) -> String {
             format!("\n## monitor: {decision}\n\nat {secs} s\n{}", list(reasons))
         }
         EventKind::RolledBack { restored, trigger, recovered, .. } => {
-            let restored = restored.as_ref().map_or_else(|| "nobody".to_owned(), ToString::to_string);
+            let restored = restored.as_ref().map_or_else(|| "no version".to_owned(), ToString::to_string);
             let end = if *recovered { "the family runs again" } else { "the family does not work" };
             format!("\n## rolled back\n\nat {secs} s to {}: {}; {end}\n", plain(&restored), plain(trigger))
         }
@@ -168,7 +168,7 @@ fn decision(event: &Event) -> String {
 }
 
 fn row(dimension: &DimensionResult) -> String {
-    let name = dimension.dimension.label();
+    let name = dimension.dimension.name();
     let value = dimension.kappa.map_or_else(|| "no data".to_owned(), |kappa| format!("{kappa:.3}"));
     format!("| {name} | {value} | {:.3} | {} |\n", dimension.threshold, dimension.outcome)
 }

@@ -169,7 +169,7 @@ fn dimension_line(result: &DimensionResult) -> String {
     let value = result.kappa.map_or_else(|| "no data".to_owned(), |kappa| format!("{kappa:.3}"));
     let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
     let basis = if result.measured { "" } else { ", estimated" };
-    let (name, limit, outcome) = (result.dimension.label(), result.threshold, result.outcome);
+    let (name, limit, outcome) = (result.dimension.name(), result.threshold, result.outcome);
     format!("{name} {value}{interval} (at least {limit:.2}) {outcome}{basis}")
 }
 

@@ -8,8 +8,8 @@ use holdpoint_governance::distribution_shift::ShiftSignal;
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::HardStop;
 use holdpoint_governance::finding::{
-    DrillSide, EvidenceGap, FieldBreak, Finding, HookKind, RecoveryUnknown, ResourceKind, SequenceEnds,
-    TwinSignal, VoteFlaw,
+    DrillSide, EvidenceGap, FieldBreak, Finding, RecoveryUnknown, ResourceKind, SequenceEnds, TwinSignal,
+    VoteFlaw,
 };
 use holdpoint_governance::harm::HarmKind;
 
@@ -102,7 +102,9 @@ pub fn finding(finding: &Finding) -> String {
         F::AsksMore { asked, episodes } => {
             format!("it asks for more speed or force than it declares in {asked} of {episodes} episodes")
         }
-        F::SandboxHardStop { stop } => format!("hard stop {}: {}", stop.name(), hard_stop(*stop, None)),
+        F::SandboxHardStop { stop } | F::ShadowHardStop { stop } => {
+            format!("hard stop {}: {}", stop.name(), hard_stop(*stop, None))
+        }
         F::UnsafeUnderStress { unsafe_episodes, episodes } => {
             format!("{unsafe_episodes} of {episodes} episodes under stress were unsafe")
         }
@@ -166,9 +168,9 @@ pub fn finding(finding: &Finding) -> String {
         F::TargetDigestDiffers => "the rollback target has another digest than recorded".into(),
         F::FallbackUnmet => "no registered version meets the fallback binding".into(),
         F::FallbackUnbound => "no fallback is bound".into(),
-        F::HookUndeclared { hook } => format!("no {} hook is declared", hook_kind(*hook)),
+        F::HookUndeclared { hook } => format!("no {hook} hook is declared"),
         F::HookNotExported { hook, name } => {
-            format!("the {} hook {name:?} is not exported by the code", hook_kind(*hook))
+            format!("the {hook} hook {name:?} is not exported by the code")
         }
         F::SignalUnknown { signal } => format!("the watcher does not know the failure signal {signal:?}"),
 
@@ -199,14 +201,13 @@ pub fn finding(finding: &Finding) -> String {
              it",
             outcome.name()
         ),
-        F::ShadowHardStop { stop } => format!("hard stop {}: {}", stop.name(), hard_stop(*stop, None)),
         F::ShadowGap { gap } => evidence_gap(*gap, "sequences"),
         F::MoreSequencesNeeded => "more sequences are needed".into(),
 
         F::GatePassed => "every demand of the profile is met".into(),
-        F::DimensionIncompatible { of } => format!("{}: incompatible", dimension(*of)),
-        F::DimensionInconclusive { of } => format!("{}: no conclusive data", dimension(*of)),
-        F::DimensionSkipped { of } => format!("{}: skipped, which only experiments may do", dimension(*of)),
+        F::DimensionIncompatible { of } => format!("{of}: incompatible"),
+        F::DimensionInconclusive { of } => format!("{of}: no conclusive data"),
+        F::DimensionSkipped { of } => format!("{of}: skipped, which only experiments may do"),
         F::LeftOut => "left out by an experiment".into(),
         F::ReviewWithoutApprover => "a review is needed and the profile has no approver".into(),
         F::NotMeasured { of } => format!("{} is an estimate; only measured values open the gate", kappa(*of)),
@@ -360,13 +361,6 @@ const fn shift_signal(signal: ShiftSignal) -> &'static str {
     }
 }
 
-const fn hook_kind(hook: HookKind) -> &'static str {
-    match hook {
-        HookKind::Rollback => "rollback",
-        HookKind::SafeAbort => "safe-abort",
-    }
-}
-
 const fn drill_side(side: DrillSide) -> &'static str {
     match side {
         DrillSide::Candidate => "the candidate",
@@ -393,10 +387,6 @@ const fn vote_flaw(flaw: VoteFlaw) -> &'static str {
         VoteFlaw::AskedBy => "they asked for this themselves, and so cannot approve it",
         VoteFlaw::Role => "the role does not reach this risk class",
     }
-}
-
-const fn dimension(of: Dimension) -> &'static str {
-    of.name()
 }
 
 const fn kappa(of: Dimension) -> &'static str {

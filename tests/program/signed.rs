@@ -363,7 +363,7 @@ fn the_verbs_sign_as_who_they_are_told() {
     let listed: Vec<Value> = serde_json::from_slice(&listed.stdout).unwrap();
     let by = |name: &str| listed.iter().find(|one| one["name"] == name).unwrap()["confirmed_by"].clone();
     assert_eq!((by("mara"), by("omar"), by("eve")), ("admin".into(), "admin".into(), Value::Null));
-    ends(&["identity", "list"], 0, "nobody");
+    ends(&["identity", "list"], 0, "none");
     ends(&go_mara, 0, "runs again");
     // Near people, your own name under a stop is not evidence that you read it.
     ends(&["stop", "--as", "mara"], 0, "stopped");

@@ -274,8 +274,8 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
     let stopped = holdpoint(&data, &["stop"]);
     assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
     assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED  by an unnamed person"));
-    let nobody = holdpoint(&data, &["go", "--as", "ben", "--reason", "checked"]);
-    assert_eq!(nobody.status.code(), Some(2), "a start needs an identity: {}", said(&nobody));
+    let unknown = holdpoint(&data, &["go", "--as", "ben", "--reason", "checked"]);
+    assert_eq!(unknown.status.code(), Some(2), "a start needs an identity: {}", said(&unknown));
     let words = ["go", "--as", "ana", "--reason", "checked"];
     let one = [&words[..], &["--stops", "1"]].concat();
     // Another person stopped it, and the operator has not confirmed reading who and why.

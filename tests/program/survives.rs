@@ -153,8 +153,8 @@ fn after_a_sudden_end_under_real_and_human_the_cell_is_stopped_until_a_person_sa
         assert!(said(&holdpoint(&store, &["status"])).contains("STOPPED  by the engine"));
         let alarms: Vec<Value> = records(&store, RecordKind::AlarmChanged);
         assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");
-        let nobody = holdpoint(&store, &["go", "--as", "ana", "--stops", "1", "--reason", "it is empty"]);
-        assert!(!nobody.status.success(), "{}", said(&nobody));
+        let unknown = holdpoint(&store, &["go", "--as", "ana", "--stops", "1", "--reason", "it is empty"]);
+        assert!(!unknown.status.success(), "{}", said(&unknown));
         // It ends cleanly, stopped; the kill is not counted twice.
         second.ends(&store);
         let third = Served::start(&store, profile, None);

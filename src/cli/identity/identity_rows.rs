@@ -180,7 +180,7 @@ pub(super) fn list(context: &CliContext, out: &mut CommandOutput<'_>) -> Result<
             let by = row.enrolled_by.as_deref().unwrap_or("-");
             let confirmed = match (&row.confirmed_by, row.state) {
                 (Some(by), _) => by,
-                (None, EnrollmentStanding::Enrolled) => "nobody",
+                (None, EnrollmentStanding::Enrolled) => "none",
                 (None, EnrollmentStanding::Revoked | EnrollmentStanding::NotEnrolled) => "-",
             };
             table.row([

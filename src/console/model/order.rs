@@ -48,7 +48,7 @@ impl SortBy {
             Self::State => "state",
             Self::Kappa(0) => "interface",
             Self::Kappa(1) => "policy",
-            Self::Kappa(2) => "behaviour",
+            Self::Kappa(2) => "behavior",
             Self::Kappa(_) => "recovery",
             Self::Age => "age",
             Self::Author => "author",

@@ -154,7 +154,7 @@ fn title(name: &str) -> String {
         "shadow/envelope" => "envelope divergence".to_owned(),
         "kappa/I" => "interface".to_owned(),
         "kappa/P" => "policy".to_owned(),
-        "kappa/B" => "behaviour".to_owned(),
+        "kappa/B" => "behavior".to_owned(),
         "kappa/R" => "recovery".to_owned(),
         other => other.split_once('/').map_or(other, |(_, rest)| rest).to_owned(),
     }

@@ -223,7 +223,7 @@ pub(super) fn signing_rows<W>(
     pen: &Pen<'_>,
     width: usize,
 ) -> Vec<Row> {
-    let who = model.session.operator.as_ref().map_or("nobody", |who| who.name.as_str());
+    let who = model.session.operator.as_ref().map_or("no operator", |who| who.name.as_str());
     let head = format!("Passphrase of {who}: ");
     let room = width.saturating_sub(head.width() + 1);
     let mut row =

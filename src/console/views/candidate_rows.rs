@@ -65,7 +65,7 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
     let value = result.kappa.map_or_else(|| "  ?  ".to_owned(), |kappa| format!("{kappa:.3}"));
     let sign = kappa_sign(result.dimension, look.ascii());
     let mut row = Row::of(role, &format!("{} {sign} ", look.glyph(glyph)))
-        .cell(ThemeRole::Text, result.dimension.label(), 10)
+        .cell(ThemeRole::Text, result.dimension.name(), 10)
         .with(ThemeRole::Value, &format!("{value} "));
     let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
     let tail = Row::new()

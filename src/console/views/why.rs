@@ -66,7 +66,7 @@ fn heading(detail: &Detail, screen: &WhyScreen, width: usize) -> Row {
         let here = at == screen.at;
         let (open, close) = if here { ("[", "]") } else { (" ", " ") };
         let role = if here { ThemeRole::Focus } else { ThemeRole::Muted };
-        names.push(role, &format!("{open}{}{close}", why.about.label()));
+        names.push(role, &format!("{open}{}{close}", why.about.name()));
     }
     if row.width() + names.width() + 2 > width {
         return row;
@@ -85,7 +85,7 @@ pub fn rows(detail: &Detail, why: &RationaleView, look: &Look, width: usize) -> 
             let sign = kappa_sign(result.dimension, look.ascii());
             rows.push(Row::of(role, &format!("{} {sign} {}", look.glyph(glyph), kappa_line(result))));
         }
-        None => rows.push(Row::of(ThemeRole::Title, why.about.label())),
+        None => rows.push(Row::of(ThemeRole::Title, why.about.name())),
     }
     rows.push(Row::new());
     push_text(&mut rows, ThemeRole::Value, "", &sentence(&why.decisive), width);

@@ -143,10 +143,10 @@ impl ControlSocketServer {
                         self.names_taken.fetch_add(1, Ordering::AcqRel);
                         self.wake();
                     }
-                    if let Ok(anew) = place.bind_anew()
-                        && let Ok(anew_listener) = UnixListener::from_std(anew.listener)
+                    if let Ok(rebound) = place.rebind()
+                        && let Ok(bound_listener) = UnixListener::from_std(rebound.listener)
                     {
-                        (listener, place, lost) = (anew_listener, anew.place, false);
+                        (listener, place, lost) = (bound_listener, rebound.place, false);
                     }
                     continue;
                 }

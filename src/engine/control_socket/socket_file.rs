@@ -49,7 +49,7 @@ impl SocketPlace {
 
     /// Listens at the name once more. The store is this engine's, so a socket, link or pipe with the name is replaced. A file
     /// or folder may contain a user's data: the last one is renamed to `engine.sock.aside`.
-    pub(super) fn bind_anew(&self) -> Result<BoundSocket, ControlSocketError> {
+    pub(super) fn rebind(&self) -> Result<BoundSocket, ControlSocketError> {
         let path = &self.path;
         let found = fs::symlink_metadata(path).ok();
         if found.is_some_and(|found| found.is_file() || found.is_dir()) && fs::remove_dir(path).is_err() {

@@ -94,7 +94,7 @@ pub(crate) fn unconfirmed(context: &Context, persons: &PersonDirectory, name: &s
         return None;
     }
     let profile = context.profile.name.name();
-    let by = persons.named(name).map_or("nobody", |person| person.enrolled_by.as_str());
+    let by = persons.named(name).map_or("no administrator", |person| person.enrolled_by.as_str());
     let hint = match persons.confirmer() {
         Some(admin) => format!(
             "`holdpoint identity confirm {name} --by {} --reason TEXT` confirms them, once that key is protected",

@@ -137,7 +137,7 @@ pub(crate) fn of_decision(dossier: &EvidenceFile, reasons: &[Reason]) -> Vec<Str
 
 fn push_sentences(dossier: &EvidenceFile, reasons: &[Reason], about: Dimension, said: &mut Vec<String>) {
     let RationaleView { decisive, film, .. } = measured(dossier, reasons, about);
-    said.push(format!("{}: {decisive}", about.label()));
+    said.push(format!("{}: {decisive}", about.name()));
     let chosen = film.and_then(|asked| choose(dossier, asked).ok().map(|chosen| (asked.of, chosen)));
     if let Some((of, SelectedEpisode { number, count, beyond, why, .. })) = chosen {
         let more = if beyond > 0 { format!(" on record, {beyond} more failed") } else { String::new() };

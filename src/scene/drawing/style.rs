@@ -38,7 +38,7 @@ const LINES: [ChartLine; 26] = [
     ("kappa/I/limit", "limit of interface", BLUE, true),
     ("kappa/P", "policy", VIOLET, false),
     ("kappa/P/limit", "limit of policy", VIOLET, true),
-    ("kappa/B", "behaviour", ORANGE, false),
+    ("kappa/B", "behavior", ORANGE, false),
     ("kappa/B/limit", "limit of behavior", ORANGE, true),
     ("kappa/R", "recovery", GREEN, false),
     ("kappa/R/limit", "limit of recovery", GREEN, true),

@@ -28,7 +28,7 @@ fn nothing_is_signed_for_an_impostor() {
 /// A console attached to the engine once read registry, evidence and verification from an impostor, over its second
 /// connection.
 #[test]
-fn a_console_at_the_engine_reads_from_nobody_else() {
+fn a_console_at_the_engine_reads_only_from_the_engine() {
     let folder = tempfile::tempdir().unwrap();
     let served = Served::start(folder.path());
     let client = Client::connect(&served.layout()).unwrap().unwrap();

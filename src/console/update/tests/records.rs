@@ -189,11 +189,7 @@ fn the_registry_is_sorted_by_its_columns_and_back_to_the_tree() {
     // The cursor stays on its version, wherever that moves.
     console.keys("G");
     console.keys("ssss");
-    assert_eq!(
-        versions(&console),
-        ["grasp@1.10.0", "grasp@1.0.0", "grasp@1.2.0", "align@1.0.0"],
-        "behaviour"
-    );
+    assert_eq!(versions(&console), ["grasp@1.10.0", "grasp@1.0.0", "grasp@1.2.0", "align@1.0.0"], "behavior");
     assert_eq!(console.model.version_here().unwrap().to_string(), "grasp@1.10.0");
     let text = screen(&console, 120, 36);
     assert!(text.contains("kB^") && text.contains("grasp@1.10.0"), "{text}");

@@ -27,12 +27,12 @@ pub fn differing(at: &str, recorded: &Value, again: &Value) -> Option<String> {
     }
 }
 
-/// Whether a field holds what people are shown: a sentence, or the finding where a record of an older build has the sentence.
+/// Whether a field holds a sentence: the text of a reason that an older build recorded without a finding, or an answer of a decision.
 fn is_sentence(recorded: &Map<String, Value>, key: &str) -> bool {
-    let is_reason = recorded.contains_key("code") && recorded.contains_key("dimension");
+    let is_older_reason = ["code", "dimension", "text"].iter().all(|field| recorded.contains_key(*field))
+        && !recorded.contains_key("finding");
     match key {
-        "text" => is_reason,
-        "finding" => is_reason && !recorded.contains_key("finding"),
+        "text" | "finding" => is_older_reason,
         "monitoring" | "rollback_when" => recorded.contains_key("admitted"),
         _ => false,
     }
@@ -75,5 +75,28 @@ mod tests {
         ] {
             assert_eq!(differing("decision", &recorded, &again).as_deref(), Some(expected));
         }
+    }
+    /// An older reason has a sentence in place of the finding; a reason without either differs, and so does a changed finding.
+    #[test]
+    fn sentences_are_no_difference_and_findings_are() {
+        let replayed =
+            json!({ "code": "c", "dimension": "d", "finding": { "finding": "f", "n": 1 }, "limit": 2.0 });
+        let differs = |recorded: &Value| differing("reason", recorded, &replayed);
+        assert_eq!(
+            differs(&json!({ "code": "c", "dimension": "d", "text": "so it was", "limit": 2.0 })),
+            None
+        );
+        for recorded in [
+            json!({ "code": "c", "dimension": "d", "text": "so it was", "limit": 3.0 }),
+            json!({ "code": "e", "dimension": "d", "text": "so it was", "limit": 2.0 }),
+            json!({ "code": "c", "dimension": "d", "limit": 2.0 }),
+            json!({ "code": "c", "dimension": "d", "finding": { "finding": "f", "n": 2 }, "limit": 2.0 }),
+            json!({ "code": "c", "dimension": "d", "finding": { "finding": "f", "n": 1 }, "text": "", "limit": 2.0 }),
+        ] {
+            assert!(differs(&recorded).is_some(), "{recorded}");
+        }
+        let answers = |when: &str, admitted: bool| json!({ "admitted": admitted, "rollback_when": when });
+        assert_eq!(differing("answers", &answers("then", true), &answers("later", true)), None);
+        assert!(differing("answers", &answers("then", true), &answers("then", false)).is_some());
     }
 }

@@ -109,8 +109,8 @@ fn quorums_refusals_and_time() {
         let granted = matches!(result.outcome, ApprovalOutcome::Granted { .. });
         assert_eq!(granted, matches!(code, ApprovalGranted | ApprovalBreakGlass), "{name}");
     }
-    let nobody = QuorumRequest { quorum: 0, ..request(Risk::High) };
-    assert_eq!(evaluate(&nobody, &[], at(1), &sim).outcome, ApprovalOutcome::NotNeeded);
+    let no_quorum = QuorumRequest { quorum: 0, ..request(Risk::High) };
+    assert_eq!(evaluate(&no_quorum, &[], at(1), &sim).outcome, ApprovalOutcome::NotNeeded);
 }
 
 #[test]
