@@ -246,16 +246,16 @@ fn parts(error: &impl Hint) -> (Untrusted, Option<Untrusted>) {
 
 /// One line of a message: line breaks become spaces, and the length is limited.
 fn one_line(message: &Untrusted) -> SafeText {
-    let words: Vec<&str> = message.raw().lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-    sanitize(&words.join(" "), WIDTH_MAX)
+    let lines: Vec<&str> = message.raw().lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    sanitize(&lines.join(" "), WIDTH_MAX)
 }
 
 /// Prints what clap reports of the command line. Help and version are answers; the rest is a usage error.
 pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
     if json && error.use_stderr() {
-        let said = error.render().to_string();
-        let said = one_line(&said.trim_start_matches("error: ").to_owned().into()).to_string();
-        let document = ErrorDocument { error: said, hint: None, code: Exit::Usage.code(), reason: None };
+        let text = error.render().to_string();
+        let message = one_line(&text.trim_start_matches("error: ").to_owned().into()).to_string();
+        let document = ErrorDocument { error: message, hint: None, code: Exit::Usage.code(), reason: None };
         document.print(&mut io::stderr().lock());
         return Exit::Usage;
     }

@@ -26,8 +26,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::sync::OnceLock;
 
-use agent::Agent;
-use answers::{bob_approves, engine_that_asks};
+use agent::AgentProcess;
+use answers::{bob_approves, engine_awaiting_approval};
 use pty::{Console, Home};
 use rustix::process::Signal;
 
@@ -76,20 +76,20 @@ fn assert_restored(console: &Console) {
 /// A store with two approvers.
 fn staffed() -> Home {
     let home = Home::new();
-    let words = words(&home);
+    let secret_file = passphrase_file(&home);
     for (name, role) in [("alice", "engineer"), ("bob", "safety")] {
-        home.must(&["identity", "new", name, "--role", role, "--passphrase-file", &words]);
+        home.must(&["identity", "new", name, "--role", role, "--passphrase-file", &secret_file]);
     }
-    home.must(&["identity", "passphrase", "admin", "--new-passphrase-file", &words]);
+    home.must(&["identity", "passphrase", "admin", "--new-passphrase-file", &secret_file]);
     for name in ["alice", "bob"] {
-        let by = ["--by", "admin", "--reason", "known", "--passphrase-file", &words];
+        let by = ["--by", "admin", "--reason", "known", "--passphrase-file", &secret_file];
         home.must(&[&["identity", "confirm", name][..], &by].concat());
     }
     home
 }
 
 /// Takes a candidate to the point where it waits for approvers.
-fn ask_about(home: &Home, folder: &str, version: &str) {
+fn await_approval(home: &Home, folder: &str, version: &str) {
     let script = home.path().join("wait.toml");
     let steps = format!(
         "profile = \"human\"\n\
@@ -110,14 +110,14 @@ fn waiting() -> &'static Path {
     static STORE: OnceLock<Home> = OnceLock::new();
     let home = STORE.get_or_init(|| {
         let home = staffed();
-        ask_about(&home, "manifests/candidates/align-improved", "align@1.1.0");
+        await_approval(&home, "manifests/candidates/align-improved", "align@1.1.0");
         home
     });
     home.path()
 }
 
 /// A copy of that store.
-fn asked() -> Home {
+fn waiting_home() -> Home {
     let home = Home::new();
     copy(&waiting().join("data"), &home.data());
     home
@@ -143,8 +143,8 @@ fn at_the_prompt(home: &Home, name: &str) -> Console {
 }
 
 fn at_the_prompt_with(home: &Home, name: &str, variables: &[(&str, &str)]) -> Console {
-    let words = ["run", "--profile", "human", "--as", name, "--no-tour", "--pace", "max"];
-    let mut console = home.console_with(&words, SIZE, variables);
+    let arguments = ["run", "--profile", "human", "--as", name, "--no-tour", "--pace", "max"];
+    let mut console = home.console_with(&arguments, SIZE, variables);
     console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
     console.wait_for_text(name);
     // The queue shows the waiting request; only Enter opens it.
@@ -264,7 +264,7 @@ fn quit(console: &mut Console) -> u32 {
 }
 
 #[test]
-fn quitting_gives_the_terminal_back_and_says_how_things_were_left() {
+fn quitting_restores_the_terminal_and_reports_the_shutdown() {
     let home = Home::new();
     let mut console = fresh(&home, &[]);
     assert!(!console.is_cooked(), "keys come one by one");
@@ -276,7 +276,7 @@ fn quitting_gives_the_terminal_back_and_says_how_things_were_left() {
 
 #[test]
 fn an_operator_approves() {
-    let home = asked();
+    let home = waiting_home();
     let mut console = at_the_prompt(&home, "alice");
     let id = short_id(&console);
     assert_eq!(id.len(), 4, "{}", console.contents());
@@ -295,8 +295,8 @@ fn an_operator_approves() {
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
     console.keys(PASSPHRASE);
     press_until_it_counts(&mut console, "\r");
-    let (code, said) = bob_approves(&home);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, text) = bob_approves(&home);
+    assert_eq!(code, Some(0), "{text}");
     console.keys("1");
     console.wait_for("the version is active", |screen| {
         screen
@@ -312,7 +312,7 @@ fn an_operator_approves() {
 }
 
 /// The file with the passphrase of this store's keys.
-fn words(home: &Home) -> String {
+fn passphrase_file(home: &Home) -> String {
     let file = home.path().join("words");
     std::fs::write(&file, PASSPHRASE).unwrap();
     std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
@@ -329,23 +329,31 @@ fn becomes_active(home: &Home) {
 
 #[test]
 fn an_approval_that_is_enough_ends_with_0() {
-    let home = asked();
-    let words = words(&home);
-    let (mut engine, digest) = engine_that_asks(&home);
+    let home = waiting_home();
+    let secret_file = passphrase_file(&home);
+    let (mut engine, digest) = engine_awaiting_approval(&home);
     let approve = |more: &[&str]| {
-        let as_alice =
-            ["approve", "align@1.1.0", "--as", "alice", "--reason", "read", "--passphrase-file", &words];
+        let as_alice = [
+            "approve",
+            "align@1.1.0",
+            "--as",
+            "alice",
+            "--reason",
+            "read",
+            "--passphrase-file",
+            &secret_file,
+        ];
         let output = home.run(&[&as_alice, more].concat());
-        let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
-        (output.status.code(), said.into_owned())
+        let text = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+        (output.status.code(), text.into_owned())
     };
-    let (code, said) = approve(&["--digest", "00000000"]);
-    assert_eq!(code, Some(3), "{said}");
+    let (code, text) = approve(&["--digest", "00000000"]);
+    assert_eq!(code, Some(3), "{text}");
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
-    let (code, said) = bob_approves(&home);
-    assert_eq!(code, Some(3), "one of two is not enough: {said}");
-    let (code, said) = approve(&["--digest", &digest]);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, text) = bob_approves(&home);
+    assert_eq!(code, Some(3), "one of two is not enough: {text}");
+    let (code, text) = approve(&["--digest", &digest]);
+    assert_eq!(code, Some(0), "{text}");
     becomes_active(&home);
     engine.signal(Signal::TERM);
     assert_eq!(engine.end().exit_code(), 0);
@@ -355,11 +363,11 @@ fn an_approval_that_is_enough_ends_with_0() {
 }
 
 /// Enrolls a person whose key an agent holds.
-fn enrol_carol(home: &Home, agent: &Agent) {
-    let words = words(home);
+fn enrol_carol(home: &Home, agent: &AgentProcess) {
+    let secret_file = passphrase_file(home);
     let socket = agent.socket();
     let enrol = ["identity", "enrol", "carol", "--ssh-agent", "carol@desk", "--role", "engineer"];
-    let by = ["--by", "admin", "--reason", "known", "--passphrase-file", &words];
+    let by = ["--by", "admin", "--reason", "known", "--passphrase-file", &secret_file];
     let mut console =
         home.console_with(&[&enrol[..], &by].concat(), SIZE, &[("SSH_AUTH_SOCK", socket.to_str().unwrap())]);
     console.wait_for_text("carol is enrolled as engineer");
@@ -368,21 +376,21 @@ fn enrol_carol(home: &Home, agent: &Agent) {
 
 #[test]
 fn a_key_of_an_agent_approves_by_a_call() {
-    let home = asked();
-    let Some(agent) = Agent::with_key(home.path(), "carol@desk") else { return };
+    let home = waiting_home();
+    let Some(agent) = AgentProcess::with_key(home.path(), "carol@desk") else { return };
     enrol_carol(&home, &agent);
-    let (mut engine, digest) = engine_that_asks(&home);
+    let (mut engine, digest) = engine_awaiting_approval(&home);
     let approve = |socket: &str| {
-        let words = ["approve", "align@1.1.0", "--as", "carol", "--reason", "read", "--digest", &digest];
-        let mut console = home.console_with(&words, SIZE, &[("SSH_AUTH_SOCK", socket)]);
+        let arguments = ["approve", "align@1.1.0", "--as", "carol", "--reason", "read", "--digest", &digest];
+        let mut console = home.console_with(&arguments, SIZE, &[("SSH_AUTH_SOCK", socket)]);
         (console.end().exit_code(), console.contents())
     };
-    let (code, said) = approve("/nobody");
-    assert!(code == 2 && said.contains("ssh-agent"), "{code}: {said}");
+    let (code, text) = approve("/nobody");
+    assert!(code == 2 && text.contains("ssh-agent"), "{code}: {text}");
     assert_eq!(bob_approves(&home).0, Some(3));
     let socket = agent.socket();
-    let (code, said) = approve(socket.to_str().unwrap());
-    assert_eq!(code, 0, "{said}");
+    let (code, text) = approve(socket.to_str().unwrap());
+    assert_eq!(code, 0, "{text}");
     becomes_active(&home);
     engine.signal(Signal::TERM);
     assert_eq!(engine.end().exit_code(), 0);
@@ -391,8 +399,8 @@ fn a_key_of_an_agent_approves_by_a_call() {
 
 #[test]
 fn a_key_of_an_agent_approves_at_the_prompt() {
-    let home = asked();
-    let Some(agent) = Agent::with_key(home.path(), "carol@desk") else { return };
+    let home = waiting_home();
+    let Some(agent) = AgentProcess::with_key(home.path(), "carol@desk") else { return };
     enrol_carol(&home, &agent);
     let socket = agent.socket();
     let mut console = at_the_prompt_with(&home, "carol", &[("SSH_AUTH_SOCK", socket.to_str().unwrap())]);
@@ -400,8 +408,8 @@ fn a_key_of_an_agent_approves_at_the_prompt() {
     fill(&mut console, &id, "evidence read");
     press_until_it_counts(&mut console, "Y");
     assert!(!console.raw().contains("Passphrase of"), "only the agent is asked");
-    let (code, said) = bob_approves(&home);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, text) = bob_approves(&home);
+    assert_eq!(code, Some(0), "{text}");
     becomes_active(&home);
     assert_eq!(quit(&mut console), 0);
     verified(&home);
@@ -409,7 +417,7 @@ fn a_key_of_an_agent_approves_at_the_prompt() {
 
 #[test]
 fn another_operator_rejects_with_a_reason() {
-    let home = asked();
+    let home = waiting_home();
     let mut console = at_the_prompt(&home, "bob");
     // Without a reason the key that rejects leads to the field.
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
@@ -433,7 +441,7 @@ fn another_operator_rejects_with_a_reason() {
 
 #[test]
 fn a_closed_window_approves_nothing_and_ends_in_time() {
-    let home = asked();
+    let home = waiting_home();
     let mut console = at_the_prompt(&home, "alice");
     let id = short_id(&console);
     fill(&mut console, &id, "almost decided");
@@ -521,7 +529,7 @@ fn a_storm_of_sizes_and_a_window_of_one_cell_are_survived() {
     console.wait_for_repainted("the whole screen is back", SIZE, |screen| {
         let text = screen.contents();
         let has_all = ["1 Overview", "7 Audit", "Pipeline", "Robot", "Events", "q end engine"];
-        is_up(&text) && has_all.iter().all(|word| text.contains(word))
+        is_up(&text) && has_all.iter().all(|label| text.contains(label))
     });
     assert_eq!(quit(&mut console), 0);
     assert_restored(&console);
@@ -542,8 +550,8 @@ fn a_window_of_one_cell_starts_and_ends() {
 }
 
 #[test]
-fn what_is_wrong_with_settings_is_said_before_the_screen_is_taken() {
-    for (file, text, line, word) in [
+fn wrong_settings_are_reported_before_the_screen_is_used() {
+    for (file, text, line, expected) in [
         ("config.toml", "ascii = true\ntheem = \"x\"\n", 2, "theem"),
         ("keys.toml", "[keys]\napprove = [\"enter\"]\n", 2, "never decide"),
     ] {
@@ -553,8 +561,8 @@ fn what_is_wrong_with_settings_is_said_before_the_screen_is_taken() {
         std::fs::write(folder.join(file), text).unwrap();
         let mut console = home.console(&FRESH, SIZE);
         assert_eq!(console.end().exit_code(), 2);
-        let said = console.contents().replace('\n', "");
-        assert!(said.contains(&format!("{file}:{line}")) && said.contains(word), "{said}");
+        let contents = console.contents().replace('\n', "");
+        assert!(contents.contains(&format!("{file}:{line}")) && contents.contains(expected), "{contents}");
         assert!(!console.raw().contains("\x1b[?1049h"), "the screen was taken");
     }
 }

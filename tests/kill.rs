@@ -125,7 +125,7 @@ fn recovers(data: &Path, cache: &Cache, when: &str) {
 }
 
 #[test]
-fn the_next_start_recovers_from_a_kill_at_any_moment() {
+fn the_next_start_recovers_from_a_kill_at_any_time() {
     let kills = number("HOLDPOINT_KILLS", 5);
     let seed = number("HOLDPOINT_KILL_SEED", 20_261_121);
     let cache = Cache::new();
@@ -153,18 +153,19 @@ fn changes_of_state(data: &Path) -> u64 {
 }
 
 #[test]
-fn the_next_start_recovers_from_a_power_cut_at_any_moment() {
+fn the_next_start_recovers_from_a_power_cut_at_any_time() {
     let seed = number("HOLDPOINT_KILL_SEED", 20_261_121);
     let cache = Cache::new();
     let data = quick_folder();
     // A change is printed only after it is stored.
     let mut changes = 0;
-    let said = |text: &str| {
+    let acknowledge = |text: &str| {
         let lines = text.matches("\"event\":\"state-changed\"").count() as u64;
         changes += lines;
         (lines > 0).then_some(changes)
     };
-    let Some(trace) = Trace::record(data.path(), &mut scenario(data.path(), cache.folder.path()), said)
+    let Some(trace) =
+        Trace::record(data.path(), &mut scenario(data.path(), cache.folder.path()), acknowledge)
     else {
         return;
     };
@@ -174,17 +175,20 @@ fn the_next_start_recovers_from_a_power_cut_at_any_moment() {
     ] {
         for case in 0..cases {
             let mut random = Random::of_run(seed, case);
-            let moment = random.below(trace.moments());
+            let cut = random.below(trace.cut_count());
             let data = quick_folder();
-            trace.play(moment, loss, &mut random, data.path());
-            let when = format!("{loss:?} lost, seed {seed}, case {case}, moment {moment}");
+            trace.play(cut, loss, &mut random, data.path());
+            let when = format!("{loss:?} lost, seed {seed}, case {case}, moment {cut}");
             recovers(data.path(), &cache, &when);
-            let (said, kept) = (trace.acknowledged(moment), changes_of_state(data.path()));
-            assert!(kept >= said, "{when}: {said} changes of state were printed, {kept} are kept");
+            let (acknowledged, stored) = (trace.acknowledged(cut), changes_of_state(data.path()));
+            assert!(
+                stored >= acknowledged,
+                "{when}: {acknowledged} changes of state were printed, {stored} are kept"
+            );
         }
         println!(
             "power cuts of the program: seed {seed}, {cases} of {} moments, {loss:?} lost",
-            trace.moments()
+            trace.cut_count()
         );
     }
 }

@@ -181,7 +181,7 @@ fn no_test_is_ignored_or_waits_by_the_clock() {
 
 /// An installed program has no source tree beside it: data comes with the program (`include_str!`).
 #[test]
-fn no_program_looks_for_its_source_tree() {
+fn no_program_reads_its_source_tree() {
     let mut problems = Vec::new();
     let is_built_in = |path: &PathBuf| !is_test_file(path) && !path.ends_with("build.rs");
     for path in ["src", "sim/src"].into_iter().flat_map(sources).filter(is_built_in) {

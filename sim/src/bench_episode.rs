@@ -162,7 +162,7 @@ impl PeerBench {
         let outcome = self.play(seed, |stage| {
             step += 1;
             let object = stage.object();
-            let (q, now) = match (&stage.hands.own, stage.stepper.cell()) {
+            let (q, now) = match (&stage.owner.own, stage.stepper.cell()) {
                 (Some(own), Some(cell)) => (cell.joint_state(own), own.forces(&forces)),
                 _ => (
                     readout::joint_state(stage.physics, stage.handles, &self.robot),
@@ -203,9 +203,9 @@ impl PeerBench {
         };
         let (mut physics, handles) = build::assemble(&self.robot, &cell, &self.robot.home, 2.0 * OPEN_M)?;
         let stepper = Stepper::new(self.fidelity, &self.robot, &physics, &handles, false);
-        let mut hands = StateOwner::default();
-        let centre = |hands: &StateOwner, physics: &PhysicsWorld| {
-            let held = hands.own.as_ref().and_then(ReducedState::object);
+        let mut owner = StateOwner::default();
+        let centre = |owner: &StateOwner, physics: &PhysicsWorld| {
+            let held = owner.own.as_ref().and_then(ReducedState::object);
             held.unwrap_or_else(|| readout::object_state(physics, &handles)).0.translation
         };
         let options = IkOptions {
@@ -233,17 +233,17 @@ impl PeerBench {
             q = solved.q;
             watch(&mut PendingTick {
                 stepper: &stepper,
-                hands: &mut hands,
+                owner: &mut owner,
                 physics: &physics,
                 handles: &handles,
                 drives: &drives,
             });
-            rested_ticks += u32::from(stepper.tick(&mut hands, &mut physics, &handles, &drives));
+            rested_ticks += u32::from(stepper.tick(&mut owner, &mut physics, &handles, &drives));
             if step == LIFT_CHECK_STEP {
-                lifted = centre(&hands, &physics).z >= CUBE_HALF_M + 0.10;
+                lifted = centre(&owner, &physics).z >= CUBE_HALF_M + 0.10;
             }
         }
-        let cube = centre(&hands, &physics);
+        let cube = centre(&owner, &physics);
         let place_error_m = libm::hypot(cube.x - plan.target[0], cube.y - plan.target[1]);
         let placed = lifted && place_error_m <= 0.02 && (cube.z - CUBE_HALF_M).abs() <= 0.01;
         Ok(PeerOutcome { lifted, placed, ik_iterations, place_error_m, rested_ticks })
@@ -253,7 +253,7 @@ impl PeerBench {
 /// A tick about to be computed.
 struct PendingTick<'a> {
     stepper: &'a Stepper,
-    hands: &'a mut StateOwner,
+    owner: &'a mut StateOwner,
     physics: &'a PhysicsWorld,
     handles: &'a Handles,
     #[cfg_attr(not(test), expect(dead_code, reason = "for tests, which compute the tick themselves"))]
@@ -263,7 +263,7 @@ struct PendingTick<'a> {
 impl PendingTick<'_> {
     /// Center of the object.
     fn object(&self) -> Vector3<f64> {
-        let held = self.hands.own.as_ref().and_then(ReducedState::object);
+        let held = self.owner.own.as_ref().and_then(ReducedState::object);
         held.unwrap_or_else(|| readout::object_state(self.physics, self.handles)).0.translation.vector
     }
 }
@@ -308,7 +308,7 @@ mod tests {
                         }
                     }
                     // The engine takes every tick; the other dynamics start from its state each time.
-                    stage.hands.own = None;
+                    stage.owner.own = None;
                     let situation = effort::situation(stage.physics, stage.handles);
                     let effort = SolverEffort::of(Fidelity::Reduced, situation);
                     if let Some(mut own) = cell.enter(stage.physics, stage.handles, situation, effort)
@@ -337,13 +337,13 @@ mod tests {
 
     /// Out of the engine and back without a tick between: the same state, to the bit.
     #[test]
-    fn handing_over_and_back_changes_nothing() {
+    fn changing_owner_twice_changes_nothing() {
         let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
         let mut compared = 0;
         bench
             .play(5, |stage| {
                 let cell = stage.stepper.cell().expect("in this fidelity");
-                stage.hands.own = None;
+                stage.owner.own = None;
                 let situation = effort::situation(stage.physics, stage.handles);
                 let effort = SolverEffort::of(Fidelity::Reduced, situation);
                 let Some(own) = cell.enter(stage.physics, stage.handles, situation, effort) else { return };
@@ -374,18 +374,18 @@ mod tests {
 
     /// Where ticks change hands, positions go on as the speeds say and speeds as in the ticks around.
     #[test]
-    fn nothing_jumps_where_ticks_change_hands() {
+    fn nothing_jumps_where_the_owner_changes() {
         let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
         for seed in 0..4 {
             let mut track: Vec<(bool, JointState)> = Vec::new();
             bench
                 .play(seed, |stage| {
                     let cell = stage.stepper.cell().expect("in this fidelity");
-                    let state = match &stage.hands.own {
+                    let state = match &stage.owner.own {
                         Some(own) => cell.joint_state(own),
                         None => readout::joint_state(stage.physics, stage.handles, &bench.robot),
                     };
-                    track.push((stage.hands.own.is_some(), state));
+                    track.push((stage.owner.own.is_some(), state));
                 })
                 .expect("the episode runs");
             let change = |i: usize| {

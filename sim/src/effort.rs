@@ -94,7 +94,7 @@ const RESTING_M_S: f64 = 0.005;
 /// The situation at the end of the last tick. Pairs count from 4 mm apart, more than twice what the
 /// fastest tool covers in a tick, so a touch never finds the solver unprepared.
 pub fn situation(physics: &PhysicsWorld, handles: &Handles) -> Situation {
-    let (mut gripping, mut standing) = (false, false);
+    let (mut gripping, mut supported) = (false, false);
     for pair in physics.narrow_phase.contact_pairs().filter(|pair| pair.has_any_active_contact()) {
         let (Some(a), Some(b)) = (readout::kind(handles, pair, true), readout::kind(handles, pair, false))
         else {
@@ -106,7 +106,7 @@ pub fn situation(physics: &PhysicsWorld, handles: &Handles) -> Situation {
             }
             (ColliderKind::Object, ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_))
             | (ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_), ColliderKind::Object) => {
-                standing = true;
+                supported = true;
             }
             (ColliderKind::Link(_) | ColliderKind::Finger(_) | ColliderKind::Pad(_), _)
             | (_, ColliderKind::Link(_) | ColliderKind::Finger(_) | ColliderKind::Pad(_))
@@ -120,7 +120,7 @@ pub fn situation(physics: &PhysicsWorld, handles: &Handles) -> Situation {
         }
     }
     let resting = || readout::object_state(physics, handles).1 < RESTING_M_S;
-    match (gripping, standing) {
+    match (gripping, supported) {
         (true, true) => Situation::Contact,
         (true, false) => Situation::Held,
         (false, true) if !resting() => Situation::Contact,

@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn peaks_between_two_frames_are_kept() {
+    fn peaks_between_frames_are_recorded() {
         let mut world = world();
         world.film();
         let setup = setup(&world, 7);
@@ -186,7 +186,7 @@ mod tests {
             world.step(&Command::Hold).unwrap();
             peak = peak.max(world.telemetry().tool_speed_m_s);
         }
-        let kept = world.take_film().iter().fold(0.0_f64, |most, frame| most.max(frame.speed_m_s));
-        assert!(peak > 0.05 && (kept - peak).abs() < 1e-12, "{kept} of {peak}");
+        let recorded = world.take_film().iter().fold(0.0_f64, |most, frame| most.max(frame.speed_m_s));
+        assert!(peak > 0.05 && (recorded - peak).abs() < 1e-12, "{recorded} of {peak}");
     }
 }

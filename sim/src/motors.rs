@@ -77,9 +77,9 @@ impl MotorLaw {
     /// The torque limit is kept by holding the spring back by what the motor law would ask for in
     /// excess, were the joint to go on as it does. `told_speed` is the reference's speed of the tick
     /// before: a change of speed is mostly followed within the tick.
-    pub fn rest(&self, reference: MotorReference, told_speed: f64, at: f64, speed: f64) -> f64 {
+    pub fn rest(&self, reference: MotorReference, commanded_speed: f64, at: f64, speed: f64) -> f64 {
         let ahead = at + speed * TICK_SECS;
-        let torque = self.stiffness * (reference.position - ahead) + self.damping * (told_speed - speed);
+        let torque = self.stiffness * (reference.position - ahead) + self.damping * (commanded_speed - speed);
         let excess = torque - torque.clamp(-self.torque_max, self.torque_max);
         reference.position + (self.damping * reference.speed - excess) / self.stiffness
     }

@@ -32,7 +32,7 @@ pub struct Camera {
     sequence: u32,
     /// Correlated noise of object and target: x, y, z, yaw each.
     noise: [[f64; 4]; 2],
-    under_way: ArrayVec<CameraFrame, 64>,
+    in_flight: ArrayVec<CameraFrame, 64>,
     delivered: Option<CameraFrame>,
     /// When the newest camera frame that was not lost was taken.
     last_seen: Option<u64>,
@@ -46,7 +46,7 @@ impl Camera {
             next_exposure: setup.phase_ticks,
             sequence: 0,
             noise: [[0.0; 4]; 2],
-            under_way: ArrayVec::new(),
+            in_flight: ArrayVec::new(),
             delivered: None,
             last_seen: None,
         };
@@ -69,12 +69,12 @@ impl Camera {
         if tick as f64 >= self.next_exposure {
             self.expose(tick, object, target);
         }
-        while self.under_way.first().is_some_and(|picture| picture.due <= tick) {
-            let picture = self.under_way.remove(0);
-            if picture.seen.is_some() {
-                self.last_seen = Some(picture.taken);
+        while self.in_flight.first().is_some_and(|frame| frame.due <= tick) {
+            let frame = self.in_flight.remove(0);
+            if frame.seen.is_some() {
+                self.last_seen = Some(frame.taken);
             }
-            self.delivered = Some(picture);
+            self.delivered = Some(frame);
         }
     }
 
@@ -91,7 +91,7 @@ impl Camera {
         }
         let seen = [self.perceived(object, 0), self.perceived(target, 1)];
         // A camera frame never overtakes the one before it.
-        let after = self.under_way.last().map_or(0, |picture| picture.due);
+        let after = self.in_flight.last().map_or(0, |frame| frame.due);
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -99,12 +99,11 @@ impl Camera {
         )]
         let due = (tick + libm::round(delay) as u64).max(after);
         self.sequence += 1;
-        let picture =
-            CameraFrame { taken: tick, due, sequence: self.sequence, seen: (!lost).then_some(seen) };
-        if self.under_way.is_full() {
-            self.under_way.remove(0);
+        let frame = CameraFrame { taken: tick, due, sequence: self.sequence, seen: (!lost).then_some(seen) };
+        if self.in_flight.is_full() {
+            self.in_flight.remove(0);
         }
-        self.under_way.push(picture);
+        self.in_flight.push(frame);
     }
 
     /// A pose with bias and noise: translation, and a turn about the world's z.

@@ -49,7 +49,7 @@ pub struct StateOwner {
 
 impl StateOwner {
     /// Whether the object has stood still for long enough; called after every tick of the engine.
-    pub fn object_stands(&mut self, physics: &PhysicsWorld, handles: &Handles) -> bool {
+    pub fn object_is_still(&mut self, physics: &PhysicsWorld, handles: &Handles) -> bool {
         let still = physics
             .bodies
             .get(handles.object)
@@ -154,12 +154,12 @@ impl ReducedCell {
             q[i] = f64::from(link.joint().coords()[axis]);
             dq[i] = f64::from(multibody.joint_velocity(link)[0]);
             let motor = &link.joint().data.motors[axis];
-            let told =
+            let reference =
                 MotorReference { position: f64::from(motor.target_pos), speed: f64::from(motor.target_vel) };
             if i < n {
-                arm.push(told);
+                arm.push(reference);
             } else {
-                (finger, finger_force_n) = (told, f64::from(motor.max_force));
+                (finger, finger_force_n) = (reference, f64::from(motor.max_force));
             }
         }
         if !self.within_limits(&q) {
@@ -305,9 +305,9 @@ impl ReducedCell {
             grip.force_n = rows.store(&mut grip.contacts);
         }
         state.arm.clone_from(&drives.arm);
-        for told in &mut state.arm {
+        for reference in &mut state.arm {
             // As the engine's motors remember it.
-            (told.position, told.speed) = (narrow(told.position), narrow(told.speed));
+            (reference.position, reference.speed) = (narrow(reference.position), narrow(reference.speed));
         }
         (state.finger, state.finger_force_n) = (drives.finger, drives.finger_force_n);
         true
@@ -343,9 +343,9 @@ impl ReducedCell {
             let Some(link) = multibody.link_mut(*id) else { continue };
             let at = link.assembly_id();
             change[at] = state.q[i] as f32 - link.joint.coords()[axis];
-            let told = state.arm.get(i).unwrap_or(&state.finger);
+            let reference = state.arm.get(i).unwrap_or(&state.finger);
             let motor = &mut link.joint.data.motors[axis];
-            (motor.target_pos, motor.target_vel) = (told.position as f32, told.speed as f32);
+            (motor.target_pos, motor.target_vel) = (reference.position as f32, reference.speed as f32);
             if i >= n {
                 motor.max_force = state.finger_force_n as f32;
             }
@@ -421,9 +421,9 @@ impl ReducedCell {
         let mut out = JointState::default();
         let n = self.dynamics.joints();
         for i in 0..n {
-            let told = state.arm.get(i).copied().unwrap_or(MotorReference { position: 0.0, speed: 0.0 });
-            let tau = self.stiffness[i] * (told.position - state.q[i])
-                + self.motor_damping[i] * (told.speed - state.dq[i]);
+            let reference = state.arm.get(i).copied().unwrap_or(MotorReference { position: 0.0, speed: 0.0 });
+            let tau = self.stiffness[i] * (reference.position - state.q[i])
+                + self.motor_damping[i] * (reference.speed - state.dq[i]);
             out.q.push(state.q[i]);
             out.dq.push(state.dq[i]);
             out.tau.push(tau.clamp(-self.torque_max[i], self.torque_max[i]));
@@ -468,7 +468,7 @@ impl ReducedState {
 
     /// Last commanded position of a joint's motor.
     pub fn commanded_position(&self, joint: usize) -> f64 {
-        self.arm.get(joint).map_or(0.0, |told| told.position)
+        self.arm.get(joint).map_or(0.0, |reference| reference.position)
     }
 
     /// Every number of the state, for a digest.

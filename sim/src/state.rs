@@ -81,7 +81,7 @@ pub struct WorldState {
     pub physics: PhysicsWorld,
     pub handles: Handles,
     /// Whether the engine has the state of arm and object, or rests.
-    pub hands: StateOwner,
+    pub owner: StateOwner,
     pub setup: EpisodeSetup,
     pub task: TaskKind,
     pub tick: u64,
@@ -111,7 +111,7 @@ impl WorldState {
         Ok(Self {
             physics,
             handles,
-            hands: StateOwner::default(),
+            owner: StateOwner::default(),
             setup: setup.clone(),
             task: setup.task,
             tick: 0,
@@ -149,7 +149,7 @@ impl WorldState {
 
     /// Pose, speed (m/s) and spin (rad/s) of the object.
     pub fn object(&self) -> (Isometry3<f64>, f64, f64) {
-        let held = self.hands.own.as_ref().and_then(ReducedState::object);
+        let held = self.owner.own.as_ref().and_then(ReducedState::object);
         held.unwrap_or_else(|| readout::object_state(&self.physics, &self.handles))
     }
 
@@ -157,10 +157,10 @@ impl WorldState {
     pub fn push_object(&mut self, stepper: &Stepper) {
         for push in self.setup.pushes.iter().filter(|push| push.tick == self.tick) {
             let impulse = Vector3::from(push.impulse_n_s);
-            if self.hands.own.as_mut().is_some_and(|reduced| reduced.push(&impulse)) {
+            if self.owner.own.as_mut().is_some_and(|reduced| reduced.push(&impulse)) {
                 continue;
             }
-            stepper.wake(&mut self.hands, &mut self.physics, &self.handles);
+            stepper.wake(&mut self.owner, &mut self.physics, &self.handles);
             if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
                 body.apply_impulse(crate::handles::to_vector(&push.impulse_n_s), true);
             }
@@ -169,15 +169,15 @@ impl WorldState {
 
     /// The servo's reference as the motors get it.
     pub fn drives(&self) -> Drives {
-        let told = |joint| match &self.hands.own {
+        let commanded = |joint| match &self.owner.own {
             Some(reduced) => reduced.commanded_position(joint),
             None => motors::commanded_position(&self.physics, &self.handles, joint),
         };
         let arm = self.servo.q.iter().zip(&self.servo.dq).enumerate().map(|(i, (q, dq))| {
             if self.faults.stuck_joint == Some(i) {
-                MotorReference { position: told(i), speed: 0.0 }
+                MotorReference { position: commanded(i), speed: 0.0 }
             } else if self.faults.runaway_joint == Some(i) {
-                MotorReference { position: told(i) + RUNAWAY_RAD_S * TICK_SECS, speed: RUNAWAY_RAD_S }
+                MotorReference { position: commanded(i) + RUNAWAY_RAD_S * TICK_SECS, speed: RUNAWAY_RAD_S }
             } else {
                 MotorReference { position: *q, speed: *dq }
             }

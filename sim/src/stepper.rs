@@ -39,19 +39,19 @@ impl Stepper {
     /// computed the tick and the physics engine rested.
     pub fn tick(
         &self,
-        hands: &mut StateOwner,
+        owner: &mut StateOwner,
         physics: &mut PhysicsWorld,
         handles: &Handles,
         drives: &Drives,
     ) -> bool {
         let weight =
             || physics.bodies.get(handles.object).map_or(1.0, |body| f64::from(body.gravity_scale()));
-        if let (Some(cell), Some(state)) = (&self.cell, hands.own.as_mut())
+        if let (Some(cell), Some(state)) = (&self.cell, owner.own.as_mut())
             && cell.tick(state, drives, weight())
         {
             return true;
         }
-        let last = hands.own.take();
+        let last = owner.own.take();
         if let (Some(cell), Some(state)) = (&self.cell, &last) {
             cell.leave(state, physics, handles);
         }
@@ -71,15 +71,15 @@ impl Stepper {
         }
         if let Some(cell) = &self.cell {
             let situation = effort::situation(physics, handles);
-            let ready = hands.object_stands(physics, handles) || situation == Situation::Held;
-            hands.own = ready.then(|| cell.enter(physics, handles, situation, effort)).flatten();
+            let ready = owner.object_is_still(physics, handles) || situation == Situation::Held;
+            owner.own = ready.then(|| cell.enter(physics, handles, situation, effort)).flatten();
         }
         false
     }
 
     /// Gives the state back to the engine, if it rests.
-    pub fn wake(&self, hands: &mut StateOwner, physics: &mut PhysicsWorld, handles: &Handles) {
-        if let (Some(cell), Some(state)) = (&self.cell, hands.own.take()) {
+    pub fn wake(&self, owner: &mut StateOwner, physics: &mut PhysicsWorld, handles: &Handles) {
+        if let (Some(cell), Some(state)) = (&self.cell, owner.own.take()) {
             cell.leave(&state, physics, handles);
         }
     }

@@ -314,13 +314,13 @@ impl World {
     /// Whether the physics engine rests: the next tick begins without it.
     #[must_use]
     pub fn engine_rests(&self) -> bool {
-        self.state.hands.own.is_some()
+        self.state.owner.own.is_some()
     }
 
     /// What stands in the cell in this episode: the parts of the tray, then the clutter. Pose of the middle and half
     /// extents, m.
     #[must_use]
-    pub fn standing(&self) -> Vec<(Isometry3<f64>, [f64; 3])> {
+    pub fn fixtures(&self) -> Vec<(Isometry3<f64>, [f64; 3])> {
         let (setup, scene) = (&self.state.setup, &self.scene);
         let target = setup.target.isometry();
         let tray = crate::build::tray_parts(&scene.tray, scene.object.half_m)
@@ -338,7 +338,7 @@ impl World {
     #[must_use]
     pub fn contact_points(&self) -> Vec<readout::ContactPoint> {
         let s = &self.state;
-        let held = match (&s.hands.own, self.stepper.cell()) {
+        let held = match (&s.owner.own, self.stepper.cell()) {
             (Some(own), Some(cell)) => cell.contact_points(own),
             _ => None,
         };
@@ -446,7 +446,7 @@ impl World {
         });
         let servo = s.servo.q.iter().chain(&s.servo.dq).flat_map(|value| value.to_bits().to_le_bytes());
         let reduced = s
-            .hands
+            .owner
             .own
             .iter()
             .flat_map(ReducedState::numbers)
@@ -506,8 +506,8 @@ impl World {
     fn physics_tick(&mut self) -> Result<(), BodyError> {
         let s = &mut self.state;
         let drives = s.drives();
-        let rested = self.stepper.tick(&mut s.hands, &mut s.physics, &s.handles, &drives);
-        (s.joints, s.forces) = match (&s.hands.own, self.stepper.cell()) {
+        let rested = self.stepper.tick(&mut s.owner, &mut s.physics, &s.handles, &drives);
+        (s.joints, s.forces) = match (&s.owner.own, self.stepper.cell()) {
             (Some(reduced), Some(cell)) if rested => (cell.joint_state(reduced), reduced.forces(&s.forces)),
             _ => (
                 readout::joint_state(&s.physics, &s.handles, &self.robot),

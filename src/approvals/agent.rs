@@ -115,7 +115,7 @@ impl SshAgent {
     /// # Errors
     /// [`AgentError`].
     pub fn keys(&self) -> Result<Vec<AgentKey>, AgentError> {
-        let answer = self.ask(&[REQUEST_IDENTITIES], self.list_patience)?;
+        let answer = self.exchange(&[REQUEST_IDENTITIES], self.list_patience)?;
         let mut rest = ReplyFields { agent: self, rest: &answer };
         match rest.byte()? {
             IDENTITIES_ANSWER => {}
@@ -165,7 +165,7 @@ impl SshAgent {
         push(&mut message, &blob_of(key));
         push(&mut message, bytes);
         message.extend(0_u32.to_be_bytes());
-        let answer = self.ask(&message, self.sign_patience)?;
+        let answer = self.exchange(&message, self.sign_patience)?;
         let mut rest = ReplyFields { agent: self, rest: &answer };
         match rest.byte()? {
             SIGN_RESPONSE => {}
@@ -185,7 +185,7 @@ impl SshAgent {
     }
 
     /// Sends one message and returns the answer without its length prefix.
-    fn ask(&self, message: &[u8], patience: Duration) -> Result<Vec<u8>, AgentError> {
+    fn exchange(&self, message: &[u8], patience: Duration) -> Result<Vec<u8>, AgentError> {
         let io = |what, source: io::Error| AgentError::Io { what, path: self.path.clone(), source };
         let until = Instant::now() + patience;
         let mut stream = UnixStream::connect(&self.path).map_err(|error| io("reach", error))?;
@@ -295,10 +295,10 @@ pub fn fingerprint(key: &VerifyingKey) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = "SHA256:".to_owned();
     for three in digest.chunks(3) {
-        let word =
-            three.iter().fold(0_u32, |word, byte| (word << 8) | u32::from(*byte)) << (8 * (3 - three.len()));
+        let group =
+            three.iter().fold(0_u32, |bits, byte| (bits << 8) | u32::from(*byte)) << (8 * (3 - three.len()));
         for at in 0..=three.len() {
-            let digit = (word >> (18 - 6 * at)) & 63;
+            let digit = (group >> (18 - 6 * at)) & 63;
             text.push(char::from(DIGITS[usize::try_from(digit).unwrap_or_default()]));
         }
     }
@@ -320,26 +320,26 @@ mod tests {
     use holdpoint_governance::ids::Digest;
 
     /// An agent that reads each message and sends `answers` in this order, one connection each.
-    fn says(folder: &Path, answers: Vec<Vec<u8>>) -> (SshAgent, JoinHandle<Vec<Vec<u8>>>) {
+    fn fake_agent(folder: &Path, answers: Vec<Vec<u8>>) -> (SshAgent, JoinHandle<Vec<Vec<u8>>>) {
         let path = folder.join("agent");
         drop(std::fs::remove_file(&path));
         let listener = UnixListener::bind(&path).unwrap();
         let thread = std::thread::spawn(move || {
-            let mut heard = Vec::new();
+            let mut messages = Vec::new();
             for answer in answers {
                 let (mut stream, _) = listener.accept().unwrap();
                 let mut length = [0; 4];
                 stream.read_exact(&mut length).unwrap();
                 let mut message = vec![0; usize::try_from(u32::from_be_bytes(length)).unwrap()];
                 stream.read_exact(&mut message).unwrap();
-                heard.push(message);
+                messages.push(message);
                 stream.write_all(&answer).unwrap();
                 if answer.is_empty() {
                     // Sends nothing until the other side closes.
                     drop(stream.read(&mut length));
                 }
             }
-            heard
+            messages
         });
         let short = Duration::from_millis(200);
         (SshAgent { list_patience: short, sign_patience: short, ..SshAgent::at(&path) }, thread)
@@ -383,23 +383,23 @@ mod tests {
         let both = || listed(&[(&ada, "ada@desk"), (&eve, "eve@desk")]);
         let one = listed(&[(&ada, "ada@desk")]);
         let all = vec![both(), both(), both(), both(), one, signed(&ada, &bytes)];
-        let (agent, thread) = says(folder.path(), all);
+        let (agent, thread) = fake_agent(folder.path(), all);
         assert_eq!(agent.key(Some("ada@desk")).unwrap().public_key, public);
         assert_eq!(agent.key(Some(&fingerprint(&public))).unwrap().comment, "ada@desk");
         assert!(matches!(agent.key(None), Err(AgentError::SeveralKeys { count: 2, .. })));
         assert!(matches!(agent.key(Some("old")), Err(AgentError::NoKey { .. })));
         assert_eq!(agent.key(None).unwrap().public_key, public);
         agent.sign(&public, &bytes).unwrap();
-        let heard = thread.join().unwrap();
+        let messages = thread.join().unwrap();
         let mut expected = vec![SIGN_REQUEST];
         push(&mut expected, &blob_of(&public));
         push(&mut expected, &bytes);
         expected.extend([0; 4]);
-        assert_eq!((heard[0].as_slice(), &heard[5]), (&[REQUEST_IDENTITIES][..], &expected));
+        assert_eq!((messages[0].as_slice(), &messages[5]), (&[REQUEST_IDENTITIES][..], &expected));
     }
 
     #[test]
-    fn what_is_wrong_is_told_and_nothing_is_waited_for_without_end() {
+    fn faults_are_reported_within_a_time_limit() {
         let folder = tempfile::tempdir().unwrap();
         let (ada, eve) = keys();
         let (public, bytes) = (ada.verifying_key(), [7; 32]);
@@ -416,7 +416,8 @@ mod tests {
             (vec![0, 0, 0, 9, SIGN_RESPONSE], "in the midst of a message"),
             (Vec::new(), "did not answer"),
         ];
-        let (agent, thread) = says(folder.path(), cases.iter().map(|(answer, _)| answer.clone()).collect());
+        let (agent, thread) =
+            fake_agent(folder.path(), cases.iter().map(|(answer, _)| answer.clone()).collect());
         for (_, part) in &cases {
             let error = agent.sign(&public, &bytes).unwrap_err().to_string();
             assert!(error.contains(part), "{part}: {error}");
@@ -424,7 +425,7 @@ mod tests {
         thread.join().unwrap();
         let mut many = 1001_u32.to_be_bytes().to_vec();
         many.extend([0; 64]);
-        let (agent, thread) = says(folder.path(), vec![framed(IDENTITIES_ANSWER, &many)]);
+        let (agent, thread) = fake_agent(folder.path(), vec![framed(IDENTITIES_ANSWER, &many)]);
         assert!(agent.keys().unwrap_err().to_string().contains("more than 1000 keys"));
         thread.join().unwrap();
         std::fs::remove_file(folder.path().join("agent")).unwrap();
@@ -432,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn the_folder_says_that_an_agent_has_the_key() {
+    fn a_folder_notes_that_an_agent_has_the_key() {
         let folder = tempfile::tempdir().unwrap();
         let (ada, _) = keys();
         let info =
@@ -445,8 +446,8 @@ mod tests {
         Identity::create(folder.path(), "bob", Role::Safety).unwrap();
         let bob = IdentityInfo { name: "bob".to_owned(), ..info.clone() };
         assert!(matches!(Identity::note_agent(folder.path(), &bob), Err(IdentityError::Exists(_))));
-        let kept = Identity::open(folder.path(), "ada").unwrap();
-        assert_eq!((kept.info(), kept.protection()), (&info, Protection::Elsewhere));
+        let stored = Identity::open(folder.path(), "ada").unwrap();
+        assert_eq!((stored.info(), stored.protection()), (&info, Protection::Elsewhere));
         assert_eq!(Identity::protection(folder.path(), "ada").unwrap(), Protection::Elsewhere);
     }
 
@@ -464,16 +465,16 @@ mod tests {
     fn the_agent_of_openssh_signs_as_a_key_file_would() {
         let folder = tempfile::tempdir().unwrap();
         let (socket, file) = (folder.path().join("real"), folder.path().join("key"));
-        let started = Command::new("ssh-agent").arg("-D").arg("-a").arg(&socket).spawn();
-        let Ok(_agent) = started.map(OpenSshAgent) else {
+        let child = Command::new("ssh-agent").arg("-D").arg("-a").arg(&socket).spawn();
+        let Ok(_agent) = child.map(OpenSshAgent) else {
             println!("not looked at: there is no ssh-agent on this machine");
             return;
         };
-        let made = Command::new("ssh-keygen")
+        let status = Command::new("ssh-keygen")
             .args(["-q", "-t", "ed25519", "-N", "", "-C", "ada@desk", "-f"])
             .arg(&file)
             .status();
-        if !made.is_ok_and(|made| made.success()) {
+        if !status.is_ok_and(|status| status.success()) {
             println!("not looked at: there is no ssh-keygen on this machine");
             return;
         }
@@ -487,9 +488,9 @@ mod tests {
             Command::new("ssh-add").env(SOCKET_VARIABLE, &socket).arg("-q").arg(&file).output().unwrap();
         assert!(added.status.success(), "{}", String::from_utf8_lossy(&added.stderr));
         let key = agent.key(Some("ada@desk")).unwrap();
-        let told = Command::new("ssh-add").env(SOCKET_VARIABLE, &socket).arg("-l").output().unwrap();
-        let told = String::from_utf8(told.stdout).unwrap();
-        assert!(told.contains(&fingerprint(&key.public_key)), "{told}");
+        let output = Command::new("ssh-add").env(SOCKET_VARIABLE, &socket).arg("-l").output().unwrap();
+        let listing = String::from_utf8(output.stdout).unwrap();
+        assert!(listing.contains(&fingerprint(&key.public_key)), "{listing}");
         let info = IdentityInfo { name: "ada".to_owned(), role: Role::Safety, public_key: key.public_key };
         let ada = Identity::of_agent(info, agent).unwrap();
         let claim = CallClaim {
@@ -503,9 +504,9 @@ mod tests {
         };
         ada.sign_call(claim.clone()).unwrap().verify(ada.info()).unwrap();
         // Without the key in the agent, nothing is signed.
-        let gone =
+        let output =
             Command::new("ssh-add").env(SOCKET_VARIABLE, &socket).arg("-q").arg("-D").output().unwrap();
-        assert!(gone.status.success());
+        assert!(output.status.success());
         assert!(ada.sign_call(claim).unwrap_err().to_string().contains("refused to sign"));
     }
 }

@@ -191,20 +191,20 @@ impl Identity {
     /// # Errors
     /// If the name is not allowed or taken, or the files cannot be written.
     pub fn create(folder: &Path, name: &str, role: Role) -> Result<Self, IdentityError> {
-        Self::create_kept(folder, name, role, KeyEncoding::Plain)
+        Self::create_encoded(folder, name, role, KeyEncoding::Plain)
     }
 
     /// Makes an identity with a new key and writes it into `folder`, with or without a passphrase.
     ///
     /// # Errors
     /// If the name is not allowed or taken, or the files cannot be written.
-    pub fn create_kept(
+    pub fn create_encoded(
         folder: &Path,
         name: &str,
         role: Role,
-        keep: KeyEncoding<'_>,
+        encoding: KeyEncoding<'_>,
     ) -> Result<Self, IdentityError> {
-        Self::create_with(folder, name, role, keyfile::generate()?, keep)
+        Self::create_with(folder, name, role, keyfile::generate()?, encoding)
     }
 
     fn create_with(
@@ -212,7 +212,7 @@ impl Identity {
         name: &str,
         role: Role,
         secret: SigningKey,
-        keep: KeyEncoding<'_>,
+        encoding: KeyEncoding<'_>,
     ) -> Result<Self, IdentityError> {
         let (secret_path, public_path) = paths(folder, name)?;
         if fs::symlink_metadata(&secret_path).is_ok() || fs::symlink_metadata(&public_path).is_ok() {
@@ -221,11 +221,11 @@ impl Identity {
         if let Some(other) = Self::names_of(folder, &secret.verifying_key())?.into_iter().next() {
             return Err(IdentityError::KeyTaken { name: name.to_owned(), other });
         }
-        let protection = match keep {
+        let protection = match encoding {
             KeyEncoding::Plain => Protection::None,
             KeyEncoding::Sealed(..) => Protection::Passphrase,
         };
-        keyfile::write_kept(&secret_path, &secret, keep)?;
+        keyfile::write_encoded(&secret_path, &secret, encoding)?;
         if let Err(error) = keyfile::write_public(&public_path, &secret.verifying_key(), role.name()) {
             // Half an identity would block the name.
             drop(fs::remove_file(&secret_path));
@@ -256,7 +256,7 @@ impl Identity {
         let key = if fs::symlink_metadata(&path).is_err() && fs::symlink_metadata(agent_file(&path)).is_ok() {
             StoredSecret::Agent
         } else {
-            StoredSecret::File(Box::new(keyfile::read_kept(&path)?))
+            StoredSecret::File(Box::new(keyfile::read_stored(&path)?))
         };
         Ok(LockedIdentity { info, path, key })
     }
@@ -306,7 +306,7 @@ impl Identity {
         let path = paths(folder, name)?.0;
         match fs::symlink_metadata(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Protection::Elsewhere),
-            Ok(_) | Err(_) => Ok(keyfile::read_kept(&path)?.protection()),
+            Ok(_) | Err(_) => Ok(keyfile::read_stored(&path)?.protection()),
         }
     }
 
@@ -314,10 +314,10 @@ impl Identity {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn keep(&self, folder: &Path, keep: KeyEncoding<'_>) -> Result<(), IdentityError> {
+    pub fn rewrite_key(&self, folder: &Path, encoding: KeyEncoding<'_>) -> Result<(), IdentityError> {
         match &self.secret {
             Secret::Here(secret) => {
-                Ok(keyfile::replace_secret(&paths(folder, &self.info.name)?.0, secret, keep)?)
+                Ok(keyfile::replace_secret(&paths(folder, &self.info.name)?.0, secret, encoding)?)
             }
             Secret::Agent(_) => Err(IdentityError::WithAgent(self.info.name.clone())),
         }
@@ -484,10 +484,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
         let (old, new) = (passphrase("under the oak"), passphrase("over the hill"));
-        let open = |words: Option<&Passphrase>| Identity::open(folder, "ada").unwrap().unlock(words);
-        let ada =
-            Identity::create_kept(folder, "ada", Role::Operator, KeyEncoding::Sealed(&old, KdfCost::LEAST))
-                .unwrap();
+        let open = |phrase: Option<&Passphrase>| Identity::open(folder, "ada").unwrap().unlock(phrase);
+        let ada = Identity::create_encoded(
+            folder,
+            "ada",
+            Role::Operator,
+            KeyEncoding::Sealed(&old, KdfCost::LEAST),
+        )
+        .unwrap();
         assert_eq!(Identity::protection(folder, "ada").unwrap(), Protection::Passphrase);
         assert_eq!(open(Some(&old)).unwrap().info(), ada.info());
         let wrong = open(Some(&new)).unwrap_err();
@@ -496,9 +500,9 @@ mod tests {
         // The remains of an interrupted change do not block this one.
         std::fs::write(folder.join("ada.key.new"), "holdpoint-key 1\nkdf").unwrap();
         assert_eq!(open(Some(&old)).unwrap().info(), ada.info());
-        open(Some(&old)).unwrap().keep(folder, KeyEncoding::Sealed(&new, KdfCost::LEAST)).unwrap();
+        open(Some(&old)).unwrap().rewrite_key(folder, KeyEncoding::Sealed(&new, KdfCost::LEAST)).unwrap();
         assert!(open(Some(&old)).is_err());
-        open(Some(&new)).unwrap().keep(folder, KeyEncoding::Plain).unwrap();
+        open(Some(&new)).unwrap().rewrite_key(folder, KeyEncoding::Plain).unwrap();
         assert_eq!(Identity::protection(folder, "ada").unwrap(), Protection::None);
         assert!(open(Some(&new)).unwrap_err().to_string().contains("has no passphrase"));
         assert_eq!(Identity::load(folder, "ada").unwrap().info(), ada.info());
@@ -516,8 +520,8 @@ mod tests {
         let before = std::fs::read(folder.path().join("ada.key")).unwrap();
         // The folder is read-only.
         std::fs::create_dir(folder.path().join("ada.key.new")).unwrap();
-        let words = passphrase("under the oak");
-        assert!(ada.keep(folder.path(), KeyEncoding::Sealed(&words, KdfCost::LEAST)).is_err());
+        let phrase = passphrase("under the oak");
+        assert!(ada.rewrite_key(folder.path(), KeyEncoding::Sealed(&phrase, KdfCost::LEAST)).is_err());
         assert_eq!(std::fs::read(folder.path().join("ada.key")).unwrap(), before);
     }
 

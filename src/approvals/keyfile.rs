@@ -170,15 +170,19 @@ pub fn generate() -> Result<SigningKey, KeyError> {
 /// # Errors
 /// If the file exists or cannot be written.
 pub fn write_secret(path: &Path, key: &SigningKey) -> Result<(), KeyError> {
-    write_kept(path, key, KeyEncoding::Plain)
+    write_encoded(path, key, KeyEncoding::Plain)
 }
 
 /// Writes a secret key to a new file with mode 0600, under a passphrase or not.
 ///
 /// # Errors
 /// If the file exists or cannot be written, or the key cannot be encrypted.
-pub(super) fn write_kept(path: &Path, key: &SigningKey, keep: KeyEncoding<'_>) -> Result<(), KeyError> {
-    let text = keep.text(path, key)?;
+pub(super) fn write_encoded(
+    path: &Path,
+    key: &SigningKey,
+    encoding: KeyEncoding<'_>,
+) -> Result<(), KeyError> {
+    let text = encoding.text(path, key)?;
     put(path, text.as_bytes(), 0o600)
 }
 
@@ -216,7 +220,11 @@ fn force_folder(path: &Path) -> Result<(), KeyError> {
 ///
 /// # Errors
 /// If it cannot be written; the old form stays.
-pub(super) fn replace_secret(path: &Path, key: &SigningKey, keep: KeyEncoding<'_>) -> Result<(), KeyError> {
+pub(super) fn replace_secret(
+    path: &Path,
+    key: &SigningKey,
+    encoding: KeyEncoding<'_>,
+) -> Result<(), KeyError> {
     let aside = path.with_extension("key.new");
     match fs::remove_file(&aside) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -224,7 +232,7 @@ pub(super) fn replace_secret(path: &Path, key: &SigningKey, keep: KeyEncoding<'_
         }
         Ok(()) | Err(_) => {}
     }
-    write_kept(&aside, key, keep)?;
+    write_encoded(&aside, key, encoding)?;
     fs::rename(&aside, path).map_err(io("replace", path))?;
     force_folder(path)
 }
@@ -234,14 +242,14 @@ pub(super) fn replace_secret(path: &Path, key: &SigningKey, keep: KeyEncoding<'_
 /// # Errors
 /// [`KeyError`].
 pub fn read_secret(path: &Path) -> Result<SigningKey, KeyError> {
-    read_kept(path)?.unlock(path, None)
+    read_stored(path)?.unlock(path, None)
 }
 
 /// Reads a stored secret key, unopened; refuses a link and a file that others can read or write.
 ///
 /// # Errors
 /// [`KeyError`].
-pub(super) fn read_kept(path: &Path) -> Result<StoredKey, KeyError> {
+pub(super) fn read_stored(path: &Path) -> Result<StoredKey, KeyError> {
     let file = match open_plainly(path) {
         // The kernel reports a link so.
         Err(rustix::io::Errno::LOOP) => {

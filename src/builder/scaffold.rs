@@ -142,7 +142,7 @@ pub fn scaffold(folder: &Path, name: &CrateName, lang: Lang) -> Result<(), Scaff
         // A compiler in C looks for headers in one folder.
         let path = if flat { Path::new(path).file_name().map(PathBuf::from) } else { Some(path.into()) };
         let Some(path) = path else { continue };
-        let text = if path == Path::new("Cargo.toml") { of_the_kit_alone(text) } else { (*text).to_owned() };
+        let text = if path == Path::new("Cargo.toml") { without_tests(text) } else { (*text).to_owned() };
         write(&folder.join("sdk").join(path), &text)?;
     }
     if lang == Lang::Rust {
@@ -152,12 +152,12 @@ pub fn scaffold(folder: &Path, name: &CrateName, lang: Lang) -> Result<(), Scaff
 }
 
 /// The kit's workspace without its tests.
-fn of_the_kit_alone(text: &str) -> String {
+fn without_tests(text: &str) -> String {
     let members = r#"members = ["body", "rust", "skill"]"#;
     let lines = text.lines().filter(|line| !line.starts_with('#'));
     let lines = lines.map(|line| if line.starts_with("members = ") { members } else { line });
-    let kept: Vec<&str> = lines.collect();
-    kept.join("\n") + "\n"
+    let selected: Vec<&str> = lines.collect();
+    selected.join("\n") + "\n"
 }
 
 fn write(path: &Path, text: &str) -> Result<(), ScaffoldError> {
@@ -219,8 +219,11 @@ mod tests {
         assert_eq!(own["lints"]["rust"]["unsafe_code"].as_str(), Some("deny"));
         let (own, main) = (&own["lints"]["clippy"], &main["workspace"]["lints"]["clippy"]);
         for (lint, level) in main.as_table().unwrap() {
-            let said = own.get(lint);
-            assert!(said == Some(level) || said.is_none() && level.as_str() == Some("allow"), "{lint}");
+            let own_level = own.get(lint);
+            assert!(
+                own_level == Some(level) || own_level.is_none() && level.as_str() == Some("allow"),
+                "{lint}"
+            );
         }
         assert!(own.as_table().unwrap().keys().all(|lint| main.get(lint).is_some()));
     }
@@ -236,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_with_something_in_it_is_left_alone() {
+    fn a_folder_with_contents_is_not_changed() {
         let root = tempfile::tempdir().unwrap();
         fs::write(root.path().join("mine"), "").unwrap();
         let name = "grasp".parse().unwrap();

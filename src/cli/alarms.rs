@@ -75,9 +75,9 @@ pub(super) fn run(
     if args.courses {
         return courses(views, context, args, out);
     }
-    let kept = views.alarms().map_err(CliError::usage)?;
+    let alarms = views.alarms().map_err(CliError::usage)?;
     let text_of = |name: &str| {
-        let entry = kept.iter().find(|entry| entry.alarm == name)?;
+        let entry = alarms.iter().find(|entry| entry.alarm == name)?;
         serde_json::from_str::<Alarm>(&entry.json).ok().map(|alarm| alarm.text)
     };
     let wanted = |name: &str| args.alarm.as_ref().is_none_or(|alarm| alarm == name);
@@ -90,7 +90,7 @@ pub(super) fn run(
         let records = views.audit(&filter).map_err(CliError::usage)?;
         records.iter().filter_map(|record| changed(record.at_ms, &record.body, &text_of)).collect()
     } else {
-        let open = kept.iter().filter(|entry| entry.state != AlarmState::Normal);
+        let open = alarms.iter().filter(|entry| entry.state != AlarmState::Normal);
         open.map(|entry| AlarmLine {
             at_ms: entry.changed_ms,
             alarm: entry.alarm.clone(),
@@ -121,16 +121,16 @@ fn courses(
     let reader = HealthReader::new(views, &Layout::new(&context.data)).map_err(CliError::usage)?;
     let end = reader.end().map_err(CliError::usage)?;
     // Records are ordered by the engine's clock.
-    let asked = HealthQuery {
+    let query = HealthQuery {
         clock: Some(HealthClock::Virtual),
         only_alarms: true,
         bucket_ms: BUCKET_MS_MAX,
         buckets: BUCKETS_MAX,
         ..HealthQuery::default()
     };
-    let series = reader.read(&asked, Some(end)).map_err(|error| match error {
+    let series = reader.read(&query, Some(end)).map_err(|error| match error {
         HealthError::Store(error) => CliError::usage(error),
-        HealthError::Asked(text) => CliError::usage(text),
+        HealthError::InvalidQuery(text) => CliError::usage(text),
     })?;
     let wanted = |spell: &&AlarmEpisode| args.alarm.as_ref().is_none_or(|alarm| *alarm == spell.alarm);
     let mut count = 0;
@@ -144,8 +144,8 @@ fn courses(
     if count == 0 && !out.is_json() {
         out.line("no alarm was ever raised")?;
     }
-    let left_out = if out.is_json() { Vec::new() } else { series.coverage.sentences() };
-    left_out.iter().try_for_each(|text| out.paragraph("", text))?;
+    let sentences = if out.is_json() { Vec::new() } else { series.coverage.sentences() };
+    sentences.iter().try_for_each(|text| out.paragraph("", text))?;
     Ok(Exit::Confirmed)
 }
 

@@ -131,9 +131,9 @@ pub(super) fn check(
     let proof = Proof::read(&args.file).map_err(CliError::usage)?;
     match proof.check(&key) {
         Ok(()) => {
-            let said = summary(&proof);
-            let value = serde_json::json!({ "holds": true, "says": said, "heads": proof.heads() });
-            out.answer(&value, |out| out.line(&format!("holds: {said}")))?;
+            let text = summary(&proof);
+            let value = serde_json::json!({ "holds": true, "says": text, "heads": proof.heads() });
+            out.answer(&value, |out| out.line(&format!("holds: {text}")))?;
             Ok(Exit::Confirmed)
         }
         Err(error @ (ProofError::Wrong(_) | ProofError::NoProof(_) | ProofError::Impossible { .. })) => {

@@ -154,12 +154,12 @@ fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
     };
     let bar = ProgressBar::new_spinner();
     let rounds = args.rounds;
-    let told = peers::run(&settings, &mut |round, engine| {
+    let result = peers::run(&settings, &mut |round, engine| {
         bar.set_message(format!("round {} of {rounds}: {}", round + 1, engine.name()));
         bar.tick();
     });
     bar.finish_and_clear();
-    told.map_err(|error| match error {
+    result.map_err(|error| match error {
         PeerError::Own(_) => CliError::internal(error.sentence()),
         PeerError::Missing { .. } | PeerError::Alone(_) | PeerError::Lost { .. } => CliError::usage(error),
     })

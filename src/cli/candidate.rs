@@ -273,9 +273,9 @@ impl CheckVerdict {
 }
 
 /// The profiles to check the folder under: the requested one, else the built-in ones and the store's site profile.
-fn check_profiles(data: &Path, asked: Option<&RequestedProfile>) -> Result<Vec<ChosenProfile>, CliError> {
-    if asked.is_some() {
-        return Ok(vec![chosen(data, asked)?]);
+fn check_profiles(data: &Path, requested: Option<&RequestedProfile>) -> Result<Vec<ChosenProfile>, CliError> {
+    if requested.is_some() {
+        return Ok(vec![chosen(data, requested)?]);
     }
     let own = Some(last(data)?).filter(|last| last.texts().is_some());
     Ok(ProfileName::ALL.into_iter().map(ChosenProfile::from).chain(own).collect())
@@ -283,7 +283,7 @@ fn check_profiles(data: &Path, asked: Option<&RequestedProfile>) -> Result<Vec<C
 
 /// The versions to compare with: the store's, or without a store the baselines.
 fn comparison_versions(data: &Path) -> Result<RegisteredVersions, CliError> {
-    let standing = if Layout::new(data).database().exists() {
+    let versions = if Layout::new(data).database().exists() {
         RegisteredVersions::of(&data::open(data)?).map_err(|error| {
             CliError::usage(error.to_string())
                 .with_hint("`holdpoint audit verify` shows the error in the store")
@@ -292,8 +292,8 @@ fn comparison_versions(data: &Path) -> Result<RegisteredVersions, CliError> {
         RegisteredVersions::commissioned().map_err(CliError::internal)
     };
     // A new store begins with the same versions.
-    match standing {
-        Ok(standing) if standing.is_empty() => RegisteredVersions::commissioned().map_err(CliError::internal),
+    match versions {
+        Ok(versions) if versions.is_empty() => RegisteredVersions::commissioned().map_err(CliError::internal),
         other => other,
     }
 }
@@ -329,47 +329,47 @@ fn sign(context: &CliContext, args: &SignArgs, out: &mut CommandOutput<'_>) -> R
 /// The format, and the static checks under each profile. The other stages measure.
 fn check(
     candidate: &Capability,
-    standing: &RegisteredVersions,
+    versions: &RegisteredVersions,
     profiles: &[ChosenProfile],
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let Capability { manifest, submission, .. } = candidate;
-    let judged = standing.judge(candidate, profiles).map_err(CliError::internal)?;
+    let findings = versions.judge(candidate, profiles).map_err(CliError::internal)?;
     let verdicts: Vec<CheckVerdict> =
-        judged.iter().map(|(profile, found)| CheckVerdict::new(profile, found)).collect();
+        findings.iter().map(|(profile, found)| CheckVerdict::new(profile, found)).collect();
     let admitted = verdicts.iter().any(|verdict| verdict.admitted);
-    let checked = CandidateReport {
+    let report = CandidateReport {
         id: candidate.id().to_string(),
         digest: candidate.manifest_digest(),
         bundle: manifest.deployment.bundle.clone().into(),
         author: submission.author.clone(),
         provenance: submission.provenance.name(),
         estimated_risk: submission.estimated_risk.name(),
-        risk: standing.risk(candidate),
+        risk: versions.risk(candidate),
         summary: submission.summary.as_str().into(),
-        against: standing.described(&candidate.id().family),
+        against: versions.described(&candidate.id().family),
         verdicts,
-        recovery: standing.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
+        recovery: versions.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
     };
-    out.answer(&checked, |out| {
-        out.line(&format!("{} is well formed", checked.id))?;
-        out.line(&format!("digest     {}", checked.digest))?;
-        out.line(&format!("bundle     {}", checked.bundle))?;
-        out.line(&format!("submitted  by {} ({})", checked.author, checked.provenance))?;
-        let estimate = checked.estimated_risk;
-        out.line(&format!("risk       {}; its author estimates {estimate}", checked.risk.label()))?;
-        if !checked.summary.is_blank() {
-            out.line(&format!("summary    {}", checked.summary.line()))?;
+    out.answer(&report, |out| {
+        out.line(&format!("{} is well formed", report.id))?;
+        out.line(&format!("digest     {}", report.digest))?;
+        out.line(&format!("bundle     {}", report.bundle))?;
+        out.line(&format!("submitted  by {} ({})", report.author, report.provenance))?;
+        let estimate = report.estimated_risk;
+        out.line(&format!("risk       {}; its author estimates {estimate}", report.risk.label()))?;
+        if !report.summary.is_blank() {
+            out.line(&format!("summary    {}", report.summary.line()))?;
         }
-        out.line(&format!("against    {}", checked.against))?;
-        for verdict in &checked.verdicts {
+        out.line(&format!("against    {}", report.against))?;
+        for verdict in &report.verdicts {
             let (interface, policy) = (verdict.interface, verdict.policy);
             out.line(&format!("in {:<7} interface {interface}, policy {policy}", verdict.profile))?;
             for reason in &verdict.reasons {
                 out.line(&format!("           {reason}"))?;
             }
         }
-        for reason in &checked.recovery {
+        for reason in &report.recovery {
             out.line(&format!("recovery   its drills cannot pass: {reason}"))?;
         }
         Ok(())

@@ -38,12 +38,12 @@ pub(super) fn run(
     // Only an identity of the store may let the engine continue.
     let who = identity(context, signature)?;
     let (by, reason) = (signature.identity.clone(), signature.reason.raw().to_owned());
-    let mut side = VerbExecutor::open(context)?;
-    let snapshot = side.snapshot()?;
-    let said = snapshot.clock_doubt.as_ref().map_or(snapshot.time, |doubt| doubt.said);
+    let mut executor = VerbExecutor::open(context)?;
+    let snapshot = executor.snapshot()?;
+    let clock_time = snapshot.clock_doubt.as_ref().map_or(snapshot.time, |doubt| doubt.said);
     if let Some(doubt) = snapshot.clock_doubt.filter(|_| !out.is_json()) {
         out.line(&format!("{}; it says {}", doubt.text, doubt.said))?;
     }
-    let time = args.time.unwrap_or(said);
-    side.execute_as(context, &who, Command::ConfirmTime { by, reason, time }, out)
+    let time = args.time.unwrap_or(clock_time);
+    executor.execute_as(context, &who, Command::ConfirmTime { by, reason, time }, out)
 }

@@ -68,7 +68,7 @@ pub(super) fn run(
                 EngineLocation::Here(here)
             } else {
                 let service = ConsoleEngine::new(&context.data, args);
-                let begin = move |sitting: ConsolePresence| service.begin(sitting, here);
+                let begin = move |presence: ConsolePresence| service.begin(presence, here);
                 EngineLocation::Begun(Box::new(EngineHandle::starting(layout)), Box::new(begin))
             }
         }
@@ -142,17 +142,17 @@ fn at_work(layout: &Layout, args: &RunArgs, options: &Options) -> Result<Existin
         // For an engine of another version, the start of a new one fails and reports it.
         Ok(None) | Err(_) => return Ok(ExistingEngine::NoEngine),
     };
-    let beginning = args.for_a_start();
-    if !beginning.is_empty() {
+    let start_options = args.start_options();
+    if !start_options.is_empty() {
         let problem = format!(
             "an engine is already running on this store, and {} applies only when one starts",
-            beginning.join(", ")
+            start_options.join(", ")
         );
         let hint = "leave it out to attach, or choose another store with `--data`";
         return Err(CliError::usage(Problem::new(problem).with_hint(hint)));
     }
-    let sitting = ConsolePresence { read_only: options.read_only, ..ConsolePresence::default() };
-    match EngineHandle::attach(layout.clone(), client, sitting) {
+    let presence = ConsolePresence { read_only: options.read_only, ..ConsolePresence::default() };
+    match EngineHandle::attach(layout.clone(), client, presence) {
         Ok(host) => Ok(ExistingEngine::Attached(Box::new(host))),
         // If all attached consoles are in use, the error says so and not that no engine runs.
         Err(ControlSocketError::Closed { path, text }) if text != SHOWN_TO_NOBODY => {
@@ -171,8 +171,8 @@ pub(super) fn keymap() -> Result<Keymap, CliError> {
         return Ok(Keymap::default());
     };
     Keymap::with_file(&name, &text).map_err(|problems| {
-        let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
-        CliError::usage(said.join("; "))
+        let messages: Vec<String> = problems.iter().map(ToString::to_string).collect();
+        CliError::usage(messages.join("; "))
     })
 }
 

@@ -47,69 +47,71 @@ const LOOK_AGAIN: Duration = Duration::from_millis(100);
 /// See the module comment.
 pub(super) struct ConsoleEngine {
     layout: Layout,
-    words: Vec<OsString>,
+    arguments: Vec<OsString>,
     /// Options that do not apply to another engine.
-    asked: Vec<&'static str>,
+    start_options: Vec<&'static str>,
 }
 
 impl ConsoleEngine {
     /// The engine for the store in this folder, with the options of `run`.
     pub(super) fn new(data: &Path, args: &RunArgs) -> Self {
-        let mut words: Vec<OsString> =
+        let mut arguments: Vec<OsString> =
             ["serve", "--own-session", "--quiet", "--json", "--data"].map(Into::into).into();
-        words.push(data.into());
-        let mut say = |name: &str, value: &OsStr| {
+        arguments.push(data.into());
+        let mut add_option = |name: &str, value: &OsStr| {
             // `--option=value`, because a value may begin with a dash.
-            let mut word = OsString::from(name);
-            word.push("=");
-            word.push(value);
-            words.push(word);
+            let mut argument = OsString::from(name);
+            argument.push("=");
+            argument.push(value);
+            arguments.push(argument);
         };
-        say("--attended", args.linger.unwrap_or(LINGER_SECS).to_string().as_ref());
+        add_option("--attended", args.linger.unwrap_or(LINGER_SECS).to_string().as_ref());
         match &args.engine.profile {
-            Some(RequestedProfile::BuiltIn(name)) => say("--profile", name.name().as_ref()),
-            Some(RequestedProfile::Own(name)) => say("--profile", name.as_str().as_ref()),
-            Some(RequestedProfile::File(path)) => say("--profile", path.as_ref()),
+            Some(RequestedProfile::BuiltIn(name)) => add_option("--profile", name.name().as_ref()),
+            Some(RequestedProfile::Own(name)) => add_option("--profile", name.as_str().as_ref()),
+            Some(RequestedProfile::File(path)) => add_option("--profile", path.as_ref()),
             None => {}
         }
         if let Some(seed) = args.engine.seed {
-            say("--seed", seed.to_string().as_ref());
+            add_option("--seed", seed.to_string().as_ref());
         }
         if let Some(robot) = &args.engine.robot {
-            say("--robot", robot.as_ref());
+            add_option("--robot", robot.as_ref());
         }
         if let Some(jobs) = args.engine.jobs {
-            say("--jobs", jobs.to_string().as_ref());
+            add_option("--jobs", jobs.to_string().as_ref());
         }
         match args.pace {
-            Some(LivePace::Times(times)) => say("--pace", times.to_string().as_ref()),
-            Some(LivePace::Max) => say("--pace", "max".as_ref()),
+            Some(LivePace::Times(times)) => add_option("--pace", times.to_string().as_ref()),
+            Some(LivePace::Max) => add_option("--pace", "max".as_ref()),
             None => {}
         }
         if let Some(view) = args.scenes.view {
-            say("--view", view.to_string().as_ref());
+            add_option("--view", view.to_string().as_ref());
         }
         if args.scenes.no_recording {
-            words.push("--no-recording".into());
+            arguments.push("--no-recording".into());
         }
-        Self { layout: Layout::new(data), words, asked: args.for_a_start() }
+        Self { layout: Layout::new(data), arguments, start_options: args.start_options() }
     }
 
     /// Starts it and attaches. If no process can be started, the engine runs `here` and the console says so.
     pub(super) fn begin(
         self,
-        sitting: ConsolePresence,
+        presence: ConsolePresence,
         here: LaunchConfig,
     ) -> Result<StartedEngine, EngineEndError> {
         self.layout.create().map_err(|error| EngineEndError::of(error.sentence()))?;
         let path = self.layout.logs().join(LOG_NAME);
-        let begun = ServiceLog::open(path).and_then(|log| Ok((self.spawn(&log)?, log)));
-        match begun {
+        let process = ServiceLog::open(path).and_then(|log| Ok((self.spawn(&log)?, log)));
+        match process {
             Ok((child, log)) => {
-                let (host, is_own) = self.attach(child, &log, &sitting)?;
-                let notice = (!is_own && !self.asked.is_empty()).then(|| {
-                    let asked = self.asked.join(", ");
-                    format!("attached to an engine that another console started first; {asked} has no effect")
+                let (host, is_own) = self.attach(child, &log, &presence)?;
+                let notice = (!is_own && !self.start_options.is_empty()).then(|| {
+                    let options = self.start_options.join(", ");
+                    format!(
+                        "attached to an engine that another console started first; {options} has no effect"
+                    )
                 });
                 Ok(StartedEngine { host, notice })
             }
@@ -124,7 +126,7 @@ impl ConsoleEngine {
 
     fn spawn(&self, log: &ServiceLog) -> io::Result<Child> {
         Command::new(std::env::current_exe()?)
-            .args(&self.words)
+            .args(&self.arguments)
             // A service manager knows the console's process only.
             .env_remove("NOTIFY_SOCKET")
             .env_remove("WATCHDOG_USEC")
@@ -140,12 +142,12 @@ impl ConsoleEngine {
         &self,
         mut child: Child,
         log: &ServiceLog,
-        sitting: &ConsolePresence,
+        presence: &ConsolePresence,
     ) -> Result<(EngineHandle, bool), EngineEndError> {
         let until = Instant::now() + UP_WITHIN;
         let mut ended: Option<ExitStatus> = None;
         loop {
-            let found = EngineHandle::find(&self.layout, sitting.clone());
+            let found = EngineHandle::find(&self.layout, presence.clone());
             match found {
                 Ok(Some(host)) => {
                     let is_own = host.process() == i32::try_from(child.id()).ok();
@@ -173,8 +175,8 @@ impl ConsoleEngine {
             if ended.is_none() {
                 ended = child.try_wait().ok().flatten();
             }
-            let taken = ended.is_some() && matches!(lock_owner(&self.layout), Ok(Some(_)));
-            if ended.is_some() && !taken {
+            let is_in_use = ended.is_some() && matches!(lock_owner(&self.layout), Ok(Some(_)));
+            if ended.is_some() && !is_in_use {
                 // The engine that held the store has released it.
                 let is_free = log.found_store_in_use() && Instant::now() < until;
                 let Some(again) = is_free.then(|| self.spawn(log).ok()).flatten() else {
@@ -188,7 +190,7 @@ impl ConsoleEngine {
                     None => Self::give_up(child, log),
                 });
             }
-            std::thread::sleep(if taken { LOOK_AGAIN } else { LOOK });
+            std::thread::sleep(if is_in_use { LOOK_AGAIN } else { LOOK });
         }
     }
 
@@ -226,14 +228,14 @@ impl ServiceLog {
     fn last_error(&self) -> String {
         let text = self.read().unwrap_or_default();
         let last_line = || text.lines().map(str::trim).rfind(|line| !line.is_empty());
-        let said = match error_in(&text) {
+        let message = match error_in(&text) {
             Some(ErrorDocument { error, hint, .. }) => Problem::from((error, hint)).sentence(),
             None => last_line().map_or_else(
                 || format!("it ended without a message; its log is {:?}", self.path),
                 ToOwned::to_owned,
             ),
         };
-        Untrusted::new(said).line().into_string()
+        Untrusted::new(message).line().into_string()
     }
 
     /// Whether it ended because another engine uses the store.
@@ -272,15 +274,15 @@ mod tests {
 
     /// The engine gets the options of the command line and nothing else.
     #[test]
-    fn the_service_is_told_what_the_console_was_told() {
-        let words = |said: &[&str]| -> Vec<String> {
-            let args = RunCommandLine::parse_from([&["run"], said].concat()).args;
+    fn the_engine_gets_the_options_of_the_console() {
+        let arguments_of = |options: &[&str]| -> Vec<String> {
+            let args = RunCommandLine::parse_from([&["run"], options].concat()).args;
             let service = ConsoleEngine::new(Path::new("/data"), &args);
-            service.words.into_iter().map(|word| word.into_string().unwrap()).collect()
+            service.arguments.into_iter().map(|argument| argument.into_string().unwrap()).collect()
         };
         let always = ["serve", "--own-session", "--quiet", "--json", "--data", "/data"];
-        assert_eq!(words(&[]), [&always[..], &["--attended=60"]].concat());
-        let said = [
+        assert_eq!(arguments_of(&[]), [&always[..], &["--attended=60"]].concat());
+        let options = [
             "--profile=human",
             "--seed=7",
             "--robot=a.urdf",
@@ -289,17 +291,17 @@ mod tests {
             "--view=127.0.0.1:9876",
             "--no-recording",
         ];
-        let rest = [&["--attended=5"][..], &said].concat();
-        assert_eq!(words(&[&["--linger=5"][..], &said].concat()), [&always[..], &rest].concat());
+        let rest = [&["--attended=5"][..], &options].concat();
+        assert_eq!(arguments_of(&[&["--linger=5"][..], &options].concat()), [&always[..], &rest].concat());
         for value in ["--profile=press-3", "--profile=./own.toml", "--pace=max"] {
-            assert!(words(&[value]).contains(&value.to_owned()), "{value}");
+            assert!(arguments_of(&[value]).contains(&value.to_owned()), "{value}");
         }
         // The look of the console does not concern the engine.
-        assert_eq!(words(&["--ascii", "--as", "ana", "--read-only"]), words(&[]));
+        assert_eq!(arguments_of(&["--ascii", "--as", "ana", "--read-only"]), arguments_of(&[]));
     }
 
     #[test]
-    fn its_last_words_are_its_error() {
+    fn last_error_is_the_printed_error() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(LOG_NAME);
         std::fs::write(&path, "error: an older one\n").unwrap();
@@ -314,9 +316,12 @@ mod tests {
         writeln!(file, "something").unwrap();
         CliError::usage(error).print_json(&mut file);
         assert!(!log.found_store_in_use());
-        let words = log.last_error();
-        assert!(words.starts_with("the disk is full") && words.ends_with(". Hint: make room"), "{words}");
-        assert!(!words.contains('\u{1b}'), "{words:?}");
+        let message = log.last_error();
+        assert!(
+            message.starts_with("the disk is full") && message.ends_with(". Hint: make room"),
+            "{message}"
+        );
+        assert!(!message.contains('\u{1b}'), "{message:?}");
         let in_use = StoreError::InUse { path: "/data".into(), owner: "process 7".to_owned() };
         CliError::usage(in_use).print_json(&mut file);
         assert!(log.found_store_in_use());

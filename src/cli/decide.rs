@@ -200,12 +200,12 @@ fn parse_short_digest(text: &str) -> Result<String, String> {
 /// [`CliError`]; then nothing has changed.
 pub(super) fn run(
     context: &CliContext,
-    asked: &RequestedDecision,
+    decision: &RequestedDecision,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     // An unknown name is reported before an engine opens, so the store stays unchanged.
     let views = || data::open(&context.data);
-    match asked {
+    match decision {
         RequestedDecision::Approve(args) => approve(context, &views()?, args, out),
         RequestedDecision::Reject(args) => reject(context, &views()?, args, out),
         RequestedDecision::Rollback(args) => rollback(context, &views()?, args, out),
@@ -249,8 +249,8 @@ fn approve(
             "start one with `holdpoint run`; it requests the approval again, for the stored evidence",
         ));
     };
-    let mut side = VerbExecutor::Running(client);
-    let snapshot = side.snapshot()?;
+    let mut executor = VerbExecutor::Running(client);
+    let snapshot = executor.snapshot()?;
     let Some(prompt) = open_request(&snapshot, &args.version) else {
         let text = format!("held: nothing waits for a decision on {}", args.version);
         return Err(
@@ -263,31 +263,31 @@ fn approve(
             CliError::from_engine_fault(text).with_hint("`holdpoint break-glass` is the only verb for that")
         );
     }
-    let (question, bound) = side.question(prompt, &who.info().name)?;
-    check_digest(args.digest.as_deref(), &bound)?;
+    let (question, facts) = executor.question(prompt, &who.info().name)?;
+    check_digest(args.digest.as_deref(), &facts)?;
     request_text::print_request(&question.lines, &live_lines(prompt, &snapshot), out)?;
     let who = passphrase::unlock(who, args.signature.passphrase_file.as_deref())?;
     let command = question.answer(&who, ApprovalDecision::Approve, args.signature.reason.raw());
-    side.execute(command.map_err(CliError::internal)?, out)?;
+    executor.execute(command.map_err(CliError::internal)?, out)?;
     // An approval that is insufficient or does not count leaves the version on hold. A sufficient one waits for the
     // end of one sequence at most.
-    let waits = open_request(&side.snapshot()?, &args.version).is_some_and(|prompt| !prompt.granted);
-    Ok(if waits { Exit::Held } else { Exit::Confirmed })
+    let is_open = open_request(&executor.snapshot()?, &args.version).is_some_and(|prompt| !prompt.granted);
+    Ok(if is_open { Exit::Held } else { Exit::Confirmed })
 }
 
 /// Binds the approval to the named evidence; a profile with people nearby requires it.
-fn check_digest(given: Option<&str>, asked: &SignedFacts) -> Result<(), CliError> {
-    let waits = asked.evidence.short();
-    match given {
-        Some(given) if given == waits => Ok(()),
-        Some(given) => {
-            let text = format!("held: {} waits with the evidence {waits}, not {given}", asked.version);
+fn check_digest(digest: Option<&str>, facts: &SignedFacts) -> Result<(), CliError> {
+    let expected = facts.evidence.short();
+    match digest {
+        Some(digest) if digest == expected => Ok(()),
+        Some(digest) => {
+            let text = format!("held: {} waits with the evidence {expected}, not {digest}", facts.version);
             Err(CliError::from_engine_fault(text)
                 .with_hint("read the evidence again, then approve its digest"))
         }
-        None if asked.profile == ProfileName::Human => {
+        None if facts.profile == ProfileName::Human => {
             let text =
-                format!("the profile {:?} needs --digest with the evidence that was read", asked.profile);
+                format!("the profile {:?} needs --digest with the evidence that was read", facts.profile);
             Err(CliError::usage(text).with_hint("`holdpoint status` shows it"))
         }
         None => Ok(()),
@@ -301,36 +301,36 @@ fn reject(
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
-    let mut side = VerbExecutor::open(context)?;
-    let snapshot = side.snapshot()?;
+    let mut executor = VerbExecutor::open(context)?;
+    let snapshot = executor.snapshot()?;
     let signature = &args.signature;
     let who = passphrase::stored_identity(context, &signature.identity).ok();
     if let (Some(prompt), Some(who)) = (open_request(&snapshot, &args.version), who) {
         // Stopping must never be harder than continuing: without a passphrase prompt or an enrolled key, the
         // rejection goes by name.
-        let can_ask = who.protection() != Protection::Passphrase
-            || passphrase::can_ask(signature.passphrase_file.as_deref());
-        if can_ask {
-            let enrolled = views.persons().map_err(CliError::usage)?;
-            let signs = enrolled.enrolled().any(|person| person.info() == *who.info());
-            if signs {
-                return refuse(&mut side, prompt, &snapshot, (who, signature), out);
+        let can_unlock = who.protection() != Protection::Passphrase
+            || passphrase::is_available(signature.passphrase_file.as_deref());
+        if can_unlock {
+            let persons = views.persons().map_err(CliError::usage)?;
+            let is_enrolled = persons.enrolled().any(|person| person.info() == *who.info());
+            if is_enrolled {
+                return reject_request(&mut executor, prompt, &snapshot, (who, signature), out);
             }
         }
     }
-    side.execute(Command::Reject(operation(&args.version, &args.signature)), out)
+    executor.execute(Command::Reject(operation(&args.version, &args.signature)), out)
 }
 
 /// Signs the refusal of the displayed request. If the request is unavailable or has changed, the signature covers
 /// no displayed text; the refusal still counts.
-fn refuse(
-    side: &mut VerbExecutor,
+fn reject_request(
+    executor: &mut VerbExecutor,
     prompt: &ApprovalRequestView,
     snapshot: &Snapshot,
     (who, signature): (LockedIdentity, &SigningArgs),
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    let question = side.question(prompt, &who.info().name).ok();
+    let question = executor.question(prompt, &who.info().name).ok();
     if let Some((question, _)) = &question {
         request_text::print_request(&question.lines, &live_lines(prompt, snapshot), out)?;
     }
@@ -338,12 +338,12 @@ fn refuse(
     let reason = signature.reason.raw();
     if let Some((question, _)) = question {
         let command = question.answer(&who, ApprovalDecision::Reject, reason).map_err(CliError::internal)?;
-        let reply = side.send(command)?;
+        let reply = executor.send(command)?;
         if !matches!(reply, Reply::Refused { code: Refusal::Stale, .. }) {
             return print_action_reply(&reply, out);
         }
     }
-    side.execute(prompt.refuse(&who, reason).map_err(CliError::internal)?, out)
+    executor.execute(prompt.refuse(&who, reason).map_err(CliError::internal)?, out)
 }
 
 fn rollback(
@@ -353,8 +353,8 @@ fn rollback(
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     known_family(views, &args.family)?;
-    let mut side = VerbExecutor::open(context)?;
-    let snapshot = side.snapshot()?;
+    let mut executor = VerbExecutor::open(context)?;
+    let snapshot = executor.snapshot()?;
     let family = snapshot.families.iter().find(|view| view.family == args.family);
     let Some(active) = family.and_then(|view| view.active.clone()) else {
         return Err(CliError::from_engine_fault(format!(
@@ -364,8 +364,8 @@ fn rollback(
     };
     let operation = operation(&active, &args.signature);
     let command = if args.stop_family { Command::Vacate(operation) } else { Command::Rollback(operation) };
-    let exit = side.execute(command, out)?;
-    let family = side.snapshot()?.families.into_iter().find(|view| view.family == args.family);
+    let exit = executor.execute(command, out)?;
+    let family = executor.snapshot()?.families.into_iter().find(|view| view.family == args.family);
     if family.is_none_or(|view| view.active.is_none()) {
         // Deactivated without a successor: a stop, not a rollback.
         return Err(CliError::from_engine_fault(format!(
@@ -394,17 +394,17 @@ fn pause(
     if let Some(family) = &args.family {
         known_family(views, family)?;
     }
-    let mut side = VerbExecutor::open(context)?;
+    let mut executor = VerbExecutor::open(context)?;
     let fits = |view: &&holdpoint_protocol::snapshot::CandidateView| {
         let of_family = args.family.as_ref().is_none_or(|family| view.version.family == *family);
-        let stands = match pausing {
+        let may_change = match pausing {
             PauseChange::Pause => view.state.may_pause(&view.flags),
             PauseChange::Resume(_) => view.state.may_resume(&view.flags, view.held),
         };
-        of_family && stands
+        of_family && may_change
     };
     let versions: Vec<CapabilityId> =
-        side.snapshot()?.candidates.iter().filter(fits).map(|view| view.version.clone()).collect();
+        executor.snapshot()?.candidates.iter().filter(fits).map(|view| view.version.clone()).collect();
     if versions.is_empty() {
         let of = args.family.as_ref().map_or_else(String::new, |family| format!(" of {family}"));
         return Err(CliError::from_engine_fault(match pausing {
@@ -415,8 +415,8 @@ fn pause(
     for version in versions {
         let operation = operation(&version, &args.signature);
         match pausing {
-            PauseChange::Pause => side.execute(Command::Pause(operation), out)?,
-            PauseChange::Resume(who) => side.execute_as(context, who, Command::Resume(operation), out)?,
+            PauseChange::Pause => executor.execute(Command::Pause(operation), out)?,
+            PauseChange::Resume(who) => executor.execute_as(context, who, Command::Resume(operation), out)?,
         };
     }
     Ok(Exit::Confirmed)
@@ -425,8 +425,8 @@ fn pause(
 /// An identity of the store, with its opened key, for a request to the engine.
 pub(super) fn identity(context: &CliContext, signature: &SigningArgs) -> Result<Identity, CliError> {
     require_verified_engine(context)?;
-    let kept = passphrase::stored_identity(context, &signature.identity)?;
-    passphrase::unlock(kept, signature.passphrase_file.as_deref())
+    let locked = passphrase::stored_identity(context, &signature.identity)?;
+    passphrase::unlock(locked, signature.passphrase_file.as_deref())
 }
 
 fn operation(version: &CapabilityId, signature: &SigningArgs) -> Operation {

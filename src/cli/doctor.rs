@@ -71,8 +71,8 @@ pub struct DoctorFinding {
     pub detail: String,
 }
 
-fn finding(item: &str, standing: FindingStatus, detail: impl Into<String>) -> DoctorFinding {
-    DoctorFinding { item: item.to_owned(), standing, detail: detail.into() }
+fn finding(item: &str, status: FindingStatus, detail: impl Into<String>) -> DoctorFinding {
+    DoctorFinding { item: item.to_owned(), standing: status, detail: detail.into() }
 }
 
 /// Checks and prints.
@@ -123,8 +123,8 @@ fn terminal(
                 (false, true) => "shows one or two panes; 100x30 shows everything",
                 (false, false) => "shows alarms and approvals only; 60x16 is the least for more",
             };
-            let standing = if fits(TERMINAL_MIN) { FindingStatus::Ok } else { FindingStatus::Limited };
-            (standing, format!("{width}x{height} {what}"))
+            let status = if fits(TERMINAL_MIN) { FindingStatus::Ok } else { FindingStatus::Limited };
+            (status, format!("{width}x{height} {what}"))
         }
     };
     let color = if set("NO_COLOR").is_some() {
@@ -294,7 +294,7 @@ mod tests {
             ("TERM", "screen-256color", "256 "),
             ("TERM", "linux", "16 "),
         ] {
-            let findings = terminal(true, None, |asked| (asked == name).then(|| value.to_owned()));
+            let findings = terminal(true, None, |key| (key == name).then(|| value.to_owned()));
             assert!(findings[1].detail.starts_with(expected), "{name}: {}", findings[1].detail);
         }
     }
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn the_viewer_is_told_with_its_version_and_recordings_with_their_size() {
+    fn the_viewer_shows_its_version_and_recordings_their_size() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("rerun");
         let program = |version: &str| {

@@ -101,7 +101,7 @@ pub trait EngineVerbs {
     fn decide(
         &mut self,
         context: &CliContext,
-        asked: &decide::RequestedDecision,
+        decision: &decide::RequestedDecision,
         out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 
@@ -247,13 +247,13 @@ impl EngineVerbs for RealEngine {
             )?),
             None => None,
         };
-        let mut side = VerbExecutor::open(context)?;
+        let mut executor = VerbExecutor::open(context)?;
         let command = Command::Register { package, name, by: None };
         let exit = match &who {
-            Some(who) => side.execute_as(context, who, command, out)?,
-            None => side.execute(command, out)?,
+            Some(who) => executor.execute_as(context, who, command, out)?,
+            None => executor.execute(command, out)?,
         };
-        if side.is_own() && !out.is_json() {
+        if executor.is_own() && !out.is_json() {
             out.line(
                 "no engine is running; `holdpoint run` or `holdpoint serve` takes it through the stages",
             )?;
@@ -300,10 +300,10 @@ impl EngineVerbs for RealEngine {
     fn decide(
         &mut self,
         context: &CliContext,
-        asked: &decide::RequestedDecision,
+        decision: &decide::RequestedDecision,
         out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        decide::run(context, asked, out)
+        decide::run(context, decision, out)
     }
 
     fn bench(

@@ -129,7 +129,7 @@ fn run_drift(args: &DriftArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliE
         seed: args.seed,
         jobs: args.jobs.map_or_else(cores, usize::from),
         out: args.out.clone(),
-        kept: args.cache_key.cells(&args.out.join("cells"))?,
+        cache: args.cache_key.cells(&args.out.join("cells"))?,
         horizon: args.horizon,
         pairs: args.pairs,
     };

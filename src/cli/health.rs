@@ -98,18 +98,18 @@ pub fn run(context: &CliContext, args: &HealthArgs, out: &mut CommandOutput<'_>)
     let views = data::open_checked(&context.data)?;
     let reader = HealthReader::new(views, &Layout::new(&context.data)).map_err(CliError::usage)?;
     let end = reader.end().map_err(CliError::usage)?;
-    let (asked, moment_ms) = health_query(args, end)?;
+    let (query, at_ms) = health_query(args, end)?;
     let read = if args.every_task {
-        reader.read_every_task(&asked, Some(end))
+        reader.read_every_task(&query, Some(end))
     } else {
-        reader.read(&asked, Some(end))
+        reader.read(&query, Some(end))
     };
     let mut series = read.map_err(|error| match error {
         HealthError::Store(error) => CliError::usage(error),
-        HealthError::Asked(text) => CliError::usage(text),
+        HealthError::InvalidQuery(text) => CliError::usage(text),
     })?;
     let families = chosen(&mut series, args)?;
-    let split = series.bucket_of(moment_ms).unwrap_or(series.buckets / 2);
+    let split = series.bucket_of(at_ms).unwrap_or(series.buckets / 2);
     let verdicts: Vec<HealthVerdict> = families.iter().map(|family| series.verdict(family, split)).collect();
     let mut written = Vec::new();
     if let Some(path) = &args.csv {
@@ -139,19 +139,19 @@ pub fn run(context: &CliContext, args: &HealthArgs, out: &mut CommandOutput<'_>)
 
 /// The query, and the moment of the verdict on its clock, ms.
 fn health_query(args: &HealthArgs, end: PresentTime) -> Result<(HealthQuery, i64), CliError> {
-    let said = [&args.since, &args.until].into_iter().flatten().find_map(TimeArg::clock);
+    let requested = [&args.since, &args.until].into_iter().flatten().find_map(TimeArg::clock);
     let default = if end.wall_ms.is_some() { HealthClock::Wall } else { HealthClock::Virtual };
-    let clock = said.unwrap_or(default);
-    let place = |moment: &TimeArg| moment.on(clock, end).map_err(CliError::usage);
+    let clock = requested.unwrap_or(default);
+    let place = |time: &TimeArg| time.on(clock, end).map_err(CliError::usage);
     let until_ms = place(args.until.as_ref().unwrap_or(&TimeArg::Back(0)))?;
     // A history shorter than the default span is divided in the middle.
     let shorter = if clock == HealthClock::Virtual { until_ms / 2 } else { SPAN_MS };
-    let moment_ms = match &args.since {
+    let at_ms = match &args.since {
         Some(since) => place(since)?,
         None => until_ms.saturating_sub(SPAN_MS.min(shorter.max(60_000))),
     };
-    let since_ms = until_ms.saturating_sub(moment_ms);
-    if since_ms <= 0 {
+    let length_ms = until_ms.saturating_sub(at_ms);
+    if length_ms <= 0 {
         let text = "the span from --since to --until is empty";
         return Err(
             CliError::usage(text).with_hint("--since comes before --until, and before the end of the record")
@@ -167,22 +167,22 @@ fn health_query(args: &HealthArgs, end: PresentTime) -> Result<(HealthQuery, i64
             })?
         }
         None => {
-            let aim = u64::try_from(since_ms / BUCKETS_AIM).unwrap_or(BUCKET_MS_MIN);
+            let aim = u64::try_from(length_ms / BUCKETS_AIM).unwrap_or(BUCKET_MS_MIN);
             BUCKET_WIDTHS_MS.into_iter().find(|width| *width >= aim).unwrap_or(BUCKET_MS_MAX)
         }
     };
     // A bucket edge lies at the moment, so no task counts on both sides.
     let width = i64::try_from(bucket_ms).unwrap_or(i64::MAX);
-    let each = since_ms.div_euclid(width) + i64::from(since_ms.rem_euclid(width) > 0);
+    let each = length_ms.div_euclid(width) + i64::from(length_ms.rem_euclid(width) > 0);
     let buckets = u16::try_from(each.saturating_mul(2)).ok().filter(|buckets| *buckets <= BUCKETS_MAX);
     let buckets = buckets.ok_or_else(|| {
         CliError::usage(format!("the span has more than {BUCKETS_MAX} buckets"))
             .with_hint("name a wider --bucket, or a later --since")
     })?;
-    let until_ms = moment_ms.saturating_add(each.saturating_mul(width));
+    let until_ms = at_ms.saturating_add(each.saturating_mul(width));
     Ok((
         HealthQuery { clock: Some(clock), until_ms: Some(until_ms), only_alarms: false, bucket_ms, buckets },
-        moment_ms,
+        at_ms,
     ))
 }
 
@@ -227,8 +227,8 @@ fn show(
         "",
         &format!(
             "{} to {}, {by}; a bucket is {} min; the record ends {}",
-            series.moment(series.from_ms),
-            series.moment(series.until_ms()),
+            series.time_text(series.from_ms),
+            series.time_text(series.until_ms()),
             series.bucket_ms / 60_000,
             session_ends(series)
         ),
@@ -271,7 +271,7 @@ fn session_ends(series: &HealthSeries) -> String {
     let engine = clock_time(series.last_at_ms);
     match (series.clock, series.last_wall_ms) {
         (HealthClock::Wall, Some(wall_ms)) => {
-            format!("{} (engine {engine})", series.moment(wall_ms - wall_ms.rem_euclid(1_000)))
+            format!("{} (engine {engine})", series.time_text(wall_ms - wall_ms.rem_euclid(1_000)))
         }
         _ => engine,
     }
@@ -373,8 +373,8 @@ fn marks(series: &HealthSeries, out: &mut CommandOutput<'_>) -> Result<(), CliEr
     }
     for mark in series.marks.iter().skip(left) {
         let when = match series.clock {
-            HealthClock::Wall => series.moment(mark.on_clock_ms - mark.on_clock_ms.rem_euclid(1_000)),
-            HealthClock::Virtual => series.moment(mark.on_clock_ms),
+            HealthClock::Wall => series.time_text(mark.on_clock_ms - mark.on_clock_ms.rem_euclid(1_000)),
+            HealthClock::Virtual => series.time_text(mark.on_clock_ms),
         };
         let (letter, what) = (mark.kind.letter(), mark.kind.label());
         out.paragraph("", &format!("{letter} {when}  {what}: {}", mark.text))?;

@@ -186,14 +186,15 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut CommandOutput<'_
             })?;
         }
         IdentityVerb::Passphrase { name, passphrase_file, new_passphrase_file, remove } => {
-            let kept = passphrase::stored_identity(context, name)?;
-            let before = kept.protection();
-            let identity = passphrase::unlock(kept, passphrase_file.as_deref())?;
-            let words =
+            let locked = passphrase::stored_identity(context, name)?;
+            let before = locked.protection();
+            let identity = passphrase::unlock(locked, passphrase_file.as_deref())?;
+            let replacement =
                 if *remove { None } else { Some(replacement_passphrase(new_passphrase_file.as_deref())?) };
-            let keep =
-                words.as_ref().map_or(KeyEncoding::Plain, |words| KeyEncoding::Sealed(words, KdfCost::USUAL));
-            identity.keep(&folder, keep).map_err(CliError::usage)?;
+            let encoding = replacement
+                .as_ref()
+                .map_or(KeyEncoding::Plain, |phrase| KeyEncoding::Sealed(phrase, KdfCost::USUAL));
+            identity.rewrite_key(&folder, encoding).map_err(CliError::usage)?;
             let shown = IdentityRow::of(identity.info(), Identity::protection(&folder, name).ok());
             out.answer(&shown, |out| {
                 out.line(&match (before, *remove) {
@@ -211,7 +212,7 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut CommandOutput<'_
         }
         IdentityVerb::Enrol { name, public_key, ssh_agent, role, act } => {
             let key = match (public_key, ssh_agent, role) {
-                (Some(given), _, _) => admin_acts::KeyToEnrol::Given(given),
+                (Some(source), _, _) => admin_acts::KeyToEnrol::Given(source),
                 (None, Some(named), Some(role)) => admin_acts::KeyToEnrol::Agent(named.as_deref(), *role),
                 (None, _, _) => admin_acts::KeyToEnrol::Here,
             };
@@ -236,11 +237,11 @@ fn create(
         return Err(CliError::usage(IdentityError::Exists(name.to_owned())));
     }
     let passphrase = secret()?;
-    let keep =
-        passphrase.as_ref().map_or(KeyEncoding::Plain, |words| KeyEncoding::Sealed(words, KdfCost::USUAL));
+    let encoding =
+        passphrase.as_ref().map_or(KeyEncoding::Plain, |phrase| KeyEncoding::Sealed(phrase, KdfCost::USUAL));
     layout.create().map_err(CliError::usage)?;
     let enroller = enroller()?;
-    let identity = Identity::create_kept(&folder, name, role, keep).map_err(CliError::usage)?;
+    let identity = Identity::create_encoded(&folder, name, role, encoding).map_err(CliError::usage)?;
     let info = identity.info().clone();
     Ok((info, enroller.enrol(identity)?))
 }

@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_action_is_in_the_table_with_a_way_to_ask_for_it() {
+    fn every_action_has_a_row_with_its_key_and_command() {
         let text = markdown();
         assert_eq!(text.lines().count(), Action::ALL.len() + 2);
         for line in text.lines() {

@@ -120,9 +120,9 @@ fn show(found: &StoreMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliErro
     out.table(&table)?;
     for round in &metrics.uar_rounds_observed {
         let (now, all) = (round.in_round, round.cumulative);
-        let kept = if round.live_unsafe { "; the version that stays active was seen unsafe" } else { "" };
+        let note = if round.live_unsafe { "; the version that stays active was seen unsafe" } else { "" };
         let text = format!(
-            "round {}: {} of {} activations unsafe, {} of {} up to here ({} under a drift){kept}",
+            "round {}: {} of {} activations unsafe, {} of {} up to here ({} under a drift){note}",
             round.round, now.count, now.total, all.count, all.total, round.drift_origin,
         );
         out.paragraph("", &text)?;
@@ -239,22 +239,23 @@ fn screened(metrics: &ObservedMetrics, out: &mut CommandOutput<'_>) -> Result<()
 
 fn replayed(found: &StoreMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let replays = &found.metrics.replays;
-    let not: Vec<String> = replays.not_replayed.iter().map(|(why, count)| format!("{count} {why}")).collect();
-    let not = if not.is_empty() { "0".to_owned() } else { not.join(", ") };
+    let skipped: Vec<String> =
+        replays.not_replayed.iter().map(|(why, count)| format!("{count} {why}")).collect();
+    let skipped = if skipped.is_empty() { "0".to_owned() } else { skipped.join(", ") };
     out.paragraph(
         "",
         &format!(
-            "decisions replayed: {} match, {} differ; not replayed: {not}",
+            "decisions replayed: {} match, {} differ; not replayed: {skipped}",
             replays.equal, replays.differs
         ),
     )?;
     for one in &found.unequal {
-        let said = match &one.replay {
+        let detail = match &one.replay {
             ReplayOutcome::Equal => continue,
             ReplayOutcome::Differs { what } => what.clone(),
             ReplayOutcome::NotReplayed { why } => format!("not replayed: {why}"),
         };
-        out.paragraph("  ", &format!("record {}, {}: {said}", one.record, one.version))?;
+        out.paragraph("  ", &format!("record {}, {}: {detail}", one.record, one.version))?;
     }
     Ok(())
 }

@@ -20,7 +20,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn settings_are_where_the_environment_says() {
+    fn the_environment_selects_the_folder() {
         for (xdg, home, expected) in [
             (Some("/x"), Some("/h"), Some("/x/holdpoint")),
             (Some("x"), Some("/h"), Some("/h/.config/holdpoint")),

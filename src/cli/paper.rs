@@ -131,7 +131,7 @@ pub fn run(args: &PaperArgs, part: ExperimentPart, out: &mut CommandOutput<'_>) 
         size.seeds = seeds;
     }
     let cells = args.cache_key.cells(&args.out.join("kept"))?;
-    let ground = PaperSetup::new(cells, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
+    let setup = PaperSetup::new(cells, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
     size.pools = args.pools.unwrap_or(size.pools).min(size.seeds);
     size.ablated = args.ablated.unwrap_or(size.ablated).min(size.pools);
     size.drifts = args.drifts.unwrap_or(size.drifts).min(size.seeds);
@@ -140,7 +140,7 @@ pub fn run(args: &PaperArgs, part: ExperimentPart, out: &mut CommandOutput<'_>) 
     let tell = |line: &str| {
         let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
     };
-    print_outcome(&run::run(&ground, &plan, &tell).map_err(failed)?, out)
+    print_outcome(&run::run(&setup, &plan, &tell).map_err(failed)?, out)
 }
 
 fn print_outcome(outcome: &PaperOutcome, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {

@@ -27,21 +27,21 @@ pub(super) fn stored_identity(context: &CliContext, name: &str) -> Result<Locked
 
 /// Unlocks a signer's key. A file named by option must match a key with a passphrase; the variable may be set for
 /// keys without one.
-pub(super) fn unlock(kept: LockedIdentity, file: Option<&Path>) -> Result<Identity, CliError> {
-    unlock_by(kept, file, FILE_OPTION)
+pub(super) fn unlock(locked: LockedIdentity, file: Option<&Path>) -> Result<Identity, CliError> {
+    unlock_by(locked, file, FILE_OPTION)
 }
 
 /// As [`unlock`], with another option for the file.
 pub(super) fn unlock_by(
-    kept: LockedIdentity,
+    locked: LockedIdentity,
     file: Option<&Path>,
     option: &str,
 ) -> Result<Identity, CliError> {
-    let passphrase = match (kept.protection(), file) {
+    let passphrase = match (locked.protection(), file) {
         (_, Some(file)) => Some(Passphrase::read(file).map_err(CliError::usage)?),
         (Protection::None | Protection::Elsewhere, None) => None,
         (Protection::Passphrase, None) => {
-            let name = &kept.info().name;
+            let name = &locked.info().name;
             Some(existing_passphrase(
                 &format!("Passphrase of {name}: "),
                 &format!("the key of {name} has a passphrase"),
@@ -49,8 +49,8 @@ pub(super) fn unlock_by(
             )?)
         }
     };
-    let name = kept.info().name.clone();
-    kept.unlock(passphrase.as_ref()).map_err(|error| match error {
+    let name = locked.info().name.clone();
+    locked.unlock(passphrase.as_ref()).map_err(|error| match error {
         IdentityError::Key(KeyError::Sealed { problem: EncryptedKeyError::Passphrase, .. }) => {
             CliError::usage(error).with_hint(format!(
                 "nothing was done; try again with the passphrase of {name} ({option} names its file)"
@@ -61,7 +61,7 @@ pub(super) fn unlock_by(
 }
 
 /// Whether a file or a terminal can supply a passphrase.
-pub(super) fn can_ask(file: Option<&Path>) -> bool {
+pub(super) fn is_available(file: Option<&Path>) -> bool {
     file.is_some() || variable().is_some() || io::stdin().is_terminal()
 }
 
@@ -70,7 +70,7 @@ fn variable() -> Option<PathBuf> {
 }
 
 /// An existing passphrase without an option for its file: from the variable's file, or the terminal.
-fn existing_passphrase(ask: &str, why: &str, option: &str) -> Result<Passphrase, CliError> {
+fn existing_passphrase(prompt: &str, why: &str, option: &str) -> Result<Passphrase, CliError> {
     if let Some(file) = variable() {
         return Passphrase::read(&file).map_err(CliError::usage);
     }
@@ -78,7 +78,7 @@ fn existing_passphrase(ask: &str, why: &str, option: &str) -> Result<Passphrase,
         let hint = format!("{option} FILE, or {FILE_VARIABLE}, names a file that contains it");
         return Err(CliError::usage(format!("{why}, and there is no terminal to enter it")).with_hint(hint));
     }
-    Passphrase::new(typed(ask)?).map_err(CliError::usage)
+    Passphrase::new(hidden_line(prompt)?).map_err(CliError::usage)
 }
 
 /// A new passphrase for a key: from the file, or entered twice. Absent if there is neither.
@@ -90,9 +90,9 @@ pub(super) fn fresh(file: Option<&Path>) -> Result<Option<Passphrase>, CliError>
     if !io::stdin().is_terminal() {
         return Ok(None);
     }
-    let first = Passphrase::new(typed("New passphrase: ")?).and_then(Passphrase::strong_enough);
+    let first = Passphrase::new(hidden_line("New passphrase: ")?).and_then(Passphrase::strong_enough);
     let first = first.map_err(CliError::usage)?;
-    if Passphrase::new(typed("Repeat it:  ")?).map_err(CliError::usage)? != first {
+    if Passphrase::new(hidden_line("Repeat it:  ")?).map_err(CliError::usage)? != first {
         return Err(CliError::usage("the two passphrases differ; nothing was done"));
     }
     Ok(Some(first))
@@ -124,14 +124,14 @@ impl Drop for EchoOff {
 }
 
 /// One line from the terminal, without echo.
-fn typed(ask: &str) -> Result<Zeroizing<String>, CliError> {
+fn hidden_line(prompt: &str) -> Result<Zeroizing<String>, CliError> {
     let cannot =
         |error: io::Error| CliError::usage(format!("cannot read a passphrase from the terminal: {error}"));
     let mut stderr = io::stderr();
     let read = {
         // Echo is off before the prompt, so that early typing stays hidden.
         let _unshown = EchoOff::begin().map_err(cannot)?;
-        stderr.write_all(ask.as_bytes()).and_then(|()| stderr.flush()).map_err(cannot)?;
+        stderr.write_all(prompt.as_bytes()).and_then(|()| stderr.flush()).map_err(cannot)?;
         line(&mut || {
             let mut byte = [0];
             match rustix::io::retry_on_intr(|| rustix::io::read(io::stdin(), &mut byte))? {

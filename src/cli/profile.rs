@@ -193,8 +193,8 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut CommandOutput<'_>) ->
     if [Some(class), course.last().map(|last| last.class)].contains(&Some(ProfileName::Human)) {
         signed.check_guarded(&persons).map_err(CliError::from_engine_fault)?;
     }
-    let asks = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
-    allow_profile(&store, class, (asks, signed), wall_ms()).map_err(CliError::usage)?;
+    let requester = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
+    allow_profile(&store, class, (requester, signed), wall_ms()).map_err(CliError::usage)?;
     let RulesChange { from, loosened, to } = &change;
     let (by, from, to) = (args.by.as_str(), *from, *to);
     let allowed = ProfileAuthorization { allowed: class, site: profile.site, by, from, to, loosened };
@@ -227,8 +227,8 @@ fn print_check(checked: &ProfileCheck, out: &mut CommandOutput<'_>) -> Result<()
     out.line(&format!("the profile {title} is well formed, digest {}", checked.digest))?;
     out.line(&format!("its policies compile, digest {}", checked.policy))?;
     if !checked.loosened.is_empty() {
-        let told = downgrade_summary(&checked.loosened);
-        out.line(&format!("{told}; an administrator must sign that: `holdpoint profile allow`"))?;
+        let summary = downgrade_summary(&checked.loosened);
+        out.line(&format!("{summary}; an administrator must sign that: `holdpoint profile allow`"))?;
     }
     let mut table = TextTable::new(&["field", "value", "shipped", "reason"]);
     for number in &checked.numbers {

@@ -18,14 +18,14 @@ pub(super) fn may_begin(data: &Path, chosen: &ChosenProfile) -> Result<StartPerm
         value: data.display().to_string(),
         allowed: error.sentence(),
     })?;
-    let asked = RequestedRules { profile: &profile, table: &table, own: chosen.texts(), scripted: false };
+    let requested = RequestedRules { profile: &profile, table: &table, own: chosen.texts(), scripted: false };
     match data::open(data) {
         Ok(views) => {
             let before = store_identity::context_record(&views)?;
-            store_identity::may_begin(&views.profiles()?, (before.as_ref(), views.head()?.seq), asked)
+            store_identity::may_begin(&views.profiles()?, (before.as_ref(), views.head()?.seq), requested)
         }
         // There is no store yet, or opening it reports the problem.
-        Err(_) => store_identity::may_begin(&ProfileHistory::default(), (None, 0), asked),
+        Err(_) => store_identity::may_begin(&ProfileHistory::default(), (None, 0), requested),
     }
 }
 

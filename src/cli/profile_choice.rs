@@ -75,8 +75,8 @@ impl TypedValueParser for RequestedProfileParser {
 ///
 /// # Errors
 /// If there is no such profile, or its files are invalid.
-pub(super) fn chosen(data: &Path, asked: Option<&RequestedProfile>) -> Result<ChosenProfile, CliError> {
-    match asked {
+pub(super) fn chosen(data: &Path, requested: Option<&RequestedProfile>) -> Result<ChosenProfile, CliError> {
+    match requested {
         None => last(data),
         Some(RequestedProfile::BuiltIn(name)) => Ok((*name).into()),
         Some(RequestedProfile::File(path)) => read(path),

@@ -120,11 +120,11 @@ pub(super) fn check(filed: &RecordingFile, record: &RecordedFiles) -> Result<Fil
 }
 
 fn list(
-    shelf: &RecordingFolder,
+    folder: &RecordingFolder,
     record: &RecordedFiles,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    let RecordingFolder { files, no_files } = shelf;
+    let RecordingFolder { files, no_files } = folder;
     let row = |filed: &RecordingFile| {
         let recorded = record.recorded(&filed.file);
         json!({
@@ -180,7 +180,7 @@ fn print_skipped(no_files: &[IrregularFile], out: &mut CommandOutput<'_>) -> Res
 /// The result for one recording, as printed.
 struct RecordingFindings {
     file: String,
-    word: &'static str,
+    label: &'static str,
     bad: bool,
     detail: String,
 }
@@ -189,15 +189,15 @@ struct RecordingFindings {
 const NOT_ON_RECORD: &str = "not on record";
 
 fn verify(
-    shelf: &RecordingFolder,
+    folder: &RecordingFolder,
     record: &RecordedFiles,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    let RecordingFolder { files, no_files } = shelf;
+    let RecordingFolder { files, no_files } = folder;
     let mut found = Vec::new();
     for filed in files {
         let checked = check(filed, record)?;
-        let (word, bad, detail) = match checked {
+        let (label, bad, detail) = match checked {
             FileCheck::Matches => ("matches", false, String::new()),
             FileCheck::Differs { .. } | FileCheck::OtherSize { .. } => {
                 ("DIFFERS", true, checked.difference().unwrap_or_default())
@@ -206,7 +206,7 @@ fn verify(
                 (NOT_ON_RECORD, false, "its upgrade is open, or was closed without it".to_owned())
             }
         };
-        found.push(RecordingFindings { file: filed.file.clone(), word, bad, detail });
+        found.push(RecordingFindings { file: filed.file.clone(), label, bad, detail });
     }
     let there: BTreeSet<&str> = files.iter().map(|filed| filed.file.as_str()).collect();
     for recorded in record.present().filter(|recorded| !there.contains(recorded.file.as_str())) {
@@ -214,26 +214,26 @@ fn verify(
         if let Some(IrregularFile { what, .. }) = no_files.iter().find(|one| one.name == recorded.file) {
             detail.push_str(&format!("; {what} has its name"));
         }
-        found.push(RecordingFindings { file: recorded.file.clone(), word: "MISSING", bad: true, detail });
+        found.push(RecordingFindings { file: recorded.file.clone(), label: "MISSING", bad: true, detail });
     }
     let bad = found.iter().filter(|one| one.bad).count();
-    let unknown = found.iter().filter(|one| one.word == NOT_ON_RECORD).count();
+    let unknown = found.iter().filter(|one| one.label == NOT_ON_RECORD).count();
     let of_others = |one: &&IrregularFile| record.present().all(|recorded| recorded.file != one.name);
     for IrregularFile { name, what } in no_files.iter().filter(of_others) {
         let value = json!({ "file": name, "standing": "no file", "detail": what });
         out.answer(&value, |out| out.line(&format!("{name}  skipped: it is {what}, not a recording")))?;
     }
     for one in &found {
-        let value = json!({ "file": one.file, "standing": one.word.to_lowercase(), "detail": one.detail });
+        let value = json!({ "file": one.file, "standing": one.label.to_lowercase(), "detail": one.detail });
         let detail = if one.detail.is_empty() { String::new() } else { format!(": {}", one.detail) };
-        out.answer(&value, |out| out.line(&format!("{}  {}{detail}", one.file, one.word)))?;
+        out.answer(&value, |out| out.line(&format!("{}  {}{detail}", one.file, one.label)))?;
     }
     let summary =
         json!({ "sound": bad == 0, "recordings": found.len(), "bad": bad, "not_on_record": unknown });
     out.answer(&summary, |out| {
-        let word = if bad == 0 { "sound" } else { "not sound" };
+        let label = if bad == 0 { "sound" } else { "not sound" };
         let rest = if unknown > 0 { format!(", {unknown} not on record") } else { String::new() };
-        out.line(&format!("{word}: {}, {bad} not as recorded{rest}", counted(found.len(), "recording")))
+        out.line(&format!("{label}: {}, {bad} not as recorded{rest}", counted(found.len(), "recording")))
     })?;
     Ok(if bad == 0 { Exit::Confirmed } else { Exit::Rejected })
 }
@@ -254,11 +254,11 @@ fn remove(
     let store = if args.dry_run { None } else { Some(prune::take_store(&context.data)?) };
     let record = on_record(views)?;
     let chosen = prune::choose(prune::upgrades(shelved(folder)?, views)?, limits, prune::now_secs());
-    let (mut removed, mut kept, mut bytes) = (0_usize, 0_u64, 0_u64);
+    let (mut removed, mut skipped, mut bytes) = (0_usize, 0_u64, 0_u64);
     for (UpgradeRecordings { files, version, .. }, reason) in &chosen {
         for filed in files {
             if check(filed, &record)?.difference().is_some() {
-                kept += 1;
+                skipped += 1;
                 let value = json!({ "kept": filed.file, "reason": "differs from its recorded digest" });
                 out.answer(&value, |out| {
                     out.line(&format!("kept {}: it differs from the digest recorded at closure", filed.file))
@@ -270,20 +270,20 @@ fn remove(
             }
             removed += 1;
             bytes += filed.bytes;
-            let word = if args.dry_run { "would remove" } else { "removed" };
+            let label = if args.dry_run { "would remove" } else { "removed" };
             let key = if args.dry_run { "would_remove" } else { "removed" };
             let value: BTreeMap<&str, Value> =
                 [(key, json!(filed.file)), ("bytes", json!(filed.bytes)), ("reason", json!(reason))].into();
             out.answer(&value, |out| {
-                out.line(&format!("{word} {} ({}): {reason}", filed.file, size(filed.bytes)))
+                out.line(&format!("{label} {} ({}): {reason}", filed.file, size(filed.bytes)))
             })?;
         }
     }
     if !out.is_json() {
-        let word = if args.dry_run { "would be removed" } else { "removed" };
-        out.line(&format!("{}, {}, {word}", counted(removed, "file"), size(bytes)))?;
+        let label = if args.dry_run { "would be removed" } else { "removed" };
+        out.line(&format!("{}, {}, {label}", counted(removed, "file"), size(bytes)))?;
     }
-    Ok(if kept == 0 { Exit::Confirmed } else { Exit::Rejected })
+    Ok(if skipped == 0 { Exit::Confirmed } else { Exit::Rejected })
 }
 
 /// A count with its noun.

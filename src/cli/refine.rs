@@ -277,7 +277,7 @@ mod tests {
     use holdpoint_lab::parameter_search::objective::Score;
 
     #[test]
-    fn a_line_says_how_far_it_is_and_what_is_left() {
+    fn a_line_shows_progress_and_time_left() {
         let score = Score { episodes: 4, successes: 4, ticks: 4 * 480 };
         let progress = SearchProgress {
             generation: 2,

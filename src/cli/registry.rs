@@ -254,7 +254,7 @@ fn seconds(at_ms: u64) -> String {
 
 fn flags(version: &VersionSummary) -> String {
     let flags = &version.flags;
-    let words = [
+    let labels = [
         (flags.paused, version.state.paused_label()),
         (flags.awaiting_approval, "awaiting-approval"),
         (flags.provisional, "provisional"),
@@ -263,7 +263,7 @@ fn flags(version: &VersionSummary) -> String {
         (version.unreviewed, "UNREVIEWED"),
     ];
     let running = flags.running.map(|stage| format!("running:{stage}"));
-    let set = words.into_iter().filter(|(set, _)| *set).map(|(_, word)| word.replace(' ', "-"));
+    let set = labels.into_iter().filter(|(set, _)| *set).map(|(_, label)| label.replace(' ', "-"));
     running.into_iter().chain(set).collect::<Vec<_>>().join(" ")
 }
 

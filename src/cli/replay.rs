@@ -147,11 +147,11 @@ pub fn run(context: &CliContext, args: &ReplayArgs, out: &mut CommandOutput<'_>)
 fn replay(
     context: &CliContext,
     args: &ReplayArgs,
-    around: &ProcessEnvironment,
+    environment: &ProcessEnvironment,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    if let Some(asked) = episode::film_request(args) {
-        return episode::run(context, args, asked, around.has_terminal, out);
+    if let Some(request) = episode::film_request(args) {
+        return episode::run(context, args, request, environment.has_terminal, out);
     }
     if args.rrd.is_some() {
         return Err(CliError::usage("--rrd writes an episode of an evaluation")
@@ -176,13 +176,13 @@ fn replay(
         out.answer(&value, |out| out.line(&format!("wrote {}", path.display())))?;
         return Ok(Exit::Confirmed);
     }
-    let as_lines = args.plain || context.json || (args.terminal && !around.has_terminal);
+    let as_lines = args.plain || context.json || (args.terminal && !environment.has_terminal);
     if as_lines {
         lines(&files, args.to, out)?;
     } else if args.terminal {
         in_terminal(&files, args)?;
     } else {
-        in_viewer(context, &files, args.to, around, out)?;
+        in_viewer(context, &files, args.to, environment, out)?;
     }
     Ok(Exit::Confirmed)
 }
@@ -283,16 +283,16 @@ fn in_viewer(
     context: &CliContext,
     files: &[PathBuf],
     to: Option<u64>,
-    around: &ProcessEnvironment,
+    environment: &ProcessEnvironment,
     out: &mut CommandOutput<'_>,
 ) -> Result<(), CliError> {
-    let with_way_out = |error: viewer::ViewerError| {
+    let viewer_error = |error: viewer::ViewerError| {
         let install = error.hint().map_or_else(String::new, |hint| format!("{hint}; "));
         CliError::usage(error).with_hint(format!("{install}--terminal shows it here"))
     };
-    let viewer = viewer::find(around.path.as_deref()).map_err(with_way_out)?;
-    if !around.has_screen {
-        return Err(with_way_out(viewer::ViewerError::NoScreen));
+    let viewer = viewer::find(environment.path.as_deref()).map_err(viewer_error)?;
+    if !environment.has_screen {
+        return Err(viewer_error(viewer::ViewerError::NoScreen));
     }
     let logs = Layout::new(&context.data).logs();
     let scratch = if to.is_some() || !logs.is_dir() { Some(truncated_copies::scratch()?) } else { None };
@@ -301,7 +301,7 @@ fn in_viewer(
         _ => absolute(files)?,
     };
     let logs = if logs.is_dir() { logs } else { scratch.unwrap_or(logs) };
-    let opened = viewer.open(&shown, &logs).map_err(with_way_out)?;
+    let opened = viewer.open(&shown, &logs).map_err(viewer_error)?;
     if opened.ended_within(WATCHED) == Some(false) {
         let text = format!("the scene viewer {:?} ended at once; see {:?}", viewer.program, opened.log);
         return Err(CliError::usage(text).with_hint("--terminal shows it here"));

@@ -87,8 +87,8 @@ pub struct RunArgs {
 impl RunArgs {
     /// The given arguments that apply only at the start of an engine.
     #[must_use]
-    pub fn for_a_start(&self) -> Vec<&'static str> {
-        let given = [
+    pub fn start_options(&self) -> Vec<&'static str> {
+        let options = [
             ("--profile", self.engine.profile.is_some()),
             ("--seed", self.engine.seed.is_some()),
             ("--robot", self.engine.robot.is_some()),
@@ -99,7 +99,7 @@ impl RunArgs {
             ("--in-process", self.in_process),
             ("--linger", self.linger.is_some()),
         ];
-        given.into_iter().filter_map(|(name, is_given)| is_given.then_some(name)).collect()
+        options.into_iter().filter_map(|(name, is_given)| is_given.then_some(name)).collect()
     }
 }
 
@@ -252,9 +252,9 @@ pub(super) fn parse_pace(text: &str) -> Result<LivePace, String> {
 
 /// Episodes evaluated at once: the requested number, else one per core.
 #[must_use]
-pub fn jobs(asked: Option<u16>) -> usize {
+pub fn jobs(requested: Option<u16>) -> usize {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    asked.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX))
+    requested.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX))
 }
 
 impl EngineArgs {
@@ -279,15 +279,16 @@ impl EngineArgs {
         let recorded = store_identity::seed(&views).map_err(CliError::usage)?;
         let was_used = views.profiles().map_err(CliError::usage)?.was_used();
         match (self.seed, recorded) {
-            (Some(asked), recorded) if was_used && recorded != Some(asked) => {
+            (Some(requested), recorded) if was_used && recorded != Some(requested) => {
                 let allowed = recorded.map_or_else(|| SEED_DEFAULT.to_string(), |seed| seed.to_string());
-                let text =
-                    format!("--seed {asked} is not allowed: the store has a history with the seed {allowed}");
+                let text = format!(
+                    "--seed {requested} is not allowed: the store has a history with the seed {allowed}"
+                );
                 Err(CliError::usage(text).with_hint(
                     "start without --seed, or choose another store with --data; a script may name any",
                 ))
             }
-            (asked, recorded) => Ok(recorded.or(asked).unwrap_or(SEED_DEFAULT)),
+            (requested, recorded) => Ok(recorded.or(requested).unwrap_or(SEED_DEFAULT)),
         }
     }
 

@@ -140,7 +140,7 @@ pub(super) fn run(
     let views = match Client::connect_within(&Layout::new(&context.data), HELLO_PATIENCE) {
         Ok(Some(_)) => data::open(&context.data)?,
         Ok(None) | Err(ControlSocketError::Silent { .. }) => data::open_checked(&context.data)?,
-        Err(error) => return Err(super::verb_executor::door_error(error)),
+        Err(error) => return Err(super::verb_executor::socket_error(error)),
     };
     match &args.subject {
         None => {}
@@ -162,7 +162,7 @@ pub(super) fn run(
             source
                 .silent
                 .take()
-                .map_or(Ok(Exit::Confirmed), |error| Err(super::verb_executor::door_error(error)))
+                .map_or(Ok(Exit::Confirmed), |error| Err(super::verb_executor::socket_error(error)))
         }
         None => watch(&mut source, out),
         Some(until) => {
@@ -315,7 +315,7 @@ impl ReportSource<'_> {
             }
             answer => {
                 self.silent = None;
-                answer.map_err(super::verb_executor::door_error)?
+                answer.map_err(super::verb_executor::socket_error)?
             }
         };
         let report = StatusReport::new(&self.views, snapshot.as_ref(), self.silent.as_ref(), self.subject)?;
@@ -391,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn stale_evidence_is_said_with_its_cause() {
+    fn stale_evidence_shows_its_cause() {
         use holdpoint_governance::evidence::StaleCause;
         let fresh = row(State::Shadowed, false);
         assert!(!fresh.line().contains("STALE"));
@@ -406,11 +406,11 @@ mod tests {
     }
 
     #[test]
-    fn a_paused_provisional_version_is_said_to_have_the_arm() {
+    fn a_paused_provisional_version_is_shown_as_active() {
         let version = VersionRow { paused: true, ..row(State::Active, true) };
         assert!(version.line().contains("active, promotion paused, provisional"), "{}", version.line());
-        let held = VersionRow { paused: true, ..row(State::Sandboxed, false) };
-        assert!(held.line().contains("sandboxed, paused"), "{}", held.line());
+        let paused = VersionRow { paused: true, ..row(State::Sandboxed, false) };
+        assert!(paused.line().contains("sandboxed, paused"), "{}", paused.line());
         let family = FamilyStatusRow {
             family: "grasp".to_owned(),
             active: Some(version.version),
@@ -447,8 +447,8 @@ mod tests {
         ] {
             assert_eq!(end(until, &row(state, provisional)), expected, "{until:?} {state:?}");
         }
-        let asked = VersionRow { awaiting_approval: true, ..row(S::Shadowed, false) };
-        assert_eq!(end(AwaitedState::AwaitingApproval, &asked), Some(Exit::Confirmed));
+        let waiting = VersionRow { awaiting_approval: true, ..row(S::Shadowed, false) };
+        assert_eq!(end(AwaitedState::AwaitingApproval, &waiting), Some(Exit::Confirmed));
         assert_eq!(end(AwaitedState::AwaitingApproval, &row(S::Shadowed, false)), None);
     }
 }

@@ -107,25 +107,25 @@ pub(super) fn stop(
     let reason = args.reason.as_ref().map_or_else(String::new, |reason| reason.raw().to_owned());
     let call = StopCall::new(by, reason).map_err(CliError::internal)?;
     let layout = Layout::new(&context.data);
-    let mut outcome = call.ask(&layout);
+    let mut outcome = call.send(&layout);
     if matches!(outcome, StopOutcome::NoEngine) {
         if !layout.database().exists() {
             call.withdraw(&layout);
             return Err(no_engine(context, "there is no store either"));
         }
         match VerbExecutor::own(context) {
-            Ok(mut side) => {
-                let kept = match side.send_request(call.request()) {
+            Ok(mut executor) => {
+                let text = match executor.send_request(call.request()) {
                     Ok(Reply::Stopped { kept, .. }) if kept != StopPersistence::InMemory => {
                         "the next engine there starts stopped".to_owned()
                     }
                     Ok(_) => "the stop could not be stored".to_owned(),
                     Err(error) => format!("the stop could not be stored: {error}"),
                 };
-                return Err(no_engine(context, &kept));
+                return Err(no_engine(context, &text));
             }
             // An engine may have started meanwhile; it reads the mark.
-            Err(error) => match call.ask(&layout) {
+            Err(error) => match call.send(&layout) {
                 StopOutcome::NoEngine => return Err(no_engine(context, &error.to_string())),
                 other => outcome = other,
             },
@@ -159,8 +159,8 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut CommandOutput<'_
     let who = identity(context, signature)?;
     let by = signature.identity.clone();
     let reason = signature.reason.raw().to_owned();
-    let mut side = VerbExecutor::open(context)?;
-    let snapshot = side.snapshot()?;
+    let mut executor = VerbExecutor::open(context)?;
+    let snapshot = executor.snapshot()?;
     let stopped = snapshot.stopped;
     // A stop accepts any name, so under `human` the start must state the number of known stops.
     let is_own = stopped.as_ref().is_some_and(|stopped| stopped.stops == 1 && stopped.by == by)
@@ -176,7 +176,7 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut CommandOutput<'_
     }
     // The engine refuses if another stop arrives after this check.
     let since_ms = stopped.map_or(0, |stopped| stopped.since_ms);
-    side.execute_as(context, &who, Command::Go { by, reason, since_ms, stops }, out)
+    executor.execute_as(context, &who, Command::Go { by, reason, since_ms, stops }, out)
 }
 
 /// Leaves a note for the next shift.

@@ -146,8 +146,8 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
                     ))?;
                 }
                 report.left_out.iter().try_for_each(|OmittedFile { file, why, bad }| {
-                    let word = if *bad { "LEFT OUT" } else { "left out" };
-                    out.line(&format!("{word}  {file}: {why}"))
+                    let label = if *bad { "LEFT OUT" } else { "left out" };
+                    out.line(&format!("{label}  {file}: {why}"))
                 })
             })?;
             let lacks = report.left_out.iter().any(|left| left.bad);
@@ -156,11 +156,11 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
         StoreVerb::Check => {
             data::database(&context.data)?;
             let found = check_store(&context.data).map_err(CliError::usage)?;
-            let sound = found.iter().all(|looked| looked.good);
+            let sound = found.iter().all(|finding| finding.good);
             out.answer(&json!({ "good": sound, "found": found }), |out| {
-                found.iter().try_for_each(|looked| {
-                    let mark = if looked.good { "ok   " } else { "WRONG" };
-                    out.line(&format!("{mark}  {}", looked.text))
+                found.iter().try_for_each(|finding| {
+                    let mark = if finding.good { "ok   " } else { "WRONG" };
+                    out.line(&format!("{mark}  {}", finding.text))
                 })
             })?;
             Ok(if sound { Exit::Confirmed } else { Exit::Rejected })
@@ -176,8 +176,8 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
             let database = data::database(&context.data)?;
             let key = keyfile::read_public(&Layout::new(&context.data).store_public_key()).ok();
             let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {file:?}: {error}"));
-            let made = OpenOptions::new().write(true).create_new(true).open(file).map_err(cannot)?;
-            let mut writer = BufWriter::new(made);
+            let output = OpenOptions::new().write(true).create_new(true).open(file).map_err(cannot)?;
+            let mut writer = BufWriter::new(output);
             let records = export_store(&database, exporting, key.as_ref().map(|(key, _)| key), &mut writer);
             let records = records.map_err(CliError::usage)?;
             writer.flush().and_then(|()| writer.get_ref().sync_all()).map_err(cannot)?;

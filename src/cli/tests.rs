@@ -71,11 +71,11 @@ impl EngineVerbs for Recorder {
     fn decide(
         &mut self,
         _: &CliContext,
-        asked: &decide::RequestedDecision,
+        decision: &decide::RequestedDecision,
         _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         use decide::RequestedDecision;
-        self.0.push(match asked {
+        self.0.push(match decision {
             RequestedDecision::Approve(args) => format!("approve {} {:?}", args.version, args.digest),
             RequestedDecision::Reject(args) => format!("reject {}", args.version),
             RequestedDecision::Rollback(args) => format!("rollback {} {}", args.family, args.stop_family),
@@ -108,11 +108,11 @@ impl EngineVerbs for Recorder {
 }
 
 /// Runs a command line; returns its exit code, its output and the requests to the engine.
-fn ask(line: &[&str]) -> (Result<Exit, CliError>, String, Vec<String>) {
+fn run_line(line: &[&str]) -> (Result<Exit, CliError>, String, Vec<String>) {
     let cli = Cli::try_parse_from(std::iter::once("holdpoint").chain(line.iter().copied())).unwrap();
-    let (mut engine, mut printed) = (Recorder::default(), Vec::new());
-    let ended = dispatch(&cli, &mut engine, &mut CommandOutput::to(&mut printed, cli.json));
-    (ended, String::from_utf8(printed).unwrap(), engine.0)
+    let (mut engine, mut output) = (Recorder::default(), Vec::new());
+    let result = dispatch(&cli, &mut engine, &mut CommandOutput::to(&mut output, cli.json));
+    (result, String::from_utf8(output).unwrap(), engine.0)
 }
 
 #[test]
@@ -139,8 +139,8 @@ fn every_verb_has_examples_that_parse() {
         let examples: Vec<&str> = help.lines().filter_map(|line| line.strip_prefix("  holdpoint")).collect();
         assert!(!examples.is_empty(), "{path}: no example");
         for example in examples {
-            let words = shell_words(&format!("holdpoint{example}"));
-            Cli::try_parse_from(&words).unwrap_or_else(|error| panic!("{path}: {words:?}: {error}"));
+            let argv = shell_words(&format!("holdpoint{example}"));
+            Cli::try_parse_from(&argv).unwrap_or_else(|error| panic!("{path}: {argv:?}: {error}"));
             *seen += 1;
         }
         for verb in command.get_subcommands() {
@@ -198,7 +198,7 @@ fn verbs_reach_the_engine() {
         (vec!["bench", "--quick"], "bench true", 0),
     ] {
         let line: Vec<&str> = ["--data", "/nowhere"].into_iter().chain(line).collect();
-        let (ended, _, engine) = ask(&line);
+        let (ended, _, engine) = run_line(&line);
         assert_eq!(engine, [reached], "{line:?}");
         assert_eq!(ended.unwrap().code(), code, "{line:?}");
     }
@@ -250,11 +250,11 @@ fn bad_lines_are_refused() {
 fn verbs_without_an_engine_answer_in_both_forms() {
     let root = tempfile::tempdir().unwrap();
     let data = root.path().to_str().unwrap();
-    let (ended, text, _) = ask(&["--data", data, "identity", "list"]);
+    let (ended, text, _) = run_line(&["--data", data, "identity", "list"]);
     assert!(ended.is_ok() && text.starts_with("no identities"), "{text}");
-    ask(&["--data", data, "identity", "new", "mara", "--role", "safety", "--unprotected"]).0.unwrap();
-    assert!(ask(&["--data", data, "identity", "new", "mara", "--unprotected"]).0.is_err());
-    let (_, text, _) = ask(&["--data", data, "identity", "list", "--json"]);
+    run_line(&["--data", data, "identity", "new", "mara", "--role", "safety", "--unprotected"]).0.unwrap();
+    assert!(run_line(&["--data", data, "identity", "new", "mara", "--unprotected"]).0.is_err());
+    let (_, text, _) = run_line(&["--data", data, "identity", "list", "--json"]);
     let listed: serde_json::Value = serde_json::from_str(&text).unwrap();
     let mara = listed.as_array().unwrap().iter().find(|one| one["name"] == "mara").unwrap();
     assert_eq!(mara["role"], "safety");
@@ -263,13 +263,13 @@ fn verbs_without_an_engine_answer_in_both_forms() {
     let data = root.path().to_str().unwrap();
     for line in [&["registry", "list"][..], &["audit", "list"], &["audit", "verify"], &["audit", "export"]] {
         let line: Vec<&str> = ["--data", data].into_iter().chain(line.iter().copied()).collect();
-        let error = ask(&line).0.unwrap_err();
+        let error = run_line(&line).0.unwrap_err();
         assert_eq!(error.exit(), Exit::Usage, "{line:?}");
         assert!(!root.path().join("holdpoint.db").exists());
     }
-    let (_, text, _) = ask(&["--data", data, "doctor", "--json"]);
+    let (_, text, _) = run_line(&["--data", data, "doctor", "--json"]);
     assert!(serde_json::from_str::<serde_json::Value>(&text).unwrap().as_array().unwrap().len() > 6);
-    let (_, text, _) = ask(&["--data", data, "completions", "bash"]);
+    let (_, text, _) = run_line(&["--data", data, "completions", "bash"]);
     assert!(text.contains("_holdpoint()"), "{text}");
 }
 
@@ -285,20 +285,20 @@ fn a_fresh_store_can_be_read_and_verified() {
                 .chain(line.iter().copied())
                 .chain(json.iter().copied())
                 .collect();
-            let (ended, text, _) = ask(&line);
+            let (ended, text, _) = run_line(&line);
             assert_eq!(ended.unwrap(), Exit::Confirmed, "{line:?}: {text}");
         }
     }
     for line in [&["registry", "show", "grasp@1.0.0"][..], &["registry", "history", "grasp"]] {
         let line: Vec<&str> = ["--data", data].into_iter().chain(line.iter().copied()).collect();
-        assert_eq!(ask(&line).0.unwrap_err().exit(), Exit::Usage, "{line:?}");
+        assert_eq!(run_line(&line).0.unwrap_err().exit(), Exit::Usage, "{line:?}");
     }
     // A single changed byte is found, and is a rejection.
     let out = root.path().join("audit.jsonl");
-    let (ended, ..) = ask(&["--data", data, "audit", "export", "--out", out.to_str().unwrap()]);
+    let (ended, ..) = run_line(&["--data", data, "audit", "export", "--out", out.to_str().unwrap()]);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
     assert!(
-        ask(&["--data", data, "audit", "export", "--out", out.to_str().unwrap()]).0.is_err(),
+        run_line(&["--data", data, "audit", "export", "--out", out.to_str().unwrap()]).0.is_err(),
         "not replaced"
     );
 }
@@ -324,15 +324,15 @@ fn small_store(folder: &std::path::Path) {
 }
 
 #[test]
-fn a_history_is_proved_copied_witnessed_and_looked_at() {
+fn a_history_is_proved_copied_and_witnessed() {
     let root = tempfile::tempdir().unwrap();
     let path = |name: &str| root.path().join(name).to_str().unwrap().to_owned();
     let (data, witness) = (path("store"), path("witness"));
     std::fs::create_dir(&witness).unwrap();
     small_store(std::path::Path::new(&data));
-    let said = |line: &[&str], expected: Exit| -> String {
+    let output_of = |line: &[&str], expected: Exit| -> String {
         let all: Vec<&str> = ["--data", &data].into_iter().chain(line.iter().copied()).collect();
-        let (ended, text, _) = ask(&all);
+        let (ended, text, _) = run_line(&all);
         match ended {
             Ok(ended) => assert_eq!(ended, expected, "{line:?}: {text}"),
             Err(error) => {
@@ -343,62 +343,67 @@ fn a_history_is_proved_copied_witnessed_and_looked_at() {
         text
     };
     let (proof, since, key) = (path("proof.json"), path("since.json"), path("store/keys/store.pub"));
-    said(&["audit", "proof", "4", "--out", &proof], Exit::Confirmed);
-    assert!(said(&["audit", "proof", "4", "--out", &proof], Exit::Usage).contains("cannot write"));
-    assert!(said(&["audit", "proof", "10"], Exit::Usage).contains("ends at record 9"));
-    assert!(said(&["audit", "consistency", "--from", "3"], Exit::Usage).contains("no checkpoint was made"));
-    said(&["audit", "witness", "add", &witness], Exit::Confirmed);
-    said(&["audit", "consistency", "--from", "9", "--out", &since], Exit::Confirmed);
+    output_of(&["audit", "proof", "4", "--out", &proof], Exit::Confirmed);
+    assert!(output_of(&["audit", "proof", "4", "--out", &proof], Exit::Usage).contains("cannot write"));
+    assert!(output_of(&["audit", "proof", "10"], Exit::Usage).contains("ends at record 9"));
+    assert!(
+        output_of(&["audit", "consistency", "--from", "3"], Exit::Usage).contains("no checkpoint was made")
+    );
+    output_of(&["audit", "witness", "add", &witness], Exit::Confirmed);
+    output_of(&["audit", "consistency", "--from", "9", "--out", &since], Exit::Confirmed);
     for file in [&proof, &since] {
-        let told = said(&["audit", "check-proof", file], Exit::Confirmed);
-        assert!(told.starts_with("holds: "), "{told}");
-        let json = said(&["audit", "check-proof", file, "--public-key", &key, "--json"], Exit::Confirmed);
+        let text = output_of(&["audit", "check-proof", file], Exit::Confirmed);
+        assert!(text.starts_with("holds: "), "{text}");
+        let json =
+            output_of(&["audit", "check-proof", file, "--public-key", &key, "--json"], Exit::Confirmed);
         assert_eq!(serde_json::from_str::<serde_json::Value>(&json).unwrap()["holds"], true);
     }
     let other = path("other");
     small_store(std::path::Path::new(&other));
     let other_key = path("other/keys/store.pub");
-    let told = said(&["audit", "check-proof", &proof, "--public-key", &other_key], Exit::Rejected);
-    assert!(told.contains("does not sign with this key"), "{told}");
-    assert!(said(&["audit", "check-proof", &key], Exit::Usage).contains("is not a proof"));
-    assert!(said(&["audit", "witness", "list"], Exit::Confirmed).contains(&witness));
-    assert!(said(&["audit", "witness", "add", "https://a/b"], Exit::Usage).contains("no network"));
-    assert!(said(&["doctor"], Exit::Confirmed).contains(&witness));
-    let told = said(&["audit", "verify", "--all", "--against", &proof], Exit::Confirmed);
-    assert!(told.contains("heads elsewhere") && told.contains("recordings         0"), "{told}");
-    let told = said(&["audit", "verify", "--against", &path("other/checkpoints")], Exit::Rejected);
-    assert!(told.contains("belongs to the store"), "{told}");
+    let text = output_of(&["audit", "check-proof", &proof, "--public-key", &other_key], Exit::Rejected);
+    assert!(text.contains("does not sign with this key"), "{text}");
+    assert!(output_of(&["audit", "check-proof", &key], Exit::Usage).contains("is not a proof"));
+    assert!(output_of(&["audit", "witness", "list"], Exit::Confirmed).contains(&witness));
+    assert!(output_of(&["audit", "witness", "add", "https://a/b"], Exit::Usage).contains("no network"));
+    assert!(output_of(&["doctor"], Exit::Confirmed).contains(&witness));
+    let text = output_of(&["audit", "verify", "--all", "--against", &proof], Exit::Confirmed);
+    assert!(text.contains("heads elsewhere") && text.contains("recordings         0"), "{text}");
+    let text = output_of(&["audit", "verify", "--against", &path("other/checkpoints")], Exit::Rejected);
+    assert!(text.contains("belongs to the store"), "{text}");
     let (copy, lines) = (path("copy"), path("store.jsonl"));
-    said(&["store", "backup", &copy], Exit::Confirmed);
-    assert!(said(&["store", "backup", &copy], Exit::Usage).contains("already"));
-    said(&["store", "export", &lines], Exit::Confirmed);
+    output_of(&["store", "backup", &copy], Exit::Confirmed);
+    assert!(output_of(&["store", "backup", &copy], Exit::Usage).contains("already"));
+    output_of(&["store", "export", &lines], Exit::Confirmed);
     for against in [&copy, &lines, &witness] {
-        said(&["audit", "verify", "--against", against], Exit::Confirmed);
+        output_of(&["audit", "verify", "--against", against], Exit::Confirmed);
     }
-    assert!(said(&["audit", "verify", "--file", &lines], Exit::Confirmed).contains("the file itself names"));
-    let told = said(&["audit", "verify", "--file", &lines, "--key", &other_key], Exit::Rejected);
-    assert!(told.contains("another public key"), "{told}");
-    assert!(said(&["store", "check"], Exit::Confirmed).contains("none is missing"));
+    assert!(
+        output_of(&["audit", "verify", "--file", &lines], Exit::Confirmed).contains("the file itself names")
+    );
+    let text = output_of(&["audit", "verify", "--file", &lines, "--key", &other_key], Exit::Rejected);
+    assert!(text.contains("another public key"), "{text}");
+    assert!(output_of(&["store", "check"], Exit::Confirmed).contains("none is missing"));
     let info: serde_json::Value =
-        serde_json::from_str(&said(&["store", "info", "--json"], Exit::Confirmed)).unwrap();
+        serde_json::from_str(&output_of(&["store", "info", "--json"], Exit::Confirmed)).unwrap();
     assert_eq!((&info["records"], &info["signed_at"]), (&10.into(), &10.into()));
-    said(&["audit", "witness", "remove", &witness], Exit::Confirmed);
+    output_of(&["audit", "witness", "remove", &witness], Exit::Confirmed);
     // Without a key the result is not "sound"; for a copy the report names the omitted checks.
     let alone = path("alone.db");
-    said(&["store", "backup", &alone], Exit::Confirmed);
-    let told = said(&["audit", "verify", "--file", &alone], Exit::Confirmed);
-    assert!(told.starts_with("sound but for its signatures"), "{told}");
-    let kept = path("kept.pub");
-    std::fs::rename(&key, &kept).unwrap();
-    let told = said(&["audit", "verify"], Exit::Rejected);
-    assert!(told.starts_with("not sound: the store's public key"), "{told}");
-    assert!(said(&["audit", "verify", "--key", &kept], Exit::Confirmed).starts_with("sound: "));
-    std::fs::rename(&kept, &key).unwrap();
-    assert!(said(&["audit", "witness", "list"], Exit::Confirmed).contains("no witnesses"));
-    let told = said(&["audit", "verify", "--file", &lines, "--key", &key, "--json"], Exit::Confirmed);
-    assert!(told.contains("\"sound\":true"), "{told}");
+    output_of(&["store", "backup", &alone], Exit::Confirmed);
+    let text = output_of(&["audit", "verify", "--file", &alone], Exit::Confirmed);
+    assert!(text.starts_with("sound but for its signatures"), "{text}");
+    let moved_key = path("kept.pub");
+    std::fs::rename(&key, &moved_key).unwrap();
+    let text = output_of(&["audit", "verify"], Exit::Rejected);
+    assert!(text.starts_with("not sound: the store's public key"), "{text}");
+    assert!(output_of(&["audit", "verify", "--key", &moved_key], Exit::Confirmed).starts_with("sound: "));
+    std::fs::rename(&moved_key, &key).unwrap();
+    assert!(output_of(&["audit", "witness", "list"], Exit::Confirmed).contains("no witnesses"));
+    let text = output_of(&["audit", "verify", "--file", &lines, "--key", &key, "--json"], Exit::Confirmed);
+    assert!(text.contains("\"sound\":true"), "{text}");
     // The export is by now a beginning of the chain.
-    said(&["audit", "verify", "--against", &lines], Exit::Confirmed);
+    output_of(&["audit", "verify", "--against", &lines], Exit::Confirmed);
 }
 
 /// The lines of a source file that are neither comments nor tests.
@@ -432,10 +437,10 @@ fn has_option(command: &clap::Command, name: &str) -> bool {
 }
 
 /// The error in a command line that a text names: an unknown verb or option.
-fn problem(words: &str) -> Option<String> {
+fn problem(line: &str) -> Option<String> {
     let root = Cli::command();
     let (mut command, mut verbs) = (&root, 0);
-    for word in words.split_whitespace() {
+    for word in line.split_whitespace() {
         match (word.strip_prefix("--"), command.find_subcommand(word)) {
             (Some(option), _) => {
                 let own = command.get_arguments().chain(root.get_arguments());
@@ -453,15 +458,15 @@ fn problem(words: &str) -> Option<String> {
 }
 
 #[test]
-fn what_a_text_tells_people_to_type_exists() {
+fn commands_that_texts_name_exist() {
     let root = Cli::command();
     let (mut commands, mut options) = (0, 0);
     for path in sources() {
         let text = std::fs::read_to_string(&path).unwrap();
         for line in code(&text) {
             for named in line.split("`holdpoint ").skip(1) {
-                let words = named.split('`').next().unwrap_or(named);
-                assert_eq!(problem(words), None, "{path:?}: {words}");
+                let command = named.split('`').next().unwrap_or(named);
+                assert_eq!(problem(command), None, "{path:?}: {command}");
                 commands += 1;
             }
             for (at, _) in line.match_indices("--") {
@@ -470,9 +475,9 @@ fn what_a_text_tells_people_to_type_exists() {
                     after.chars().take_while(|ch| ch.is_ascii_lowercase() || *ch == '-').collect();
                 // A string of only an option, or an option with its value, is an argument for a program, not a
                 // text.
-                let is_told = before.ends_with([' ', '`'])
+                let is_in_text = before.ends_with([' ', '`'])
                     || before.ends_with('"') && !after[name.len()..].starts_with(['"', '=']);
-                if is_told && name.starts_with(|ch: char| ch.is_ascii_lowercase()) {
+                if is_in_text && name.starts_with(|ch: char| ch.is_ascii_lowercase()) {
                     assert!(has_option(&root, &name), "{path:?}: --{name}");
                     options += 1;
                 }
@@ -480,7 +485,7 @@ fn what_a_text_tells_people_to_type_exists() {
         }
     }
     assert!(commands >= 20 && options >= 20, "{commands} commands, {options} options");
-    for (words, is_there) in [
+    for (command, is_there) in [
         ("run --plain", true),
         ("identity new mara", true),
         ("registry list --data x", true),
@@ -489,6 +494,6 @@ fn what_a_text_tells_people_to_type_exists() {
         ("run --plane", false),
         ("--plain", false),
     ] {
-        assert_eq!(problem(words).is_none(), is_there, "{words}");
+        assert_eq!(problem(command).is_none(), is_there, "{command}");
     }
 }

@@ -130,10 +130,10 @@ fn preview(look: &Look, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
         let roles: Vec<_> = ThemeRole::ALL.iter().map(|role| (role.word(), role.help())).collect();
         return out.json(&serde_json::json!({ "theme": look.theme().name(), "roles": roles }));
     }
-    let mut text = format!("{} ({})\n", look.theme().name(), look.depth().word());
+    let mut text = format!("{} ({})\n", look.theme().name(), look.depth().label());
     let plain = look.depth() == ColorDepth::Mono && !std::io::stdout().is_terminal();
-    let sample = |role: ThemeRole, words: &str| {
-        if plain { words.to_owned() } else { format!("{}{words}\u{1b}[0m", escape(look.style(role))) }
+    let sample = |role: ThemeRole, label: &str| {
+        if plain { label.to_owned() } else { format!("{}{label}\u{1b}[0m", escape(look.style(role))) }
     };
     for role in ThemeRole::ALL {
         let padded = format!("{:<14}", role.word());
@@ -174,12 +174,12 @@ mod tests {
             assert!(text.contains(role.word()) && text.contains(role.help()), "{role:?}");
         }
         for (_, mark) in StateMark::samples() {
-            assert!(text.contains(mark.word), "{mark:?}");
+            assert!(text.contains(mark.label), "{mark:?}");
         }
     }
 
     #[test]
-    fn colors_are_written_where_they_are_asked_for_alone() {
+    fn only_requested_colors_are_written() {
         assert!(preview_of(false, Color::Always).contains("\u{1b}["));
         let never = printed(ThemeVerb::Preview {
             name: Some("high-contrast".to_owned()),

@@ -106,8 +106,8 @@ mod tests {
             ("2026-11-17T09:00:00+01:00", HealthClock::Wall, Some(1_794_902_400_000)),
             ("yesterday", HealthClock::Virtual, None),
         ] {
-            let moment: TimeArg = text.parse().unwrap();
-            assert_eq!(moment.on(clock, end).ok(), place, "{text}");
+            let time: TimeArg = text.parse().unwrap();
+            assert_eq!(time.on(clock, end).ok(), place, "{text}");
         }
         for text in ["", "soon", "@", "@-1", "@1e30", "@nan", "2026-02-30", "5x", "99999999d", "tu"] {
             let error = text.parse::<TimeArg>().unwrap_err();

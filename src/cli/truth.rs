@@ -84,7 +84,9 @@ pub fn run(args: &TruthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
         blocks: args.blocks,
         jobs: args.jobs.map_or(cores, usize::from),
         shard: args.shard,
-        kept: args.cache_key.cells_in(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
+        cache: args
+            .cache_key
+            .cells_in(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
     };
     // Progress is only information; losing it loses no result.
     let tell = |line: &str| {

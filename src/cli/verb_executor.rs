@@ -34,7 +34,7 @@ pub(super) enum VerbExecutor {
 
 /// The store's running engine; `None` without one. An unverified answer is reported at once.
 pub(super) fn running(context: &CliContext) -> Result<Option<Client>, CliError> {
-    let client = Client::connect(&Layout::new(&context.data)).map_err(door_error)?;
+    let client = Client::connect(&Layout::new(&context.data)).map_err(socket_error)?;
     if let Some(doubt) = client.as_ref().and_then(Client::unverified_origin) {
         warn(doubt, context.json);
     }
@@ -55,7 +55,7 @@ pub(super) fn warn(doubt: UnverifiedOrigin, json: bool) {
 
 /// Signs only for a verified engine, because the signer must see what the signature covers.
 pub(super) fn require_verified_engine(context: &CliContext) -> Result<(), CliError> {
-    let client = Client::connect(&Layout::new(&context.data)).map_err(door_error)?;
+    let client = Client::connect(&Layout::new(&context.data)).map_err(socket_error)?;
     client.as_ref().and_then(Client::unverified_origin).map_or(Ok(()), |doubt| Err(nothing_signed(doubt)))
 }
 
@@ -126,7 +126,7 @@ impl VerbExecutor {
     /// As [`VerbExecutor::ask`], with the request's own id.
     pub(super) fn send_request(&mut self, request: Request) -> Result<Reply, CliError> {
         match self {
-            Self::Running(client) => client.ask_request(request).map_err(door_error),
+            Self::Running(client) => client.send_request(request).map_err(socket_error),
             Self::Own(pump) => {
                 let reply = pump.submit(request);
                 // The audit log has the events; no client listens here.
@@ -277,7 +277,7 @@ pub(super) fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
 }
 
 /// A silent or ended engine gives exit code 3; other errors can be corrected by the caller.
-pub(super) fn door_error(error: ControlSocketError) -> CliError {
+pub(super) fn socket_error(error: ControlSocketError) -> CliError {
     match &error {
         ControlSocketError::NoAnswer { .. }
         | ControlSocketError::Silent { .. }

@@ -92,7 +92,7 @@ pub(super) fn run(
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let database = database(&context.data)?;
-    let (word, folder) = match &args.verb {
+    let (action, folder) = match &args.verb {
         WitnessVerb::Add { folder, signs } => {
             let folder = absolute(folder)?;
             let store = take_store(&context.data)?;
@@ -111,14 +111,14 @@ pub(super) fn run(
             let store_id = store_info(&context.data).map_err(CliError::usage)?.store_id;
             let mut table = TextTable::new(&["folder", "heads", "standing"]);
             for folder in witnesses(&database).map_err(CliError::usage)? {
-                let (heads, standing) = match check_witness(&folder, &store_id) {
+                let (heads, status) = match check_witness(&folder, &store_id) {
                     Ok(heads) => (Some(heads), "ok".to_owned()),
                     Err(problem) => (None, problem),
                 };
                 if out.is_json() {
-                    out.json(&json!({ "folder": folder, "heads": heads, "standing": standing }))?;
+                    out.json(&json!({ "folder": folder, "heads": heads, "standing": status }))?;
                 }
-                table.row([folder, heads.map_or_else(String::new, |heads| heads.to_string()), standing]);
+                table.row([folder, heads.map_or_else(String::new, |heads| heads.to_string()), status]);
             }
             match (out.is_json(), table.is_empty()) {
                 (true, _) => {}
@@ -128,7 +128,7 @@ pub(super) fn run(
             return Ok(Exit::Confirmed);
         }
     };
-    out.answer(&json!({ word: folder }), |out| out.line(&format!("{word} the witness {folder}")))?;
+    out.answer(&json!({ action: folder }), |out| out.line(&format!("{action} the witness {folder}")))?;
     Ok(Exit::Confirmed)
 }
 
@@ -139,14 +139,14 @@ fn witnessed_by(
     (folder, present): (&str, bool),
     signs: &WitnessSigningArgs,
 ) -> Result<WitnessRequester, CliError> {
-    let asks = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
+    let requester = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
     let views = store.views().map_err(CliError::usage)?;
     let profile = views.context().map_err(CliError::usage)?.map(|(profile, _, _)| profile);
     let (persons, head) = (views.persons().map_err(CliError::usage)?, views.head().map_err(CliError::usage)?);
     drop(views);
     let (Some(by), Some(reason)) = (&signs.by, &signs.reason) else {
         let Some(profile) = profile.filter(|profile| witnesses_are_signed(*profile)) else {
-            return Ok((asks, None));
+            return Ok((requester, None));
         };
         let admin = persons.administrators().next().map_or("ADMIN", |admin| admin.name.as_str());
         let text = format!(
@@ -165,5 +165,5 @@ fn witnessed_by(
     if profile == Some(ProfileName::Human) {
         signed.check_guarded(&persons).map_err(CliError::from_engine_fault)?;
     }
-    Ok((asks, Some(Box::new(signed))))
+    Ok((requester, Some(Box::new(signed))))
 }

@@ -272,8 +272,8 @@ mod tests {
     fn the_version_is_the_locked_one() {
         let lock =
             fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../Cargo.lock")).unwrap();
-        let said = format!("name = \"wasmtime\"\nversion = \"{WASMTIME}\"\n");
-        assert!(lock.contains(&said), "WASMTIME is {WASMTIME}; Cargo.lock has another");
+        let entry = format!("name = \"wasmtime\"\nversion = \"{WASMTIME}\"\n");
+        assert!(lock.contains(&entry), "WASMTIME is {WASMTIME}; Cargo.lock has another");
     }
 
     #[test]
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_kept_only_costs_time() {
+    fn a_form_not_stored_only_costs_time() {
         let root = tempfile::tempdir().unwrap();
         let engine = Engine::default();
         let blocked = root.path().join("file");

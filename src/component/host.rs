@@ -191,17 +191,17 @@ fn charge(cx: &mut HostContext, bytes: usize) -> wasmtime::Result<()> {
 }
 
 /// Random bytes of the run's seed.
-fn random(cx: &mut HostContext, wanted: u64) -> wasmtime::Result<Vec<u8>> {
-    let Some(wanted) = usize::try_from(wanted).ok().filter(|wanted| *wanted <= CALL_BYTES_MAX) else {
-        return trap(format!("{wanted} random bytes in one call, and {CALL_BYTES_MAX} are allowed"));
+fn random(cx: &mut HostContext, length: u64) -> wasmtime::Result<Vec<u8>> {
+    let Some(length) = usize::try_from(length).ok().filter(|wanted| *wanted <= CALL_BYTES_MAX) else {
+        return trap(format!("{length} random bytes in one call, and {CALL_BYTES_MAX} are allowed"));
     };
-    charge(cx, wanted)?;
+    charge(cx, length)?;
     let stream = &mut cx.data_mut().outside.random;
-    let mut bytes = Vec::with_capacity(wanted.next_multiple_of(8));
-    while bytes.len() < wanted {
+    let mut bytes = Vec::with_capacity(length.next_multiple_of(8));
+    while bytes.len() < length {
         bytes.extend(stream.next().to_le_bytes());
     }
-    bytes.truncate(wanted);
+    bytes.truncate(length);
     Ok(bytes)
 }
 
@@ -211,8 +211,8 @@ fn write(cx: &mut HostContext, bytes: &WasmList<u8>) -> wasmtime::Result<Result<
         return trap(format!("{} bytes in one write, and {CALL_BYTES_MAX} are allowed", bytes.len()));
     }
     charge(cx, bytes.len())?;
-    let taken = bytes.len().min(LOG_BYTES_MAX.saturating_sub(cx.data().outside.log.len()));
-    let written = bytes.as_le_slice(&*cx)[..taken].to_vec();
+    let length = bytes.len().min(LOG_BYTES_MAX.saturating_sub(cx.data().outside.log.len()));
+    let written = bytes.as_le_slice(&*cx)[..length].to_vec();
     cx.data_mut().outside.log.extend(written);
     Ok(Ok(()))
 }
@@ -335,12 +335,12 @@ fn known(linker: &mut LinkerInstance<'_, Host>, interface: &str, name: &str) -> 
         }
         ("wasi:io/poll", "poll") => {
             // Borrowed handles are given back by being lifted, so they are lifted one and all.
-            linker.func_wrap(name, |mut cx: HostContext, (asked,): (Vec<Resource<Pollable>>,)| {
-                charge(&mut cx, 8 * asked.len())?;
-                if asked.is_empty() {
+            linker.func_wrap(name, |mut cx: HostContext, (pollables,): (Vec<Resource<Pollable>>,)| {
+                charge(&mut cx, 8 * pollables.len())?;
+                if pollables.is_empty() {
                     return trap("`poll` of nothing");
                 }
-                Ok(((0..).zip(&asked).map(|(place, _)| place).collect::<Vec<u32>>(),))
+                Ok(((0..).zip(&pollables).map(|(place, _)| place).collect::<Vec<u32>>(),))
             })
         }
         ("wasi:io/error", "[method]error.to-debug-string") => {

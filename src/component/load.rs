@@ -278,12 +278,12 @@ fn describe(
     let mut live = LiveInstance::new(compiled, limits, HostState::new(0))
         .map_err(|(ended, _, _)| failed(ComponentCall::Instantiate)(ended))?;
     let (answer, _) = live.call(fuel, |store, skill| skill.call_describe(store, parameters));
-    let said = answer.map_err(failed(ComponentCall::Describe))?;
-    let said = said.map_err(|text| ComponentError::Refused { reason: line(text) })?;
-    if said.interface.len() > INTERFACE_BYTES_MAX {
-        return Err(ComponentError::InterfaceSize { bytes: said.interface.len() });
+    let result = answer.map_err(failed(ComponentCall::Describe))?;
+    let description = result.map_err(|text| ComponentError::Refused { reason: line(text) })?;
+    if description.interface.len() > INTERFACE_BYTES_MAX {
+        return Err(ComponentError::InterfaceSize { bytes: description.interface.len() });
     }
-    let interface = serde_json::from_str(&said.interface)
+    let interface = serde_json::from_str(&description.interface)
         .map_err(|error| ComponentError::Interface { reason: line(error.to_string()) })?;
-    Ok((wit::task_kind(said.task), interface))
+    Ok((wit::task_kind(description.task), interface))
 }

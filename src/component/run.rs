@@ -41,13 +41,13 @@ impl LiveInstance {
         store.set_hostcall_fuel(HANDED_BYTES_MAX);
         store.epoch_deadline_trap();
         let budget = limits.fuel_per_tick.saturating_mul(START_TICKS);
-        let made = (|| -> wasmtime::Result<_> {
+        let result = (|| -> wasmtime::Result<_> {
             store.set_fuel(budget)?;
             store.set_epoch_deadline(DEADLINE_EPOCHS);
             let instance = compiled.pre.instantiate(&mut store)?;
             compiled.skill.load(&mut store, &instance)
         })();
-        match made {
+        match result {
             Ok(skill) => Ok(Self { store, skill }),
             Err(error) => {
                 let ended = ended(store.data(), error);
@@ -68,8 +68,8 @@ impl LiveInstance {
             Ok(()) => call(&mut self.store, &self.skill),
             Err(error) => Err(error),
         };
-        let taken = fuel.saturating_sub(self.store.get_fuel().unwrap_or(0));
-        (answer.map_err(|error| ended(self.store.data(), error)), taken)
+        let consumed = fuel.saturating_sub(self.store.get_fuel().unwrap_or(0));
+        (answer.map_err(|error| ended(self.store.data(), error)), consumed)
     }
 
     pub fn host(&self) -> &Host {
@@ -149,9 +149,9 @@ impl RunState {
         call: impl FnOnce(&mut Store<Host>, &skill::Guest) -> wasmtime::Result<T>,
     ) -> Option<T> {
         let live = self.live.as_mut()?;
-        let (answer, taken) = live.call(fuel, call);
+        let (answer, consumed) = live.call(fuel, call);
         if tick {
-            self.fuel_tick_max = self.fuel_tick_max.max(taken);
+            self.fuel_tick_max = self.fuel_tick_max.max(consumed);
         }
         match answer {
             Ok(answer) => Some(answer),
@@ -188,12 +188,12 @@ impl Skill for ComponentRun {
     fn tick(&mut self, seen: &Observation) -> Command {
         let fuel = self.loaded.limits.fuel_per_tick;
         let inner = &mut self.inner;
-        let asked = inner.call(fuel, true, |store, skill| {
+        let answer = inner.call(fuel, true, |store, skill| {
             store.data_mut().outside.tick = seen.tick;
             skill.call_tick(store, wit::observation(seen))
         });
-        let Some(asked) = asked else { return Command::Hold };
-        match wit::command(&asked) {
+        let Some(answer) = answer else { return Command::Hold };
+        match wit::command(&answer) {
             Some(command) => command,
             None => {
                 inner.fail(CodeFault::Answer);
@@ -233,7 +233,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_call_that_the_machine_holds_up_says_nothing_of_the_code() {
+    fn a_call_that_the_machine_stalls_is_no_fault_of_the_code() {
         let limits = ComponentLimits { fuel_per_tick: u64::MAX, memory_bytes: 1 << 20 };
         let tick = "(loop (br 0)) unreachable".to_owned();
         let bytes = Guest { tick, ..Guest::default() }.bytes();
@@ -249,9 +249,9 @@ mod tests {
                     std::thread::yield_now();
                 }
             });
-            let said = run.tick(&seen(0));
+            let command = run.tick(&seen(0));
             over.store(true, Ordering::Release);
-            assert_eq!(said, Command::Hold);
+            assert_eq!(command, Command::Hold);
         });
         let fault = run.confined().fault.unwrap();
         assert_eq!(fault, CodeFault::Machine);

@@ -177,7 +177,7 @@ mod tests {
 
     #[test]
     fn what_a_compiler_spends_its_memory_on_has_an_end() {
-        let many = |word: &str, count: usize| format!("({word}{})", " i64".repeat(count));
+        let many = |keyword: &str, count: usize| format!("({keyword}{})", " i64".repeat(count));
         let carried = |values: usize, depth: usize| {
             let ty = format!("(type $t (func {} {}))", many("param", values), many("result", values));
             let consts = "(i64.const 0)".repeat(values);

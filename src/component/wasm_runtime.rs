@@ -117,23 +117,24 @@ impl WasmRuntime {
             all.retain(|_, slot| Arc::strong_count(slot) > 1 || lock(slot).strong_count() > 0);
             all.entry(digest).or_default().clone()
         };
-        let mut kept = lock(&slot);
-        if let Some(compiled) = kept.upgrade() {
+        let mut cached = lock(&slot);
+        if let Some(compiled) = cached.upgrade() {
             return Ok(compiled);
         }
         let forms = lock(&FORMS).clone();
         // A panic in the compiler is an error of the source and must not end the caller.
-        let made = catch_unwind(AssertUnwindSafe(|| match forms {
+        let result = catch_unwind(AssertUnwindSafe(|| match forms {
             Some(forms) => forms.component(&self.engine, source),
             None => wasmtime::component::Component::from_binary(&self.engine, source)
                 .map(|component| (component, CodeOrigin::Compiled)),
         }));
-        let made = made.map_err(|_| ComponentError::Invalid {
+        let result = result.map_err(|_| ComponentError::Invalid {
             reason: "the compiler failed on it; nothing of it is kept".to_owned(),
         })?;
-        let (component, origin) = made.map_err(|error| ComponentError::Invalid { reason: reason(&error) })?;
+        let (component, origin) =
+            result.map_err(|error| ComponentError::Invalid { reason: reason(&error) })?;
         let compiled = Arc::new(CompiledComponent::new(&self.engine, &component, origin)?);
-        *kept = Arc::downgrade(&compiled);
+        *cached = Arc::downgrade(&compiled);
         Ok(compiled)
     }
 }

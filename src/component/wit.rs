@@ -122,8 +122,8 @@ const fn number(number: f64) -> f64 {
 }
 
 /// What a component asks for; its numbers are taken as they are. `None` if it is no command.
-pub fn command(asked: &types::Command) -> Option<Command> {
-    Some(match asked {
+pub fn command(requested: &types::Command) -> Option<Command> {
+    Some(match requested {
         types::Command::Hold => Command::Hold,
         types::Command::ToolPose(types::ToolPose { pose, max_speed_m_s }) => {
             let (p, r) = (pose.position, pose.rotation);

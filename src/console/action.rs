@@ -216,8 +216,8 @@ actions! {
 impl Action {
     /// The action of a name.
     #[must_use]
-    pub fn parse(word: &str) -> Option<Self> {
-        Self::ALL.iter().copied().find(|action| action.word() == word)
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|action| action.word() == name)
     }
 
     /// Whether it decides on a candidate: such a key is never Enter, Space, Esc or a key that moves.
@@ -332,10 +332,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_and_helps_are_unique_and_present() {
-        let words: std::collections::BTreeSet<&str> =
+    fn names_and_helps_are_unique_and_present() {
+        let names: std::collections::BTreeSet<&str> =
             Action::ALL.iter().map(|action| action.word()).collect();
-        assert_eq!(words.len(), Action::ALL.len());
+        assert_eq!(names.len(), Action::ALL.len());
         for action in Action::ALL {
             assert_eq!(Action::parse(action.word()), Some(*action));
             assert!(!action.help().is_empty() && !action.help().ends_with('.'), "{action:?}");

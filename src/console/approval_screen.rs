@@ -276,8 +276,8 @@ impl ApprovalScreen {
 
     /// Takes the engine's answer to a query with this id; answers for another prompt are ignored.
     pub fn take(&mut self, id: &str, answer: Result<Box<ApprovalDocument>, String>) {
-        let DeliveredRequest::Requested { who, id: asked } = &self.delivered else { return };
-        if asked != id {
+        let DeliveredRequest::Requested { who, id: request_id } = &self.delivered else { return };
+        if request_id != id {
             return;
         }
         let who = who.clone();
@@ -442,7 +442,7 @@ impl ApprovalScreen {
             (reason_needed && !is_visible(self.reason.text()), DecisionObstacle::Reason),
             (self.focus != ApprovalFocus::Hold, DecisionObstacle::Typing),
         ];
-        checks.into_iter().filter_map(|(stands, block)| stands.then_some(block)).collect()
+        checks.into_iter().filter_map(|(applies, block)| applies.then_some(block)).collect()
     }
 
     /// Returns the decision if there is no obstacle.
@@ -484,15 +484,15 @@ impl ApprovalScreen {
     }
 
     /// Notes the rows of a frame. A line counts as read once all of its rows were on the screen.
-    pub fn saw(&mut self, seen: &VisibleRows) {
+    pub fn mark_read(&mut self, visible: &VisibleRows) {
         let text = self.text();
-        self.reading.room = u16::try_from(seen.room).unwrap_or(u16::MAX);
-        self.reading.count = u16::try_from(seen.count).unwrap_or(u16::MAX);
-        self.scroll = u16::try_from(seen.first).unwrap_or(u16::MAX);
-        for row in &seen.rows {
+        self.reading.room = u16::try_from(visible.room).unwrap_or(u16::MAX);
+        self.reading.count = u16::try_from(visible.count).unwrap_or(u16::MAX);
+        self.scroll = u16::try_from(visible.first).unwrap_or(u16::MAX);
+        for row in &visible.rows {
             let (from, to) = row.lines;
             let Some(lines) = text.get(from..to) else { continue };
-            let rows = self.reading.rows.entry((seen.width, lines.join("\n"))).or_default();
+            let rows = self.reading.rows.entry((visible.width, lines.join("\n"))).or_default();
             rows.insert(row.at);
             if rows.len() == row.of {
                 self.reading.lines.extend(lines.iter().cloned());

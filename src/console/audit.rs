@@ -159,8 +159,9 @@ pub fn sentence(record: &AuditRecord) -> String {
     let Some(Ok(value)) = value else {
         return format!("{}, {} bytes of content", record.kind, record.body.len());
     };
-    let told = record.kind.known().and_then(|kind| sentence_of_kind(*kind, &RecordFields { root: &value }));
-    told.unwrap_or_else(|| generic(&value))
+    let specific =
+        record.kind.known().and_then(|kind| sentence_of_kind(*kind, &RecordFields { root: &value }));
+    specific.unwrap_or_else(|| generic(&value))
 }
 
 /// A record's content, looked up by name at any depth, the shallowest first.
@@ -226,74 +227,74 @@ impl RecordFields<'_> {
 }
 
 /// The sentence of a known kind; absent if a field is missing.
-fn sentence_of_kind(kind: RecordKind, told: &RecordFields<'_>) -> Option<String> {
-    let by = || told.text("by").or_else(|| told.text("who")).filter(|by| !by.is_empty());
-    let somebody = || by().unwrap_or_else(|| "somebody".to_owned());
+fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<String> {
+    let by = || fields.text("by").or_else(|| fields.text("who")).filter(|by| !by.is_empty());
+    let actor = || by().unwrap_or_else(|| "somebody".to_owned());
     Some(match kind {
         RecordKind::VersionRegistered => format!(
             "submitted by {}{}{}{}",
-            told.text("author")?,
-            told.with(", ", "provenance"),
-            told.with(", risk ", "risk"),
-            told.with(", made from ", "parent")
+            fields.text("author")?,
+            fields.with(", ", "provenance"),
+            fields.with(", risk ", "risk"),
+            fields.with(", made from ", "parent")
         ),
         RecordKind::StateSet => {
-            format!("{} -> {}{}", told.text("from")?, told.text("to")?, told.with(": ", "reason"))
+            format!("{} -> {}{}", fields.text("from")?, fields.text("to")?, fields.with(": ", "reason"))
         }
-        RecordKind::FlagsSet => flags(told.find("flags")?),
+        RecordKind::FlagsSet => flags(fields.find("flags")?),
         RecordKind::ScoresSet => {
-            let kappas = told.find("kappas")?.as_array()?;
-            let said =
+            let kappas = fields.find("kappas")?.as_array()?;
+            let values =
                 kappas.iter().map(|kappa| kappa.as_f64().map_or("?".to_owned(), |k| format!("{k:.3}")));
-            format!("kappa I, P, B, R: {}", said.collect::<Vec<_>>().join(", "))
+            format!("kappa I, P, B, R: {}", values.collect::<Vec<_>>().join(", "))
         }
-        RecordKind::ActiveSet => match told.text("active") {
+        RecordKind::ActiveSet => match fields.text("active") {
             Some(active) => format!(
                 "{active} has the arm{}{}",
-                told.with(" by ", "cause"),
-                told.with("; the rollback target is ", "pinned")
+                fields.with(" by ", "cause"),
+                fields.with("; the rollback target is ", "pinned")
             ),
-            None => format!("no version has the arm{}", told.with(": ", "cause")),
+            None => format!("no version has the arm{}", fields.with(": ", "cause")),
         },
         RecordKind::FamilySet => {
-            let stopped = told.find("safe_stopped")?.as_bool()?;
+            let stopped = fields.find("safe_stopped")?.as_bool()?;
             let what = if stopped { "safe-stopped" } else { "works" };
-            format!("{what}{}", told.with(": ", "reason"))
+            format!("{what}{}", fields.with(": ", "reason"))
         }
-        RecordKind::FamilyVoided => format!("earlier passes are void{}", told.with(": ", "reason")),
+        RecordKind::FamilyVoided => format!("earlier passes are void{}", fields.with(": ", "reason")),
         RecordKind::StandingSet => "the states of its versions, for a restart".to_owned(),
         RecordKind::EvidencePut => {
-            format!("evidence of the {}, digest {}", told.text("kind")?, told.digest("digest"))
+            format!("evidence of the {}, digest {}", fields.text("kind")?, fields.digest("digest"))
         }
         RecordKind::ApprovalRequested => {
-            let until = told.find("deadline_ms").and_then(Value::as_u64).map(|ms| {
+            let until = fields.find("deadline_ms").and_then(Value::as_u64).map(|ms| {
                 let until = WallTime::from_ms(i64::try_from(ms).unwrap_or(i64::MAX));
                 // Earlier versions used virtual time.
                 if until < WallTime::SCRIPT_EPOCH { seconds(ms) } else { until.label() }
             });
             let until = until.map_or_else(String::new, |until| format!(" by {until}"));
-            format!("{} to decide{until}{}", told.text("needed")?, told.with("; now ", "state"))
+            format!("{} to decide{until}{}", fields.text("needed")?, fields.with("; now ", "state"))
         }
         RecordKind::ApprovalPut => {
-            let decision = told.text("decision").or_else(|| told.text("answer"))?;
-            let who = by().or_else(|| told.text("identity")).or_else(|| told.text("name"))?;
-            format!("{who} says {decision}{}", told.with(": ", "reason"))
+            let decision = fields.text("decision").or_else(|| fields.text("answer"))?;
+            let who = by().or_else(|| fields.text("identity")).or_else(|| fields.text("name"))?;
+            format!("{who} says {decision}{}", fields.with(": ", "reason"))
         }
         RecordKind::ApprovalConsumed => "an approval was used; it counts only once".to_owned(),
-        RecordKind::PersonEnrolled => person_sentence("enrolled", told)?,
-        RecordKind::PersonConfirmed => person_sentence("confirmed", told)?,
-        RecordKind::PersonRevoked => person_sentence("revoked", told)?,
+        RecordKind::PersonEnrolled => person_sentence("enrolled", fields)?,
+        RecordKind::PersonConfirmed => person_sentence("confirmed", fields)?,
+        RecordKind::PersonRevoked => person_sentence("revoked", fields)?,
         RecordKind::ContextSet => {
-            format!("profile {}, policy {}", told.text("profile")?, told.digest("policy_digest"))
+            format!("profile {}, policy {}", fields.text("profile")?, fields.digest("policy_digest"))
         }
-        RecordKind::ProfileLoaded => format!("own profile{}", told.with(" ", "name")),
-        RecordKind::TelemetrySealed | RecordKind::TelemetryBlockSealed => telemetry(told)?,
+        RecordKind::ProfileLoaded => format!("own profile{}", fields.with(" ", "name")),
+        RecordKind::TelemetrySealed | RecordKind::TelemetryBlockSealed => telemetry(fields)?,
         RecordKind::TelemetryPruned => {
-            format!("telemetry up to batch {} is pruned for space", told.text("through")?)
+            format!("telemetry up to batch {} is pruned for space", fields.text("through")?)
         }
         RecordKind::TelemetryMissed => "batches of telemetry are missing, and no record says why".to_owned(),
         RecordKind::AlarmChanged => {
-            let whole = told.text("json").is_some().then(|| told.find("json")).flatten();
+            let whole = fields.text("json").is_some().then(|| fields.find("json")).flatten();
             let inner =
                 whole.and_then(Value::as_str).and_then(|text| serde_json::from_str::<Value>(text).ok());
             let text = inner
@@ -301,62 +302,66 @@ fn sentence_of_kind(kind: RecordKind, told: &RecordFields<'_>) -> Option<String>
                 .and_then(|inner| RecordFields { root: inner }.text("text"))
                 .unwrap_or_default();
             let gap = if text.is_empty() { "" } else { ": " };
-            format!("{}, {}{gap}{text}", told.text("state")?, told.text("priority")?)
+            format!("{}, {}{gap}{text}", fields.text("state")?, fields.text("priority")?)
         }
         RecordKind::Decision => {
-            let stage = told.text("stage").map_or_else(String::new, |stage| format!("{stage}: "));
-            match told.text("outcome") {
-                Some(outcome) => format!("{stage}decided {outcome}{}", told.why()),
-                None => format!("{stage}decided{}", told.why()),
+            let stage = fields.text("stage").map_or_else(String::new, |stage| format!("{stage}: "));
+            match fields.text("outcome") {
+                Some(outcome) => format!("{stage}decided {outcome}{}", fields.why()),
+                None => format!("{stage}decided{}", fields.why()),
             }
         }
         RecordKind::Monitor => {
-            format!("the monitor: {}{}", told.text("decision").or_else(|| told.text("outcome"))?, told.why())
+            format!(
+                "the monitor: {}{}",
+                fields.text("decision").or_else(|| fields.text("outcome"))?,
+                fields.why()
+            )
         }
         RecordKind::MonitorAnswer => {
-            format!("{} answered the monitor{}", somebody(), told.with(": ", "reason"))
+            format!("{} answered the monitor{}", actor(), fields.with(": ", "reason"))
         }
-        RecordKind::Resumed => format!("{} resumed it{}", somebody(), told.with(": ", "reason")),
+        RecordKind::Resumed => format!("{} resumed it{}", actor(), fields.with(": ", "reason")),
         RecordKind::BreakGlass => {
-            format!("{} activated it alone, by break-glass{}", somebody(), told.with(": ", "reason"))
+            format!("{} activated it alone, by break-glass{}", actor(), fields.with(": ", "reason"))
         }
-        RecordKind::CellStopped => format!("{} stopped the cell{}", somebody(), told.with(": ", "reason")),
-        RecordKind::CellReleased => format!("{} started the cell{}", somebody(), told.with(": ", "reason")),
+        RecordKind::CellStopped => format!("{} stopped the cell{}", actor(), fields.with(": ", "reason")),
+        RecordKind::CellReleased => format!("{} started the cell{}", actor(), fields.with(": ", "reason")),
         RecordKind::EngineBegan => {
-            format!("an engine began to run the cell{}", told.with(" under ", "profile"))
+            format!("an engine began to run the cell{}", fields.with(" under ", "profile"))
         }
-        RecordKind::EngineEnded => match told.find_that("orderly", |_| true)?.as_bool() {
+        RecordKind::EngineEnded => match fields.find_that("orderly", |_| true)?.as_bool() {
             Some(true) => "the engine shut down cleanly".to_owned(),
             Some(false) | None => "the engine ended suddenly; the next one found it".to_owned(),
         },
         RecordKind::GoalSet => {
-            format!("{} set the goal {}{}", somebody(), told.text("goal")?, told.with(": ", "reason"))
+            format!("{} set the goal {}{}", actor(), fields.text("goal")?, fields.with(": ", "reason"))
         }
-        RecordKind::PaceSet => match told.find_that("times", |_| true)?.as_f64() {
+        RecordKind::PaceSet => match fields.find_that("times", |_| true)?.as_f64() {
             Some(times) => format!("the live cell runs {times} simulated seconds a second"),
             None => "the live cell runs as fast as it computes".to_owned(),
         },
-        RecordKind::ShiftNote => format!("{} notes{}", somebody(), told.with(": ", "text")),
+        RecordKind::ShiftNote => format!("{} notes{}", actor(), fields.with(": ", "text")),
         RecordKind::ClockDoubted => {
             "the machine's clock is not trusted until a person confirms the time".to_owned()
         }
         RecordKind::ClockConfirmed => {
-            format!("{} confirmed the time, {}{}", somebody(), told.text("time")?, told.with(": ", "reason"))
+            format!("{} confirmed the time, {}{}", actor(), fields.text("time")?, fields.with(": ", "reason"))
         }
-        RecordKind::AlarmReset => format!("{} reset it{}", somebody(), told.with(": ", "reason")),
+        RecordKind::AlarmReset => format!("{} reset it{}", actor(), fields.with(": ", "reason")),
         RecordKind::Asked => {
             let user =
-                told.text("user").or_else(|| told.text("uid")).unwrap_or_else(|| "somebody".to_owned());
-            format!("{user} asked for {}{}", told.text("asked")?, told.with(" (process ", "process"))
-                + if told.text("process").is_some() { ")" } else { "" }
+                fields.text("user").or_else(|| fields.text("uid")).unwrap_or_else(|| "somebody".to_owned());
+            format!("{user} asked for {}{}", fields.text("asked")?, fields.with(" (process ", "process"))
+                + if fields.text("process").is_some() { ")" } else { "" }
         }
-        RecordKind::Drift => match told.text("kind") {
-            Some(kind) => format!("{kind}{} sets in", told.with(" ", "magnitude")),
+        RecordKind::Drift => match fields.text("kind") {
+            Some(kind) => format!("{kind}{} sets in", fields.with(" ", "magnitude")),
             None => "the drift ends".to_owned(),
         },
-        RecordKind::AuditClosed => format!("closed{}", told.with(": ", "end").replace(": ", " as ")),
+        RecordKind::AuditClosed => format!("closed{}", fields.with(": ", "end").replace(": ", " as ")),
         RecordKind::Commissioned | RecordKind::SensesCommissioned => {
-            let tasks = told.text("tasks").or_else(|| told.text("episodes"));
+            let tasks = fields.text("tasks").or_else(|| fields.text("episodes"));
             let tasks = tasks.map_or_else(String::new, |tasks| format!(", over {tasks} tasks"));
             let what = if kind == RecordKind::Commissioned { "for it" } else { "for the camera check" };
             format!("what is normal {what} was measured{tasks}")
@@ -374,19 +379,19 @@ fn sentence_of_kind(kind: RecordKind, told: &RecordFields<'_>) -> Option<String>
     })
 }
 
-fn person_sentence(what: &str, told: &RecordFields<'_>) -> Option<String> {
-    let by = told.with(" by ", "by");
+fn person_sentence(what: &str, fields: &RecordFields<'_>) -> Option<String> {
+    let by = fields.with(" by ", "by");
     Some(format!(
         "{} is {what}{}{by}{}",
-        told.text("name")?,
-        told.with(" as ", "role"),
-        told.with(": ", "reason")
+        fields.text("name")?,
+        fields.with(" as ", "role"),
+        fields.with(": ", "reason")
     ))
 }
 
-fn telemetry(told: &RecordFields<'_>) -> Option<String> {
-    let Some(batches) = told.find("batches").and_then(Value::as_array) else {
-        return Some(format!("a batch of telemetry is sealed, {} rows", told.text("rows")?));
+fn telemetry(fields: &RecordFields<'_>) -> Option<String> {
+    let Some(batches) = fields.find("batches").and_then(Value::as_array) else {
+        return Some(format!("a batch of telemetry is sealed, {} rows", fields.text("rows")?));
     };
     let rows: u64 = batches.iter().filter_map(|batch| batch.get("rows")?.as_u64()).sum();
     Some(format!("{} batches of telemetry are sealed, {rows} rows", batches.len()))
@@ -395,15 +400,15 @@ fn telemetry(told: &RecordFields<'_>) -> Option<String> {
 /// The flags that are set.
 fn flags(flags: &Value) -> String {
     let Some(fields) = flags.as_object() else { return "flags".to_owned() };
-    let mut said: Vec<String> = Vec::new();
+    let mut labels: Vec<String> = Vec::new();
     for (name, value) in fields {
         match value {
-            Value::Bool(true) => said.push(name.replace('_', " ")),
-            Value::String(stage) => said.push(format!("in {stage}")),
+            Value::Bool(true) => labels.push(name.replace('_', " ")),
+            Value::String(stage) => labels.push(format!("in {stage}")),
             _ => {}
         }
     }
-    if said.is_empty() { "nothing runs and nothing is flagged".to_owned() } else { said.join(", ") }
+    if labels.is_empty() { "nothing runs and nothing is flagged".to_owned() } else { labels.join(", ") }
 }
 
 /// Names and plain values, for kinds without a sentence.
@@ -411,13 +416,13 @@ fn generic(value: &Value) -> String {
     let Some(fields) = value.as_object() else {
         return value.to_string().chars().take(VALUE_CHARS).collect();
     };
-    let told = RecordFields { root: value };
-    let said = fields.keys().filter(|name| *name != "change" && *name != "rows");
-    let said: Vec<String> = said
-        .filter_map(|name| Some(format!("{} {}", name.replace('_', " "), told.text(name)?)))
+    let record = RecordFields { root: value };
+    let names = fields.keys().filter(|name| *name != "change" && *name != "rows");
+    let parts: Vec<String> = names
+        .filter_map(|name| Some(format!("{} {}", name.replace('_', " "), record.text(name)?)))
         .take(6)
         .collect();
-    if said.is_empty() { value.to_string().chars().take(VALUE_CHARS).collect() } else { said.join(", ") }
+    if parts.is_empty() { value.to_string().chars().take(VALUE_CHARS).collect() } else { parts.join(", ") }
 }
 
 /// The raw record, line by line: the hashed content as stored, and the same formatted for reading.
@@ -459,12 +464,12 @@ mod tests {
     }
 
     #[test]
-    fn records_are_told_in_sentences() {
+    fn records_are_shown_as_sentences() {
         let flags = json!({ "paused": true, "provisional": false, "running": "shadow" });
         let person =
             json!({ "act": "enrol", "by": "admin", "name": "ana", "role": "engineer", "reason": "known" });
         let alarm = json!({ "state": "latched", "priority": "high", "json": "{\"text\":\"too hot\"}" });
-        for (kind, body, said) in [
+        for (kind, body, expected) in [
             (
                 RecordKind::StateSet,
                 json!({ "change": { "from": "registered", "to": "validated", "reason": "fine" }, "rows": [] }),
@@ -527,7 +532,7 @@ mod tests {
             (RecordKind::PaceSet, json!({ "times": null }), "the live cell runs as fast as it computes"),
             (RecordKind::Recording, json!({ "file": "a.rrd", "bytes": 12 }), "file a.rrd, bytes 12"),
         ] {
-            assert_eq!(sentence(&record(kind.into(), &body)), said, "{kind}");
+            assert_eq!(sentence(&record(kind.into(), &body)), expected, "{kind}");
         }
         // Missing fields are left out; unknown records are described as far as possible.
         let other = record(Lenient::read("of-a-later-build".to_owned()), &json!({ "color": "red" }));

@@ -75,12 +75,12 @@ impl ConsoleCommand {
 /// What is wrong, and what is allowed.
 pub fn parse(text: &str) -> Result<ConsoleCommand, String> {
     let text = text.trim().trim_start_matches(':');
-    let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    let (command, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     let rest = rest.trim();
     let needs = |what: &str| {
-        if rest.is_empty() { Err(format!(":{word} needs {what}")) } else { Ok(rest.to_owned()) }
+        if rest.is_empty() { Err(format!(":{command} needs {what}")) } else { Ok(rest.to_owned()) }
     };
-    match word {
+    match command {
         "demo" => Ok(ConsoleCommand::Demo((!rest.is_empty()).then(|| rest.to_owned()))),
         "register" => needs("a folder").map(ConsoleCommand::Register),
         "as" => {
@@ -101,12 +101,12 @@ pub fn parse(text: &str) -> Result<ConsoleCommand, String> {
         }
         "q" => Ok(ConsoleCommand::Action(Action::Quit)),
         _ => {
-            let action = Action::parse(word).filter(|action| !action.decides());
-            let action = action.ok_or_else(|| format!("there is no command {word:?}; ? lists them"))?;
+            let action = Action::parse(command).filter(|action| !action.decides());
+            let action = action.ok_or_else(|| format!("there is no command {command:?}; ? lists them"))?;
             if rest.is_empty() {
                 Ok(ConsoleCommand::Action(action))
             } else {
-                Err(format!(":{word} takes nothing after it"))
+                Err(format!(":{command} takes nothing after it"))
             }
         }
     }
@@ -180,23 +180,23 @@ pub struct KnownNames<'a> {
 #[must_use]
 pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
     let typed = typed.trim_start();
-    let Some((word, rest)) = typed.split_once(' ') else {
+    let Some((command, rest)) = typed.split_once(' ') else {
         let actions = Action::ALL.iter().filter(|action| !action.decides()).map(|action| action.word());
-        let mut words: Vec<&str> = actions.chain(WITH_ARGUMENT.iter().map(|(word, ..)| *word)).collect();
-        words.sort_unstable();
-        words.dedup();
-        let starts = words.iter().filter(|word| word.starts_with(typed)).map(|word| (*word).to_owned());
+        let mut commands: Vec<&str> = actions.chain(WITH_ARGUMENT.iter().map(|(name, ..)| *name)).collect();
+        commands.sort_unstable();
+        commands.dedup();
+        let starts = commands.iter().filter(|name| name.starts_with(typed)).map(|word| (*word).to_owned());
         let starts: Vec<String> = starts.collect();
         if !starts.is_empty() {
             return starts;
         }
-        return best(typed, words.into_iter().map(|word| (word.to_owned(), word.to_owned())).collect());
+        return best(typed, commands.into_iter().map(|name| (name.to_owned(), name.to_owned())).collect());
     };
     let demos: Vec<String> = holdpoint_engine::embedded::names().map(ToOwned::to_owned).collect();
     let profiles = ProfileName::ALL.map(|profile| profile.name().to_owned());
-    let own = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
+    let own = |values: &[&str]| values.iter().map(|value| (*value).to_owned()).collect::<Vec<_>>();
     let (goals, paces, drifts) = (own(&GOALS), own(&PACES), drifts());
-    let arguments: &[String] = match word {
+    let arguments: &[String] = match command {
         "as" => known.people,
         "theme" => known.themes,
         "candidate" => known.versions,
@@ -209,7 +209,7 @@ pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
     };
     let rest = rest.trim();
     let fits = arguments.iter().filter(|argument| argument.starts_with(rest));
-    fits.map(|argument| format!("{word} {argument}")).collect()
+    fits.map(|argument| format!("{command} {argument}")).collect()
 }
 
 #[cfg(test)]
@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn reads_lines_and_refuses_with_what_is_allowed() {
         let version: CapabilityId = "grasp@1.2.0".parse().unwrap();
-        for (text, asked) in [
+        for (text, command) in [
             ("alarms", ConsoleCommand::Action(Action::ShowAlarms)),
             (":q", ConsoleCommand::Action(Action::Quit)),
             ("demo", ConsoleCommand::Demo(None)),
@@ -238,9 +238,9 @@ mod tests {
             ("open human", ConsoleCommand::Profile(ProfileName::Human, false)),
             ("open", ConsoleCommand::Action(Action::Open)),
         ] {
-            assert_eq!(parse(text), Ok(asked), "{text}");
+            assert_eq!(parse(text), Ok(command), "{text}");
         }
-        for (text, word) in [
+        for (text, expected) in [
             ("fly", "no command \"fly\""),
             ("approve", "no command"),
             ("reject", "no command"),
@@ -260,12 +260,12 @@ mod tests {
             ("candidate grasp", "is no version"),
         ] {
             let why = parse(text).unwrap_err();
-            assert!(why.contains(word), "{text}: {why}");
+            assert!(why.contains(expected), "{text}: {why}");
         }
     }
 
     #[test]
-    fn completes_words_and_arguments() {
+    fn completes_commands_and_arguments() {
         let people = ["ana".to_owned(), "bo".to_owned()];
         let known = KnownNames { versions: &[], people: &people, themes: &[] };
         assert_eq!(complete("alar", &known), ["alarms"]);

@@ -92,7 +92,7 @@ pub enum EngineQuery {
         text: String,
     },
     /// An approval request, as one person gets it.
-    Asked {
+    ApprovalRequest {
         version: CapabilityId,
         purpose: RequestKind,
         who: String,
@@ -100,7 +100,7 @@ pub enum EngineQuery {
     /// Re-run a part of a version's evaluation with video.
     Film {
         version: CapabilityId,
-        asked: FilmRequest,
+        request: FilmRequest,
     },
     /// The records of a pane of the log, the newest first.
     Audit(AuditGroup),
@@ -142,7 +142,7 @@ impl EngineQuery {
         match self {
             Self::Detail(_) => RequestSubject::Detail,
             Self::Registry { .. } => RequestSubject::Registry,
-            Self::Asked { .. } => RequestSubject::Question,
+            Self::ApprovalRequest { .. } => RequestSubject::Question,
             Self::Film { .. } => RequestSubject::Film,
             Self::Audit(_) => RequestSubject::Audit,
             Self::Health(_) => RequestSubject::Health,
@@ -161,15 +161,15 @@ impl EngineQuery {
         match self {
             Self::Detail(version) => Command::Detail { version },
             Self::Registry { group, text } => Command::Registry { group, text, offset: 0, limit: PAGE_ROWS },
-            Self::Asked { version, purpose, who } => Command::Question { version, purpose, who },
-            Self::Film { version, asked } => Command::Film { version, asked },
+            Self::ApprovalRequest { version, purpose, who } => Command::Question { version, purpose, who },
+            Self::Film { version, request } => Command::Film { version, asked: request },
             Self::Audit(group) => Command::Audit {
                 before: None,
                 subject: String::new(),
                 without: group.leaves_out(),
                 limit: AUDIT_ROWS,
             },
-            Self::Health(asked) | Self::AlarmHistory(asked) => Command::Health { asked },
+            Self::Health(query) | Self::AlarmHistory(query) => Command::Health { asked: query },
             Self::Verify => Command::VerifyAudit,
             Self::Acknowledge { alarm, by } => Command::AcknowledgeAlarm { alarm, by },
             Self::Unshelve { alarm, by } => Command::UnshelveAlarm { alarm, by },

@@ -209,26 +209,26 @@ impl EffectRunner {
 
     /// Makes an identity as the command line does, on a separate thread, because the engine enrolls it.
     fn make_identity(&self, name: String) -> EffectOutcome {
-        let (tell, folder) = (self.job_results.clone(), self.host.identities());
+        let (sender, folder) = (self.job_results.clone(), self.host.identities());
         let make = Arc::clone(&self.services.make_identity);
         let work = move || {
-            let came = match make(&name).and_then(|()| people::find(&folder, &name)) {
+            let message = match make(&name).and_then(|()| people::find(&folder, &name)) {
                 Ok(operator) => MsgKind::Operator(operator),
                 Err(problem) => status_message(&problem.sentence(), true),
             };
             // The console may have ended meanwhile.
-            drop(tell.blocking_send(BackgroundResult::Message(came)));
+            drop(sender.blocking_send(BackgroundResult::Message(message)));
         };
         spawn_job("identity", String::new(), work)
     }
 
     /// Finds completions of a typed path, on a separate thread, because a folder may answer slowly.
     fn read_folder(&self, typed: String, path: String) -> EffectOutcome {
-        let tell = self.job_results.clone();
+        let sender = self.job_results.clone();
         let work = move || {
             let lines = folder::completions(&typed, &path);
             // The console may have ended meanwhile.
-            drop(tell.blocking_send(BackgroundResult::Message(MsgKind::Completions { typed, lines })));
+            drop(sender.blocking_send(BackgroundResult::Message(MsgKind::Completions { typed, lines })));
         };
         spawn_job("folder", String::new(), work)
     }
@@ -278,9 +278,9 @@ impl EffectRunner {
         is_protected: bool,
         work: impl FnOnce() -> Result<Request, Problem> + Send + 'static,
     ) -> EffectOutcome {
-        let (tell, of) = (self.job_results.clone(), id.clone());
+        let (sender, of) = (self.job_results.clone(), id.clone());
         let work = move || {
-            let came = match work() {
+            let result = match work() {
                 Ok(request) => BackgroundResult::Signed(Box::new(request)),
                 Err(problem) if is_protected => {
                     BackgroundResult::Message(MsgKind::Unsigned { id: of, text: problem.sentence() })
@@ -288,7 +288,7 @@ impl EffectRunner {
                 Err(problem) => BackgroundResult::Message(answer(of, Refusal::BadInput, &problem)),
             };
             // The console may have ended meanwhile.
-            drop(tell.blocking_send(came));
+            drop(sender.blocking_send(result));
         };
         spawn_job("signing", id, work)
     }
@@ -297,7 +297,7 @@ impl EffectRunner {
     /// running engine of the store.
     #[must_use]
     pub fn submit(&self, model: &ConsoleModel, request: Request) -> EffectOutcome {
-        match self.host.ask(request) {
+        match self.host.submit(request) {
             Ok(()) => EffectOutcome::Quiet,
             Err(RequestRejected::Busy(request)) => {
                 let hint = "wait for its answers, then ask again";
@@ -317,11 +317,11 @@ impl EffectRunner {
 
     /// Sends a stop to the engine in another process, on a separate thread, because it may answer slowly.
     fn stop_at_work(&self, request: Request) -> EffectOutcome {
-        let (tell, engine, id) = (self.job_results.clone(), self.host.remote_engine(), request.id.clone());
+        let (sender, engine, id) = (self.job_results.clone(), self.host.remote_engine(), request.id.clone());
         spawn_job("stopping", id, move || {
-            let reply = Box::new(engine.ask(request.command));
+            let reply = Box::new(engine.send(request.command));
             // The console may have ended meanwhile.
-            drop(tell.blocking_send(BackgroundResult::Message(MsgKind::Answer { id: request.id, reply })));
+            drop(sender.blocking_send(BackgroundResult::Message(MsgKind::Answer { id: request.id, reply })));
         })
     }
 

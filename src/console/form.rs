@@ -356,8 +356,8 @@ impl Form {
     }
 
     /// Notes the consequences that a frame showed. A row counts as read if no row above it was skipped.
-    pub fn saw(&mut self, seen: &VisibleRows) {
-        let VisibleRows { first, room, count, .. } = *seen;
+    pub fn mark_read(&mut self, visible: &VisibleRows) {
+        let VisibleRows { first, room, count, .. } = *visible;
         if count != self.reading.count {
             self.reading.read = 0;
         }
@@ -519,7 +519,7 @@ impl Intent {
             by: by.to_owned(),
             reason: reason.to_owned(),
         };
-        let (by, given) = (by.to_owned(), reason.to_owned());
+        let (by, reason_text) = (by.to_owned(), reason.to_owned());
         let aborted = "aborted at the console";
         Some(match self {
             Intent::Abort(Abort::Active(id)) => Command::Rollback(operation(id, aborted)),
@@ -547,15 +547,20 @@ impl Intent {
             Intent::Continue(id) => Command::Continue(operation(id, reason)),
             Intent::Rearm(id) => Command::Rearm(operation(id, reason)),
             Intent::Go { since_ms, stops, .. } => {
-                Command::Go { by, reason: given, since_ms: *since_ms, stops: *stops }
+                Command::Go { by, reason: reason_text, since_ms: *since_ms, stops: *stops }
             }
-            Intent::ConfirmTime(time) => Command::ConfirmTime { by, reason: given, time: *time },
-            Intent::Note => Command::Note { by, text: given },
-            Intent::Goal(goal) => Command::Goal { goal: goal.clone(), by, reason: given },
-            Intent::Shelve(alarm) => {
-                Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason: given }
+            Intent::ConfirmTime(time) => Command::ConfirmTime { by, reason: reason_text, time: *time },
+            Intent::Note => Command::Note { by, text: reason_text },
+            Intent::Goal(goal) => Command::Goal { goal: goal.clone(), by, reason: reason_text },
+            Intent::Shelve(alarm) => Command::ShelveAlarm {
+                alarm: alarm.clone(),
+                by,
+                for_ms: minutes * 60_000,
+                reason: reason_text,
+            },
+            Intent::ResetAlarm(alarm) => {
+                Command::ResetAlarm { alarm: alarm.clone(), by, reason: reason_text }
             }
-            Intent::ResetAlarm(alarm) => Command::ResetAlarm { alarm: alarm.clone(), by, reason: given },
             // A submission is read when it is sent.
             Intent::Register(_) | Intent::Identity(_) | Intent::Quit | Intent::Several(_) => return None,
         })

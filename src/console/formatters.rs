@@ -17,7 +17,7 @@ pub fn seconds(at_ms: u64) -> String {
 
 /// The operator of an attached console: the chosen name, or the console's number.
 #[must_use]
-pub fn seated(seat: &AttachedConsoleView) -> String {
+pub fn console_label(seat: &AttachedConsoleView) -> String {
     let who = match &seat.sitting.who {
         Some(name) => Untrusted::new(name.clone()).line().into_string(),
         None => format!("seat {}", seat.seat),
@@ -78,7 +78,7 @@ pub fn reason_line(reason: &Reason) -> String {
 /// The state of a version, flags included.
 #[must_use]
 pub fn state_label(state: State, flags: &VersionFlags) -> String {
-    let mut words = vec![state.name().to_owned()];
+    let mut labels = vec![state.name().to_owned()];
     let flagged = [
         (flags.provisional, "provisional"),
         (flags.restricted, "restricted"),
@@ -86,11 +86,11 @@ pub fn state_label(state: State, flags: &VersionFlags) -> String {
         (flags.awaiting_approval, "awaiting approval"),
         (flags.paused, state.paused_label()),
     ];
-    words.extend(flagged.into_iter().filter(|(is, _)| *is).map(|(_, word)| word.to_owned()));
+    labels.extend(flagged.into_iter().filter(|(is, _)| *is).map(|(_, label)| label.to_owned()));
     if let Some(stage) = flags.running {
-        words.push(format!("in {}", stage.name()));
+        labels.push(format!("in {}", stage.name()));
     }
-    words.join(", ")
+    labels.join(", ")
 }
 
 /// What an idle candidate waits for; absent if it runs, is finished, or is held by a person.
@@ -147,12 +147,12 @@ pub fn pipeline_idle_reason(now: &Snapshot) -> Option<&'static str> {
 /// Whether a stage of a version is running. A new stage has no count yet.
 #[must_use]
 pub const fn works(candidate: &CandidateView) -> bool {
-    under_way(candidate).is_some() || (candidate.flags.running.is_some() && !candidate.flags.paused)
+    current_progress(candidate).is_some() || (candidate.flags.running.is_some() && !candidate.flags.paused)
 }
 
 /// How far a version's stage is; absent if it has left the pipeline, despite an older count.
 #[must_use]
-pub const fn under_way(candidate: &CandidateView) -> Option<&ProgressView> {
+pub const fn current_progress(candidate: &CandidateView) -> Option<&ProgressView> {
     let rests = matches!(candidate.state, State::Demoted) && candidate.flags.running.is_none();
     if candidate.state.is_terminal() || rests { None } else { candidate.progress.as_ref() }
 }
@@ -161,7 +161,8 @@ pub const fn under_way(candidate: &CandidateView) -> Option<&ProgressView> {
 /// shadow.
 #[must_use]
 pub fn re_evaluation(version: &CandidateView) -> Option<&ProgressView> {
-    under_way(version).filter(|progress| version.state == State::Active && progress.stage == Stage::Shadow)
+    current_progress(version)
+        .filter(|progress| version.state == State::Active && progress.stage == Stage::Shadow)
 }
 
 /// When an approved version takes over.

@@ -85,10 +85,11 @@ impl Keymap {
                 Err(what) => problems.push(at(&key.span(), what)),
             }
         }
-        for (word, keys) in &file.keys {
-            let Some(action) = Action::parse(word.get_ref()) else {
-                let what = format!("there is no action {:?}; `holdpoint keys` lists them", word.get_ref());
-                problems.push(at(&word.span(), what));
+        for (action_name, keys) in &file.keys {
+            let Some(action) = Action::parse(action_name.get_ref()) else {
+                let what =
+                    format!("there is no action {:?}; `holdpoint keys` lists them", action_name.get_ref());
+                problems.push(at(&action_name.span(), what));
                 continue;
             };
             for key in keys {
@@ -127,8 +128,8 @@ impl Keymap {
                 other.word()
             ));
         }
-        let taken = self.map_mut(action).insert(key, action);
-        match taken.filter(|other| *other != action) {
+        let previous = self.map_mut(action).insert(key, action);
+        match previous.filter(|other| *other != action) {
             None => Ok(()),
             Some(other) => Err(format!(
                 "the key {text:?} means {:?} already; take it away first: unbind = [{text:?}]",
@@ -268,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn terminals_report_shift_in_two_ways() {
+    fn both_reports_of_shift_are_read() {
         let keymap = Keymap::default();
         for (code, modifiers, action) in [
             (KeyCode::Char('G'), KeyModifiers::NONE, Action::Bottom),
@@ -293,7 +294,7 @@ mod tests {
             Keymap::with_file("keys.toml", "unbind = [\"T\"]\n[keys]\nquit = [\"T\", \"ctrl-q\"]\n").unwrap();
         assert_eq!(keymap.keys(Action::Quit), ["q", "ctrl-c", "T", "ctrl-q"]);
         assert!(keymap.keys(Action::NextTheme).is_empty());
-        for (text, line, word) in [
+        for (text, line, expected) in [
             ("[keys]\napprove = [\"enter\"]", 2, "never decide"),
             ("[keys]\napprove = [\"space\"]", 2, "never decide"),
             ("[keys]\nreject = [\"j\"]", 2, "never decide"),
@@ -312,7 +313,7 @@ mod tests {
             let problems = Keymap::with_file("keys.toml", text).unwrap_err();
             let first = problems.first().unwrap();
             assert_eq!(first.line, line, "{text}: {first}");
-            assert!(first.what.contains(word), "{text}: {first}");
+            assert!(first.what.contains(expected), "{text}: {first}");
         }
     }
 }

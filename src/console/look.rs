@@ -160,7 +160,7 @@ impl Look {
     /// A mark's sign and word, `✔ active`.
     #[must_use]
     pub fn mark_label(&self, mark: StateMark) -> String {
-        format!("{} {}", self.glyph(mark.glyph), mark.word)
+        format!("{} {}", self.glyph(mark.glyph), mark.label)
     }
 
     /// Whether ASCII alone is drawn.
@@ -185,7 +185,7 @@ impl LookOptions {
     /// Flags win over `NO_COLOR`, and `NO_COLOR` over the terminal's capabilities.
     fn depth(&self) -> ColorDepth {
         let term = self.term.as_deref().unwrap_or("");
-        let told = match self.colorterm.as_deref() {
+        let capability = match self.colorterm.as_deref() {
             Some("truecolor" | "24bit") => ColorDepth::True,
             _ if term.ends_with("-direct") => ColorDepth::True,
             _ if term.contains("256color") => ColorDepth::Indexed256,
@@ -194,9 +194,9 @@ impl LookOptions {
         };
         match self.color {
             ColorChoice::Never => ColorDepth::Mono,
-            ColorChoice::Always => told.max(ColorDepth::Ansi16),
+            ColorChoice::Always => capability.max(ColorDepth::Ansi16),
             ColorChoice::Auto if self.no_color => ColorDepth::Mono,
-            ColorChoice::Auto => told,
+            ColorChoice::Auto => capability,
         }
     }
 }
@@ -208,7 +208,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn depth_is_told_by_flags_then_no_color_then_the_terminal() {
+    fn depth_follows_flags_then_no_color_then_the_terminal() {
         use ColorChoice::{Always, Auto, Never};
         let table = [
             (Auto, false, "xterm", None, ColorDepth::Ansi16),
@@ -235,12 +235,12 @@ mod tests {
     }
 
     #[test]
-    fn the_background_chooses_a_theme_unless_one_is_asked_for() {
+    fn the_background_chooses_a_theme_unless_options_name_one() {
         let light = LookOptions { light_background: Some(true), ..LookOptions::default() };
         assert_eq!(Look::detect(&light).unwrap().theme().name(), "calm-light");
-        let asked = LookOptions { theme: Some("mono".to_owned()), ..light };
-        assert_eq!(Look::detect(&asked).unwrap().theme().name(), "mono");
-        let unknown = LookOptions { theme: Some("loud".to_owned()), ..asked };
+        let mono = LookOptions { theme: Some("mono".to_owned()), ..light };
+        assert_eq!(Look::detect(&mono).unwrap().theme().name(), "mono");
+        let unknown = LookOptions { theme: Some("loud".to_owned()), ..mono };
         let error = Look::detect(&unknown).unwrap_err().to_string();
         assert!(error.contains("\"loud\"; allowed are calm-dark, calm-light, mono"), "{error}");
     }

@@ -68,7 +68,7 @@ pub struct ConsoleSettings {
 pub struct OperatorSession {
     pub operator: Option<Operator>,
     /// The last name typed after `:as`, until an identity is in use.
-    pub wanted: Option<String>,
+    pub requested_name: Option<String>,
     /// All identities that this console could use.
     pub identities: Vec<Operator>,
 }
@@ -184,9 +184,9 @@ impl ConsoleModel {
     /// What to do about an unconfirmed stop; absent while none is overdue.
     #[must_use]
     pub fn stop_overdue(&self) -> Option<String> {
-        let asked = self.engine_data.pending_stop.as_ref()?;
-        let waited_ms = self.now_ms.saturating_sub(asked.since_ms);
-        if asked.why.is_none() && waited_ms < STOP_ANSWER_MS {
+        let stop = self.engine_data.pending_stop.as_ref()?;
+        let waited_ms = self.now_ms.saturating_sub(stop.since_ms);
+        if stop.why.is_none() && waited_ms < STOP_ANSWER_MS {
             return None;
         }
         let key = self.keymap.key(Action::Stop);
@@ -194,7 +194,7 @@ impl ConsoleModel {
         let shell = self.in_shell("stop");
         let do_it =
             format!("use the physical stop of the cell NOW; {key} asks again, {shell} does so in a shell");
-        Some(match &asked.why {
+        Some(match &stop.why {
             None => format!("STOP NOT ANSWERED for {secs} s: {do_it}"),
             Some(why) => format!("STOP NOT CONFIRMED for {secs} s: {do_it} ({why})"),
         })
@@ -215,9 +215,9 @@ impl ConsoleModel {
     /// engine reports none: in a script, or from an earlier version.
     #[must_use]
     pub fn wall_ms(&self) -> Option<i64> {
-        let told_ms = self.engine_data.snapshot.as_ref()?.wall_ms?;
+        let wall_ms = self.engine_data.snapshot.as_ref()?.wall_ms?;
         let passed = i64::try_from(self.now_ms.saturating_sub(self.engine_data.snapshot_ms)).ok()?;
-        Some(told_ms.saturating_add(passed))
+        Some(wall_ms.saturating_add(passed))
     }
 
     /// The current time for approvers' deadlines: the snapshot's time and the time since then.

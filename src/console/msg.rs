@@ -56,7 +56,7 @@ pub enum MsgKind {
     /// The current snapshot.
     Snapshot(Arc<Snapshot>),
     /// The newest camera frame of the cell.
-    Picture(Arc<VideoFrame>),
+    VideoFrame(Arc<VideoFrame>),
     EngineEnded(Result<(), EngineEndError>),
     /// The identities that this console could use.
     Identities(Vec<Operator>),
@@ -92,6 +92,6 @@ pub enum MsgKind {
     /// A theme is in use.
     Theme(String),
     /// A signal, or the terminal's loss, asks the program to end.
-    EndAsked,
+    EndRequested,
     Tick,
 }

@@ -116,13 +116,13 @@ mod tests {
 
     #[test]
     fn problems_name_file_line_and_key() {
-        for (text, line, word) in [
+        for (text, line, expected) in [
             ("ascii = true\ntheem = \"x\"", 2, "theem"),
             ("color = \"sometimes\"", 1, "sometimes"),
             ("\n\nmouse = 3", 3, "boolean"),
         ] {
             let error = SettingsFile::parse("config.toml", text).unwrap_err().to_string();
-            assert!(error.contains(&format!("config.toml:{line}")) && error.contains(word), "{error}");
+            assert!(error.contains(&format!("config.toml:{line}")) && error.contains(expected), "{error}");
         }
     }
 }

@@ -29,12 +29,12 @@ impl Palette {
         if typed.is_empty() {
             return self.actions.clone();
         }
-        let words: Vec<(String, Action)> = self
+        let items: Vec<(String, Action)> = self
             .actions
             .iter()
             .map(|action| (format!("{} {}", action.word(), action.help()), *action))
             .collect();
-        best(typed, words)
+        best(typed, items)
     }
 
     /// The action under the cursor.

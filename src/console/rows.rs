@@ -153,7 +153,7 @@ impl ConsoleModel {
         for alarm in snapshot.alarms.iter().filter(|alarm| groupable(alarm)) {
             grouped.entry((&alarm.subject, alarm.priority, alarm.state)).or_default().push(alarm);
         }
-        let mut told = std::collections::BTreeSet::new();
+        let mut listed_groups = std::collections::BTreeSet::new();
         for alarm in &snapshot.alarms {
             let id = (alarm.subject.as_str(), alarm.priority, alarm.state);
             match grouped.get(&id).filter(|members| groupable(alarm) && members.len() > 1) {
@@ -161,7 +161,7 @@ impl ConsoleModel {
                 Some(members) => {
                     // The first alarm set off the others.
                     let first = members.iter().min_by_key(|member| member.since_ms);
-                    if let Some(first) = first.filter(|_| told.insert(id)) {
+                    if let Some(first) = first.filter(|_| listed_groups.insert(id)) {
                         items.push(AlarmItem::Group { first, count: members.len() });
                     }
                 }
@@ -315,7 +315,7 @@ impl ConsoleModel {
             }
             (View::Health, _) => self.health_families().into_iter().nth(row).map(ItemKey::Family),
             (View::Alarms, HISTORY_PANE) => {
-                self.alarm_spells().get(row).map(|spell| ItemKey::Said(spell_name(spell)))
+                self.alarm_spells().get(row).map(|spell| ItemKey::Text(spell_name(spell)))
             }
             (View::Alarms, _) => {
                 self.alarm_rows().get(row).map(|row| ItemKey::Alarm(row.alarm().alarm.clone()))
@@ -344,7 +344,7 @@ impl ConsoleModel {
                 (RegistryItem::Family { .. } | RegistryItem::Version(_), _) => false,
             }),
             (View::Candidate, pane, key) => {
-                row_keys(&self.candidate_rows(pane)).iter().position(|said| said == key)
+                row_keys(&self.candidate_rows(pane)).iter().position(|item| item == key)
             }
             (View::Shadow, _, ItemKey::Disagreement(index)) => {
                 self.disagreement_rows().iter().position(|row| row.index == *index)
@@ -352,7 +352,7 @@ impl ConsoleModel {
             (View::Health, _, ItemKey::Family(of)) => {
                 self.health_families().iter().position(|family| family == of)
             }
-            (View::Alarms, HISTORY_PANE, ItemKey::Said(name)) => {
+            (View::Alarms, HISTORY_PANE, ItemKey::Text(name)) => {
                 self.alarm_spells().iter().position(|spell| spell_name(spell) == *name)
             }
             (View::Alarms, _, ItemKey::Alarm(name)) => {
@@ -489,7 +489,7 @@ fn row_keys(rows: &[CandidateItem<'_>]) -> Vec<ItemKey> {
         if let CandidateItem::Mode(name) = *item {
             mode = name;
         }
-        keys.push(ItemKey::Said(format!("{mode} {}", row_key_text(item))));
+        keys.push(ItemKey::Text(format!("{mode} {}", row_key_text(item))));
     }
     keys
 }

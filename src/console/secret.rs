@@ -67,7 +67,7 @@ pub struct Signing<W> {
     pub what: W,
     pub secret: SecretLine,
     /// The id of the request that contains it, until the engine has answered.
-    pub asked: Option<String>,
+    pub request_id: Option<String>,
     /// Why the last attempt did not sign.
     pub problem: Option<String>,
     /// Why the decision changed: it is not signed.
@@ -90,17 +90,17 @@ pub enum SigningKey {
 impl<W> Signing<W> {
     #[must_use]
     pub fn of(what: W) -> Self {
-        Self { what, secret: SecretLine::default(), asked: None, problem: None, is_stale: false }
+        Self { what, secret: SecretLine::default(), request_id: None, problem: None, is_stale: false }
     }
 
     /// Enter signs, Esc leads back, and nothing else is a key.
     pub fn key(&mut self, key: KeyEvent) -> SigningKey {
         let chord = key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
         match key.code {
-            KeyCode::Esc if self.asked.is_some() => return SigningKey::Away,
+            KeyCode::Esc if self.request_id.is_some() => return SigningKey::Away,
             KeyCode::Esc => return SigningKey::Back,
             // Already sent.
-            _ if self.asked.is_some() || self.is_stale => {}
+            _ if self.request_id.is_some() || self.is_stale => {}
             KeyCode::Enter if !self.secret.is_empty() => return SigningKey::Sign,
             KeyCode::Enter => self.problem = Some("type the passphrase first, or Esc".to_owned()),
             KeyCode::Backspace => self.secret.erase(),
@@ -113,7 +113,7 @@ impl<W> Signing<W> {
 
     /// The decision has changed: the typed text is wiped, further typing goes nowhere, and only Esc is a key.
     pub fn go_stale(&mut self, why: &str) {
-        if self.asked.is_none() {
+        if self.request_id.is_none() {
             drop(self.secret.take());
             self.is_stale = true;
             self.problem = Some(why.to_owned());
@@ -122,14 +122,14 @@ impl<W> Signing<W> {
 
     /// Types a paste, unless the request was already sent.
     pub fn paste(&mut self, text: &str) {
-        if self.asked.is_none() && !self.is_stale {
+        if self.request_id.is_none() && !self.is_stale {
             self.secret.paste(text);
         }
     }
 
     /// Takes the typed text for the request `id`.
     pub fn take_passphrase(&mut self, id: &str) -> Option<Passphrase> {
-        self.asked = Some(id.to_owned());
+        self.request_id = Some(id.to_owned());
         self.problem = None;
         Passphrase::new(self.secret.take()).ok()
     }
@@ -137,18 +137,18 @@ impl<W> Signing<W> {
     /// Whether the passphrase is being checked: no key is text meanwhile, and stopping must work.
     #[must_use]
     pub const fn is_checked(&self) -> bool {
-        self.asked.is_some()
+        self.request_id.is_some()
     }
 
     /// Whether it waits for the answer to this request.
     #[must_use]
     pub fn waits_for(&self, id: &str) -> bool {
-        self.asked.as_deref() == Some(id)
+        self.request_id.as_deref() == Some(id)
     }
 
     /// The passphrase opened no key: it can be typed again.
     pub fn failed(&mut self, text: String) {
-        self.asked = None;
+        self.request_id = None;
         self.problem = Some(text);
     }
 }

@@ -34,7 +34,7 @@ impl ColorDepth {
     pub const ALL: [Self; 4] = [Self::Mono, Self::Ansi16, Self::Indexed256, Self::True];
 
     #[must_use]
-    pub const fn word(self) -> &'static str {
+    pub const fn label(self) -> &'static str {
         match self {
             Self::Mono => "mono",
             Self::Ansi16 => "16 colors",

@@ -17,9 +17,9 @@ impl ConsoleModel {
     /// Families with a task in the series. Without tasks, those that have an active version: they are shown as empty.
     #[must_use]
     pub fn health_families(&self) -> Vec<Family> {
-        let worked = self.health().map(HealthSeries::families).unwrap_or_default();
-        if !worked.is_empty() {
-            return worked;
+        let with_tasks = self.health().map(HealthSeries::families).unwrap_or_default();
+        if !with_tasks.is_empty() {
+            return with_tasks;
         }
         let families = self.engine_data.snapshot.iter().flat_map(|snapshot| &snapshot.families);
         families.map(|family| family.family.clone()).collect()
@@ -55,12 +55,12 @@ impl ConsoleModel {
     #[must_use]
     pub fn health_version(&self) -> Option<CapabilityId> {
         let family = self.health_family()?;
-        let worked = self.health().and_then(|series| {
+        let version = self.health().and_then(|series| {
             let bucket = self.health_bucket()?;
             let last = series.at(&family, bucket).max_by_key(|point| point.at_ms[1]);
             last.map(|point| point.version.clone())
         });
-        worked.or_else(|| {
+        version.or_else(|| {
             let families = &self.engine_data.snapshot.as_ref()?.families;
             families.iter().find(|known| known.family == family)?.active.clone()
         })

@@ -43,7 +43,7 @@ pub fn update(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
     let by_itself = match &msg.what {
         // These change no list.
         MsgKind::Tick
-        | MsgKind::Picture(_)
+        | MsgKind::VideoFrame(_)
         | MsgKind::Resize(..)
         | MsgKind::Theme(_)
         | MsgKind::OperatorFiles { .. }
@@ -64,7 +64,7 @@ pub fn update(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
         | MsgKind::Done { .. }
         | MsgKind::NoIdentity { .. }
         | MsgKind::Unsigned { .. }
-        | MsgKind::EndAsked => Some(true),
+        | MsgKind::EndRequested => Some(true),
     };
     let mut effects = take_in(model, msg);
     effects.extend(engine_requests::request_approval_text(model));
@@ -92,7 +92,7 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
         MsgKind::EngineStarted => engine_updates::started(model),
         MsgKind::Events(events) => engine_updates::events(model, events),
         MsgKind::Past { events, earlier } => engine_updates::past(model, &events, earlier),
-        MsgKind::Attached(process, doubt) => engine_updates::seated(model, process, doubt),
+        MsgKind::Attached(process, unverified) => engine_updates::attached(model, process, unverified),
         MsgKind::ReconnectFailed(seeking) => {
             model.engine_data.reconnect = Some(seeking);
             Vec::new()
@@ -104,9 +104,9 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::Snapshot(snapshot) => engine_updates::snapshot(model, snapshot),
-        MsgKind::Picture(picture) => {
-            model.engine_data.framing.see(&picture);
-            model.engine_data.picture = Some(picture);
+        MsgKind::VideoFrame(frame) => {
+            model.engine_data.framing.see(&frame);
+            model.engine_data.frame = Some(frame);
             Vec::new()
         }
         MsgKind::EngineEnded(how) => engine_updates::ended(model, how),
@@ -115,7 +115,7 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::Operator(operator) => {
-            model.session.wanted = None;
+            model.session.requested_name = None;
             show_message(model, format!("now {} ({})", operator.name, operator.role), false);
             model.session.operator = Some(operator);
             Vec::new()
@@ -137,15 +137,15 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
             overlays::unsigned(model, &id, text);
             Vec::new()
         }
-        MsgKind::DecisionShown(seen) => {
+        MsgKind::DecisionShown(visible) => {
             match &mut model.input.overlay {
-                Some(Overlay::Approval(prompt)) => prompt.saw(&seen),
-                Some(Overlay::Form(form)) => form.saw(&seen),
+                Some(Overlay::Approval(prompt)) => prompt.mark_read(&visible),
+                Some(Overlay::Form(form)) => form.mark_read(&visible),
                 Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => {}
             }
             Vec::new()
         }
-        MsgKind::EndAsked => vec![Effect::End],
+        MsgKind::EndRequested => vec![Effect::End],
         MsgKind::OperatorFiles { keymap, themes } => {
             (model.keymap, model.themes) = (keymap, themes);
             show_message(model, "keys and themes are reloaded: their files changed", false);
@@ -394,9 +394,9 @@ fn back(model: &mut ConsoleModel) -> Vec<Effect> {
         None => {
             model.notice = None;
             // Once the engine answers again, a failed stop does not block its restart.
-            let told = &mut model.engine_data;
-            let heard_ms = told.snapshot_ms;
-            told.pending_stop.take_if(|asked| asked.why.is_some() && heard_ms > asked.since_ms);
+            let data = &mut model.engine_data;
+            let snapshot_ms = data.snapshot_ms;
+            data.pending_stop.take_if(|stop| stop.why.is_some() && snapshot_ms > stop.since_ms);
             Vec::new()
         }
     }

@@ -68,8 +68,8 @@ pub fn state_row(state: State, flags: &VersionFlags, room: usize, look: &Look) -
         return row;
     }
     let last = |mark: StateMark| {
-        let word = mark.word.rsplit(' ').next().unwrap_or(mark.word);
-        format!("{} {word}", look.glyph(mark.glyph))
+        let name = mark.label.rsplit(' ').next().unwrap_or(mark.label);
+        format!("{} {name}", look.glyph(mark.glyph))
     };
     Row::of(mark.role, &last(mark)).with(beside.role, &format!(" {}", last(beside)))
 }

@@ -40,11 +40,11 @@ impl EngineRecorder {
     /// # Errors
     /// If the store cannot be read.
     pub(crate) fn recall_alarms(&mut self) -> Result<(), StoreError> {
-        let mut kept = self.version_table().store().views()?.alarms()?;
-        kept.retain(|entry| entry.state != AlarmState::Normal);
-        kept.truncate(ALARMS_MAX);
+        let mut rows = self.version_table().store().views()?.alarms()?;
+        rows.retain(|entry| entry.state != AlarmState::Normal);
+        rows.truncate(ALARMS_MAX);
         let now_ms = self.now_ms();
-        for entry in kept {
+        for entry in rows {
             // An alarm of another build may be unreadable. It must not be lost: it is raised as a fault.
             let Ok(alarm) = serde_json::from_str::<Alarm>(&entry.json) else {
                 let text = format!("the alarm {} of an earlier start cannot be read", entry.alarm);
@@ -69,7 +69,7 @@ impl EngineRecorder {
     pub(crate) fn alarm_event(&mut self, event: &AlarmEvent) {
         match holdpoint_governance::alarms::apply(self.alarms(), event, self.now_ms(), self.wall_now()) {
             Ok(changes) => {
-                if let Err(error) = self.take_in(&changes, Vec::new()) {
+                if let Err(error) = self.apply_changes(&changes, Vec::new()) {
                     self.hold_silently(&error);
                 }
             }
@@ -117,7 +117,7 @@ impl EngineRecorder {
                 Ok(changes) => changes,
                 Err(error) => return refused(&error),
             };
-        match self.take_in(&changes, reason_of(event)) {
+        match self.apply_changes(&changes, reason_of(event)) {
             Ok(()) => Reply::Accepted { text: done.to_owned(), version: None },
             Err(error) => Reply::refused(Refusal::Store, &error),
         }
@@ -164,20 +164,20 @@ impl EngineRecorder {
             Some(problem) if !raised => {
                 let text = format!("a truncated audit chain would go undetected: {problem}");
                 self.raise(key, Priority::High, false, &text);
-                self.version_table().store().problems_are_told();
+                self.version_table().store().mark_problems_reported();
             }
             None if raised => self.alarm_event(&AlarmEvent::Clear { key }),
-            Some(_) => self.version_table().store().problems_are_told(),
+            Some(_) => self.version_table().store().mark_problems_reported(),
             None => {}
         }
     }
 
     pub(crate) fn is_restricted(&self, version: &CapabilityId) -> bool {
-        self.version_table().version(version).is_ok_and(|(_, standing, _)| standing.flags.restricted)
+        self.version_table().version(version).is_ok_and(|(_, state, _)| state.flags.restricted)
     }
 
     fn is_active(&self, version: &CapabilityId) -> bool {
-        self.version_table().version(version).is_ok_and(|(_, standing, _)| standing.state == State::Active)
+        self.version_table().version(version).is_ok_and(|(_, state, _)| state.state == State::Active)
     }
 
     /// Whether approvers still have to review a version's activation.
@@ -195,14 +195,14 @@ impl EngineRecorder {
     }
 
     /// Adds changes to the store, then to the book, then publishes them. A change that the store refuses has no effect.
-    fn take_in(&mut self, changes: &[AlarmChange], records: Vec<AuditBody>) -> Result<(), StoreError> {
+    fn apply_changes(&mut self, changes: &[AlarmChange], records: Vec<AuditBody>) -> Result<(), StoreError> {
         let mut stored = Vec::new();
-        let mut told = Vec::new();
+        let mut events = Vec::new();
         for change in changes {
             if let AlarmChange::Set { alarm, .. } = change {
                 let state = alarm.state();
                 let priority = alarm.priority;
-                told.push(EventKind::Alarm {
+                events.push(EventKind::Alarm {
                     alarm: alarm.key.to_string(),
                     subject: alarm.group.to_string(),
                     state,
@@ -224,7 +224,7 @@ impl EngineRecorder {
             changes.iter().any(|change| matches!(change, AlarmChange::Set { annunciated: true, .. }));
         if written.is_ok() || raised {
             self.alarms.book.absorb(changes);
-            for event in told {
+            for event in events {
                 self.tell(event);
             }
         }

@@ -54,8 +54,8 @@ pub struct EngineBootstrap<'a> {
     controls: Controls,
     marks: StopMarks,
     socket: ControlSocket,
-    shown: Snapshot,
-    read: Arc<AtomicU64>,
+    preview: Snapshot,
+    records_read: Arc<AtomicU64>,
     reading: Receiver<Result<Store, StoreError>>,
     store: Option<Result<Store, StoreError>>,
     ended: bool,
@@ -72,22 +72,22 @@ impl<'a> EngineBootstrap<'a> {
         mut watch: ReadProgressFn,
     ) -> Result<Self, StartError> {
         let rules = StartRules::of(&config.profile)?;
-        let taken = UnverifiedStore::take(config.data)?;
-        let shown = unverified_snapshot(&config, &rules, &taken)?;
+        let unverified = UnverifiedStore::take(config.data)?;
+        let preview = unverified_snapshot(&config, &rules, &unverified)?;
         let controls = Controls::default();
         let switch = Arc::clone(&controls.switch);
-        let marks = taken.layout().stop_marks();
-        let door = ControlSocket::open(taken.layout(), Arc::clone(&controls.cancel), switch, signals)?;
-        let read = Arc::new(AtomicU64::new(0));
-        let (tell, reading) = sync_channel(1);
-        let told = Arc::clone(&read);
+        let marks = unverified.layout().stop_marks();
+        let socket = ControlSocket::open(unverified.layout(), Arc::clone(&controls.cancel), switch, signals)?;
+        let records_read = Arc::new(AtomicU64::new(0));
+        let (sender, reading) = sync_channel(1);
+        let counter = Arc::clone(&records_read);
         let work = move || {
-            let store = taken.read(&mut |so_far| {
-                told.store(so_far, Ordering::Release);
+            let store = unverified.read(&mut |so_far| {
+                counter.store(so_far, Ordering::Release);
                 watch(so_far);
             });
             // The receiver is gone: the store is released.
-            drop(tell.send(store));
+            drop(sender.send(store));
         };
         std::thread::Builder::new()
             .name("record-reader".to_owned())
@@ -98,9 +98,9 @@ impl<'a> EngineBootstrap<'a> {
             rules,
             controls,
             marks,
-            socket: door,
-            shown,
-            read,
+            socket,
+            preview,
+            records_read,
             reading,
             store: None,
             ended: false,
@@ -150,34 +150,35 @@ impl<'a> EngineBootstrap<'a> {
         if self.store.is_some() {
             return true;
         }
-        let (shown, controls, marks) = (now(&self.shown, &self.read), &self.controls, &self.marks);
+        let (preview, controls, marks) =
+            (with_progress(&self.preview, &self.records_read), &self.controls, &self.marks);
         let mut ended = self.ended;
         self.socket.poll_early(|request, caller, waited| {
-            answer(request, caller, waited, (&shown, controls, marks), &mut ended)
+            answer(request, caller, waited, (&preview, controls, marks), &mut ended)
         });
-        self.ended = ended || self.socket.endings_asked() > 0;
+        self.ended = ended || self.socket.end_signals() > 0;
         self.ended
     }
 
     /// Answers a request of this process that has waited for `waited`; `None` if it keeps waiting.
     pub fn answer(&mut self, request: &Request, waited: Duration) -> Option<Reply> {
-        let shown = now(&self.shown, &self.read);
-        let with = (&shown, &self.controls, &self.marks);
+        let preview = with_progress(&self.preview, &self.records_read);
+        let with = (&preview, &self.controls, &self.marks);
         answer(request, &crate::caller::own(), waited, with, &mut self.ended)
     }
 
     /// The state from the rows, including a stop made meanwhile.
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
-        let mut shown = now(&self.shown, &self.read);
-        show_stop(&mut shown, &self.controls);
-        shown
+        let mut preview = with_progress(&self.preview, &self.records_read);
+        show_stop(&mut preview, &self.controls);
+        preview
     }
 
     /// Whether there are rows to show.
     #[must_use]
     pub fn has_records(&self) -> bool {
-        has_records(&self.shown)
+        has_records(&self.preview)
     }
 
     /// Whether a request ended the bootstrap before the record was read.
@@ -191,15 +192,15 @@ impl<'a> EngineBootstrap<'a> {
     /// # Errors
     /// [`StartError`]; the store is then unchanged, except for completed recovery.
     pub fn enter(self) -> Result<(Engine, ControlSocket), StartError> {
-        let Self { config, rules, controls, socket: door, reading, store, .. } = self;
+        let Self { config, rules, controls, socket, reading, store, .. } = self;
         let store = store.or_else(|| reading.recv().ok()).unwrap_or(Err(StoreError::Unknown));
         let engine =
             store.map_err(StartError::from).and_then(|store| Engine::on(config, rules, store, controls));
         match engine {
-            Ok(engine) => Ok((engine, door)),
+            Ok(engine) => Ok((engine, socket)),
             Err(error) => {
                 // The socket closes with this, so attached consoles need the reason.
-                door.consoles().note_failure(error.sentence());
+                socket.consoles().note_failure(error.sentence());
                 Err(error)
             }
         }
@@ -207,25 +208,25 @@ impl<'a> EngineBootstrap<'a> {
 }
 
 /// The rows with the current progress of reading.
-fn now(shown: &Snapshot, read: &AtomicU64) -> Snapshot {
-    let mut shown = shown.clone();
-    if let Some(reading) = &mut shown.reading {
-        reading.read = read.load(Ordering::Acquire);
+fn with_progress(preview: &Snapshot, records_read: &AtomicU64) -> Snapshot {
+    let mut preview = preview.clone();
+    if let Some(reading) = &mut preview.reading {
+        reading.read = records_read.load(Ordering::Acquire);
     }
-    shown
+    preview
 }
 
-fn has_records(shown: &Snapshot) -> bool {
-    shown.reading.is_some_and(|reading| reading.of > 0)
+fn has_records(preview: &Snapshot) -> bool {
+    preview.reading.is_some_and(|reading| reading.of > 0)
 }
 
-fn show_stop(shown: &mut Snapshot, controls: &Controls) {
-    if shown.stopped.is_none()
-        && let Some(StopRequest { by, reason, caller, .. }) = controls.switch.first_asked()
+fn show_stop(preview: &mut Snapshot, controls: &Controls) {
+    if preview.stopped.is_none()
+        && let Some(StopRequest { by, reason, caller, .. }) = controls.switch.first_stop()
     {
-        let since_ms = shown.at_ms;
+        let since_ms = preview.at_ms;
         let stopped = StoppedView::first(by, caller, reason, since_ms);
-        shown.stopped = Some(StoppedView { stood_after_ticks: Some(0), ..stopped });
+        preview.stopped = Some(StoppedView { stood_after_ticks: Some(0), ..stopped });
     }
 }
 
@@ -233,21 +234,21 @@ fn answer(
     request: &Request,
     caller: &Caller,
     waited: Duration,
-    (shown, controls, marks): (&Snapshot, &Controls, &StopMarks),
+    (preview, controls, marks): (&Snapshot, &Controls, &StopMarks),
     ended: &mut bool,
 ) -> Option<Reply> {
-    let reading = shown.reading.map_or_else(String::new, |reading| reading.to_string());
+    let reading = preview.reading.map_or_else(String::new, |reading| reading.to_string());
     // A new store is ready in a moment and has nothing to show.
-    let is_new = !has_records(shown);
+    let is_new = !has_records(preview);
     match &request.command {
         Command::Stop { by, reason } => {
             let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
-            let asked = StopRequest { id, by, reason, caller: caller.clone() };
-            controls.switch.halt(asked.clone());
+            let stop = StopRequest { id, by, reason, caller: caller.clone() };
+            controls.switch.halt(stop.clone());
             let next = format!(
                 "it stays stopped; the engine records the stop as soon as it has read the record ({reading})"
             );
-            Some(halt::stopped_meanwhile(&asked, marks, &next))
+            Some(halt::stopped_meanwhile(&stop, marks, &next))
         }
         Command::Shutdown => {
             *ended = true;
@@ -256,9 +257,9 @@ fn answer(
         }
         Command::Snapshot if is_new || waited < LOOK_PATIENCE => None,
         Command::Snapshot => {
-            let mut shown = shown.clone();
-            show_stop(&mut shown, controls);
-            Some(Reply::Snapshot { snapshot: Box::new(shown) })
+            let mut preview = preview.clone();
+            show_stop(&mut preview, controls);
+            Some(Reply::Snapshot { snapshot: Box::new(preview) })
         }
         _ if is_new || waited < CHANGE_PATIENCE => None,
         _ => Some(Reply::Refused {
@@ -273,12 +274,12 @@ fn answer(
 fn unverified_snapshot(
     config: &Config<'_>,
     rules: &StartRules,
-    taken: &UnverifiedStore,
+    unverified: &UnverifiedStore,
 ) -> Result<Snapshot, StartError> {
     let (profile, table) = (rules.profile.clone(), rules.table.clone());
     let context = Context::new(profile, table, rules.own.clone(), config.cell.clone())
         .map_err(|error| StartError::Fault(error.into()))?;
-    let rows = taken.views()?.map(|views| PreviewRows::of(&views)).unwrap_or_default();
+    let rows = unverified.views()?.map(|views| PreviewRows::of(&views)).unwrap_or_default();
     let PreviewRows { at_ms, records, agent, families, alarms, stopped } = rows;
     Ok(Snapshot {
         at_ms,

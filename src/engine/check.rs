@@ -87,7 +87,7 @@ pub struct StaticFindings {
     /// Whether the requested permissions are allowed.
     pub policy: Assessment<PolicyOutcome>,
     /// The permissions it requests beyond those of the active version.
-    pub asks_more: Vec<String>,
+    pub new_permissions: Vec<String>,
 }
 
 impl StaticFindings {
@@ -137,8 +137,8 @@ pub fn judge(
         table,
         profile,
     );
-    let asks_more = policy.asks_more();
-    StaticFindings { interface, policy: policy.assessment, asks_more }
+    let new_permissions = policy.added_permissions();
+    StaticFindings { interface, policy: policy.assessment, new_permissions }
 }
 
 /// The inputs of a check, beside the profile.
@@ -173,7 +173,7 @@ pub(crate) fn assess(
     let recovery = declared_recovery(candidate, active.is_some(), fallback_resolves);
     let declared = candidate.submission.interface_changes.clone();
     StaticAssessment {
-        asks_more: found.asks_more,
+        new_permissions: found.new_permissions,
         changes: VersionDiff { fields: version_differences(active, candidate), declared },
         risk: version_origin::risk(candidate, active, author_known),
         kappas: Kappas {

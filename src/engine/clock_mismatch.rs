@@ -45,13 +45,13 @@ struct ClockReadingRecord {
 /// If the store cannot be read.
 pub(crate) fn recall(record: &mut EngineRecorder) -> Result<(), StoreError> {
     let views = record.version_table().store().views()?;
-    let (doubt, kept) = (recorded_mismatch(&views)?, newest_reading(&views)?);
+    let (mismatch, reading) = (recorded_mismatch(&views)?, newest_reading(&views)?);
     drop(views);
-    if let Some(kept) = kept {
-        record.wall_mut().compare_with_stored(&kept);
+    if let Some(reading) = reading {
+        record.wall_mut().compare_with_stored(&reading);
     }
-    if let Some(doubt) = doubt {
-        record.wall_mut().keep_doubt(doubt);
+    if let Some(mismatch) = mismatch {
+        record.wall_mut().keep_doubt(mismatch);
     }
     Ok(())
 }
@@ -80,8 +80,8 @@ pub fn recorded_mismatch(views: &Views) -> Result<Option<ClockMismatch>, StoreEr
         views.audit(&filter).map(|found| found.into_iter().next())
     };
     let confirmed_seq = newest(RecordKind::ClockConfirmed)?.map_or(0, |record| record.seq);
-    let doubted = newest(RecordKind::ClockDoubted)?.filter(|record| record.seq > confirmed_seq);
-    Ok(doubted.map(|record| read(&record.body)))
+    let newest_record = newest(RecordKind::ClockDoubted)?.filter(|record| record.seq > confirmed_seq);
+    Ok(newest_record.map(|record| read(&record.body)))
 }
 
 /// The mismatch in a record's body. An unreadable body counts as a mismatch.
@@ -110,10 +110,10 @@ pub(crate) fn check(record: &mut EngineRecorder) -> Result<(), StoreError> {
 
 /// The view of a mismatch, if there is one.
 pub(crate) fn view(record: &EngineRecorder) -> Option<ClockMismatchView> {
-    let doubt = record.version_table().wall().clock_mismatch()?;
+    let mismatch = record.version_table().wall().clock_mismatch()?;
     Some(ClockMismatchView {
-        doubt,
-        text: doubt.to_string(),
+        doubt: mismatch,
+        text: mismatch.to_string(),
         said: record.version_table().wall().machine_time()?,
     })
 }
@@ -129,7 +129,7 @@ pub(crate) fn confirm(
     caller: &Caller,
 ) -> Result<Reply, StoreError> {
     let refuse = |code, text: String| Ok(Reply::Refused { code, text, hint: None });
-    let (Some(doubt), Some(said)) =
+    let (Some(mismatch), Some(machine_time)) =
         (record.version_table().wall().clock_mismatch(), record.version_table().wall().machine_time())
     else {
         return refuse(
@@ -143,11 +143,12 @@ pub(crate) fn confirm(
             format!("a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each");
         return refuse(Refusal::BadInput, text);
     }
-    if said.ms_until(time).max(time.ms_until(said)) > CONFIRMED_WITHIN_MS {
-        let text = format!("the machine's clock says {said}, and {time} is confirmed: read the time again");
+    if machine_time.ms_until(time).max(time.ms_until(machine_time)) > CONFIRMED_WITHIN_MS {
+        let text =
+            format!("the machine's clock says {machine_time}, and {time} is confirmed: read the time again");
         return refuse(Refusal::Stale, text);
     }
-    if let Some(version) = own_that_waits(record, &by)? {
+    if let Some(version) = undecided_version_of(record, &by)? {
         let text = format!(
             "{by} registered or wrote {version}, which is not decided: its deadlines run by this clock, so another \
              person must confirm the time"
@@ -157,20 +158,20 @@ pub(crate) fn confirm(
     record.wall_mut().believe();
     let clock = record.version_table().wall().reading();
     let body = serde_json::json!({
-        "by": by, "caller": caller, "clock": clock, "reason": reason, "time": said, "doubt": doubt
+        "by": by, "caller": caller, "clock": clock, "reason": reason, "time": machine_time, "doubt": mismatch
     });
     if let Err(error) = record.note(RecordKind::ClockConfirmed, String::new(), body.to_string()) {
-        record.wall_mut().keep_doubt(doubt);
+        record.wall_mut().keep_doubt(mismatch);
         return Err(error);
     }
     record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::ClockDoubted });
-    Ok(Reply::Accepted { text: format!("{by} confirmed the time, {said}"), version: None })
+    Ok(Reply::Accepted { text: format!("{by} confirmed the time, {machine_time}"), version: None })
 }
 
 /// An undecided or unreviewed version of this person's.
-fn own_that_waits(record: &EngineRecorder, by: &str) -> Result<Option<CapabilityId>, StoreError> {
+fn undecided_version_of(record: &EngineRecorder, by: &str) -> Result<Option<CapabilityId>, StoreError> {
     let persons = record.version_table().store().persons()?;
-    let waits = |family: &FamilyState, number: usize, version: &Version| {
+    let is_open = |family: &FamilyState, number: usize, version: &Version| {
         let is_candidate =
             !version.state.is_terminal() && !matches!(version.state, State::Active | State::Superseded);
         let is_reviewed = family.review.is_some_and(|review| usize::from(review.version.0) == number);
@@ -185,7 +186,7 @@ fn own_that_waits(record: &EngineRecorder, by: &str) -> Result<Option<Capability
             .map(move |(number, of)| (entry, number, of))
     });
     let found = all.find(|(entry, number, (member, version))| {
-        waits(&entry.state, *number, version) && version_origin::is_of(&persons, member, by)
+        is_open(&entry.state, *number, version) && version_origin::is_of(&persons, member, by)
     });
     Ok(found.map(|(_, _, (member, _))| member.capability.id()))
 }

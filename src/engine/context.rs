@@ -141,7 +141,7 @@ impl Context {
 
     /// Whether some activations require approval, so that identities must be certain.
     #[must_use]
-    pub fn asks_people(&self) -> bool {
+    pub fn may_need_approval(&self) -> bool {
         self.profile.approval.quorum_high > 0
     }
 

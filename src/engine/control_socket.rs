@@ -198,7 +198,7 @@ pub struct ControlSocket {
     /// Serves a second socket.
     server: server::ControlSocketServer,
     /// The socket for consoles of other accounts: its folder, its name, and its thread.
-    seats_socket: Option<(socket_file::ConsoleSocketFolder, PathBuf, JoinHandle<()>)>,
+    console_socket: Option<(socket_file::ConsoleSocketFolder, PathBuf, JoinHandle<()>)>,
     /// How often another program took the socket's name, and how many of these the engine knows of.
     names_taken: (Arc<AtomicU64>, u64),
     /// Detects a stop requested by a mark in the store's folder. Ends before the socket's name is free.
@@ -233,7 +233,7 @@ impl ControlSocket {
         let (events, _) = broadcast::channel(EVENTS_KEPT);
         let endings = Arc::new(AtomicUsize::new(0));
         let stop = CancellationToken::new();
-        let (seats, shown) =
+        let (consoles, shown) =
             (Arc::<ConsoleRegistry>::default(), Arc::<attached_console::LiveDocuments>::default());
         let past = Arc::<Mutex<attached_console::EventBacklog>>::default();
         let scenes = SceneServerSlot::default();
@@ -249,7 +249,7 @@ impl ControlSocket {
             switch,
             stop: stop.clone(),
             classes: ConnectionLimits::default(),
-            consoles: Arc::clone(&seats),
+            consoles: Arc::clone(&consoles),
             shown: Arc::clone(&shown),
             past: Arc::clone(&past),
             scenes: Arc::clone(&scenes),
@@ -273,12 +273,12 @@ impl ControlSocket {
             stop,
             thread: Some(thread),
             socket,
-            consoles: seats,
+            consoles,
             shown,
             past,
             scenes,
             server,
-            seats_socket: None,
+            console_socket: None,
             names_taken: (names_taken, 0),
             marks: Some(marks),
         })
@@ -297,7 +297,7 @@ impl ControlSocket {
         let thread = server
             .start(listener, SignalHandling::Default)
             .map_err(ControlSocketError::io("serve", &path))?;
-        self.seats_socket = Some((taken, path, thread));
+        self.console_socket = Some((taken, path, thread));
         Ok(())
     }
 
@@ -380,11 +380,11 @@ impl ControlSocket {
     /// Takes cheap requests and others in turn: a client that reads evidence without pause delays no other command's start,
     /// and a client that polls without pause delays no command's end.
     fn next_other(&mut self) -> Option<SocketMessage> {
-        let look = |door: &Self| door.looking.try_recv().ok();
-        let other = |door: &mut Self| {
-            let next = door.waiting.take().or_else(|| door.incoming.try_recv().ok());
+        let look = |socket: &Self| socket.looking.try_recv().ok();
+        let other = |socket: &mut Self| {
+            let next = socket.waiting.take().or_else(|| socket.incoming.try_recv().ok());
             if let Some(SocketMessage::Wake) = next {
-                door.woken.store(false, Ordering::Release);
+                socket.woken.store(false, Ordering::Release);
             }
             next
         };
@@ -458,14 +458,14 @@ impl ControlSocket {
 
     /// How often another program has taken the socket's name, if it did so since the last call.
     pub(crate) fn name_taken_anew(&mut self) -> Option<u64> {
-        let (count, told) = &mut self.names_taken;
+        let (count, known) = &mut self.names_taken;
         let now = count.load(Ordering::Acquire);
-        (std::mem::replace(told, now) != now).then_some(now)
+        (std::mem::replace(known, now) != now).then_some(now)
     }
 
     /// How many signals asked the process to end.
     #[must_use]
-    pub fn endings_asked(&self) -> usize {
+    pub fn end_signals(&self) -> usize {
         self.endings.load(Ordering::Acquire)
     }
 
@@ -476,16 +476,16 @@ impl ControlSocket {
 }
 
 /// Records the caller of a shutdown as the one who ends the engine.
-fn note_ending(seats: &ConsoleRegistry, request: &Request, caller: &Caller) {
+fn note_ending(consoles: &ConsoleRegistry, request: &Request, caller: &Caller) {
     if !matches!(request.command, Command::Shutdown) {
         return;
     }
-    seats.note_ending(|| {
+    consoles.note_ending(|| {
         let process = match caller {
             Caller::Process { process, .. } => *process,
             Caller::Script => None,
         };
-        process.and_then(|process| seats.named(process)).unwrap_or_else(|| caller.to_string())
+        process.and_then(|process| consoles.named(process)).unwrap_or_else(|| caller.to_string())
     });
 }
 
@@ -503,7 +503,7 @@ impl Drop for ControlSocket {
         }
         // The locks of the store and of the console folder are still held, so the names are this engine's own.
         drop(std::fs::remove_file(&self.socket));
-        if let Some((_folder, path, thread)) = self.seats_socket.take() {
+        if let Some((_folder, path, thread)) = self.console_socket.take() {
             drop(thread.join());
             drop(std::fs::remove_file(path));
         }

@@ -124,7 +124,7 @@ pub struct EngineHandle {
     /// The newest snapshot; absent until the engine is up.
     pub snapshots: watch::Receiver<Option<Arc<Snapshot>>>,
     /// The newest frame of the live cell; absent until it has moved.
-    pub pictures: watch::Receiver<Option<Arc<VideoFrame>>>,
+    pub frames: watch::Receiver<Option<Arc<VideoFrame>>>,
     layout: Layout,
     transport: Transport,
 }
@@ -151,7 +151,7 @@ fn take_place(outstanding: &AtomicUsize) -> bool {
 }
 
 impl InProcessEngine {
-    fn ask(&self, request: Request) -> Result<(), RequestRejected> {
+    fn submit(&self, request: Request) -> Result<(), RequestRejected> {
         let ended = self.shared.ended();
         if *ended || self.thread.is_none() {
             return Err(RequestRejected::Ended(Box::new(request)));
@@ -184,7 +184,7 @@ impl InProcessEngine {
     ) -> Result<(), StopError> {
         let until = Instant::now() + patience;
         // A full queue is closed below, which ends the engine as well.
-        let _ = self.ask(Request::unsigned("host-stop".to_owned(), Command::Shutdown));
+        let _ = self.submit(Request::unsigned("host-stop".to_owned(), Command::Shutdown));
         let Some(thread) = self.thread.take() else { return Ok(()) };
         drop(self);
         while !thread.is_finished() {
@@ -213,20 +213,21 @@ impl EngineHandle {
     /// As [`Self::start`]; `watch` observes the reading of the record.
     #[must_use]
     pub fn start_watched(config: LaunchConfig, watch: ReadProgressFn) -> Self {
-        let (requests, asked) = sync_channel(OUTSTANDING_MAX);
-        let (told, updates) = mpsc::channel(UPDATES_MAX);
-        let (snapshot, snapshots) = watch::channel(None);
-        let (picture, pictures) = watch::channel(None);
+        let (requests, incoming) = sync_channel(OUTSTANDING_MAX);
+        let (update_sender, updates) = mpsc::channel(UPDATES_MAX);
+        let (snapshot_sender, snapshots) = watch::channel(None);
+        let (frame_sender, frames) = watch::channel(None);
         let outstanding = Arc::new(AtomicUsize::new(0));
         let shared = Arc::new(EngineShared::default());
         let layout = Layout::new(config.data.clone());
-        let publisher = Publisher::new(told, snapshot, Arc::clone(&outstanding));
+        let publisher = Publisher::new(update_sender, snapshot_sender, Arc::clone(&outstanding));
         let own = Arc::clone(&shared);
-        let views = LiveViews { snapshots: snapshots.clone(), pictures: pictures.clone() };
-        let work = move || run((config, watch), &asked, publisher, (picture, views), &own);
+        let views = LiveViews { snapshots: snapshots.clone(), frames: frames.clone() };
+        let work = move || run((config, watch), &incoming, publisher, (frame_sender, views), &own);
         let thread = std::thread::Builder::new().name("engine".to_owned()).spawn(work).ok();
-        let way = Transport::Thread(InProcessEngine { requests, outstanding, shared, thread, console: None });
-        Self { updates, snapshots, pictures, layout, transport: way }
+        let transport =
+            Transport::Thread(InProcessEngine { requests, outstanding, shared, thread, console: None });
+        Self { updates, snapshots, frames, layout, transport }
     }
 
     /// Attaches to the engine of a store in another process. Leaving it does not end that engine.
@@ -238,12 +239,16 @@ impl EngineHandle {
         client: Client,
         sitting: ConsolePresence,
     ) -> Result<Self, ControlSocketError> {
-        let (told, updates) = mpsc::channel(UPDATES_MAX);
-        let (snapshot, snapshots) = watch::channel(None);
-        let (picture, pictures) = watch::channel(None);
-        let way =
-            Transport::Socket(SocketTransport::start(&layout, client, sitting, (told, snapshot, picture))?);
-        Ok(Self { updates, snapshots, pictures, layout, transport: way })
+        let (update_sender, updates) = mpsc::channel(UPDATES_MAX);
+        let (snapshot_sender, snapshots) = watch::channel(None);
+        let (frame_sender, frames) = watch::channel(None);
+        let transport = Transport::Socket(SocketTransport::start(
+            &layout,
+            client,
+            sitting,
+            (update_sender, snapshot_sender, frame_sender),
+        )?);
+        Ok(Self { updates, snapshots, frames, layout, transport })
     }
 
     /// Attaches to the engine of a store in another process; `None` if none runs.
@@ -288,10 +293,10 @@ impl EngineHandle {
     /// An engine that another process is starting: requests wait for it.
     #[must_use]
     pub fn starting(layout: Layout) -> Self {
-        let (told, updates) = mpsc::channel(UPDATES_MAX);
-        let (snapshots, pictures) = (watch::channel(None).1, watch::channel(None).1);
-        let way = Transport::Starting(StartingEngine::new(told));
-        Self { updates, snapshots, pictures, layout, transport: way }
+        let (update_sender, updates) = mpsc::channel(UPDATES_MAX);
+        let (snapshots, frames) = (watch::channel(None).1, watch::channel(None).1);
+        let transport = Transport::Starting(StartingEngine::new(update_sender));
+        Self { updates, snapshots, frames, layout, transport }
     }
 
     /// Takes the requests made during the start. No more wait from now on.
@@ -325,11 +330,11 @@ impl EngineHandle {
     ///
     /// # Errors
     /// [`RequestRejected`]; the request was not handed over.
-    pub fn ask(&self, request: Request) -> Result<(), RequestRejected> {
+    pub fn submit(&self, request: Request) -> Result<(), RequestRejected> {
         match &self.transport {
-            Transport::Thread(own) => own.ask(request),
-            Transport::Socket(attached) => attached.ask(request),
-            Transport::Starting(coming) => coming.ask(request),
+            Transport::Thread(own) => own.submit(request),
+            Transport::Socket(attached) => attached.submit(request),
+            Transport::Starting(coming) => coming.submit(request),
         }
     }
 
@@ -337,11 +342,11 @@ impl EngineHandle {
     pub fn set_presence(&mut self, sitting: ConsolePresence) -> Option<u64> {
         match &mut self.transport {
             Transport::Thread(own) => {
-                let seats = own.shared.consoles.get()?;
-                if let Some(seat) = &own.console {
-                    seat.set_presence(sitting);
+                let consoles = own.shared.consoles.get()?;
+                if let Some(console) = &own.console {
+                    console.set_presence(sitting);
                 } else {
-                    own.console = Some(seats.attach(Some(std::process::id()), sitting));
+                    own.console = Some(consoles.attach(Some(std::process::id()), sitting));
                 }
                 own.console.as_ref().map(ConsoleRegistration::number)
             }
@@ -393,8 +398,8 @@ impl EngineHandle {
     /// # Errors
     /// [`StopError`] if it takes longer than `patience`, or ended with an error.
     pub fn stop(self, patience: Duration) -> Result<(), StopError> {
-        let Self { mut updates, transport: way, .. } = self;
-        match way {
+        let Self { mut updates, transport, .. } = self;
+        match transport {
             Transport::Thread(own) => own.stop(&mut updates, patience),
             Transport::Socket(_) | Transport::Starting(_) => Ok(()),
         }
@@ -402,15 +407,15 @@ impl EngineHandle {
 }
 
 fn run(
-    begun_with: (LaunchConfig, ReadProgressFn),
-    asked: &Receiver<Request>,
+    launch: (LaunchConfig, ReadProgressFn),
+    incoming: &Receiver<Request>,
     mut publisher: Publisher,
-    (picture, views): (watch::Sender<Option<Arc<VideoFrame>>>, LiveViews),
+    (frame_sender, views): (watch::Sender<Option<Arc<VideoFrame>>>, LiveViews),
     shared: &EngineShared,
 ) -> Result<(), EngineEndError> {
     let _ = rustix::process::nice(NICE);
-    let mut early = EarlyFrontEnd { asked, waiting: Vec::new(), publisher: &mut publisher, shared };
-    let started = catch_unwind(AssertUnwindSafe(|| start(begun_with, &mut early, (picture, views))));
+    let mut early = EarlyFrontEnd { incoming, waiting: Vec::new(), publisher: &mut publisher, shared };
+    let started = catch_unwind(AssertUnwindSafe(|| start(launch, &mut early, (frame_sender, views))));
     let waiting = early.waiting;
     let started = started.unwrap_or_else(|panic| {
         Err(EngineEndError::of(format!("the start failed: {}", panic_message(&*panic))))
@@ -423,7 +428,7 @@ fn run(
             }
             publisher.send_update(EngineUpdate::Started);
             let first = waiting.into_iter().map(|(request, _)| request).collect();
-            EngineLoop::new(pump, asked, first).run(&mut publisher);
+            EngineLoop::new(pump, incoming, first).run(&mut publisher);
             Ok(())
         }
         Ok(None) => Ok(()),
@@ -439,7 +444,7 @@ fn run(
     {
         let mut over = shared.ended();
         *over = true;
-        untaken.extend(asked.try_iter());
+        untaken.extend(incoming.try_iter());
     }
     for request in untaken {
         publisher.send_update(EngineUpdate::Returned(Box::new(request)));
@@ -449,7 +454,7 @@ fn run(
 }
 
 struct EarlyFrontEnd<'a> {
-    asked: &'a Receiver<Request>,
+    incoming: &'a Receiver<Request>,
     waiting: Vec<(Request, Instant)>,
     publisher: &'a mut Publisher,
     shared: &'a EngineShared,
@@ -457,16 +462,16 @@ struct EarlyFrontEnd<'a> {
 
 impl EarlyFrontEnd<'_> {
     /// Answers waiting requests if possible. Returns whether the front end is gone.
-    fn requests(&mut self, anteroom: &mut EngineBootstrap<'_>) -> bool {
+    fn requests(&mut self, bootstrap: &mut EngineBootstrap<'_>) -> bool {
         loop {
-            match self.asked.try_recv() {
+            match self.incoming.try_recv() {
                 Ok(request) => self.waiting.push((request, Instant::now())),
                 Err(TryRecvError::Empty) => break,
                 Err(TryRecvError::Disconnected) => return true,
             }
         }
         for (request, since) in std::mem::take(&mut self.waiting) {
-            match anteroom.answer(&request, since.elapsed()) {
+            match bootstrap.answer(&request, since.elapsed()) {
                 Some(reply) => self.publisher.answer(request.id, reply),
                 None => self.waiting.push((request, since)),
             }
@@ -479,7 +484,7 @@ impl EarlyFrontEnd<'_> {
 fn start(
     (config, watch): (LaunchConfig, ReadProgressFn),
     early: &mut EarlyFrontEnd<'_>,
-    (picture, views): (watch::Sender<Option<Arc<VideoFrame>>>, LiveViews),
+    (frame_sender, views): (watch::Sender<Option<Arc<VideoFrame>>>, LiveViews),
 ) -> Result<Option<Pump>, EngineEndError> {
     let jobs = config.workers();
     let begun = Instant::now();
@@ -492,41 +497,41 @@ fn start(
         cell: Cell::of(config.robot.as_deref()).map_err(|error| EngineEndError::of(error.to_string()))?,
         cache: EpisodeCache::InStore,
     };
-    let mut anteroom =
+    let mut bootstrap =
         EngineBootstrap::open(engine_config, SignalHandling::Handled, watch).map_err(EngineEndError::from)?;
     if let Some(folder) = &config.console_folder {
-        anteroom.serve_console_group(folder).map_err(EngineEndError::from)?;
+        bootstrap.serve_console_group(folder).map_err(EngineEndError::from)?;
     }
-    drop(early.shared.switch.set(anteroom.switch()));
-    anteroom.show(views);
-    let (seats, scenes) = (anteroom.consoles(), anteroom.scenes());
+    drop(early.shared.switch.set(bootstrap.switch()));
+    bootstrap.show(views);
+    let (consoles, scenes) = (bootstrap.consoles(), bootstrap.scenes());
     if let Some(alone_max) = config.alone_max {
-        seats.end_alone_after(alone_max);
+        consoles.end_alone_after(alone_max);
     }
-    early.publisher.set_consoles(Arc::clone(&seats));
-    drop(early.shared.consoles.set(anteroom.consoles()));
-    while !anteroom.turn() {
-        if early.requests(&mut anteroom) || anteroom.has_ended() || seats.unattended_for().is_some() {
+    early.publisher.set_consoles(Arc::clone(&consoles));
+    drop(early.shared.consoles.set(bootstrap.consoles()));
+    while !bootstrap.turn() {
+        if early.requests(&mut bootstrap) || bootstrap.has_ended() || consoles.unattended_for().is_some() {
             return Ok(None);
         }
-        if anteroom.has_records() && begun.elapsed() >= LOOK_PATIENCE {
-            early.publisher.show(|| anteroom.snapshot());
+        if bootstrap.has_records() && begun.elapsed() >= LOOK_PATIENCE {
+            early.publisher.show(|| bootstrap.snapshot());
         }
     }
-    if anteroom.has_ended() {
+    if bootstrap.has_ended() {
         return Ok(None);
     }
-    let (engine, door) = anteroom.enter().map_err(EngineEndError::from)?;
-    let mut pump = Pump::with_door(engine, door, config.sinks);
+    let (engine, socket) = bootstrap.enter().map_err(EngineEndError::from)?;
+    let mut pump = Pump::with_socket(engine, socket, config.sinks);
     drop(pump.serve().map(|serve| scenes.set(serve)));
-    let others = pump.pictures();
-    let pictures = move |taken: VideoFrame| {
+    let others = pump.frame_sink();
+    let sink = move |frame: VideoFrame| {
         if let Some(take) = &others {
-            take(taken.clone());
+            take(frame.clone());
         }
-        picture.send_replace(Some(Arc::new(taken)));
+        frame_sender.send_replace(Some(Arc::new(frame)));
     };
-    pump.pace_live_world(config.pace, Arc::new(pictures));
+    pump.pace_live_world(config.pace, Arc::new(sink));
     Ok(Some(pump))
 }
 
@@ -559,14 +564,14 @@ mod tests {
 
     /// A stop for an engine that never came up was answered with "busy", or not at all.
     #[test]
-    fn what_nobody_takes_comes_back() {
+    fn untaken_requests_come_back() {
         let folder = tempfile::tempdir().unwrap();
         let _held = Store::open(folder.path()).unwrap();
         let mut host = EngineHandle::start(config(folder.path().to_owned(), 1));
         let stop = |id: &str| {
             Request::unsigned(id.to_owned(), Command::Stop { by: "ana".to_owned(), reason: String::new() })
         };
-        let mut back = match host.ask(stop("early")) {
+        let mut back = match host.submit(stop("early")) {
             Ok(()) => Vec::new(),
             Err(RequestRejected::Ended(request)) => vec![*request],
             Err(busy) => panic!("{busy}"),
@@ -581,10 +586,10 @@ mod tests {
         assert_eq!(back, [stop("early")]);
         assert!(why.in_use && why.text.contains("is in use by"), "{why}");
         for count in 0..=OUTSTANDING_MAX {
-            let asked = host.ask(stop(&count.to_string()));
-            assert_eq!(asked, Err(RequestRejected::Ended(Box::new(stop(&count.to_string())))), "never busy");
+            let result = host.submit(stop(&count.to_string()));
+            assert_eq!(result, Err(RequestRejected::Ended(Box::new(stop(&count.to_string())))), "never busy");
         }
-        assert!(matches!(host.remote_engine().ask(stop("late").command), Reply::Refused { .. }));
+        assert!(matches!(host.remote_engine().send(stop("late").command), Reply::Refused { .. }));
         assert_eq!(host.stop(Duration::from_mins(1)), Err(StopError::Failed(why)));
     }
 }

@@ -37,14 +37,14 @@ use crate::world::cell_frame;
 pub fn film(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
-    asked: FilmRequest,
+    request: FilmRequest,
 ) -> Result<Reply, EngineFault> {
-    let Some(dossier) = evidence_file_of(record, dossiers, id)? else {
+    let Some(evidence_file) = evidence_file_of(record, evidence_files, id)? else {
         return Ok(refused(Refusal::NotFound, format!("there is no version {id} in the registry")));
     };
-    Ok(match take(context, record, dossiers, (id, &dossier), asked)? {
+    Ok(match rerun(context, record, evidence_files, (id, &evidence_file), request)? {
         Ok(film) => Reply::Film { film: Box::new(film) },
         Err(why) => refused(Refusal::NotFound, why),
     })
@@ -58,51 +58,54 @@ pub fn film(
 pub fn of_refusal(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
 ) -> Result<Vec<Film>, EngineFault> {
-    let Some(dossier) = evidence_file_of(record, dossiers, id)? else { return Ok(Vec::new()) };
+    let Some(evidence_file) = evidence_file_of(record, evidence_files, id)? else { return Ok(Vec::new()) };
     let mut films = Vec::new();
-    for asked in episode_selection::worst_of_each(&dossier) {
+    for request in episode_selection::worst_of_each(&evidence_file) {
         // Episodes that did not run are not shown.
-        films.extend(take(context, record, dossiers, (id, &dossier), asked)?.ok());
+        films.extend(rerun(context, record, evidence_files, (id, &evidence_file), request)?.ok());
     }
     Ok(films)
 }
 
 fn evidence_file_of(
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
 ) -> Result<Option<EvidenceFile>, EngineFault> {
     let stored = record.version_table().store().views()?.version(id)?;
-    Ok(stored.map(|stored| full_evidence_file(dossiers, id, &stored.evidence)))
+    Ok(stored.map(|stored| full_evidence_file(evidence_files, id, &stored.evidence)))
 }
 
 /// Re-runs the selected part; the error is a sentence.
-fn take(
+fn rerun(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
-    (id, dossier): (&CapabilityId, &EvidenceFile),
-    asked: FilmRequest,
+    evidence_files: &EvidenceFiles,
+    (id, evidence_file): (&CapabilityId, &EvidenceFile),
+    request: FilmRequest,
 ) -> Result<Result<Film, String>, EngineFault> {
-    let chosen = match episode_selection::choose(dossier, asked) {
+    let chosen = match episode_selection::choose(evidence_file, request) {
         Ok(chosen) => chosen,
         Err(why) => return Ok(Err(format!("{id}: {why}"))),
     };
     let (_, _, member) = record.version_table().version(id)?;
     let candidate = &member.capability;
-    let Some((active, binding)) = compared_with(record, dossier, candidate) else {
+    let Some((active, binding)) = compared_with(record, evidence_file, candidate) else {
         return Ok(Err(format!("the version that {id} was compared with is not in the registry")));
     };
-    let conditions = match asked.of {
-        FilmSubject::Episode | FilmSubject::Drill | FilmSubject::Alone => &dossier.tried_under,
-        FilmSubject::Confirmation => &dossier.conditions,
+    let conditions = match request.of {
+        FilmSubject::Episode | FilmSubject::Drill | FilmSubject::Alone => &evidence_file.tried_under,
+        FilmSubject::Confirmation => &evidence_file.conditions,
     };
     let case = EpisodeReplay {
         context,
-        terms: [terms_under(context, candidate, conditions), measured_terms_of(context, dossiers, &active)],
+        terms: [
+            terms_under(context, candidate, conditions),
+            measured_terms_of(context, evidence_files, &active),
+        ],
         versions: [candidate, &active],
         fallbacks: [fallback(record.version_table(), candidate), fallback(record.version_table(), &active)],
     };
@@ -118,7 +121,7 @@ fn take(
         doubts.push("it continues after the film: only two minutes are stored".to_owned());
     }
     Ok(Ok(Film {
-        of: asked.of,
+        of: request.of,
         number,
         count,
         beyond,
@@ -142,10 +145,10 @@ fn refused(code: Refusal, text: String) -> Reply {
 /// The version that the evidence compares with, and its binding.
 fn compared_with(
     record: &EngineRecorder,
-    dossier: &EvidenceFile,
+    evidence_file: &EvidenceFile,
     candidate: &Capability,
 ) -> Option<(Capability, EvidenceBinding)> {
-    let binding = *dossier.bindings.first()?;
+    let binding = *evidence_file.bindings.first()?;
     let entry = record.version_table().family(&candidate.id().family).ok()?;
     let all = entry.members.iter().map(|member| &member.capability);
     let active = all.into_iter().find(|version| Some(version.digest()) == binding.active)?;
@@ -154,17 +157,17 @@ fn compared_with(
 
 /// The differences of the replay's context from that of the evidence.
 fn replay_differences(context: &Context, binding: &EvidenceBinding) -> Vec<String> {
-    let mut said = Vec::new();
+    let mut differences = Vec::new();
     if binding.profile != context.profile_digest {
-        said.push(format!("it was judged under another profile than {}", context.profile.name));
+        differences.push(format!("it was judged under another profile than {}", context.profile.name));
     }
     if binding.policy != context.table.digest && binding.profile == context.profile_digest {
-        said.push("it was judged under other policies".to_owned());
+        differences.push("it was judged under other policies".to_owned());
     }
     if binding.environment != context.cell.digest() {
-        said.push("it was judged by another build, or in another cell".to_owned());
+        differences.push("it was judged by another build, or in another cell".to_owned());
     }
-    said
+    differences
 }
 
 /// The versions that run, candidate first.
@@ -182,18 +185,18 @@ impl EpisodeReplay<'_> {
                 let terms = self.terms[side].clone();
                 self.episode(side, (&terms, Conditions::Sandbox), pair.seed, Some(recorded))
             }),
-            SelectedWork::Alone(worked) => [(0, Some(&worked.values)), (1, None)].map(|(side, recorded)| {
+            SelectedWork::Alone(solo) => [(0, Some(&solo.values)), (1, None)].map(|(side, recorded)| {
                 let (terms, cell) = (self.terms[side].clone(), &self.context.cell);
                 let task = self.versions[0].bundle.task();
-                let under = match worked.mode {
+                let under = match solo.mode {
                     SandboxMode::Adversarial => {
-                        let stress = stress::of_episode(worked.place, task, cell);
+                        let stress = stress::of_episode(solo.place, task, cell);
                         (terms.stressed(stress), Conditions::Sandbox)
                     }
                     SandboxMode::Perturbation | SandboxMode::Confirmation => (terms, Conditions::Sandbox),
                     SandboxMode::Canonical => (terms, Conditions::Canonical),
                 };
-                self.episode(side, (&under.0, under.1), worked.seed, recorded)
+                self.episode(side, (&under.0, under.1), solo.seed, recorded)
             }),
             SelectedWork::Drill(failed) => [(0, Some(false)), (1, failed.active)].map(|(side, passed)| {
                 let cast = DrillVersions {
@@ -227,8 +230,8 @@ impl EpisodeReplay<'_> {
         let done = alone(&mut worker, trial);
         let as_recorded = recorded.map(|recorded| done.values().as_ref() == Some(recorded));
         let limits = &self.context.profile.harm;
-        let worked = FilmedWork { version: self.versions[side], terms, cell, limits, as_recorded };
-        worked.episode(&mut worker, &done)
+        let work = FilmedWork { version: self.versions[side], terms, cell, limits, as_recorded };
+        work.episode(&mut worker, &done)
     }
 
     fn drill(&self, side: usize, case: &DrillCase<'_>, passed: Option<bool>) -> FilmedRun {
@@ -239,13 +242,13 @@ impl EpisodeReplay<'_> {
             DrillResult::Failed => Some(false),
             DrillResult::Infeasible => None,
         };
-        let worked = FilmedWork {
+        let work = FilmedWork {
             version: self.versions[side],
             terms: &self.terms[side],
             cell: &self.context.cell,
             limits: &self.context.profile.harm,
             as_recorded: Some(now == passed),
         };
-        worked.drill(&mut worker, case.kind, result, from)
+        work.drill(&mut worker, case.kind, result, from)
     }
 }

@@ -30,23 +30,28 @@ use crate::version_table::VersionTable;
 pub fn terms_of(
     context: &Context,
     version_table: &VersionTable,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     monitors: &Monitors,
     capability: &Capability,
 ) -> SkillTerms {
     let id = capability.id();
-    let on_record = version_table.version(&id).is_ok_and(|(_, standing, _)| standing.flags.restricted);
+    let on_record = version_table.version(&id).is_ok_and(|(_, state, _)| state.flags.restricted);
     let restricted = on_record || monitors.of(&id).is_some_and(|watched| watched.restricted);
-    let terms = measured_terms_of(context, dossiers, capability);
+    let terms = measured_terms_of(context, evidence_files, capability);
     if restricted { terms.tightened(context.profile.monitor.restrict_factor) } else { terms }
 }
 
 /// The terms a version is measured under: as [`terms_of`], without restrictions by a monitor or an operator. Evidence is
 /// about the version; a restriction meanwhile would change the comparison.
 #[must_use]
-pub fn measured_terms_of(context: &Context, dossiers: &EvidenceFiles, capability: &Capability) -> SkillTerms {
-    let dossier = dossiers.of(&capability.id());
-    let conditions = dossier.map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
+pub fn measured_terms_of(
+    context: &Context,
+    evidence_files: &EvidenceFiles,
+    capability: &Capability,
+) -> SkillTerms {
+    let evidence_file = evidence_files.of(&capability.id());
+    let conditions =
+        evidence_file.map(|evidence_file| evidence_file.conditions.as_slice()).unwrap_or_default();
     terms_under(context, capability, conditions)
 }
 
@@ -66,14 +71,14 @@ pub(crate) fn stale_causes(
     version_table: &VersionTable,
     of: &Capability,
     state: State,
-    dossier: &EvidenceFile,
+    evidence_file: &EvidenceFile,
 ) -> Vec<StaleCause> {
-    if dossier.bindings.is_empty() || state.is_terminal() {
+    if evidence_file.bindings.is_empty() || state.is_terminal() {
         return Vec::new();
     }
     let now = binding(context, version_table, of);
     let took_over = matches!(state, State::Active | State::Superseded);
-    let stale: BTreeSet<StaleCause> = dossier
+    let stale: BTreeSet<StaleCause> = evidence_file
         .bindings
         .iter()
         .flat_map(|then| then.stale_against(&now))
@@ -95,16 +100,16 @@ pub fn not_admitted(
         return Some(AdmissionRefusal::Undeclared);
     }
     let id = capability.id();
-    let (version, standing, member) = version_table.version(&id).ok()?;
+    let (version, state, member) = version_table.version(&id).ok()?;
     let unreviewed = version_table.family(&id.family).is_ok_and(|entry| entry.state.is_unreviewed(version));
-    if standing.closed.contains(&profile) && !unreviewed {
+    if state.closed.contains(&profile) && !unreviewed {
         return Some(AdmissionRefusal::Closed);
     }
-    let let_in = member.course.let_in.unwrap_or(AdmissionContext::LEAST);
+    let admission = member.course.let_in.unwrap_or(AdmissionContext::LEAST);
     // A version that never had control has no gate pass that could be insufficient.
-    let had_control = standing.acted || matches!(standing.state, State::Active | State::Superseded);
-    (had_control && version != VersionRef(0) && !let_in.suffices(version_table.admission()))
-        .then_some(AdmissionRefusal::AdmittedByLess(let_in))
+    let had_control = state.acted || matches!(state.state, State::Active | State::Superseded);
+    (had_control && version != VersionRef(0) && !admission.suffices(version_table.admission()))
+        .then_some(AdmissionRefusal::AdmittedByLess(admission))
 }
 
 /// Why a version is not admitted to the arm under a profile.
@@ -142,10 +147,10 @@ impl AdmissionRefusal {
 pub fn trial_subject(
     context: &Context,
     version_table: &VersionTable,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     version: &Capability,
 ) -> TrialSubject {
-    let terms = measured_terms_of(context, dossiers, version);
+    let terms = measured_terms_of(context, evidence_files, version);
     TrialSubject { version: version.clone(), terms, fallback: fallback(version_table, version).cloned() }
 }
 
@@ -154,11 +159,11 @@ pub fn trial_subject(
 pub fn trial_team(
     context: &Context,
     version_table: &VersionTable,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     candidate: &Capability,
 ) -> TrialTeam {
     let parties = teammates_of(version_table, candidate)
-        .map(|version| trial_subject(context, version_table, dossiers, version));
+        .map(|version| trial_subject(context, version_table, evidence_files, version));
     TrialTeam::excluding(candidate.bundle.task(), parties)
 }
 

@@ -37,7 +37,7 @@ pub struct StaticAssessment {
     /// Interface and policy; behavior and recovery as estimates.
     pub kappas: Kappas,
     /// The permissions it requests beyond those of the active version.
-    pub asks_more: Vec<String>,
+    pub new_permissions: Vec<String>,
     /// The whole difference.
     pub changes: VersionDiff,
     /// Its risk class by its changes.
@@ -144,7 +144,7 @@ impl EvidenceFile {
     pub fn take_static(&mut self, found: StaticAssessment) {
         self.conditions = found.kappas.conditions();
         self.kappas = Some(found.kappas);
-        self.new_permissions = found.asks_more;
+        self.new_permissions = found.new_permissions;
         self.changes = found.changes;
         self.risk = Some(found.risk);
     }
@@ -174,7 +174,7 @@ impl EvidenceFile {
         let Some(kappas) = &self.kappas else { return Vec::new() };
         let thresholds = &profile.thresholds;
         let behavior = self.behavior.as_ref().and_then(|measured| measured.interval);
-        let recovery = self.recovery.as_ref().and_then(|rehearsed| rehearsed.interval);
+        let recovery = self.recovery.as_ref().and_then(|assessment| assessment.interval);
         vec![
             result(Dimension::Interface, &kappas.interface, None, thresholds.interface()),
             result(Dimension::Policy, &kappas.policy, None, thresholds.policy()),
@@ -212,7 +212,7 @@ impl EvidenceFiles {
     /// Whether a version is on hold until `resume`.
     #[must_use]
     pub fn is_held(&self, id: &CapabilityId) -> bool {
-        self.of(id).is_some_and(|dossier| dossier.held)
+        self.of(id).is_some_and(|evidence_file| evidence_file.held)
     }
 
     /// Whether a version has an open concern, from its activation or since.
@@ -224,15 +224,17 @@ impl EvidenceFiles {
     /// Whether a version was activated with a concern that is still open.
     #[must_use]
     pub fn awaits_confirmation(&self, id: &CapabilityId) -> bool {
-        self.of(id).is_some_and(|dossier| {
-            version_concern::is_open(dossier.kappas.as_ref(), dossier.confirmation.as_ref())
+        self.of(id).is_some_and(|evidence_file| {
+            version_concern::is_open(evidence_file.kappas.as_ref(), evidence_file.confirmation.as_ref())
         })
     }
 
     /// Whether the live tasks of an active version have shifted against its shadow, without a re-evaluation that clears it.
     #[must_use]
     pub fn is_suspicious(&self, id: &CapabilityId) -> bool {
-        self.of(id).and_then(|dossier| dossier.suspicion.as_ref()).is_some_and(VersionConcern::is_open)
+        self.of(id)
+            .and_then(|evidence_file| evidence_file.suspicion.as_ref())
+            .is_some_and(VersionConcern::is_open)
     }
 
     /// Adds evidence files read from the store.

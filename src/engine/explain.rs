@@ -50,9 +50,14 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             }
             RecordKind::KeptVoided => reader.voided(record),
             RecordKind::ApprovalPut => {
-                if let Some(said) = answers.next() {
-                    let answer = said.decision;
-                    let text = format!("{} ({}) says {answer}: {}", said.who, said.role.name(), said.reason);
+                if let Some(approval) = answers.next() {
+                    let answer = approval.decision;
+                    let text = format!(
+                        "{} ({}) says {answer}: {}",
+                        approval.who,
+                        approval.role.name(),
+                        approval.reason
+                    );
                     reader.people(record, PeopleRuling::Answered(answer), text);
                 }
             }
@@ -125,20 +130,20 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
 
 /// The changes that would remove each of these reasons, in their order and without repetition.
 pub(crate) fn changes<'a>(
-    dossier: &EvidenceFile,
+    evidence_file: &EvidenceFile,
     reasons: impl IntoIterator<Item = &'a Reason>,
 ) -> Vec<String> {
-    let value = serde_json::to_value(dossier).unwrap_or_default();
+    let value = serde_json::to_value(evidence_file).unwrap_or_default();
     let measured: EvidenceFileRecord = serde_json::from_value(value).unwrap_or_default();
-    let mut said: Vec<String> = Vec::new();
+    let mut sentences: Vec<String> = Vec::new();
     for text in
         reasons.into_iter().filter_map(|reason| remedy::change(&ReasonRecord::from(reason), &measured))
     {
-        if !said.contains(&text) {
-            said.push(text);
+        if !sentences.contains(&text) {
+            sentences.push(text);
         }
     }
-    said
+    sentences
 }
 
 /// Reads the records in order.
@@ -156,7 +161,7 @@ impl DecisionReader<'_> {
         };
         let entry = self.evidence.iter().rev().find(|entry| entry.seq < record.seq);
         // The gate's evidence is its decision; the measurements are in the evidence file before it.
-        let dossier = self
+        let evidence_file = self
             .evidence
             .iter()
             .rev()
@@ -171,7 +176,7 @@ impl DecisionReader<'_> {
         let mut outcome = lenient_bodies::variant_name(&decision.outcome);
         let kind = entry.map(|entry| entry.kind);
         if kind == Some(EvidenceKind::Shadow)
-            && let Some(shadow) = &dossier.shadow
+            && let Some(shadow) = &evidence_file.shadow
         {
             // Shadow has a separate rule beside the composition.
             reasons = shadow.reasons.iter().map(ReasonRecord::from).chain(reasons).collect();
@@ -179,17 +184,17 @@ impl DecisionReader<'_> {
                 .map_or(outcome, |check| lenient_bodies::variant_name(&check));
         }
         let ruling = ruling(kind, outcome);
-        let moved: Vec<String> = before
+        let state_changes: Vec<String> = before
             .iter()
             .rev()
             .take_while(|earlier| earlier.at_ms == record.at_ms && earlier.kind != RecordKind::Decision)
             .filter(|earlier| {
                 earlier.kind == RecordKind::StateSet && Some(earlier.seq) > entry.map(|entry| entry.seq)
             })
-            .filter_map(moved)
+            .filter_map(state_change)
             .collect();
-        self.push(record, ruling, &reasons, &dossier);
-        moved.into_iter().rev().for_each(|text| self.then(text));
+        self.push(record, ruling, &reasons, &evidence_file);
+        state_changes.into_iter().rev().for_each(|text| self.then(text));
     }
 
     fn monitor(&mut self, record: &AuditRecord) {
@@ -205,7 +210,7 @@ impl DecisionReader<'_> {
     fn rollback(&mut self, record: &AuditRecord) {
         let found = self.evidence.iter().find(|entry| entry.seq == record.seq);
         let Some(entry) = found.filter(|entry| entry.kind == EvidenceKind::Rollback) else { return };
-        let Ok(told) = serde_json::from_str::<RollbackRecord>(&entry.json) else {
+        let Ok(rollback) = serde_json::from_str::<RollbackRecord>(&entry.json) else {
             self.unreadable(record);
             return;
         };
@@ -214,10 +219,10 @@ impl DecisionReader<'_> {
         {
             // The state at the swap is part of the present state.
             let then = self.decisions.pop().map(|earlier| earlier.then).unwrap_or_default();
-            self.decisions.push(climbed(record, &told, then));
+            self.decisions.push(rollback_explanation(record, &rollback, then));
             return;
         }
-        self.decisions.push(climbed(record, &told, Vec::new()));
+        self.decisions.push(rollback_explanation(record, &rollback, Vec::new()));
     }
 
     /// The cached results that a confirmation used.
@@ -268,7 +273,7 @@ impl DecisionReader<'_> {
 
     /// A changed state. Without a decision, a person or a deadline changed it.
     fn state(&mut self, record: &AuditRecord) {
-        let Some(text) = moved(record) else { return };
+        let Some(text) = state_change(record) else { return };
         let Ok(StateSetRecord { change: MoveRecord { to, reason, .. } }) = serde_json::from_str(&record.body)
         else {
             return;
@@ -285,13 +290,13 @@ impl DecisionReader<'_> {
         record: &AuditRecord,
         ruling: Ruling,
         reasons: &[ReasonRecord],
-        dossier: &EvidenceFileRecord,
+        evidence_file: &EvidenceFileRecord,
     ) {
         let mut seen = std::collections::BTreeSet::new();
         let reasons: Vec<&ReasonRecord> =
             reasons.iter().filter(|reason| seen.insert((&reason.code, reason.text()))).collect();
         let mut change: Vec<String> = Vec::new();
-        for text in reasons.iter().filter_map(|reason| remedy::change(reason, dossier)) {
+        for text in reasons.iter().filter_map(|reason| remedy::change(reason, evidence_file)) {
             if !change.contains(&text) {
                 change.push(text);
             }
@@ -302,8 +307,8 @@ impl DecisionReader<'_> {
             at_ms: record.at_ms,
             rule: ruling.rule(),
             ruling,
-            permissions: dossier.permissions.clone().filter(|_| is_sandbox),
-            kept: dossier.kept.clone().filter(|_| is_sandbox),
+            permissions: evidence_file.permissions.clone().filter(|_| is_sandbox),
+            kept: evidence_file.kept.clone().filter(|_| is_sandbox),
             said: recorded_decision::sentences(&record.body),
             reasons: reasons
                 .into_iter()
@@ -315,7 +320,7 @@ impl DecisionReader<'_> {
                     evidence: reason.evidence,
                     limit: reason.limit,
                     rule: rule_of(reason.dimension.as_ref()),
-                    measured: remedy::measured(reason, dossier),
+                    measured: remedy::measured(reason, evidence_file),
                 })
                 .collect(),
             change,
@@ -335,10 +340,10 @@ impl DecisionReader<'_> {
 }
 
 /// Whether a decision was written in the same transaction: after these changes, before the next ones.
-fn decided_with(after: &[AuditRecord], moved: &AuditRecord) -> bool {
+fn decided_with(after: &[AuditRecord], change: &AuditRecord) -> bool {
     after
         .iter()
-        .take_while(|later| later.at_ms == moved.at_ms && later.kind != RecordKind::StateSet)
+        .take_while(|later| later.at_ms == change.at_ms && later.kind != RecordKind::StateSet)
         .any(|later| later.kind == RecordKind::Decision)
 }
 
@@ -361,7 +366,7 @@ fn rule_of(dimension: Option<&Lenient<Dimension>>) -> Rule {
 }
 
 /// `validated -> rejected (record 36)`.
-fn moved(record: &AuditRecord) -> Option<String> {
+fn state_change(record: &AuditRecord) -> Option<String> {
     let MoveRecord { from, to, .. } = serde_json::from_str::<StateSetRecord>(&record.body).ok()?.change;
     Some(format!("{from} -> {to} (record {})", record.seq))
 }
@@ -380,42 +385,46 @@ fn reason(text: String, dimension: Dimension) -> ExplainedReason {
 }
 
 /// A rollback as sentences: trigger, times, rungs.
-fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> DecisionExplanation {
+fn rollback_explanation(
+    record: &AuditRecord,
+    rollback: &RollbackRecord,
+    then: Vec<String>,
+) -> DecisionExplanation {
     let ms = |ms: Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
     let mut reasons = vec![
         reason(
             format!(
                 "trigger {} at tick {}: {}",
-                told.trigger.kind.name(),
-                told.trigger.tick,
-                told.trigger.text
+                rollback.trigger.kind.name(),
+                rollback.trigger.tick,
+                rollback.trigger.text
             ),
             Dimension::Monitor,
         ),
         reason(
             format!(
                 "every joint was at standstill {}; the rollback target took over {}; it moved {} ms beyond braking",
-                ms(told.time_to_safe_ms),
-                ms(told.time_to_restored_ms),
-                told.unsafe_continuation_ms
+                ms(rollback.time_to_safe_ms),
+                ms(rollback.time_to_restored_ms),
+                rollback.unsafe_continuation_ms
             ),
             Dimension::Recovery,
         ),
     ];
-    for rung in &told.rungs {
+    for rung in &rollback.rungs {
         let ended = rung.failure.map_or("held", RungFailure::name);
         reasons.push(reason(
             format!("rung {}: {ended} in {} ms: {}", rung.rung.name(), rung.ms, rung.text),
             Dimension::Recovery,
         ));
     }
-    let change = told
+    let change = rollback
         .rungs
         .iter()
         .filter_map(|rung| rung.failure.map(remedy::of_failure))
         .map(str::to_owned)
         .collect();
-    let ruling = Ruling::Rollback(told.post_status.into());
+    let ruling = Ruling::Rollback(rollback.post_status.into());
     let (record, at_ms, rule) = (record.seq, record.at_ms, ruling.rule());
     DecisionExplanation {
         record,

@@ -43,11 +43,11 @@ pub(crate) fn set(
             "a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each"
         ));
     }
-    let kept = GoalRecord { goal: goal.name().to_owned(), by, reason };
-    let body = serde_json::json!(kept).to_string();
+    let goal_record = GoalRecord { goal: goal.name().to_owned(), by, reason };
+    let body = serde_json::json!(goal_record).to_string();
     record.note(RecordKind::GoalSet, String::new(), body)?;
     world.cell.set_goal(goal);
-    let GoalRecord { goal: name, by, reason } = kept;
+    let GoalRecord { goal: name, by, reason } = goal_record;
     record.tell(EventKind::GoalSet { goal: name, by, reason });
     let tasks: Vec<&str> = goal.plan().into_iter().map(TaskKind::name).collect();
     let text = format!("from the next sequence on the agent runs {}", tasks.join(", "));
@@ -66,6 +66,6 @@ pub(crate) fn recall(views: &Views) -> Result<Option<Goal>, StoreError> {
         ..AuditFilter::default()
     };
     let found = views.audit(&newest)?.into_iter().next();
-    let kept = found.and_then(|record| serde_json::from_str::<GoalRecord>(&record.body).ok());
-    Ok(kept.and_then(|kept| Goal::interpret(&kept.goal).ok()))
+    let stored = found.and_then(|record| serde_json::from_str::<GoalRecord>(&record.body).ok());
+    Ok(stored.and_then(|stored| Goal::interpret(&stored.goal).ok()))
 }

@@ -42,24 +42,24 @@ pub(crate) fn own_caller(record: &EngineRecorder) -> Caller {
 }
 
 /// Stops the cell and records it. The socket or the console has stopped the arm already.
-pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, asked: StopRequest) -> Reply {
-    world.switch().halt(asked);
-    let written = take_in(record, world);
+pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, request: StopRequest) -> Reply {
+    world.switch().halt(request);
+    let written = record_stops(record, world);
     let stopped = match &world.halted {
         Some(halted) if !halted.by.is_empty() => format!("the cell is stopped, by {}", halted.by),
         Some(_) | None => "the cell is stopped".to_owned(),
     };
     let why = written.err().map_or_else(String::new, |error| format!(": {}", error.sentence()));
     // An earlier turn of the engine may have tried.
-    let kept = world.unwritten.stop_storage();
-    let text = match kept {
+    let persistence = world.unwritten.stop_storage();
+    let text = match persistence {
         StopPersistence::OnRecord => format!("{stopped}; `go` starts it again"),
         StopPersistence::InMark => {
             format!("{stopped}; the engine could not record the stop and keeps it beside the record{why}")
         }
         StopPersistence::InMemory => format!("{stopped}; {KEPT_NOWHERE}{why}"),
     };
-    Reply::Stopped { text, kept }
+    Reply::Stopped { text, kept: persistence }
 }
 
 /// The text for a stop that is in no file.
@@ -67,8 +67,8 @@ pub(crate) const KEPT_NOWHERE: &str =
     "the engine could store the stop neither on record nor beside it: a sudden end of the engine loses it";
 
 /// The answer to a stop that the engine does not record in time: it is stored beside the record meanwhile.
-pub(crate) fn stopped_meanwhile(asked: &StopRequest, marks: &StopMarks, next: &str) -> Reply {
-    match marks.keep(&StopRecord::of(asked).text()) {
+pub(crate) fn stopped_meanwhile(request: &StopRequest, marks: &StopMarks, next: &str) -> Reply {
+    match marks.keep(&StopRecord::of(request).text()) {
         Ok(()) => Reply::Stopped {
             text: format!("the cell is stopped; the stop is stored beside the record; {next}"),
             kept: StopPersistence::InMark,
@@ -130,24 +130,25 @@ pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -
         (on_record(&views)?, last_engine(&views)?)
     };
     let is_known = |stop: &StopRecord| stopped.as_ref().is_some_and(|stopped| stop.is_among(stopped));
-    let asked = stop_mark::look(&layout).map(|found| found.asked);
-    let is_settled = |asked: &StopRequest| is_known(&StopRecord::of(asked));
-    if let Some(asked) = asked.as_ref().filter(|asked| is_settled(asked)) {
-        stop_mark::settle(&layout, &asked.id);
+    let request = stop_mark::look(&layout).map(|found| found.request);
+    let is_settled = |request: &StopRequest| is_known(&StopRecord::of(request));
+    if let Some(request) = request.as_ref().filter(|request| is_settled(request)) {
+        stop_mark::settle(&layout, &request.id);
     }
-    let asked = asked.filter(|asked| !is_settled(asked));
-    if let Some(asked) = &asked {
-        world.switch().halt(asked.clone());
+    let request = request.filter(|request| !is_settled(request));
+    if let Some(request) = &request {
+        world.switch().halt(request.clone());
     }
-    let mut unrecorded = asked.is_some();
+    let mut unrecorded = request.is_some();
     let mut marked = marks.found().map(|text| StopRecord::read(&text));
     if marked.as_ref().is_some_and(is_known) {
         marks.remove();
         marked = None;
     }
     // This includes a stop made while the record was read.
-    let waits = world.switch().first_asked();
-    marked = marked.filter(|stop| !waits.as_ref().is_some_and(|asked| stop.is_same(&StopRecord::of(asked))));
+    let waits = world.switch().first_stop();
+    marked =
+        marked.filter(|stop| !waits.as_ref().is_some_and(|request| stop.is_same(&StopRecord::of(request))));
     unrecorded |= marked.is_some();
     if let Some(stopped) = stopped {
         world.stay_halted(stopped);
@@ -158,8 +159,8 @@ pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -
         StartStoppedReason::UncleanEnd => UNCLEAN_END,
     };
     world.switch().latch();
-    if let Some(asked) = asked.filter(|asked| world.switch().first_asked().as_ref() == Some(asked)) {
-        take_first(record, world, &asked, Some(StartStoppedReason::UnrecordedStop))?;
+    if let Some(request) = request.filter(|request| world.switch().first_stop().as_ref() == Some(request)) {
+        record_first_stop(record, world, &request, Some(StartStoppedReason::UnrecordedStop))?;
     }
     if let Some(stop) = marked {
         note(record, world, stop.because(StartStoppedReason::UnrecordedStop))?;
@@ -219,30 +220,30 @@ fn ended(record: &mut EngineRecorder, orderly: bool) -> Result<(), StoreError> {
 }
 
 /// Records every stop requested on any thread; the first one counts as the stop of the cell.
-pub(crate) fn take_in(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
+pub(crate) fn record_stops(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
     let rests = |tried: Instant| tried.elapsed() < AGAIN_AFTER;
     let mut written = Ok(());
     if !world.unwritten.bodies.is_empty() && !world.unwritten.tried.is_some_and(rests) {
         written = write_again(record, world);
     }
     // A stop stays requested while it is being written, so that the socket reports it.
-    while let Some(asked) = world.switch().first_asked() {
-        written = written.and(take_first(record, world, &asked, None));
+    while let Some(request) = world.switch().first_stop() {
+        written = written.and(record_first_stop(record, world, &request, None));
     }
     written
 }
 
 /// Records the first requested stop, and removes its mark once it is stored.
-fn take_first(
+fn record_first_stop(
     record: &mut EngineRecorder,
     world: &mut LiveWorld,
-    asked: &StopRequest,
+    request: &StopRequest,
     code: Option<StartStoppedReason>,
 ) -> Result<(), StoreError> {
-    let written = note(record, world, StopRecord { code, ..StopRecord::of(asked) });
-    world.switch().took_asked();
+    let written = note(record, world, StopRecord { code, ..StopRecord::of(request) });
+    world.switch().pop_stop();
     if world.unwritten.stop_storage() != StopPersistence::InMemory {
-        stop_mark::settle(record.version_table().store().layout(), &asked.id);
+        stop_mark::settle(record.version_table().store().layout(), &request.id);
     }
     written
 }
@@ -289,7 +290,7 @@ pub(crate) fn report_standstill(record: &mut EngineRecorder, world: &mut LiveWor
 }
 
 /// Refuses an activation without the gate while the cell is stopped: the person who starts the cell does not see it.
-pub(crate) fn lets_nothing_in(id: &CapabilityId) -> Reply {
+pub(crate) fn activation_refusal(id: &CapabilityId) -> Reply {
     Reply::Refused {
         code: Refusal::NotNow,
         text: format!("the cell is stopped, and {id} does not become active before the cell runs again"),
@@ -325,14 +326,14 @@ pub(crate) fn go(
     }
     let layout = record.version_table().store().layout();
     if let Some(found) = stop_mark::look(layout)
-        && world.switch().knows(&found.asked.id)
-        && world.switch().first_asked().is_none()
+        && world.switch().knows(&found.request.id)
+        && world.switch().first_stop().is_none()
     {
         // One of the stops that end here; its maker has created the mark again.
-        stop_mark::settle(layout, &found.asked.id);
+        stop_mark::settle(layout, &found.request.id);
     }
     if stop_mark::is_there(record.version_table().store().layout()) {
-        let path = record.version_table().store().layout().stop_asked();
+        let path = record.version_table().store().layout().stop_request();
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("another stop is requested: {path:?} is in the store's folder"),
@@ -371,10 +372,10 @@ pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
     let layout = views.folder().map(Layout::new);
     let marked = layout.as_ref().and_then(|layout| layout.stop_marks().found());
     let marked = marked.map(|text| StopRecord::read(&text));
-    let asked = || layout.as_ref().and_then(stop_mark::look).map(|found| StopRecord::of(&found.asked));
+    let requested = || layout.as_ref().and_then(stop_mark::look).map(|found| StopRecord::of(&found.request));
     // The time of the request is not on record: it is after the last record.
     let since_ms = views.head()?.at_ms;
-    Ok(marked.or_else(asked).map(|stop| stop.view(since_ms)))
+    Ok(marked.or_else(requested).map(|stop| stop.view(since_ms)))
 }
 
 /// A stop in the chain without an end.
@@ -410,10 +411,15 @@ const fn user(caller: &Caller) -> Option<u32> {
 }
 
 impl StopRecord {
-    fn of(asked: &StopRequest) -> Self {
+    fn of(request: &StopRequest) -> Self {
         // A long name must not delay a stop: it is cut.
         let cut = |text: &str| text[..text.floor_char_boundary(REASON_BYTES_MAX)].to_owned();
-        Self { by: cut(&asked.by), caller: asked.caller.clone(), reason: cut(&asked.reason), code: None }
+        Self {
+            by: cut(&request.by),
+            caller: request.caller.clone(),
+            reason: cut(&request.reason),
+            code: None,
+        }
     }
 
     fn because(self, code: StartStoppedReason) -> Self {

@@ -75,14 +75,14 @@ impl CellHealth {
         let normal = bodies(RecordKind::Commissioned)?
             .iter()
             .filter_map(|body| serde_json::from_str::<NormalRecord>(body).ok())
-            .filter(|kept| kept.environment == environment)
-            .map(|kept| (kept.version.family, kept.normal))
+            .filter(|stored| stored.environment == environment)
+            .map(|stored| (stored.version.family, stored.normal))
             .collect();
         let normal_senses = bodies(RecordKind::SensesCommissioned)?
             .iter()
             .filter_map(|body| serde_json::from_str::<NormalSensesRecord>(body).ok())
-            .rfind(|kept| kept.environment == environment)
-            .map(|kept| kept.normal);
+            .rfind(|stored| stored.environment == environment)
+            .map(|stored| stored.normal);
         Ok(Self { normal, normal_senses, ..Self::default() })
     }
 
@@ -98,7 +98,7 @@ impl CellHealth {
         done: &TaskRecord,
     ) -> Result<(), EngineFault> {
         self.sense(context, record, &done.sensed)?;
-        self.look_who_works(context, record, id)?;
+        self.follow_active_version(context, record, id)?;
         let Some(charted) = self.charted.get_mut(&id.family) else { return Ok(()) };
         let values = HealthValues {
             success: done.success,
@@ -156,8 +156,8 @@ impl CellHealth {
                     record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::CellDegraded });
                 }
                 SensorFinding::Commissioned(normal) => {
-                    let kept = NormalSensesRecord { environment: context.cell.digest(), normal };
-                    let body = serde_json::to_string(&kept)?;
+                    let baseline_record = NormalSensesRecord { environment: context.cell.digest(), normal };
+                    let body = serde_json::to_string(&baseline_record)?;
                     record.note(RecordKind::SensesCommissioned, String::new(), body)?;
                     let SensorBaseline { tasks, picture_jitter_m, pictures_missing } = normal;
                     record.tell(EventKind::SensesCommissioned { tasks, picture_jitter_m, pictures_missing });
@@ -168,7 +168,7 @@ impl CellHealth {
     }
 
     /// Restarts the charts when another version of the family is active.
-    fn look_who_works(
+    fn follow_active_version(
         &mut self,
         context: &Context,
         record: &mut EngineRecorder,
@@ -225,8 +225,8 @@ fn record_normal(
     id: &CapabilityId,
     normal: CommissionedBaseline,
 ) -> Result<(), EngineFault> {
-    let kept = NormalRecord { version: id.clone(), environment: context.cell.digest(), normal };
-    record.note(RecordKind::Commissioned, id.family.to_string(), serde_json::to_string(&kept)?)?;
+    let baseline_record = NormalRecord { version: id.clone(), environment: context.cell.digest(), normal };
+    record.note(RecordKind::Commissioned, id.family.to_string(), serde_json::to_string(&baseline_record)?)?;
     let CommissionedBaseline { tasks, failures, timeouts, peak_force_n } = normal;
     record.tell(EventKind::Commissioned { version: id.clone(), tasks, failures, timeouts, peak_force_n });
     Ok(())

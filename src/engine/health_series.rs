@@ -29,14 +29,14 @@ pub enum HealthError {
     Store(#[from] StoreError),
     /// The query is not valid.
     #[error("{0}")]
-    Asked(String),
+    InvalidQuery(String),
 }
 
 impl Hint for HealthError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),
-            Self::Asked(_) => None,
+            Self::InvalidQuery(_) => None,
         }
     }
 }
@@ -91,10 +91,10 @@ impl HealthReader {
     /// [`HealthError`].
     pub fn read(
         &self,
-        asked: &HealthQuery,
+        query: &HealthQuery,
         present: Option<PresentTime>,
     ) -> Result<HealthSeries, HealthError> {
-        self.read_bounded(asked, present, TASKS_READ)
+        self.read_bounded(query, present, TASKS_READ)
     }
 
     /// As [`Self::read`], with no bound on the telemetry read.
@@ -103,24 +103,24 @@ impl HealthReader {
     /// As [`Self::read`].
     pub fn read_every_task(
         &self,
-        asked: &HealthQuery,
+        query: &HealthQuery,
         present: Option<PresentTime>,
     ) -> Result<HealthSeries, HealthError> {
-        self.read_bounded(asked, present, u64::MAX)
+        self.read_bounded(query, present, u64::MAX)
     }
 
     fn read_bounded(
         &self,
-        asked: &HealthQuery,
+        query: &HealthQuery,
         present: Option<PresentTime>,
         tasks_read: u64,
     ) -> Result<HealthSeries, HealthError> {
-        if let Some(problem) = asked.problem() {
-            return Err(HealthError::Asked(problem));
+        if let Some(problem) = query.problem() {
+            return Err(HealthError::InvalidQuery(problem));
         }
         let end = self.end()?;
         let now = present.unwrap_or(end);
-        let clock = asked.clock.unwrap_or(if now.wall_ms.is_some() {
+        let clock = query.clock.unwrap_or(if now.wall_ms.is_some() {
             HealthClock::Wall
         } else {
             HealthClock::Virtual
@@ -128,22 +128,22 @@ impl HealthReader {
         let now_ms = match clock {
             HealthClock::Virtual => i64::try_from(now.at_ms).unwrap_or(i64::MAX),
             HealthClock::Wall => now.wall_ms.ok_or_else(|| {
-                HealthError::Asked(
+                HealthError::InvalidQuery(
                     "this record has no time of the machine's clock: it is a script's".to_owned(),
                 )
             })?,
         };
-        let width = i64::try_from(asked.bucket_ms).unwrap_or(i64::MAX);
-        let until_ms = asked
+        let width = i64::try_from(query.bucket_ms).unwrap_or(i64::MAX);
+        let until_ms = query
             .until_ms
             .unwrap_or_else(|| now_ms.div_euclid(width).saturating_add(1).saturating_mul(width));
-        let from_ms = until_ms.saturating_sub(width.saturating_mul(i64::from(asked.buckets)));
+        let from_ms = until_ms.saturating_sub(width.saturating_mul(i64::from(query.buckets)));
         let mut coverage = HealthCoverage::default();
         let mut series = HealthSeries {
             clock,
             from_ms,
-            bucket_ms: asked.bucket_ms,
-            buckets: u32::from(asked.buckets),
+            bucket_ms: query.bucket_ms,
+            buckets: u32::from(query.buckets),
             last_at_ms: end.at_ms,
             last_wall_ms: end.wall_ms,
             points: Vec::new(),
@@ -153,7 +153,7 @@ impl HealthReader {
         };
         let span = RecordSpan::find(&self.views, clock, from_ms, until_ms)?;
         series.alarms = alarms::read(&self.views, &span, &mut coverage)?;
-        if asked.only_alarms {
+        if query.only_alarms {
             series.coverage = coverage;
             return Ok(series);
         }

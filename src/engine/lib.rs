@@ -276,7 +276,7 @@ impl Engine {
     ) -> Result<Self, StartError> {
         let StartRules { profile, table, own, baselines, omitted } = rules;
         let opening = store.opening();
-        let (clock, kept_clock, wall) = if config.scripted {
+        let (clock, stored_clock, wall) = if config.scripted {
             let at_ms = opening.head.at_ms;
             (
                 Clock::scripted(at_ms),
@@ -337,15 +337,15 @@ impl Engine {
             waiting: VecDeque::new(),
             calls: 0,
             readings: QueryQueue::default(),
-            persisted_clock: kept_clock,
+            persisted_clock: stored_clock,
             ended: false,
         })
     }
 
     /// Carries out one request, and waits if it has to. A repeated id gets the same answer and has no further effect.
     pub fn submit(&mut self, request: Request) -> Reply {
-        if let Some(asked) = RecordQuery::of(&request.command) {
-            return record_query::read(self.layout(), asked, self.present());
+        if let Some(query) = RecordQuery::of(&request.command) {
+            return record_query::read(self.layout(), query, self.present());
         }
         let id = request.id.clone();
         if let Some(reply) = self.offer(request) {
@@ -375,9 +375,9 @@ impl Engine {
     }
 
     fn take(&mut self, request: Request, caller: Caller) -> Option<Reply> {
-        if let Some(asked) = RecordQuery::of(&request.command) {
+        if let Some(query) = RecordQuery::of(&request.command) {
             let (layout, present) = (self.layout().clone(), self.present());
-            return self.readings.begin(&request.id, asked, (&layout, present));
+            return self.readings.begin(&request.id, query, (&layout, present));
         }
         if matches!(request.command, Command::Stop { .. }) {
             // A stop is carried out even if its id was used before or waits.
@@ -420,7 +420,7 @@ impl Engine {
             Command::Snapshot => Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
             Command::Shutdown => {
                 self.pipeline.end();
-                self.persisted_clock.keep(self.now_ms());
+                self.persisted_clock.store(self.now_ms());
                 self.ended = true;
                 let text = "the engine ends; nothing was approved or activated by it".to_owned();
                 Reply::Accepted { text, version: None }
@@ -452,7 +452,7 @@ impl Engine {
         if self.ended {
             return SliceOutcome::Idle { next_ms: None };
         }
-        self.persisted_clock.look(self.now_ms());
+        self.persisted_clock.store_if_due(self.now_ms());
         if !self.waiting.is_empty() {
             if self.pipeline.collect_sequence(false) {
                 self.carry_out_waiting();
@@ -472,13 +472,13 @@ impl Engine {
     }
 
     /// From now on sends frames of the live cell to `pictures`, which must not wait. Has no other effect.
-    pub fn draw_live_world(&mut self, pictures: VideoFrameSink) {
-        self.pipeline.draw_live_world(pictures);
+    pub fn draw_live_world(&mut self, sink: VideoFrameSink) {
+        self.pipeline.draw_live_world(sink);
     }
 
     /// As [`Pipeline::pace_live_world`]; `pictures` must not wait.
-    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: VideoFrameSink) {
-        self.pipeline.pace_live_world(times, pictures);
+    pub fn pace_live_world(&mut self, times: Option<f64>, sink: VideoFrameSink) {
+        self.pipeline.pace_live_world(times, sink);
     }
 
     /// The switch that stops the arm from any thread.

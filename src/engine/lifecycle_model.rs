@@ -260,46 +260,49 @@ impl StateMachineTest for ModelStore {
     type Reference = LifecycleModel;
 
     fn init_test(_: &LifecycleModel) -> Self {
-        let mut kept = Self::open(folder(), 1);
+        let mut store = Self::open(folder(), 1);
         let policy = Digest::of_parts("test", &[b"policy"]);
         let context = context_change((ProfileName::Sim, policy, "{}".to_owned()));
-        kept.version_table.write(vec![context], Vec::new(), 1).unwrap();
+        store.version_table.write(vec![context], Vec::new(), 1).unwrap();
         let note = TransitionNote {
             cause: Some(ActiveCause::Bootstrap),
             ..TransitionNote::because("the first one")
         };
-        kept.version_table.register((capability(0), VersionOrigin::default()), true, false, 1, note).unwrap();
-        kept
+        store
+            .version_table
+            .register((capability(0), VersionOrigin::default()), true, false, 1, note)
+            .unwrap();
+        store
     }
 
-    fn apply(mut kept: Self, model: &LifecycleModel, step: ModelStep) -> Self {
+    fn apply(mut store: Self, model: &LifecycleModel, step: ModelStep) -> Self {
         let event = match step {
             ModelStep::Event(event) => event,
             ModelStep::Restart => {
-                let Self { version_table, folder, at_ms } = kept;
+                let Self { version_table, folder, at_ms } = store;
                 drop(version_table);
-                kept = Self::open(folder, at_ms);
+                store = Self::open(folder, at_ms);
                 LifecycleEvent::Restart
             }
             ModelStep::Kill => {
                 let left = folder();
-                copy(kept.folder.path(), left.path());
-                kept = Self::open(left, kept.at_ms);
+                copy(store.folder.path(), left.path());
+                store = Self::open(left, store.at_ms);
                 LifecycleEvent::Restart
             }
         };
-        assert_eq!(kept.event(event), model.taken, "{event:?}");
-        kept
+        assert_eq!(store.event(event), model.taken, "{event:?}");
+        store
     }
 
-    fn check_invariants(kept: &Self, model: &LifecycleModel) {
-        let entry = kept.version_table.family(&family()).unwrap();
+    fn check_invariants(store: &Self, model: &LifecycleModel) {
+        let entry = store.version_table.family(&family()).unwrap();
         assert_eq!(entry.state, model.family);
-        let views = kept.version_table.store().views().unwrap();
+        let views = store.version_table.store().views().unwrap();
         assert_eq!(check_invariants(views.connection()).unwrap(), []);
         let row = views.families().unwrap().remove(0);
-        let standing: FamilyState = serde_json::from_str(&row.standing.unwrap()).unwrap();
-        assert_eq!((&standing, row.safe_stopped), (&model.family, model.family.safe_stopped));
+        let state: FamilyState = serde_json::from_str(&row.state_json.unwrap()).unwrap();
+        assert_eq!((&state, row.safe_stopped), (&model.family, model.family.safe_stopped));
         let id_of = |version: VersionRef| entry.members[usize::from(version.0)].capability.id();
         assert_eq!(row.active, model.family.active().map(id_of));
         for (member, version) in entry.members.iter().zip(&model.family.versions) {
@@ -314,9 +317,9 @@ impl StateMachineTest for ModelStore {
         assert_eq!(actives.count(), usize::from(!model.family.safe_stopped));
     }
 
-    fn teardown(kept: Self, _: LifecycleModel) {
-        let (folder, key) = (kept.folder, *kept.version_table.store().public_key());
-        drop(kept.version_table);
+    fn teardown(store: Self, _: LifecycleModel) {
+        let (folder, key) = (store.folder, *store.version_table.store().public_key());
+        drop(store.version_table);
         verify(&folder.path().join("holdpoint.db"), Some(&key)).unwrap();
     }
 }

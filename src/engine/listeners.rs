@@ -46,13 +46,13 @@ impl Listeners {
 
     /// Sends frames of the live cell to all of them; absent if no listener uses them.
     #[must_use]
-    pub fn pictures(&self) -> Option<VideoFrameSink> {
+    pub fn video_frames(&self) -> Option<VideoFrameSink> {
         let mut takers: Vec<VideoFrameSink> =
             self.sinks.iter().filter_map(|sink| sink.video_frames()).collect();
         match takers.len() {
             0 => None,
             1 => takers.pop(),
-            _ => Some(Arc::new(move |picture| takers.iter().for_each(|take| take(picture.clone())))),
+            _ => Some(Arc::new(move |frame| takers.iter().for_each(|take| take(frame.clone())))),
         }
     }
 
@@ -99,7 +99,7 @@ impl Listeners {
     /// Records the outcome of recordings since the last call.
     pub fn settle(&mut self, engine: &mut Engine) {
         let reports: Vec<SinkReport> = self.sinks.iter_mut().flat_map(|sink| sink.reports()).collect();
-        take_in(engine, reports);
+        record_reports(engine, reports);
     }
 
     /// Ends them: closes and records their recordings.
@@ -107,7 +107,7 @@ impl Listeners {
         let scripted = engine.is_scripted();
         let patience = if scripted { PATIENCE_SCRIPT } else { PATIENCE_LIVE };
         for sink in self.sinks.drain(..) {
-            take_in(engine, sink.finish(patience));
+            record_reports(engine, sink.finish(patience));
         }
     }
 }
@@ -132,7 +132,7 @@ fn setup(engine: &Engine) -> Result<SinkSetup, String> {
     })
 }
 
-fn take_in(engine: &mut Engine, reports: Vec<SinkReport>) {
+fn record_reports(engine: &mut Engine, reports: Vec<SinkReport>) {
     for report in reports {
         match report {
             SinkReport::Closed(closed) => {
@@ -165,7 +165,7 @@ fn take_in(engine: &mut Engine, reports: Vec<SinkReport>) {
 }
 
 fn put_on_record(engine: &mut Engine, closed: ClosedRecording) -> Result<(), String> {
-    let ClosedRecording { version, outcome, file, digest, bytes, pictures, dropped } = closed;
+    let ClosedRecording { version, outcome, file, digest, bytes, frames: pictures, dropped } = closed;
     let recorded = RecordingClosure {
         file: file.clone(),
         sha256: digest,
@@ -177,6 +177,6 @@ fn put_on_record(engine: &mut Engine, closed: ClosedRecording) -> Result<(), Str
     };
     let body = serde_json::to_string(&recorded).map_err(|error| error.to_string())?;
     let dropped = [dropped.0, dropped.1];
-    let told = EventKind::RecordingKept { version: version.clone(), file, digest, bytes, pictures, dropped };
-    engine.pipeline.keep_recording(&version, (KIND, body), told).map_err(|fault| fault.sentence())
+    let event = EventKind::RecordingKept { version: version.clone(), file, digest, bytes, pictures, dropped };
+    engine.pipeline.keep_recording(&version, (KIND, body), event).map_err(|fault| fault.sentence())
 }

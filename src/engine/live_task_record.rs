@@ -40,15 +40,15 @@ mod tests {
 
     /// Stores from before the marks read and write as before.
     #[test]
-    fn a_task_without_a_mark_is_kept_as_its_record_alone() {
+    fn a_task_without_a_mark_is_stored_as_its_record() {
         let record = TaskRecord::invalid(TaskKind::Align, 7);
-        let kept = |cut_short| {
+        let bytes = |cut_short| {
             let marks = LiveTaskMarks { cut_short, ..LiveTaskMarks::default() };
             serde_json::to_vec(&LiveTaskRecord { record: &record, marks }).unwrap()
         };
-        assert_eq!(kept(false), serde_json::to_vec(&record).unwrap());
+        assert_eq!(bytes(false), serde_json::to_vec(&record).unwrap());
         for cut_short in [false, true] {
-            let (body, marks) = (kept(cut_short), LiveTaskMarks { cut_short, ..LiveTaskMarks::default() });
+            let (body, marks) = (bytes(cut_short), LiveTaskMarks { cut_short, ..LiveTaskMarks::default() });
             assert_eq!(serde_json::from_slice::<TaskRecord>(&body).unwrap(), record);
             assert_eq!(serde_json::from_slice::<LiveTaskMarks>(&body).unwrap(), marks);
         }

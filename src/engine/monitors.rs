@@ -32,7 +32,7 @@ pub struct ActivationMonitor {
     /// The most severe published action of its monitor.
     pub announced: MonitorAction,
     /// The reason of its first escalation.
-    pub asked: Option<ReasonCode>,
+    pub escalation_reason: Option<ReasonCode>,
     /// The reasons of its open escalation; empty if there is none.
     pub question: Vec<Reason>,
 }
@@ -45,24 +45,25 @@ impl ActivationMonitor {
     /// If there is no shadow evidence to monitor it against.
     pub fn new(
         id: &CapabilityId,
-        dossier: Option<&EvidenceFile>,
+        evidence_file: Option<&EvidenceFile>,
         context: &Context,
         now_tick: u64,
     ) -> Result<Self, EngineFault> {
-        let expected = dossier
-            .and_then(|dossier| {
+        let expected = evidence_file
+            .and_then(|evidence_file| {
                 if context.omitted.has(AblationPart::Shadow) {
                     // An experiment omitted shadow: only the values of the sandbox are available.
-                    let alone: Vec<EpisodeValues> = dossier.pairs.iter().map(|pair| pair.candidate).collect();
+                    let alone: Vec<EpisodeValues> =
+                        evidence_file.pairs.iter().map(|pair| pair.candidate).collect();
                     normal_rates(&alone)
                 } else {
-                    normal_rates(&dossier.twins)
+                    normal_rates(&evidence_file.twins)
                 }
             })
             .ok_or_else(|| {
                 EngineFault::Impossible(format!("{id} has no shadow evidence to monitor it against"))
             })?;
-        let conditions = dossier.map(|dossier| &*dossier.conditions).unwrap_or_default();
+        let conditions = evidence_file.map(|evidence_file| &*evidence_file.conditions).unwrap_or_default();
         let monitor = Monitor::strict(&context.profile, &expected, Strictness::of(conditions), now_tick)
             .map_err(|error| EngineFault::Impossible(error.to_string()))?;
         Ok(Self {
@@ -73,7 +74,7 @@ impl ActivationMonitor {
             restricted: false,
             confirmed: false,
             announced: MonitorAction::Continue,
-            asked: None,
+            escalation_reason: None,
             question: Vec::new(),
         })
     }
@@ -85,15 +86,15 @@ impl ActivationMonitor {
     pub(crate) fn reactivated(
         id: &CapabilityId,
         record: &EngineRecorder,
-        dossier: Option<&EvidenceFile>,
+        evidence_file: Option<&EvidenceFile>,
         context: &Context,
     ) -> Result<Option<Self>, EngineFault> {
-        let (_, standing, _) = record.version_table().version(id)?;
-        if !standing.left_provisional {
+        let (_, state, _) = record.version_table().version(id)?;
+        if !state.left_provisional {
             return Ok(None);
         }
-        let watched = Self::new(id, dossier, context, record.now_tick())?;
-        Ok(Some(Self { restricted: standing.left_restricted, ..watched }))
+        let watched = Self::new(id, evidence_file, context, record.now_tick())?;
+        Ok(Some(Self { restricted: state.left_restricted, ..watched }))
     }
 }
 
@@ -138,9 +139,9 @@ impl Monitors {
     pub(crate) fn take_back(&mut self, others: Self) {
         for (family, watched) in others.0 {
             if let Some(own) = self.0.get_mut(&family).filter(|own| own.id == watched.id) {
-                let (asked, question) = (own.asked, std::mem::take(&mut own.question));
+                let (reason, question) = (own.escalation_reason, std::mem::take(&mut own.question));
                 *own = watched;
-                own.asked = own.asked.or(asked);
+                own.escalation_reason = own.escalation_reason.or(reason);
                 if own.question.is_empty() {
                     own.question = question;
                 }
@@ -164,7 +165,7 @@ impl Monitors {
     #[must_use]
     pub fn next_ms(&self, link_up: bool) -> Option<u64> {
         let due = self.iter().flat_map(|watched| {
-            let deadline = watched.monitor.escalation().map(|waiting| waiting.deadline_tick);
+            let deadline = watched.monitor.escalation().map(|escalation| escalation.deadline_tick);
             let silence = if link_up { None } else { watched.monitor.silence_due_tick() };
             [deadline, silence]
         });
@@ -175,11 +176,11 @@ impl Monitors {
     #[must_use]
     pub fn questions(&self) -> Vec<EscalationView> {
         let open = self.iter().filter_map(|watched| {
-            let asked = watched.monitor.escalation()?;
+            let escalation = watched.monitor.escalation()?;
             Some(EscalationView {
                 version: watched.id.clone(),
                 reasons: watched.question.clone(),
-                deadline_ms: ms_of(asked.deadline_tick),
+                deadline_ms: ms_of(escalation.deadline_tick),
             })
         });
         open.collect()

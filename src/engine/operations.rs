@@ -124,9 +124,9 @@ pub(crate) fn transition(
 /// Pauses the promotion of a version until it is resumed; an active version continues to run.
 pub(crate) fn pause(record: &mut EngineRecorder, operation: &Operation) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
-    let (_, standing, _) = record.version_table().version(&id)?;
-    let works = standing.state == State::Active;
-    if works && !standing.flags.paused && !standing.state.may_pause(&standing.flags) {
+    let (_, state, _) = record.version_table().version(&id)?;
+    let works = state.state == State::Active;
+    if works && !state.flags.paused && !state.state.may_pause(&state.flags) {
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("{id} is active and confirmed: it has no promotion to pause"),
@@ -149,21 +149,20 @@ pub(crate) fn pause(record: &mut EngineRecorder, operation: &Operation) -> Resul
 /// Resumes a version that is paused, or on hold by the gate or an unanswered request.
 pub(crate) fn resume(
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     operation: &Operation,
 ) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
-    let (_, standing, _) = record.version_table().version(&id)?;
-    let held_alone =
-        !standing.flags.paused && standing.state.may_resume(&standing.flags, dossiers.is_held(&id));
+    let (_, state, _) = record.version_table().version(&id)?;
+    let held_alone = !state.flags.paused && state.state.may_resume(&state.flags, evidence_files.is_held(&id));
     if !held_alone {
         let reply = transition(record, operation, "resumed", |version| LifecycleEvent::Resume { version })?;
-        dossiers.edit(&id).held = false;
+        evidence_files.edit(&id).held = false;
         return Ok(reply);
     }
     let body = serde_json::json!({ "by": operation.by, "reason": operation.reason }).to_string();
     record.note(RecordKind::Resumed, id.to_string(), body)?;
-    dossiers.edit(&id).held = false;
+    evidence_files.edit(&id).held = false;
     record.tell(EventKind::Resumed {
         version: id.clone(),
         by: operation.by.clone(),
@@ -182,14 +181,14 @@ pub(crate) fn rearm(
     let id = checked(record, operation)?;
     let profile = context.profile.name;
     if let Some(why) = not_admitted(context, record.version_table(), &record.capability(&id)?) {
-        let opens = format!("`holdpoint release {id} --profile {profile}` unblocks it");
+        let hint = format!("`holdpoint release {id} --profile {profile}` unblocks it");
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("{id} {}", why.text(profile)),
-            hint: Some(opens).filter(|_| why == AdmissionRefusal::Closed),
+            hint: Some(hint).filter(|_| why == AdmissionRefusal::Closed),
         });
     }
-    if let Some(refused) = not_to_rearm(context, record, &id)? {
+    if let Some(refused) = reactivation_refusal(context, record, &id)? {
         return Ok(refused);
     }
     transition(record, operation, "active again", |version| LifecycleEvent::Rearm { version })
@@ -197,7 +196,7 @@ pub(crate) fn rearm(
 
 /// Why a version is not reactivated without the gate: there is a clock mismatch, or approval is required and no person is on
 /// record as its requester.
-fn not_to_rearm(
+fn reactivation_refusal(
     context: &Context,
     record: &EngineRecorder,
     id: &CapabilityId,
@@ -209,11 +208,11 @@ fn not_to_rearm(
             hint: Some("`holdpoint confirm-time --as NAME --reason TEXT` confirms it".to_owned()),
         }));
     }
-    let (version, standing, member) = record.version_table().version(id)?;
+    let (version, state, member) = record.version_table().version(id)?;
     let is_first = version == VersionRef(0);
     let unknown = matches!(member.origin.requester, Requester::Unknown | Requester::Script);
-    let people = context.asks_people() && !record.clock().is_scripted();
-    if people && standing.state == State::Demoted && !is_first {
+    let people = context.may_need_approval() && !record.clock().is_scripted();
+    if people && state.state == State::Demoted && !is_first {
         return Ok(Some(Reply::Refused {
             code: Refusal::NotAllowed,
             text: format!("{id} was demoted: where approval is required, it has to pass the gate again"),
@@ -243,14 +242,18 @@ pub(crate) enum LastVersion {
 }
 
 /// Asks whether to deactivate a family's last version; absent if another version follows.
-pub(crate) fn asks_for_last(context: &Context, record: &EngineRecorder, id: &CapabilityId) -> Option<Reply> {
+pub(crate) fn last_version_refusal(
+    context: &Context,
+    record: &EngineRecorder,
+    id: &CapabilityId,
+) -> Option<Reply> {
     let entry = record.version_table().family(&id.family).ok()?;
-    let (version, standing, _) = entry.find(id)?;
+    let (version, state, _) = entry.find(id)?;
     let before = entry.state.restorable_predecessor(version);
     let before = before.and_then(|before| entry.members.get(usize::from(before.0)));
     let takes_over = before
         .is_some_and(|before| not_admitted(context, record.version_table(), &before.capability).is_none());
-    if standing.state != State::Active || takes_over {
+    if state.state != State::Active || takes_over {
         return None;
     }
     let family = &id.family;
@@ -271,17 +274,17 @@ pub(crate) fn roll_back(
     last: LastVersion,
 ) -> Result<Reply, EngineFault> {
     let id = checked(live.record, operation)?;
-    let (_, standing, _) = live.record.version_table().version(&id)?;
-    if standing.state != State::Active {
+    let (_, state, _) = live.record.version_table().version(&id)?;
+    if state.state != State::Active {
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
-            text: format!("{id} is {}; only an active version is rolled back", standing.state),
+            text: format!("{id} is {}; only an active version is rolled back", state.state),
             hint: Some("reject or demote a candidate instead".to_owned()),
         });
     }
-    let asks = asks_for_last(live.context, live.record, &id);
-    if let Some(asks) = asks.filter(|_| last == LastVersion::Ask) {
-        return Ok(asks);
+    let refusal = last_version_refusal(live.context, live.record, &id);
+    if let Some(refusal) = refusal.filter(|_| last == LastVersion::Ask) {
+        return Ok(refusal);
     }
     let trigger = format!("operator {}: {}", operation.by, operation.reason);
     live.evidence_files.edit(&id).reasons =

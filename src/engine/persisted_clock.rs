@@ -27,7 +27,7 @@ const BYTES: usize = 21;
 /// The stored clock of the running engine.
 pub(crate) struct PersistedClock {
     file: Option<File>,
-    kept_ms: u64,
+    stored_ms: u64,
 }
 
 fn path(layout: &Layout) -> PathBuf {
@@ -44,12 +44,12 @@ pub(crate) fn resumed_ms(layout: &Layout, views: &Views) -> Result<u64, StoreErr
     Ok(resumed(head.at_ms, read_stored(layout), written_ms, wall_now().map(WallTime::ms)))
 }
 
-fn resumed(head_ms: u64, kept_ms: Option<u64>, written_ms: Option<i64>, wall_ms: Option<i64>) -> u64 {
-    let (Some(kept_ms), Some(written_ms), Some(wall_ms)) = (kept_ms, written_ms, wall_ms) else {
+fn resumed(head_ms: u64, stored_ms: Option<u64>, written_ms: Option<i64>, wall_ms: Option<i64>) -> u64 {
+    let (Some(stored_ms), Some(written_ms), Some(wall_ms)) = (stored_ms, written_ms, wall_ms) else {
         return head_ms;
     };
     let passed_ms = u64::try_from(wall_ms.saturating_sub(written_ms)).unwrap_or(0);
-    kept_ms.clamp(head_ms, head_ms.saturating_add(passed_ms.min(AHEAD_MAX_MS)))
+    stored_ms.clamp(head_ms, head_ms.saturating_add(passed_ms.min(AHEAD_MAX_MS)))
 }
 
 /// The content of the file, if it has the form that an engine writes.
@@ -69,25 +69,25 @@ impl PersistedClock {
             .custom_flags(NO_LINK)
             .open(path(layout))
             .and_then(regular);
-        Self { file: file.ok(), kept_ms: from_ms }
+        Self { file: file.ok(), stored_ms: from_ms }
     }
 
     /// No stored clock: a script's is only in its record.
     pub(crate) const fn none() -> Self {
-        Self { file: None, kept_ms: 0 }
+        Self { file: None, stored_ms: 0 }
     }
 
     /// Stores the time, once it is due.
-    pub(crate) fn look(&mut self, now_ms: u64) {
-        if now_ms.saturating_sub(self.kept_ms) >= EVERY_MS {
-            self.keep(now_ms);
+    pub(crate) fn store_if_due(&mut self, now_ms: u64) {
+        if now_ms.saturating_sub(self.stored_ms) >= EVERY_MS {
+            self.store(now_ms);
         }
     }
 
     /// Stores the time.
-    pub(crate) fn keep(&mut self, now_ms: u64) {
+    pub(crate) fn store(&mut self, now_ms: u64) {
         let Some(file) = &self.file else { return };
-        self.kept_ms = now_ms;
+        self.stored_ms = now_ms;
         // One write in place: a reader sees the old or the new number, and a full disk keeps the old one.
         drop(file.write_all_at(format!("{now_ms:020}\n").as_bytes(), 0));
     }
@@ -98,8 +98,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_kept_clock_moves_on_never_back_and_no_further_than_time_has_passed() {
-        for (head, kept, written, wall, expected) in [
+    fn a_stored_clock_advances_no_further_than_time_has_passed() {
+        for (head, stored, written, wall, expected) in [
             (5_000, None, Some(1_000), Some(900_000), 5_000),
             (5_000, Some(65_000), Some(1_000), Some(900_000), 65_000),
             (5_000, Some(4_000), Some(1_000), Some(900_000), 5_000),
@@ -109,22 +109,22 @@ mod tests {
             // Another process wrote both.
             (5_000, Some(u64::MAX), Some(1), Some(1_795_501_388_366), 5_000 + AHEAD_MAX_MS),
         ] {
-            assert_eq!(resumed(head, kept, written, wall), expected);
+            assert_eq!(resumed(head, stored, written, wall), expected);
         }
     }
 
     #[test]
-    fn what_is_kept_is_read_and_anything_else_is_nothing() {
+    fn only_a_valid_stored_time_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let layout = Layout::new(folder.path());
         assert_eq!(read_stored(&layout), None);
         let mut clock = PersistedClock::begin(&layout, 100);
-        clock.look(1_099);
+        clock.store_if_due(1_099);
         assert_eq!(read_stored(&layout), None);
-        clock.look(1_100);
+        clock.store_if_due(1_100);
         assert_eq!(read_stored(&layout), Some(1_100));
-        clock.keep(u64::MAX);
-        clock.keep(1_200);
+        clock.store(u64::MAX);
+        clock.store(1_200);
         assert_eq!(read_stored(&layout), Some(1_200));
         std::fs::write(path(&layout), "soon\n").unwrap();
         assert_eq!(read_stored(&layout), None);

@@ -145,8 +145,8 @@ impl Pipeline {
         version_table.begin_persons()?;
         let agent = store_identity::agent(&version_table.store().views()?)?
             .unwrap_or_else(|| world.cell.agent_hash());
-        let lets_in = AdmissionContext { class: context.profile.name, scripted: clock.is_scripted() };
-        version_table.bind(&StoreRobot::of(&context.cell), lets_in);
+        let admission = AdmissionContext { class: context.profile.name, scripted: clock.is_scripted() };
+        version_table.bind(&StoreRobot::of(&context.cell), admission);
         let run_seed = if clock.is_scripted() { RunSeed::OfScript } else { RunSeed::OfStore(seed) };
         let voided = match store_identity::set_context(
             &context,
@@ -414,12 +414,12 @@ impl Pipeline {
                 return Ok(None);
             }
         };
-        let Self { context, record, evidence_files: dossiers, monitors, .. } = self;
-        let along = shadow::take_along(context, record, dossiers, monitors, &mut run)?;
-        if along.is_some() {
+        let Self { context, record, evidence_files, monitors, .. } = self;
+        let shadow = shadow::take_along(context, record, evidence_files, monitors, &mut run)?;
+        if shadow.is_some() {
             self.work = Some(StageWork::Shadow(run));
         }
-        Ok(along)
+        Ok(shadow)
     }
 
     /// Adds the results of one sequence in shadow, if the candidate is still in shadow.
@@ -431,8 +431,8 @@ impl Pipeline {
     ) -> Result<(), EngineFault> {
         match self.work.take() {
             Some(StageWork::Shadow(run)) if run.id() == id => {
-                let Self { context, record, evidence_files: dossiers, .. } = self;
-                match shadow::take_in(context, record, dossiers, run, trace, fork)? {
+                let Self { context, record, evidence_files, .. } = self;
+                match shadow::take_in(context, record, evidence_files, run, trace, fork)? {
                     ShadowStep::GoOn(run) => self.work = Some(StageWork::Shadow(run)),
                     ShadowStep::ReEvaluate(run) => self.begin_again_in_shadow(run)?,
                     ShadowStep::Over => {}
@@ -460,14 +460,14 @@ impl Pipeline {
     }
 
     /// From now on sends frames of the live cell to `pictures`, which must not wait.
-    pub fn draw_live_world(&mut self, pictures: VideoFrameSink) {
-        self.world.pictures = Some(pictures);
+    pub fn draw_live_world(&mut self, sink: VideoFrameSink) {
+        self.world.frame_sink = Some(sink);
     }
 
     /// Runs the live cell on its own thread, at `times` real time (absent: unlimited); its frames go to `pictures`.
-    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: VideoFrameSink) {
+    pub fn pace_live_world(&mut self, times: Option<f64>, sink: VideoFrameSink) {
         self.trials.work_in_small_parts();
-        self.world.pictures = Some(pictures);
+        self.world.frame_sink = Some(sink);
         self.world.work_on_a_thread(times);
     }
 
@@ -542,10 +542,10 @@ impl Pipeline {
         &mut self,
         version: &CapabilityId,
         (kind, body): (RecordKind, String),
-        told: EventKind,
+        event: EventKind,
     ) -> Result<(), EngineFault> {
         self.record.note(kind, version.to_string(), body)?;
-        self.record.tell(told);
+        self.record.tell(event);
         Ok(())
     }
 

@@ -42,9 +42,9 @@ impl Pump {
 
     /// Starts the listeners of an engine with an open socket.
     #[must_use]
-    pub fn with_door(mut engine: Engine, door: ControlSocket, sinks: Vec<MakeSink>) -> Self {
+    pub fn with_socket(mut engine: Engine, socket: ControlSocket, sinks: Vec<MakeSink>) -> Self {
         let listeners = Listeners::start(&mut engine, sinks);
-        Self { engine, socket: Some(door), listeners }
+        Self { engine, socket: Some(socket), listeners }
     }
 
     /// Opens the socket for other processes.
@@ -88,13 +88,13 @@ impl Pump {
     }
 
     /// As [`Engine::draw_live_world`].
-    pub fn draw_live_world(&mut self, pictures: VideoFrameSink) {
-        self.engine.draw_live_world(pictures);
+    pub fn draw_live_world(&mut self, sink: VideoFrameSink) {
+        self.engine.draw_live_world(sink);
     }
 
     /// As [`Engine::pace_live_world`].
-    pub fn pace_live_world(&mut self, times: Option<f64>, pictures: VideoFrameSink) {
-        self.engine.pace_live_world(times, pictures);
+    pub fn pace_live_world(&mut self, times: Option<f64>, sink: VideoFrameSink) {
+        self.engine.pace_live_world(times, sink);
     }
 
     /// Begins one stage of one candidate, by the call for that stage.
@@ -114,8 +114,8 @@ impl Pump {
 
     /// Sends frames of the live cell to all listeners; absent if no listener uses them.
     #[must_use]
-    pub fn pictures(&self) -> Option<VideoFrameSink> {
-        self.listeners.pictures()
+    pub fn frame_sink(&self) -> Option<VideoFrameSink> {
+        self.listeners.video_frames()
     }
 
     /// Serves a live viewer; absent if no listener can.
@@ -126,12 +126,12 @@ impl Pump {
 
     /// Carries out requests from the socket, and signals.
     fn requests(&mut self) {
-        let Some(door) = &mut self.socket else { return };
-        door.poll(&mut self.engine);
-        if let Some(times) = door.name_taken_anew() {
+        let Some(socket) = &mut self.socket else { return };
+        socket.poll(&mut self.engine);
+        if let Some(times) = socket.name_taken_anew() {
             self.engine.name_taken(times);
         }
-        if door.endings_asked() > 0 && !self.engine.has_ended() {
+        if socket.end_signals() > 0 && !self.engine.has_ended() {
             self.engine.submit(Request::unsigned("signal-to-end".to_owned(), Command::Shutdown));
         }
     }
@@ -147,8 +147,8 @@ impl Pump {
     /// Delivers the events to all listeners, and returns them.
     pub fn deliver_events(&mut self) -> Vec<Event> {
         let events = self.engine.drain_events();
-        if let Some(door) = &self.socket {
-            door.publish(&events);
+        if let Some(socket) = &self.socket {
+            socket.publish(&events);
         }
         self.listeners.events(&mut self.engine, &events);
         events
@@ -173,8 +173,8 @@ impl Pump {
 
     /// Waits until a request arrives, or for `at_most`. Returns at once without a socket.
     pub fn wait(&mut self, at_most: Duration) {
-        if let Some(door) = &mut self.socket {
-            door.wait(at_most);
+        if let Some(socket) = &mut self.socket {
+            socket.wait(at_most);
         }
     }
 

@@ -16,7 +16,7 @@ use crate::view::lookup;
 const READING_MAX: usize = 2;
 
 /// The most queries with stored answers; the oldest answered one is dropped first.
-const KEPT_MAX: usize = 16;
+const STORED_MAX: usize = 16;
 
 /// A long query.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,7 +39,7 @@ impl RecordQuery {
 /// One query, and its answer once there is one.
 struct RunningQuery {
     id: String,
-    asked: RecordQuery,
+    query: RecordQuery,
     answer: Arc<Mutex<Option<Reply>>>,
 }
 
@@ -58,20 +58,20 @@ impl RunningQuery {
 pub(crate) struct QueryQueue(VecDeque<RunningQuery>);
 
 /// The answer to a query, read on this thread.
-pub(crate) fn read(layout: &Layout, asked: RecordQuery, present: PresentTime) -> Reply {
-    match asked {
-        RecordQuery::Health(asked) => health(layout, &asked, present),
+pub(crate) fn read(layout: &Layout, query: RecordQuery, present: PresentTime) -> Reply {
+    match query {
+        RecordQuery::Health(query) => health(layout, &query, present),
         RecordQuery::VerifyAudit => {
             lookup::verify_audit(layout).unwrap_or_else(|error| Reply::refused(Refusal::Store, &error))
         }
     }
 }
 
-fn health(layout: &Layout, asked: &HealthQuery, present: PresentTime) -> Reply {
+fn health(layout: &Layout, query: &HealthQuery, present: PresentTime) -> Reply {
     let read = HealthReader::open(layout).map_err(HealthError::from);
-    match read.and_then(|reader| reader.read(asked, Some(present))) {
+    match read.and_then(|reader| reader.read(query, Some(present))) {
         Ok(series) => Reply::Health { series: Box::new(series) },
-        Err(error @ HealthError::Asked(_)) => Reply::refused(Refusal::BadInput, &error),
+        Err(error @ HealthError::InvalidQuery(_)) => Reply::refused(Refusal::BadInput, &error),
         Err(error @ HealthError::Store(_)) => Reply::refused(Refusal::Store, &error),
     }
 }
@@ -81,27 +81,27 @@ impl QueryQueue {
     pub(crate) fn begin(
         &mut self,
         id: &str,
-        asked: RecordQuery,
+        query: RecordQuery,
         (layout, present): (&Layout, PresentTime),
     ) -> Option<Reply> {
-        if let Some(known) = self.0.iter().find(|reading| reading.id == id && reading.asked == asked) {
-            return known.answered();
+        if let Some(running) = self.0.iter().find(|running| running.id == id && running.query == query) {
+            return running.answered();
         }
         let refuse = |text: &str| {
             let hint = Some("ask again when one of them is answered".to_owned());
             Some(Reply::Refused { code: Refusal::NotNow, text: text.to_owned(), hint })
         };
-        if self.0.iter().filter(|reading| reading.is_open()).count() >= READING_MAX {
+        if self.0.iter().filter(|running| running.is_open()).count() >= READING_MAX {
             return refuse(&format!("{READING_MAX} questions about the record are being read already"));
         }
-        while self.0.len() >= KEPT_MAX {
-            let Some(oldest) = self.0.iter().position(|reading| !reading.is_open()) else { break };
+        while self.0.len() >= STORED_MAX {
+            let Some(oldest) = self.0.iter().position(|running| !running.is_open()) else { break };
             self.0.remove(oldest);
         }
         let answer = Arc::new(Mutex::new(None));
         let (slot, layout) = (Arc::clone(&answer), layout.clone());
         let work = move || {
-            let reply = catch_unwind(AssertUnwindSafe(|| read(&layout, asked, present)));
+            let reply = catch_unwind(AssertUnwindSafe(|| read(&layout, query, present)));
             // The client must get an answer.
             let reply = reply.unwrap_or_else(|_| Reply::Refused {
                 code: Refusal::Store,
@@ -114,7 +114,7 @@ impl QueryQueue {
         if thread.spawn(work).is_err() {
             return refuse("no thread could be started to read the record");
         }
-        self.0.push_back(RunningQuery { id: id.to_owned(), asked, answer });
+        self.0.push_back(RunningQuery { id: id.to_owned(), query, answer });
         None
     }
 

@@ -11,7 +11,7 @@ use crate::evidence_file::EvidenceFile;
 use crate::view::check_explanation;
 
 /// The field of the rationale; a rule's decision has no such field.
-const SAID: &str = "said";
+const RATIONALE_KEY: &str = "said";
 
 /// The most differences to the active version in a record; the evidence file has all.
 const CHANGES_MAX: usize = 20;
@@ -33,16 +33,16 @@ struct DecisionRationale<'a> {
 /// If a part has no JSON form.
 pub fn body<O: Serialize>(
     decision: &Decision<O>,
-    dossier: &EvidenceFile,
+    evidence_file: &EvidenceFile,
 ) -> Result<String, serde_json::Error> {
     let mut whole: Map<String, Value> = serde_json::from_value(serde_json::to_value(decision)?)?;
-    let changes = &dossier.changes.fields;
-    let said = DecisionRationale {
-        why: check_explanation::of_decision(dossier, decision.reasons()),
+    let changes = &evidence_file.changes.fields;
+    let rationale = DecisionRationale {
+        why: check_explanation::decision_sentences(evidence_file, decision.reasons()),
         changes: changes.get(..CHANGES_MAX).unwrap_or(changes),
         differences: changes.len(),
     };
-    whole.insert(SAID.to_owned(), serde_json::to_value(said)?);
+    whole.insert(RATIONALE_KEY.to_owned(), serde_json::to_value(rationale)?);
     serde_json::to_string(&whole)
 }
 
@@ -50,7 +50,7 @@ pub fn body<O: Serialize>(
 #[must_use]
 pub fn rule_part(body: &str) -> Option<Value> {
     let mut whole = serde_json::from_str::<Value>(body).ok()?;
-    whole.as_object_mut()?.remove(SAID);
+    whole.as_object_mut()?.remove(RATIONALE_KEY);
     Some(whole)
 }
 
@@ -58,7 +58,7 @@ pub fn rule_part(body: &str) -> Option<Value> {
 #[must_use]
 pub fn sentences(body: &str) -> Vec<String> {
     let whole = serde_json::from_str::<Value>(body).ok();
-    let why = whole.as_ref().and_then(|whole| whole.get(SAID)?.get("why")?.as_array());
+    let why = whole.as_ref().and_then(|whole| whole.get(RATIONALE_KEY)?.get("why")?.as_array());
     let texts = why.into_iter().flatten().filter_map(Value::as_str);
     texts.map(str::to_owned).collect()
 }

@@ -215,8 +215,8 @@ impl EngineRecorder {
     /// # Errors
     /// As [`EngineRecorder::transition`].
     pub fn start_stage(&mut self, id: &CapabilityId, stage: Stage, budget: u64) -> Result<(), EngineFault> {
-        let (version, standing, _) = self.versions.version(id)?;
-        if standing.flags.running != Some(stage) {
+        let (version, lifecycle, _) = self.versions.version(id)?;
+        if lifecycle.flags.running != Some(stage) {
             let note = TransitionNote::because("the stage begins");
             self.transition(&id.family, LifecycleEvent::Start { version, stage }, note)?;
         }

@@ -86,17 +86,17 @@ pub fn contradiction(views: &Views, closed: &ClosedRecording) -> Result<Option<S
         subject: Some(version.to_string()),
         ..AuditFilter::default()
     })?;
-    let ended = |record: &&AuditRecord| {
+    let is_end = |record: &&AuditRecord| {
         serde_json::from_str::<UpgradeEndBody>(&record.body).is_ok_and(|closing| closing.outcome == *outcome)
     };
-    let ended = closings.iter().filter(ended).count();
-    let of_these = |(file, standing): &(String, FileRecord)| {
+    let end_count = closings.iter().filter(is_end).count();
+    let of_these = |(file, record): &(String, FileRecord)| {
         RecordingName::parse(file).is_some_and(|name| name.version == *version)
-            && standing.recorded.as_ref().is_some_and(|kept| kept.outcome == *outcome)
+            && record.recorded.as_ref().is_some_and(|recording| recording.outcome == *outcome)
     };
-    let kept = on_record(views)?.0.into_iter().filter(of_these).count();
-    Ok((kept >= ended).then(|| {
-        format!("{ended} upgrades of {version} ended as {outcome}, and {kept} recordings of them are kept")
+    let recording_count = on_record(views)?.0.into_iter().filter(of_these).count();
+    Ok((recording_count >= end_count).then(|| {
+        format!("{end_count} upgrades of {version} ended as {outcome}, and {recording_count} recordings of them are kept")
     }))
 }
 

@@ -39,10 +39,10 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
     reload_evidence_files(live.context, live.record, live.evidence_files)?;
     let interrupted = live.record.version_table().store().opening().interrupted.clone();
     let mut restarted = std::collections::BTreeSet::new();
-    for left in interrupted {
-        match left {
+    for work in interrupted {
+        match work {
             InterruptedWork::RollbackPending { version } => {
-                say_recovered(live.record, &version, "an interrupted rollback is finished now");
+                report_recovered(live.record, &version, "an interrupted rollback is finished now");
                 let trigger = trigger(live.record, TriggerKind::Restart, "a rollback was interrupted");
                 live.deactivate(&version, trigger, None, DeactivationKind::RolledBack)?;
             }
@@ -53,7 +53,7 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
                     live.record.transition(&version.family, LifecycleEvent::Restart, note)?;
                 }
                 resume_demoted(live.record, &version)?;
-                say_recovered(
+                report_recovered(
                     live.record,
                     &version,
                     "a stage was running; it does not count and is run again",
@@ -62,7 +62,7 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
             InterruptedWork::Provisional { version } => resume_watch(live, &version)?,
         }
     }
-    leave_unadmitted(live)?;
+    deactivate_unadmitted(live)?;
     resume_questions(live, approvals)
 }
 
@@ -96,7 +96,7 @@ fn take_in_telemetry(record: &mut EngineRecorder) -> Result<(), EngineFault> {
 
 /// Rolls back versions that do not admit the store's profile, or are blocked under it: a version for simulation only controls
 /// no other arm.
-fn leave_unadmitted(live: &mut LiveMonitoring<'_>) -> Result<(), EngineFault> {
+fn deactivate_unadmitted(live: &mut LiveMonitoring<'_>) -> Result<(), EngineFault> {
     let version_table = live.record.version_table();
     let active = version_table.families().filter_map(|(_, entry)| entry.active());
     let stray: Vec<(CapabilityId, AdmissionRefusal)> = active
@@ -111,7 +111,7 @@ fn leave_unadmitted(live: &mut LiveMonitoring<'_>) -> Result<(), EngineFault> {
     for (id, why) in stray {
         let profile = live.context.profile.name;
         let why = why.text(profile);
-        say_recovered(live.record, &id, &format!("it {why} and is rolled back"));
+        report_recovered(live.record, &id, &format!("it {why} and is rolled back"));
         let text = format!("the store was opened under the profile {profile}: the version {why}");
         let trigger = trigger(live.record, TriggerKind::ProfileNotAdmitted, &text);
         live.deactivate(&id, trigger, None, DeactivationKind::Demoted)?;
@@ -121,8 +121,8 @@ fn leave_unadmitted(live: &mut LiveMonitoring<'_>) -> Result<(), EngineFault> {
 
 /// Returns a version to its repeated stage after an interruption.
 fn resume_demoted(record: &mut EngineRecorder, id: &CapabilityId) -> Result<(), EngineFault> {
-    let (version, standing, _) = record.version_table().version(id)?;
-    if standing.state == State::Demoted {
+    let (version, lifecycle, _) = record.version_table().version(id)?;
+    if lifecycle.state == State::Demoted {
         let event = LifecycleEvent::Repeat { version, stage: Stage::Sandbox };
         record.transition(
             &id.family,
@@ -135,22 +135,26 @@ fn resume_demoted(record: &mut EngineRecorder, id: &CapabilityId) -> Result<(), 
 
 /// Monitors a provisional version before its next tick, from the start of its window.
 fn resume_watch(live: &mut LiveMonitoring<'_>, id: &CapabilityId) -> Result<(), EngineFault> {
-    let (_, standing, _) = live.record.version_table().version(id)?;
-    if standing.state != State::Active {
+    let (_, lifecycle, _) = live.record.version_table().version(id)?;
+    if lifecycle.state != State::Active {
         return Ok(());
     }
-    let restricted = standing.flags.restricted;
+    let restricted = lifecycle.flags.restricted;
     let now_tick = live.record.now_tick();
     match ActivationMonitor::new(id, live.evidence_files.of(id), live.context, now_tick) {
         Ok(mut watched) => {
             watched.restricted = restricted;
             live.monitors.insert(watched);
-            say_recovered(live.record, id, "it is provisional; its window restarts under a new monitor");
+            report_recovered(live.record, id, "it is provisional; its window restarts under a new monitor");
             Ok(())
         }
         Err(fault) => {
             // A version that cannot be monitored does not act.
-            say_recovered(live.record, id, &format!("it cannot be monitored ({fault}) and is rolled back"));
+            report_recovered(
+                live.record,
+                id,
+                &format!("it cannot be monitored ({fault}) and is rolled back"),
+            );
             let text = "no monitor could be set up after a restart";
             let trigger = trigger(live.record, TriggerKind::Restart, text);
             live.deactivate(id, trigger, None, DeactivationKind::RolledBack)
@@ -176,7 +180,7 @@ fn resume_questions(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) ->
         else {
             continue;
         };
-        if let Some(answers) = approvals.take_up(live.context, record, live.evidence_files, &id)? {
+        if let Some(answers) = approvals.restore(live.context, record, live.evidence_files, &id)? {
             let priority = live.context.profile.alarms.approval_waiting;
             record.raise(
                 AlarmKey::Approval(id.clone()),
@@ -185,7 +189,7 @@ fn resume_questions(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) ->
                 &format!("{id} waits for approval"),
             );
             let text = format!("the approval request stays open, with {answers} answers");
-            say_recovered(record, &id, &text);
+            report_recovered(record, &id, &text);
             continue;
         }
         let note = TransitionNote {
@@ -199,18 +203,18 @@ fn resume_questions(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) ->
         } else {
             "approvers had been asked; they are asked again"
         };
-        say_recovered(record, &id, what);
+        report_recovered(record, &id, what);
     }
     Ok(())
 }
 
-fn say_recovered(record: &mut EngineRecorder, version: &CapabilityId, text: &str) {
+fn report_recovered(record: &mut EngineRecorder, version: &CapabilityId, text: &str) {
     record.tell(EventKind::Recovered { version: version.clone(), text: text.to_owned() });
 }
 
 /// The display of a version that is history; its measurements stay in the store.
-fn what_is_said_of(dossier: EvidenceFile) -> EvidenceFile {
-    let EvidenceFile { kappas, conditions, reasons, .. } = dossier;
+fn terminal_summary(evidence_file: EvidenceFile) -> EvidenceFile {
+    let EvidenceFile { kappas, conditions, reasons, .. } = evidence_file;
     EvidenceFile { kappas, conditions, reasons, ..EvidenceFile::default() }
 }
 
@@ -218,7 +222,7 @@ fn what_is_said_of(dossier: EvidenceFile) -> EvidenceFile {
 fn reload_evidence_files(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
 ) -> Result<(), EngineFault> {
     let views = record.version_table().store().views()?;
     let mut loaded = Vec::new();
@@ -227,7 +231,7 @@ fn reload_evidence_files(
             let id = member.capability.id();
             let evidence = views.evidence(&id, None)?;
             let is_over = version.state.is_terminal();
-            let mut kept = evidence.iter().rev().filter(|entry| match entry.kind {
+            let mut entries = evidence.iter().rev().filter(|entry| match entry.kind {
                 EvidenceKind::Compat | EvidenceKind::Sandbox | EvidenceKind::Shadow => true,
                 // From a rejection at the gate; the evidence of a pass is no evidence file.
                 EvidenceKind::Gate => is_over,
@@ -236,22 +240,22 @@ fn reload_evidence_files(
                 | EvidenceKind::Rollback
                 | EvidenceKind::Drill => false,
             });
-            let newest = kept.find_map(|entry| serde_json::from_str::<EvidenceFile>(&entry.json).ok());
-            let Some(mut dossier) = newest else { continue };
+            let newest = entries.find_map(|entry| serde_json::from_str::<EvidenceFile>(&entry.json).ok());
+            let Some(mut evidence_file) = newest else { continue };
             if is_over {
-                dossier = what_is_said_of(dossier);
+                evidence_file = terminal_summary(evidence_file);
             } else if version.state == State::Active {
-                dossier.conditions = conditions_in_force(context, &evidence, &dossier.conditions);
+                evidence_file.conditions = conditions_in_force(context, &evidence, &evidence_file.conditions);
                 if !version.flags.provisional {
-                    dossier.conditions.retain(Condition::outlives_confirmation);
+                    evidence_file.conditions.retain(Condition::outlives_confirmation);
                 }
-                dossier.suspicion = recorded_concern(&evidence);
+                evidence_file.suspicion = recorded_concern(&evidence);
             }
-            loaded.push((id, dossier));
+            loaded.push((id, evidence_file));
         }
     }
     drop(views);
-    dossiers.extend(loaded);
+    evidence_files.extend(loaded);
     Ok(())
 }
 

@@ -28,9 +28,9 @@ pub(crate) fn take(record: &mut EngineRecorder, by: String, text: String) -> Res
             format!("a name and a note that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each");
         return Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
     }
-    let kept = ShiftNoteRecord { by, text };
-    record.note(RecordKind::ShiftNote, String::new(), serde_json::json!(kept).to_string())?;
-    let ShiftNoteRecord { by, text } = kept;
+    let note = ShiftNoteRecord { by, text };
+    record.note(RecordKind::ShiftNote, String::new(), serde_json::json!(note).to_string())?;
+    let ShiftNoteRecord { by, text } = note;
     record.tell(EventKind::ShiftNote { by, text });
     Ok(Reply::Accepted { text: "the note is on record".to_owned(), version: None })
 }

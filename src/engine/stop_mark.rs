@@ -66,7 +66,7 @@ impl OwnStopMark {
         let mut file = options.open(layout.folder())?;
         write_shared(&mut file, text)?;
         let open = format!("/proc/self/fd/{}", file.as_raw_fd());
-        linkat(CWD, open, CWD, layout.stop_asked(), AtFlags::SYMLINK_FOLLOW)?;
+        linkat(CWD, open, CWD, layout.stop_request(), AtFlags::SYMLINK_FOLLOW)?;
         Ok(Self(file))
     }
 
@@ -74,7 +74,7 @@ impl OwnStopMark {
     fn put_by_name(layout: &Layout, text: &str) -> io::Result<Self> {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create_new(true).mode(0o600);
-        let mut file = options.open(layout.stop_asked())?;
+        let mut file = options.open(layout.stop_request())?;
         write_shared(&mut file, text)?;
         Ok(Self(file))
     }
@@ -106,7 +106,7 @@ fn write_shared(file: &mut File, text: &str) -> io::Result<()> {
 /// The file in the place of the mark.
 #[derive(Debug)]
 pub(crate) struct StopMarkFile {
-    pub(crate) asked: StopRequest,
+    pub(crate) request: StopRequest,
     /// Device and inode; zeros where the system does not provide them.
     is: (u64, u64),
     /// The file, if it is one.
@@ -116,12 +116,12 @@ pub(crate) struct StopMarkFile {
 }
 
 fn open(layout: &Layout) -> io::Result<File> {
-    OpenOptions::new().read(true).custom_flags(NO_LINK).open(layout.stop_asked()).and_then(regular)
+    OpenOptions::new().read(true).custom_flags(NO_LINK).open(layout.stop_request()).and_then(regular)
 }
 
 /// Looks for a mark; `None` if there is none.
 pub(crate) fn look(layout: &Layout) -> Option<StopMarkFile> {
-    let (is, owner, kind) = match fs::symlink_metadata(layout.stop_asked()) {
+    let (is, owner, kind) = match fs::symlink_metadata(layout.stop_request()) {
         Ok(found) => ((found.dev(), found.ino()), found.uid(), kind_of(&found)),
         Err(error) if error.kind() == ErrorKind::NotFound => return None,
         Err(_) => ((0, 0), rustix::process::geteuid().as_raw(), "something"),
@@ -141,13 +141,13 @@ pub(crate) fn look(layout: &Layout) -> Option<StopMarkFile> {
         by: String::new(),
         reason: format!("{kind} is in the place of the mark of a stop"),
     });
-    let asked = StopRequest { id, by, reason, caller: caller::named(owner, process) };
-    Some(StopMarkFile { asked, is, file, clear })
+    let request = StopRequest { id, by, reason, caller: caller::named(owner, process) };
+    Some(StopMarkFile { request, is, file, clear })
 }
 
 /// Whether anything is in the place of the mark.
 pub(crate) fn is_there(layout: &Layout) -> bool {
-    !fs::symlink_metadata(layout.stop_asked()).is_err_and(|error| error.kind() == ErrorKind::NotFound)
+    !fs::symlink_metadata(layout.stop_request()).is_err_and(|error| error.kind() == ErrorKind::NotFound)
 }
 
 fn read(file: &File) -> Option<StopMarkText> {
@@ -163,8 +163,8 @@ fn read(file: &File) -> Option<StopMarkText> {
 
 /// Removes the mark of a stop that is on record, or stored elsewhere.
 pub(crate) fn settle(layout: &Layout, id: &str) {
-    if look(layout).is_some_and(|found| found.asked.id == id) {
-        let path = layout.stop_asked();
+    if look(layout).is_some_and(|found| found.request.id == id) {
+        let path = layout.stop_request();
         // A mark that cannot be removed keeps stopping the cell.
         drop(fs::remove_file(&path).or_else(|_| fs::remove_dir(&path)));
     }

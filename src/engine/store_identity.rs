@@ -127,9 +127,9 @@ impl RunSeed {
     /// [`StoreError::Invalid`] if the store has another one.
     pub(crate) fn check(self, recorded: Option<u64>) -> Result<(), StoreError> {
         match (self.session_seed(), recorded) {
-            (Some(asked), Some(recorded)) if asked != recorded => Err(StoreError::Invalid {
+            (Some(requested), Some(recorded)) if requested != recorded => Err(StoreError::Invalid {
                 what: "--seed",
-                value: asked.to_string(),
+                value: requested.to_string(),
                 allowed: format!("{recorded}, the seed of this store: start without --seed"),
             }),
             _ => Ok(()),
@@ -209,9 +209,9 @@ pub enum StartPermission {
 pub fn may_begin(
     course: &ProfileHistory,
     (before, last): (Option<&ContextRecord>, u64),
-    asked: RequestedRules<'_>,
+    requested: RequestedRules<'_>,
 ) -> Result<StartPermission, StoreError> {
-    let RequestedRules { profile, table, own, scripted } = asked;
+    let RequestedRules { profile, table, own, scripted } = requested;
     if scripted && course.was_live() {
         return Err(StoreError::ScriptAfterLive);
     }
@@ -231,9 +231,9 @@ pub fn may_begin(
         let named = own.map_or_else(|| class.name().to_owned(), |texts| texts.file.clone());
         return Err(StoreError::UnauthorizedProfile { named, problem });
     }
-    let told = downgrade_summary(&rules.loosened);
+    let summary = downgrade_summary(&rules.loosened);
     Ok(StartPermission::Unauthorized(format!(
-        "no administrator authorized the profile {} as this program has it ({told}); nothing becomes active and the \
+        "no administrator authorized the profile {} as this program has it ({summary}); nothing becomes active and the \
          arm stays at standstill until one does: end the engine, `holdpoint profile allow --by ADMIN --reason TEXT`, and \
          start it again",
         titled(class, profile.site.as_ref())
@@ -256,13 +256,13 @@ pub(crate) fn set_context(
     drop(views);
     let course = &version_table.store().opening().profiles;
     let scripted = matches!(seed, RunSeed::OfScript);
-    let asked = RequestedRules {
+    let requested = RequestedRules {
         profile: &context.profile,
         table: &context.table,
         own: context.own.as_ref(),
         scripted,
     };
-    let rules = match may_begin(course, (before.as_ref(), end), asked)? {
+    let rules = match may_begin(course, (before.as_ref(), end), requested)? {
         StartPermission::Authorized(rules) => rules,
         StartPermission::Unauthorized(why) => return Ok(StoreUse::Unauthorized(why)),
     };

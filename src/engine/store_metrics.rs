@@ -202,9 +202,9 @@ fn observe_under(
             reader.seen.replays.push(replay);
         }
         reader.rollbacks(&of);
-        let kept = reader.activations(&of);
+        let retained = reader.activations(&of);
         if in_span(*registered) && !baseline {
-            reader.candidate(id, kept);
+            reader.candidate(id, retained);
         }
     }
     let acts = history.acts.iter().filter(|(seq, _)| in_span(*seq) && *seq <= to_record);
@@ -272,8 +272,8 @@ fn live_tasks(
         }
         let read = batch.and_then(|batch| {
             let task: TaskRecord = serde_json::from_slice(&batch.body).ok()?;
-            let kept: LiveTaskMarks = serde_json::from_slice(&batch.body).ok()?;
-            Some((batch.version, task, kept))
+            let marks: LiveTaskMarks = serde_json::from_slice(&batch.body).ok()?;
+            Some((batch.version, task, marks))
         });
         let Some((version, task, marks)) = read else {
             coverage.damaged_batches += in_span;
@@ -329,14 +329,14 @@ impl StoreReader<'_> {
             entry.kind == EvidenceKind::Monitor
                 && (self.from_record..=self.history().to_seq).contains(&entry.seq)
         });
-        replays.extend(settled.filter_map(|entry| Some((entry.seq, self.replayer.settled(entry)?))));
+        replays.extend(settled.filter_map(|entry| Some((entry.seq, self.replayer.replay_concern(entry)?))));
         replays
     }
 
     /// The rollbacks of a version: the last record of each, which contains all of it.
     fn rollbacks(&mut self, of: &VersionRecords) {
         let mut last: Option<(u64, ObservedRollback)> = None;
-        for (seq, told) in rolled_back(of) {
+        for (seq, told) in rollback_records(of) {
             if seq < self.from_record || seq > self.history().to_seq {
                 continue;
             }
@@ -393,9 +393,11 @@ impl StoreReader<'_> {
         // A rollback is recorded again after its first tasks, when the rollback target had control.
         let next = history.control.iter().find(|one| one.version == of.id && one.from_seq > control.from_seq);
         let until = next.map_or(u64::MAX, |next| next.from_seq);
-        let unsafe_end = rolled_back(of)
+        let unsafe_end = rollback_records(of)
             .filter(|(seq, _)| (control.from_seq..until).contains(seq))
-            .find(|(_, told)| told.trigger.kind == TriggerKind::SafetyEvent || told.recovered == Some(false))
+            .find(|(_, rollback)| {
+                rollback.trigger.kind == TriggerKind::SafetyEvent || rollback.recovered == Some(false)
+            })
             .map(|(seq, _)| seq);
         let name = of.id.to_string();
         let acted = history
@@ -407,7 +409,8 @@ impl StoreReader<'_> {
         let doubted = of.evidence.iter().any(|entry| {
             entry.kind == EvidenceKind::Monitor
                 && control.covers(entry.seq)
-                && (serde_json::from_str::<Confirmation>(&entry.json).is_ok_and(|kept| !kept.is_settled())
+                && (serde_json::from_str::<Confirmation>(&entry.json)
+                    .is_ok_and(|confirmation| !confirmation.is_settled())
                     || serde_json::from_str::<VersionConcern>(&entry.json)
                         .is_ok_and(|found| found.again.is_some() && found.is_open()))
         });
@@ -428,13 +431,13 @@ impl StoreReader<'_> {
             regressed: measured.is_some() || doubted,
             shadow_showed: of
                 .shadow_before(control.from_seq)
-                .map(|dossier| shadow_showed(&dossier.sequences)),
+                .map(|evidence_file| shadow_showed(&evidence_file.sequences)),
         }
     }
 
     /// Counts a candidate by its state; `kept`: whether its last activation was kept.
-    fn candidate(&mut self, id: &CapabilityId, kept: Option<bool>) {
-        let (fate, by_people) = match (kept, self.history().stopped(id)) {
+    fn candidate(&mut self, id: &CapabilityId, retained: Option<bool>) {
+        let (fate, by_people) = match (retained, self.history().stopped(id)) {
             (Some(true), _) => (Some(Fate::Kept), false),
             (Some(false), _) => (Some(Fate::Contained), false),
             (None, Some((stage, by_people))) => (Some(Fate::Blocked { stage }), by_people),
@@ -445,7 +448,7 @@ impl StoreReader<'_> {
 }
 
 /// The readable records of a version's rollbacks, each with its number in the chain.
-fn rolled_back(of: &VersionRecords) -> impl Iterator<Item = (u64, RollbackRecord)> {
+fn rollback_records(of: &VersionRecords) -> impl Iterator<Item = (u64, RollbackRecord)> {
     let entries = of.evidence.iter().filter(|entry| entry.kind == EvidenceKind::Rollback);
     entries.filter_map(|entry| Some((entry.seq, serde_json::from_str(&entry.json).ok()?)))
 }

@@ -64,14 +64,14 @@ pub(crate) fn context_change((profile, policy_digest, json): (ProfileName, Diges
 }
 
 /// Puts a change into a store, and closes it.
-fn committed(store: Store, change: Change) {
+fn commit(store: Store, change: Change) {
     let at_ms = store.opening().head.at_ms;
     let (command_id, audit) = ("test".to_owned(), Vec::new());
     let changes = vec![change];
     store.commit(holdpoint_registry::Transaction { command_id, at_ms, wall_ms: 0, changes, audit }).unwrap();
 }
 
-pub(crate) fn accepted(reply: &Reply) {
+pub(crate) fn assert_accepted(reply: &Reply) {
     let done =
         matches!(reply, Reply::Accepted { .. } | Reply::Stopped { kept: StopPersistence::OnRecord, .. });
     assert!(done, "{reply:?}");
@@ -112,7 +112,7 @@ fn another_robot_is_refused_before_anything_is_written() {
 
 /// The pointer names its robot itself: a context without a robot, as earlier versions wrote it, does not matter.
 #[test]
-fn a_pointer_of_another_robot_is_refused_whatever_the_context_says() {
+fn a_pointer_of_another_robot_is_refused_under_any_context() {
     let folder = tempfile::tempdir().unwrap();
     drop(engine(folder.path(), "arm7").unwrap());
     let store = Store::open(folder.path()).unwrap();
@@ -122,7 +122,7 @@ fn a_pointer_of_another_robot_is_refused_whatever_the_context_says() {
     let mut context: serde_json::Value = serde_json::from_str(&json).unwrap();
     context.as_object_mut().unwrap().remove("robot").unwrap();
     let change = context_change((profile, policy_digest, context.to_string()));
-    committed(store, change);
+    commit(store, change);
     let refused = engine(folder.path(), "arm6").err().unwrap();
     assert!(refused.to_string().contains("made active with the robot"), "{refused}");
     assert!(refused.hint().unwrap().contains("--data"), "{:?}", refused.hint());
@@ -162,7 +162,7 @@ fn another_agent_holds() {
     let mut context: serde_json::Value = serde_json::from_str(&json).unwrap();
     context["agent"] = serde_json::json!(Agent::called("another").identity_hash());
     let change = context_change((profile, policy_digest, context.to_string()));
-    committed(store, change);
+    commit(store, change);
     let second = pipeline(folder.path(), ProfileName::Sim);
     assert!(second.record().holding().is_some_and(|why| why.sentence().contains("the agent is not the one")));
 }
@@ -187,7 +187,7 @@ fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
 /// Two candidates that were each evaluated beside the earlier versions are not activated together: evidence with another
 /// neighbor does not count.
 #[test]
-fn what_was_tried_beside_others_is_stale() {
+fn evidence_beside_others_is_stale() {
     let folder = tempfile::tempdir().unwrap();
     let mut bench = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut bench);
@@ -202,16 +202,16 @@ fn what_was_tried_beside_others_is_stale() {
         by: "ada".to_owned(),
         reason: "another one comes".to_owned(),
     };
-    accepted(&bench.command(Command::Vacate(neighbour)));
+    assert_accepted(&bench.command(Command::Vacate(neighbour)));
     assert_eq!(stale(&bench, &id), [StaleCause::Neighbours]);
     bench.advance();
-    let standing = bench.record().version_table().version(&id).unwrap().1.state;
-    assert_ne!(standing, State::Active);
+    let state = bench.record().version_table().version(&id).unwrap().1.state;
+    assert_ne!(state, State::Active);
 }
 
 /// Sets kappas that pass every limit, so that only the tested part can stop a candidate at the gate.
 pub(crate) fn at_the_gate(pipeline: &mut Pipeline) -> CapabilityId {
-    shadowed(pipeline, PolicyOutcome::Compatible, Vec::new())
+    candidate_past_shadow(pipeline, PolicyOutcome::Compatible, Vec::new())
 }
 
 const GOOD: EpisodeValues = EpisodeValues {
@@ -242,7 +242,7 @@ fn work(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<State> {
 }
 
 #[test]
-fn under_another_agent_nothing_becomes_active_by_any_door() {
+fn under_another_agent_nothing_becomes_active() {
     // The same candidate takes over where the agent is the store's.
     let folder = tempfile::tempdir().unwrap();
     let mut same = pipeline(folder.path(), ProfileName::Sim);
@@ -299,7 +299,7 @@ fn under_another_agent_nothing_becomes_active_by_any_door() {
         by: "ada".to_owned(),
         reason: reason.to_owned(),
     };
-    accepted(&stopped.command(Command::Vacate(operation("drill"))));
+    assert_accepted(&stopped.command(Command::Vacate(operation("drill"))));
     stopped.live().world.cell.replace_agent(Agent::called("another"));
     let reply = stopped.command(Command::Rearm(operation("it is looked at")));
     assert!(matches!(reply, Reply::Refused { .. }), "{reply:?}");
@@ -314,20 +314,20 @@ fn a_context_that_cannot_be_read_is_an_error_and_nothing_is_bound_anew() {
     let store = Store::open(folder.path()).unwrap();
     let (profile, policy_digest, _) = store.views().unwrap().context().unwrap().unwrap();
     let change = context_change((profile, policy_digest, "{\"robot\":7}".to_owned()));
-    committed(store, change);
+    commit(store, change);
     let error = engine(folder.path(), "arm6").err().unwrap().to_string();
     assert!(error.contains("context record") && error.contains("robot"), "{error}");
-    let kept = Store::open(folder.path()).unwrap().views().unwrap().context().unwrap().unwrap().2;
-    assert_eq!(kept, "{\"robot\":7}");
+    let stored = Store::open(folder.path()).unwrap().views().unwrap().context().unwrap().unwrap().2;
+    assert_eq!(stored, "{\"robot\":7}");
 }
 
 #[test]
-fn what_is_stale_is_told_and_shown_with_its_cause() {
+fn stale_evidence_is_reported_with_its_cause() {
     let folder = tempfile::tempdir().unwrap();
     let mut first = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut first);
-    let dossier = first.live().evidence_files.of(&id).unwrap().clone();
-    let (json, digest) = (serde_json::to_string(&dossier).unwrap(), dossier.digest().unwrap());
+    let evidence_file = first.live().evidence_files.of(&id).unwrap().clone();
+    let (json, digest) = (serde_json::to_string(&evidence_file).unwrap(), evidence_file.digest().unwrap());
     let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Shadow, json, digest };
     first.live().record.write(vec![evidence], Vec::new()).unwrap();
     let stale = |pipeline: &Pipeline| {
@@ -335,11 +335,11 @@ fn what_is_stale_is_told_and_shown_with_its_cause() {
         candidates.into_iter().find(|candidate| candidate.version == id).unwrap().stale
     };
     let voided = |pipeline: &mut Pipeline| {
-        let told = pipeline.drain_events().into_iter().filter_map(|event| match event {
+        let events = pipeline.drain_events().into_iter().filter_map(|event| match event {
             EventKind::Voided { family, reason } => Some((family.to_string(), reason)),
             _ => None,
         });
-        told.collect::<Vec<_>>()
+        events.collect::<Vec<_>>()
     };
     assert_eq!(stale(&first), []);
     assert_eq!(voided(&mut first), [], "nothing was gathered before the first start");
@@ -349,10 +349,10 @@ fn what_is_stale_is_told_and_shown_with_its_cause() {
     drop(again);
     let mut second = pipeline(folder.path(), ProfileName::Human);
     assert_eq!(stale(&second), [StaleCause::Profile]);
-    let told = voided(&mut second);
-    let families: Vec<&str> = told.iter().map(|(family, _)| family.as_str()).collect();
+    let reports = voided(&mut second);
+    let families: Vec<&str> = reports.iter().map(|(family, _)| family.as_str()).collect();
     assert_eq!(families, ["align", "grasp", "park", "place"]);
-    assert!(told.iter().all(|(_, reason)| reason.contains("the profile; ")), "{told:?}");
+    assert!(reports.iter().all(|(_, reason)| reason.contains("the profile; ")), "{reports:?}");
     let view = serde_json::to_value(second.snapshot().candidates.remove(0)).unwrap();
     assert_eq!(view["stale"], serde_json::json!(["profile"]));
     let line = second.snapshot().candidates.remove(0).stale_line();
@@ -374,7 +374,7 @@ fn what_is_stale_is_told_and_shown_with_its_cause() {
         by: "ada".to_owned(),
         reason: "drill".to_owned(),
     };
-    accepted(&third.command(Command::Vacate(operation)));
+    assert_accepted(&third.command(Command::Vacate(operation)));
     assert_eq!(stale(&third), [StaleCause::ActiveVersion]);
 }
 
@@ -384,37 +384,41 @@ fn compatible<O>(outcome: O) -> Assessment<O> {
 }
 
 /// A candidate with an approval request under these conditions, without its evaluation: the tests cover later steps.
-pub(crate) fn asked(
+pub(crate) fn awaiting_approval(
     pipeline: &mut Pipeline,
     policy: PolicyOutcome,
     conditions: Vec<Condition>,
 ) -> CapabilityId {
-    let id = shadowed(pipeline, policy, conditions);
+    let id = candidate_past_shadow(pipeline, policy, conditions);
     pipeline.activation().run(&id).unwrap();
     id
 }
 
 /// A candidate that has passed shadow, without its evaluation.
-fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Condition>) -> CapabilityId {
+fn candidate_past_shadow(
+    pipeline: &mut Pipeline,
+    policy: PolicyOutcome,
+    conditions: Vec<Condition>,
+) -> CapabilityId {
     const NAME: &str = "align-improved";
     let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(NAME)).unwrap();
     let id = Capability::load(NAME, package.clone()).unwrap().id();
     let by = Some("rita".to_owned());
-    accepted(&pipeline.command(Command::Register { package, name: NAME.to_owned(), by }));
+    assert_accepted(&pipeline.command(Command::Register { package, name: NAME.to_owned(), by }));
     let candidate = pipeline.record().capability(&id).unwrap();
     let live = pipeline.live();
     let bound = crate::evidence_binding::binding(live.context, live.record.version_table(), &candidate);
     let sequences = live.context.profile.evaluation.shadow_sequences;
-    let dossier = live.evidence_files.edit(&id);
-    dossier.kappas = Some(Kappas {
+    let evidence_file = live.evidence_files.edit(&id);
+    evidence_file.kappas = Some(Kappas {
         interface: compatible(InterfaceOutcome::Compatible),
         policy: Assessment { conditions, ..compatible(policy) },
         behavior: compatible(BehaviorOutcome::Compatible),
         recovery: compatible(RecoveryOutcome::Compatible),
     });
-    dossier.bindings = vec![bound];
-    dossier.twins = vec![GOOD; 40];
-    dossier.shadow = Some(ShadowAssessment {
+    evidence_file.bindings = vec![bound];
+    evidence_file.twins = vec![GOOD; 40];
+    evidence_file.shadow = Some(ShadowAssessment {
         check: CheckResult::Pass,
         sequences,
         output_divergence: None,
@@ -422,7 +426,7 @@ fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Cond
         alignment: None,
         reasons: Vec::new(),
     });
-    let (json, digest) = (serde_json::to_string(dossier).unwrap(), dossier.digest().unwrap());
+    let (json, digest) = (serde_json::to_string(evidence_file).unwrap(), evidence_file.digest().unwrap());
     let version = live.record.version_table().version(&id).unwrap().0;
     for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow] {
         for event in [LifecycleEvent::Start { version, stage }, LifecycleEvent::Pass { version, stage }] {
@@ -465,23 +469,23 @@ fn a_candidate_goes_through_all_seven_calls() {
     };
     let operation = || Operation { version: id.clone(), by: "ada".to_owned(), reason: "a test".to_owned() };
 
-    accepted(&engine.register_candidate(package, "test"));
+    assert_accepted(&engine.register_candidate(package, "test"));
     rests(&mut engine, State::Registered);
     let early = engine.launch_shadow_eval(&id);
     assert!(matches!(early, Reply::Refused { .. }), "no stage is jumped over: {early:?}");
-    accepted(&engine.run_compat_checks(&id));
+    assert_accepted(&engine.run_compat_checks(&id));
     rests(&mut engine, State::Validated);
-    accepted(&engine.launch_sandbox_eval(&id));
+    assert_accepted(&engine.launch_sandbox_eval(&id));
     until(&mut engine, State::Sandboxed);
     rests(&mut engine, State::Sandboxed);
-    accepted(&engine.launch_shadow_eval(&id));
+    assert_accepted(&engine.launch_shadow_eval(&id));
     until(&mut engine, State::Shadowed);
     rests(&mut engine, State::Shadowed);
-    accepted(&engine.activate_candidate(&id));
+    assert_accepted(&engine.activate_candidate(&id));
     until(&mut engine, State::Active);
-    accepted(&engine.restrict_candidate(operation()));
+    assert_accepted(&engine.restrict_candidate(operation()));
     assert!(view(&engine).flags.restricted);
-    accepted(&engine.rollback_candidate(operation()));
+    assert_accepted(&engine.rollback_candidate(operation()));
     assert_eq!(view(&engine).state, State::RolledBack);
     let family = engine.snapshot().families.into_iter().find(|view| view.family == id.family).unwrap();
     assert_eq!(family.active.map(|active| active.to_string()).as_deref(), Some("align@1.0.0"));
@@ -489,7 +493,7 @@ fn a_candidate_goes_through_all_seven_calls() {
 
 /// A script set the goal without a record, and the engine lost it at its end.
 #[test]
-fn a_goal_is_worked_on_record_and_outlasts_a_restart() {
+fn a_goal_is_recorded_and_outlasts_a_restart() {
     let folder = tempfile::tempdir().unwrap();
     let goal = |goal: &str, reason: &str| Command::Goal {
         goal: goal.to_owned(),
@@ -508,16 +512,16 @@ fn a_goal_is_worked_on_record_and_outlasts_a_restart() {
     }
     assert_eq!(works(&mut first).0, 3, "what is refused changes nothing");
     first.drain_events();
-    accepted(&first.command(goal("grasp", "the tray is being cleaned")));
-    let told = |event: &EventKind| {
+    assert_accepted(&first.command(goal("grasp", "the tray is being cleaned")));
+    let is_goal_set = |event: &EventKind| {
         matches!(event, EventKind::GoalSet { goal, by, reason }
             if goal == "grasp" && by == "ada" && reason == "the tray is being cleaned")
     };
-    assert!(first.drain_events().iter().any(told));
+    assert!(first.drain_events().iter().any(is_goal_set));
     assert_eq!(works(&mut first), (1, "grasp".to_owned()));
     let filter = AuditFilter { kind: Some(RecordKind::GoalSet), ..AuditFilter::default() };
-    let kept = first.record().version_table().store().views().unwrap().audit(&filter).unwrap();
-    assert!(kept.len() == 1 && kept[0].body.contains("the tray is being cleaned"), "{kept:?}");
+    let records = first.record().version_table().store().views().unwrap().audit(&filter).unwrap();
+    assert!(records.len() == 1 && records[0].body.contains("the tray is being cleaned"), "{records:?}");
     drop(first);
     let mut second = pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(works(&mut second), (1, "grasp".to_owned()));
@@ -528,31 +532,31 @@ fn a_goal_is_worked_on_record_and_outlasts_a_restart() {
 fn an_id_stands_for_one_command_and_a_stop_for_itself() {
     let folder = tempfile::tempdir().unwrap();
     let mut engine = engine(folder.path(), "arm7").unwrap();
-    let mut ask = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
+    let mut submit = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
     let stop = || Command::Stop { by: "ann".to_owned(), reason: "a test".to_owned() };
-    accepted(&ask(stop()));
+    assert_accepted(&submit(stop()));
     let go = |engine: &Engine| {
         let stopped = engine.snapshot().stopped.unwrap();
         let (since_ms, stops) = (stopped.since_ms, stopped.stops);
         Command::Go { by: "ann".to_owned(), reason: "looked at".to_owned(), since_ms, stops }
     };
-    let asked = go(&engine);
-    let mut ask = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
-    let other = ask(asked);
+    let command = go(&engine);
+    let mut submit = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
+    let other = submit(command);
     assert!(matches!(&other, Reply::Refused { code: Refusal::BadInput, .. }), "{other:?}");
-    accepted(&ask(stop()));
-    let asked = go(&engine);
-    let mut ask = |id: &str, command: Command| engine.submit(Request::unsigned(id.to_owned(), command));
-    accepted(&ask("second", asked.clone()));
-    accepted(&ask("second", asked));
-    let stopped = ask("second", stop());
+    assert_accepted(&submit(stop()));
+    let command = go(&engine);
+    let mut submit = |id: &str, command: Command| engine.submit(Request::unsigned(id.to_owned(), command));
+    assert_accepted(&submit("second", command.clone()));
+    assert_accepted(&submit("second", command));
+    let stopped = submit("second", stop());
     assert!(matches!(&stopped, Reply::Stopped { kept: StopPersistence::OnRecord, .. }), "{stopped:?}");
     assert!(engine.snapshot().stopped.is_some());
 }
 
 /// A request about a baseline was visible, but could not be opened.
 #[test]
-fn a_baseline_that_people_are_asked_about_is_shown_with_its_evidence() {
+fn a_baseline_with_an_open_request_is_shown_with_its_evidence() {
     let folder = tempfile::tempdir().unwrap();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let operation = |reason: &str| Operation {
@@ -561,8 +565,10 @@ fn a_baseline_that_people_are_asked_about_is_shown_with_its_evidence() {
         reason: reason.to_owned(),
     };
     assert!(pipeline.snapshot().candidates.is_empty());
-    accepted(&pipeline.command(Command::Restrict(operation("careful"))));
-    accepted(&pipeline.command(Command::Release { operation: operation("looked at"), profiles: Vec::new() }));
+    assert_accepted(&pipeline.command(Command::Restrict(operation("careful"))));
+    assert_accepted(
+        &pipeline.command(Command::Release { operation: operation("looked at"), profiles: Vec::new() }),
+    );
     let snapshot = pipeline.snapshot();
     let shown: Vec<_> = snapshot.candidates.iter().map(|one| one.version.clone()).collect();
     assert_eq!(shown, [snapshot.prompts[0].version.clone()]);

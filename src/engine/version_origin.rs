@@ -69,8 +69,8 @@ pub(crate) fn risk(candidate: &Capability, active: Option<&Capability>, author_k
 }
 
 /// The risk class for a decision: the assessed one, or the highest without an assessment.
-pub(crate) fn assessed_risk(dossier: &EvidenceFile) -> Risk {
-    dossier.risk.as_ref().map_or(Risk::High, |risk| risk.class)
+pub(crate) fn assessed_risk(evidence_file: &EvidenceFile) -> Risk {
+    evidence_file.risk.as_ref().map_or(Risk::High, |risk| risk.class)
 }
 
 /// An author's signature under a version that is not valid.

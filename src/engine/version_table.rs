@@ -205,8 +205,8 @@ impl VersionTable {
         let views = store.views()?;
         for status in views.families()? {
             let Ok(family) = Family::new(status.name.clone()) else { continue };
-            let Some(standing) = status.standing else { continue };
-            let state: FamilyState = serde_json::from_str(&standing).map_err(|source| {
+            let Some(json) = status.state_json else { continue };
+            let state: FamilyState = serde_json::from_str(&json).map_err(|source| {
                 VersionTableError::Record { what: "standing", of: status.name.clone(), source }
             })?;
             let members = load_members(&views, &family)?;
@@ -227,10 +227,10 @@ impl VersionTable {
 
     /// From now on activations name this robot and this context of profile class and script. A regular engine does not trust the
     /// origins of versions that a script provided.
-    pub(crate) fn bind(&mut self, robot: &StoreRobot, lets_in: AdmissionContext) {
+    pub(crate) fn bind(&mut self, robot: &StoreRobot, admission: AdmissionContext) {
         self.robot = Some(robot.digest.clone());
-        self.admission = lets_in;
-        if !lets_in.scripted {
+        self.admission = admission;
+        if !admission.scripted {
             let members = self.families.values_mut().flat_map(|entry| &mut entry.members);
             members.for_each(|member| member.origin = std::mem::take(&mut member.origin).believed());
         }

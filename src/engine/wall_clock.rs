@@ -143,11 +143,11 @@ impl WallClock {
     }
 
     /// Compares the clocks with the trusted reading of an earlier engine, unless the machine restarted since.
-    pub(crate) fn compare_with_stored(&mut self, kept: &TrustedClockReading) {
+    pub(crate) fn compare_with_stored(&mut self, stored: &TrustedClockReading) {
         if let ClockSource::Machine { clocks, believed, .. } = &mut self.0
-            && kept.boot == clocks.boot()
+            && stored.boot == clocks.boot()
         {
-            *believed = ClockReading { wall: kept.wall, boot_ms: kept.boot_ms };
+            *believed = ClockReading { wall: stored.wall, boot_ms: stored.boot_ms };
         }
     }
 

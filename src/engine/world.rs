@@ -43,7 +43,7 @@ pub struct LiveWorld {
     pace: Option<f64>,
     /// The thread it runs on; absent if it runs in step with the engine.
     pub(crate) thread: Option<LiveThread>,
-    pub(crate) pictures: Option<VideoFrameSink>,
+    pub(crate) frame_sink: Option<VideoFrameSink>,
     /// How the last sequence was stopped, if it was.
     pub(crate) stopped: Option<StoppedTask>,
     /// The stop of the cell, while it is stopped.
@@ -66,7 +66,7 @@ impl LiveWorld {
             due: 0.0,
             pace: None,
             thread: None,
-            pictures: None,
+            frame_sink: None,
             stopped: None,
             halted: None,
             unwritten: UnwrittenStops::default(),

@@ -282,10 +282,10 @@ pub enum AlarmError {
     #[error("the alarm {0:?} is critical and cannot be shelved")]
     ShelveCritical(Untrusted),
     /// A shelf that ends in the past or too late.
-    #[error("a shelf must end within {max_ms} ms from now, not in {asked_ms} ms")]
+    #[error("a shelf must end within {max_ms} ms from now, not in {requested_ms} ms")]
     ShelfTime {
         /// The requested span, ms from now; negative for an end in the past.
-        asked_ms: i64,
+        requested_ms: i64,
         /// [`SHELF_MS_MAX`], the longest span from now that is accepted.
         max_ms: u64,
     },

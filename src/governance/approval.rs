@@ -407,9 +407,9 @@ fn evaluate_under(
         safety |= vote.role == Role::Safety;
         until = Some(until.map_or(vote.until, |until| until.min(vote.until)));
     }
-    let wanted = if rules.demands(ApprovalRule::Quorum) { usize::from(request.quorum) } else { 1 };
+    let required = if rules.demands(ApprovalRule::Quorum) { usize::from(request.quorum) } else { 1 };
     let officer = request.risk != Risk::High || safety || !rules.demands(ApprovalRule::SafetyOfficer);
-    let enough = people.len() >= wanted && officer;
+    let enough = people.len() >= required && officer;
     if enough || glass.is_some() {
         let break_glass = !enough;
         let finding = if break_glass { Finding::BreakGlassUsed } else { Finding::QuorumReached };
@@ -430,7 +430,7 @@ fn evaluate_under(
     }
     let count = u8::try_from(people.len()).unwrap_or(u8::MAX);
     let missing = request.quorum.saturating_sub(count).max(1);
-    let finding = if people.len() >= wanted && !officer {
+    let finding = if people.len() >= required && !officer {
         Finding::SafetyOfficerMissing
     } else {
         Finding::ApprovalsMissing

@@ -205,8 +205,8 @@ pub fn add_stress_concern(
     if share <= STRESS_SHARE_MAX || result.assessment.outcome != BehaviorOutcome::Compatible {
         return;
     }
-    let doubt = reason(Finding::UnsafeUnderStress { unsafe_episodes, episodes });
-    put_in_doubt(result, doubt.with(share, STRESS_SHARE_MAX), profile);
+    let concern = reason(Finding::UnsafeUnderStress { unsafe_episodes, episodes });
+    add_concern(result, concern.with(share, STRESS_SHARE_MAX), profile);
 }
 
 /// Adds a concern to a compatible version that passes a limit at a place in the envelope where the active one does not.
@@ -219,19 +219,19 @@ pub fn add_search_concern(
         return;
     }
     if let Some(doubt) = searched.and_then(SearchFinding::concern) {
-        put_in_doubt(result, doubt, profile);
+        add_concern(result, doubt, profile);
     }
 }
 
-fn put_in_doubt(result: &mut BehaviorAssessment, doubt: Reason, profile: &Profile) {
-    result.assessment.reasons.insert(0, doubt);
+fn add_concern(result: &mut BehaviorAssessment, concern: Reason, profile: &Profile) {
+    result.assessment.reasons.insert(0, concern);
     result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
     result.assessment.outcome = BehaviorOutcome::Suspicious;
-    result.assessment.conditions = conditions_of_doubt(profile);
+    result.assessment.conditions = concern_conditions(profile);
 }
 
 /// Conditions under which an inconclusive version may continue.
-fn conditions_of_doubt(profile: &Profile) -> Vec<Condition> {
+fn concern_conditions(profile: &Profile) -> Vec<Condition> {
     vec![
         Condition::StricterThresholds { factor: SUSPICIOUS_FACTOR },
         Condition::ShadowFirst { sequences: profile.evaluation.shadow_sequences_max },
@@ -430,7 +430,7 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
 fn conclude_behavior(
     result: &mut BehaviorAssessment,
     success_rose: bool,
-    asking: Option<Reason>,
+    excess_concern: Option<Reason>,
     profile: &Profile,
 ) {
     let threshold = profile.thresholds.behavior();
@@ -478,12 +478,12 @@ fn conclude_behavior(
     if let Some(c) = traded {
         reasons.push(reason(Finding::SafetyTraded { component: c.name }).with(c.worsening, 0.0));
     }
-    reasons.extend(asking);
+    reasons.extend(excess_concern);
     for c in result.components.iter().filter(|c| c.worsening < 0.0) {
         reasons.push(reason(Finding::ComponentBetter { component: c.name }).with(-c.worsening, 0.0));
     }
     if outcome == BehaviorOutcome::Suspicious {
-        result.assessment.conditions = conditions_of_doubt(profile);
+        result.assessment.conditions = concern_conditions(profile);
     }
     result.assessment.outcome = outcome;
     result.assessment.reasons = reasons;

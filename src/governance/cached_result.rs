@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_drawn_is_told_with_its_power() {
+    fn samples_are_reported_with_power() {
         let block = |work, count, own, rerun| CachedResultBlock {
             work,
             seeds: SeedRange::of(0..count),
@@ -269,11 +269,11 @@ mod tests {
                 none
             ]
         );
-        let told = used.lines().join("\n");
-        for said in
+        let text = used.lines().join("\n");
+        for part in
             ["320 episodes", "0-319", "54 of 300 episodes", "0.953", "31 of 40 drills", "2 cached results"]
         {
-            assert!(told.contains(said), "{said:?} is missing in {told}");
+            assert!(text.contains(part), "{part:?} is missing in {text}");
         }
         let json = serde_json::to_string(&used).unwrap();
         assert_eq!(serde_json::from_str::<CachedResultUse>(&json).unwrap(), used);

@@ -71,15 +71,15 @@ fn weekday(wall_ms: i64) -> usize {
 pub fn weekday_named(name: &str, at_or_before_ms: i64) -> Option<i64> {
     let name = name.to_ascii_lowercase();
     let fits = |known: &str| name.len() >= 3 && known.starts_with(&name);
-    let wanted = WEEKDAY_NAMES.iter().position(|known| fits(known))?;
-    let back = (weekday(at_or_before_ms) + 7 - wanted) % 7;
+    let target = WEEKDAY_NAMES.iter().position(|known| fits(known))?;
+    let back = (weekday(at_or_before_ms) + 7 - target) % 7;
     let day = at_or_before_ms.div_euclid(DAY_MS) - i64::try_from(back).ok()?;
     Some(day * DAY_MS)
 }
 
 /// A moment as `Tue 17 Nov 08:00`, with seconds where it has some: ms since 1970, UTC.
 #[must_use]
-pub fn moment(wall_ms: i64) -> String {
+pub fn day_and_time(wall_ms: i64) -> String {
     format!("{} {}", day(wall_ms), time(wall_ms))
 }
 
@@ -168,12 +168,12 @@ fn without_offset(text: &str) -> Option<(&str, i64)> {
 
 fn numbers(text: &str, mark: char, digits: &[usize]) -> Option<Vec<i64>> {
     let parts: Vec<&str> = text.split(mark).collect();
-    let as_asked = parts.len() == digits.len()
+    let well_formed = parts.len() == digits.len()
         && parts
             .iter()
             .zip(digits)
             .all(|(part, digits)| part.len() == *digits && part.bytes().all(|byte| byte.is_ascii_digit()));
-    if as_asked { parts.iter().map(|part| part.parse().ok()).collect() } else { None }
+    if well_formed { parts.iter().map(|part| part.parse().ok()).collect() } else { None }
 }
 
 #[cfg(test)]
@@ -209,8 +209,8 @@ mod tests {
         ] {
             assert_eq!(read(text), ms, "{text:?}");
         }
-        assert_eq!(moment(1_795_343_400_000), "Sun 22 Nov 10:30");
-        assert_eq!(moment(1_795_343_405_000), "Sun 22 Nov 10:30:05");
+        assert_eq!(day_and_time(1_795_343_400_000), "Sun 22 Nov 10:30");
+        assert_eq!(day_and_time(1_795_343_405_000), "Sun 22 Nov 10:30:05");
         assert_eq!(rfc3339(1_795_343_405_999), "2026-11-22T10:30:05Z");
         assert_eq!(date(0), "1 Jan");
     }
@@ -224,7 +224,7 @@ mod tests {
             ("sunday", "Sun 22 Nov 00:00"),
             ("mon", "Mon 16 Nov 00:00"),
         ] {
-            assert_eq!(weekday_named(name, sunday_noon).map(moment).as_deref(), Some(text));
+            assert_eq!(weekday_named(name, sunday_noon).map(day_and_time).as_deref(), Some(text));
         }
         assert_eq!(weekday_named("tu", sunday_noon), None);
         assert_eq!(weekday_named("noday", sunday_noon), None);

@@ -52,7 +52,7 @@ impl<T> Lenient<T> {
     /// The word, if it is one of this build's set.
     pub const fn known(&self) -> Option<&T> {
         match self {
-            Self::Known(word) => Some(word),
+            Self::Known(member) => Some(member),
             Self::Unknown(_) => None,
         }
     }
@@ -67,21 +67,21 @@ impl<T: std::str::FromStr> Lenient<T> {
 }
 
 impl<T: PartialEq> PartialEq<T> for Lenient<T> {
-    fn eq(&self, word: &T) -> bool {
-        self.known() == Some(word)
+    fn eq(&self, member: &T) -> bool {
+        self.known() == Some(member)
     }
 }
 
 impl<T> From<T> for Lenient<T> {
-    fn from(word: T) -> Self {
-        Self::Known(word)
+    fn from(member: T) -> Self {
+        Self::Known(member)
     }
 }
 
 impl<T: fmt::Display> fmt::Display for Lenient<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Known(word) => word.fmt(f),
+            Self::Known(member) => member.fmt(f),
             Self::Unknown(text) => f.write_str(text),
         }
     }

@@ -103,7 +103,7 @@ struct SignalComparison {
 }
 
 /// The signals that are significantly worse now by more than a trivial difference, with their p-values.
-fn established(
+fn significant_signals(
     compared: Vec<SignalComparison>,
     profile: &Profile,
     level: f64,
@@ -117,8 +117,8 @@ fn established(
     }
     let p_values: Vec<f64> = tested.iter().map(|(_, p_value)| *p_value).collect();
     let adjusted = holm(&p_values).unwrap_or_default();
-    let said = tested.into_iter().zip(adjusted).filter(|(_, p_value)| *p_value <= level);
-    said.map(|((one, _), p_value)| (one, p_value)).collect()
+    let significant = tested.into_iter().zip(adjusted).filter(|(_, p_value)| *p_value <= level);
+    significant.map(|((one, _), p_value)| (one, p_value)).collect()
 }
 
 /// One reason with both means for each signal that is significantly worse in shadow than in the sandbox.
@@ -133,17 +133,18 @@ pub fn significant_shifts(sandbox: &[Pair], shadow: &[ShadowSequence], profile: 
         })
     });
     let level = profile.evaluation.shift_alpha / LOOKS;
-    let said = established(compared.collect(), profile, level).into_iter().map(|(one, p_value)| {
-        let finding = Finding::ShiftedInShadow {
-            signal: one.signal,
-            live: mean(&one.now),
-            sequences: shadow.len() as u64,
-            sandbox: mean(&one.before),
-            pairs: sandbox.len() as u64,
-        };
-        Reason::new(Dimension::Shadow, finding).with(p_value, level)
-    });
-    said.collect()
+    let reasons =
+        significant_signals(compared.collect(), profile, level).into_iter().map(|(one, p_value)| {
+            let finding = Finding::ShiftedInShadow {
+                signal: one.signal,
+                live: mean(&one.now),
+                sequences: shadow.len() as u64,
+                sandbox: mean(&one.before),
+                pairs: sandbox.len() as u64,
+            };
+            Reason::new(Dimension::Shadow, finding).with(p_value, level)
+        });
+    reasons.collect()
 }
 
 /// Whether a look is due after this many live tasks of an active version.
@@ -170,17 +171,18 @@ pub fn live_shifts(twins: &[EpisodeValues], live: &[EpisodeValues], profile: &Pr
         Some(SignalComparison { signal, before: of(twins)?, now: of(live)? })
     });
     let level = profile.evaluation.shift_alpha / LIVE_LOOKS.len() as f64;
-    let said = established(compared.collect(), profile, level).into_iter().map(|(one, p_value)| {
-        let finding = Finding::ShiftedLive {
-            signal: one.signal,
-            live: mean(&one.now),
-            tasks: live.len() as u64,
-            twin: mean(&one.before),
-            twins: twins.len() as u64,
-        };
-        Reason::new(Dimension::Monitor, finding).with(p_value, level)
-    });
-    said.collect()
+    let reasons =
+        significant_signals(compared.collect(), profile, level).into_iter().map(|(one, p_value)| {
+            let finding = Finding::ShiftedLive {
+                signal: one.signal,
+                live: mean(&one.now),
+                tasks: live.len() as u64,
+                twin: mean(&one.before),
+                twins: twins.len() as u64,
+            };
+            Reason::new(Dimension::Monitor, finding).with(p_value, level)
+        });
+    reasons.collect()
 }
 
 /// Whether shadow found a version inconclusive: it differs there from the sandbox.
@@ -209,8 +211,8 @@ pub fn re_evaluation_reasons(again: &BehaviorAssessment, pairs: usize, dimension
         Dimension::Monitor => Finding::ReEvaluatedLive { outcome, pairs },
         _ => Finding::ReEvaluatedInShadow { outcome, pairs },
     };
-    let told = |reason: &&Reason| !is_cleared(again) && reason.code.is_finding();
-    let found = again.assessment.reasons.iter().filter(told).cloned();
+    let is_finding = |reason: &&Reason| !is_cleared(again) && reason.code.is_finding();
+    let found = again.assessment.reasons.iter().filter(is_finding).cloned();
     std::iter::once(Reason::new(dimension, finding)).chain(found).collect()
 }
 
@@ -227,8 +229,8 @@ pub fn apply_re_evaluation(result: &mut ShadowAssessment, again: &BehaviorAssess
     if result.check != CheckResult::Pass {
         result.reasons.retain(|reason| reason.code != ReasonCode::ShadowClean);
     }
-    let said = re_evaluation_reasons(again, pairs, Dimension::Shadow);
-    result.reasons.splice(0..0, said);
+    let reasons = re_evaluation_reasons(again, pairs, Dimension::Shadow);
+    result.reasons.splice(0..0, reasons);
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -337,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_the_same_in_both_worlds_or_differs_by_a_trifle_is_left_alone() {
+    fn equal_or_negligibly_different_worlds_show_no_shift() {
         for more_m in [0.0, 2.0e-4, -0.001] {
             let found = judged(ProfileName::Sim, 20, more_m);
             assert_eq!(found.check, CheckResult::Pass, "{more_m}: {found:?}");
@@ -346,22 +348,22 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_is_looked_at_longer_and_then_held_or_said() {
+    fn a_shift_prolongs_shadow_and_is_then_reported() {
         let shift = 0.000_75;
-        let said = |found: &ShadowAssessment| found.reasons[0].code == ReasonCode::ShadowShifted;
+        let is_shifted = |found: &ShadowAssessment| found.reasons[0].code == ReasonCode::ShadowShifted;
         let plain = judged(ProfileName::Sim, 20, shift);
-        assert!(plain.check == CheckResult::Inconclusive && said(&plain), "{plain:?}");
+        assert!(plain.check == CheckResult::Inconclusive && is_shifted(&plain), "{plain:?}");
         let found = plain.reasons[0].finding.as_ref().unwrap();
         let signal = ShiftSignal::Harm(HarmKind::Slip);
         let in_slip = matches!(found, Finding::ShiftedInShadow { signal: of, live, .. } if *of == signal && *live > 0.0);
         assert!(in_slip, "{found:?}");
         let longest = judged(ProfileName::Sim, 60, shift);
         assert!(
-            longest.check == CheckResult::Pass && said(&longest),
+            longest.check == CheckResult::Pass && is_shifted(&longest),
             "it passes with the reason: {longest:?}"
         );
         let held = judged(ProfileName::Real, 90, shift);
-        assert!(held.check == CheckResult::Inconclusive && said(&held), "{held:?}");
+        assert!(held.check == CheckResult::Inconclusive && is_shifted(&held), "{held:?}");
     }
 
     /// A re-evaluation in which the candidate fails in `failing` of 300 pairs.
@@ -378,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn what_working_it_again_comes_to_decides_and_lets_nothing_in_that_was_held() {
+    fn a_re_evaluation_decides_and_releases_nothing_on_hold() {
         for (name, count, failing, check) in [
             (ProfileName::Sim, 60, 0, CheckResult::Pass),
             (ProfileName::Sim, 60, 200, CheckResult::Fail),
@@ -414,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn an_active_version_is_held_against_its_twins() {
+    fn an_active_version_is_compared_to_its_twins() {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let found = |live: &[EpisodeValues]| live_shifts(&lived(20, 0.0, 0), live, &profile);
         assert_eq!(found(&lived(20, 0.0, 0)), []);

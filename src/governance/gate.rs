@@ -307,10 +307,10 @@ pub fn people_needed(
     profile: &Profile,
 ) -> u8 {
     let review = needs_review(kappas, profile);
-    let asked = super::approval::quorum(&profile.approval, risk, review);
+    let required = super::approval::quorum(&profile.approval, risk, review);
     let site =
         table.activation_reviewed(risk, provenance).map_or(0, |_| profile.approval.quorum_review.max(1));
-    asked.max(site).max(condition::people_needed(&kappas.conditions()))
+    required.max(site).max(condition::people_needed(&kappas.conditions()))
 }
 
 /// `theta_act(kappas, S, Delta_shadow, Gamma)` (paper equation 10).
@@ -338,7 +338,7 @@ struct GateFindings {
     reject: Vec<Reason>,
     demote: Vec<Reason>,
     hold: Vec<Reason>,
-    ask: Vec<Reason>,
+    await_approval: Vec<Reason>,
     noted: Vec<Reason>,
     until: Option<WallTime>,
 }
@@ -455,8 +455,9 @@ impl GateFindings {
             let dependencies = input.unmet.to_vec();
             self.hold.push(reason(Finding::DependenciesNotActive { dependencies }));
         }
-        let asked = people_needed(input.kappas, (input.risk, input.provenance), table, profile) > 0;
-        let strict = profile.name == ProfileName::Human || (profile.name == ProfileName::Real && asked);
+        let needs_people = people_needed(input.kappas, (input.risk, input.provenance), table, profile) > 0;
+        let strict =
+            profile.name == ProfileName::Human || (profile.name == ProfileName::Real && needs_people);
         if *input.requester == Requester::Unknown && strict {
             self.hold.push(reason(Finding::RequesterUnknown));
         }
@@ -489,7 +490,7 @@ impl GateFindings {
             return false;
         }
         let Some(approval) = approval else {
-            self.ask.push(reason(Finding::NotAskedYet));
+            self.await_approval.push(reason(Finding::NotAskedYet));
             return false;
         };
         let mut glass = false;
@@ -499,14 +500,14 @@ impl GateFindings {
                 self.until = Some(*until);
                 glass = *break_glass;
                 if people.len() < usize::from(quorum) && !glass {
-                    (&mut self.ask, reason(Finding::QuorumNotReached))
+                    (&mut self.await_approval, reason(Finding::QuorumNotReached))
                 } else {
                     (&mut self.noted, reason(Finding::ApprovalsPresent))
                 }
             }
             // The approval is missing although one is needed: the request was made under other rules.
             ApprovalOutcome::NotNeeded | ApprovalOutcome::Pending { .. } => {
-                (&mut self.ask, reason(Finding::ApprovalsMissing))
+                (&mut self.await_approval, reason(Finding::ApprovalsMissing))
             }
             ApprovalOutcome::TimedOut => (&mut self.hold, reason(Finding::AnsweredTooLate)),
             ApprovalOutcome::Refused { person } => {
@@ -536,14 +537,14 @@ impl GateFindings {
             GateOutcome::Demote
         } else if !self.hold.is_empty() {
             GateOutcome::Hold
-        } else if !self.ask.is_empty() {
+        } else if !self.await_approval.is_empty() {
             GateOutcome::AwaitApproval
         } else {
             GateOutcome::Pass
         };
         let terms = terms::terms(input.kappas, profile, quorum, glass);
         let mut reasons = self.reject;
-        for list in [self.demote, self.hold, self.ask] {
+        for list in [self.demote, self.hold, self.await_approval] {
             reasons.extend(list);
         }
         if outcome == GateOutcome::Pass {

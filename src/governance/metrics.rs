@@ -186,8 +186,8 @@ pub fn unsafe_rounds(records: &[ActivationRecord]) -> Result<Vec<UnsafeRound>, S
     for round in 1..=last {
         let of_round = || records.iter().filter(|record| record.round == round);
         let until = || records.iter().filter(|record| record.round <= round);
-        if let Some(kept) = of_round().rfind(|record| record.kept) {
-            live_unsafe = kept.unsafe_while_active;
+        if let Some(newest) = of_round().rfind(|record| record.kept) {
+            live_unsafe = newest.unsafe_while_active;
         }
         rounds.push(UnsafeRound {
             round,

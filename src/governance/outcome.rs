@@ -339,8 +339,8 @@ mod tests {
 
     /// A stage reports the word of its rule's outcome in the record.
     #[test]
-    fn a_stage_tells_its_rules_own_word() {
-        let word = |value: serde_json::Value| value.as_str().unwrap_or_default().to_owned();
+    fn a_stage_names_its_rules_outcome() {
+        let text = |value: serde_json::Value| value.as_str().unwrap_or_default().to_owned();
         for recommendation in Recommendation::ALL {
             assert_eq!(StageOutcome::from(recommendation).name(), recommendation.name());
         }
@@ -355,12 +355,12 @@ mod tests {
             CheckResult::NoData,
             CheckResult::Skipped,
         ] {
-            assert_eq!(StageOutcome::from(check).name(), word(serde_json::to_value(check).unwrap()));
+            assert_eq!(StageOutcome::from(check).name(), text(serde_json::to_value(check).unwrap()));
         }
     }
 
     #[test]
-    fn a_dimension_tells_its_own_word() {
+    fn a_dimension_names_its_outcome() {
         for outcome in InterfaceOutcome::ALL {
             assert_eq!(DimensionOutcome::from(outcome).name(), outcome.name());
         }

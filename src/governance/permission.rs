@@ -134,7 +134,7 @@ impl PermissionUse {
             }
         }
         for (fault, failed) in &used.faults {
-            exceeded.push(format!("{} in {failed} of {tasks} tasks", fault_words(*fault)));
+            exceeded.push(format!("{} in {failed} of {tasks} tasks", fault_text(*fault)));
         }
         let (sensors_read, tools_read) = (code.sensors.clone(), code.tools.clone());
         exceeded.extend(sensors_read.difference(&declared.sensors).map(|sensor| format!("sensor {sensor}")));
@@ -148,8 +148,8 @@ impl PermissionUse {
     /// A summary: declaration, use, and differences.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
-        fn names<'a>(words: impl Iterator<Item = &'a str>) -> String {
-            let joined = words.collect::<Vec<_>>().join(", ");
+        fn names<'a>(items: impl Iterator<Item = &'a str>) -> String {
+            let joined = items.collect::<Vec<_>>().join(", ");
             if joined.is_empty() { "nothing".to_owned() } else { joined }
         }
         let (declared, used) = (&self.declared, &self.used);
@@ -207,7 +207,7 @@ impl PermissionUse {
 
 /// How confined code failed, in words.
 #[must_use]
-pub const fn fault_words(fault: CodeFault) -> &'static str {
+pub const fn fault_text(fault: CodeFault) -> &'static str {
     match fault {
         CodeFault::Trap => "its code traps",
         CodeFault::Fuel => "its code computes beyond its budget",

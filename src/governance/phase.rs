@@ -192,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn phases_are_told_apart_by_physics() {
+    fn physics_distinguishes_phases() {
         let far = PhaseSigns {
             held: false,
             was_held: false,

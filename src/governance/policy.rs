@@ -51,7 +51,7 @@ pub struct PolicyAssessment {
 impl PolicyAssessment {
     /// All permissions beyond the active version's: new ones, then higher ones.
     #[must_use]
-    pub fn asks_more(&self) -> Vec<String> {
+    pub fn added_permissions(&self) -> Vec<String> {
         self.new_permissions.iter().chain(&self.escalations).cloned().collect()
     }
 }
@@ -154,13 +154,13 @@ impl PolicyFindings {
         if !input.environments.contains(&profile.name) {
             self.incompatible.push(reason(Finding::EnvironmentNotAdmitted { profile: profile.name }));
         }
-        let (asked, limits) = (&declared.resources, &profile.runtime);
+        let (requested, limits) = (&declared.resources, &profile.runtime);
         let ticks_max = limits.ticks_max();
         for (resource, value, limit) in [
-            (ResourceKind::CpuPerTick, asked.cpu_us_per_tick, limits.cpu_us_per_tick_max),
-            (ResourceKind::Memory, asked.memory_kib, limits.memory_kib_max),
-            (ResourceKind::TicksPerTask, asked.ticks_per_task.unwrap_or(0), ticks_max),
-            (ResourceKind::CommandsPerTask, asked.commands_per_task.unwrap_or(0), ticks_max),
+            (ResourceKind::CpuPerTick, requested.cpu_us_per_tick, limits.cpu_us_per_tick_max),
+            (ResourceKind::Memory, requested.memory_kib, limits.memory_kib_max),
+            (ResourceKind::TicksPerTask, requested.ticks_per_task.unwrap_or(0), ticks_max),
+            (ResourceKind::CommandsPerTask, requested.commands_per_task.unwrap_or(0), ticks_max),
         ] {
             if value > limit {
                 let reason = reason(Finding::ResourceExceeded { resource });

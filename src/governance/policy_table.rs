@@ -386,16 +386,16 @@ impl CedarEvaluator<'_> {
             ("authority", RestrictedExpression::new_long(i64::from(mode.authority.level()))),
             ("profile", text(self.profile.name.name())),
         ];
-        let said = self.authorize(mode.command.name(), ("Zone", mode.zone.name()), context)?;
-        let names: Vec<String> = said.rules.iter().map(|rule| rule.name.clone()).collect();
-        if let Some(error) = said.error {
+        let decision = self.authorize(mode.command.name(), ("Zone", mode.zone.name()), context)?;
+        let names: Vec<String> = decision.rules.iter().map(|rule| rule.name.clone()).collect();
+        if let Some(error) = decision.error {
             return Ok(ModeEntry { mode, verdict: ModeRuling::Uncovered, because: vec![error] });
         }
-        if !said.allowed {
+        if !decision.allowed {
             let verdict = if names.is_empty() { ModeRuling::Uncovered } else { ModeRuling::Forbid };
             return Ok(ModeEntry { mode, verdict, because: names });
         }
-        let naming: Vec<&PolicyRule> = said.rules.into_iter().filter(|rule| rule.names_mode).collect();
+        let naming: Vec<&PolicyRule> = decision.rules.into_iter().filter(|rule| rule.names_mode).collect();
         let because = naming.iter().map(|rule| rule.name.clone()).collect();
         Ok(ModeEntry { mode, verdict: self.permitted(&naming), because })
     }
@@ -426,18 +426,18 @@ impl CedarEvaluator<'_> {
             ("risk", text(risk.name())),
             ("provenance", text(provenance.name())),
         ];
-        let said = self.authorize("activate", ("Cell", "cell"), context)?;
-        let forbids: Vec<String> = said
+        let decision = self.authorize("activate", ("Cell", "cell"), context)?;
+        let forbids: Vec<String> = decision
             .rules
             .iter()
             .filter(|rule| rule.effect == Effect::Forbid)
             .map(|rule| rule.name.clone())
             .collect();
-        let forbidden = said.error.is_some() || !forbids.is_empty();
+        let forbidden = decision.error.is_some() || !forbids.is_empty();
         let reviews: Vec<String> =
-            said.rules.iter().filter(|rule| rule.review).map(|rule| rule.name.clone()).collect();
+            decision.rules.iter().filter(|rule| rule.review).map(|rule| rule.name.clone()).collect();
         let review = !forbidden && !reviews.is_empty();
-        let because = said.error.map_or(if review { reviews } else { forbids }, |error| vec![error]);
+        let because = decision.error.map_or(if review { reviews } else { forbids }, |error| vec![error]);
         Ok(ActivationTerms { risk, provenance, forbidden, review, because })
     }
 }

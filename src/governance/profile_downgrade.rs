@@ -472,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_in_is_looser_unless_it_only_forbids() {
+    fn an_added_rule_is_less_strict_unless_it_forbids() {
         let shipped = shipped(ProfileName::Human);
         let with = |field: &str, value: &str| {
             let mut next = shipped.clone();
@@ -489,7 +489,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_on_record_is_said_to_be_unknown() {
+    fn an_unrecorded_profile_is_reported_as_unknown() {
         let shipped = shipped(ProfileName::Real);
         let found = downgraded_fields(PreviousProfile::Unknown, &shipped, &shipped);
         assert_eq!(found.len(), 1);
@@ -503,10 +503,10 @@ mod tests {
     }
 
     #[test]
-    fn a_change_under_real_or_human_takes_an_authorization_and_a_looser_one_always_does() {
+    fn changes_under_real_or_human_and_less_strict_ones_need_an_authorization() {
         use ProfileName::{Human, Real, Sim};
         let rules = |text: &str| Digest::of_parts("test", &[text.as_bytes()]);
-        let taken = |class, of: &str, is_looser| IncomingProfile {
+        let incoming = |class, of: &str, is_looser| IncomingProfile {
             class,
             rules: rules(of),
             is_looser,
@@ -515,22 +515,22 @@ mod tests {
         let last = |class, of: &str| Some(ActiveProfile { class, rules: Some(rules(of)) });
         let needs = |last, next| needs_authorization(last, None, &next);
         for (last, next, expected) in [
-            (None, taken(Sim, "a", true), false),
-            (None, taken(Human, "a", false), false),
-            (None, taken(Real, "a", true), true),
-            (last(Sim, "a"), taken(Sim, "b", true), false),
-            (last(Sim, "a"), taken(Human, "b", false), false),
-            (last(Sim, "a"), taken(Human, "b", true), true),
-            (last(Real, "a"), taken(Real, "a", false), false),
-            (last(Real, "a"), taken(Real, "a", true), true),
-            (last(Real, "a"), taken(Real, "b", false), true),
-            (last(Real, "a"), taken(Human, "b", false), true),
-            (last(Human, "a"), taken(Sim, "b", false), true),
-            (Some(ActiveProfile { class: Human, rules: None }), taken(Human, "a", false), true),
+            (None, incoming(Sim, "a", true), false),
+            (None, incoming(Human, "a", false), false),
+            (None, incoming(Real, "a", true), true),
+            (last(Sim, "a"), incoming(Sim, "b", true), false),
+            (last(Sim, "a"), incoming(Human, "b", false), false),
+            (last(Sim, "a"), incoming(Human, "b", true), true),
+            (last(Real, "a"), incoming(Real, "a", false), false),
+            (last(Real, "a"), incoming(Real, "a", true), true),
+            (last(Real, "a"), incoming(Real, "b", false), true),
+            (last(Real, "a"), incoming(Human, "b", false), true),
+            (last(Human, "a"), incoming(Sim, "b", false), true),
+            (Some(ActiveProfile { class: Human, rules: None }), incoming(Human, "a", false), true),
         ] {
             assert_eq!(needs(last, next), expected, "{last:?} {next:?}");
         }
-        let loose = taken(Real, "a", true);
+        let loose = incoming(Real, "a", true);
         assert!(!needs_authorization(last(Real, "a"), Some(rules("a")), &loose), "authorized before");
         assert!(needs_authorization(last(Real, "a"), Some(rules("b")), &loose));
         // A script on a store of its own, and the engine that continues with its store.
@@ -540,7 +540,7 @@ mod tests {
     }
 
     #[test]
-    fn a_version_stays_where_no_more_is_asked_for_than_it_was_let_in_by() {
+    fn a_version_stays_active_where_its_admission_suffices() {
         use ProfileName::{Human, Real, Sim};
         let by = |class, scripted| AdmissionContext { class, scripted };
         for class in ProfileName::ALL {
@@ -550,10 +550,10 @@ mod tests {
                 assert!(by(Human, scripted).suffices(by(class, true)));
             }
         }
-        for (let_in, now, stays) in
+        for (admission, now, stays) in
             [(Sim, Real, false), (Sim, Human, false), (Real, Human, false), (Human, Real, true)]
         {
-            assert_eq!(by(let_in, false).suffices(by(now, false)), stays, "{let_in} {now}");
+            assert_eq!(by(admission, false).suffices(by(now, false)), stays, "{admission} {now}");
             assert!(!AdmissionContext::LEAST.suffices(by(now, true)), "{now}");
         }
     }

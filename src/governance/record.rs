@@ -299,7 +299,7 @@ mod tests {
 
     /// A record of another build preserves its kind letter by letter: its hash covers it.
     #[test]
-    fn a_kind_that_is_not_known_is_kept() {
+    fn an_unknown_kind_is_preserved() {
         let record = |kind: &str| AuditRecord {
             seq: 1,
             prev: Digest::of_parts("t", &[]),

@@ -203,26 +203,26 @@ mod tests {
     }
 
     fn commissioned() -> SensorMonitor {
-        let mut senses = SensorMonitor::new(settings(), None, false).unwrap();
+        let mut monitor = SensorMonitor::new(settings(), None, false).unwrap();
         let found: Vec<SensorFinding> =
-            (0..settings().commissioning_tasks).flat_map(|_| senses.observe(&STEADY).unwrap()).collect();
+            (0..settings().commissioning_tasks).flat_map(|_| monitor.observe(&STEADY).unwrap()).collect();
         let tasks = settings().commissioning_tasks;
         let normal = SensorBaseline { tasks, picture_jitter_m: 0.002, pictures_missing: 0.1 };
         assert_eq!(found, [SensorFinding::Commissioned(normal)]);
-        senses
+        monitor
     }
 
-    fn until(senses: &mut SensorMonitor, task: &SensorReadings, wanted: SensorFinding) -> Option<u32> {
-        (1..=60).find(|_| senses.observe(task).unwrap().contains(&wanted))
+    fn until(monitor: &mut SensorMonitor, task: &SensorReadings, expected: SensorFinding) -> Option<u32> {
+        (1..=60).find(|_| monitor.observe(task).unwrap().contains(&expected))
     }
 
     #[test]
-    fn each_sense_alarms_within_ten_tasks_before_and_after_commissioning_and_is_measured_to_be_over() {
+    fn each_signal_alarms_within_ten_tasks_and_clears_when_measured() {
         for (sense, after, before) in [
             (SensorSignal::PictureJitter, 0.003, settings().jitter_max_m * 1.01),
             (SensorSignal::PicturesMissing, 0.15, settings().missing_max * 1.01),
         ] {
-            for (mut senses, value) in
+            for (mut monitor, value) in
                 [(commissioned(), after), (SensorMonitor::new(settings(), None, false).unwrap(), before)]
             {
                 let knocked = match sense {
@@ -231,10 +231,10 @@ mod tests {
                         SensorReadings { pictures_missing: Some(value), ..STEADY }
                     }
                 };
-                let alarm = until(&mut senses, &knocked, SensorFinding::Degraded(sense)).unwrap();
+                let alarm = until(&mut monitor, &knocked, SensorFinding::Degraded(sense)).unwrap();
                 assert!(alarm <= 10, "{sense}: {alarm}");
-                assert_eq!(senses.normal.is_some(), value == after, "what is bad does not become normal");
-                let over = until(&mut senses, &STEADY, SensorFinding::Over);
+                assert_eq!(monitor.normal.is_some(), value == after, "what is bad does not become normal");
+                let over = until(&mut monitor, &STEADY, SensorFinding::Over);
                 assert_eq!(over, Some(settings().clear_tasks));
             }
         }
@@ -242,12 +242,12 @@ mod tests {
 
     #[test]
     fn a_shaky_cell_is_not_commissioned_and_what_is_no_number_is_bad() {
-        let mut senses = SensorMonitor::new(settings(), None, false).unwrap();
+        let mut monitor = SensorMonitor::new(settings(), None, false).unwrap();
         let shaky = SensorReadings { picture_jitter_m: Some(0.02), ..STEADY };
         for _ in 0..5 * settings().commissioning_tasks {
-            senses.observe(&shaky).unwrap();
+            monitor.observe(&shaky).unwrap();
         }
-        assert_eq!(senses.normal, None);
+        assert_eq!(monitor.normal, None);
         let broken = SensorReadings { picture_jitter_m: Some(f64::NAN), ..STEADY };
         let found = until(&mut commissioned(), &broken, SensorFinding::Degraded(SensorSignal::PictureJitter));
         assert!(found.is_some_and(|tasks| tasks <= 10));

@@ -124,8 +124,8 @@ impl From<Route> for Recommendation {
 }
 
 impl From<PaperPolicyOutcome> for Recommendation {
-    fn from(word: PaperPolicyOutcome) -> Self {
-        match word {
+    fn from(outcome: PaperPolicyOutcome) -> Self {
+        match outcome {
             PaperPolicyOutcome::Reject => Self::Reject,
             PaperPolicyOutcome::Approval => Self::RollbackReview,
             PaperPolicyOutcome::Restricted => Self::Shadow,
@@ -135,8 +135,8 @@ impl From<PaperPolicyOutcome> for Recommendation {
 }
 
 impl From<Deployability> for Recommendation {
-    fn from(word: Deployability) -> Self {
-        match word {
+    fn from(deployability: Deployability) -> Self {
+        match deployability {
             Deployability::Incompatible => Self::Reject,
             Deployability::EvaluationOnly => Self::Sandbox,
             Deployability::Conditionally => Self::Shadow,
@@ -220,7 +220,7 @@ mod tests {
 
     /// The conservative reading of a word never exceeds the recommendation it came from.
     #[test]
-    fn every_word_leads_back_to_its_recommendation_or_a_stricter_one() {
+    fn every_term_maps_to_its_recommendation_or_a_stricter_one() {
         let admits = |recommendation| match recommendation {
             Recommendation::Reject => 0,
             Recommendation::Sandbox => 1,
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn gate_outcomes_and_policy_outcomes_have_their_words() {
+    fn gate_and_policy_outcomes_have_their_terms() {
         for (outcome, restricted, rule) in [
             (GateOutcome::Pass, false, ActivationRule::Activated),
             (GateOutcome::Pass, true, ActivationRule::ConditionallyActivated),

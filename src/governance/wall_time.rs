@@ -68,7 +68,7 @@ impl WallTime {
     /// The moment for people, to the second: `Thu 1 Jan 00:15:20 UTC`.
     #[must_use]
     pub fn label(self) -> String {
-        format!("{} UTC", calendar::moment(self.0 - self.0.rem_euclid(1_000)))
+        format!("{} UTC", calendar::day_and_time(self.0 - self.0.rem_euclid(1_000)))
     }
 
     /// The moment as a deadline, to a reader at `now`: the time of day, with its day where that is another one, and how long
@@ -77,7 +77,7 @@ impl WallTime {
     pub fn as_deadline(self, now: Self) -> String {
         let whole = self.0 - self.0.rem_euclid(1_000);
         let same_day = whole.div_euclid(calendar::DAY_MS) == now.0.div_euclid(calendar::DAY_MS);
-        let moment = if same_day { calendar::time(whole) } else { calendar::moment(whole) };
+        let deadline = if same_day { calendar::time(whole) } else { calendar::day_and_time(whole) };
         let left = match now.ms_until(self) / 1_000 {
             _ if self <= now => "over".to_owned(),
             secs @ ..60 => format!("{secs} s left"),
@@ -85,7 +85,7 @@ impl WallTime {
             secs @ ..172_800 => format!("{} h left", secs / 3_600),
             secs => format!("{} days left", secs / 86_400),
         };
-        format!("{moment} UTC, {left}")
+        format!("{deadline} UTC, {left}")
     }
 
     /// Milliseconds from here to a later moment, 0 if it is not later.
@@ -209,8 +209,8 @@ impl fmt::Display for ClockMismatch {
         let secs = |ms: u64| ms as f64 / 1_000.0;
         match self {
             Self::Jumped { by_ms } => {
-                let way = if *by_ms < 0 { "back" } else { "forward" };
-                write!(f, "the machine's clock was set {way} by {:.1} s", secs(by_ms.unsigned_abs()))
+                let direction = if *by_ms < 0 { "back" } else { "forward" };
+                write!(f, "the machine's clock was set {direction} by {:.1} s", secs(by_ms.unsigned_abs()))
             }
             Self::Behind { by_ms } => {
                 write!(f, "the machine's clock is {:.1} s behind the newest record", secs(*by_ms))
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moment_is_written_with_its_zone_and_read_back_to_the_millisecond() {
+    fn a_time_is_written_with_its_zone_and_read_to_the_millisecond() {
         for ms in [0, 1, 999, 1_000, 1_767_225_600_000, 1_795_343_405_250, LAST_MS] {
             let time = WallTime::from_ms(ms);
             assert_eq!(time.to_string().parse(), Ok(time), "{time}");
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn in_doubt_no_deadline_is_put_off() {
+    fn a_mismatch_extends_no_deadline() {
         let believed = ClockReading { wall: at(0), boot_ms: 0 };
         let (back, forward) = (
             ClockReading { wall: at(-500), boot_ms: 60_000 },

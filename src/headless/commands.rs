@@ -73,16 +73,16 @@ pub(super) enum InputEvent {
 
 /// The commands of one run.
 pub(super) struct Commands {
-    jobs: CommandRunner,
+    runner: CommandRunner,
     lines: Receiver<String>,
     /// Whether the input has ended.
-    ended: bool,
+    input_ended: bool,
     /// Whether any line arrived.
-    heard: bool,
+    has_input: bool,
     /// Whether the input is a terminal: the run then stays until `quit`.
     stays: bool,
-    begun: Instant,
-    said: Receiver<Vec<String>>,
+    started_at: Instant,
+    outputs: Receiver<Vec<String>>,
     /// Commands that wait for the running one.
     queue: VecDeque<Vec<String>>,
     in_turn: bool,
@@ -96,28 +96,28 @@ struct CommandRunner {
     data: PathBuf,
     tell: SyncSender<Vec<String>>,
     /// Commands under way; a stop runs beside the current one.
-    under_way: Arc<AtomicUsize>,
+    running: Arc<AtomicUsize>,
 }
 
 impl CommandRunner {
     /// Runs on a thread of its own; its output is delivered before it counts as done.
-    fn execute(&self, words: Vec<String>) -> std::io::Result<()> {
-        let (tell, data, under_way) = (self.tell.clone(), self.data.clone(), Arc::clone(&self.under_way));
-        self.under_way.fetch_add(1, Ordering::AcqRel);
+    fn execute(&self, arguments: Vec<String>) -> std::io::Result<()> {
+        let (tell, data, running) = (self.tell.clone(), self.data.clone(), Arc::clone(&self.running));
+        self.running.fetch_add(1, Ordering::AcqRel);
         let work = move || {
             // The run may have ended meanwhile.
-            drop(tell.send(run(&words, &data)));
-            under_way.fetch_sub(1, Ordering::AcqRel);
+            drop(tell.send(run(&arguments, &data)));
+            running.fetch_sub(1, Ordering::AcqRel);
         };
-        let begun = std::thread::Builder::new().name("command".to_owned()).spawn(work);
-        if begun.is_err() {
-            self.under_way.fetch_sub(1, Ordering::AcqRel);
+        let thread = std::thread::Builder::new().name("command".to_owned()).spawn(work);
+        if thread.is_err() {
+            self.running.fetch_sub(1, Ordering::AcqRel);
         }
-        begun.map(drop)
+        thread.map(drop)
     }
 
-    fn are_under_way(&self) -> bool {
-        self.under_way.load(Ordering::Acquire) > 0
+    fn is_busy(&self) -> bool {
+        self.running.load(Ordering::Acquire) > 0
     }
 }
 
@@ -125,43 +125,47 @@ impl Commands {
     /// Begins to read the standard input.
     pub(super) fn start(data: &Path) -> std::io::Result<Self> {
         let (sender, lines) = sync_channel(LINES_MAX);
-        let (tell, said) = sync_channel(LINES_MAX);
-        let jobs = CommandRunner { data: data.to_owned(), tell, under_way: Arc::default() };
-        let at_once = jobs.clone();
+        let (tell, outputs) = sync_channel(LINES_MAX);
+        let runner = CommandRunner { data: data.to_owned(), tell, running: Arc::default() };
+        let stop_runner = runner.clone();
         std::thread::Builder::new().name("commands".to_owned()).spawn(move || {
             let mut input = BufReader::new(std::io::stdin());
             loop {
                 let mut line = Vec::new();
-                let taken = input.by_ref().take(LINE_BYTES_MAX).read_until(b'\n', &mut line);
+                let count = input.by_ref().take(LINE_BYTES_MAX).read_until(b'\n', &mut line);
                 let line = String::from_utf8_lossy(&line).into_owned();
-                let typed = read(&line);
-                let quits = matches!(typed, Ok(InputLine::Quit));
+                let request = read(&line);
+                let quits = matches!(request, Ok(InputLine::Quit));
                 // A stop waits for nothing: neither for earlier lines nor for the current slice.
-                let stops = match typed {
-                    Ok(InputLine::Verb(words)) if words.first().is_some_and(|word| word == "stop") => {
-                        Some(words)
+                let stops = match request {
+                    Ok(InputLine::Verb(arguments))
+                        if arguments.first().is_some_and(|verb| verb == "stop") =>
+                    {
+                        Some(arguments)
                     }
                     _ => None,
                 };
-                let went = match stops {
+                let sent = match stops {
                     // An empty line reports that one arrived.
-                    Some(words) => at_once.execute(words).is_ok() && sender.send(String::new()).is_ok(),
+                    Some(arguments) => {
+                        stop_runner.execute(arguments).is_ok() && sender.send(String::new()).is_ok()
+                    }
                     None => sender.send(line).is_ok(),
                 };
                 // Lines after the one that ends the run are ignored.
-                if taken.unwrap_or(0) == 0 || !went || quits {
+                if count.unwrap_or(0) == 0 || !sent || quits {
                     return;
                 }
             }
         })?;
         Ok(Self {
-            jobs,
+            runner,
             lines,
-            ended: false,
-            heard: false,
+            input_ended: false,
+            has_input: false,
             stays: std::io::stdin().is_terminal(),
-            begun: Instant::now(),
-            said,
+            started_at: Instant::now(),
+            outputs,
             queue: VecDeque::new(),
             in_turn: false,
             quits: false,
@@ -175,77 +179,77 @@ impl Commands {
 
     /// Whether input keeps the run going, now or possibly later.
     pub(super) fn holds(&self) -> bool {
-        let expects = !self.heard && !self.ended && self.begun.elapsed() < FIRST_LINE_MAX;
-        (self.stays && !self.ended) || expects || self.is_at_work()
+        let expects = !self.has_input && !self.input_ended && self.started_at.elapsed() < FIRST_LINE_MAX;
+        (self.stays && !self.input_ended) || expects || self.is_at_work()
     }
 
     /// Whether a command is still waiting or running.
     fn is_at_work(&self) -> bool {
-        self.jobs.are_under_way() || !self.queue.is_empty()
+        self.runner.is_busy() || !self.queue.is_empty()
     }
 
     /// The input since the last check.
     pub(super) fn look(&mut self) -> Vec<InputEvent> {
-        let mut said = Vec::new();
-        while let Ok(lines) = self.said.try_recv() {
-            said.extend(lines.into_iter().map(InputEvent::Line));
+        let mut events = Vec::new();
+        while let Ok(lines) = self.outputs.try_recv() {
+            events.extend(lines.into_iter().map(InputEvent::Line));
         }
         loop {
             match self.lines.try_recv() {
                 Ok(line) => {
-                    self.heard = true;
-                    self.take(&line, &mut said);
+                    self.has_input = true;
+                    self.take(&line, &mut events);
                 }
                 Err(error) => {
-                    self.ended |= error == TryRecvError::Disconnected;
+                    self.input_ended |= error == TryRecvError::Disconnected;
                     break;
                 }
             }
         }
-        self.go_on(&mut said);
+        self.start_next(&mut events);
         if self.quits && !self.is_at_work() {
-            said.push(InputEvent::Quit);
+            events.push(InputEvent::Quit);
         }
-        said
+        events
     }
 
-    fn take(&mut self, line: &str, said: &mut Vec<InputEvent>) {
+    fn take(&mut self, line: &str, events: &mut Vec<InputEvent>) {
         match read(line) {
             Ok(InputLine::Nothing) => {}
             Ok(InputLine::Quit) => {
                 self.quits = true;
                 if self.is_at_work() {
-                    said.push(InputEvent::Line("the run ends after the earlier commands".to_owned()));
+                    events.push(InputEvent::Line("the run ends after the earlier commands".to_owned()));
                 }
             }
-            Ok(InputLine::Help) => said.push(InputEvent::Line(help())),
-            Ok(InputLine::Verb(words)) => self.queue.push_back(words),
-            Err(why) => said.push(InputEvent::Line(why)),
+            Ok(InputLine::Help) => events.push(InputEvent::Line(help())),
+            Ok(InputLine::Verb(arguments)) => self.queue.push_back(arguments),
+            Err(why) => events.push(InputEvent::Line(why)),
         }
     }
 
     /// In order: a line with `register` before one with `approve` runs first.
-    fn go_on(&mut self, said: &mut Vec<InputEvent>) {
-        self.in_turn &= self.jobs.are_under_way();
+    fn start_next(&mut self, events: &mut Vec<InputEvent>) {
+        self.in_turn &= self.runner.is_busy();
         if !self.in_turn
-            && let Some(words) = self.queue.pop_front()
+            && let Some(arguments) = self.queue.pop_front()
         {
             self.in_turn = true;
-            let name = words.join(" ");
-            if let Err(error) = self.jobs.execute(words) {
-                said.push(InputEvent::Line(format!("{name}: cannot start a thread: {error}")));
+            let name = arguments.join(" ");
+            if let Err(error) = self.runner.execute(arguments) {
+                events.push(InputEvent::Line(format!("{name}: cannot start a thread: {error}")));
             }
         }
     }
 }
 
 /// Runs a verb; returns its output, with the exit code after a failure.
-fn run(words: &[String], data: &Path) -> Vec<String> {
-    let name = words.join(" ");
-    let done = std::env::current_exe().and_then(|program| {
-        Command::new(program).args(words).arg("--data").arg(data).stdin(Stdio::null()).output()
+fn run(arguments: &[String], data: &Path) -> Vec<String> {
+    let name = arguments.join(" ");
+    let result = std::env::current_exe().and_then(|program| {
+        Command::new(program).args(arguments).arg("--data").arg(data).stdin(Stdio::null()).output()
     });
-    let output = match done {
+    let output = match result {
         Ok(output) => output,
         Err(error) => return vec![format!("{name}: cannot be run: {error}")],
     };
@@ -276,44 +280,44 @@ fn read(line: &str) -> Result<InputLine, String> {
     if line.len() as u64 >= LINE_BYTES_MAX {
         return Err(format!("the line has more than {LINE_BYTES_MAX} bytes; nothing was done"));
     }
-    let mut words = split(line)?;
-    if words.first().is_some_and(|word| word == "holdpoint") {
-        words.remove(0);
+    let mut arguments = split(line)?;
+    if arguments.first().is_some_and(|argument| argument == "holdpoint") {
+        arguments.remove(0);
     }
-    let Some(verb) = words.first().map(String::as_str) else { return Ok(InputLine::Nothing) };
+    let Some(verb) = arguments.first().map(String::as_str) else { return Ok(InputLine::Nothing) };
     match verb {
         "quit" | "q" | "exit" => Ok(InputLine::Quit),
         "help" | "?" => Ok(InputLine::Help),
         "register" => {
-            words.insert(0, "candidate".to_owned());
-            Ok(InputLine::Verb(words))
+            arguments.insert(0, "candidate".to_owned());
+            Ok(InputLine::Verb(arguments))
         }
-        verb if VERBS.contains(&verb) => Ok(InputLine::Verb(words)),
+        verb if VERBS.contains(&verb) => Ok(InputLine::Verb(arguments)),
         verb => Err(format!("there is no command {verb:?} here; `help` lists them")),
     }
 }
 
 /// Splits words as a shell does: at blanks, with quotes of either kind.
 fn split(line: &str) -> Result<Vec<String>, String> {
-    let mut words = Vec::new();
-    let mut word: Option<String> = None;
+    let mut arguments = Vec::new();
+    let mut argument: Option<String> = None;
     let mut quote: Option<char> = None;
-    for sign in line.chars() {
-        match (quote, sign) {
-            (Some(open), sign) if sign == open => quote = None,
+    for ch in line.chars() {
+        match (quote, ch) {
+            (Some(open), ch) if ch == open => quote = None,
             (None, '"' | '\'') => {
-                quote = Some(sign);
-                word.get_or_insert_default();
+                quote = Some(ch);
+                argument.get_or_insert_default();
             }
-            (None, sign) if sign.is_whitespace() => words.extend(word.take()),
-            (_, sign) => word.get_or_insert_default().push(sign),
+            (None, ch) if ch.is_whitespace() => arguments.extend(argument.take()),
+            (_, ch) => argument.get_or_insert_default().push(ch),
         }
     }
     if quote.is_some() {
         return Err("a quote is not closed; nothing was done".to_owned());
     }
-    words.extend(word);
-    Ok(words)
+    arguments.extend(argument);
+    Ok(arguments)
 }
 
 #[cfg(test)]
@@ -321,13 +325,13 @@ mod tests {
     use super::*;
 
     #[allow(clippy::unnecessary_wraps, reason = "beside what is refused")]
-    fn verb(words: &[&str]) -> Result<InputLine, String> {
-        Ok(InputLine::Verb(words.iter().map(|word| (*word).to_owned()).collect()))
+    fn verb(arguments: &[&str]) -> Result<InputLine, String> {
+        Ok(InputLine::Verb(arguments.iter().map(|argument| (*argument).to_owned()).collect()))
     }
 
     #[test]
     fn lines_are_verbs_as_in_a_shell() {
-        for (line, typed) in [
+        for (line, request) in [
             ("", Ok(InputLine::Nothing)),
             ("  # a remark", Ok(InputLine::Nothing)),
             (":q\n", Ok(InputLine::Quit)),
@@ -338,16 +342,16 @@ mod tests {
             ("register \"my candidate\"", verb(&["candidate", "register", "my candidate"])),
             ("reject a@1.0.0 --reason \"\"", verb(&["reject", "a@1.0.0", "--reason", ""])),
         ] {
-            assert_eq!(read(line), typed, "{line:?}");
+            assert_eq!(read(line), request, "{line:?}");
         }
-        for (line, word) in [
+        for (line, text) in [
             ("fly", "no command \"fly\""),
             ("serve", "no command"),
             ("run --plain", "no command"),
             ("stop 'now", "not closed"),
         ] {
             let why = read(line).unwrap_err();
-            assert!(why.contains(word), "{line:?}: {why}");
+            assert!(why.contains(text), "{line:?}: {why}");
         }
         assert!(read(&"x".repeat(usize::try_from(LINE_BYTES_MAX).unwrap())).unwrap_err().contains("bytes"));
     }

@@ -46,13 +46,13 @@ pub(super) struct Driver<'a> {
     printer: Printer<'a>,
     requests: u64,
     candidate: Option<CapabilityId>,
-    given: Vec<StageReason>,
+    reasons: Vec<StageReason>,
     confirmed: bool,
 }
 
 impl<'a> Driver<'a> {
     pub(super) fn new(pump: Pump, printer: Printer<'a>) -> Self {
-        Self { pump, printer, requests: 0, candidate: None, given: Vec::new(), confirmed: false }
+        Self { pump, printer, requests: 0, candidate: None, reasons: Vec::new(), confirmed: false }
     }
 
     /// Runs a stage that a call began to its end.
@@ -85,12 +85,12 @@ impl<'a> Driver<'a> {
             self.register(candidate.folder(), candidate.requester())
         } else if let Some(wait) = &step.wait {
             self.wait(wait)
-        } else if let Some(say) = &step.approve {
-            self.sign_decision(say, ApprovalDecision::Approve)
-        } else if let Some(say) = &step.reject {
-            self.sign_decision(say, ApprovalDecision::Reject)
-        } else if let Some(say) = &step.break_glass {
-            self.break_glass(say)
+        } else if let Some(details) = &step.approve {
+            self.sign_decision(details, ApprovalDecision::Approve)
+        } else if let Some(details) = &step.reject {
+            self.sign_decision(details, ApprovalDecision::Reject)
+        } else if let Some(details) = &step.break_glass {
+            self.break_glass(details)
         } else if let Some(drift) = &step.drift {
             self.drift(drift)
         } else if let Some(goal) = &step.goal {
@@ -126,7 +126,7 @@ impl<'a> Driver<'a> {
             by: by.to_owned(),
             reason: reason.to_owned(),
         };
-        let said = |say: &DecisionStep| operation(&say.who, &say.reason);
+        let operation_of = |details: &DecisionStep| operation(&details.who, &details.reason);
         let of = |some: &ProfileStep| (operation(&some.who, &some.reason), some.profiles.clone());
         let command = if let Some(some) = &step.demote {
             let (operation, profiles) = of(some);
@@ -137,16 +137,16 @@ impl<'a> Driver<'a> {
         } else if let Some(again) = &step.repeat {
             self.ended_before();
             Command::Repeat { operation: operation(&again.who, &again.reason), stage: again.stage }
-        } else if let Some(say) = &step.restrict {
-            Command::Restrict(said(say))
-        } else if let Some(say) = &step.rollback {
-            Command::Rollback(said(say))
-        } else if let Some(say) = &step.pause {
-            Command::Pause(said(say))
-        } else if let Some(say) = &step.resume {
-            Command::Resume(said(say))
-        } else if let Some(say) = &step.go_on {
-            Command::Continue(said(say))
+        } else if let Some(details) = &step.restrict {
+            Command::Restrict(operation_of(details))
+        } else if let Some(details) = &step.rollback {
+            Command::Rollback(operation_of(details))
+        } else if let Some(details) = &step.pause {
+            Command::Pause(operation_of(details))
+        } else if let Some(details) = &step.resume {
+            Command::Resume(operation_of(details))
+        } else if let Some(details) = &step.go_on {
+            Command::Continue(operation_of(details))
         } else {
             return Ok(StepEnd::Done);
         };
@@ -160,9 +160,10 @@ impl<'a> Driver<'a> {
 
     /// Lets the store's administrator enroll all persons that the steps need.
     pub(super) fn enrol(&mut self, steps: &[ScriptStep]) -> Result<(), CliError> {
-        let said = |step: &ScriptStep| [&step.approve, &step.reject, &step.break_glass].map(Option::clone);
+        let decisions_of =
+            |step: &ScriptStep| [&step.approve, &step.reject, &step.break_glass].map(Option::clone);
         let mut roles: BTreeMap<String, Role> = BTreeMap::new();
-        for DecisionStep { who, role, .. } in steps.iter().flat_map(said).flatten() {
+        for DecisionStep { who, role, .. } in steps.iter().flat_map(decisions_of).flatten() {
             let known = roles.entry(who).or_insert(role);
             if role != Role::Engineer && *known == Role::Engineer {
                 *known = role;
@@ -183,18 +184,18 @@ impl<'a> Driver<'a> {
     }
 
     /// Signs a break-glass activation as a named person whose key is in the store's folder.
-    fn break_glass(&mut self, say: &DecisionStep) -> Result<StepEnd, CliError> {
+    fn break_glass(&mut self, details: &DecisionStep) -> Result<StepEnd, CliError> {
         let snapshot = self.pump.engine().snapshot();
-        let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
-        let Some(door) = snapshot.emergencies.into_iter().find(|door| ours(&door.version)) else {
+        let is_ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
+        let Some(request) = snapshot.emergencies.into_iter().find(|request| is_ours(&request.version)) else {
             return Err(CliError::usage("no version waits for break-glass"));
         };
         let command = scripted_approver::answer(
             &mut self.pump,
-            &door,
-            &say.who,
+            &request,
+            &details.who,
             ApprovalDecision::Approve,
-            &say.reason,
+            &details.reason,
         )
         .map_err(CliError::usage)?;
         self.accept(command)
@@ -231,12 +232,12 @@ impl<'a> Driver<'a> {
             }
             _ => return,
         };
-        let given = reasons.iter().map(|reason| StageReason {
+        let added = reasons.iter().map(|reason| StageReason {
             stage,
             dimension: reason.dimension,
             code: reason.code,
         });
-        self.given.extend(given);
+        self.reasons.extend(added);
     }
 
     fn submit(&mut self, command: Command) -> Result<Reply, CliError> {
@@ -257,7 +258,7 @@ impl<'a> Driver<'a> {
         let command = Command::Register { package, name: folder.to_owned(), by: by.map(ToOwned::to_owned) };
         // The id is known before the events are read, so none is missed.
         self.candidate = Some(candidate.id());
-        self.given.clear();
+        self.reasons.clear();
         self.confirmed = false;
         match self.submit(command)? {
             Reply::Refused { code: Refusal::Exists, text, .. } => self.go_on_with(&candidate.digest(), text),
@@ -380,14 +381,19 @@ impl<'a> Driver<'a> {
     }
 
     /// Signs a decision on the open request as a named person whose key is in the store's folder.
-    fn sign_decision(&mut self, say: &DecisionStep, decision: ApprovalDecision) -> Result<StepEnd, CliError> {
+    fn sign_decision(
+        &mut self,
+        details: &DecisionStep,
+        decision: ApprovalDecision,
+    ) -> Result<StepEnd, CliError> {
         let snapshot = self.pump.engine().snapshot();
-        let ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
-        let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
+        let is_ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
+        let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| is_ours(&prompt.version)) else {
             return Err(CliError::usage("no version waits for a decision"));
         };
-        let command = scripted_approver::answer(&mut self.pump, &prompt, &say.who, decision, &say.reason)
-            .map_err(CliError::usage)?;
+        let command =
+            scripted_approver::answer(&mut self.pump, &prompt, &details.who, decision, &details.reason)
+                .map_err(CliError::usage)?;
         self.accept(command)
     }
 
@@ -410,22 +416,22 @@ impl<'a> Driver<'a> {
             return fail(format!("{} is {}, expected {expected}", view.version, state.name()));
         }
         let Some(code) = expect.reason else { return Ok(StepEnd::Done) };
-        let fits = |given: &StageReason| {
-            given.code == code
-                && expect.stage.is_none_or(|stage| stage == given.stage)
-                && expect.dimension.is_none_or(|dimension| dimension == given.dimension)
+        let fits = |reason: &StageReason| {
+            reason.code == code
+                && expect.stage.is_none_or(|stage| stage == reason.stage)
+                && expect.dimension.is_none_or(|dimension| dimension == reason.dimension)
         };
         // People's decisions belong to no stage, but to the candidate.
-        let said = view.reasons.iter().filter(|reason| reason.code.is_from_people());
+        let decisions = view.reasons.iter().filter(|reason| reason.code.is_from_people());
         let stage = expect.stage.unwrap_or(Decider::Activation);
-        let standing: Vec<StageReason> = said
+        let from_people: Vec<StageReason> = decisions
             .map(|reason| StageReason { stage, dimension: reason.dimension, code: reason.code })
             .collect();
-        if self.given.iter().chain(&standing).any(fits) {
+        if self.reasons.iter().chain(&from_people).any(fits) {
             return Ok(StepEnd::Done);
         }
         let known: Vec<String> =
-            self.given.iter().map(|g| format!("{}/{}/{}", g.stage, g.dimension, g.code)).collect();
+            self.reasons.iter().map(|g| format!("{}/{}/{}", g.stage, g.dimension, g.code)).collect();
         fail(format!("the reason {:?} was not given; the reasons are {}", code.as_str(), known.join(", ")))
     }
 
@@ -442,8 +448,8 @@ impl<'a> Driver<'a> {
             Some(State::Rejected) => Exit::Rejected,
             Some(_) | None => Exit::Held,
         };
-        let said = if exit == Exit::Confirmed { "passed" } else { exit.outcome_label() };
-        self.end(&format!("outcome: {said}"))?;
+        let outcome = if exit == Exit::Confirmed { "passed" } else { exit.outcome_label() };
+        self.end(&format!("outcome: {outcome}"))?;
         Ok(exit)
     }
 
@@ -451,15 +457,15 @@ impl<'a> Driver<'a> {
     pub(super) fn finish(mut self) -> Result<Exit, CliError> {
         let followed =
             self.view().map(|view| FollowedVersion { exit: outcome_of(&view), version: view.version });
-        let said = followed
+        let message = followed
             .as_ref()
             .map_or_else(|| "nothing was judged: no version was submitted".to_owned(), ToString::to_string);
-        self.end(&said)?;
+        self.end(&message)?;
         Ok(followed.map_or(Exit::NothingJudged, |followed| followed.exit))
     }
 
     /// Ends the engine and prints the outcome.
-    fn end(&mut self, said: &str) -> Result<(), CliError> {
+    fn end(&mut self, message: &str) -> Result<(), CliError> {
         self.requests += 1;
         let id = format!("script-{}", self.requests);
         self.pump.submit(Request::unsigned(id, Command::Shutdown));
@@ -467,7 +473,7 @@ impl<'a> Driver<'a> {
         // Only here: a script's records then have the same places at any speed of the sink's thread.
         let events = self.pump.finish();
         self.print_events(&events)?;
-        self.note(said)
+        self.note(message)
     }
 }
 

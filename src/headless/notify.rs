@@ -82,7 +82,7 @@ impl ServiceManager {
     async fn follow(self, mut snapshots: Snapshots) {
         let mut endings: Option<TerminationSignals> = None;
         let (mut ready, mut stopping) = (false, false);
-        let mut told = String::new();
+        let mut last_status = String::new();
         let mut alive = Instant::now();
         loop {
             tokio::select! {
@@ -106,9 +106,9 @@ impl ServiceManager {
             let status = status(&newest);
             if newest.reading.is_some() {
                 // The engine is still starting and runs no command. Its socket handles the signals.
-                if told != status {
+                if last_status != status {
                     self.send(&format!("STATUS={status}"));
-                    told = status;
+                    last_status = status;
                 }
                 continue;
             }
@@ -118,9 +118,9 @@ impl ServiceManager {
                 self.send("READY=1");
                 ready = true;
             }
-            if told != status && !stopping {
+            if last_status != status && !stopping {
                 self.send(&format!("STATUS={status}"));
-                told = status;
+                last_status = status;
             }
             if self.watchdog.is_some_and(|span| alive.elapsed() >= span / PER_SPAN) {
                 self.send("WATCHDOG=1");
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn the_environment_says_who_is_told_and_how_often() {
+    fn the_environment_sets_socket_and_watchdog() {
         let socket = ("NOTIFY_SOCKET", "/run/manager");
         let own = std::process::id().to_string();
         for (variables, expected) in [

@@ -80,8 +80,8 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
     })
     .map_err(start_error)?;
     let mut pump = Pump::new(engine, run.sinks);
-    if let Some(pictures) = pump.pictures() {
-        pump.draw_live_world(pictures);
+    if let Some(sink) = pump.frame_sink() {
+        pump.draw_live_world(sink);
     }
     let mut driver = Driver::new(pump, Printer::new(out, run.json));
     driver.take_events()?;

@@ -29,7 +29,7 @@ pub struct ServiceSetup {
 pub fn serve(service: ServiceSetup, out: &mut dyn Write) -> Result<Exit, CliError> {
     let manager = ServiceManager::from_environment()?;
     let mut host = EngineHandle::start(service.host);
-    let told = manager.map(|manager| manager.start(host.snapshots.clone())).transpose()?;
+    let notifier = manager.map(|manager| manager.start(host.snapshots.clone())).transpose()?;
     let mut stream = ServiceStream {
         printer: Some(Printer::new(out, service.json)),
         quiet: service.quiet,
@@ -52,8 +52,8 @@ pub fn serve(service: ServiceSetup, out: &mut dyn Write) -> Result<Exit, CliErro
     };
     // The engine's thread drops its side, which ends the other one, too.
     drop(host);
-    if let Some(told) = told {
-        drop(told.join());
+    if let Some(notifier) = notifier {
+        drop(notifier.join());
     }
     stream.end(ended)
 }

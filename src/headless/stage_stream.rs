@@ -69,7 +69,7 @@ const PACED_PAUSE: Duration = Duration::from_millis(15);
 /// # Errors
 /// [`CliError`] with exit code 2 for invalid input, 70 for a fault.
 pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
-    let anteroom = EngineBootstrap::open(
+    let bootstrap = EngineBootstrap::open(
         Config {
             data: run.data,
             profile: run.profile,
@@ -84,13 +84,15 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
     )
     .map_err(start_error)?;
     let mut printer = Printer::new(out, run.json);
-    let Some((engine, door)) = entered(anteroom, &mut printer)? else { return Ok(Exit::NothingJudged) };
-    let mut pump = Pump::with_door(engine, door, run.sinks);
-    match (run.pace, pump.pictures()) {
+    let Some((engine, socket)) = await_engine(bootstrap, &mut printer)? else {
+        return Ok(Exit::NothingJudged);
+    };
+    let mut pump = Pump::with_socket(engine, socket, run.sinks);
+    match (run.pace, pump.frame_sink()) {
         // No viewer shows the camera frames.
         (Some(pace), None) => pump.pace_live_world(Some(pace), Arc::new(|_| ())),
-        (Some(pace), Some(pictures)) => pump.pace_live_world(Some(pace), pictures),
-        (None, Some(pictures)) => pump.draw_live_world(pictures),
+        (Some(pace), Some(sink)) => pump.pace_live_world(Some(pace), sink),
+        (None, Some(sink)) => pump.draw_live_world(sink),
         (None, None) => {}
     }
     let commands =
@@ -110,24 +112,25 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
 }
 
 /// The engine, once it has read its history; `None` if it was ended before. Reports a long reading.
-fn entered(
-    mut anteroom: EngineBootstrap<'_>,
+fn await_engine(
+    mut bootstrap: EngineBootstrap<'_>,
     printer: &mut Printer<'_>,
 ) -> Result<Option<(Engine, ControlSocket)>, CliError> {
-    let begun = Instant::now();
-    let mut told = false;
-    while !anteroom.turn() {
-        if !told && anteroom.has_records() && begun.elapsed() >= LOOK_PATIENCE {
-            told = true;
-            let reading = anteroom.snapshot().reading.map_or_else(String::new, |reading| reading.to_string());
+    let started_at = Instant::now();
+    let mut is_reported = false;
+    while !bootstrap.turn() {
+        if !is_reported && bootstrap.has_records() && started_at.elapsed() >= LOOK_PATIENCE {
+            is_reported = true;
+            let reading =
+                bootstrap.snapshot().reading.map_or_else(String::new, |reading| reading.to_string());
             printer.note(&format!("the record is being verified; {reading}"))?;
         }
     }
-    if anteroom.has_ended() {
+    if bootstrap.has_ended() {
         printer.note("ended before the engine started; no command ran")?;
         return Ok(None);
     }
-    anteroom.enter().map(Some).map_err(start_error)
+    bootstrap.enter().map(Some).map_err(start_error)
 }
 
 /// An engine with printed events, and the followed versions.
@@ -211,8 +214,8 @@ impl PlainStream<'_> {
     /// Reads new input and results. Returns whether the run ends.
     fn take_commands(&mut self) -> Result<bool, CliError> {
         let Some(commands) = &mut self.commands else { return Ok(false) };
-        for said in commands.look() {
-            match said {
+        for event in commands.look() {
+            match event {
                 InputEvent::Line(line) => self.printer.note(&line)?,
                 InputEvent::Quit => return Ok(true),
             }
@@ -233,9 +236,9 @@ impl PlainStream<'_> {
     /// stage.
     /// of a stage.
     fn rests(&self, snapshot: &Snapshot, view: &CandidateView) -> bool {
-        let asked = snapshot.prompts.iter().any(|prompt| prompt.version == view.version);
-        let works = self.paced && view.flags.running.is_some();
-        !asked && !works && !view.flags.provisional
+        let awaits_approval = snapshot.prompts.iter().any(|prompt| prompt.version == view.version);
+        let is_running = self.paced && view.flags.running.is_some();
+        !awaits_approval && !is_running && !view.flags.provisional
     }
 
     /// Prints events, follows new candidates, and fails if the engine halts.

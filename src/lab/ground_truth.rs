@@ -60,7 +60,7 @@ pub struct TruthPlan {
     /// Every `of`-th candidate from the `shard`-th on.
     pub shard: (usize, usize),
     /// Finished results are cached here and not run again.
-    pub kept: Option<ResultCache>,
+    pub cache: Option<ResultCache>,
 }
 
 /// The truth of one candidate, and its end under each profile.
@@ -151,7 +151,7 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
 
 impl TruthBench {
     fn new(plan: &TruthPlan, scratch: &std::path::Path) -> Result<Self, ExperimentError> {
-        let cells = match &plan.kept {
+        let cells = match &plan.cache {
             Some(cells) => cells.clone(),
             None => ResultCache::in_folder(scratch.to_owned(), CacheSecret::fresh()?),
         };

@@ -214,8 +214,8 @@ fn is_as_expected(expected: HarmExpectation, found: &BehaviorAssessment) -> bool
     let outcome = found.assessment.outcome;
     match expected {
         Harms(kind) => {
-            let said = found.harm.iter().any(|harm| harm.kind == kind && harm.is_established());
-            outcome == BehaviorOutcome::Incompatible && said
+            let is_found = found.harm.iter().any(|harm| harm.kind == kind && harm.is_established());
+            outcome == BehaviorOutcome::Incompatible && is_found
         }
         Stopped => matches!(outcome, BehaviorOutcome::Incompatible | BehaviorOutcome::Suspicious),
         Kept | Unseen => outcome == BehaviorOutcome::Compatible,
@@ -250,7 +250,7 @@ fn a_place_that_drops_is_stopped_and_a_slower_one_is_not() {
 }
 
 #[test]
-fn force_is_not_bought_by_success_nor_asked_for_beyond_the_declaration() {
+fn success_does_not_excuse_excess_force() {
     print_cases(&["grip +40 %", "asks 38 N, declares 25", "slams the hand shut"], 80);
 }
 
@@ -331,8 +331,8 @@ fn error_rates_and_power_of_harm() {
                 let found = judge(redrawn(&measured, run, pairs), &bench.profile);
                 let harm = found.harm.iter().filter(|harm| !harm.is_within_tolerance());
                 let kinds: Vec<&str> = harm.map(|harm| harm.kind.name()).collect();
-                let said = format!("{:?} {}", found.assessment.outcome, kinds.join(" "));
-                *outcomes.entry(said).or_default() += 1;
+                let label = format!("{:?} {}", found.assessment.outcome, kinds.join(" "));
+                *outcomes.entry(label).or_default() += 1;
             }
             println!(
                 "{name} {} {runs} runs, {past} of {} baseline episodes past a limit: {outcomes:?}",

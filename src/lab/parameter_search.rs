@@ -84,25 +84,25 @@ pub fn refine(
         .ok_or_else(|| RefineError::NoBaseline(family.clone()))?;
     let version = version(settings, &baseline)?;
     let folder = settings.out.join(format!("{family}-refined"));
-    let kept = settings.out.join(format!("{family}-refined.refine"));
+    let journal_path = settings.out.join(format!("{family}-refined.refine"));
     if folder.symlink_metadata().is_ok() {
         return Err(RefineError::Exists(folder));
     }
     let space = Space::of(&baseline)?;
     let draft = PackageDraft::new(&baseline, &space, version);
     let objective = Objective::new(settings.seed, settings.jobs, cancel)?;
-    let journal = Journal::open(&kept)?;
+    let journal = Journal::open(&journal_path)?;
     let evaluator = Evaluator::new(&objective, &draft, journal, settings, on_progress);
-    let found = evaluator.search().map_err(|error| evaluator.interrupted(error, &kept))?;
+    let found = evaluator.search().map_err(|error| evaluator.with_journal(error, &journal_path))?;
     let after = evaluator.candidate(&found.values, "")?;
     let fresh = ObjectivePair {
-        before: evaluator.fresh(&baseline).map_err(|error| evaluator.interrupted(error, &kept))?,
-        after: evaluator.fresh(&after).map_err(|error| evaluator.interrupted(error, &kept))?,
+        before: evaluator.fresh(&baseline).map_err(|error| evaluator.with_journal(error, &journal_path))?,
+        after: evaluator.fresh(&after).map_err(|error| evaluator.with_journal(error, &journal_path))?,
     };
     let practised = ObjectivePair { before: found.baseline, after: found.score };
     let summary = package::summary(settings, evaluator.evaluations(), &practised, &fresh);
     let candidate = evaluator.candidate(&found.values, &summary)?;
-    package::write(&candidate.package, &kept, &folder)?;
+    package::write(&candidate.package, &journal_path, &folder)?;
     let changes = space
         .axes()
         .iter()
@@ -113,7 +113,7 @@ pub fn refine(
     Ok(RefineReport {
         id: candidate.id(),
         folder,
-        kept,
+        kept: journal_path,
         parent: baseline.id(),
         generations: settings.generations,
         evaluations: evaluator.evaluations(),

@@ -62,20 +62,20 @@ struct PairedSkill {
 impl Skill for PairedSkill {
     fn tick(&mut self, seen: &Observation) -> Command {
         let before = Instant::now();
-        let asked = self.native.tick(seen);
+        let command = self.native.tick(seen);
         let between = Instant::now();
         let component = self.component.tick(seen);
         let after = Instant::now();
         let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
         found.ticks += 1;
-        found.differing += u64::from(!is_same(&asked, &component));
+        found.differing += u64::from(!is_same(&command, &component));
         found.native_us.push((between - before).as_secs_f64() * 1e6);
         found.component_us.push((after - between).as_secs_f64() * 1e6);
         let confined = self.component.confined();
         found.confined.fuel_tick_max = found.confined.fuel_tick_max.max(confined.fuel_tick_max);
         found.confined.memory_bytes = found.confined.memory_bytes.max(confined.memory_bytes);
         found.confined.fault = found.confined.fault.or(confined.fault);
-        asked
+        command
     }
 
     fn enter(&mut self, hook: Hook) {
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_controller_as_a_component_asks_for_the_same_bit_for_bit() {
+    fn a_component_sends_the_same_commands_bit_for_bit() {
         let cell = Cell::builtin().unwrap();
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());

@@ -73,18 +73,18 @@ pub fn enrolment(engine: &Engine, who: &str, role: Role) -> Result<Option<Comman
 /// [`ApproverError`].
 pub fn answer(
     pump: &mut Pump,
-    open: &ApprovalRequestView,
+    request: &ApprovalRequestView,
     who: &str,
-    answer: ApprovalDecision,
+    decision: ApprovalDecision,
     reason: &str,
 ) -> Result<Command, ApproverError> {
     let identity = Identity::load(&pump.engine().layout().identities(), who)?;
-    let (version, purpose) = (open.version.clone(), open.purpose);
-    let asked = Command::Question { version, purpose, who: who.to_owned() };
-    match pump.submit(Request::unsigned("question".to_owned(), asked)) {
+    let (version, purpose) = (request.version.clone(), request.purpose);
+    let command = Command::Question { version, purpose, who: who.to_owned() };
+    match pump.submit(Request::unsigned("question".to_owned(), command)) {
         Reply::Question { question } => {
-            question.bound(&open.version, purpose, who)?;
-            Ok(question.answer(&identity, answer, reason)?)
+            question.bound(&request.version, purpose, who)?;
+            Ok(question.answer(&identity, decision, reason)?)
         }
         Reply::Refused { text, .. } => Err(ApproverError::Refused(text)),
         _ => Err(ApproverError::Refused("it gave another reply".to_owned())),

@@ -300,7 +300,7 @@ fn is_as_expected(case: &SequenceCase, alone: &BehaviorAssessment, whole: &Behav
     let next = TaskKind::SEQUENCE.into_iter().find(|next| *next > case.task);
     match case.expected {
         BadHandover => {
-            let said = next.is_some_and(|next| {
+            let is_found = next.is_some_and(|next| {
                 whole.assessment.reasons.iter().any(|reason| match &reason.finding {
                     Some(Finding::SequenceWorse { ends: Some(ends), .. }) => {
                         ends.is_next && ends.task == next
@@ -310,7 +310,7 @@ fn is_as_expected(case: &SequenceCase, alone: &BehaviorAssessment, whole: &Behav
             });
             alone.assessment.outcome == BehaviorOutcome::Compatible
                 && whole.assessment.outcome == BehaviorOutcome::Incompatible
-                && said
+                && is_found
         }
         Kept => {
             whole.assessment == alone.assessment && whole.assessment.outcome == BehaviorOutcome::Compatible
@@ -443,7 +443,7 @@ fn error_rates_and_power_of_sequences() {
 /// and for a grasp that does not settle. `SHIFT_SHADOWS` is the number of shadows, each examined at both budgets. Single
 /// tasks under live conditions replace the twins.
 #[test]
-fn what_is_said_of_a_shift() {
+fn frequency_of_reported_shifts() {
     let shadows = number("SHIFT_SHADOWS", 0);
     if shadows == 0 {
         return;
@@ -478,7 +478,7 @@ fn what_is_said_of_a_shift() {
             twin_conduct: new.conduct(),
         };
         let sequences: Vec<ShadowSequence> = old.iter().zip(&new).map(sequence).collect();
-        let mut said: BTreeMap<String, u32> = BTreeMap::new();
+        let mut counts: BTreeMap<String, u32> = BTreeMap::new();
         let mut shifted_in = 0;
         for shadow in sequences.chunks(looks[1] as usize) {
             let found = looks.map(|look| {
@@ -486,9 +486,10 @@ fn what_is_said_of_a_shift() {
             });
             shifted_in += u32::from(found.iter().any(|reasons| !reasons.is_empty()));
             for reason in found.into_iter().flatten() {
-                *said.entry(holdpoint_wording::reason(&reason).chars().take(90).collect()).or_default() += 1;
+                *counts.entry(holdpoint_wording::reason(&reason).chars().take(90).collect()).or_default() +=
+                    1;
             }
         }
-        println!("{}: {shifted_in} of {shadows} shadows shifted: {said:?}", case.name);
+        println!("{}: {shifted_in} of {shadows} shadows shifted: {counts:?}", case.name);
     }
 }

@@ -55,9 +55,9 @@ pub(crate) fn mark(out: &mut String, mark: SeriesMark, x: f64, y: f64, color: &s
     out.push('\n');
 }
 
-pub(crate) fn text(out: &mut String, x: f64, y: f64, anchor: &str, words: &str) {
-    let words = escaped(words);
-    let _ = writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{words}</text>");
+pub(crate) fn text(out: &mut String, x: f64, y: f64, anchor: &str, content: &str) {
+    let content = escaped(content);
+    let _ = writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{content}</text>");
 }
 
 pub(crate) fn head(out: &mut String, width: f64, height: f64, title: &str) {

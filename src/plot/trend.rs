@@ -73,7 +73,7 @@ pub struct TrendMark {
     /// Its rank where letters overlap: the smallest number is drawn.
     pub weight: u8,
     /// Its event and time, one sentence.
-    pub words: String,
+    pub text: String,
 }
 
 /// See the module's head.
@@ -134,11 +134,11 @@ impl TrendPlot {
         for (place, one) in self.marks.iter().take(listed).enumerate() {
             let at = list_at + LINE * (place + 1) as f64;
             text(&mut out, LEFT - 14.0, at, "end", &one.letter.to_string());
-            text(&mut out, LEFT, at, "start", &one.words);
+            text(&mut out, LEFT, at, "start", &one.text);
         }
         if more > 0 {
-            let words = format!("and {} marks more", self.marks.len() - listed);
-            text(&mut out, LEFT, list_at + LINE * (listed + 1) as f64, "start", &words);
+            let more_text = format!("and {} marks more", self.marks.len() - listed);
+            text(&mut out, LEFT, list_at + LINE * (listed + 1) as f64, "start", &more_text);
         }
         out.push_str("</svg>\n");
         out
@@ -250,12 +250,7 @@ mod tests {
                 digits: 0,
                 lines: vec![line("grasp@1.0.0", 0, &[0, 1, 2, 5, 6, 9]), line("grasp@1.1.0", 1, &[])],
             }],
-            marks: vec![TrendMark {
-                at: 0.3,
-                letter: 'P',
-                weight: 0,
-                words: "promotion of \"x\"".to_owned(),
-            }],
+            marks: vec![TrendMark { at: 0.3, letter: 'P', weight: 0, text: "promotion of \"x\"".to_owned() }],
         }
     }
 
@@ -276,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_plot_says_so() {
+    fn empty_plots_are_noted() {
         let mut plot = plot();
         plot.panels[0].lines.clear();
         plot.panels[0].range = [1.0, 1.0];

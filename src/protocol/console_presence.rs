@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_said_of_a_seat_is_short_and_plain() {
+    fn a_presence_is_short_and_plain() {
         let sitting = |who: &str, view: &str| ConsolePresence {
             who: Some(who.to_owned()),
             view: view.to_owned(),

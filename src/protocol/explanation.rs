@@ -121,14 +121,14 @@ impl Ruling {
     #[must_use]
     pub fn outcome(&self) -> String {
         match self {
-            Self::Registration(word)
-            | Self::Validation(word)
-            | Self::Sandbox(word)
-            | Self::Shadow(word)
-            | Self::Activation(word) => word.to_string(),
-            Self::Monitor(word) => word.to_string(),
-            Self::Rollback(word) => word.to_string(),
-            Self::People(said) => said.to_string(),
+            Self::Registration(outcome)
+            | Self::Validation(outcome)
+            | Self::Sandbox(outcome)
+            | Self::Shadow(outcome)
+            | Self::Activation(outcome) => outcome.to_string(),
+            Self::Monitor(outcome) => outcome.to_string(),
+            Self::Rollback(status) => status.to_string(),
+            Self::People(ruling) => ruling.to_string(),
         }
     }
 
@@ -181,11 +181,11 @@ pub(crate) mod blank {
 
     #[allow(clippy::ref_option, reason = "the form that serde asks for")]
     pub(crate) fn serialize<T: Serialize, S: Serializer>(
-        word: &Option<T>,
+        value: &Option<T>,
         serializer: S,
     ) -> Result<S::Ok, S::Error> {
-        match word {
-            Some(word) => word.serialize(serializer),
+        match value {
+            Some(value) => value.serialize(serializer),
             None => serializer.serialize_str(""),
         }
     }
@@ -197,8 +197,8 @@ pub(crate) mod blank {
         if text.is_empty() {
             return Ok(None);
         }
-        let word: StringDeserializer<D::Error> = text.into_deserializer();
-        T::deserialize(word).map(Some)
+        let source: StringDeserializer<D::Error> = text.into_deserializer();
+        T::deserialize(source).map(Some)
     }
 }
 
@@ -360,10 +360,11 @@ mod tests {
         let stages =
             StageOutcome::ALL.map(Lenient::Known).into_iter().chain([Lenient::Unknown("later".into())]);
         let mut rulings: Vec<Ruling> = stages.map(Ruling::Shadow).collect();
-        rulings.extend(MonitorOutcome::ALL.map(|word| Ruling::Monitor(word.into())));
-        rulings.extend(PostStatus::ALL.map(|word| Ruling::Rollback(word.into())));
-        rulings.extend(ApprovalDecision::ALL.map(|word| Ruling::People(PeopleRuling::Answered(word))));
-        rulings.extend(State::ALL.map(|word| Ruling::People(PeopleRuling::Moved(word))));
+        rulings.extend(MonitorOutcome::ALL.map(|outcome| Ruling::Monitor(outcome.into())));
+        rulings.extend(PostStatus::ALL.map(|status| Ruling::Rollback(status.into())));
+        rulings
+            .extend(ApprovalDecision::ALL.map(|decision| Ruling::People(PeopleRuling::Answered(decision))));
+        rulings.extend(State::ALL.map(|state| Ruling::People(PeopleRuling::Moved(state))));
         for ruling in rulings {
             let json = serde_json::to_value(&ruling).unwrap();
             assert_eq!(json["stage"], ruling.stage());

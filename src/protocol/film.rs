@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moment_is_shown_by_the_frame_before_it() {
+    fn a_tick_is_shown_by_the_frame_before_it() {
         let run = run(&[0, 8, 16], Vec::new());
         let at = |tick| run.frame_at(tick).map(|frame| frame.tick);
         assert_eq!([at(0), at(7), at(8), at(500)], [Some(0), Some(0), Some(8), Some(16)]);

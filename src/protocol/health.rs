@@ -279,9 +279,9 @@ impl HealthCoverage {
     /// The omissions, one sentence each; empty if complete.
     #[must_use]
     pub fn sentences(&self) -> Vec<String> {
-        let mut said = Vec::new();
+        let mut sentences = Vec::new();
         if self.is_sample() {
-            said.push(format!(
+            sentences.push(format!(
                 "a sample: {} of {} sealed blocks of telemetry were read, spread evenly; a shorter span is read whole",
                 self.blocks_read, self.blocks
             ));
@@ -296,10 +296,10 @@ impl HealthCoverage {
             (self.alarms_left_off, "older changes of alarms are left off"),
         ] {
             if count > 0 {
-                said.push(format!("in no number: {count} {what}"));
+                sentences.push(format!("in no number: {count} {what}"));
             }
         }
-        said
+        sentences
     }
 }
 
@@ -386,9 +386,9 @@ impl HealthSeries {
 
     /// A moment on the clock in words.
     #[must_use]
-    pub fn moment(&self, on_clock_ms: i64) -> String {
+    pub fn time_text(&self, on_clock_ms: i64) -> String {
         match self.clock {
-            HealthClock::Wall => calendar::moment(on_clock_ms),
+            HealthClock::Wall => calendar::day_and_time(on_clock_ms),
             HealthClock::Virtual => clock_time(u64::try_from(on_clock_ms).unwrap_or(0)),
         }
     }
@@ -410,7 +410,7 @@ impl HealthSeries {
         let interval = difference(counts(&before), counts(&since), LEVEL).ok();
         HealthVerdict {
             family: family.clone(),
-            moment: self.moment(self.start_ms(bucket)),
+            moment: self.time_text(self.start_ms(bucket)),
             sampled: self.coverage.is_sample(),
             before,
             since,
@@ -463,22 +463,22 @@ mod tests {
     }
 
     #[test]
-    fn a_verdict_says_which_way_by_how_much_and_how_sure() {
+    fn a_verdict_has_a_trend_a_size_and_an_interval() {
         let worse = series(vec![point("grasp@1.0.0", 3, 810, 761), point("grasp@1.0.0", 8, 340, 300)]);
         let grasp = Family::new("grasp").unwrap();
-        let said = worse.verdict(&grasp, 8);
-        assert_eq!(said.trend(), Trend::Worse);
+        let verdict = worse.verdict(&grasp, 8);
+        assert_eq!(verdict.trend(), Trend::Worse);
         assert_eq!(
-            said.sentence(),
+            verdict.sentence(),
             "success of grasp since Tue 17 Nov 16:00: 88.2 % of 340, before 94.0 % of 810: worse by 5.7 points \
              [2.2, 9.8]"
         );
-        assert_eq!(said.confounding(), None);
+        assert_eq!(verdict.confounding(), None);
         let same = series(vec![point("grasp@1.0.0", 3, 81, 76), point("grasp@1.1.0", 8, 34, 30)]);
-        let said = same.verdict(&grasp, 8);
-        assert_eq!(said.trend(), Trend::NotShown);
-        assert!(said.sentence().contains("no difference shown, -5.6 points ["), "{}", said.sentence());
-        let confounded = said.confounding().unwrap();
+        let verdict = same.verdict(&grasp, 8);
+        assert_eq!(verdict.trend(), Trend::NotShown);
+        assert!(verdict.sentence().contains("no difference shown, -5.6 points ["), "{}", verdict.sentence());
+        let confounded = verdict.confounding().unwrap();
         assert!(confounded.contains("before grasp@1.0.0 (81), since grasp@1.1.0 (34)"), "{confounded}");
         let none = series(vec![point("grasp@1.0.0", 3, 81, 76)]).verdict(&grasp, 8);
         assert_eq!(none.trend(), Trend::NoData);

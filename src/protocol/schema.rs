@@ -46,8 +46,8 @@ mod tests {
             let (_, schema) = documents.iter().find(|(known, _)| *known == name).unwrap();
             serde_json::to_string(schema).unwrap()
         };
-        for word in ["\"doubt-remains\"", "\"rolled-back\"", "\"unacknowledged\"", "\"sensor_noise\""] {
-            assert!(text("event").contains(word), "{word}");
+        for value in ["\"doubt-remains\"", "\"rolled-back\"", "\"unacknowledged\"", "\"sensor_noise\""] {
+            assert!(text("event").contains(value), "{value}");
         }
         assert!(text("call").contains("\"acknowledge-alarm\""));
         assert!(text("answer").contains("\"lagged\""));

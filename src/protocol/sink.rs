@@ -90,7 +90,7 @@ pub struct ClosedRecording {
     /// Size of the file, bytes.
     pub bytes: u64,
     /// Video frames of the live cell in the file.
-    pub pictures: u64,
+    pub frames: u64,
     /// Video frames and events that were dropped before they came here.
     pub dropped: (u64, u64),
 }

@@ -528,14 +528,14 @@ impl Snapshot {
 }
 
 fn foremost<'a>(alarms: impl Iterator<Item = &'a AlarmView>) -> Option<&'a AlarmView> {
-    let told = alarms.filter(|alarm| match alarm.state {
+    let visible = alarms.filter(|alarm| match alarm.state {
         AlarmState::Unacknowledged
         | AlarmState::ReturnedUnacknowledged
         | AlarmState::Acknowledged
         | AlarmState::Latched => true,
         AlarmState::Normal | AlarmState::Shelved => false,
     });
-    told.min_by_key(|alarm| alarm.attention_rank())
+    visible.min_by_key(|alarm| alarm.attention_rank())
 }
 
 /// The state of the live world and its recent results.

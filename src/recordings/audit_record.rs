@@ -126,8 +126,8 @@ impl RecordedFiles {
         let form = |source| RecordError { seq: *seq, kind: kind.to_string(), source };
         if *kind == KIND {
             let recorded: RecordingClosure = serde_json::from_str(body).map_err(form)?;
-            let standing = FileRecord { recorded: Some(recorded.clone()), removed: None };
-            self.0.insert(recorded.file, standing);
+            let entry = FileRecord { recorded: Some(recorded.clone()), removed: None };
+            self.0.insert(recorded.file, entry);
         } else if *kind == REMOVED_KIND {
             let removed: RecordingRemoval = serde_json::from_str(body).map_err(form)?;
             let file = removed.file.clone();
@@ -144,7 +144,7 @@ impl RecordedFiles {
 
     /// Files that were closed and not removed since.
     pub fn present(&self) -> impl Iterator<Item = &RecordingClosure> {
-        self.0.values().filter(|standing| standing.removed.is_none()).filter_map(|one| one.recorded.as_ref())
+        self.0.values().filter(|entry| entry.removed.is_none()).filter_map(|one| one.recorded.as_ref())
     }
 
     /// Compares a file with its record. A file of another size is not read, because it may be endless.
@@ -186,8 +186,8 @@ mod tests {
             dropped_events: 0,
             outcome: UpgradeEnd::Confirmed.into(),
         };
-        let standing = FileRecord { recorded: Some(recorded.clone()), removed: None };
-        let record = RecordedFiles([(recorded.file, standing)].into());
+        let entry = FileRecord { recorded: Some(recorded.clone()), removed: None };
+        let record = RecordedFiles([(recorded.file, entry)].into());
         let check = || record.check(&list(root.path()).unwrap()[0]).unwrap();
         assert_eq!(check(), FileCheck::Matches);
         fs::write(&path, "abd").unwrap();

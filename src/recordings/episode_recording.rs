@@ -17,12 +17,12 @@ pub const fn at_ms(tick: u64) -> u64 {
 
 /// The frames of a film, in order. A version that has finished stays at its last pose.
 #[must_use]
-pub fn pictures(film: &Film) -> Vec<VideoFrame> {
+pub fn video_frames(film: &Film) -> Vec<VideoFrame> {
     let (own, other) = (&film.candidate, &film.active);
     let mut ticks: Vec<u64> = own.frames.iter().chain(&other.frames).map(|frame| frame.tick).collect();
     ticks.sort_unstable();
     ticks.dedup();
-    let picture = |tick: u64| {
+    let video_frame = |tick: u64| {
         let frame = own.frame_at(tick)?;
         let twin = other.frame_at(tick);
         Some(VideoFrame {
@@ -43,7 +43,7 @@ pub fn pictures(film: &Film) -> Vec<VideoFrame> {
             twin: twin.map(|frame| Twin { version: other.version.clone(), body: frame.body.clone() }),
         })
     };
-    ticks.into_iter().filter_map(picture).collect()
+    ticks.into_iter().filter_map(video_frame).collect()
 }
 
 /// A film as a recording, for replay.
@@ -63,7 +63,7 @@ pub fn recording(film: &Film, about: RecordingSubject) -> Recording {
         about,
         outcome: None,
         scenery: film.scenery.clone(),
-        pictures: pictures(film),
+        pictures: video_frames(film),
         events: Vec::new(),
         series: vec![
             series("tool/speed", &|frame| frame.speed_m_s),
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_ended_stands_where_it_ended() {
+    fn a_version_stays_where_it_ended() {
         let film = Film {
             of: FilmSubject::Episode,
             number: 3,
@@ -134,10 +134,10 @@ mod tests {
             candidate: run("grasp@1.1.0", &[0, 8, 16, 24]),
             active: run("grasp@1.0.0", &[0, 8]),
         };
-        let pictures = pictures(&film);
-        let times: Vec<u64> = pictures.iter().map(|picture| picture.at_ms).collect();
+        let frames = video_frames(&film);
+        let times: Vec<u64> = frames.iter().map(|frame| frame.at_ms).collect();
         assert_eq!(times, [0, 33, 66, 100]);
-        assert!(pictures.iter().all(|picture| picture.twin.is_some() && picture.sequence == 3));
-        assert!((pictures[3].speed_m_s - 24.0).abs() < 1e-6);
+        assert!(frames.iter().all(|frame| frame.twin.is_some() && frame.sequence == 3));
+        assert!((frames[3].speed_m_s - 24.0).abs() < 1e-6);
     }
 }

@@ -80,9 +80,9 @@ impl Recording {
     /// Virtual time of its first and last moment, ms; `None` if it holds none.
     #[must_use]
     pub fn span_ms(&self) -> Option<(u64, u64)> {
-        let pictures = self.pictures.iter().map(|picture| picture.at_ms);
+        let frames = self.pictures.iter().map(|frame| frame.at_ms);
         let events = self.events.iter().map(|event| event.at_ms);
-        let times = pictures.chain(events);
+        let times = frames.chain(events);
         times.fold(None, |span, at| {
             Some(span.map_or((at, at), |(first, last): (u64, u64)| (first.min(at), last.max(at))))
         })

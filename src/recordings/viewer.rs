@@ -63,9 +63,9 @@ impl fmt::Display for ViewerVersion {
 impl ViewerVersion {
     /// Reads `rerun-cli 0.36.3 (...) ...`.
     fn parse(answer: &str) -> Option<Self> {
-        let word = answer.strip_prefix(ANSWER_START)?.split_whitespace().next()?;
+        let version = answer.strip_prefix(ANSWER_START)?.split_whitespace().next()?;
         // 0.37.0-alpha.1 counts as 0.37.0.
-        let number = word.split(['-', '+']).next()?;
+        let number = version.split(['-', '+']).next()?;
         let mut parts = number.split('.').map(|part| part.parse::<u64>().ok());
         let mut next = || parts.next().flatten();
         Some(Self([next()?, next()?, next()?]))
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_viewer_on_the_path_is_taken() {
+    fn the_first_viewer_on_the_path_is_used() {
         let root = tempfile::tempdir().unwrap();
         let (other, good) = (root.path().join("other"), root.path().join("good"));
         program(&other, "rerun 0.13.0");
@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_said_with_what_to_do() {
+    fn an_unusable_viewer_is_reported_with_hint() {
         let root = tempfile::tempdir().unwrap();
         program(root.path(), "rerun-cli 0.35.2 (base)");
         let error = find(Some(root.path().as_os_str())).unwrap_err();
@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn the_program_behind_pips_script_is_taken() {
+    fn the_program_behind_pips_script_is_found() {
         let root = tempfile::tempdir().unwrap();
         let inside = root.path().join("lib/python3.12/site-packages/rerun_sdk/rerun_cli");
         let behind = program(&inside, "rerun-cli 0.36.3 (base)");
@@ -366,16 +366,16 @@ mod tests {
     }
 
     #[test]
-    fn it_is_started_on_its_own_and_its_words_go_to_the_log() {
+    fn the_viewer_runs_detached_and_logs_its_output() {
         let root = tempfile::tempdir().unwrap();
         let program = program(root.path(), "rerun-cli 0.36.3");
         let viewer = Viewer { program: program.clone(), version: OLDEST };
         let opened = viewer.open(&["a b.rrd", "-c.rrd"], root.path()).unwrap();
         assert_eq!(opened.ended_within(Duration::from_secs(30)), Some(true));
-        let asked = std::fs::read_to_string(root.path().join("rerun.asked")).unwrap();
-        let port = asked.strip_prefix("--bind 127.0.0.1 --port ").and_then(|rest| rest.split_once(' '));
+        let arguments = std::fs::read_to_string(root.path().join("rerun.asked")).unwrap();
+        let port = arguments.strip_prefix("--bind 127.0.0.1 --port ").and_then(|rest| rest.split_once(' '));
         let (port, shown) = port.unwrap();
-        assert!(port.parse::<u16>().is_ok_and(|port| port != 0), "{asked}");
+        assert!(port.parse::<u16>().is_ok_and(|port| port != 0), "{arguments}");
         assert_eq!(shown, "-- a b.rrd -c.rrd\n");
         assert_eq!(std::fs::read_to_string(&opened.log).unwrap(), "said\n");
         let nowhere = viewer.open(&["a.rrd"], &root.path().join("none")).unwrap_err();

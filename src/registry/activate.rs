@@ -124,13 +124,13 @@ impl Applier<'_> {
             "UPDATE family SET active = ?2, pinned = ?3, bootstrapped = 1, robot = coalesce(?4, robot) WHERE name = ?1",
             params![family.as_str(), active_name, pinned_name, robot],
         )?;
-        let word = cause.kind().name();
+        let cause_name = cause.kind().name();
         self.execute(
             "keep the activation",
             "INSERT INTO activation (seq, family, active, pinned, cause, gate_digest, approvals_needed, at_ms,
                robot)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
-            params![seq, family.as_str(), active_name, pinned_name, word, gate.0, gate.1, self.at_ms, robot],
+            params![seq, family.as_str(), active_name, pinned_name, cause_name, gate.0, gate.1, self.at_ms, robot],
         )?;
         let subject = active_name.unwrap_or_else(|| family.to_string());
         Ok(ChangeEffect::new(RecordKind::ActiveSet, subject))
@@ -182,10 +182,10 @@ impl Applier<'_> {
                 evidence.short()
             )));
         }
-        let given = self.approved_by(&name);
-        if given < approvals_needed as usize {
+        let approvers = self.approved_by(&name);
+        if approvers < approvals_needed as usize {
             return Err(StoreError::Invariant(format!(
-                "{name} needs the approval of {approvals_needed} people in this transaction, {given} gave it"
+                "{name} needs the approval of {approvals_needed} people in this transaction, {approvers} gave it"
             )));
         }
         Ok(())
@@ -209,7 +209,11 @@ impl Applier<'_> {
     }
 
     /// Keeps the lifecycle model's view of a family.
-    pub(super) fn set_standing(&mut self, family: &Family, json: &str) -> Result<ChangeEffect, StoreError> {
+    pub(super) fn set_family_state(
+        &mut self,
+        family: &Family,
+        json: &str,
+    ) -> Result<ChangeEffect, StoreError> {
         check_json("standing", json)?;
         self.family(family)?;
         let sql = "UPDATE family SET standing = ?2 WHERE name = ?1";

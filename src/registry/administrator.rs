@@ -69,12 +69,12 @@ impl Store {
             };
             match Identity::create(&folder, &name, Role::Admin) {
                 Err(IdentityError::Exists(_)) => {}
-                made => return made.map_err(|error| refused(&name, &error)),
+                result => return result.map_err(|error| refused(&name, &error)),
             }
-            let left = Identity::open(&folder, &name).ok();
-            let left = left.filter(|kept| kept.info().role == Role::Admin);
-            if let Some(kept) = left.filter(|kept| kept.protection() == Protection::None)
-                && let Ok(identity) = kept.unlock(None)
+            let existing = Identity::open(&folder, &name).ok();
+            let existing = existing.filter(|locked| locked.info().role == Role::Admin);
+            if let Some(locked) = existing.filter(|locked| locked.protection() == Protection::None)
+                && let Ok(identity) = locked.unlock(None)
             {
                 return Ok(identity);
             }

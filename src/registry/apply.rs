@@ -396,7 +396,7 @@ impl Applier<'_> {
                 self.families.insert(family.to_string());
                 self.set_family(family, *safe_stopped, reason)
             }
-            Change::SetStanding { family, json } => self.set_standing(family, json),
+            Change::SetStanding { family, json } => self.set_family_state(family, json),
             Change::VoidFamily { family, reason } => self.void_family(family, reason),
             Change::PutEvidence { version, kind, json, digest } => {
                 self.put_evidence(version, *kind, json, *digest)

@@ -31,13 +31,13 @@ pub(crate) fn check_authorizations(
     let mut select = connection
         .prepare("SELECT seq, prev, body, kind FROM audit WHERE kind IN (?1, ?2, ?3) ORDER BY seq")?;
     let mut rows = select.query(kinds.map(RecordKind::name))?;
-    let mut course = ProfileHistory::default();
+    let mut history = ProfileHistory::default();
     while let Some(row) = rows.next()? {
         let (seq, prev, body): (u64, [u8; 32], String) = (row.get(0)?, row.get(1)?, row.get(2)?);
         let bad = |problem: String| Ok(Err(VerifyError::Record { seq, problem }));
         if row.get::<_, String>(3)? == RecordKind::ContextSet.name() {
             let set = serde_json::from_str::<ProfileChangeBody>(&body).map_err(|error| error.to_string());
-            match set.and_then(|set| course.take(seq, set.change)) {
+            match set.and_then(|set| history.take(seq, set.change)) {
                 Ok(()) => continue,
                 Err(problem) => return bad(problem),
             }
@@ -64,8 +64,8 @@ pub(crate) fn check_authorizations(
                 act.judge(&then, (folder, *present), after)
             }
             Change::AllowProfile { act, profile, .. } => {
-                let last = course.last().map(|last| last.class);
-                course.allow(seq, *profile, act.act().rules.clone());
+                let last = history.last().map(|last| last.class);
+                history.allow(seq, *profile, act.act().rules.clone());
                 act.judge(&then, *profile, after).and_then(|()| check_key_guarded(act, &then, last))
             }
             _ => continue,

@@ -142,18 +142,18 @@ pub fn backup(folder: &Path, to: &Path, parts: BackupParts<'_>) -> Result<Backup
         made => made.map_err(StoreError::io("make the folder", &part))?,
     }
     let alone = to.extension().is_some_and(|ending| ending == "db");
-    let made = make(&layout, &part, alone, parts).and_then(|report| {
+    let report = make(&layout, &part, alone, parts).and_then(|report| {
         let whole = if alone { part.join(ALONE) } else { part.clone() };
         renameat_with(CWD, &whole, CWD, to, RenameFlags::NOREPLACE)
             .map_err(|error| StoreError::io("rename", &whole)(error.into()))?;
         sync_folder(parent)?;
         Ok(report)
     });
-    if made.is_err() || alone {
+    if report.is_err() || alone {
         // The first error matters more than a leftover.
         drop(fs::remove_dir_all(&part));
     }
-    made
+    report
 }
 
 /// The folder in which the copy is made.
@@ -172,7 +172,7 @@ fn make(
     parts: BackupParts<'_>,
 ) -> Result<BackupReport, BackupError> {
     let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
-    let judged =
+    let options =
         VerifyOptions { key: key.as_ref(), against: &[], place: DatabaseLocation::Copy, tell: &|_, _, _| {} };
     let mut scenes = RecordingCopies::default();
     let database = if alone {
@@ -183,7 +183,7 @@ fn make(
     } else {
         copy_folder(layout, part, parts, &mut scenes)?
     };
-    let verified = match verify_against(&database, &judged) {
+    let verified = match verify_against(&database, &options) {
         Ok(verified) => verified,
         Err(VerifyError::Unreadable(error)) => return Err(error.into()),
         Err(error) => return Err(BackupError::NotSound(Box::new(error))),
@@ -222,12 +222,12 @@ fn copy_folder(
     let end = chain_signature::read(&connection).map_err(|problem| damaged(&layout.database(), &problem))?;
     let last = super::audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?.seq;
     drop(connection);
-    let kept = read_all(&layout.checkpoints())
+    let checkpoints = read_all(&layout.checkpoints())
         .map_err(|bad| damaged(&layout.checkpoints().join(bad.file), &bad.problem))?;
-    for kept in until(kept, end.as_ref(), last) {
+    for stored in until(checkpoints, end.as_ref(), last) {
         copy_file(
-            &layout.checkpoints().join(&kept.file),
-            &copy.checkpoints().join(name(kept.checkpoint.seq)),
+            &layout.checkpoints().join(&stored.file),
+            &copy.checkpoints().join(name(stored.checkpoint.seq)),
         )?;
     }
     if layout.telemetry().is_file() {

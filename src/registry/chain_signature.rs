@@ -76,14 +76,14 @@ pub(crate) fn valid(
 pub(crate) fn check_end(
     fold: &Fold,
     connection: &Connection,
-    kept: &[StoredCheckpoint],
+    checkpoints: &[StoredCheckpoint],
     (store_id, key): (&str, Option<&VerifyingKey>),
 ) -> Result<Option<Checkpoint>, SigningFault> {
     let last = fold.end().seq;
     let Some(end) = valid(connection, store_id, key)? else {
         // Earlier versions signed checkpoints alone, the last of them at the end.
-        let earlier = kept.last().filter(|kept| kept.checkpoint.link.is_none());
-        let signed_to = earlier.map(|kept| kept.checkpoint.seq);
+        let earlier = checkpoints.last().filter(|stored| stored.checkpoint.link.is_none());
+        let signed_to = earlier.map(|stored| stored.checkpoint.seq);
         let problem = match signed_to {
             _ if last == 0 => return Ok(None),
             Some(seq) if seq == last => return Ok(None),
@@ -131,20 +131,20 @@ fn check_wall_time(of: &Checkpoint, connection: &Connection) -> Result<(), Signi
 pub(crate) fn check(
     fold: &Fold,
     connection: &Connection,
-    kept: &[StoredCheckpoint],
+    checkpoints: &[StoredCheckpoint],
     by: (&str, Option<&VerifyingKey>),
 ) -> Result<(), SigningFault> {
-    let end = check_end(fold, connection, kept, by)?;
+    let end = check_end(fold, connection, checkpoints, by)?;
     if end.as_ref().and_then(|end| end.link.as_ref()).is_some_and(|link| link.gap) {
         return Ok(());
     }
-    check_links(kept)
+    check_links(checkpoints)
         .map_err(|bad| SigningFault::Signature(format!("the checkpoint {:?}: {}", bad.file, bad.problem)))?;
-    for kept in kept {
-        check_wall_time(&kept.checkpoint, connection)?;
+    for stored in checkpoints {
+        check_wall_time(&stored.checkpoint, connection)?;
     }
     let Some(end) = end else { return Ok(()) };
-    check_newest(&end, kept).map_err(|problem| {
+    check_newest(&end, checkpoints).map_err(|problem| {
         SigningFault::Signature(format!("the signed end of the audit chain and the checkpoints: {problem}"))
     })
 }

@@ -53,12 +53,12 @@ pub(crate) fn check_existing(
     if fold.end().seq > 0 {
         check_key(&store_id, key, &database)?;
     }
-    let kept = stored_checkpoints(layout)?;
-    check_newest_checkpoint(&fold, layout, &kept, (&store_id, key))?;
-    check_signed(&fold, &connection, layout, &kept, (&store_id, key))?;
+    let checkpoints = stored_checkpoints(layout)?;
+    check_newest_checkpoint(&fold, layout, &checkpoints, (&store_id, key))?;
+    check_signed(&fold, &connection, layout, &checkpoints, (&store_id, key))?;
     check_tables(&fold, &connection, &database, &store_id)?;
     let chain_at = |seq: u64| chain_at(&fold, &connection, seq);
-    witness::ask_all(fold.witnesses().iter(), (&store_id, key), fold.end().seq, chain_at, problems)
+    witness::compare_witnesses(fold.witnesses().iter(), (&store_id, key), fold.end().seq, chain_at, problems)
         .map_err(|(file, problem)| contradicted_by_copy(&database, &file, &problem))?;
     Ok(fold)
 }
@@ -106,8 +106,8 @@ pub(crate) fn open_checked(database: &Path, reading: VerificationDepth) -> Resul
     let fold = checked_chain(&connection, database, known, &mut |_| ())?;
     // An engine may be writing checkpoints: its start and `verify` check that none is missing.
     if layout.store_public_key().is_file() {
-        let kept = stored_checkpoints(&layout)?;
-        chain_signature::check_end(&fold, &connection, &kept, (&store_id, key.as_ref()))
+        let checkpoints = stored_checkpoints(&layout)?;
+        chain_signature::check_end(&fold, &connection, &checkpoints, (&store_id, key.as_ref()))
             .map_err(|found| refused_unsigned(database, found))?;
     }
     if reading != VerificationDepth::Records {
@@ -211,10 +211,10 @@ pub(crate) fn stored_checkpoints(layout: &Layout) -> Result<Vec<StoredCheckpoint
 pub(crate) fn check_newest_checkpoint(
     fold: &Fold,
     layout: &Layout,
-    kept: &[StoredCheckpoint],
+    checkpoints: &[StoredCheckpoint],
     (store_id, key): (&str, &VerifyingKey),
 ) -> Result<(), StoreError> {
-    let Some(StoredCheckpoint { file, checkpoint }) = kept.last() else { return Ok(()) };
+    let Some(StoredCheckpoint { file, checkpoint }) = checkpoints.last() else { return Ok(()) };
     if checkpoint.store_id != store_id || !checkpoint.is_signed_by(key) {
         return Err(damaged(&layout.checkpoints().join(file), "it was not signed by this store"));
     }
@@ -230,10 +230,10 @@ pub(crate) fn check_signed(
     fold: &Fold,
     connection: &Connection,
     layout: &Layout,
-    kept: &[StoredCheckpoint],
+    checkpoints: &[StoredCheckpoint],
     (store_id, key): (&str, &VerifyingKey),
 ) -> Result<(), StoreError> {
-    chain_signature::check(fold, connection, kept, (store_id, Some(key)))
+    chain_signature::check(fold, connection, checkpoints, (store_id, Some(key)))
         .map_err(|found| refused_unsigned(&layout.database(), found))
 }
 

@@ -73,13 +73,13 @@ impl CheckpointLink {
     }
 
     /// The link from these checkpoints, oldest first. Counts unlinked ones of earlier versions if none is linked yet.
-    pub(crate) fn after_all(kept: &[StoredCheckpoint]) -> Self {
-        let newest = kept.last().map(|kept| &kept.checkpoint);
+    pub(crate) fn after_all(checkpoints: &[StoredCheckpoint]) -> Self {
+        let newest = checkpoints.last().map(|stored| &stored.checkpoint);
         let link = Self::after(newest);
         if newest.is_some_and(|newest| newest.root.is_some()) {
             return link;
         }
-        Self { earlier: count_earlier(kept), ..link }
+        Self { earlier: count_earlier(checkpoints), ..link }
     }
 
     /// Whether both stand at the same place and follow from the same one.
@@ -271,48 +271,49 @@ pub(crate) fn read_all(folder: &Path) -> Result<Vec<StoredCheckpoint>, BadCheckp
 
 /// Each is linked to the one before, from the last gap that a rebuild signed on; only those removed for age are
 /// missing.
-pub(crate) fn check_links(kept: &[StoredCheckpoint]) -> Result<(), BadCheckpointFile> {
-    let since = kept.iter().rposition(|kept| kept.checkpoint.link.as_ref().is_some_and(|link| link.gap));
+pub(crate) fn check_links(checkpoints: &[StoredCheckpoint]) -> Result<(), BadCheckpointFile> {
+    let since =
+        checkpoints.iter().rposition(|stored| stored.checkpoint.link.as_ref().is_some_and(|link| link.gap));
     let since = since.unwrap_or(0);
-    for (index, StoredCheckpoint { file, checkpoint }) in kept.iter().enumerate().skip(since) {
-        if index == 0 && kept.len() >= KEPT_MAX {
+    for (index, StoredCheckpoint { file, checkpoint }) in checkpoints.iter().enumerate().skip(since) {
+        if index == 0 && checkpoints.len() >= KEPT_MAX {
             continue;
         }
-        let before = index.checked_sub(1).and_then(|before| kept.get(before));
+        let before = index.checked_sub(1).and_then(|before| checkpoints.get(before));
         checkpoint
             .goes_on(before.map(|before| &before.checkpoint))
             .map_err(|problem| BadCheckpointFile { file: file.clone(), problem })?;
     }
-    let counted = kept.iter().rev().find_map(|it| it.checkpoint.link.as_ref().map(|link| (it, link)));
+    let counted = checkpoints.iter().rev().find_map(|it| it.checkpoint.link.as_ref().map(|link| (it, link)));
     match counted {
-        Some((newest, link)) => check_earlier(link, kept)
+        Some((newest, link)) => check_earlier(link, checkpoints)
             .map_err(|problem| BadCheckpointFile { file: newest.file.clone(), problem }),
         None => Ok(()),
     }
 }
 
 /// Number of unlinked checkpoints of earlier versions.
-pub(crate) fn count_earlier(kept: &[StoredCheckpoint]) -> u64 {
-    kept.iter().filter(|kept| kept.checkpoint.link.is_none()).count() as u64
+pub(crate) fn count_earlier(checkpoints: &[StoredCheckpoint]) -> u64 {
+    checkpoints.iter().filter(|stored| stored.checkpoint.link.is_none()).count() as u64
 }
 
 /// The counted checkpoints of earlier versions exist, except those removed for age.
-fn check_earlier(link: &CheckpointLink, kept: &[StoredCheckpoint]) -> Result<(), String> {
-    let there = count_earlier(kept);
-    if link.gap || there >= link.earlier || kept.len() >= KEPT_MAX {
+fn check_earlier(link: &CheckpointLink, checkpoints: &[StoredCheckpoint]) -> Result<(), String> {
+    let there = count_earlier(checkpoints);
+    if link.gap || there >= link.earlier || checkpoints.len() >= KEPT_MAX {
         return Ok(());
     }
     Err(format!("there are {there} checkpoints of earlier versions; one is missing of {}", link.earlier))
 }
 
 /// The signed end in the database follows the newest checkpoint, or is the newest one.
-pub(crate) fn check_newest(end: &Checkpoint, kept: &[StoredCheckpoint]) -> Result<(), String> {
-    let newest = kept.last().map(|kept| &kept.checkpoint);
+pub(crate) fn check_newest(end: &Checkpoint, checkpoints: &[StoredCheckpoint]) -> Result<(), String> {
+    let newest = checkpoints.last().map(|stored| &stored.checkpoint);
     match newest {
         Some(newest) if newest.link == end.link && (newest.seq, newest.head) == (end.seq, end.head) => Ok(()),
         Some(_) | None => end.goes_on(newest),
     }?;
-    end.link.as_ref().map_or(Ok(()), |link| check_earlier(link, kept))
+    end.link.as_ref().map_or(Ok(()), |link| check_earlier(link, checkpoints))
 }
 
 /// The file name of a record's checkpoint.
@@ -345,29 +346,29 @@ mod tests {
 
     fn chain(count: u64) -> Vec<StoredCheckpoint> {
         let key = SigningKey::from_bytes(&[7; 32]);
-        let mut kept: Vec<StoredCheckpoint> = Vec::new();
+        let mut checkpoints: Vec<StoredCheckpoint> = Vec::new();
         for seq in 1..=count {
-            let link = CheckpointLink::after(kept.last().map(|kept| &kept.checkpoint));
+            let link = CheckpointLink::after(checkpoints.last().map(|stored| &stored.checkpoint));
             let head = Head { seq, hash: Digest::from_bytes([1; 32]), at_ms: seq };
             let checkpoint =
                 Checkpoint::sign("a", (head, Digest::from_bytes([3; 32])), Some(5), link, None, &key);
-            kept.push(StoredCheckpoint { file: name(seq), checkpoint });
+            checkpoints.push(StoredCheckpoint { file: name(seq), checkpoint });
         }
-        kept
+        checkpoints
     }
 
     #[test]
     fn the_oldest_are_missed_unless_they_were_removed_for_age() {
-        let kept = chain(KEPT_MAX as u64 + 5);
-        check_links(&kept).unwrap();
-        check_links(&kept[5..]).unwrap();
+        let checkpoints = chain(KEPT_MAX as u64 + 5);
+        check_links(&checkpoints).unwrap();
+        check_links(&checkpoints[5..]).unwrap();
         assert!(
-            check_links(&kept[6..])
+            check_links(&checkpoints[6..])
                 .unwrap_err()
                 .problem
                 .contains("number 6, which was before it, is missing")
         );
-        let mut without = kept[5..].to_vec();
+        let mut without = checkpoints[5..].to_vec();
         without.remove(500);
         assert!(check_links(&without).is_err());
     }

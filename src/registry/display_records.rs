@@ -62,7 +62,7 @@ const KINDS: [RecordKind; 3] =
 #[derive(Default)]
 pub(super) struct DisplayRecords {
     registered: BTreeMap<String, Digest>,
-    asked: BTreeMap<String, (String, RequestedApproval)>,
+    requests: BTreeMap<String, (String, RequestedApproval)>,
     shown: BTreeMap<String, DisplayedForm>,
 }
 
@@ -102,7 +102,7 @@ impl DisplayRecords {
             }
             Some(RecordKind::ApprovalRequested) => {
                 if let Ok(ChangeField::<RequestedApproval> { change }) = serde_json::from_str(body) {
-                    self.asked.insert(change.id.clone(), (subject.to_owned(), change));
+                    self.requests.insert(change.id.clone(), (subject.to_owned(), change));
                 }
                 Ok(())
             }
@@ -118,29 +118,29 @@ impl DisplayRecords {
         }
         let DisplayRecord { by, facts, lines, nonce } = typed(value)?;
         let bound = SignedFacts::read(&facts).map_err(|error| error.to_string())?;
-        let told =
+        let differs =
             |what: &str| Err(format!("the displayed text differs in {what} from the records before it"));
         if bound.asked.name != by || bound.version.to_string() != subject {
             return Err("the displayed text belongs to another person or version".to_owned());
         }
         if self.registered.get(subject) != Some(&bound.candidate) {
-            return told("the candidate");
+            return differs("the candidate");
         }
         // Break-glass has no approval request.
         if !bound.is_emergency() {
-            let asked = RequestedApproval {
+            let request = RequestedApproval {
                 id: bound.question.clone(),
                 row_version: bound.row_version,
                 evidence_digest: bound.evidence,
                 policy_digest: bound.policy,
                 needed: bound.needed,
             };
-            if self.asked.get(&bound.question) != Some(&(subject.to_owned(), asked)) {
-                return told("the question");
+            if self.requests.get(&bound.question) != Some(&(subject.to_owned(), request)) {
+                return differs("the question");
             }
         }
-        let kept = DisplayedForm { lines: lines_digest(&lines), facts: facts_digest(&facts), bound };
-        match self.shown.insert(nonce, kept) {
+        let form = DisplayedForm { lines: lines_digest(&lines), facts: facts_digest(&facts), bound };
+        match self.shown.insert(nonce, form) {
             None => Ok(()),
             Some(_) => Err("the displayed text of this decision is on record already".to_owned()),
         }
@@ -152,20 +152,20 @@ impl DisplayRecords {
     /// # Errors
     /// What is wrong with it.
     pub(super) fn check(&self, approval: &Approval, store_key: Option<&str>) -> Result<(), String> {
-        let kept = self.shown.get(approval.nonce.as_str());
+        let stored = self.shown.get(approval.nonce.as_str());
         let Some(shown) = &approval.shown else {
-            return kept.map_or(Ok(()), |_| Err("it was signed over nothing that was shown".to_owned()));
+            return stored.map_or(Ok(()), |_| Err("it was signed over nothing that was shown".to_owned()));
         };
         if store_key.is_some_and(|key| key != shown.store_key) {
             return Err("it was signed for a store with another key".to_owned());
         }
-        let kept = kept.ok_or("no record has its displayed text")?;
-        if kept.lines != shown.lines {
+        let stored = stored.ok_or("no record has its displayed text")?;
+        if stored.lines != shown.lines {
             return Err("the lines on record are not those that it was signed over".to_owned());
         }
-        if kept.facts != shown.facts {
+        if stored.facts != shown.facts {
             return Err("the facts on record are not those that it was signed over".to_owned());
         }
-        kept.bound.agree(approval).map_err(|what| format!("its facts differ in {what}"))
+        stored.bound.agree(approval).map_err(|what| format!("its facts differ in {what}"))
     }
 }

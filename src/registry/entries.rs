@@ -123,7 +123,7 @@ pub struct FamilyStatus {
     /// Why it is, or was last.
     pub reason: String,
     /// The lifecycle model's own view of it, JSON text.
-    pub standing: Option<String>,
+    pub state_json: Option<String>,
 }
 
 /// The state of an alarm.

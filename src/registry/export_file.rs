@@ -54,14 +54,14 @@ pub struct ExportReport {
 
 /// The checkpoints of a moment of the database with this end: an engine may have written more since.
 pub(crate) fn until(
-    mut kept: Vec<StoredCheckpoint>,
+    mut checkpoints: Vec<StoredCheckpoint>,
     end: Option<&Checkpoint>,
     last: u64,
 ) -> Vec<StoredCheckpoint> {
-    kept.retain(|StoredCheckpoint { checkpoint, .. }| {
+    checkpoints.retain(|StoredCheckpoint { checkpoint, .. }| {
         checkpoint.seq <= last && end.is_none_or(|end| checkpoint.number() <= end.number())
     });
-    kept
+    checkpoints
 }
 
 /// Which history is exported.
@@ -95,7 +95,7 @@ pub fn export_store(
     let bad = |problem: String| other(StoreError::invalid("signed end", "", problem));
     let end = chain_signature::read(&connection).map_err(bad)?;
     let folder = database.parent().unwrap_or(Path::new(".")).join("checkpoints");
-    let kept =
+    let checkpoints =
         read_all(&folder).map_err(|bad| other(StoreError::invalid("checkpoint", bad.file, bad.problem)))?;
     let mut put = |line: &ExportLine| -> Result<(), ExportError> {
         let mut text = Vec::new();
@@ -109,8 +109,8 @@ pub fn export_store(
         records: head.seq,
         public_key: public_key.map(|key| keyfile::hex(key.as_bytes())),
     }))?;
-    for kept in until(kept, end.as_ref(), head.seq) {
-        put(&ExportLine::Head(kept.checkpoint))?;
+    for stored in until(checkpoints, end.as_ref(), head.seq) {
+        put(&ExportLine::Head(stored.checkpoint))?;
     }
     if let Some(end) = end {
         put(&ExportLine::End(end))?;

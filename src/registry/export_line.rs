@@ -158,8 +158,8 @@ mod tests {
     fn no_more_is_read_than_a_line_may_have() {
         for (start, most) in [("{\"head\":{", SHORT_LINE_BYTES_MAX), ("{\"record\":{", LINE_BYTES_MAX)] {
             let mut reader = io::BufReader::new(EndlessReader(0, start.into()));
-            let said = next_line(&mut reader).unwrap_err();
-            assert!(said.contains(&most.to_string()), "{said}");
+            let error = next_line(&mut reader).unwrap_err();
+            assert!(error.contains(&most.to_string()), "{error}");
             let read = reader.get_ref().0;
             assert!(read <= most + (64 << 10), "{start}: {read} bytes were read");
         }

@@ -26,7 +26,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 
 /// An invalid authorization on record, and its claimed signer.
-fn bad_word(by: &str, error: &PersonError) -> VerifyError {
+fn bad_authorization(by: &str, error: &PersonError) -> VerifyError {
     VerifyError::Person { name: by.to_owned(), problem: error.to_string() }
 }
 
@@ -37,16 +37,16 @@ pub(super) struct ExportedChain {
     pub(super) end: Head,
     pub(super) tree: Frontier,
     /// Records that a head refers to.
-    spoken_of: BTreeSet<u64>,
+    head_seqs: BTreeSet<u64>,
     /// Their hash, the tree's root and their wall time.
     seen: BTreeMap<u64, (Digest, Digest, i64)>,
     /// The approvals on record, by their nonces.
-    put: BTreeMap<String, StoredApprovalFacts>,
+    approval_facts: BTreeMap<String, StoredApprovalFacts>,
     /// Nonces that a rebuild gave up.
     lost: BTreeSet<String>,
     pub(super) approvals: Vec<SignedApproval>,
     pub(super) persons: PersonDirectory,
-    course: ProfileHistory,
+    history: ProfileHistory,
     shown: DisplayRecords,
 }
 
@@ -55,7 +55,7 @@ struct StoredApprovalFacts {
     /// The approver's key; none before a person was enrolled.
     key: Option<String>,
     /// Digest of the record's content.
-    told: Digest,
+    digest: Digest,
 }
 
 impl StoredApprovalFacts {
@@ -73,12 +73,12 @@ impl ExportedChain {
             signed_end: None,
             end: START,
             tree: Frontier::empty(),
-            spoken_of: BTreeSet::new(),
+            head_seqs: BTreeSet::new(),
             seen: BTreeMap::new(),
-            put: BTreeMap::new(),
+            approval_facts: BTreeMap::new(),
             lost: BTreeSet::new(),
             approvals: Vec::new(),
-            course: ProfileHistory::default(),
+            history: ProfileHistory::default(),
             shown: DisplayRecords::default(),
         }
     }
@@ -95,19 +95,19 @@ impl ExportedChain {
                 Err(bad(format!("it is one checkpoint more than {HEADS_MAX}, and so many are allowed")))
             }
             ExportLine::Head(checkpoint) => {
-                self.spoken_of.insert(checkpoint.seq);
+                self.head_seqs.insert(checkpoint.seq);
                 self.heads.push(StoredCheckpoint { file: format!("line {number}"), checkpoint });
                 Ok(())
             }
             ExportLine::End(end) => {
-                self.spoken_of.insert(end.seq);
+                self.head_seqs.insert(end.seq);
                 self.signed_end = Some(end);
                 Ok(())
             }
             ExportLine::Record(_) if !self.approvals.is_empty() => Err(misplaced()),
             ExportLine::Record(record) => self.take_record(&(*record).into()),
             // It is one too many: a duplicate, or no record names it.
-            ExportLine::Approval(_) if self.approvals.len() > self.put.len() => {
+            ExportLine::Approval(_) if self.approvals.len() > self.approval_facts.len() => {
                 Err(bad("no record names this further approval".to_owned()))
             }
             ExportLine::Approval(signed) => {
@@ -135,37 +135,37 @@ impl ExportedChain {
         self.shown
             .take(record.kind.known().copied(), &record.subject, &record.body)
             .map_err(|problem| bad(&format!("its body is not of its form: {problem}")))?;
-        let said = export_body::read(record.kind.known(), &record.body)
+        let statement = export_body::read(record.kind.known(), &record.body)
             .map_err(|problem| bad(&format!("its body is not of its form: {problem}")))?;
-        match said {
+        match statement {
             RecordStatement::Put(change) => self.take_approval(record, change)?,
             RecordStatement::Act { change, signed } => self.take_act(record, &change, &signed)?,
             RecordStatement::Witness(witness) => {
                 if let Some(act) = &witness.act {
                     let of = (witness.folder.as_str(), witness.present);
                     let judged = act.judge(&self.persons, of, record.prev);
-                    judged.map_err(|error| bad_word(&act.act().by, &error))?;
+                    judged.map_err(|error| bad_authorization(&act.act().by, &error))?;
                 }
             }
             RecordStatement::Profile(ExportedProfileAct { profile, act, .. }) => {
                 let judged = act.judge(&self.persons, profile, record.prev);
                 judged
                     .and_then(|()| {
-                        check_key_guarded(&act, &self.persons, self.course.last().map(|last| last.class))
+                        check_key_guarded(&act, &self.persons, self.history.last().map(|last| last.class))
                     })
-                    .map_err(|error| bad_word(&act.act().by, &error))?;
-                self.course.allow(seq, profile, act.act().rules.clone());
+                    .map_err(|error| bad_authorization(&act.act().by, &error))?;
+                self.history.allow(seq, profile, act.act().rules.clone());
             }
-            RecordStatement::Context(set) => {
-                let set = self.course.set(seq, set.profile, set.looser_by_word, set.rules);
-                set.map_err(|problem| bad(&problem))?;
+            RecordStatement::Context(context) => {
+                let result = self.history.set(seq, context.profile, context.looser_by_word, context.rules);
+                result.map_err(|problem| bad(&problem))?;
             }
             RecordStatement::Lost(nonces) => self.lost.extend(nonces),
             RecordStatement::Nothing => {}
         }
         self.end = Head { seq, hash: record.hash, at_ms: record.at_ms };
         self.tree.push(&record.hash);
-        if self.spoken_of.contains(&seq) {
+        if self.head_seqs.contains(&seq) {
             self.seen.insert(seq, (record.hash, self.tree.root(), record.wall_ms));
         }
         Ok(())
@@ -174,13 +174,13 @@ impl ExportedChain {
     fn take_approval(&mut self, record: &AuditRecord, change: RecordedApproval) -> Result<(), VerifyError> {
         let nonce = change.nonce().to_string();
         let bad = |problem: &str| VerifyError::Approval { nonce: nonce.clone(), problem: problem.to_owned() };
-        if self.put.contains_key(&nonce) {
+        if self.approval_facts.contains_key(&nonce) {
             return Err(bad("two records name it"));
         }
         let key = self.key_of(change.who(), change.role()).map_err(bad)?;
-        let told = StoredApprovalFacts::statement_digest(&record.subject, &change)
+        let digest = StoredApprovalFacts::statement_digest(&record.subject, &change)
             .map_err(|error| bad(&error.to_string()))?;
-        self.put.insert(nonce, StoredApprovalFacts { key, told });
+        self.approval_facts.insert(nonce, StoredApprovalFacts { key, digest });
         Ok(())
     }
 
@@ -205,13 +205,13 @@ impl ExportedChain {
         signed: &SignedPersonAct,
     ) -> Result<(), VerifyError> {
         let act = signed.act();
-        let (kind, called) = match act.act {
+        let (kind, change_name) = match act.act {
             PersonActKind::Enrol => (RecordKind::PersonEnrolled, "enrol-person"),
             PersonActKind::Confirm => (RecordKind::PersonConfirmed, "confirm-person"),
             PersonActKind::Revoke => (RecordKind::PersonRevoked, "revoke-person"),
         };
         let bad = |problem: String| VerifyError::Person { name: act.name.clone(), problem };
-        if record.kind != kind || change != called || record.subject != act.name {
+        if record.kind != kind || change != change_name || record.subject != act.name {
             return Err(bad("the act differs from its record".to_owned()));
         }
         self.persons.push(signed).map_err(|error| bad(error.to_string()))
@@ -290,15 +290,16 @@ impl ExportedChain {
             if signed.approval().store_id != store_id {
                 return Err(bad("it was made for another store"));
             }
-            let Some(StoredApprovalFacts { key, told }) = self.put.get(nonce) else {
+            let Some(StoredApprovalFacts { key, digest }) = self.approval_facts.get(nonce) else {
                 return Err(bad("no record names it"));
             };
             if key.as_deref().is_some_and(|key| key != signed.public_key()) {
                 return Err(bad("it was signed with another key than its approver's"));
             }
-            let tells = RecordedApproval::of(signed.approval());
-            let tells = StoredApprovalFacts::statement_digest(&signed.approval().version.to_string(), &tells);
-            if tells.map_err(|error| bad(&error.to_string()))? != *told {
+            let change = RecordedApproval::of(signed.approval());
+            let computed =
+                StoredApprovalFacts::statement_digest(&signed.approval().version.to_string(), &change);
+            if computed.map_err(|error| bad(&error.to_string()))? != *digest {
                 return Err(bad("it differs from its record"));
             }
             self.shown.check(signed.approval(), Some(store_key)).map_err(|problem| bad(&problem))?;
@@ -306,7 +307,11 @@ impl ExportedChain {
                 return Err(bad("it is there twice"));
             }
         }
-        match self.put.keys().find(|put| !found.contains(put.as_str()) && !self.lost.contains(*put)) {
+        match self
+            .approval_facts
+            .keys()
+            .find(|put| !found.contains(put.as_str()) && !self.lost.contains(*put))
+        {
             None => Ok(()),
             Some(nonce) => {
                 Err(VerifyError::Approval { nonce: nonce.clone(), problem: "it is missing".to_owned() })

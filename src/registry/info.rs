@@ -215,15 +215,15 @@ fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> StoreChec
         Ok(Some(end)) => end,
         Ok(None) if head.seq == 0 => return good("There is no record yet that had to be signed."),
         Ok(None) => {
-            let newest = read_all(&layout.checkpoints()).ok().and_then(|mut kept| kept.pop());
-            return match newest.filter(|kept| kept.checkpoint.link.is_none()) {
-                Some(kept) if kept.checkpoint.seq == head.seq => good(
+            let newest = read_all(&layout.checkpoints()).ok().and_then(|mut checkpoints| checkpoints.pop());
+            return match newest.filter(|stored| stored.checkpoint.link.is_none()) {
+                Some(stored) if stored.checkpoint.seq == head.seq => good(
                     "An earlier version signed the audit chain by checkpoints alone; the next engine signs its end.",
                 ),
-                Some(kept) => bad(format!(
+                Some(stored) => bad(format!(
                     "An earlier version signed the audit chain up to record {}; later records are unsigned; \
                     `holdpoint store rebuild --from-chain` names them.",
-                    kept.checkpoint.seq
+                    stored.checkpoint.seq
                 )),
                 None => bad("The end of the audit chain is not signed."),
             };
@@ -235,12 +235,12 @@ fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> StoreChec
     }
     match read_all(&layout.checkpoints()) {
         Err(problem) => bad(format!("The checkpoint {:?} is bad: {}.", problem.file, problem.problem)),
-        Ok(kept) => match kept.last() {
+        Ok(checkpoints) => match checkpoints.last() {
             Some(newest) if newest.checkpoint.number() > end.number() => {
                 bad(format!("There is a newer checkpoint than the chain: {:?}.", newest.file))
             }
             Some(_) | None => {
-                good(format!("The audit chain is signed to its end, with {} checkpoints.", kept.len()))
+                good(format!("The audit chain is signed to its end, with {} checkpoints.", checkpoints.len()))
             }
         },
     }

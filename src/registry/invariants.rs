@@ -158,8 +158,8 @@ fn check_gates(connection: &Connection) -> rusqlite::Result<Vec<Violation>> {
            OR a.approvals_needed > (SELECT count(DISTINCT p.who) FROM approval p WHERE p.version = a.active
                          AND p.decision = ?3 AND p.consumed_seq < a.seq))",
     )?;
-    let words = [ActivationCause::Gate.name(), EvidenceKind::Gate.name(), ApprovalDecision::Approve.name()];
-    let rows = select.query_map(words, |row| Ok((row.get::<_, u64>(0)?, row.get::<_, String>(1)?)))?;
+    let names = [ActivationCause::Gate.name(), EvidenceKind::Gate.name(), ApprovalDecision::Approve.name()];
+    let rows = select.query_map(names, |row| Ok((row.get::<_, u64>(0)?, row.get::<_, String>(1)?)))?;
     rows.map(|row| {
         let (seq, name) = row?;
         let problem = format!("record {seq} made it active without its gate record or enough approvals");

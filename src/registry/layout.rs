@@ -103,7 +103,7 @@ impl Layout {
 
     /// The mark that requests a stop of the cell, for use when the socket does not respond.
     #[must_use]
-    pub fn stop_asked(&self) -> PathBuf {
+    pub fn stop_request(&self) -> PathBuf {
         self.folder.join("stop.asked")
     }
 

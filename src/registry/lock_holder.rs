@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_waits_holds_nothing() {
+    fn a_waiter_holds_nothing() {
         let locks = "1: FLOCK  ADVISORY  WRITE 712 fe:00:54 0 EOF\n1: -> FLOCK  ADVISORY  WRITE 713 fe:00:54 0 EOF\n\
                      2: POSIX  ADVISORY  WRITE 714 fe:00:54 0 EOF\n3: FLOCK  ADVISORY  WRITE -1 fe:00:55 0 EOF\n4: FLOCK\n";
         let of = |name: &str| holders(locks, &KernelName(name.to_owned()), "WRITE").collect::<Vec<_>>();

@@ -365,14 +365,14 @@ pub(crate) fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreErro
     if &header[..16] != b"SQLite format 3\0" {
         return Err(refused(path, "it is not an SQLite database", HINT_FOREIGN));
     }
-    let word = |at: usize| u32::from_be_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
-    if i64::from(word(68)) != i64::from(schema.application_id) {
-        let problem = format!("it belongs to another program (application id {:#010x})", word(68));
+    let u32_at = |at: usize| u32::from_be_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+    if i64::from(u32_at(68)) != i64::from(schema.application_id) {
+        let problem = format!("it belongs to another program (application id {:#010x})", u32_at(68));
         return Err(refused(path, &problem, HINT_FOREIGN));
     }
     let newest = schema.newest();
-    if word(60) == 0 || word(60) as usize > newest {
-        let problem = format!("its schema is {}, this program knows 1 to {newest}", word(60));
+    if u32_at(60) == 0 || u32_at(60) as usize > newest {
+        let problem = format!("its schema is {}, this program knows 1 to {newest}", u32_at(60));
         return Err(refused(path, &problem, "use the version of holdpoint that wrote it, or a newer one"));
     }
     // With a write-ahead log the file may lag behind; `quick_check` then sees what is missing.
@@ -382,7 +382,7 @@ pub(crate) fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreErro
         1 => 65_536,
         bytes => bytes,
     };
-    let whole = page_bytes * u64::from(word(28));
+    let whole = page_bytes * u64::from(u32_at(28));
     if log_bytes == 0 && found.len() < whole {
         return Err(damaged(path, &format!("it is cut short: {} of {whole} bytes are there", found.len())));
     }

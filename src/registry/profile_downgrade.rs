@@ -126,7 +126,7 @@ pub struct ProfileHistory {
     /// The rules of the last used authorization, while they are in force.
     authorized: Option<Digest>,
     /// The last authorization.
-    word: Option<RecordedAuthorization>,
+    authorization: Option<RecordedAuthorization>,
     /// Earlier versions required no authorization: their records count until the first record of one that does.
     asked: bool,
     /// Later versions required one for a less strict class alone: their records count until the first record with
@@ -213,7 +213,7 @@ impl ProfileHistory {
         if rules.scripted && self.was_live {
             return Err(SCRIPT_AFTER_LIVE.to_owned());
         }
-        let is_authorized = self.word.as_ref().is_some_and(|word| {
+        let is_authorized = self.authorization.as_ref().is_some_and(|word| {
             word.seq.checked_add(1) == Some(seq)
                 && word.profile == class
                 && word.rules.as_ref() == Some(&self.change_to(rules))
@@ -221,9 +221,9 @@ impl ProfileHistory {
         if is_authorized || !self.needs(class, rules) {
             return Ok(());
         }
-        let told = downgrade_summary(&rules.loosened);
+        let summary = downgrade_summary(&rules.loosened);
         Err(format!(
-            "{}, {told}, and the record before it is no administrator's authorization of that",
+            "{}, {summary}, and the record before it is no administrator's authorization of that",
             self.change_description(class)
         ))
     }
@@ -241,22 +241,22 @@ impl ProfileHistory {
 
     /// An authorization.
     pub(crate) fn allow(&mut self, seq: u64, profile: ProfileName, rules: Option<RulesChange>) {
-        self.word = Some(RecordedAuthorization { seq, profile, rules });
+        self.authorization = Some(RecordedAuthorization { seq, profile, rules });
         self.asked = true;
     }
 
     /// As [`Self::allow`], from a record.
-    pub(crate) fn allow_on_record(&mut self, seq: u64, said: RecordedProfileChange) {
-        let rules = said.act.and_then(|act| act.act).and_then(|act| act.rules);
-        self.allow(seq, said.profile, rules);
+    pub(crate) fn allow_on_record(&mut self, seq: u64, change: RecordedProfileChange) {
+        let rules = change.act.and_then(|act| act.act).and_then(|act| act.rules);
+        self.allow(seq, change.profile, rules);
     }
 
     /// A record by which a profile comes into force.
     ///
     /// # Errors
     /// As [`Self::set`].
-    pub(crate) fn take(&mut self, seq: u64, set: RecordedProfileChange) -> Result<(), String> {
-        let RecordedProfileChange { profile, looser_by_word, rules, .. } = set;
+    pub(crate) fn take(&mut self, seq: u64, change: RecordedProfileChange) -> Result<(), String> {
+        let RecordedProfileChange { profile, looser_by_word, rules, .. } = change;
         self.set(seq, profile, looser_by_word, rules)
     }
 
@@ -296,11 +296,10 @@ impl ProfileHistory {
         if self.ruled && (is_at_risk(class) || last.is_some_and(is_at_risk)) {
             return Err(format!("{}, and does not name its rules", self.change_description(class)));
         }
-        let is_word = self
-            .word
-            .as_ref()
-            .is_some_and(|word| word.seq.checked_add(1) == Some(seq) && word.profile == class);
-        if (self.asked || looser_by_word) && last.is_some_and(|last| class < last) && !is_word {
+        let is_authorized = self.authorization.as_ref().is_some_and(|authorization| {
+            authorization.seq.checked_add(1) == Some(seq) && authorization.profile == class
+        });
+        if (self.asked || looser_by_word) && last.is_some_and(|last| class < last) && !is_authorized {
             let step = self.change_description(class);
             return Err(format!(
                 "{step}, and the record before it is no administrator's authorization of that"
@@ -330,17 +329,17 @@ pub(crate) fn first_unauthorized(
         // Without an index: a false one hides records.
         connection.prepare("SELECT seq, kind, body FROM audit WHERE +kind IN (?1, ?2) ORDER BY seq")?;
     let mut rows = select.query(kinds)?;
-    let mut course = ProfileHistory::default();
+    let mut history = ProfileHistory::default();
     while let Some(row) = rows.next()? {
         let (seq, kind, body): (u64, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
         let is_signed = seq <= signed;
         if !is_signed {
-            course.require_authorization();
+            history.require_authorization();
         }
         let problem = match serde_json::from_str::<ProfileChangeBody>(&body) {
-            Ok(found) if kind == RecordKind::ContextSet.name() => course.take(seq, found.change).err(),
+            Ok(found) if kind == RecordKind::ContextSet.name() => history.take(seq, found.change).err(),
             Ok(found) if is_signed => {
-                course.allow_on_record(seq, found.change);
+                history.allow_on_record(seq, found.change);
                 None
             }
             Ok(_) => None,
@@ -359,17 +358,17 @@ fn profile_history(connection: &Connection) -> rusqlite::Result<ProfileHistory> 
     let mut select =
         connection.prepare("SELECT seq, kind, body FROM audit WHERE kind IN (?1, ?2) ORDER BY seq")?;
     let mut rows = select.query(kinds)?;
-    let mut course = ProfileHistory::default();
+    let mut history = ProfileHistory::default();
     while let Some(row) = rows.next()? {
         let (seq, kind, body): (u64, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
         let Ok(found) = serde_json::from_str::<ProfileChangeBody>(&body) else { continue };
         if kind == RecordKind::ContextSet.name() {
-            drop(course.take(seq, found.change));
+            drop(history.take(seq, found.change));
         } else {
-            course.allow_on_record(seq, found.change);
+            history.allow_on_record(seq, found.change);
         }
     }
-    Ok(course)
+    Ok(history)
 }
 
 impl Views {
@@ -391,11 +390,11 @@ impl Applier<'_> {
         act: &SignedProfileAct,
     ) -> Result<(), StoreError> {
         let refused = |problem: String| StoreError::invalid("authorization of the profile", profile, problem);
-        let course = self.profile_history();
+        let history = self.profile_history();
         let Some(rules) = &act.act().rules else {
             return Err(refused("one that names the rules it is for".to_owned()));
         };
-        if rules.from != course.last.and_then(|last| last.rules) {
+        if rules.from != history.last.and_then(|last| last.rules) {
             return Err(refused("one of a change of the rules in force".to_owned()));
         }
         if rules.loosened.len() > DOWNGRADED_FIELDS_MAX {
@@ -404,7 +403,7 @@ impl Applier<'_> {
         let persons = self.persons()?;
         let checked = act.check(&persons, profile, self.head.hash);
         let checked =
-            checked.and_then(|()| check_key_guarded(act, &persons, course.last.map(|last| last.class)));
+            checked.and_then(|()| check_key_guarded(act, &persons, history.last.map(|last| last.class)));
         checked.map_err(|error| refused(error.to_string()))
     }
 
@@ -414,8 +413,8 @@ impl Applier<'_> {
             return Err(StoreError::invalid("loosened fields", rules.loosened.len(), "at most 2048"));
         }
         // The chain's data as read or written here: an edit of the database does not change it.
-        let course = self.profile_history();
-        course
+        let history = self.profile_history();
+        history
             .check(self.head.seq.saturating_add(1), class, rules)
             .map_err(|problem| StoreError::UnauthorizedProfile { named: class.name().to_owned(), problem })
     }
@@ -445,58 +444,58 @@ mod tests {
     }
 
     #[test]
-    fn what_an_earlier_version_wrote_counts_until_one_asked_for_authorizations() {
-        let mut course = ProfileHistory::default();
+    fn earlier_records_count_until_authorizations_are_required() {
+        let mut history = ProfileHistory::default();
         for (seq, profile) in [(1, Human), (2, Sim), (3, Real)] {
-            course.set(seq, profile, false, None).unwrap();
+            history.set(seq, profile, false, None).unwrap();
         }
         // From here on an authorization is required, also by a record that denies it.
-        course.set(4, Human, true, None).unwrap();
-        assert!(course.set(5, Real, false, None).unwrap_err().contains("from the profile human to real"));
-        course.set(6, Human, true, None).unwrap();
+        history.set(4, Human, true, None).unwrap();
+        assert!(history.set(5, Real, false, None).unwrap_err().contains("from the profile human to real"));
+        history.set(6, Human, true, None).unwrap();
         // Right before it, and for it.
-        course.allow(7, Sim, None);
-        assert!(course.set(9, Sim, true, None).is_err());
-        course.set(10, Human, true, None).unwrap();
-        course.allow(11, Real, None);
-        assert!(course.set(12, Sim, true, None).is_err());
-        course.set(13, Human, true, None).unwrap();
-        course.allow(14, Sim, None);
-        course.set(15, Sim, true, None).unwrap();
-        assert_eq!(course.last().map(|last| last.class), Some(Sim));
+        history.allow(7, Sim, None);
+        assert!(history.set(9, Sim, true, None).is_err());
+        history.set(10, Human, true, None).unwrap();
+        history.allow(11, Real, None);
+        assert!(history.set(12, Sim, true, None).is_err());
+        history.set(13, Human, true, None).unwrap();
+        history.allow(14, Sim, None);
+        history.set(15, Sim, true, None).unwrap();
+        assert_eq!(history.last().map(|last| last.class), Some(Sim));
         // Later versions require one for the rules, and no record lacks rules any more.
-        course.set(16, Human, true, Some(rules("human", false))).unwrap();
-        assert!(course.set(17, Human, true, None).unwrap_err().contains("does not name its rules"));
-        course.allow(18, Sim, None);
-        assert!(course.set(19, Sim, true, None).is_err());
+        history.set(16, Human, true, Some(rules("human", false))).unwrap();
+        assert!(history.set(17, Human, true, None).unwrap_err().contains("does not name its rules"));
+        history.allow(18, Sim, None);
+        assert!(history.set(19, Sim, true, None).is_err());
     }
 
     #[test]
     fn an_authorization_is_of_one_change_with_its_list_and_right_before_it() {
         let begun = || {
-            let mut course = ProfileHistory::default();
-            course.set(1, Human, false, Some(rules("a", false))).unwrap();
-            course
+            let mut history = ProfileHistory::default();
+            history.set(1, Human, false, Some(rules("a", false))).unwrap();
+            history
         };
         let next = rules("b", true);
         assert!(begun().set(2, Human, false, Some(next.clone())).unwrap_err().contains("1 field is"));
         let good = begun().change_to(&next);
         let allowed = |change: &RulesChange, profile: ProfileName, seq: u64| {
-            let mut course = begun();
-            course.allow(2, profile, Some(change.clone()));
-            course.set(seq, Human, false, Some(next.clone())).map(|()| course)
+            let mut history = begun();
+            history.allow(2, profile, Some(change.clone()));
+            history.set(seq, Human, false, Some(next.clone())).map(|()| history)
         };
-        let mut course = allowed(&good, Human, 3).unwrap();
+        let mut history = allowed(&good, Human, 3).unwrap();
         assert!(allowed(&good, Human, 4).is_err(), "something came between");
         assert!(allowed(&good, Real, 3).is_err());
         assert!(allowed(&RulesChange { from: None, ..good.clone() }, Human, 3).is_err());
         assert!(allowed(&RulesChange { to: rules("c", true).digest, ..good.clone() }, Human, 3).is_err());
         assert!(allowed(&RulesChange { loosened: Vec::new(), ..good.clone() }, Human, 3).is_err());
         // It is valid while those rules are in force, and then used up.
-        course.set(4, Human, false, Some(next.clone())).unwrap();
-        course.allow(5, Human, Some(course.change_to(&rules("a", false))));
-        course.set(6, Human, false, Some(rules("a", false))).unwrap();
-        assert!(course.set(7, Human, false, Some(next)).is_err());
+        history.set(4, Human, false, Some(next.clone())).unwrap();
+        history.allow(5, Human, Some(history.change_to(&rules("a", false))));
+        history.set(6, Human, false, Some(rules("a", false))).unwrap();
+        assert!(history.set(7, Human, false, Some(next)).is_err());
     }
 
     /// The blind mutant: each number of the table alone, moved to where it is less strict, in a profile that parses.
@@ -526,9 +525,9 @@ mod tests {
                 // A whole number is kept as one.
                 *number = serde_json::from_str(&loosest.to_string()).unwrap();
                 let loose = of(&serde_json::from_value(value).unwrap());
-                for (course, seq) in [(&ProfileHistory::default(), 1), (&begun, 2)] {
-                    let next = course.next(&loose, false);
-                    let refused = course.check(seq, class, &next).unwrap_err();
+                for (history, seq) in [(&ProfileHistory::default(), 1), (&begun, 2)] {
+                    let next = history.next(&loose, false);
+                    let refused = history.check(seq, class, &next).unwrap_err();
                     assert!(refused.contains(&format!(": {path}")), "{class}: {refused}");
                 }
             }
@@ -536,16 +535,16 @@ mod tests {
     }
 
     #[test]
-    fn what_a_script_left_in_force_is_authorized_for_nobody() {
+    fn rules_of_a_script_authorize_no_other_session() {
         let (loose, mut script) = (rules("a", true), rules("a", true));
         script.scripted = true;
-        let mut course = ProfileHistory::default();
-        course.set(1, Real, false, Some(script.clone())).unwrap();
-        assert!(course.needs(Real, &loose) && !course.needs(Real, &script));
+        let mut history = ProfileHistory::default();
+        history.set(1, Real, false, Some(script.clone())).unwrap();
+        assert!(history.needs(Real, &loose) && !history.needs(Real, &script));
         // After a session other than a script, no script is accepted.
-        course.allow(2, Real, Some(course.change_to(&loose)));
-        course.set(3, Real, false, Some(loose)).unwrap();
-        course.allow(4, Real, Some(course.change_to(&script)));
-        assert_eq!(course.check(5, Real, &script).unwrap_err(), SCRIPT_AFTER_LIVE);
+        history.allow(2, Real, Some(history.change_to(&loose)));
+        history.set(3, Real, false, Some(loose)).unwrap();
+        history.allow(4, Real, Some(history.change_to(&script)));
+        assert_eq!(history.check(5, Real, &script).unwrap_err(), SCRIPT_AFTER_LIVE);
     }
 }

@@ -218,15 +218,15 @@ pub fn prove_consistency(database: &Path, older: &Checkpoint) -> Result<Proof, P
 /// # Errors
 /// [`ProofError::Impossible`] with the nearest heads that there are.
 pub fn stored_head(folder: &Path, seq: u64) -> Result<Checkpoint, ProofError> {
-    let kept = read_all(&folder.join("checkpoints")).map_err(|bad| {
+    let checkpoints = read_all(&folder.join("checkpoints")).map_err(|bad| {
         impossible(format!("the checkpoint {:?} is bad: {}", bad.file, bad.problem), HINT_VERIFY)
     })?;
-    let of = |kept: &StoredCheckpoint| kept.checkpoint.seq;
-    if let Some(found) = kept.iter().find(|kept| of(kept) == seq) {
+    let of = |stored: &StoredCheckpoint| stored.checkpoint.seq;
+    if let Some(found) = checkpoints.iter().find(|stored| of(stored) == seq) {
         return Ok(found.checkpoint.clone());
     }
-    let before = kept.iter().rev().map(of).find(|found| *found < seq);
-    let after = kept.iter().map(of).find(|found| *found > seq);
+    let before = checkpoints.iter().rev().map(of).find(|found| *found < seq);
+    let after = checkpoints.iter().map(of).find(|found| *found > seq);
     let near: Vec<String> = before.into_iter().chain(after).map(|seq| seq.to_string()).collect();
     let near = if near.is_empty() {
         "there is none".to_owned()

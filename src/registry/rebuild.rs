@@ -74,7 +74,7 @@ pub fn rebuild(
     let layout = Layout::new(folder);
     let database = layout.database();
     fs::symlink_metadata(&database).map_err(StoreError::io("read", &database))?;
-    let asked_by: Value =
+    let requester: Value =
         serde_json::from_str(by).map_err(|error| StoreError::invalid("caller", by, error))?;
     let _lock = EngineLock::take(&layout)?;
     let secret = layout.store_key();
@@ -82,28 +82,28 @@ pub fn rebuild(
     let damaged_store = open_reader(&database, &STORE)?;
     row_limit::lift(&damaged_store).map_err(StoreError::sql("read the damaged database"))?;
     let fold = checked_records(&damaged_store, &database)?;
-    let kept = stored_checkpoints(&layout)?;
-    let store_id = match kept.last() {
+    let checkpoints = stored_checkpoints(&layout)?;
+    let store_id = match checkpoints.last() {
         Some(StoredCheckpoint { checkpoint, .. }) => checkpoint.store_id.clone(),
         None => super::store_id::read(&damaged_store, &database)?,
     };
     let by = (store_id.as_str(), &key.verifying_key());
     check_key(&store_id, by.1, &database)?;
-    check_newest_checkpoint(&fold, &layout, &kept, by)?;
-    let signing = check_signed(&fold, &damaged_store, &layout, &kept, by);
+    check_newest_checkpoint(&fold, &layout, &checkpoints, by)?;
+    let signing = check_signed(&fold, &damaged_store, &layout, &checkpoints, by);
     if let Err(error @ StoreError::Refused { hint, .. }) = signing
         && hint != HINT_UNSIGNED
     {
         return Err(error);
     }
-    let (link, unsigned) = signed_before(&fold, &damaged_store, &kept, by);
+    let (link, unsigned) = signed_before(&fold, &damaged_store, &checkpoints, by);
     let sound = fold
         .check_end(&damaged_store)
         .map_err(refused_chain(&damaged_store, &database))
         // Later queries of the tables use their indexes.
         .and_then(|()| check_indexes(&damaged_store, &database))
         .and_then(|()| check_tables(&fold, &damaged_store, &database, &store_id))
-        .and_then(|()| check_signed(&fold, &damaged_store, &layout, &kept, by));
+        .and_then(|()| check_signed(&fold, &damaged_store, &layout, &checkpoints, by));
     let problem = match sound {
         Ok(()) if has_id(&damaged_store, &store_id) => return Ok(None),
         Ok(()) => "its id is not the one its checkpoints are signed over".to_owned(),
@@ -126,23 +126,24 @@ pub fn rebuild(
     }
     let part = database.with_extension("rebuilt");
     remove_database(&part)?;
-    let mut made = make(&part, &STORE)?;
-    row_limit::lift(&made).map_err(StoreError::sql("write the rebuilt database"))?;
-    let kept_as = free_name(&layout, fold.end())?;
-    let told = RebuildSummary { by: asked_by, problem, kept_as: file_name(&kept_as), unsigned };
-    let rebuilt = fill(&mut made, &damaged_store, &fold, (&store_id, told), wall_ms);
+    let mut new_store = make(&part, &STORE)?;
+    row_limit::lift(&new_store).map_err(StoreError::sql("write the rebuilt database"))?;
+    let damaged_path = free_name(&layout, fold.end())?;
+    let summary = RebuildSummary { by: requester, problem, damaged_file: file_name(&damaged_path), unsigned };
+    let rebuilt = fill(&mut new_store, &damaged_store, &fold, (&store_id, summary), wall_ms);
     let rebuilt = rebuilt.inspect_err(|_| drop(remove_database(&part)))?;
-    let head = audit::head(&made).map_err(StoreError::sql("read the audit chain"))?;
-    let root = audit::tree_after(&made, &Frontier::empty())?.root();
-    let wall_ms = audit::wall_ms_of(&made, head.seq)?;
+    let head = audit::head(&new_store).map_err(StoreError::sql("read the audit chain"))?;
+    let root = audit::tree_after(&new_store, &Frontier::empty())?.root();
+    let wall_ms = audit::wall_ms_of(&new_store, head.seq)?;
     let end = Checkpoint::sign(&store_id, (head, root), wall_ms, link, None, &key);
-    chain_signature::write(&made, &end).inspect_err(|_| drop(remove_database(&part)))?;
-    made.close().map_err(|(_, error)| StoreError::sql("write the rebuilt database")(error))?;
+    chain_signature::write(&new_store, &end).inspect_err(|_| drop(remove_database(&part)))?;
+    new_store.close().map_err(|(_, error)| StoreError::sql("write the rebuilt database")(error))?;
     drop(damaged_store);
     File::open(&part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", &part))?;
     // The damaged file's log is merged into the file: otherwise it would be taken for the rebuilt one's.
     truncate_log(&database)?;
-    fs::hard_link(&database, &kept_as).map_err(StoreError::io("keep the damaged file as", &kept_as))?;
+    fs::hard_link(&database, &damaged_path)
+        .map_err(StoreError::io("keep the damaged file as", &damaged_path))?;
     fs::rename(&part, &database).map_err(StoreError::io("rename", &part))?;
     sync_folder(layout.folder())?;
     end.write(&layout.checkpoints())?;
@@ -183,7 +184,7 @@ fn has_id(connection: &Connection, store_id: &str) -> bool {
 struct RebuildSummary {
     by: Value,
     problem: String,
-    kept_as: String,
+    damaged_file: String,
     unsigned: u64,
 }
 
@@ -191,16 +192,17 @@ struct RebuildSummary {
 fn signed_before(
     fold: &Fold,
     damaged_store: &Connection,
-    kept: &[StoredCheckpoint],
+    checkpoints: &[StoredCheckpoint],
     (store_id, key): (&str, &ed25519_dalek::VerifyingKey),
 ) -> (CheckpointLink, u64) {
-    let newest = kept.last().map(|kept| &kept.checkpoint);
+    let newest = checkpoints.last().map(|stored| &stored.checkpoint);
     let end = chain_signature::valid(damaged_store, store_id, Some(key)).ok().flatten();
-    let whole = check_links(kept).is_ok() && end.as_ref().is_none_or(|end| check_newest(end, kept).is_ok());
-    let mut link = CheckpointLink::after_all(kept);
+    let whole = check_links(checkpoints).is_ok()
+        && end.as_ref().is_none_or(|end| check_newest(end, checkpoints).is_ok());
+    let mut link = CheckpointLink::after_all(checkpoints);
     if !whole {
         link.gap = true;
-        link.earlier = count_earlier(kept);
+        link.earlier = count_earlier(checkpoints);
         link.number = link.number.max(end.as_ref().map_or(0, Checkpoint::number) + 1);
     }
     let signed_to = newest.into_iter().chain(&end).map(|signed| signed.seq).max().unwrap_or(0);
@@ -222,14 +224,14 @@ fn file_name(path: &Path) -> String {
 
 /// Fills a new database with the chain and its rows, and adds the record of it.
 fn fill(
-    made: &mut Connection,
+    new_store: &mut Connection,
     damaged_store: &Connection,
     fold: &Fold,
-    (store_id, told): (&str, RebuildSummary),
+    (store_id, summary): (&str, RebuildSummary),
     wall_ms: i64,
 ) -> Result<RebuildReport, StoreError> {
     let error = StoreError::sql("write the rebuilt database");
-    let tx = made.transaction().map_err(&error)?;
+    let tx = new_store.transaction().map_err(&error)?;
     tx.execute("UPDATE meta SET value = ?1 WHERE key = 'store_id'", [store_id]).map_err(&error)?;
     let mut lost = Vec::new();
     audit::for_each::<ReapplyError>(damaged_store, 0, |record| {
@@ -239,7 +241,7 @@ fn fill(
     })
     .map_err(|ReapplyError(error)| error)?;
     lost.extend(mark_lost_evidence(&tx, fold)?);
-    if let Some(((table, key), problem)) = unmended(&tx, fold, &lost)? {
+    if let Some(((table, key), problem)) = first_unrepaired(&tx, fold, &lost)? {
         let problem = format!(
             "the {} {key:?} cannot be rebuilt: {problem}, and the chain does not repeat its text",
             table.name()
@@ -257,13 +259,13 @@ fn fill(
     let rebuilt = RebuildReport {
         from_seq: fold.end().seq,
         from_hash: fold.end().hash,
-        problem: told.problem,
+        problem: summary.problem,
         differed,
         lost: lost.iter().map(named).collect(),
-        kept_as: told.kept_as,
-        unsigned: told.unsigned,
+        kept_as: summary.damaged_file,
+        unsigned: summary.unsigned,
     };
-    let change = RebuildRecordChange { change: "store-rebuilt".to_owned(), by: told.by, rebuilt };
+    let change = RebuildRecordChange { change: "store-rebuilt".to_owned(), by: summary.by, rebuilt };
     write_record(&tx, fold.end(), &change, &lost, wall_ms)?;
     let after = Fold::read(&tx).map_err(|fault| StoreError::Invariant(format!("{fault:?}")))?;
     if let Some(fault) = compare(&after, &tx).map_err(&error)? {
@@ -276,12 +278,13 @@ fn fill(
 }
 
 /// Evidence whose text does not match its record: a mark replaces it.
-fn mark_lost_evidence(made: &Connection, fold: &Fold) -> Result<Vec<RowName>, StoreError> {
+fn mark_lost_evidence(new_store: &Connection, fold: &Fold) -> Result<Vec<RowName>, StoreError> {
     let error = StoreError::sql("compare the rebuilt database");
     let mut lost = Vec::new();
-    for (table, key) in differing(fold, made).map_err(&error)?.into_keys() {
+    for (table, key) in differing(fold, new_store).map_err(&error)?.into_keys() {
         if table == ChainedTable::Evidence {
-            made.execute("UPDATE evidence SET json = ?2 WHERE seq = ?1", params![key, lost_mark(&key)])
+            new_store
+                .execute("UPDATE evidence SET json = ?2 WHERE seq = ?1", params![key, lost_mark(&key)])
                 .map_err(&error)?;
             lost.push((table, key));
         }
@@ -290,18 +293,18 @@ fn mark_lost_evidence(made: &Connection, fold: &Fold) -> Result<Vec<RowName>, St
 }
 
 /// The first row that neither matches the chain nor is lost.
-fn unmended(
-    made: &Connection,
+fn first_unrepaired(
+    new_store: &Connection,
     fold: &Fold,
     lost: &[RowName],
 ) -> Result<Option<(RowName, String)>, StoreError> {
-    let found = differing(fold, made).map_err(StoreError::sql("compare the rebuilt database"))?;
+    let found = differing(fold, new_store).map_err(StoreError::sql("compare the rebuilt database"))?;
     Ok(found.into_iter().find(|(row, _)| row.0 != ChainedTable::Evidence || !lost.contains(row)))
 }
 
 /// Copies the receipts that match the chain. Records of unknown commands get a name that no command uses: a retry of
 /// that command would be applied again.
-fn copy_commands(made: &Connection, damaged_store: &Connection, fold: &Fold) -> Result<(), StoreError> {
+fn copy_commands(new_store: &Connection, damaged_store: &Connection, fold: &Fold) -> Result<(), StoreError> {
     let error = StoreError::sql("copy the receipts");
     let mut select =
         damaged_store.prepare("SELECT id, digest, last_seq, receipt FROM command").map_err(&error)?;
@@ -314,7 +317,7 @@ fn copy_commands(made: &Connection, damaged_store: &Connection, fold: &Fold) -> 
         };
         let Ok(receipt) = super::compare::checked_receipt(fold, &id, last_seq, &text) else { continue };
         if receipt.first_seq == 0 {
-            keep_command(made, (&id, &digest, last_seq, &text))?;
+            keep_command(new_store, (&id, &digest, last_seq, &text))?;
         } else {
             good.insert(receipt.first_seq, (id, digest, last_seq, text));
         }
@@ -325,29 +328,30 @@ fn copy_commands(made: &Connection, damaged_store: &Connection, fold: &Fold) -> 
             continue;
         }
         if first > next {
-            keep_lost_command(made, fold, next, first - 1)?;
+            keep_lost_command(new_store, fold, next, first - 1)?;
         }
-        keep_command(made, (&id, &digest, last_seq, &text))?;
+        keep_command(new_store, (&id, &digest, last_seq, &text))?;
         next = last_seq + 1;
     }
     if next <= fold.end().seq {
-        keep_lost_command(made, fold, next, fold.end().seq)?;
+        keep_lost_command(new_store, fold, next, fold.end().seq)?;
     }
     Ok(())
 }
 
 fn keep_command(
-    made: &Connection,
+    new_store: &Connection,
     (id, digest, last_seq, receipt): (&str, &str, u64, &str),
 ) -> Result<(), StoreError> {
-    made.prepare_cached("INSERT INTO command (id, digest, last_seq, receipt) VALUES (?1, ?2, ?3, ?4)")
+    new_store
+        .prepare_cached("INSERT INTO command (id, digest, last_seq, receipt) VALUES (?1, ?2, ?3, ?4)")
         .and_then(|mut insert| insert.execute(params![id, digest, last_seq, receipt]))
         .map(drop)
         .map_err(StoreError::sql("keep the receipt"))
 }
 
 /// A receipt for records whose own is lost.
-fn keep_lost_command(made: &Connection, fold: &Fold, first: u64, last: u64) -> Result<(), StoreError> {
+fn keep_lost_command(new_store: &Connection, fold: &Fold, first: u64, last: u64) -> Result<(), StoreError> {
     let unreadable = |error: String| StoreError::invalid("receipt", first, error);
     let mut row_versions = Vec::new();
     for (name, row_version) in fold.states_set(first, last) {
@@ -358,12 +362,12 @@ fn keep_lost_command(made: &Connection, fold: &Fold, first: u64, last: u64) -> R
     let receipt =
         Receipt { command_id: command_id.clone(), first_seq: first, last_seq: last, head, row_versions };
     let text = canonical_json(&receipt).map_err(|error| unreadable(error.to_string()))?;
-    keep_command(made, (&command_id, &"0".repeat(64), last, &text))
+    keep_command(new_store, (&command_id, &"0".repeat(64), last, &text))
 }
 
 /// Adds the record of the rebuild, and the command that wrote it.
 fn write_record(
-    made: &Connection,
+    new_store: &Connection,
     end: Head,
     change: &RebuildRecordChange,
     lost: &[RowName],
@@ -371,14 +375,14 @@ fn write_record(
 ) -> Result<(), StoreError> {
     let mut rows = Vec::new();
     for (table, key) in lost {
-        let digest = row_digest(made, *table, key).map_err(StoreError::sql("read a row back"))?;
+        let digest = row_digest(new_store, *table, key).map_err(StoreError::sql("read a row back"))?;
         rows.push(json!([table.name(), key, digest]));
     }
     let kind = RecordKind::StoreRebuilt;
     let body = canonical_json(&json!({ "change": change, "rows": rows }))
         .map_err(|error| StoreError::invalid("record", kind.name(), error))?;
-    let wall_ms = wall_ms.max(audit::wall_ms_of(made, end.seq)?.unwrap_or(0));
-    let head = audit::append(made, (end.at_ms, wall_ms), kind, "", body)?;
+    let wall_ms = wall_ms.max(audit::wall_ms_of(new_store, end.seq)?.unwrap_or(0));
+    let head = audit::append(new_store, (end.at_ms, wall_ms), kind, "", body)?;
     let command_id = format!("{LOST_COMMAND}-{}", head.seq);
     let receipt = Receipt {
         command_id: command_id.clone(),
@@ -389,5 +393,5 @@ fn write_record(
     };
     let text =
         canonical_json(&receipt).map_err(|error| StoreError::invalid("receipt", &command_id, error))?;
-    keep_command(made, (&command_id, &"0".repeat(64), head.seq, &text))
+    keep_command(new_store, (&command_id, &"0".repeat(64), head.seq, &text))
 }

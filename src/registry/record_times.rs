@@ -54,8 +54,8 @@ impl Views {
         self.connection
             .prepare_cached(sql)
             .and_then(|mut select| {
-                let asked = params![kind.name(), bound(from_seq), bound(before_seq), NUMBERS_MAX];
-                select.query_map(asked, |row| row.get(0))?.collect()
+                let parameters = params![kind.name(), bound(from_seq), bound(before_seq), NUMBERS_MAX];
+                select.query_map(parameters, |row| row.get(0))?.collect()
             })
             .map_err(StoreError::sql("read which records there are"))
     }

@@ -47,7 +47,7 @@ struct ReplayedApproval {
 /// Applies a record to the new database. Texts that it does not repeat come from the damaged store. Returns the rows
 /// with a lost text.
 pub(super) fn replay(
-    made: &Connection,
+    new_store: &Connection,
     damaged_store: &Connection,
     fold: &Fold,
     record: &AuditRecord,
@@ -58,10 +58,10 @@ pub(super) fn replay(
     let unreadable = |error: serde_json::Error| StoreError::invalid("audit record", record.seq, error);
     if kind == RecordKind::StoreRebuilt {
         let lost = rows_lost(record)?;
-        return lost.iter().map(|(table, key)| mark(made, table, key)).collect();
+        return lost.iter().map(|(table, key)| mark(new_store, table, key)).collect();
     }
     let body: AppliedBody = serde_json::from_str(&record.body).map_err(unreadable)?;
-    let mut applier = Applier::replaying(made, fold, ApprovalBasis::none(), record);
+    let mut applier = Applier::replaying(new_store, fold, ApprovalBasis::none(), record);
     if kind == RecordKind::ApprovalPut {
         let summary: ReplayedApproval = serde_json::from_value(body.change).map_err(unreadable)?;
         return put_approval(&applier, damaged_store, &record.subject, &summary);
@@ -71,7 +71,7 @@ pub(super) fn replay(
     let change: Change = serde_json::from_value(change).map_err(unreadable)?;
     applier.reapply(&change)?;
     if let Change::RegisterVersion(new) = &change {
-        mend_version(made, &new.id.to_string(), &new.manifest, &body.rows)?;
+        repair_version(new_store, &new.id.to_string(), &new.manifest, &body.rows)?;
     }
     Ok(Vec::new())
 }
@@ -116,14 +116,14 @@ impl Applier<'_> {
 }
 
 /// A mark replaces a text that an earlier rebuild gave up.
-fn mark(made: &Connection, table: &str, key: &str) -> Result<RowName, StoreError> {
+fn mark(new_store: &Connection, table: &str, key: &str) -> Result<RowName, StoreError> {
     let known = ChainedTable::named(table);
     let (sql, table) = match known {
         Some(table @ ChainedTable::Evidence) => ("UPDATE evidence SET json = ?2 WHERE seq = ?1", table),
         Some(table @ ChainedTable::Approval) => ("UPDATE approval SET signed = ?2 WHERE nonce = ?1", table),
         _ => return Err(StoreError::invalid("lost row of the table", table, "evidence or approval")),
     };
-    made.execute(sql, params![key, lost_mark(key)]).map_err(StoreError::sql("mark a lost text"))?;
+    new_store.execute(sql, params![key, lost_mark(key)]).map_err(StoreError::sql("mark a lost text"))?;
     Ok((table, key.to_owned()))
 }
 
@@ -171,15 +171,15 @@ fn fill_texts(change: &mut Value, damaged_store: &Connection, seq: u64) {
 }
 
 /// Restores a version's permissions and environments from its manifest if the row does not match its recorded digest.
-fn mend_version(
-    made: &Connection,
+fn repair_version(
+    new_store: &Connection,
     name: &str,
     manifest: &str,
     rows: &[(String, String, Digest)],
 ) -> Result<(), StoreError> {
     let error = StoreError::sql("repair a version");
     let is_whole = || -> Result<bool, StoreError> {
-        let digest = row_digest(made, ChainedTable::Version, name).map_err(&error)?;
+        let digest = row_digest(new_store, ChainedTable::Version, name).map_err(&error)?;
         let table = ChainedTable::Version.name();
         Ok(rows.iter().any(|row| (row.0.as_str(), row.1.as_str()) == (table, name) && Some(row.2) == digest))
     };
@@ -192,7 +192,7 @@ fn mend_version(
     for (column, place) in places {
         let Some(text) = manifest.pointer(place).and_then(|part| canonical_json(part).ok()) else { continue };
         let sql = format!("UPDATE version SET {column} = ?2 WHERE name = ?1");
-        made.execute(&sql, [name, &text]).map_err(&error)?;
+        new_store.execute(&sql, [name, &text]).map_err(&error)?;
         if is_whole()? {
             return Ok(());
         }
@@ -214,7 +214,7 @@ fn put_approval(
         .map_err(|error: holdpoint_governance::ids::CapabilityIdError| unreadable(error.to_string()))?;
     let text = text_of(damaged_store, SIGNED, nonce);
     let signed = text.as_deref().and_then(|text| serde_json::from_str::<SignedApproval>(text).ok());
-    let kept = signed.filter(|signed| {
+    let valid = signed.filter(|signed| {
         let approval = signed.approval();
         let claim = approval.claim_digest().to_string();
         let text = text.as_deref().unwrap_or_default();
@@ -222,13 +222,13 @@ fn put_approval(
             && (approval.version == version && approval.who == summary.who)
             && (approval.decision == summary.decision && approval.row_version == summary.row_version)
     });
-    let claim = match &kept {
+    let claim = match &valid {
         Some(signed) => signed.approval().claim_digest(),
         None => text_of(damaged_store, "SELECT claim FROM approval WHERE nonce = ?1", nonce)
             .and_then(|claim| claim.parse().ok())
             .ok_or_else(|| unreadable("its claim and its signature are missing".to_owned()))?,
     };
-    let signed = match (&kept, text) {
+    let signed = match (&valid, text) {
         (Some(_), Some(text)) => text,
         _ => lost_mark(nonce),
     };
@@ -242,7 +242,7 @@ fn put_approval(
         claim,
         signed: &signed,
     })?;
-    Ok(if kept.is_some() { Vec::new() } else { vec![(ChainedTable::Approval, nonce.clone())] })
+    Ok(if valid.is_some() { Vec::new() } else { vec![(ChainedTable::Approval, nonce.clone())] })
 }
 
 /// The columns of a row that differ from the chain; none if the chain cannot tell.
@@ -253,13 +253,13 @@ pub(crate) fn columns_otherwise(
     key: &str,
 ) -> Vec<String> {
     let rebuilt = || -> Result<Vec<String>, ReapplyError> {
-        let mut made = Connection::open_in_memory()?;
-        migrate(&mut made, &STORE)?;
+        let mut new_store = Connection::open_in_memory()?;
+        migrate(&mut new_store, &STORE)?;
         audit::for_each::<ReapplyError>(damaged_store, 0, |record| {
-            replay(&made, damaged_store, fold, &record)?;
+            replay(&new_store, damaged_store, fold, &record)?;
             Ok(())
         })?;
-        Ok(differing_columns(damaged_store, &made, table, key)?)
+        Ok(differing_columns(damaged_store, &new_store, table, key)?)
     };
     rebuilt().unwrap_or_default()
 }

@@ -137,10 +137,10 @@ impl CacheSecret {
     /// # Errors
     /// If the system gives no random numbers.
     pub fn sample(&self, block: &Digest, of: usize, wanted: usize) -> Result<Vec<usize>, StoreError> {
-        let mut moment = [0u8; 32];
-        getrandom::fill(&mut moment)
+        let mut nonce = [0u8; 32];
+        getrandom::fill(&mut nonce)
             .map_err(|error| at(Path::new("a draw"))(keyfile::KeyError::Random(error)))?;
-        let mac = self.mac(DRAW)?.chain_update(moment).chain_update(block.bytes());
+        let mac = self.mac(DRAW)?.chain_update(nonce).chain_update(block.bytes());
         let mut places: Vec<usize> = (0..of).collect();
         let wanted = wanted.min(of);
         for turn in 0..wanted {
@@ -365,7 +365,7 @@ mod tests {
         Digest::of_parts("test", &[name.as_bytes()])
     }
 
-    fn kept(found: &CacheLookup) -> Option<(&[u8], bool)> {
+    fn cell_of(found: &CacheLookup) -> Option<(&[u8], bool)> {
         match found {
             CacheLookup::Cell { body, own } => Some((body, *own)),
             CacheLookup::Nothing | CacheLookup::Refused => None,
@@ -384,9 +384,9 @@ mod tests {
         let mine = another(folder.path(), &secret);
         mine.put(&key("a"), b"what a came to").unwrap();
         mine.put(&key("b"), b"what b came to").unwrap();
-        assert_eq!(kept(&mine.get(&key("a"))), Some((b"what a came to".as_slice(), true)));
+        assert_eq!(cell_of(&mine.get(&key("a"))), Some((b"what a came to".as_slice(), true)));
         let others = another(folder.path(), &secret);
-        assert_eq!(kept(&others.get(&key("a"))), Some((b"what a came to".as_slice(), false)));
+        assert_eq!(cell_of(&others.get(&key("a"))), Some((b"what a came to".as_slice(), false)));
         assert_eq!(
             another(folder.path(), &CacheSecret::fresh().unwrap()).get(&key("a")),
             CacheLookup::Refused

@@ -38,8 +38,8 @@ pub(crate) fn error_message(error: &rusqlite::Error) -> String {
 
 /// As [`said`], of a row of this table.
 pub(crate) fn error_message_for(table: &str, error: &rusqlite::Error) -> String {
-    let said = error_message(error);
-    if is_reached(error) { format!("its table {table}: {said}") } else { said }
+    let message = error_message(error);
+    if is_reached(error) { format!("its table {table}: {message}") } else { message }
 }
 
 /// The first text outside the chain that is too long, by the lengths in the rows' headers: no text is loaded.

@@ -74,8 +74,8 @@ mod tests {
                 let id: i32 = connection.query_row("PRAGMA application_id", [], |row| row.get(0)).unwrap();
                 assert_eq!(id, schema.application_id);
                 if schema.application_id == STORE.application_id {
-                    let kept = "SELECT count(*) FROM meta WHERE key = 'mark' AND value = 'kept'";
-                    assert_eq!(connection.query_row(kept, [], |row| row.get::<_, u64>(0)).unwrap(), 1);
+                    let query = "SELECT count(*) FROM meta WHERE key = 'mark' AND value = 'kept'";
+                    assert_eq!(connection.query_row(query, [], |row| row.get::<_, u64>(0)).unwrap(), 1);
                 }
                 // The result of the steps does not depend on the first one.
                 let mut at_once = Connection::open_in_memory().unwrap();

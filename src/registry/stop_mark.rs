@@ -61,19 +61,19 @@ impl StopMarks {
     /// The first place's error, if none accepted it.
     pub fn keep(&self, text: &str) -> Result<(), StoreError> {
         let mut problem = None;
-        let mut kept = false;
+        let mut is_stored = false;
         if let Some(folder) = self.runtime.as_ref().filter(|folder| fs::symlink_metadata(folder).is_err()) {
             // If it cannot be made, there is no such place.
             drop(DirBuilder::new().mode(0o700).create(folder));
         }
         for place in &self.places {
             match keep_at(place, text) {
-                Ok(()) => kept = true,
+                Ok(()) => is_stored = true,
                 Err(error) => problem = problem.or(Some(error)),
             }
         }
         match problem {
-            Some(error) if !kept => Err(error),
+            Some(error) if !is_stored => Err(error),
             Some(_) | None => Ok(()),
         }
     }
@@ -81,9 +81,9 @@ impl StopMarks {
     /// The stored stop, as written; empty if it cannot be read. `None`: there is none.
     #[must_use]
     pub fn found(&self) -> Option<String> {
-        let lies = self.places.iter().filter(|place| fs::symlink_metadata(place).is_ok());
+        let existing = self.places.iter().filter(|place| fs::symlink_metadata(place).is_ok());
         let texts: Vec<String> =
-            lies.map(|place| read_text(place, STOP_BYTES_MAX).unwrap_or_default()).collect();
+            existing.map(|place| read_text(place, STOP_BYTES_MAX).unwrap_or_default()).collect();
         texts.iter().find(|text| !text.is_empty()).or(texts.first()).cloned()
     }
 
@@ -99,7 +99,7 @@ impl StopMarks {
 fn keep_at(place: &Path, text: &str) -> Result<(), StoreError> {
     place.parent().map_or(Ok(()), own_folder)?;
     // A full disk accepts no text, but still an entry in the folder: an empty mark stops as well.
-    write_atomically(place, text.as_bytes()).or_else(|error| match made_new(place, text) {
+    write_atomically(place, text.as_bytes()).or_else(|error| match create_mark(place, text) {
         Ok(()) => Ok(()),
         // An earlier stop is there, with the same effect.
         Err(_) if fs::symlink_metadata(place).is_ok_and(|found| found.is_file()) => Ok(()),
@@ -117,9 +117,10 @@ fn own_folder(folder: &Path) -> Result<(), StoreError> {
     Err(StoreError::invalid("folder for a stop", folder.display(), "a folder of your own"))
 }
 
-fn made_new(place: &Path, text: &str) -> Result<(), StoreError> {
-    let made = OpenOptions::new().write(true).create_new(true).mode(0o600).custom_flags(NO_LINK).open(place);
-    let mut file: File = made.map_err(StoreError::io("create", place))?;
+fn create_mark(place: &Path, text: &str) -> Result<(), StoreError> {
+    let result =
+        OpenOptions::new().write(true).create_new(true).mode(0o600).custom_flags(NO_LINK).open(place);
+    let mut file: File = result.map_err(StoreError::io("create", place))?;
     drop(file.write_all(text.as_bytes()).and_then(|()| file.sync_all()));
     place.parent().map_or(Ok(()), sync_folder)
 }
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_is_kept_wherever_something_else_has_the_place() {
+    fn a_stop_is_stored_when_one_place_is_taken() {
         let folder = tempfile::tempdir().unwrap();
         let marks = marks(folder.path());
         assert_eq!(marks.found(), None);
@@ -154,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_that_no_place_takes_is_said_to_be_kept_nowhere() {
+    fn a_stop_that_no_place_takes_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let marks = marks(folder.path());
         assert_eq!(marks.places.len(), 3);

@@ -248,7 +248,7 @@ impl Store {
     }
 
     /// [`Self::checkpoint_problem`] is on record: witnesses that the start found silent get heads again.
-    pub fn problems_are_told(&self) {
+    pub fn mark_problems_reported(&self) {
         self.witness_problems.mark_reported();
     }
 
@@ -558,10 +558,10 @@ fn sign_on(
     (store_id, fold): (&str, &Fold),
     key: &SigningKey,
 ) -> Result<CheckpointLink, StoreError> {
-    let kept = stored_checkpoints(layout)?;
-    let newest = kept.last().map(|kept| &kept.checkpoint);
+    let checkpoints = stored_checkpoints(layout)?;
+    let newest = checkpoints.last().map(|stored| &stored.checkpoint);
     let unreadable = |problem: String| damaged(&layout.database(), &problem);
-    let link = CheckpointLink::after_all(&kept);
+    let link = CheckpointLink::after_all(&checkpoints);
     match chain_signature::read(connection).map_err(unreadable)? {
         Some(end)
             if end.root.is_none()

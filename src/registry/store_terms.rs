@@ -98,15 +98,15 @@ mod tests {
     use holdpoint_governance::lifecycle::{Stage, State};
 
     #[test]
-    fn the_words_are_those_of_the_lifecycle_and_of_the_schema() {
+    fn the_names_are_those_of_lifecycle_and_schema() {
         let schema = include_str!("schema/store-1.sql");
         let all = (State::ALL.map(State::name).into_iter())
             .chain(Stage::ALL.map(Stage::name))
             .chain(EvidenceKind::ALL.map(EvidenceKind::name))
             .chain(ApprovalDecision::ALL.map(ApprovalDecision::name))
             .chain(RequestState::ALL.map(RequestState::name));
-        for word in all {
-            assert!(schema.contains(&format!("'{word}'")), "{word}");
+        for name in all {
+            assert!(schema.contains(&format!("'{name}'")), "{name}");
         }
         assert!("Active".parse::<State>().is_err());
     }

@@ -487,7 +487,7 @@ fn remove_cell(tx: &Transaction<'_>, key: &str) -> rusqlite::Result<u64> {
 /// Digest of a batch's row; `None` if there is no such batch.
 pub(crate) fn content_digest(connection: &Connection, batch: u64) -> rusqlite::Result<Option<Digest>> {
     let sql = format!("{STORED_BATCH_SQL} WHERE id = ?1");
-    connection.prepare_cached(&sql)?.query_row([batch], lying_digest).optional()
+    connection.prepare_cached(&sql)?.query_row([batch], stored_digest).optional()
 }
 
 /// The hashed fields of a batch, and the longest accepted body: no engine writes a longer one.
@@ -496,7 +496,7 @@ pub(crate) const STORED_BATCH_SQL: &str = "SELECT id, version, stream, from_ms, 
 const _: () = assert!(BODY_BYTES_MAX == 4_194_304);
 
 /// The digest of a row of [`LYING`].
-pub(crate) fn lying_digest(row: &Row<'_>) -> rusqlite::Result<Digest> {
+pub(crate) fn stored_digest(row: &Row<'_>) -> rusqlite::Result<Digest> {
     let number = |column: usize| row.get::<_, i64>(column).map(i64::cast_unsigned);
     let (version, stream) = (row.get_ref(1)?.as_str()?, row.get_ref(2)?.as_str()?);
     Ok(batch_digest(version, stream, [number(3)?, number(4)?, number(5)?], row.get_ref(6)?.as_blob()?))

@@ -375,14 +375,14 @@ pub(crate) fn unrecorded_files(
         }
     }
     let unnamed = there.into_values().filter(|file| !named.contains(file)).take(QUARANTINED_MAX);
-    let told = unnamed.map(|file| {
+    let files = unnamed.map(|file| {
         own.filter(|own| own.file == file).cloned().unwrap_or_else(|| QuarantinedFile {
             file,
             problem: "no record says why it is there: an earlier start was cut off, or another program put it there"
                 .to_owned(),
         })
     });
-    Ok(told.collect())
+    Ok(files.collect())
 }
 
 fn nth_of(name: &str) -> Option<&str> {

@@ -8,7 +8,7 @@ use rusqlite::{Connection, Row};
 use super::error::StoreError;
 use super::migrate::TELEMETRY;
 use super::open::{not_telemetry, open_reader};
-use super::telemetry::{Batch, STORED_BATCH_SQL, lying_digest};
+use super::telemetry::{Batch, STORED_BATCH_SQL, stored_digest};
 use super::telemetry_quarantine::wrong_shape;
 use holdpoint_governance::ids::Digest;
 
@@ -52,7 +52,7 @@ impl TelemetryViews {
             while let Some(row) = rows.next()? {
                 visit(StoredBatch {
                     number: row.get(0)?,
-                    digest: lying_digest(row)?,
+                    digest: stored_digest(row)?,
                     batch: batch_of(row).ok().flatten(),
                 });
             }
@@ -79,7 +79,7 @@ impl TelemetryViews {
             while let Some(row) = rows.next()? {
                 visit(StoredBatch {
                     number: row.get(0)?,
-                    digest: lying_digest(row)?,
+                    digest: stored_digest(row)?,
                     batch: batch_of(row).ok().flatten(),
                 });
             }

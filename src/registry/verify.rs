@@ -117,7 +117,7 @@ impl MissingBatches {
 }
 
 /// Files of a witness that are no heads and are named.
-const STRAYS_TOLD_MAX: usize = 3;
+const STRAYS_NAMED_MAX: usize = 3;
 /// Where a store has its checkpoints and its keys, beside its database.
 const CHECKPOINTS: &str = "checkpoints";
 const KEYS: &str = "keys";
@@ -156,19 +156,19 @@ pub fn verify_copy(database: &Path, public_key: Option<&VerifyingKey>) -> Result
 ///
 /// # Errors
 /// [`VerifyError`], the first thing found: file, chain, checkpoints, copies, end, state, invariants, approvals, telemetry.
-pub fn verify_against(database: &Path, judged: &VerifyOptions<'_>) -> Result<VerifyReport, VerifyError> {
-    let public_key = judged.key;
+pub fn verify_against(database: &Path, options: &VerifyOptions<'_>) -> Result<VerifyReport, VerifyError> {
+    let public_key = options.key;
     let folder = database.parent().unwrap_or(Path::new("."));
     // Before the records: an engine may be writing both.
-    let mut kept = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
+    let mut stored = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
     let connection = open_reader(database, &STORE)?;
     // One moment of the store: an engine may be writing to it.
     connection.execute_batch("BEGIN").map_err(unreadable)?;
     if let Some(problem) = row_limit::first_too_long(&connection).map_err(unreadable)? {
         return Err(VerifyError::Damaged(problem));
     }
-    let sizes = kept.iter().map(|kept| kept.checkpoint.seq).collect();
-    (judged.tell)("records", 0, head(&connection).map_err(unreadable)?.seq);
+    let sizes = stored.iter().map(|entry| entry.checkpoint.seq).collect();
+    (options.tell)("records", 0, head(&connection).map_err(unreadable)?.seq);
     // The structure of the file is independent of the records: both are checked in parallel.
     let (fold, file) = std::thread::scope(|scope| {
         let file = scope.spawn(|| structure::check_file(database));
@@ -185,34 +185,34 @@ pub fn verify_against(database: &Path, judged: &VerifyOptions<'_>) -> Result<Ver
     structure::check_indexes(&connection, &fold).map_err(VerifyError::Damaged)?;
     let store_id = store_id::read(&connection, database)?;
     if let Ok(Some(end)) = chain_signature::read(&connection)
-        && end.number() > kept.last().map_or(0, |kept| kept.checkpoint.number()) + 1
+        && end.number() > stored.last().map_or(0, |entry| entry.checkpoint.number()) + 1
     {
-        kept = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
-        kept.retain(|kept| kept.checkpoint.number() <= end.number());
+        stored = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
+        stored.retain(|entry| entry.checkpoint.number() <= end.number());
     }
     if let Some(key) = public_key {
         store_id::check_key(&store_id, key).map_err(VerifyError::Unsigned)?;
     }
-    let checkpoints = check_checkpoints((&kept, &connection), &fold, &store_id, public_key)?;
+    let checkpoints = check_checkpoints((&stored, &connection), &fold, &store_id, public_key)?;
     let by = (store_id.as_str(), public_key);
     let mut copies = Vec::new();
-    for path in judged.against {
+    for path in options.against {
         copies.extend(read_copies(path, &store_id).map_err(bad_copy)?);
     }
-    let mut named = check_copies(&copies, &mut fold, by, |_| false)?;
-    let in_place = judged.place == DatabaseLocation::Store;
-    let (of_witnesses, witnesses_silent) =
+    let mut copy_count = check_copies(&copies, &mut fold, by, |_| false)?;
+    let in_place = options.place == DatabaseLocation::Store;
+    let (witness_heads, witnesses_silent) =
         if in_place { heads_of_witnesses(&fold, &store_id) } else { (Vec::new(), Vec::new()) };
     // An engine may have written since, and its witnesses may have later heads.
     let since = |copy: &HeadCopy| is_on_record(database, &copy.checkpoint);
-    named += check_copies(&of_witnesses, &mut fold, by, since)?;
+    copy_count += check_copies(&witness_heads, &mut fold, by, since)?;
     let fold = fold;
     // A copied database has neither checkpoints nor keys beside it.
-    let alone = !in_place && kept.is_empty() && !folder.join(KEYS).is_dir();
+    let alone = !in_place && stored.is_empty() && !folder.join(KEYS).is_dir();
     let signed = match chain_signature::read(&connection) {
         Ok(None) if alone => Ok(()),
-        Ok(_) | Err(_) if alone => chain_signature::check_end(&fold, &connection, &kept, by).map(drop),
-        Ok(_) | Err(_) => chain_signature::check(&fold, &connection, &kept, by),
+        Ok(_) | Err(_) if alone => chain_signature::check_end(&fold, &connection, &stored, by).map(drop),
+        Ok(_) | Err(_) => chain_signature::check(&fold, &connection, &stored, by),
     };
     signed.map_err(|found| match found {
         SigningFault::Chain { seq, problem } => VerifyError::Record { seq, problem },
@@ -221,9 +221,9 @@ pub fn verify_against(database: &Path, judged: &VerifyOptions<'_>) -> Result<Ver
     if let Some(fault) = compare(&fold, &connection).map_err(unreadable)? {
         return Err(of_fault(fault));
     }
-    let mut broken = check_registry(&connection).map_err(unreadable)?;
-    broken.extend(check_acknowledged(&connection).map_err(unreadable)?);
-    if let Some(violation) = broken.first() {
+    let mut violations = check_registry(&connection).map_err(unreadable)?;
+    violations.extend(check_acknowledged(&connection).map_err(unreadable)?);
+    if let Some(violation) = violations.first() {
         return Err(VerifyError::Invariant(violation.to_string()));
     }
     let approvals = check_approvals(&connection, &store_id, public_key).map_err(unreadable)??;
@@ -240,7 +240,7 @@ pub fn verify_against(database: &Path, judged: &VerifyOptions<'_>) -> Result<Ver
         head: fold.end().hash,
         root: fold.tree().root(),
         checkpoints,
-        copies: named,
+        copies: copy_count,
         witnesses_silent,
         key_given: public_key.is_some(),
         approvals,
@@ -253,7 +253,7 @@ pub fn verify_against(database: &Path, judged: &VerifyOptions<'_>) -> Result<Ver
         batches_unseen: 0,
         batches_missing: None,
     };
-    check_telemetry(&folder.join("telemetry.db"), alone, (&fold, &mut report), judged.tell)?;
+    check_telemetry(&folder.join("telemetry.db"), alone, (&fold, &mut report), options.tell)?;
     Ok(report)
 }
 
@@ -330,17 +330,18 @@ fn check_copies(
 fn heads_of_witnesses(fold: &Fold, store_id: &str) -> (Vec<HeadCopy>, Vec<String>) {
     let (mut copies, mut silent) = (Vec::new(), Vec::new());
     for witness in fold.witnesses() {
-        let told = |BadCheckpointFile { file, problem }: BadCheckpointFile| format!("{file}: {problem}");
+        let problem_line =
+            |BadCheckpointFile { file, problem }: BadCheckpointFile| format!("{file}: {problem}");
         match read_witness(&folder_of(witness, store_id)) {
             Ok((heads, strays)) => {
                 copies.extend(heads);
-                let more = strays.len().saturating_sub(STRAYS_TOLD_MAX);
-                silent.extend(strays.into_iter().take(STRAYS_TOLD_MAX).map(told));
+                let more = strays.len().saturating_sub(STRAYS_NAMED_MAX);
+                silent.extend(strays.into_iter().take(STRAYS_NAMED_MAX).map(problem_line));
                 if more > 0 {
                     silent.push(format!("{witness}: {more} files more that are no heads"));
                 }
             }
-            Err(unreadable) => silent.push(told(unreadable)),
+            Err(unreadable) => silent.push(problem_line(unreadable)),
         }
     }
     (copies, silent)

@@ -201,7 +201,7 @@ mod tests {
     use super::sort_key;
 
     #[test]
-    fn versions_sort_as_semver_says() {
+    fn versions_sort_by_semver() {
         let versions = [
             "0.9.0",
             "1.0.0-alpha",

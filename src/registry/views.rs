@@ -333,7 +333,7 @@ impl Views {
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn asked_ms(&self, request: &str) -> Result<Option<u64>, StoreError> {
+    pub fn requested_ms(&self, request: &str) -> Result<Option<u64>, StoreError> {
         let sql = "SELECT asked_ms FROM approval_request WHERE id = ?1";
         one(&self.connection, sql, [request], |row| row.get(0))
     }
@@ -361,7 +361,7 @@ impl Views {
                 bootstrapped: row.get(3)?,
                 safe_stopped: row.get(4)?,
                 reason: row.get(5)?,
-                standing: row.get(6)?,
+                state_json: row.get(6)?,
             })
         })
     }
@@ -534,8 +534,8 @@ impl Views {
 }
 
 /// Rows to return, for SQLite.
-pub(super) fn limit(asked: usize) -> i64 {
-    let rows = if asked == 0 { PAGE_ROWS_MAX } else { asked.min(PAGE_ROWS_MAX) };
+pub(super) fn limit(requested: usize) -> i64 {
+    let rows = if requested == 0 { PAGE_ROWS_MAX } else { requested.min(PAGE_ROWS_MAX) };
     i64::try_from(rows).unwrap_or(i64::MAX)
 }
 

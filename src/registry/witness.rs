@@ -221,11 +221,11 @@ impl WitnessSenders {
     /// Sends to these folders from now on, and to no others.
     pub(crate) fn set<'a>(&mut self, witnesses: impl Iterator<Item = &'a String>, store_id: &str) {
         let wanted: Vec<&String> = witnesses.collect();
-        let (kept, gone) = std::mem::take(&mut self.threads)
+        let (retained, removed) = std::mem::take(&mut self.threads)
             .into_iter()
             .partition(|it: &WitnessSender| wanted.contains(&&it.witness));
-        self.threads = kept;
-        for sender in gone {
+        self.threads = retained;
+        for sender in removed {
             let witness = sender.witness.clone();
             end(sender);
             self.problems.forget(&witness);
@@ -318,7 +318,7 @@ pub(crate) enum WitnessFinding {
 }
 
 /// Reads the newest head that this store signed from a witness.
-pub(crate) fn ask(
+pub(crate) fn compare_witness(
     witness: &str,
     (store_id, key): (&str, &VerifyingKey),
     end: u64,
@@ -326,11 +326,11 @@ pub(crate) fn ask(
 ) -> WitnessFinding {
     let (answer, newest) = sync_channel(1);
     let (folder, key_there, id) = (folder_of(witness, store_id), *key, store_id.to_owned());
-    let asked = thread::Builder::new().name("witness".to_owned()).spawn(move || {
+    let reader = thread::Builder::new().name("witness".to_owned()).spawn(move || {
         // The start no longer waits for it.
         let _ = answer.send(newest_signed(&folder, &id, &key_there));
     });
-    let found = match asked {
+    let found = match reader {
         Ok(_) => newest.recv_timeout(READ_WAIT),
         Err(error) => return WitnessFinding::Silent(error.to_string()),
     };
@@ -389,7 +389,7 @@ fn newest_signed(
 ///
 /// # Errors
 /// The first that contradicts the chain.
-pub(crate) fn ask_all<'a>(
+pub(crate) fn compare_witnesses<'a>(
     witnesses: impl Iterator<Item = &'a String>,
     by: (&str, &VerifyingKey),
     end: u64,
@@ -397,7 +397,7 @@ pub(crate) fn ask_all<'a>(
     problems: &WitnessProblems,
 ) -> Result<(), (String, String)> {
     for witness in witnesses {
-        match ask(witness, by, end, &chain_at) {
+        match compare_witness(witness, by, end, &chain_at) {
             WitnessFinding::Agrees => {}
             WitnessFinding::Silent(problem) => problems.record_unreachable(witness, problem),
             WitnessFinding::Contradicts { file, problem } => return Err((file, problem)),

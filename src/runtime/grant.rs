@@ -87,15 +87,15 @@ impl Grant {
     /// By what share a command asks for more than is declared, at least 0. Speeds of joints are not declared.
     pub(crate) fn excess(&self, command: &Command) -> f64 {
         let (speed_m_s, force_n) = self.declared;
-        let (asked, declared) = match command {
+        let (requested, declared) = match command {
             Command::ToolPose { max_speed_m_s, .. } => (*max_speed_m_s, speed_m_s),
-            Command::Gripper { force_n: asked_n, .. } => (*asked_n, force_n),
+            Command::Gripper { force_n: requested_n, .. } => (*requested_n, force_n),
             Command::Joints { .. } | Command::Hold | Command::Stop | Command::Done | Command::Fail { .. } => {
                 return 0.0;
             }
         };
         // A declaration that is no number, or none, lets nothing be asked for; the manifest rules both out.
-        if asked <= declared { 0.0 } else { (asked - declared) / declared.max(1e-9) }
+        if requested <= declared { 0.0 } else { (requested - declared) / declared.max(1e-9) }
     }
 
     /// Whether a command that leads to a zone is declared. To stand still needs no permission: refused, it would be

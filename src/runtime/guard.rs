@@ -237,8 +237,8 @@ impl Guard {
     /// By what share a command asks for more speed or force than the manifest declares; 0 if it does not, and for a
     /// guard that asks no manifest.
     #[must_use]
-    pub fn excess_over_declared(&self, asked: &Command) -> f64 {
-        self.grant.as_ref().map_or(0.0, |grant| grant.excess(asked))
+    pub fn excess_over_declared(&self, command: &Command) -> f64 {
+        self.grant.as_ref().map_or(0.0, |grant| grant.excess(command))
     }
 
     /// Distance of the arm from the table and from itself when a collision was last looked for, m; infinite before.

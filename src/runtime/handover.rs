@@ -7,7 +7,7 @@ use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord};
 
 use super::arm::ActuatorHandle;
 use super::guard::{Guard, PolicyHit};
-use super::skill::{Skill, ask};
+use super::skill::{Skill, next_command};
 
 /// How long a predecessor may take to its first command, ticks.
 const READY_TICKS: u64 = RATE_HZ as u64;
@@ -33,12 +33,12 @@ pub fn ready<B: Body>(
     for tick in 1..=READY_TICKS {
         let observation = handle.observe(verdict);
         let seen = handle.telemetry();
-        let asked = ask(skill, &observation)?;
+        let command = next_command(skill, &observation)?;
         handle.step(&Command::Hold)?;
-        if asked == Command::Hold {
+        if command == Command::Hold {
             continue;
         }
-        let checked = guard.check(&asked, &seen);
+        let checked = guard.check(&command, &seen);
         verdict = checked.verdict;
         match checked.hit {
             Some(hit @ (PolicyHit::NotFinite | PolicyHit::ModeForbidden)) => {

@@ -169,20 +169,20 @@ impl HarmMeter {
     /// Takes in a command of the skill and what the guard made of it; torques and speeds are those it was given under.
     pub fn note_command(
         &mut self,
-        asked: &Command,
+        requested: &Command,
         checked: &CheckedCommand,
         guard: &Guard,
         (tau, dq): (&JointVec, &JointVec),
     ) {
         self.commanded = self.commanded.saturating_add(1);
-        let excess = guard.excess_over_declared(asked);
+        let excess = guard.excess_over_declared(requested);
         self.beyond = self.beyond.saturating_add(u32::from(excess > 0.0));
         self.so_far.excess_depth = worse(self.so_far.excess_depth, excess);
         match checked.verdict {
             GuardVerdict::Allowed => {}
             GuardVerdict::Clamped => {
                 self.clamped = self.clamped.saturating_add(1);
-                self.so_far.clamp_depth = self.so_far.clamp_depth.max(depth(asked, &checked.command));
+                self.so_far.clamp_depth = self.so_far.clamp_depth.max(depth(requested, &checked.command));
             }
             GuardVerdict::Denied => self.denied = self.denied.saturating_add(1),
         }
@@ -299,14 +299,14 @@ const fn nearer(so_far: f64, value: f64) -> f64 {
 }
 
 /// The relative excess of the requested value over the allowed one.
-fn depth(asked: &Command, given: &Command) -> f64 {
-    let (asked, given) = match (asked, given) {
+fn depth(requested: &Command, allowed: &Command) -> f64 {
+    let (requested, allowed) = match (requested, allowed) {
         (Command::ToolPose { max_speed_m_s: a, .. }, Command::ToolPose { max_speed_m_s: b, .. })
         | (Command::Joints { max_speed_rad_s: a, .. }, Command::Joints { max_speed_rad_s: b, .. })
         | (Command::Gripper { force_n: a, .. }, Command::Gripper { force_n: b, .. }) => (*a, *b),
         _ => return 0.0,
     };
-    if asked > given && given > 0.0 { asked / given - 1.0 } else { 0.0 }
+    if requested > allowed && allowed > 0.0 { requested / allowed - 1.0 } else { 0.0 }
 }
 
 fn note_distances(m: &mut HarmMeasures, seen: &Telemetry, guard: &Guard) {

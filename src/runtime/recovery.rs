@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 
 use super::arm::ActuatorHandle;
 use super::guard::{Guard, PolicyHit};
-use super::skill::{Hook, Skill, ask};
+use super::skill::{Hook, Skill, next_command};
 use super::watcher::Watcher;
 use holdpoint_body::Body;
 
@@ -153,7 +153,7 @@ impl AbortRun {
         }
         let seen = handle.observe(self.verdict);
         let before = handle.telemetry();
-        let checked = guard.check(&ask(skill, &seen)?, &before);
+        let checked = guard.check(&next_command(skill, &seen)?, &before);
         self.verdict = checked.verdict;
         if let Some(hit) = checked.hit.filter(|hit| hit.hard_stop().is_some()) {
             self.report.violation.get_or_insert(hit);

@@ -132,19 +132,19 @@ mod tests {
     }
 
     /// What a version sees that declares everything but one word of the baseline's manifest.
-    fn without(word: &str) -> Observation {
+    fn without(name: &str) -> Observation {
         let text = include_str!("../../manifests/grasp/1.0.0/manifest.toml");
-        let less = text.replace(&format!("\"{word}\", "), "").replace(&format!(", \"{word}\""), "");
-        let less = less.replace(&format!("[\"{word}\"]"), "[]");
+        let less = text.replace(&format!("\"{name}\", "), "").replace(&format!(", \"{name}\""), "");
+        let less = less.replace(&format!("[\"{name}\"]"), "[]");
         let manifest = Manifest::parse("manifest.toml", &less).unwrap();
-        let (told, seen) = mpsc::channel();
-        let mut skill = Senses::of(&manifest.permissions).confine(Box::new(ObservationSender(told)));
+        let (sender, receiver) = mpsc::channel();
+        let mut skill = Senses::of(&manifest.permissions).confine(Box::new(ObservationSender(sender)));
         skill.tick(&whole());
-        seen.recv().unwrap()
+        receiver.recv().unwrap()
     }
 
     #[test]
-    fn what_is_not_declared_is_not_delivered_and_nothing_else_is_withheld() {
+    fn only_undeclared_inputs_are_withheld() {
         assert_eq!(without("no such word"), whole());
         let camera = without("camera");
         assert!(camera.object.is_none() && camera.target.is_none());

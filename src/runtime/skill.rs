@@ -37,10 +37,10 @@ pub trait SkillBundle: Send + Sync {
 ///
 /// # Errors
 /// If the machine stalled while its confined code computed: the episode says nothing of the version then.
-pub fn ask(skill: &mut dyn Skill, seen: &Observation) -> Result<Command, BodyError> {
-    let asked = skill.tick(seen);
+pub fn next_command(skill: &mut dyn Skill, seen: &Observation) -> Result<Command, BodyError> {
+    let command = skill.tick(seen);
     if skill.confined().fault.is_some_and(CodeFault::is_infrastructure) {
         return Err(BodyError::Failed("the machine stalled while the skill computed".to_owned()));
     }
-    Ok(asked)
+    Ok(command)
 }

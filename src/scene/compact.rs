@@ -32,7 +32,7 @@ pub struct EndedFile {
     /// SHA-256 of its bytes.
     pub digest: Digest,
     pub bytes: u64,
-    pub pictures: u64,
+    pub frames: u64,
 }
 
 /// Writes the segments of a recording as one file at `into`, which may be one of them; the others are removed.
@@ -69,8 +69,8 @@ fn joined(
 
 /// The chunks of a recording with the final properties in place of those of a segment.
 fn with_end(mut chunks: Vec<Chunk>, end: &RecordingTail) -> Vec<Chunk> {
-    let said = [paths::TAIL, END].map(EntityPath::parse_forgiving);
-    chunks.retain(|chunk| !said.contains(chunk.entity_path()));
+    let replaced = [paths::TAIL, END].map(EntityPath::parse_forgiving);
+    chunks.retain(|chunk| !replaced.contains(chunk.entity_path()));
     let mut rows = PendingRows::new(RowIds::of_segment(LAST_SEGMENT));
     tail(&mut rows, end);
     let outcome = end.outcome.as_ref().map_or_else(|| "open".to_owned(), ToString::to_string);
@@ -118,13 +118,13 @@ fn write_temporary(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<
         framed.write(&layout)?;
     }
     framed.write(&opening(&store, &mut ids))?;
-    let pictures = pictures(&chunks);
+    let frames = frame_count(&chunks);
     for chunk in few(chunks)? {
         framed.write(&message(&store, &chunk.with_id(ids.chunk()))?)?;
     }
     let summed = framed.finish()?.into_inner().map_err(io::IntoInnerError::into_error)?;
     summed.file.sync_all()?;
-    Ok(EndedFile { digest: Digest::from_bytes(summed.sum.finalize().into()), bytes: summed.bytes, pictures })
+    Ok(EndedFile { digest: Digest::from_bytes(summed.sum.finalize().into()), bytes: summed.bytes, frames })
 }
 
 /// The same rows in few chunks, ordered by entity.
@@ -154,7 +154,7 @@ fn few(chunks: Vec<Chunk>) -> io::Result<Vec<Chunk>> {
 }
 
 /// Video frames in a recording.
-fn pictures(chunks: &[Chunk]) -> u64 {
+fn frame_count(chunks: &[Chunk]) -> u64 {
     let path = EntityPath::parse_forgiving(paths::FRAME);
     chunks.iter().filter(|chunk| *chunk.entity_path() == path).map(|chunk| chunk.num_rows() as u64).sum()
 }
@@ -204,9 +204,9 @@ fn repair(stem: &str, path: &Path, dropped: (u64, u64)) -> Result<FileAtStart, R
         return Ok(FileAtStart::Open);
     };
     let Some(outcome) = tail.outcome else { return Ok(FileAtStart::Open) };
-    let pictures = pictures(&chunks);
+    let frames = frame_count(&chunks);
     let bytes =
         holdpoint_text::file::read(path, READ_BYTES_MAX).map_err(|source| ReadError::file(path, source))?;
     let digest = Digest::from_bytes(Sha256::digest(&bytes).into());
-    Ok(FileAtStart::Ended(EndedFile { digest, bytes: bytes.len() as u64, pictures }, outcome))
+    Ok(FileAtStart::Ended(EndedFile { digest, bytes: bytes.len() as u64, frames }, outcome))
 }

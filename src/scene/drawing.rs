@@ -37,7 +37,7 @@ pub struct Drawing {
     trails: [Trail; 2],
     twin_shown: bool,
     /// The sequence whose blocks are drawn.
-    standing: Option<u64>,
+    blocks_sequence: Option<u64>,
     /// Limits by path: when they were last written, ms, and their values.
     limits: BTreeMap<String, (u64, f64)>,
     /// Points of the shadow series that are drawn.
@@ -55,7 +55,7 @@ pub struct Drawing {
 struct Trail {
     sequence: u64,
     points: Vec<WorldPoint>,
-    said_ms: Option<u64>,
+    drawn_ms: Option<u64>,
 }
 
 impl Drawing {
@@ -71,7 +71,7 @@ impl Drawing {
             path_every_ms,
             trails: [Trail::default(), Trail::default()],
             twin_shown: false,
-            standing: None,
+            blocks_sequence: None,
             limits: BTreeMap::new(),
             shadow_drawn: 0,
             pairs_drawn: 0,
@@ -87,47 +87,47 @@ impl Drawing {
     }
 
     /// A frame of the live cell.
-    pub fn picture(&mut self, picture: &VideoFrame) {
-        self.sequence = picture.sequence;
-        let moment = self.moment(picture.at_ms, picture.sequence);
-        let says_blocks = self.standing != Some(picture.sequence);
-        self.draw_world(picture, &moment);
-        self.draw_tool(picture, &moment);
-        readback::frame(&mut self.rows, picture, &moment, says_blocks);
-        self.standing = Some(picture.sequence);
+    pub fn video_frame(&mut self, frame: &VideoFrame) {
+        self.sequence = frame.sequence;
+        let time = self.row_time(frame.at_ms, frame.sequence);
+        let with_blocks = self.blocks_sequence != Some(frame.sequence);
+        self.draw_world(frame, &time);
+        self.draw_tool(frame, &time);
+        readback::frame(&mut self.rows, frame, &time, with_blocks);
+        self.blocks_sequence = Some(frame.sequence);
     }
 
     /// Begins a part of an evaluation, drawn as a sequence of this number.
-    pub fn film(&mut self, seen: &FilmSpan, sequence: u64) {
+    pub fn film(&mut self, span: &FilmSpan, sequence: u64) {
         self.sequence = sequence;
-        let moment = self.moment(seen.from_ms, sequence);
-        self.log_film(seen, &moment);
-        readback::film(&mut self.rows, seen, &moment);
+        let time = self.row_time(span.from_ms, sequence);
+        self.log_film(span, &time);
+        readback::film(&mut self.rows, span, &time);
     }
 
     /// A frame of one version in a part of an evaluation, as columns.
     pub fn columns(&mut self, who: &str, frame: &FilmFrame, at_ms: u64) {
-        let moment = self.moment(at_ms, self.sequence);
-        self.draw_columns(who, frame, &moment);
+        let time = self.row_time(at_ms, self.sequence);
+        self.draw_columns(who, frame, &time);
     }
 
     /// An event of one version in a part of an evaluation.
     pub fn mark(&mut self, who: &str, mark: &FilmMark, at_ms: u64) {
-        let moment = self.moment(at_ms, self.sequence);
-        self.log_mark(who, mark, &moment);
+        let time = self.row_time(at_ms, self.sequence);
+        self.log_mark(who, mark, &time);
     }
 
     pub fn event(&mut self, event: &Event) {
-        let moment = self.moment(event.at_ms, self.sequence);
-        self.draw_event(event, &moment);
-        self.log_event(event, &moment);
-        readback::event(&mut self.rows, event, &moment);
+        let time = self.row_time(event.at_ms, self.sequence);
+        self.draw_event(event, &time);
+        self.log_event(event, &time);
+        readback::event(&mut self.rows, event, &time);
     }
 
     /// Draws the news of a snapshot.
     pub fn snapshot(&mut self, snapshot: &Snapshot) {
-        let moment = self.moment(snapshot.at_ms, self.sequence);
-        self.draw_snapshot(snapshot, &moment);
+        let time = self.row_time(snapshot.at_ms, self.sequence);
+        self.draw_snapshot(snapshot, &time);
     }
 
     /// Draws the charts of another version from now on.
@@ -146,7 +146,7 @@ impl Drawing {
         &mut self.rows
     }
 
-    fn moment(&mut self, at_ms: u64, sequence: u64) -> RowTime {
+    fn row_time(&mut self, at_ms: u64, sequence: u64) -> RowTime {
         let since_ms = *self.since_ms.get_or_insert(at_ms);
         let wall = self.wall_clock.then(wall_nanos);
         RowTime::new(at_ms, since_ms, sequence, wall)
@@ -161,12 +161,12 @@ fn wall_nanos() -> i64 {
 
 /// A foreign name as one part of an entity's path: lowercase letters, digits, `-` and `_`.
 fn part(name: &str) -> String {
-    let kept: String = name
+    let cleaned: String = name
         .chars()
         .take(48)
         .map(|letter| if letter.is_ascii_alphanumeric() || letter == '-' { letter } else { '_' })
         .collect();
-    if kept.is_empty() { "_".to_owned() } else { kept }
+    if cleaned.is_empty() { "_".to_owned() } else { cleaned }
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ pub const PICTURES_WAITING_MAX: usize = 6_144;
 #[derive(Debug)]
 pub enum FeedItem {
     /// A frame of the live cell.
-    Picture(Box<VideoFrame>),
+    Frame(Box<VideoFrame>),
     /// Events, in order, and the snapshot after them if one of them changes a chart.
     Events(Vec<Event>, Option<Box<Snapshot>>),
     /// A re-run part of a version's evaluation.
@@ -34,7 +34,7 @@ pub enum FeedItem {
 /// Items that were dropped because the queue was full.
 #[derive(Debug, Default)]
 pub struct DropCounts {
-    pub pictures: AtomicU64,
+    pub frames: AtomicU64,
     pub events: AtomicU64,
 }
 
@@ -42,7 +42,7 @@ impl DropCounts {
     /// Video frames and events dropped so far.
     #[must_use]
     pub fn counts(&self) -> (u64, u64) {
-        (self.pictures.load(Ordering::Relaxed), self.events.load(Ordering::Relaxed))
+        (self.frames.load(Ordering::Relaxed), self.events.load(Ordering::Relaxed))
     }
 }
 
@@ -74,16 +74,16 @@ pub fn queue() -> (Feed, FeedReceiver) {
 
 impl Feed {
     /// Hands over a video frame; drops it if too many are pending or the sink has ended.
-    pub fn picture(&self, picture: VideoFrame) {
+    pub fn video_frame(&self, frame: VideoFrame) {
         let take = |count: usize| (count < PICTURES_WAITING_MAX).then_some(count + 1);
         let room = self.waiting.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).is_ok();
-        if room && self.queue.try_send(FeedItem::Picture(Box::new(picture))).is_ok() {
+        if room && self.queue.try_send(FeedItem::Frame(Box::new(frame))).is_ok() {
             return;
         }
         if room {
             self.waiting.fetch_sub(1, Ordering::AcqRel);
         }
-        self.dropped.pictures.fetch_add(1, Ordering::Relaxed);
+        self.dropped.frames.fetch_add(1, Ordering::Relaxed);
     }
 
     /// Hands over events, with the snapshot if one of them changes a chart. `snapshot` is called at most once.
@@ -101,8 +101,8 @@ impl Feed {
     pub fn film(&self, version: &CapabilityId, film: &Film) {
         let item = FeedItem::Film(version.clone(), Box::new(film.clone()));
         if self.queue.try_send(item).is_err() {
-            let pictures = film.candidate.frames.len().max(film.active.frames.len());
-            self.dropped.pictures.fetch_add(pictures as u64, Ordering::Relaxed);
+            let frames = film.candidate.frames.len().max(film.active.frames.len());
+            self.dropped.frames.fetch_add(frames as u64, Ordering::Relaxed);
         }
     }
 
@@ -134,7 +134,7 @@ impl FeedReceiver {
     pub fn next(&self, patience: std::time::Duration) -> Result<Option<FeedItem>, FeedsClosed> {
         match self.queue.recv_timeout(patience) {
             Ok(item) => {
-                if matches!(item, FeedItem::Picture(_)) {
+                if matches!(item, FeedItem::Frame(_)) {
                     self.waiting.fetch_sub(1, Ordering::AcqRel);
                 }
                 Ok(Some(item))

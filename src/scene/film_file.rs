@@ -70,12 +70,12 @@ mod tests {
         write(&path, about.clone(), &film()).unwrap();
         let recording = read(&path).unwrap();
         assert_eq!(recording.about, about);
-        let times: Vec<u64> = recording.pictures.iter().map(|picture| picture.at_ms).collect();
+        let times: Vec<u64> = recording.pictures.iter().map(|frame| frame.at_ms).collect();
         assert_eq!(times, [0, 33, 66, 100, 133]);
-        assert!(recording.pictures.iter().all(|picture| picture.twin.is_some()));
+        assert!(recording.pictures.iter().all(|frame| frame.twin.is_some()));
         let chunks = contents(&path).unwrap().chunks;
-        let rows = |wanted: &str| -> usize {
-            let of = chunks.iter().filter(|chunk| chunk.entity_path().to_string() == wanted);
+        let rows = |entity: &str| -> usize {
+            let of = chunks.iter().filter(|chunk| chunk.entity_path().to_string() == entity);
             of.map(rerun::log::Chunk::num_rows).sum()
         };
         for (column, frames) in

@@ -22,7 +22,7 @@ pub enum EventWeight {
 #[derive(Debug)]
 struct SampledSequence {
     sequence: u64,
-    pictures: Vec<Arc<VideoFrame>>,
+    frames: Vec<Arc<VideoFrame>>,
     whole: bool,
 }
 
@@ -45,60 +45,60 @@ const PIECE_MS: u64 = 1_000;
 
 impl FrameSampler {
     /// Takes the next frame; returns the frames to write now.
-    pub fn on_picture(&mut self, picture: &Arc<VideoFrame>) -> Vec<Arc<VideoFrame>> {
-        let at_ms = picture.at_ms;
+    pub fn on_frame(&mut self, frame: &Arc<VideoFrame>) -> Vec<Arc<VideoFrame>> {
+        let at_ms = frame.at_ms;
         let step_ms = self.last_ms.map_or(0, |last| at_ms.saturating_sub(last));
         self.recorded_ms += step_ms.min(PIECE_MS);
         self.last_ms = Some(at_ms);
-        let begins = self.sequences.back().is_none_or(|kept| kept.sequence != picture.sequence);
+        let begins = self.sequences.back().is_none_or(|sampled| sampled.sequence != frame.sequence);
         if begins {
             if self.sequences.len() >= 2 {
                 self.sequences.pop_front();
             }
             self.sequences.push_back(SampledSequence {
-                sequence: picture.sequence,
-                pictures: Vec::new(),
+                sequence: frame.sequence,
+                frames: Vec::new(),
                 whole: false,
             });
         }
-        let Some(kept) = self.sequences.back_mut() else { return Vec::new() };
+        let Some(sampled) = self.sequences.back_mut() else { return Vec::new() };
         let gap_ms = gap_ms(self.recorded_ms);
         let due = begins || self.chosen_ms.is_none_or(|chosen| at_ms >= chosen.saturating_add(gap_ms));
-        if !due && !kept.whole {
-            if kept.pictures.len() < SEQUENCE_PICTURES_MAX {
-                kept.pictures.push(Arc::clone(picture));
+        if !due && !sampled.whole {
+            if sampled.frames.len() < SEQUENCE_PICTURES_MAX {
+                sampled.frames.push(Arc::clone(frame));
             }
             return Vec::new();
         }
         if due {
             self.chosen_ms = Some(at_ms);
         }
-        self.new_ones(vec![Arc::clone(picture)])
+        self.new_frames(vec![Arc::clone(frame)])
     }
 
     /// An event of a sequence (absent: of the running one); returns the frames that were held back.
-    pub fn on_event(&mut self, sequence: Option<u64>, news: EventWeight) -> Vec<Arc<VideoFrame>> {
+    pub fn on_event(&mut self, sequence: Option<u64>, weight: EventWeight) -> Vec<Arc<VideoFrame>> {
         let place = match sequence {
-            Some(sequence) => self.sequences.iter().position(|kept| kept.sequence == sequence),
+            Some(sequence) => self.sequences.iter().position(|sampled| sampled.sequence == sequence),
             None => self.sequences.len().checked_sub(1),
         };
-        let Some(kept) = place.and_then(|place| self.sequences.get_mut(place)) else { return Vec::new() };
-        let spent = match news {
+        let Some(sampled) = place.and_then(|place| self.sequences.get_mut(place)) else { return Vec::new() };
+        let spent = match weight {
             EventWeight::Notable => &mut self.noted,
             EventWeight::Decisive => &mut self.decisive,
         };
-        if kept.whole || *spent >= FULL_SEQUENCES_MAX {
+        if sampled.whole || *spent >= FULL_SEQUENCES_MAX {
             return Vec::new();
         }
         *spent += 1;
-        kept.whole = true;
-        let held_back = std::mem::take(&mut kept.pictures);
-        self.new_ones(held_back)
+        sampled.whole = true;
+        let held_back = std::mem::take(&mut sampled.frames);
+        self.new_frames(held_back)
     }
 
     /// The frames that are written at any rate, without those already in the file.
-    pub fn new_ones(&mut self, pictures: Vec<Arc<VideoFrame>>) -> Vec<Arc<VideoFrame>> {
-        pictures.into_iter().filter(|picture| self.ticks.insert(tick_of(picture.at_ms))).collect()
+    pub fn new_frames(&mut self, frames: Vec<Arc<VideoFrame>>) -> Vec<Arc<VideoFrame>> {
+        frames.into_iter().filter(|frame| self.ticks.insert(tick_of(frame.at_ms))).collect()
     }
 }
 

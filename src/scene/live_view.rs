@@ -53,8 +53,8 @@ impl LiveServer {
     }
 
     /// A frame of the live cell.
-    pub fn picture(&mut self, picture: &VideoFrame) {
-        self.drawing.picture(picture);
+    pub fn video_frame(&mut self, frame: &VideoFrame) {
+        self.drawing.video_frame(frame);
         if self.drawing.rows().are_many() {
             self.flush();
         }

@@ -93,7 +93,7 @@ fn values(path: &Path) -> Result<Recording, ReadError> {
     Ok(Recording {
         about: head.about,
         scenery: head.scenery,
-        pictures: pictures(&chunks),
+        pictures: video_frames(&chunks),
         events,
         series: series(&chunks),
         films: films(&chunks),
@@ -202,7 +202,7 @@ fn positions(row: Vec<Position3D>) -> Vec<WorldPoint> {
     row.into_iter().map(|position| position.0.0).collect()
 }
 
-fn pictures(chunks: &[Chunk]) -> Vec<VideoFrame> {
+fn video_frames(chunks: &[Chunk]) -> Vec<VideoFrame> {
     let live = Bodies::of(chunks, "world");
     let twin = Bodies::of(chunks, "world/twin");
     let contacts = column::<Position3D>(chunks, "world/contacts", &Arrows3D::descriptor_origins());
@@ -212,19 +212,19 @@ fn pictures(chunks: &[Chunk]) -> Vec<VideoFrame> {
         .filter_map(|(tick, row)| Some((tick, serde_json::from_str(row.first()?.as_str()).ok()?)))
         .collect();
     // Written once in a sequence, and valid for all of it.
-    let said = frames.iter().filter(|(_, frame)| !frame.blocks.is_empty());
+    let with_blocks = frames.iter().filter(|(_, frame)| !frame.blocks.is_empty());
     let blocks: BTreeMap<u64, Vec<SceneBlock>> =
-        said.map(|(_, frame)| (frame.sequence, frame.blocks.clone())).collect();
-    let pictures = frames.into_iter().filter_map(|(tick, mut frame)| {
+        with_blocks.map(|(_, frame)| (frame.sequence, frame.blocks.clone())).collect();
+    let video_frames = frames.into_iter().filter_map(|(tick, mut frame)| {
         frame.blocks = blocks.get(&frame.sequence).cloned().unwrap_or_default();
-        picture(tick, frame, &live, &twin, contacts.get(&tick).cloned().unwrap_or_default())
+        video_frame(tick, frame, &live, &twin, contacts.get(&tick).cloned().unwrap_or_default())
     });
-    let mut pictures: Vec<VideoFrame> = pictures.collect();
-    pictures.sort_by_key(|picture| picture.at_ms);
-    pictures
+    let mut video_frames: Vec<VideoFrame> = video_frames.collect();
+    video_frames.sort_by_key(|frame| frame.at_ms);
+    video_frames
 }
 
-fn picture(
+fn video_frame(
     tick: i64,
     frame: FrameFacts,
     live: &Bodies,

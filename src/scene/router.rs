@@ -86,7 +86,7 @@ impl Router {
                         file: name,
                         digest: ended.digest,
                         bytes: ended.bytes,
-                        pictures: ended.pictures,
+                        frames: ended.frames,
                         dropped: recording.dropped,
                     }));
                 }
@@ -98,18 +98,18 @@ impl Router {
     }
 
     /// A frame of the live cell.
-    pub fn picture(&mut self, picture: Arc<VideoFrame>) {
+    pub fn video_frame(&mut self, frame: Arc<VideoFrame>) {
         let taking: Vec<CapabilityId> = self
             .writers
             .iter()
-            .filter(|(_, writer)| writer.takes_pictures())
+            .filter(|(_, writer)| writer.takes_frames())
             .map(|(id, _)| id.clone())
             .collect();
         for version in taking {
-            self.with(&version, |writer| writer.picture(&picture));
+            self.with(&version, |writer| writer.video_frame(&frame));
         }
-        let oldest_ms = picture.at_ms.saturating_sub(RING_MS);
-        self.ring.push_back(picture);
+        let oldest_ms = frame.at_ms.saturating_sub(RING_MS);
+        self.ring.push_back(frame);
         while self.ring.len() > RING_MAX || self.ring.front().is_some_and(|first| first.at_ms < oldest_ms) {
             self.ring.pop_front();
         }
@@ -204,19 +204,19 @@ impl Router {
         let Some(version) = labels::version_of(&event.kind).cloned() else { return };
         let Some(writer) = self.writers.get(&version) else { return };
         let of_twin =
-            |picture: &Arc<VideoFrame>| picture.twin.as_ref().is_some_and(|twin| twin.version == version);
-        let pictures: Vec<Arc<VideoFrame>> = match &event.kind {
+            |frame: &Arc<VideoFrame>| frame.twin.as_ref().is_some_and(|twin| twin.version == version);
+        let frames: Vec<Arc<VideoFrame>> = match &event.kind {
             EventKind::StageStarted { stage: Stage::Shadow, .. } => {
-                self.ring.iter().filter(|picture| of_twin(picture)).cloned().collect()
+                self.ring.iter().filter(|frame| of_twin(frame)).cloned().collect()
             }
             EventKind::Monitor { .. } | EventKind::Rung { .. } | EventKind::RolledBack { .. }
-                if !writer.takes_pictures() =>
+                if !writer.takes_frames() =>
             {
                 self.ring.iter().cloned().collect()
             }
             _ => return,
         };
-        self.with(&version, |writer| writer.earlier(pictures));
+        self.with(&version, |writer| writer.earlier(frames));
     }
 
     fn close(&mut self, version: &CapabilityId, outcome: UpgradeEnd, dropped: (u64, u64)) {

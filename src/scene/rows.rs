@@ -86,8 +86,8 @@ impl PendingRows {
     }
 
     /// A row that is valid from a moment on.
-    pub fn at(&mut self, path: &str, moment: &RowTime, what: &dyn AsComponents) {
-        self.push((path.to_owned(), false), moment.0.clone(), what);
+    pub fn at(&mut self, path: &str, time: &RowTime, what: &dyn AsComponents) {
+        self.push((path.to_owned(), false), time.0.clone(), what);
     }
 
     /// A static row.

@@ -90,9 +90,9 @@ mod tests {
     }
 
     #[test]
-    fn a_port_that_is_taken_is_told() {
-        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = taken.local_addr().unwrap();
+    fn a_port_in_use_is_reported() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
         let text = Server::start(address).err().unwrap().to_string();
         assert!(text.contains(&address.to_string()), "{text}");
     }

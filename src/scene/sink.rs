@@ -69,16 +69,16 @@ impl SceneSink {
     pub fn finish(self, patience: Duration) -> Vec<SinkReport> {
         let until = Instant::now() + patience;
         let mut reports = Vec::new();
-        let mut asked = self.feed.end();
+        let mut requested = self.feed.end();
         loop {
             let left = until.saturating_duration_since(Instant::now());
             // A full queue is asked again.
-            let wait = if asked { left } else { left.min(Duration::from_millis(10)) };
+            let wait = if requested { left } else { left.min(Duration::from_millis(10)) };
             match self.reports.recv_timeout(wait) {
                 Ok(report) => reports.push(report),
                 Err(RecvTimeoutError::Disconnected) => return reports,
                 Err(RecvTimeoutError::Timeout) if left.is_zero() => return reports,
-                Err(RecvTimeoutError::Timeout) => asked = asked || self.feed.end(),
+                Err(RecvTimeoutError::Timeout) => requested = requested || self.feed.end(),
             }
         }
     }
@@ -87,7 +87,7 @@ impl SceneSink {
 impl Sink for SceneSink {
     fn video_frames(&self) -> Option<VideoFrameSink> {
         let feed = self.feed();
-        Some(Arc::new(move |picture| feed.picture(picture)))
+        Some(Arc::new(move |frame| feed.video_frame(frame)))
     }
 
     fn serve(&self) -> Option<ServeScene> {
@@ -184,12 +184,12 @@ impl SinkWorker {
 
     fn take(&mut self, item: FeedItem, drain: &FeedReceiver) {
         match item {
-            FeedItem::Picture(picture) => {
+            FeedItem::Frame(picture) => {
                 if let Some(live) = &mut self.live {
-                    live.picture(&picture);
+                    live.video_frame(&picture);
                 }
                 if let Some(router) = &mut self.router {
-                    router.picture(Arc::new(*picture));
+                    router.video_frame(Arc::new(*picture));
                 }
             }
             FeedItem::Events(events, snapshot) => {

@@ -91,9 +91,9 @@ fn stream_is_credible(mut stream: &[u8]) -> Option<()> {
 }
 
 fn take<'a>(rest: &mut &'a [u8], length: usize) -> Option<&'a [u8]> {
-    let (taken, left) = rest.split_at_checked(length)?;
+    let (front, left) = rest.split_at_checked(length)?;
     *rest = left;
-    Some(taken)
+    Some(front)
 }
 
 /// A number of a protocol buffer.
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arrow_stream_is_as_long_as_it_says() {
+    fn an_arrow_stream_has_its_stated_length() {
         assert_eq!(stream_is_credible(&[0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0]), Some(()));
         assert_eq!(stream_is_credible(&[0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f]), None);
         assert_eq!(stream_is_credible(&[8, 0, 0, 0, 1]), None);

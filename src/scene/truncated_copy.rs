@@ -26,13 +26,13 @@ fn copied(path: &Path, tick: u64, out: &Path) -> Result<(), ReadError> {
     let last = i64::try_from(tick).unwrap_or(i64::MAX);
     // The end of the upgrade came later.
     let end = [paths::TAIL, END].map(rerun::EntityPath::parse_forgiving);
-    let kept = chunks.into_iter().filter(|chunk| !end.contains(chunk.entity_path()));
-    let kept = kept.filter_map(|chunk| before(&chunk, last)).collect();
+    let retained = chunks.into_iter().filter(|chunk| !end.contains(chunk.entity_path()));
+    let retained = retained.filter_map(|chunk| before(&chunk, last)).collect();
     let stem = format!(
         "{}-until-{tick}",
         holdpoint_recordings::recording_folder::file_stem(&head.about.version, &head.about.digest)
     );
-    write_all(&stem, kept, out).map_err(|source| ReadError::file(out, source))?;
+    write_all(&stem, retained, out).map_err(|source| ReadError::file(out, source))?;
     Ok(())
 }
 
@@ -42,7 +42,7 @@ fn before(chunk: &Chunk, last: i64) -> Option<Chunk> {
         return Some(chunk.clone());
     }
     let column = chunk.timelines().get(&TICK.into())?;
-    let keep: Vec<bool> = column.times_raw().iter().map(|tick| *tick <= last).collect();
-    let kept = chunk.filtered(&BooleanArray::from(keep))?;
-    (!kept.is_empty()).then_some(kept)
+    let mask: Vec<bool> = column.times_raw().iter().map(|tick| *tick <= last).collect();
+    let retained = chunk.filtered(&BooleanArray::from(mask))?;
+    (!retained.is_empty()).then_some(retained)
 }

@@ -106,7 +106,7 @@ impl RecordingWriter {
 
     /// Whether frames that arrive now are part of it.
     #[must_use]
-    pub const fn takes_pictures(&self) -> bool {
+    pub const fn takes_frames(&self) -> bool {
         self.shadow || self.active
     }
 
@@ -114,10 +114,10 @@ impl RecordingWriter {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn picture(&mut self, picture: &Arc<VideoFrame>) -> io::Result<()> {
-        let mut chosen = self.pace.on_picture(picture);
-        if picture.stopped || picture.unexpected_contact {
-            chosen.extend(self.pace.on_event(Some(picture.sequence), EventWeight::Notable));
+    pub fn video_frame(&mut self, frame: &Arc<VideoFrame>) -> io::Result<()> {
+        let mut chosen = self.pace.on_frame(frame);
+        if frame.stopped || frame.unexpected_contact {
+            chosen.extend(self.pace.on_event(Some(frame.sequence), EventWeight::Notable));
         }
         self.draw(&chosen)
     }
@@ -126,8 +126,8 @@ impl RecordingWriter {
     ///
     /// # Errors
     /// If they cannot be written.
-    pub fn earlier(&mut self, pictures: Vec<Arc<VideoFrame>>) -> io::Result<()> {
-        let chosen = self.pace.new_ones(pictures);
+    pub fn earlier(&mut self, frames: Vec<Arc<VideoFrame>>) -> io::Result<()> {
+        let chosen = self.pace.new_frames(frames);
         self.draw(&chosen)
     }
 
@@ -140,13 +140,13 @@ impl RecordingWriter {
         let from_ms = self.filmed_ms;
         let at_ms = |tick: u64| from_ms.saturating_add(holdpoint_recordings::episode_recording::at_ms(tick));
         self.films += 1;
-        let seen =
+        let span =
             FilmSpan { from_ms, until_ms: at_ms(film.end()), title: film.title(), why: film.why.clone() };
-        self.drawing.film(&seen, self.films);
-        for mut picture in holdpoint_recordings::episode_recording::pictures(film) {
-            picture.at_ms = from_ms.saturating_add(picture.at_ms);
-            picture.sequence = self.films;
-            self.earlier(vec![Arc::new(picture)])?;
+        self.drawing.film(&span, self.films);
+        for mut frame in holdpoint_recordings::episode_recording::video_frames(film) {
+            frame.at_ms = from_ms.saturating_add(frame.at_ms);
+            frame.sequence = self.films;
+            self.earlier(vec![Arc::new(frame)])?;
         }
         for (who, run) in [("candidate", &film.candidate), ("active", &film.active)] {
             for mark in &run.marks {
@@ -162,16 +162,16 @@ impl RecordingWriter {
                 }
             }
         }
-        self.filmed_ms = seen.until_ms.saturating_add(FILM_GAP_MS);
+        self.filmed_ms = span.until_ms.saturating_add(FILM_GAP_MS);
         Ok(())
     }
 
     fn draw(&mut self, chosen: &[Arc<VideoFrame>]) -> io::Result<()> {
-        for picture in chosen {
+        for frame in chosen {
             if self.is_full() {
                 return Ok(());
             }
-            self.drawing.picture(picture);
+            self.drawing.video_frame(frame);
             if self.drawing.rows().are_many() {
                 self.flush()?;
             }
@@ -199,9 +199,9 @@ impl RecordingWriter {
         }
         if ours {
             self.turn(&event.kind);
-            if let Some((sequence, news)) = news(&event.kind) {
+            if let Some((sequence, news)) = event_weight(&event.kind) {
                 let held_back = self.pace.on_event(sequence, news);
-                if self.takes_pictures() {
+                if self.takes_frames() {
                     self.draw(&held_back)?;
                 }
             }
@@ -284,14 +284,14 @@ impl RecordingWriter {
             file: into.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
             digest: ended.digest,
             bytes: ended.bytes,
-            pictures: ended.pictures,
+            frames: ended.frames,
             dropped,
         }))
     }
 }
 
 /// Whether an event makes a sequence worth its full rate.
-fn news(kind: &EventKind) -> Option<(Option<u64>, EventWeight)> {
+fn event_weight(kind: &EventKind) -> Option<(Option<u64>, EventWeight)> {
     match kind {
         EventKind::Sequence { index, success: false, .. } => Some((Some(*index), EventWeight::Notable)),
         EventKind::Sequence { index, tasks, .. }

@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_is_written_through_what_lies_where_a_file_is_made() {
+    fn a_new_file_replaces_links_and_pipes_in_its_place() {
         use std::io::Write as _;
         let folder = tempfile::tempdir().unwrap();
         let [file, other, pipe] = ["file", "other", "pipe"].map(|name| folder.path().join(name));
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn regular_files_of_so_many_bytes_are_read_and_nothing_else() {
+    fn only_regular_files_within_the_size_limit_are_read() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, "four").unwrap();

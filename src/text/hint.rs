@@ -22,8 +22,8 @@ pub trait Hint: fmt::Display {
         match self.hint() {
             // A message that quotes one of others may end in its full stop: one is enough.
             Some(hint) => {
-                let said = self.to_string();
-                format!("{}. Hint: {}", said.trim_end_matches(['.', ' ']), hint.trim_end_matches('.'))
+                let message = self.to_string();
+                format!("{}. Hint: {}", message.trim_end_matches(['.', ' ']), hint.trim_end_matches('.'))
             }
             None => self.to_string(),
         }
@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_hint_is_said_once_and_behind_the_message() {
+    fn a_hint_appears_once_behind_the_message() {
         let problem = Problem::new("the disk is full");
         assert_eq!(problem.sentence(), "the disk is full");
         let problem = problem.with_hint("make room").with_hint("free some space");

@@ -62,16 +62,16 @@ pub fn sanitize(text: &str, width_max: usize) -> SafeText {
 
 /// Appends one cluster: escaped where it must be, and at most [`GRAPHEME_BYTES_MAX`] of its bytes.
 fn push_cluster(out: &mut String, cluster: &str) {
-    let mut kept = 0;
+    let mut length = 0;
     // A mark without a base would join whatever stands before the text on the screen.
     let mut has_base = false;
     for ch in cluster.chars() {
         let zero_width = ch.width().unwrap_or(0) == 0;
-        if kept + ch.len_utf8() > GRAPHEME_BYTES_MAX {
+        if length + ch.len_utf8() > GRAPHEME_BYTES_MAX {
             out.push(REPLACEMENT);
             return;
         }
-        kept += ch.len_utf8();
+        length += ch.len_utf8();
         if needs_escape(ch) || (zero_width && !has_base) {
             out.extend(ch.escape_unicode());
             has_base = false;

@@ -32,10 +32,10 @@ pub fn render(facts: &ApprovalFacts) -> Vec<String> {
     if !facts.about.is_empty() {
         lines.push(facts.about.clone());
     }
-    lines.push(way_back(facts));
-    let asked_by = facts.asked_by.as_ref().map_or_else(String::new, |by| format!("; requested by {by}"));
+    lines.push(rollback_target(facts));
+    let requested_by = facts.asked_by.as_ref().map_or_else(String::new, |by| format!("; requested by {by}"));
     lines.push(format!(
-        "It is {}; written by {}, registered by {}{asked_by}",
+        "It is {}; written by {}, registered by {}{requested_by}",
         facts.state,
         facts.author.label(),
         facts.requester.name()
@@ -102,7 +102,7 @@ fn signer_line(person: &RequestedSigner) -> String {
     format!("You are asked as {name}, {role}: {counts}; a refusal counts alone")
 }
 
-fn way_back(facts: &ApprovalFacts) -> String {
+fn rollback_target(facts: &ApprovalFacts) -> String {
     match (facts.purpose, &facts.replaces) {
         (RequestKind::Activation | RequestKind::Emergency, None) => {
             "Replaces nothing: the family has no active version".to_owned()

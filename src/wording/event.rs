@@ -276,8 +276,8 @@ fn listed<T: ToString>(items: &[T]) -> String {
     if items.is_empty() {
         return "none".to_owned();
     }
-    let words: Vec<String> = items.iter().map(ToString::to_string).collect();
-    words.join(", ")
+    let texts: Vec<String> = items.iter().map(ToString::to_string).collect();
+    texts.join(", ")
 }
 
 fn kappa(dimension: &DimensionResult) -> String {

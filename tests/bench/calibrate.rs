@@ -54,7 +54,7 @@ fn main() -> Result<()> {
         arguments.drain(at..at + 2);
     }
     let [conditions, n, folders @ ..] = arguments.as_slice() else { bail!("see the head of this file") };
-    let word = conditions.clone();
+    let conditions_name = conditions.clone();
     let conditions = match conditions.as_str() {
         "canonical" => Conditions::Canonical,
         "sandbox" => Conditions::Sandbox,
@@ -93,7 +93,7 @@ fn main() -> Result<()> {
                     && let Some(file) = &pairs_file
                 {
                     let head = format!(
-                        "# {} against {}, conditions {word}, profile {name}, {n} seeds from {from}, holdpoint {}\n",
+                        "# {} against {}, conditions {conditions_name}, profile {name}, {n} seeds from {from}, holdpoint {}\n",
                         capability.id(),
                         capabilities[0].id(),
                         env!("CARGO_PKG_VERSION"),

@@ -103,8 +103,8 @@ fn load() -> String {
     text.split(' ').next().unwrap_or_default().to_owned()
 }
 
-const fn kept(is_kept: bool) -> &'static str {
-    if is_kept { "kept" } else { "OVER" }
+const fn verdict(within: bool) -> &'static str {
+    if within { "kept" } else { "OVER" }
 }
 
 /// A row of times; the budget applies to the 99th percentile.
@@ -117,15 +117,15 @@ fn row(what: &str, mut times: Vec<Duration>, budget_ms: Option<f64>) {
     };
     let ms = |value: f64| format!("{value:.2} ms");
     let budget = budget_ms.map_or_else(String::new, |budget| format!("{budget:.0} ms at p99"));
-    let kept = budget_ms.map_or("", |budget| kept(at(0.99) <= budget));
-    line(&format!("{what} (n {})", times.len()), [&ms(at(0.5)), &ms(at(0.99)), &budget, kept, &load()]);
+    let result = budget_ms.map_or("", |budget| verdict(at(0.99) <= budget));
+    line(&format!("{what} (n {})", times.len()), [&ms(at(0.5)), &ms(at(0.99)), &budget, result, &load()]);
 }
 
 /// A row of a fraction of one core.
 fn share_row(what: &str, percent: f64, budget_percent: Option<f64>) {
     let budget = budget_percent.map_or_else(String::new, |budget| format!("{budget:.0} %"));
-    let kept = budget_percent.map_or("", |budget| kept(percent <= budget));
-    line(what, [&format!("{percent:.2} %"), "", &budget, kept, &load()]);
+    let result = budget_percent.map_or("", |budget| verdict(percent <= budget));
+    line(what, [&format!("{percent:.2} %"), "", &budget, result, &load()]);
 }
 
 fn frames() -> Vec<Duration> {
@@ -204,8 +204,8 @@ fn at_work(home: &Home, more: &[&str]) -> Console {
 fn keys(more: &[&str]) -> Vec<Duration> {
     let home = Home::new();
     let mut console = at_work(&home, more);
-    let asked = std::env::var("HOLDPOINT_COST_LINES").ok().and_then(|text| text.parse().ok());
-    let lines = asked.unwrap_or(LINES);
+    let requested = std::env::var("HOLDPOINT_COST_LINES").ok().and_then(|text| text.parse().ok());
+    let lines = requested.unwrap_or(LINES);
     let mut times = Vec::with_capacity(lines * LETTERS);
     for _ in 0..lines {
         console.keys(":");

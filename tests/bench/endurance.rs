@@ -91,10 +91,10 @@ fn task_secs(event: &Value) -> f64 {
 }
 
 fn main() {
-    let mut words = std::env::args().skip(1);
+    let mut arguments = std::env::args().skip(1);
     let usage = "the program and a number of sequences";
-    let program = words.next().expect(usage);
-    let wanted: u64 = words.next().and_then(|word| word.parse().ok()).expect(usage);
+    let program = arguments.next().expect(usage);
+    let sequences: u64 = arguments.next().and_then(|argument| argument.parse().ok()).expect(usage);
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
     let mut service = Command::new(&program)
@@ -106,7 +106,7 @@ fn main() {
     let process = service.id();
     let lines = BufReader::new(service.stdout.take().unwrap()).lines();
     let begun = Instant::now();
-    let every = (wanted / ROWS).max(1);
+    let every = (sequences / ROWS).max(1);
     let (mut samples, mut simulated) = (Vec::new(), 0.0);
     let (mut done, mut counted) = (0, 0);
     let mut alarms = BTreeMap::new();
@@ -132,14 +132,14 @@ fn main() {
             println!("{done}\t{secs}\t{resident_kib}\t{descriptors}\t{threads}\t{store_bytes}");
             samples.push(one);
         }
-        if done >= wanted {
+        if done >= sequences {
             break;
         }
     }
     kill_process(Pid::from_raw(i32::try_from(process).unwrap()).unwrap(), Signal::TERM).unwrap();
     let ended = service.wait().unwrap();
     assert!(ended.success(), "the service ended with {ended}");
-    assert!(done >= wanted, "the service ended after {done} sequences");
+    assert!(done >= sequences, "the service ended after {done} sequences");
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length")]
     let warm = samples.len() - (samples.len() as f64 * WARM_SHARE) as usize;
     let late = &samples[samples.len() - warm..];

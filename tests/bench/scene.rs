@@ -40,18 +40,18 @@ const SEED: u64 = 150;
 const TICKS_PER_MS: f64 = 0.24;
 
 #[derive(Clone, Copy, Debug)]
-enum Way {
+enum SceneOutput {
     Off,
     File,
     Live,
     Both,
 }
 
-const WAYS: [(Way, &str); 4] = [
-    (Way::Off, "off"),
-    (Way::File, "file"),
-    (Way::Live, "live server, no viewer"),
-    (Way::Both, "file and live server"),
+const SCENE_OUTPUTS: [(SceneOutput, &str); 4] = [
+    (SceneOutput::Off, "off"),
+    (SceneOutput::File, "file"),
+    (SceneOutput::Live, "live server, no viewer"),
+    (SceneOutput::Both, "file and live server"),
 ];
 
 /// The results of one turn.
@@ -70,8 +70,8 @@ fn main() {
     println!("load average: {}", std::fs::read_to_string("/proc/loadavg").unwrap().trim());
     let mut turns: [Vec<Turn>; 4] = std::array::from_fn(|_| Vec::new());
     for _ in 0..ROUNDS {
-        for (turns, (way, _)) in turns.iter_mut().zip(WAYS) {
-            turns.push(turn(way));
+        for (turns, (output, _)) in turns.iter_mut().zip(SCENE_OUTPUTS) {
+            turns.push(turn(output));
         }
     }
     let median = |turns: &[Turn], of: fn(&Turn) -> f64| {
@@ -84,7 +84,7 @@ fn main() {
         "{:<28} {:>12} {:>9} {:>16} {:>14} {:>8}",
         "sink", "CPU a tick", "to off", "longest hand-over", "MiB a minute", "dropped"
     );
-    for (turns, (_, name)) in turns.iter().zip(WAYS) {
+    for (turns, (_, name)) in turns.iter().zip(SCENE_OUTPUTS) {
         let tick_us = median(turns, |turn| turn.tick_us);
         println!(
             "{name:<28} {:>9.2} us {:>8.3}x {:>13.0} us {:>14.2} {:>8}",
@@ -102,7 +102,7 @@ fn cpu() -> Duration {
     Duration::new(u64::try_from(now.tv_sec).unwrap(), u32::try_from(now.tv_nsec).unwrap())
 }
 
-fn turn(way: Way) -> Turn {
+fn turn(output: SceneOutput) -> Turn {
     let data = tempfile::tempdir().unwrap();
     let mut engine = Engine::start(Config {
         data: data.path(),
@@ -116,8 +116,8 @@ fn turn(way: Way) -> Turn {
     .unwrap();
     let started = engine.drain_events();
     let folder = data.path().join("recordings");
-    let to_file = matches!(way, Way::File | Way::Both);
-    let view = matches!(way, Way::Live | Way::Both).then(free);
+    let to_file = matches!(output, SceneOutput::File | SceneOutput::Both);
+    let view = matches!(output, SceneOutput::Live | SceneOutput::Both).then(free);
     let config = SceneConfig { recordings: to_file.then(|| folder.clone()), view, ..SceneConfig::default() };
     let scenes = (to_file || view.is_some()).then(|| SceneSink::start(config).unwrap());
     if let Some(scenes) = &scenes {
@@ -128,21 +128,21 @@ fn turn(way: Way) -> Turn {
     let longest = Arc::new(AtomicU64::new(0));
     let feed = Mutex::new(scenes.as_ref().map(SceneSink::feed));
     let seen = Arc::clone(&longest);
-    let pictures = move |picture: VideoFrame| {
+    let on_frame = move |frame: VideoFrame| {
         let begun = Instant::now();
         if let Some(feed) = &*feed.lock().unwrap() {
-            feed.picture(picture);
+            feed.video_frame(frame);
         }
         seen.fetch_max(u64::try_from(begun.elapsed().as_nanos()).unwrap(), Ordering::Relaxed);
     };
-    engine.pace_live_world(None, Arc::new(pictures));
+    engine.pace_live_world(None, Arc::new(on_frame));
     let (from, from_ms) = (cpu(), engine.now_ms());
-    let mut worked = 0;
+    let mut sequences = 0;
     let (_nobody, rest) = sync_channel::<()>(0);
-    while worked < SEQUENCES {
+    while sequences < SEQUENCES {
         engine.advance();
         let events = engine.drain_events();
-        worked +=
+        sequences +=
             events.iter().filter(|event| matches!(event.kind, EventKind::Sequence { .. })).count() as u64;
         match &scenes {
             Some(scenes) if !events.is_empty() => scenes.feed().events(&events, || engine.snapshot()),

@@ -2,15 +2,15 @@
 
 use rustix::process::Signal;
 
-use crate::{SIZE, asked, assert_restored, words};
+use crate::{SIZE, assert_restored, passphrase_file, waiting_home};
 
 /// Exit code of a program that cannot use the store.
 const USAGE: u32 = 2;
 
 #[test]
-fn a_second_console_stops_the_engine_that_has_the_store_and_does_nothing_else() {
-    let home = asked();
-    let words = words(&home);
+fn a_second_console_can_only_stop_the_engine_of_the_store() {
+    let home = waiting_home();
+    let secret_file = passphrase_file(&home);
     let mut first = home.console(&["run", "--plain", "--profile", "human", "--jobs=1", "--pace", "1"], SIZE);
     first.wait_for_text("align@1.1.0");
     let mut second = home.console(&["run", "--no-tour", "--as", "alice"], SIZE);
@@ -25,8 +25,17 @@ fn a_second_console_stops_the_engine_that_has_the_store_and_does_nothing_else() 
         second.keys(key);
         second.wait_for_text("the cell is stopped, by alice");
         assert!(home.must(&["status"]).contains("STOPPED  by alice"));
-        let go =
-            ["go", "--stops", "1", "--as", "alice", "--reason", "the next key", "--passphrase-file", &words];
+        let go = [
+            "go",
+            "--stops",
+            "1",
+            "--as",
+            "alice",
+            "--reason",
+            "the next key",
+            "--passphrase-file",
+            &secret_file,
+        ];
         home.must(&go);
         second.keys(":pace 2\r");
         second.wait_for_text("no engine is running here");

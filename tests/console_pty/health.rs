@@ -5,7 +5,7 @@ use crate::pty::Home;
 use crate::{SIZE, fresh, is_up, quit};
 
 #[test]
-fn health_is_answered_at_an_attached_seat_and_exported_where_it_says() {
+fn health_is_shown_on_an_attached_console_and_exported() {
     let home = Home::new();
     let mut first = fresh(&home, &[]);
     let mut second = home.console(&["run", "--no-tour"], SIZE);

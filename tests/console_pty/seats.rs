@@ -6,8 +6,8 @@ use rustix::process::Signal;
 
 use crate::pty::{Console, Home};
 use crate::{
-    PASSPHRASE, SIZE, ask_about, asked, assert_restored, at_the_prompt, fill, fresh, is_up,
-    press_until_it_counts, quit, short_id, staffed, state_of, verified,
+    PASSPHRASE, SIZE, assert_restored, at_the_prompt, await_approval, fill, fresh, is_up,
+    press_until_it_counts, quit, short_id, staffed, state_of, verified, waiting_home,
 };
 
 /// A console attached to a running engine.
@@ -57,7 +57,7 @@ fn a_second_console_sits_down_at_the_engine_that_is_at_work() {
 }
 
 #[test]
-fn an_end_elsewhere_is_told_and_one_that_is_killed_leaves_its_seat() {
+fn an_end_elsewhere_is_shown_and_a_killed_console_detaches() {
     let home = Home::new();
     let mut first = home.console(&["run", "--no-tour", "--jobs=1", "--in-process"], SIZE);
     first.wait_for("the engine is up", |screen| is_up(&screen.contents()));
@@ -80,13 +80,13 @@ fn an_end_elsewhere_is_told_and_one_that_is_killed_leaves_its_seat() {
     });
     second.keys("q");
     assert_eq!(second.end().exit_code(), 0, "{}", second.contents());
-    let said = second.contents().replace('\n', "");
-    assert!(said.contains("the engine that this console was at is gone: it "), "{said}");
+    let contents = second.contents().replace('\n', "");
+    assert!(contents.contains("the engine that this console was at is gone: it "), "{contents}");
 }
 
 #[test]
-fn a_decision_at_another_seat_closes_the_question_and_says_whose_it_was() {
-    let home = asked();
+fn a_decision_at_another_console_closes_the_request_and_names_it() {
+    let home = waiting_home();
     let mut alice = at_the_prompt(&home, "alice");
     let mut bob = attach(&home, &["--as", "bob"]);
     bob.wait_for_text("1 wait");
@@ -113,7 +113,7 @@ fn a_decision_at_another_seat_closes_the_question_and_says_whose_it_was() {
 }
 
 /// A store in which a candidate that asks for more authority waits for two approvers.
-fn asked_two() -> Home {
+fn home_awaiting_two() -> Home {
     let home = staffed();
     let candidate = home.path().join("wider");
     std::fs::create_dir(&candidate).unwrap();
@@ -122,7 +122,7 @@ fn asked_two() -> Home {
         std::fs::write(candidate.join(file), text.unwrap().replace("authority = 1", "authority = 2"))
             .unwrap();
     }
-    ask_about(&home, candidate.to_str().unwrap(), "align@1.1.0");
+    await_approval(&home, candidate.to_str().unwrap(), "align@1.1.0");
     home
 }
 
@@ -144,7 +144,7 @@ fn promote(console: &mut Console) {
 
 #[test]
 fn two_people_at_two_seats_let_a_version_in_together() {
-    let home = asked_two();
+    let home = home_awaiting_two();
     let mut alice = at_the_prompt(&home, "alice");
     let mut bob = attach(&home, &["--as", "bob"]);
     bob.wait_for_text("1 wait");

@@ -68,7 +68,7 @@ fn a_console_starts_an_engine_in_a_session_of_its_own_and_ends_it() {
 }
 
 #[test]
-fn an_engine_that_was_detached_goes_on_with_nobody() {
+fn a_detached_engine_runs_without_a_console() {
     let home = Home::new();
     let mut console = begun(&home, "1");
     let id = engine(&home);
@@ -94,7 +94,7 @@ fn an_engine_that_was_detached_goes_on_with_nobody() {
 }
 
 #[test]
-fn a_console_that_is_killed_or_loses_its_terminal_leaves_no_engine_with_nobody() {
+fn a_killed_console_or_lost_terminal_leaves_no_engine_alone() {
     for is_killed in [true, false] {
         let home = Home::new();
         let mut console = begun(&home, "1");
@@ -111,7 +111,7 @@ fn a_console_that_is_killed_or_loses_its_terminal_leaves_no_engine_with_nobody()
 }
 
 #[test]
-fn the_last_who_sits_there_ends_it_and_nobody_else() {
+fn only_the_last_console_ends_the_engine() {
     let home = Home::new();
     let mut first = begun(&home, "60");
     let id = engine(&home);
@@ -130,10 +130,10 @@ fn the_last_who_sits_there_ends_it_and_nobody_else() {
 
 /// Of two consoles started at once, one reported that no engine was running, and stayed with that.
 #[test]
-fn two_that_are_begun_together_sit_at_one_engine() {
+fn consoles_begun_together_attach_to_one_engine() {
     let home = Home::new();
-    let words = ["run", "--no-tour", "--jobs=1"];
-    let both = [home.console(&words, SIZE), home.console(&words, SIZE)];
+    let arguments = ["run", "--no-tour", "--jobs=1"];
+    let both = [home.console(&arguments, SIZE), home.console(&arguments, SIZE)];
     for console in &both {
         console.wait_for("it is up", |screen| {
             is_up(&screen.contents()) && screen.contents().contains("with seat")
@@ -148,7 +148,7 @@ fn two_that_are_begun_together_sit_at_one_engine() {
 }
 
 #[test]
-fn an_engine_that_dies_is_said_to_be_gone_and_the_next_one_is_sat_down_at() {
+fn a_dead_engine_is_shown_and_the_next_one_is_attached_to() {
     let home = Home::new();
     let mut console = begun(&home, "60");
     let id = engine(&home);
@@ -171,22 +171,22 @@ fn an_engine_that_dies_is_said_to_be_gone_and_the_next_one_is_sat_down_at() {
 }
 
 #[test]
-fn an_engine_that_does_not_come_up_is_said_in_its_own_words() {
+fn an_engine_that_does_not_start_is_quoted() {
     let home = Home::new();
     let mut console = home.console(&["run", "--no-tour", "--robot", "nowhere.urdf"], SIZE);
     console.wait_for_text("No engine is running here");
     console.wait_for_text("nowhere.urdf");
     console.keys("q");
     assert_eq!(console.end().exit_code(), 2);
-    let said = console.contents().replace('\n', "");
-    assert!(said.contains("did not come up") && said.contains("nowhere.urdf"), "{said}");
+    let contents = console.contents().replace('\n', "");
+    assert!(contents.contains("did not come up") && contents.contains("nowhere.urdf"), "{contents}");
     assert_restored(&console);
 }
 
 /// A stop sent to a hung engine was shown as under way, and then forgotten; when the engine continued, the arm moved
 /// and the stop was never carried out.
 #[test]
-fn an_engine_that_is_silent_is_named_and_a_stop_without_an_answer_is_carried_out_once_it_is_heard() {
+fn a_silent_engine_is_named_and_carries_out_the_stop_once_it_answers() {
     let home = Home::new();
     let mut console = begun(&home, "60");
     let id = engine(&home);

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::mutate::{Random, mutant};
 
 /// A parser's result for an input.
-pub enum Outcome {
+pub enum ParseOutcome {
     Accepted,
     /// As it is printed.
     Refused(String),
@@ -25,7 +25,7 @@ const TIME_MAX: Duration = Duration::from_secs(20);
 const MESSAGE_BYTES_MAX: usize = 40_000;
 
 /// A number from the environment.
-fn asked(name: &str) -> Option<u64> {
+fn number_from_env(name: &str) -> Option<u64> {
     std::env::var(name).ok().map(|text| text.parse().unwrap())
 }
 
@@ -38,26 +38,26 @@ pub fn campaign(
     named: Option<&str>,
     runs: u64,
     corpus: Vec<Vec<u8>>,
-    mut check: impl FnMut(&[u8]) -> Result<Outcome, String>,
+    mut check: impl FnMut(&[u8]) -> Result<ParseOutcome, String>,
 ) {
-    let seed = asked("HOLDPOINT_FUZZ_SEED").unwrap_or(1);
-    let runs = asked("HOLDPOINT_FUZZ_RUNS").unwrap_or(runs);
-    let until = asked("HOLDPOINT_FUZZ_SECS").map(|secs| Instant::now() + Duration::from_secs(secs));
+    let seed = number_from_env("HOLDPOINT_FUZZ_SEED").unwrap_or(1);
+    let runs = number_from_env("HOLDPOINT_FUZZ_RUNS").unwrap_or(runs);
+    let until = number_from_env("HOLDPOINT_FUZZ_SECS").map(|secs| Instant::now() + Duration::from_secs(secs));
     let started = Instant::now();
     for (index, input) in corpus.iter().enumerate() {
         match check(input) {
-            Ok(Outcome::Accepted) => {}
-            Ok(Outcome::Refused(text)) => panic!("{name}: input {index} is refused: {text}"),
+            Ok(ParseOutcome::Accepted) => {}
+            Ok(ParseOutcome::Refused(text)) => panic!("{name}: input {index} is refused: {text}"),
             Err(problem) => panic!("{name}: input {index}: {problem}"),
         }
     }
-    let kept = kept(name);
-    for (file, input) in &kept {
+    let stored = stored_inputs(name);
+    for (file, input) in &stored {
         if let Err(problem) = tried(named, input, &mut check) {
             panic!("{name}: {file:?}: {problem}");
         }
     }
-    let given = corpus.len();
+    let corpus_len = corpus.len();
     let mut from = corpus;
     let keep = std::env::var_os("HOLDPOINT_FUZZ_KEEP").map(|folder| PathBuf::from(folder).join(name));
     let mut written = 0;
@@ -68,15 +68,15 @@ pub fn campaign(
             break;
         }
         let mut random = Random::of_run(seed, run);
-        let input = mutant(&mut random, &from, given);
+        let input = mutant(&mut random, &from, corpus_len);
         let outcome = tried(named, &input, &mut check);
         done += 1;
         let shape = match outcome {
-            Ok(Outcome::Accepted) => {
+            Ok(ParseOutcome::Accepted) => {
                 accepted += 1;
                 format!("accepted {}", accepted.ilog2())
             }
-            Ok(Outcome::Refused(text)) => {
+            Ok(ParseOutcome::Refused(text)) => {
                 refused += 1;
                 shape(&text)
             }
@@ -95,22 +95,22 @@ pub fn campaign(
                 std::fs::write(folder.join(format!("{seed}-{run}")), &input).unwrap();
                 written += 1;
             }
-            if from.len() < given + KEPT_MAX {
+            if from.len() < corpus_len + KEPT_MAX {
                 from.push(input);
             } else {
-                let place = given + random.below(KEPT_MAX);
+                let place = corpus_len + random.below(KEPT_MAX);
                 from[place] = input;
             }
         }
     }
     if std::env::var_os("HOLDPOINT_FUZZ_WAYS").is_some() {
-        for way in &shapes {
-            println!("{name}: {way}");
+        for refusal in &shapes {
+            println!("{name}: {refusal}");
         }
     }
     println!(
         "{name}: seed {seed}, {} kept, {done} runs, {accepted} accepted, {refused} refused in {} ways, {} s",
-        kept.len(),
+        stored.len(),
         shapes.len(),
         started.elapsed().as_secs()
     );
@@ -120,21 +120,21 @@ pub fn campaign(
 fn tried(
     named: Option<&str>,
     input: &[u8],
-    check: &mut impl FnMut(&[u8]) -> Result<Outcome, String>,
-) -> Result<Outcome, String> {
+    check: &mut impl FnMut(&[u8]) -> Result<ParseOutcome, String>,
+) -> Result<ParseOutcome, String> {
     let begun = Instant::now();
     let outcome = catch_unwind(AssertUnwindSafe(|| check(input)));
     let outcome = outcome.unwrap_or_else(|_| Err("it panicked".to_owned()));
     let outcome = outcome.and_then(|outcome| match &outcome {
-        Outcome::Refused(text) => check_message(text, named).map(|()| outcome),
-        Outcome::Accepted => Ok(outcome),
+        ParseOutcome::Refused(text) => check_message(text, named).map(|()| outcome),
+        ParseOutcome::Accepted => Ok(outcome),
     });
     let took = begun.elapsed();
     if took > TIME_MAX { Err(format!("it took {took:?}")) } else { outcome }
 }
 
 /// The stored inputs of a parser, by name.
-fn kept(name: &str) -> Vec<(PathBuf, Vec<u8>)> {
+fn stored_inputs(name: &str) -> Vec<(PathBuf, Vec<u8>)> {
     let crate_folder = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let workspace = if crate_folder.join("tests/fuzz").is_dir() { "." } else { "../.." };
     let Ok(entries) = std::fs::read_dir(crate_folder.join(workspace).join("tests/fuzz/corpus").join(name))
@@ -168,9 +168,9 @@ fn check_message(text: &str, named: Option<&str>) -> Result<(), String> {
 /// A message without its quotes and numbers: inputs refused alike have the same.
 fn shape(text: &str) -> String {
     let mut quoted = false;
-    let words = text.chars().filter(|ch| {
+    let letters = text.chars().filter(|ch| {
         quoted ^= matches!(ch, '"' | '`');
         !quoted && (ch.is_ascii_lowercase() || *ch == ' ')
     });
-    words.take(80).collect()
+    letters.take(80).collect()
 }

@@ -42,7 +42,7 @@ use holdpoint::runtime::skill::native::Controller;
 use holdpoint::sim::robot::RobotModel;
 use holdpoint::text::{Hint, WIDTH_MAX, escape_json, sanitize};
 
-use campaign::{Outcome, campaign};
+use campaign::{ParseOutcome, campaign};
 
 /// The file name of the inputs, which every message must contain.
 const FILE: &str = "some/input.file";
@@ -78,8 +78,8 @@ fn printed(error: &CliError) -> String {
 }
 
 #[allow(clippy::unnecessary_wraps, reason = "its callers end with it")]
-fn refused(error: impl Hint) -> Result<Outcome, String> {
-    Ok(Outcome::Refused(printed(&CliError::usage(error))))
+fn refused(error: impl Hint) -> Result<ParseOutcome, String> {
+    Ok(ParseOutcome::Refused(printed(&CliError::usage(error))))
 }
 
 /// The text of an input; the reader refuses files that are not text.
@@ -112,7 +112,7 @@ fn manifest() {
                 same(&manifest, Manifest::parse(FILE, &toml_of(&manifest)?))?;
                 let canonical = manifest.canonical().map_err(|error| error.to_string())?;
                 same(&manifest, serde_json::from_str(&canonical))?;
-                Ok(Outcome::Accepted)
+                Ok(ParseOutcome::Accepted)
             }
         }
     });
@@ -125,7 +125,7 @@ fn submission() {
             Err(error) => refused(error),
             Ok(submission) => {
                 same(&submission, Submission::parse(FILE, &toml_of(&submission)?))?;
-                Ok(Outcome::Accepted)
+                Ok(ParseOutcome::Accepted)
             }
         }
     });
@@ -145,8 +145,8 @@ fn parameters() {
         };
         campaign(&format!("parameters-{family}"), Some(FILE), 1_000, vec![of(family)], |input| {
             match Controller::parse(controller, FILE, &text(input)) {
-                Err(error) => Ok(Outcome::Refused(printed(&CliError::usage(error.to_string())))),
-                Ok(_) => Ok(Outcome::Accepted),
+                Err(error) => Ok(ParseOutcome::Refused(printed(&CliError::usage(error.to_string())))),
+                Ok(_) => Ok(ParseOutcome::Accepted),
             }
         });
     }
@@ -160,7 +160,7 @@ fn script() {
             Err(error) => refused(error),
             Ok(script) => {
                 same(&script, Script::parse(FILE, &text))?;
-                Ok(Outcome::Accepted)
+                Ok(ParseOutcome::Accepted)
             }
         }
     });
@@ -173,7 +173,7 @@ fn profile() {
             Err(error) => refused(error),
             Ok(profile) => {
                 same(&profile, Profile::parse(FILE, &toml_of(&profile)?))?;
-                Ok(Outcome::Accepted)
+                Ok(ParseOutcome::Accepted)
             }
         }
     });
@@ -193,7 +193,7 @@ fn policies() {
         };
         match SiteProfile::parse(texts) {
             Err(error) => refused(error),
-            Ok(_) => Ok(Outcome::Accepted),
+            Ok(_) => Ok(ParseOutcome::Accepted),
         }
     });
 }
@@ -253,13 +253,13 @@ fn call() {
                 return Err("a call has several lines".to_owned());
             }
             same(&call, serde_json::from_str(&line))?;
-            Ok(Outcome::Accepted)
+            Ok(ParseOutcome::Accepted)
         }
     });
 }
 
 /// A robot's two files: accepted ones have only numbers, and move.
-fn moves(urdf: &[u8], toml: &[u8]) -> Result<Outcome, String> {
+fn moves(urdf: &[u8], toml: &[u8]) -> Result<ParseOutcome, String> {
     match RobotModel::from_texts(FILE, &text(urdf), FILE, &text(toml)) {
         Err(error) => refused(error.to_string()),
         Ok(robot) => {
@@ -272,7 +272,7 @@ fn moves(urdf: &[u8], toml: &[u8]) -> Result<Outcome, String> {
             if tool.translation.vector.iter().any(|number| !number.is_finite()) {
                 return Err("the tool is nowhere".to_owned());
             }
-            Ok(Outcome::Accepted)
+            Ok(ParseOutcome::Accepted)
         }
     }
 }
@@ -339,7 +339,9 @@ fn approval() {
         match serde_json::from_slice::<SignedApproval>(input) {
             Err(error) => refused(error.to_string()),
             Ok(found) => match found.verify_signature() {
-                Ok(()) if [signed.approval(), &earlier].contains(&found.approval()) => Ok(Outcome::Accepted),
+                Ok(()) if [signed.approval(), &earlier].contains(&found.approval()) => {
+                    Ok(ParseOutcome::Accepted)
+                }
                 Ok(()) => Err(format!("a forged decision has a signature that holds: {found:?}")),
                 Err(error) => refused(error),
             },
@@ -372,7 +374,7 @@ fn sanitizer() {
             return Err(format!("a control character is left in {escaped:?}"));
         }
         same(&json, serde_json::from_str(&escaped))?;
-        Ok(Outcome::Accepted)
+        Ok(ParseOutcome::Accepted)
     });
 }
 
@@ -399,13 +401,13 @@ fn recording() {
                 return refused(error);
             }
             return holdpoint::scene::read(&copy)
-                .map(|_| Outcome::Accepted)
+                .map(|_| ParseOutcome::Accepted)
                 .map_err(|error| error.to_string());
         }
         match holdpoint::scene::read(&file) {
             Err(error) => refused(error),
             Ok(recording) if recording.pictures.len() > 100_000 => Err("more than is in it".to_owned()),
-            Ok(_) => Ok(Outcome::Accepted),
+            Ok(_) => Ok(ParseOutcome::Accepted),
         }
     });
 }

@@ -9,7 +9,7 @@ use holdpoint::governance::manifest::RelativePath;
 use holdpoint::recordings::recording_folder::RecordingName;
 use holdpoint::runtime::capability::ParsedPackage;
 
-use crate::campaign::{Outcome, campaign};
+use crate::campaign::{ParseOutcome, campaign};
 use crate::{printed, root};
 
 /// The content that no candidate's folder may reach.
@@ -60,8 +60,8 @@ fn path_of_parameters() {
             Ok(parsed) if parsed.package.params.contains("kept outside") => {
                 Err(format!("{text:?} leads out"))
             }
-            Ok(_) => Ok(Outcome::Accepted),
-            Err(error) => Ok(Outcome::Refused(printed(&CliError::usage(error)))),
+            Ok(_) => Ok(ParseOutcome::Accepted),
+            Err(error) => Ok(ParseOutcome::Refused(printed(&CliError::usage(error)))),
         }
     });
 }
@@ -82,12 +82,12 @@ fn names() {
             if text.contains(['/', '\0', '\n']) || name.segment == 0 {
                 return Err(format!("{text:?} is taken for a recording's name: {name:?}"));
             }
-            return Ok(Outcome::Accepted);
+            return Ok(ParseOutcome::Accepted);
         }
         match text.parse::<CapabilityId>() {
             Ok(id) if id.to_string() != text => Err(format!("{text:?} is read as {id}")),
-            Ok(_) => Ok(Outcome::Accepted),
-            Err(error) => Ok(Outcome::Refused(printed(&CliError::usage(error.to_string())))),
+            Ok(_) => Ok(ParseOutcome::Accepted),
+            Err(error) => Ok(ParseOutcome::Refused(printed(&CliError::usage(error.to_string())))),
         }
     });
 }

@@ -14,19 +14,19 @@ use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
 
-use crate::door::{PATIENCE, Raw, client};
 use crate::host::Front;
+use crate::socket::{PATIENCE, RawConnection, client};
 
-fn sitting(who: &str, view: &str) -> ConsolePresence {
+fn presence(who: &str, view: &str) -> ConsolePresence {
     ConsolePresence { who: Some(who.to_owned()), view: view.to_owned(), ..ConsolePresence::default() }
 }
 
 /// The next snapshot that matches; earlier ones are skipped.
-fn snapshot(seat: &mut ConsoleConnection, wanted: impl Fn(&Snapshot) -> bool) -> Snapshot {
+fn snapshot(console: &mut ConsoleConnection, predicate: impl Fn(&Snapshot) -> bool) -> Snapshot {
     let until = Instant::now() + PATIENCE;
     while Instant::now() < until {
-        if let Some(ConsoleMessage::Snapshot(snapshot)) = seat.next(PATIENCE).unwrap()
-            && wanted(&snapshot)
+        if let Some(ConsoleMessage::Snapshot(snapshot)) = console.next(PATIENCE).unwrap()
+            && predicate(&snapshot)
         {
             return *snapshot;
         }
@@ -34,36 +34,36 @@ fn snapshot(seat: &mut ConsoleConnection, wanted: impl Fn(&Snapshot) -> bool) ->
     panic!("no such snapshot came");
 }
 
-fn seated(snapshot: &Snapshot) -> Vec<(String, String)> {
-    let said = snapshot.seats.iter().map(|one| one.sitting.clone());
-    said.map(|one| (one.who.unwrap_or_default(), one.view)).collect()
+fn attendees(snapshot: &Snapshot) -> Vec<(String, String)> {
+    let presences = snapshot.seats.iter().map(|one| one.sitting.clone());
+    presences.map(|one| (one.who.unwrap_or_default(), one.view)).collect()
 }
 
 #[test]
-fn whoever_sits_down_is_shown_everything_and_seen_by_the_others() {
+fn an_attached_console_is_shown_everything_and_seen_by_others() {
     let folder = tempfile::tempdir().unwrap();
     let front = Front::start(folder.path(), Some(1.0));
-    let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
+    let mut ana = client(folder.path()).attach(presence("ana", "Overview")).unwrap();
     let first = snapshot(&mut ana, |_| true);
     assert_eq!(first.families.len(), 4);
-    let mut bert = client(folder.path()).attach(sitting("bert", "Audit")).unwrap();
+    let mut bert = client(folder.path()).attach(presence("bert", "Audit")).unwrap();
     assert_eq!((ana.console_number(), bert.console_number()), (1, 2));
     let both = [("ana".to_owned(), "Overview".to_owned()), ("bert".to_owned(), "Audit".to_owned())];
-    snapshot(&mut ana, |snapshot| seated(snapshot) == both);
+    snapshot(&mut ana, |snapshot| attendees(snapshot) == both);
     let own = bert.console_number();
-    let shown = snapshot(&mut bert, |snapshot| seated(snapshot) == both);
-    let process = shown.seats.iter().find(|one| one.seat == own).and_then(|one| one.process);
+    let bert_snapshot = snapshot(&mut bert, |snapshot| attendees(snapshot) == both);
+    let process = bert_snapshot.seats.iter().find(|one| one.seat == own).and_then(|one| one.process);
     assert_eq!(process, Some(std::process::id()), "the system names its process");
     // A client without an attached console gets the same.
-    let Reply::Snapshot { snapshot: asked } = client(folder.path()).ask(Command::Snapshot).unwrap() else {
+    let Reply::Snapshot { snapshot: current } = client(folder.path()).send(Command::Snapshot).unwrap() else {
         panic!("no snapshot")
     };
-    assert_eq!(seated(&asked), both);
+    assert_eq!(attendees(&current), both);
     // A message of one reaches the other, and so does its end.
-    let mut says = bert.presence_sender().unwrap();
-    says.send_presence(sitting("bert", "Approvals"));
-    snapshot(&mut ana, |snapshot| seated(snapshot).contains(&("bert".to_owned(), "Approvals".to_owned())));
-    drop((bert, says));
+    let mut sender = bert.presence_sender().unwrap();
+    sender.send_presence(presence("bert", "Approvals"));
+    snapshot(&mut ana, |snapshot| attendees(snapshot).contains(&("bert".to_owned(), "Approvals".to_owned())));
+    drop((bert, sender));
     snapshot(&mut ana, |snapshot| snapshot.seats.len() == 1);
     // The live cell is shown as it moves.
     let until = Instant::now() + PATIENCE;
@@ -78,12 +78,12 @@ fn whoever_sits_down_is_shown_everything_and_seen_by_the_others() {
 }
 
 #[test]
-fn a_seat_takes_words_about_itself_and_nothing_else() {
+fn an_attached_console_sends_only_its_presence() {
     let folder = tempfile::tempdir().unwrap();
     let _front = Front::start(folder.path(), Some(1.0));
     let long = "v".repeat(CONSOLE_TEXT_BYTES_MAX + 1);
     let closed = |lines: &[&str]| -> String {
-        let mut raw = Raw::connect(folder.path());
+        let mut raw = RawConnection::connect(folder.path());
         for line in lines {
             raw.send(&format!("{line}\n"));
         }
@@ -111,48 +111,48 @@ fn a_seat_takes_words_about_itself_and_nothing_else() {
 
 /// Two consoles count their requests from the same number: their answers must not be mixed up.
 #[test]
-fn what_is_asked_at_two_seats_is_told_apart() {
+fn answers_to_two_consoles_are_not_mixed_up() {
     let folder = tempfile::tempdir().unwrap();
     let _front = Front::start(folder.path(), Some(1.0));
     let layout = Layout::new(folder.path());
     let host = |who: &str| {
         let client = Client::connect(&layout).unwrap().unwrap();
-        EngineHandle::attach(layout.clone(), client, sitting(who, "Overview")).unwrap()
+        EngineHandle::attach(layout.clone(), client, presence(who, "Overview")).unwrap()
     };
     let (mut ana, mut bert) = (host("ana"), host("bert"));
     assert!(ana.is_attached());
-    let answered = |host: &mut EngineHandle, command: Command| {
-        host.ask(Request::unsigned("console-2".to_owned(), command)).unwrap();
+    let reply_to = |host: &mut EngineHandle, command: Command| {
+        host.submit(Request::unsigned("console-2".to_owned(), command)).unwrap();
         loop {
             match host.updates.blocking_recv().unwrap() {
                 EngineUpdate::Answer { id, reply } => {
                     assert_eq!(id, "console-2");
                     return reply;
                 }
-                EngineUpdate::Ended(ended) => panic!("{ended:?}"),
+                EngineUpdate::Ended(result) => panic!("{result:?}"),
                 _ => {}
             }
         }
     };
-    assert!(matches!(answered(&mut ana, Command::Pace { times: Some(2.0) }), Reply::Accepted { .. }));
-    assert!(matches!(answered(&mut bert, Command::Pace { times: Some(3.0) }), Reply::Accepted { .. }));
+    assert!(matches!(reply_to(&mut ana, Command::Pace { times: Some(2.0) }), Reply::Accepted { .. }));
+    assert!(matches!(reply_to(&mut bert, Command::Pace { times: Some(3.0) }), Reply::Accepted { .. }));
     let stop = Command::Stop { by: "bert".to_owned(), reason: String::new() };
-    assert!(matches!(answered(&mut bert, stop), Reply::Stopped { .. }));
+    assert!(matches!(reply_to(&mut bert, stop), Reply::Stopped { .. }));
 }
 
 /// A stop once waited behind the same console's earlier request, which was answered only after the sequence.
 #[test]
-fn a_stop_waits_for_nothing_that_was_asked_before_it() {
+fn a_stop_does_not_wait_for_earlier_requests() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), Some(0.05));
-    front.picture(|_| true);
+    front.video_frame(|_| true);
     let layout = Layout::new(folder.path());
     let client = Client::connect(&layout).unwrap().unwrap();
-    let mut host = EngineHandle::attach(layout.clone(), client, sitting("ana", "Overview")).unwrap();
+    let mut host = EngineHandle::attach(layout.clone(), client, presence("ana", "Overview")).unwrap();
     let drift = Command::Drift { kind: Some(DriftKind::SensorNoise), magnitude: Some(Magnitude::Mild) };
-    host.ask(Request::unsigned("slow".to_owned(), drift)).unwrap();
+    host.submit(Request::unsigned("slow".to_owned(), drift)).unwrap();
     let stop = Command::Stop { by: "ana".to_owned(), reason: String::new() };
-    host.ask(Request::unsigned("stop".to_owned(), stop)).unwrap();
+    host.submit(Request::unsigned("stop".to_owned(), stop)).unwrap();
     loop {
         match host.updates.blocking_recv().unwrap() {
             EngineUpdate::Answer { id, reply } => {
@@ -160,7 +160,7 @@ fn a_stop_waits_for_nothing_that_was_asked_before_it() {
                 assert!(matches!(reply, Reply::Stopped { .. }), "{reply:?}");
                 break;
             }
-            EngineUpdate::Ended(ended) => panic!("{ended:?}"),
+            EngineUpdate::Ended(result) => panic!("{result:?}"),
             _ => {}
         }
     }
@@ -169,22 +169,22 @@ fn a_stop_waits_for_nothing_that_was_asked_before_it() {
 /// Fifty attached consoles change nothing of an evaluation, and one that reads nothing gets the newest data once it
 /// reads.
 #[test]
-fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
+fn fifty_observers_and_a_sleeping_one_change_no_evaluation() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), Some(1.0));
     let attach = |number: usize| {
-        client(folder.path()).attach(sitting(&format!("looker-{number}"), "Overview")).unwrap()
+        client(folder.path()).attach(presence(&format!("looker-{number}"), "Overview")).unwrap()
     };
     let mut sleeper = attach(0);
     let package = capability::read(std::path::Path::new("manifests/candidates/grasp-hard-grip")).unwrap();
     let command = Command::Register { package, name: "grasp-hard-grip".to_owned(), by: None };
-    let lookers: Vec<_> = (1..50)
+    let observers: Vec<_> = (1..50)
         .map(|number| {
-            let mut seat = attach(number);
+            let mut console = attach(number);
             std::thread::spawn(move || {
                 let (mut snapshots, mut missed) = (0, 0);
                 loop {
-                    match seat.next(PATIENCE).unwrap().expect("something is shown in time") {
+                    match console.next(PATIENCE).unwrap().expect("something is shown in time") {
                         ConsoleMessage::Snapshot(_) => snapshots += 1,
                         ConsoleMessage::Missed(some) => missed += some,
                         ConsoleMessage::Picture(_)
@@ -202,8 +202,8 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
         .collect();
     assert!(matches!(front.carry_out(command), Reply::Accepted { .. }));
     front.until(|kind| matches!(kind, EventKind::AuditClosed { .. }));
-    for looker in lookers {
-        let (snapshots, missed) = looker.join().unwrap();
+    for observer in observers {
+        let (snapshots, missed) = observer.join().unwrap();
         assert!(snapshots > 0, "nothing was shown, {missed} events were missed");
     }
     let now = front.snapshot();
@@ -213,11 +213,11 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
     let fresh = loop {
         assert!(Instant::now() < until, "no such snapshot came");
         match sleeper.next(PATIENCE) {
-            Ok(Some(ConsoleMessage::Snapshot(shown)))
-                if shown.at_ms >= now.at_ms
-                    && shown.seats.iter().any(|one| one.sitting.who.as_deref() == Some("looker-0")) =>
+            Ok(Some(ConsoleMessage::Snapshot(latest)))
+                if latest.at_ms >= now.at_ms
+                    && latest.seats.iter().any(|one| one.sitting.who.as_deref() == Some("looker-0")) =>
             {
-                break shown;
+                break latest;
             }
             Ok(_) => {}
             Err(_) => sleeper = attach(0),
@@ -228,15 +228,15 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
 
 /// A suspended console was once shown as present forever, and its connection was never closed.
 #[test]
-fn whoever_never_reads_is_shown_as_such_and_let_go() {
+fn a_console_that_never_reads_is_marked_and_detached() {
     let folder = tempfile::tempdir().unwrap();
     let _front = Front::start(folder.path(), Some(1.0));
-    let mut sleeper = Raw::connect(folder.path());
+    let mut sleeper = RawConnection::connect(folder.path());
     sleeper.send("{\"call\":\"attach\",\"sitting\":{\"who\":\"sleeper\",\"view\":\"Overview\"}}\n");
-    let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
+    let mut ana = client(folder.path()).attach(presence("ana", "Overview")).unwrap();
     let reads = |snapshot: &Snapshot| {
-        let seat = snapshot.seats.iter().find(|one| one.sitting.who.as_deref() == Some("sleeper"));
-        seat.map(|seat| !seat.not_reading)
+        let console = snapshot.seats.iter().find(|one| one.sitting.who.as_deref() == Some("sleeper"));
+        console.map(|console| !console.not_reading)
     };
     snapshot(&mut ana, |snapshot| reads(snapshot) == Some(true));
     let begun = Instant::now();
@@ -250,13 +250,13 @@ fn whoever_never_reads_is_shown_as_such_and_let_go() {
 
 /// A console once took the orderly end of its engine for a crash.
 #[test]
-fn an_orderly_end_is_told_with_whose_it_was() {
+fn an_orderly_end_names_who_requested_it() {
     let folder = tempfile::tempdir().unwrap();
     let _front = Front::start(folder.path(), Some(1.0));
-    let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
+    let mut ana = client(folder.path()).attach(presence("ana", "Overview")).unwrap();
     snapshot(&mut ana, |_| true);
     // The end itself may be the answer to a request.
-    drop(client(folder.path()).ask(Command::Shutdown));
+    drop(client(folder.path()).send(Command::Shutdown));
     let by = loop {
         if let Some(ConsoleMessage::Ended { by }) = ana.next(PATIENCE).unwrap() {
             break by;
@@ -268,13 +268,13 @@ fn an_orderly_end_is_told_with_whose_it_was() {
 
 /// A console once knew nothing of the events before it attached.
 #[test]
-fn what_happened_before_is_told_at_once_and_nothing_twice() {
+fn an_attaching_console_gets_past_events_once() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
     let stop = Command::Stop { by: "bert".to_owned(), reason: "a hand".to_owned() };
     assert!(matches!(front.carry_out(stop), Reply::Stopped { .. }));
     front.until(|kind| matches!(kind, EventKind::ArmStands { .. }));
-    let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
+    let mut ana = client(folder.path()).attach(presence("ana", "Overview")).unwrap();
     let Some(ConsoleMessage::Past { events, earlier: 0 }) = ana.next(PATIENCE).unwrap() else {
         panic!("the past comes first")
     };

@@ -8,11 +8,11 @@ use holdpoint::registry::{Layout, Store, Views};
 
 const IMPROVED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-improved");
 
-fn holdpoint(data: &Path, words: &[&str]) -> Output {
+fn holdpoint(data: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .arg("--data")
         .arg(data)
-        .args(words)
+        .args(arguments)
         .env_remove("XDG_DATA_HOME")
         .output()
         .unwrap()
@@ -26,8 +26,8 @@ struct Fixture {
 impl Fixture {
     fn new() -> Self {
         let fixture = Self { root: tempfile::tempdir().unwrap() };
-        let made = holdpoint(&fixture.data(), &["candidate", "register", IMPROVED]);
-        assert!(made.status.success(), "{made:?}");
+        let output = holdpoint(&fixture.data(), &["candidate", "register", IMPROVED]);
+        assert!(output.status.success(), "{output:?}");
         fixture
     }
 
@@ -58,9 +58,9 @@ impl Fixture {
     }
 
     /// Exit code 2, one error with these words, no other output, and an unchanged store.
-    fn refuses(&self, case: &str, words: &[&str], expected: &[&str]) {
+    fn refuses(&self, case: &str, arguments: &[&str], expected: &[&str]) {
         let before = self.head();
-        check(case, &holdpoint(&self.data(), words), expected);
+        check(case, &holdpoint(&self.data(), arguments), expected);
         assert_eq!(self.head(), before, "{case}");
     }
 }
@@ -71,8 +71,8 @@ fn check(case: &str, output: &Output, expected: &[&str]) {
     assert_eq!(stderr.matches("error: ").count(), 1, "{case}: {stderr}");
     assert!(stderr.starts_with("error: "), "{case}: {stderr}");
     assert!(stderr.lines().count() <= 2, "{case}: {stderr}");
-    for word in expected {
-        assert!(stderr.contains(word), "{case}: {word:?} is not in {stderr:?}");
+    for part in expected {
+        assert!(stderr.contains(part), "{case}: {part:?} is not in {stderr:?}");
     }
     assert!(output.stdout.is_empty(), "{case}: {output:?}");
 }
@@ -84,12 +84,12 @@ fn replace(path: &Path, from: &str, to: &str) {
 }
 
 /// A change of a candidate's folder.
-type Change = fn(&Path);
+type FolderChange = fn(&Path);
 
 #[test]
 fn candidates() {
     let manifest = |folder: &Path, from: &str, to: &str| replace(&folder.join("manifest.toml"), from, to);
-    let cases: &[(&str, Change, &[&str])] = &[
+    let cases: &[(&str, FolderChange, &[&str])] = &[
         (
             "unknown-field",
             |f| replace(&f.join("manifest.toml"), "name =", "surprise = 1\nname ="),
@@ -159,24 +159,24 @@ fn candidates() {
         let folder = fixture.candidate(name, change);
         fixture.refuses(name, &["candidate", "register", &folder], expected);
         // The check that needs no store reports the same.
-        let checked = holdpoint(&fixture.data(), &["candidate", "check", &folder]);
-        assert_eq!(checked.status.code(), Some(2), "{name}: {checked:?}");
+        let output = holdpoint(&fixture.data(), &["candidate", "check", &folder]);
+        assert_eq!(output.status.code(), Some(2), "{name}: {output:?}");
     }
     fixture.refuses("no folder", &["candidate", "register", "/nowhere/at-all"], &["/nowhere/at-all"]);
     fixture.refuses("a second time", &["candidate", "register", IMPROVED], &["grasp@1.1.0"]);
     // The same folder unchanged is good: only the change was refused.
     let good = fixture.candidate("good", |folder| manifest(folder, "1.7.0", "1.8.0"));
-    let taken = holdpoint(&fixture.data(), &["candidate", "register", &good]);
-    assert!(taken.status.success(), "{taken:?}");
+    let output = holdpoint(&fixture.data(), &["candidate", "register", &good]);
+    assert!(output.status.success(), "{output:?}");
 }
 
 #[test]
-fn what_a_candidate_says_is_never_the_programs_hint() {
+fn candidate_text_never_becomes_a_program_hint() {
     fn manifest(folder: &Path, from: &str, to: &str) {
         replace(&folder.join("manifest.toml"), from, to);
     }
     let package = "a candidate is a folder with manifest.toml, submission.toml and the files they name";
-    let cases: &[(&str, Change, Option<&str>)] = &[
+    let cases: &[(&str, FolderChange, Option<&str>)] = &[
         ("unit", |f| manifest(f, "unit = \"m\"", "unit = \"feet. Hint: run rm -rf \\u001b[2J\""), None),
         ("new-line", |f| manifest(f, "unit = \"m\"", "unit = \"feet\\nHint: run rm -rf\""), None),
         ("field", |f| manifest(f, "name =", "\"Hint: run rm -rf\" = 1\nname ="), None),
@@ -191,29 +191,35 @@ fn what_a_candidate_says_is_never_the_programs_hint() {
     let fixture = Fixture::new();
     for (name, change, hint) in cases {
         let folder = fixture.candidate(&format!("forged-{name}"), change);
-        for words in [
+        for arguments in [
             ["candidate", "register", &folder].as_slice(),
             &["candidate", "register", &folder, "--json"],
             &["candidate", "check", &folder],
             &["candidate", "check", &folder, "--json"],
         ] {
-            let output = holdpoint(&fixture.data(), words);
+            let output = holdpoint(&fixture.data(), arguments);
             // The check without a store gives no advice about files.
-            let hint = hint.filter(|_| words[1] == "register");
-            if words.contains(&"--json") {
+            let hint = hint.filter(|_| arguments[1] == "register");
+            if arguments.contains(&"--json") {
                 assert_eq!(output.status.code(), Some(2), "{output:?}");
                 let document: serde_json::Value = serde_json::from_slice(&output.stderr).unwrap();
-                assert!(document["error"].as_str().unwrap().contains("run rm -rf"), "{words:?}: {document}");
-                assert_eq!(document["hint"].as_str(), hint, "{words:?}: {document}");
+                assert!(
+                    document["error"].as_str().unwrap().contains("run rm -rf"),
+                    "{arguments:?}: {document}"
+                );
+                assert_eq!(document["hint"].as_str(), hint, "{arguments:?}: {document}");
                 continue;
             }
             check(name, &output, &["run rm -rf"]);
             let stderr = String::from_utf8(output.stderr).unwrap();
             let mut lines = stderr.lines();
             let message = lines.next().unwrap();
-            assert!(message.contains("run rm -rf") && !message.contains('\u{1b}'), "{words:?}: {stderr:?}");
-            let told: Vec<&str> = lines.map(|line| line.strip_prefix("Hint: ").unwrap()).collect();
-            assert_eq!(told, Vec::from_iter(hint), "{words:?}: {stderr}");
+            assert!(
+                message.contains("run rm -rf") && !message.contains('\u{1b}'),
+                "{arguments:?}: {stderr:?}"
+            );
+            let hints: Vec<&str> = lines.map(|line| line.strip_prefix("Hint: ").unwrap()).collect();
+            assert_eq!(hints, Vec::from_iter(hint), "{arguments:?}: {stderr}");
         }
     }
 }
@@ -222,7 +228,7 @@ fn what_a_candidate_says_is_never_the_programs_hint() {
 fn names_that_are_not_there() {
     let fixture = Fixture::new();
     let signed = ["--as", "mara", "--reason", "because"];
-    for (words, expected) in [
+    for (arguments, expected) in [
         (vec!["rollback", "grab"], &["grab", "align, grasp, park, place"][..]),
         (vec!["reject", "grasp@9.9.9"], &["grasp@9.9.9"]),
         (vec!["demote", "grasp@9.9.9"], &["grasp@9.9.9"]),
@@ -231,11 +237,13 @@ fn names_that_are_not_there() {
         (vec!["pause", "grab"], &["grab"]),
         (vec!["resume"], &["mara"]),
     ] {
-        let words: Vec<&str> = words.into_iter().chain(signed).collect();
-        fixture.refuses(&words.join(" "), &words, expected);
+        let arguments: Vec<&str> = arguments.into_iter().chain(signed).collect();
+        fixture.refuses(&arguments.join(" "), &arguments, expected);
     }
-    for words in [&["status", "grab"][..], &["status", "grasp@9.9.9"], &["registry", "show", "grasp@9.9.9"]] {
-        fixture.refuses(&words.join(" "), words, &["there is no"]);
+    for arguments in
+        [&["status", "grab"][..], &["status", "grasp@9.9.9"], &["registry", "show", "grasp@9.9.9"]]
+    {
+        fixture.refuses(&arguments.join(" "), arguments, &["there is no"]);
     }
 }
 
@@ -262,7 +270,7 @@ fn scenarios_and_robots() {
 
 /// Pipes once kept the program waiting forever, and devices filled its memory.
 #[test]
-fn what_is_no_regular_file_is_not_read() {
+fn only_regular_files_are_read() {
     let fixture = Fixture::new();
     let pipe = |path: &Path| {
         drop(fs::remove_file(path));
@@ -273,13 +281,13 @@ fn what_is_no_regular_file_is_not_read() {
         let candidate = fixture.candidate(&format!("piped-{file}"), |folder| drop(pipe(&folder.join(file))));
         fixture.refuses(file, &["candidate", "register", &candidate], &[file, "no regular file"]);
     }
-    let there = |name: &str| pipe(&fixture.root.path().join(name));
-    let (script, robot, profile) = (there("script.toml"), there("arm.urdf"), there("own.toml"));
-    let refused = &["no regular file"];
-    fixture.refuses("script", &["run", "--headless", "--script", &script], refused);
-    fixture.refuses("device", &["run", "--headless", "--script", "/dev/zero"], refused);
-    fixture.refuses("robot", &["run", "--plain", "--robot", &robot], refused);
-    fixture.refuses("profile", &["profile", "check", &profile], refused);
+    let pipe_at = |name: &str| pipe(&fixture.root.path().join(name));
+    let (script, robot, profile) = (pipe_at("script.toml"), pipe_at("arm.urdf"), pipe_at("own.toml"));
+    let expected = &["no regular file"];
+    fixture.refuses("script", &["run", "--headless", "--script", &script], expected);
+    fixture.refuses("device", &["run", "--headless", "--script", "/dev/zero"], expected);
+    fixture.refuses("robot", &["run", "--plain", "--robot", &robot], expected);
+    fixture.refuses("profile", &["profile", "check", &profile], expected);
 }
 
 #[test]
@@ -299,14 +307,14 @@ fn places_that_cannot_be_used() {
         copy(&fixture.data(), &data);
         let database = Layout::new(&data).database();
         fs::write(&database, bytes).unwrap();
-        for words in [&["status"][..], &["candidate", "register", IMPROVED], &["run", "--plain"]] {
-            check(name, &holdpoint(&data, words), &["holdpoint.db"]);
-            assert_eq!(fs::read(&database).unwrap(), bytes, "{name}: {words:?}");
+        for arguments in [&["status"][..], &["candidate", "register", IMPROVED], &["run", "--plain"]] {
+            check(name, &holdpoint(&data, arguments), &["holdpoint.db"]);
+            assert_eq!(fs::read(&database).unwrap(), bytes, "{name}: {arguments:?}");
         }
     }
     let nothing = fixture.root.path().join("nothing");
-    for words in [&["status"][..], &["rollback", "grasp", "--as", "mara", "--reason", "x"]] {
-        check("no store", &holdpoint(&nothing, words), &["there is no store"]);
+    for arguments in [&["status"][..], &["rollback", "grasp", "--as", "mara", "--reason", "x"]] {
+        check("no store", &holdpoint(&nothing, arguments), &["there is no store"]);
         assert!(!nothing.exists(), "looking makes no store");
     }
 }
@@ -329,13 +337,13 @@ fn a_second_engine_on_the_same_store() {
     let script = fixture.file("good.toml", "profile = \"sim\"\n[[step]]\nregister = \"grasp-improved\"\n");
     let first = Store::open(fixture.data()).unwrap();
     let owner = format!("process {}", std::process::id());
-    for words in [
+    for arguments in [
         &["run", "--plain"][..],
         &["run", "--headless", "--script", &script],
         &["candidate", "register", "grasp-hard-grip"],
         &["rollback", "grasp", "--as", "mara", "--reason", "because"],
     ] {
-        fixture.refuses(&words.join(" "), words, &["in use", &owner]);
+        fixture.refuses(&arguments.join(" "), arguments, &["in use", &owner]);
     }
     // The lock exists without its file; only its holder is unknown.
     fs::remove_file(Layout::new(fixture.data()).lock()).unwrap();
@@ -377,18 +385,18 @@ fn a_circle_of_dependencies_is_rejected() {
 
 /// A program that requested JSON once got a plain-text error.
 #[test]
-fn errors_are_json_for_whoever_asked_for_json() {
+fn errors_are_json_on_request() {
     let fixture = Fixture::new();
-    for (words, said) in [
+    for (arguments, part) in [
         (&["--json", "candidate", "register", "/nowhere"][..], "/nowhere"),
         (&["status", "grab", "--json"], "grab"),
         (&["nonsense", "--json"], "nonsense"),
         (&["approve", "x", "--json"], "capability version"),
     ] {
-        let output = holdpoint(&fixture.data(), words);
+        let output = holdpoint(&fixture.data(), arguments);
         assert_eq!(output.status.code(), Some(2), "{output:?}");
         let document: serde_json::Value = serde_json::from_slice(&output.stderr).unwrap();
-        assert!(document["error"].as_str().unwrap().contains(said), "{document}");
+        assert!(document["error"].as_str().unwrap().contains(part), "{document}");
         assert_eq!(document["code"], 2, "{document}");
         assert!(output.stdout.is_empty(), "{output:?}");
     }

@@ -25,20 +25,20 @@ use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::{Layout, verify};
 use holdpoint::runtime::capability;
 
-use crate::door::{PATIENCE, client};
 use crate::host::{Front, operation};
+use crate::socket::{PATIENCE, client};
 
 /// The number of connections that send requests without pause.
 const READERS: usize = 32;
 
 /// The number of connections that read without pause: fewer than the limit.
-const LOOKERS: usize = 20;
+const OBSERVERS: usize = 20;
 
 /// The time from the request to the stop command.
-const TOLD_WITHIN: Duration = Duration::from_millis(250);
+const BRAKE_LIMIT: Duration = Duration::from_millis(250);
 
 /// An engine on a thread of its own, whose live cell runs at the pace of a clock, and its switch.
-fn at_work(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
+fn start_engine(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
     let folder = folder.to_owned();
     let (ready, is_ready) = channel();
     let thread = std::thread::spawn(move || {
@@ -67,7 +67,7 @@ fn at_work(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
 
 /// Connections that request a version in full as fast as they are answered, until this is dropped.
 struct Readers {
-    go_on: Arc<AtomicBool>,
+    running: Arc<AtomicBool>,
     threads: Vec<JoinHandle<u64>>,
 }
 
@@ -75,24 +75,24 @@ impl Readers {
     /// As many that read evidence; each eighth verifies the whole audit chain.
     fn start(folder: &Path, version: &str) -> Self {
         let version: CapabilityId = version.parse().unwrap();
-        Self::asking(folder, READERS, |number| match number % 8 {
+        Self::start_with(folder, READERS, |number| match number % 8 {
             7 => Command::VerifyAudit,
             _ => Command::Detail { version: version.clone() },
         })
     }
 
-    fn asking(folder: &Path, count: usize, what: impl Fn(usize) -> Command) -> Self {
-        let go_on = Arc::new(AtomicBool::new(true));
+    fn start_with(folder: &Path, count: usize, command: impl Fn(usize) -> Command) -> Self {
+        let running = Arc::new(AtomicBool::new(true));
         let reader = |number: usize| {
-            let question = what(number);
-            let (go_on, layout) = (Arc::clone(&go_on), Layout::new(folder));
+            let request = command(number);
+            let (running, layout) = (Arc::clone(&running), Layout::new(folder));
             std::thread::spawn(move || {
                 let mut answered = 0;
                 let mut connection = None;
-                while go_on.load(Ordering::Acquire) {
+                while running.load(Ordering::Acquire) {
                     let client = connection.take().or_else(|| Client::connect(&layout).ok().flatten());
                     let Some(mut client) = client else { continue };
-                    if client.ask(question.clone()).is_ok() {
+                    if client.send(request.clone()).is_ok() {
                         answered += 1;
                         connection = Some(client);
                     }
@@ -101,12 +101,12 @@ impl Readers {
             })
         };
         let threads = (0..count).map(reader).collect();
-        Self { go_on, threads }
+        Self { running, threads }
     }
 
     /// The number of answers.
     fn end(self) -> u64 {
-        self.go_on.store(false, Ordering::Release);
+        self.running.store(false, Ordering::Release);
         self.threads.into_iter().map(|thread| thread.join().unwrap()).sum()
     }
 }
@@ -120,21 +120,21 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
 }
 
 /// Sends a request; returns the time to the stop command, and to the answer.
-fn asked(folder: &Path, switch: &StopSwitch, command: Command) -> (Duration, Duration, Reply) {
-    let mut asking = client(folder);
+fn time_request(folder: &Path, switch: &StopSwitch, command: Command) -> (Duration, Duration, Reply) {
+    let mut connection = client(folder);
     wait_until("nothing works", || switch.is_at_work() && !switch.lets_nothing_work());
     let begun = Instant::now();
-    let reply = asking.ask(command).unwrap();
-    let answered = begun.elapsed();
-    let told = switch.braked_at().and_then(|told| told.checked_duration_since(begun));
-    (told.unwrap_or_else(|| panic!("the arm got no stop command: {reply:?}")), answered, reply)
+    let reply = connection.send(command).unwrap();
+    let answer_time = begun.elapsed();
+    let brake_time = switch.braked_at().and_then(|at| at.checked_duration_since(begun));
+    (brake_time.unwrap_or_else(|| panic!("the arm got no stop command: {reply:?}")), answer_time, reply)
 }
 
 fn register(folder: &Path, candidate: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(candidate);
     let package = capability::read(&path).unwrap();
     let reply =
-        client(folder).ask(Command::Register { package, name: candidate.to_owned(), by: None }).unwrap();
+        client(folder).send(Command::Register { package, name: candidate.to_owned(), by: None }).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
@@ -160,41 +160,44 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
         with_a_new_version(prepared.path());
     }
     let wanted = measured.clone().unwrap_or(4);
-    let (mut told, mut answered, mut reads) = (Vec::new(), Vec::new(), 0);
-    while told.len() < wanted {
+    let (mut brake_times, mut answer_times, mut reads) = (Vec::new(), Vec::new(), 0);
+    while brake_times.len() < wanted {
         let folder = tempfile::tempdir().unwrap();
         copy(prepared.path(), folder.path());
-        let (engine, switch) = at_work(folder.path());
-        let off = |version: &str| operation(version);
+        let (engine, switch) = start_engine(folder.path());
+        let target = |version: &str| operation(version);
         let (read, first) = if measured.is_ok() {
-            ("align@1.1.0", Command::Rollback(off("align@1.1.0")))
+            ("align@1.1.0", Command::Rollback(target("align@1.1.0")))
         } else {
-            ("align@1.0.0", Command::Vacate(off("align@1.0.0")))
+            ("align@1.0.0", Command::Vacate(target("align@1.0.0")))
         };
         // A candidate is evaluated meanwhile: slices and commits are under way.
         register(folder.path(), "grasp-improved");
         let readers = Readers::start(folder.path(), read);
-        for command in [first, Command::Vacate(off("place@1.0.0"))] {
-            let (arm, reply, said) = asked(folder.path(), &switch, command);
-            assert!(matches!(said, Reply::Accepted { .. }), "{said:?}");
-            told.push(arm);
-            answered.push(reply);
+        for command in [first, Command::Vacate(target("place@1.0.0"))] {
+            let (brake_time, answer_time, answer) = time_request(folder.path(), &switch, command);
+            assert!(matches!(answer, Reply::Accepted { .. }), "{answer:?}");
+            brake_times.push(brake_time);
+            answer_times.push(answer_time);
         }
         let stop = Command::Stop { by: "ana".to_owned(), reason: "a hand".to_owned() };
-        let (arm, reply, said) = asked(folder.path(), &switch, stop);
+        let (brake_time, answer_time, answer) = time_request(folder.path(), &switch, stop);
         assert!(
-            matches!(said, Reply::Stopped { kept: StopPersistence::OnRecord | StopPersistence::InMark, .. }),
-            "{said:?}"
+            matches!(
+                answer,
+                Reply::Stopped { kept: StopPersistence::OnRecord | StopPersistence::InMark, .. }
+            ),
+            "{answer:?}"
         );
-        told.push(arm);
-        answered.push(reply);
+        brake_times.push(brake_time);
+        answer_times.push(answer_time);
         reads += readers.end();
-        client(folder.path()).ask(Command::Shutdown).unwrap();
+        client(folder.path()).send(Command::Shutdown).unwrap();
         engine.join().unwrap();
         verify(&Layout::new(folder.path()).database(), None).unwrap();
-        println!("{} of {wanted} measured", told.len());
+        println!("{} of {wanted} measured", brake_times.len());
     }
-    for (what, times) in [("the stop command", &mut told), ("answered", &mut answered)] {
+    for (what, times) in [("the stop command", &mut brake_times), ("answered", &mut answer_times)] {
         times.sort_unstable();
         let at = |share: usize| times[(times.len() * share / 100).min(times.len() - 1)];
         println!(
@@ -205,8 +208,8 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
             times.len()
         );
     }
-    let p99 = told[(told.len() * 99 / 100).min(told.len() - 1)];
-    assert!(p99 <= TOLD_WITHIN, "{told:?}");
+    let p99 = brake_times[(brake_times.len() * 99 / 100).min(brake_times.len() - 1)];
+    assert!(p99 <= BRAKE_LIMIT, "{brake_times:?}");
     assert!(reads > 0, "no reader was active");
 }
 
@@ -214,15 +217,15 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
 #[test]
 fn looks_without_pause_keep_no_other_request_out() {
     let folder = tempfile::tempdir().unwrap();
-    let (engine, _) = at_work(folder.path());
+    let (engine, _) = start_engine(folder.path());
     register(folder.path(), "grasp-improved");
-    let readers = Readers::asking(folder.path(), LOOKERS, |_| Command::Snapshot);
+    let readers = Readers::start_with(folder.path(), OBSERVERS, |_| Command::Snapshot);
     for number in 0..20 {
         let (by, text) = ("ana".to_owned(), format!("note {number}"));
-        let reply = client(folder.path()).ask(Command::Note { by, text }).unwrap();
+        let reply = client(folder.path()).send(Command::Note { by, text }).unwrap();
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     }
     assert!(readers.end() > 0);
-    client(folder.path()).ask(Command::Shutdown).unwrap();
+    client(folder.path()).send(Command::Shutdown).unwrap();
     engine.join().unwrap();
 }

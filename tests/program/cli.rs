@@ -82,17 +82,18 @@ impl EngineVerbs for NoEngine {
 }
 
 /// Runs a command line on a store; returns its exit code and output.
-fn ask(data: &Path, line: &str) -> (Exit, String) {
-    let words = ["holdpoint", "--data", data.to_str().unwrap()].into_iter().chain(line.split_whitespace());
-    let cli = Cli::try_parse_from(words).unwrap();
-    let mut printed = Vec::new();
-    let ended = dispatch(&cli, &mut NoEngine, &mut CommandOutput::to(&mut printed, cli.json)).unwrap();
-    (ended, String::from_utf8(printed).unwrap())
+fn run_line(data: &Path, line: &str) -> (Exit, String) {
+    let arguments =
+        ["holdpoint", "--data", data.to_str().unwrap()].into_iter().chain(line.split_whitespace());
+    let cli = Cli::try_parse_from(arguments).unwrap();
+    let mut bytes = Vec::new();
+    let exit = dispatch(&cli, &mut NoEngine, &mut CommandOutput::to(&mut bytes, cli.json)).unwrap();
+    (exit, String::from_utf8(bytes).unwrap())
 }
 
 fn json(data: &Path, line: &str) -> Value {
-    let (ended, text) = ask(data, &format!("{line} --json"));
-    assert_eq!(ended, Exit::Confirmed, "{line}: {text}");
+    let (exit, text) = run_line(data, &format!("{line} --json"));
+    assert_eq!(exit, Exit::Confirmed, "{line}: {text}");
     serde_json::from_str(&text).unwrap()
 }
 
@@ -114,31 +115,27 @@ fn the_registry_is_shown() {
         ("candidates", &["grasp@1.1.0"]),
         ("history", &[]),
     ] {
-        let listed = json(data, &format!("registry list --view {view}"));
-        let names: Vec<&str> = listed["versions"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|row| row["version"].as_str().unwrap())
-            .collect();
+        let list = json(data, &format!("registry list --view {view}"));
+        let names: Vec<&str> =
+            list["versions"].as_array().unwrap().iter().map(|row| row["version"].as_str().unwrap()).collect();
         assert_eq!(names, expected, "{view}");
-        let (_, text) = ask(data, &format!("registry list --view {view}"));
+        let (_, text) = run_line(data, &format!("registry list --view {view}"));
         assert!(expected.iter().all(|name| text.contains(name)), "{text}");
     }
-    let listed = json(data, "registry list --limit 1");
-    assert_eq!((listed["total"].as_u64(), listed["versions"].as_array().unwrap().len()), (Some(2), 1));
-    assert!(ask(data, "registry list --limit 1").1.contains("1 more"));
+    let list = json(data, "registry list --limit 1");
+    assert_eq!((list["total"].as_u64(), list["versions"].as_array().unwrap().len()), (Some(2), 1));
+    assert!(run_line(data, "registry list --limit 1").1.contains("1 more"));
 
-    let shown = json(data, "registry show grasp@1.1.0");
-    assert_eq!(shown["summary"]["state"], "shadowed");
-    assert_eq!(shown["evidence"][0]["body"]["is"], "gate grasp@1.1.0");
-    let (_, text) = ask(data, "registry show grasp@1.1.0");
+    let detail = json(data, "registry show grasp@1.1.0");
+    assert_eq!(detail["summary"]["state"], "shadowed");
+    assert_eq!(detail["evidence"][0]["body"]["is"], "gate grasp@1.1.0");
+    let (_, text) = run_line(data, "registry show grasp@1.1.0");
     assert!(text.contains("shadowed") && text.contains("gate"), "{text}");
 
     let history = json(data, "registry history grasp");
     assert_eq!(history["active"], "grasp@1.0.0");
     assert_eq!(history["activations"][0]["cause"], "bootstrap");
-    assert!(ask(data, "registry history grasp").1.contains("bootstrap"));
+    assert!(run_line(data, "registry history grasp").1.contains("bootstrap"));
 }
 
 #[test]
@@ -158,26 +155,27 @@ fn the_audit_log_is_listed_exported_and_verified() {
     let seals = store.seal_telemetry().unwrap();
     commit(&store, "seals", seals).unwrap();
     drop(store);
-    let (_, text) = ask(data, "audit list --all --json");
+    let (_, text) = run_line(data, "audit list --all --json");
     let records: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let newest = records[0]["seq"].as_u64().unwrap();
     assert_eq!(records.len() as u64, newest, "the newest first, none left out");
-    assert_eq!(ask(data, "audit list --limit 2 --json").1.lines().count(), 2);
+    assert_eq!(run_line(data, "audit list --limit 2 --json").1.lines().count(), 2);
     // Telemetry digests are most of the records, and are omitted by default.
-    let sealed = |record: &&Value| record["kind"].as_str().is_some_and(|kind| kind.starts_with("telemetry-"));
-    let seals = records.iter().filter(sealed).count();
+    let is_digest =
+        |record: &&Value| record["kind"].as_str().is_some_and(|kind| kind.starts_with("telemetry-"));
+    let seals = records.iter().filter(is_digest).count();
     assert!(seals > 0);
-    let (_, told) = ask(data, "audit list --json");
-    assert_eq!(told.lines().count(), records.len() - seals);
-    assert!(ask(data, "audit list --limit 1").1.contains("--all"));
-    assert_eq!(ask(data, "audit export").1.lines().count() as u64, newest);
-    assert_eq!(ask(data, &format!("audit export --from {newest}")).1.lines().count(), 1);
-    let verified = json(data, "audit verify");
+    let (_, listing) = run_line(data, "audit list --json");
+    assert_eq!(listing.lines().count(), records.len() - seals);
+    assert!(run_line(data, "audit list --limit 1").1.contains("--all"));
+    assert_eq!(run_line(data, "audit export").1.lines().count() as u64, newest);
+    assert_eq!(run_line(data, &format!("audit export --from {newest}")).1.lines().count(), 1);
+    let verification = json(data, "audit verify");
     assert_eq!(
-        (verified["sound"].as_bool(), verified["report"]["records"].as_u64()),
+        (verification["sound"].as_bool(), verification["report"]["records"].as_u64()),
         (Some(true), Some(newest))
     );
-    assert_eq!(verified["report"]["key_given"], true);
+    assert_eq!(verification["report"]["key_given"], true);
 }
 
 #[test]
@@ -198,15 +196,15 @@ fn a_forged_record_is_named_and_ends_with_a_rejection() {
         bytes
     };
     std::fs::write(&database, forged).unwrap();
-    let (ended, text) = ask(folder.path(), "audit verify");
-    assert_eq!(ended, Exit::Rejected, "{text}");
+    let (exit, text) = run_line(folder.path(), "audit verify");
+    assert_eq!(exit, Exit::Rejected, "{text}");
     assert!(text.starts_with("not sound: "), "{text}");
-    let (ended, text) = ask(folder.path(), "audit verify --json");
-    assert_eq!(ended, Exit::Rejected);
+    let (exit, text) = run_line(folder.path(), "audit verify --json");
+    assert_eq!(exit, Exit::Rejected);
     assert_eq!(serde_json::from_str::<Value>(&text).unwrap()["sound"], false);
     // Restored, it is sound again.
     std::fs::write(&database, bytes).unwrap();
-    assert_eq!(ask(folder.path(), "audit verify").0, Exit::Confirmed);
+    assert_eq!(run_line(folder.path(), "audit verify").0, Exit::Confirmed);
 }
 
 #[test]
@@ -218,8 +216,8 @@ fn hostile_text_is_shown_escaped() {
     hostile.audit[0].body = "{\"reason\":\"\u{9b}2J\u{202e}\"}".into();
     store.commit(hostile).unwrap();
     for line in ["audit list", "audit list --json", "audit export", "registry show grasp@1.0.0 --json"] {
-        let (_, text) = ask(folder.path(), line);
+        let (_, text) = run_line(folder.path(), line);
         assert!(!text.contains(['\u{9b}', '\u{202e}', '\u{1b}']), "{line}: {text:?}");
     }
-    assert!(ask(folder.path(), "audit list --json").1.contains(r"\u009b"));
+    assert!(run_line(folder.path(), "audit list --json").1.contains(r"\u009b"));
 }

@@ -8,7 +8,7 @@ fn holdpoint(arguments: &[&str], data: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(arguments).arg("--data").arg(data).output().unwrap()
 }
 
-fn printed(output: &Output) -> String {
+fn stdout_text(output: &Output) -> String {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout.clone()).unwrap()
 }
@@ -20,15 +20,15 @@ const GOLDEN: [(&str, &str, &str); 2] = [
 ];
 
 #[test]
-fn what_is_printed_is_what_was_agreed() {
+fn the_output_matches_the_golden_files() {
     for (scenario, candidate, expected) in GOLDEN {
         let data = tempfile::tempdir().unwrap();
         let script = format!("tests/scenarios/{scenario}.toml");
         holdpoint(&["run", "--headless", "--script", &script, "--seed", "101"], data.path());
-        let text = printed(&holdpoint(&["explain", candidate], data.path()));
+        let text = stdout_text(&holdpoint(&["explain", candidate], data.path()));
         assert_eq!(text, expected, "{scenario}");
         assert!(text.lines().all(|line| line.chars().count() <= 80), "{scenario}: wider than 80 columns");
-        let json = printed(&holdpoint(&["explain", candidate, "--json"], data.path()));
+        let json = stdout_text(&holdpoint(&["explain", candidate, "--json"], data.path()));
         let value: serde_json::Value = serde_json::from_str(&json).unwrap();
         let decisions = value["decisions"].as_array().unwrap();
         assert!(!decisions.is_empty());
@@ -40,18 +40,17 @@ fn what_is_printed_is_what_was_agreed() {
 }
 
 #[test]
-fn what_is_not_there_is_said() {
+fn a_missing_subject_fails() {
     let data = tempfile::tempdir().unwrap();
     let output = holdpoint(&["explain", "align@1.1.0"], data.path());
     assert_eq!(output.status.code(), Some(2));
     holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-interface.toml"], data.path());
-    for (subject, names) in [("align@9.9.9", "is not in the store"), ("no-such-folder", "neither a version")]
-    {
+    for (subject, part) in [("align@9.9.9", "is not in the store"), ("no-such-folder", "neither a version")] {
         let output = holdpoint(&["explain", subject], data.path());
         assert_eq!(output.status.code(), Some(2), "{subject}");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(said.contains(names) && said.contains("Hint:"), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(stderr.contains(part) && stderr.contains("Hint:"), "{stderr}");
     }
-    let baseline = printed(&holdpoint(&["explain", "grasp@1.0.0"], data.path()));
+    let baseline = stdout_text(&holdpoint(&["explain", "grasp@1.0.0"], data.path()));
     assert!(baseline.contains("nothing has been decided"), "{baseline}");
 }

@@ -13,12 +13,12 @@ use holdpoint::protocol::detail::{Detail, FindingVerdict};
 use holdpoint::protocol::film::{Film, FilmRequest, FilmSubject};
 use holdpoint::runtime::capability;
 
-struct Bench {
+struct FilmBench {
     engine: Engine,
-    asked: u64,
+    request_count: u64,
 }
 
-impl Bench {
+impl FilmBench {
     fn at(data: &Path) -> Self {
         let config = Config {
             data,
@@ -29,25 +29,25 @@ impl Bench {
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
         };
-        Self { engine: Engine::start(config).unwrap(), asked: 0 }
+        Self { engine: Engine::start(config).unwrap(), request_count: 0 }
     }
 
-    fn ask(&mut self, command: Command) -> Reply {
-        self.asked += 1;
-        self.engine.submit(Request::unsigned(format!("film-{}", self.asked), command))
+    fn submit(&mut self, command: Command) -> Reply {
+        self.request_count += 1;
+        self.engine.submit(Request::unsigned(format!("film-{}", self.request_count), command))
     }
 
     /// Takes a candidate as far as it gets.
-    fn judge(&mut self, name: &str) {
+    fn evaluate(&mut self, name: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(name);
         let package = capability::read(&path).unwrap();
-        let reply = self.ask(Command::Register { package, name: name.to_owned(), by: None });
+        let reply = self.submit(Command::Register { package, name: name.to_owned(), by: None });
         let Reply::Accepted { version: Some(version), .. } = reply else { panic!("{reply:?}") };
         for _ in 0..10_000 {
             self.engine.advance();
             let snapshot = self.engine.snapshot();
-            let stands = snapshot.candidates.iter().find(|candidate| candidate.version == version).unwrap();
-            if stands.state.is_terminal() {
+            let current = snapshot.candidates.iter().find(|candidate| candidate.version == version).unwrap();
+            if current.state.is_terminal() {
                 return;
             }
         }
@@ -60,8 +60,8 @@ impl Bench {
         of: FilmSubject,
         number: Option<u32>,
     ) -> Result<Film, (Refusal, String)> {
-        let asked = FilmRequest { of, number };
-        match self.ask(Command::Film { version: version.parse().unwrap(), asked }) {
+        let request = FilmRequest { of, number };
+        match self.submit(Command::Film { version: version.parse().unwrap(), asked: request }) {
             Reply::Film { film } => Ok(*film),
             Reply::Refused { code, text, .. } => Err((code, text)),
             other => panic!("{other:?}"),
@@ -69,7 +69,7 @@ impl Bench {
     }
 
     fn detail(&mut self, version: &str) -> Detail {
-        match self.ask(Command::Detail { version: version.parse().unwrap() }) {
+        match self.submit(Command::Detail { version: version.parse().unwrap() }) {
             Reply::Detail { detail } => *detail,
             other => panic!("{other:?}"),
         }
@@ -79,8 +79,8 @@ impl Bench {
 #[test]
 fn the_worst_episode_is_what_was_recorded() {
     let folder = tempfile::tempdir().unwrap();
-    let mut bench = Bench::at(folder.path());
-    bench.judge("grasp-hard-grip");
+    let mut bench = FilmBench::at(folder.path());
+    bench.evaluate("grasp-hard-grip");
     let version = "grasp@1.1.2";
     let film = bench.film(version, FilmSubject::Episode, None).unwrap();
     assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), Some(true)));
@@ -92,7 +92,7 @@ fn the_worst_episode_is_what_was_recorded() {
 
     // Each one is as recorded, also in an engine that opens the store later.
     drop(bench);
-    let mut later = Bench::at(folder.path());
+    let mut later = FilmBench::at(folder.path());
     for number in [1, film.count / 2, film.count] {
         let film = later.film(version, FilmSubject::Episode, Some(number)).unwrap();
         assert_eq!((film.number, film.why.as_str()), (number, ""));
@@ -114,10 +114,10 @@ fn the_worst_episode_is_what_was_recorded() {
 
 /// Episodes of a version that is stopped before the pairs can be seen, too.
 #[test]
-fn what_ended_an_evaluation_is_seen_alone() {
+fn the_ending_episode_is_filmed_alone() {
     let folder = tempfile::tempdir().unwrap();
-    let mut bench = Bench::at(folder.path());
-    bench.judge("align-past-permissions");
+    let mut bench = FilmBench::at(folder.path());
+    bench.evaluate("align-past-permissions");
     let version = &bench.engine.snapshot().candidates[0].version.to_string();
     let why = bench.detail(version).why;
     let behavior = why.iter().find(|why| why.about == Dimension::Behavior).unwrap();
@@ -133,17 +133,17 @@ fn what_ended_an_evaluation_is_seen_alone() {
 }
 
 #[test]
-fn a_failed_drill_is_rehearsed_again() {
+fn a_failed_drill_is_run_again() {
     let folder = tempfile::tempdir().unwrap();
-    let mut bench = Bench::at(folder.path());
-    bench.judge("align-no-stop");
+    let mut bench = FilmBench::at(folder.path());
+    bench.evaluate("align-no-stop");
     let version = bench.engine.snapshot().candidates.first().unwrap().version.to_string();
     let film = bench.film(&version, FilmSubject::Drill, None).unwrap();
     assert!(film.drill.is_some_and(|kind| DrillKind::ALL.contains(&kind)) && film.count > 0);
     assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), Some(true)));
     assert!(film.candidate.failed_at().is_some());
-    let begins = film.candidate.marks.iter().find(|mark| !mark.bad).unwrap();
-    assert!(begins.tick > 0 && begins.tick < film.end(), "{:?}", film.candidate.marks);
+    let start_mark = film.candidate.marks.iter().find(|mark| !mark.bad).unwrap();
+    assert!(start_mark.tick > 0 && start_mark.tick < film.end(), "{:?}", film.candidate.marks);
     // The run before it is visible, too, and time continues without a jump.
     let ticks: Vec<u64> = film.candidate.frames.iter().map(|frame| frame.tick).collect();
     assert!(ticks.first() == Some(&0) && ticks.windows(2).all(|two| two[1] == two[0] + 8), "{ticks:?}");

@@ -18,7 +18,7 @@ fn holdpoint(arguments: &[&str], data: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(arguments).arg("--data").arg(data).output().unwrap()
 }
 
-fn said(output: &Output) -> String {
+fn output_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
@@ -41,35 +41,35 @@ fn tasks_marks_and_verdicts_are_what_the_store_holds() {
     let count = |sql_text: &str| sql.query_row(sql_text, [], |row| row.get::<_, u64>(0)).unwrap();
     let tasks = count("SELECT count(*) FROM batch WHERE stream = 'live'");
     let done = count("SELECT count(*) FROM batch WHERE stream = 'live' AND body LIKE '%\"success\":true,%'");
-    let found = holdpoint(&["health", "--json", "--since", "@1"], data);
-    assert!(found.status.success(), "{}", said(&found));
-    let found: Value = serde_json::from_slice(&found.stdout).unwrap();
-    assert_eq!(found["clock"], "virtual");
-    let points = found["points"].as_array().unwrap();
+    let output = holdpoint(&["health", "--json", "--since", "@1"], data);
+    assert!(output.status.success(), "{}", output_text(&output));
+    let health: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(health["clock"], "virtual");
+    let points = health["points"].as_array().unwrap();
     let sum = |field: &str| points.iter().map(|point| point[field].as_u64().unwrap()).sum::<u64>();
-    assert_eq!((sum("tasks"), sum("succeeded")), (tasks, done), "{found}");
+    assert_eq!((sum("tasks"), sum("succeeded")), (tasks, done), "{health}");
     let kinds: Vec<&str> =
-        found["marks"].as_array().unwrap().iter().map(|mark| mark["kind"].as_str().unwrap()).collect();
+        health["marks"].as_array().unwrap().iter().map(|mark| mark["kind"].as_str().unwrap()).collect();
     assert!(kinds.contains(&"promotion") && kinds.contains(&"first-version"), "{kinds:?}");
     let (csv, svg) = (data.join("week.csv"), data.join("week.svg"));
     let paths = [csv.to_str().unwrap(), svg.to_str().unwrap()];
-    let asked = ["health", "--family", "align", "--csv", paths[0], "--svg", paths[1]];
-    let shown = said(&holdpoint(&asked, data));
-    assert!(shown.contains("success of align since") && shown.contains("P 00:"), "{shown}");
+    let arguments = ["health", "--family", "align", "--csv", paths[0], "--svg", paths[1]];
+    let text = output_text(&holdpoint(&arguments, data));
+    assert!(text.contains("success of align since") && text.contains("P 00:"), "{text}");
     assert!(
         fs::read_to_string(&svg).unwrap().contains("<svg") && fs::read_to_string(&csv).unwrap().len() > 200
     );
     // No file is overwritten.
-    let again = holdpoint(&asked, data);
-    assert_eq!((again.status.code(), said(&again).contains("cannot write")), (Some(2), true));
-    let courses = said(&holdpoint(&["alarms", "--history", "--courses"], data));
+    let again = holdpoint(&arguments, data);
+    assert_eq!((again.status.code(), output_text(&again).contains("cannot write")), (Some(2), true));
+    let courses = output_text(&holdpoint(&["alarms", "--history", "--courses"], data));
     assert!(courses.contains("raised by the engine") && courses.contains("has stood for"), "{courses}");
 }
 
 #[test]
-fn what_cannot_be_asked_is_one_sentence() {
+fn an_invalid_option_is_one_sentence() {
     let folder = store();
-    for (asked, word) in [
+    for (arguments, part) in [
         (vec!["--since", "soon"], "not a moment; allowed"),
         (vec!["--since", "tuesday"], "no machine time"),
         (vec!["--since", "@9999999"], "span from --since"),
@@ -79,10 +79,10 @@ fn what_cannot_be_asked_is_one_sentence() {
         (vec!["--bucket", "2d"], "not a width of a bucket"),
         (vec!["--family", "No Family"], "No Family"),
     ] {
-        let output = holdpoint(&[&["health"], asked.as_slice()].concat(), folder.path());
-        let told = said(&output);
-        assert_eq!(output.status.code(), Some(2), "{asked:?}: {told}");
-        assert!(told.contains(word) && !told.contains("panicked"), "{asked:?}: {told}");
+        let output = holdpoint(&[&["health"], arguments.as_slice()].concat(), folder.path());
+        let text = output_text(&output);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
+        assert!(text.contains(part) && !text.contains("panicked"), "{arguments:?}: {text}");
     }
     let nothing = tempfile::tempdir().unwrap();
     assert_eq!(holdpoint(&["health"], nothing.path()).status.code(), Some(2));
@@ -113,7 +113,7 @@ fn time_from(data: &Path, at_least_ms: u64) -> u64 {
     loop {
         assert!(Instant::now() < until, "the engine says no time from {at_least_ms} ms on");
         let Ok(Some(mut client)) = Client::connect(&layout) else { continue };
-        let Ok(Reply::Snapshot { snapshot }) = client.ask(Ask::Snapshot) else { continue };
+        let Ok(Reply::Snapshot { snapshot }) = client.send(Ask::Snapshot) else { continue };
         if snapshot.reading.is_none() && snapshot.at_ms >= at_least_ms {
             assert!(snapshot.wall_ms.unwrap() > 1_700_000_000_000);
             return snapshot.at_ms;
@@ -134,7 +134,7 @@ fn the_clock_goes_on_from_where_it_stood_and_not_from_the_last_record() {
     assert!(last_ms + 2_000 < stood_ms, "the record ends at {last_ms} and the clock stood at {stood_ms}");
     drop(sql);
     let _second = Service::start(&data);
-    let goes_on_ms = time_from(&data, 1);
+    let resumed_ms = time_from(&data, 1);
     // A sudden end takes back a second at most.
-    assert!(goes_on_ms + 1_100 >= stood_ms, "from {stood_ms} to {goes_on_ms}");
+    assert!(resumed_ms + 1_100 >= stood_ms, "from {stood_ms} to {resumed_ms}");
 }

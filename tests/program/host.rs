@@ -29,7 +29,7 @@ pub(crate) struct Front {
     runtime: Runtime,
     pub(crate) events: Vec<Event>,
     answers: Vec<(String, Reply)>,
-    asked: u64,
+    request_count: u64,
 }
 
 impl Front {
@@ -49,7 +49,7 @@ impl Front {
             console_folder: None,
         });
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let mut front = Self { host, runtime, events: Vec::new(), answers: Vec::new(), asked: 0 };
+        let mut front = Self { host, runtime, events: Vec::new(), answers: Vec::new(), request_count: 0 };
         assert!(matches!(front.next(), EngineUpdate::Started));
         front
     }
@@ -64,15 +64,15 @@ impl Front {
             | EngineUpdate::Past { .. }
             | EngineUpdate::Lagged { .. }
             | EngineUpdate::Returned(_) => {}
-            EngineUpdate::Ended(ended) => panic!("the engine ended: {ended:?}"),
+            EngineUpdate::Ended(result) => panic!("the engine ended: {result:?}"),
         }
         update
     }
 
-    fn ask(&mut self, command: Command) -> String {
-        self.asked += 1;
-        let id = format!("test-{}", self.asked);
-        self.host.ask(Request::unsigned(id.clone(), command)).unwrap();
+    fn send(&mut self, command: Command) -> String {
+        self.request_count += 1;
+        let id = format!("test-{}", self.request_count);
+        self.host.submit(Request::unsigned(id.clone(), command)).unwrap();
         id
     }
 
@@ -86,14 +86,14 @@ impl Front {
     }
 
     pub(crate) fn carry_out(&mut self, command: Command) -> Reply {
-        let id = self.ask(command);
+        let id = self.send(command);
         self.answer(&id)
     }
 
     /// The first event of the kind, received already or still to come.
-    pub(crate) fn until(&mut self, wanted: impl Fn(&EventKind) -> bool) -> Event {
+    pub(crate) fn until(&mut self, predicate: impl Fn(&EventKind) -> bool) -> Event {
         loop {
-            if let Some(found) = self.events.iter().find(|event| wanted(&event.kind)) {
+            if let Some(found) = self.events.iter().find(|event| predicate(&event.kind)) {
                 return found.clone();
             }
             self.next();
@@ -107,14 +107,14 @@ impl Front {
         }
     }
 
-    pub(crate) fn picture(&mut self, wanted: impl Fn(&VideoFrame) -> bool) -> Arc<VideoFrame> {
-        let pictures = &mut self.host.pictures;
-        let wanted = |picture: &Option<Arc<VideoFrame>>| picture.as_deref().is_some_and(&wanted);
-        let look = async {
-            let seen = timeout(PATIENCE, pictures.wait_for(wanted));
+    pub(crate) fn video_frame(&mut self, predicate: impl Fn(&VideoFrame) -> bool) -> Arc<VideoFrame> {
+        let frames = &mut self.host.frames;
+        let matches_frame = |frame: &Option<Arc<VideoFrame>>| frame.as_deref().is_some_and(&predicate);
+        let next_frame = async {
+            let seen = timeout(PATIENCE, frames.wait_for(matches_frame));
             seen.await.expect("in time").expect("a camera frame").clone()
         };
-        self.runtime.block_on(look).unwrap()
+        self.runtime.block_on(next_frame).unwrap()
     }
 }
 
@@ -137,10 +137,10 @@ pub(crate) fn refusal(reply: &Reply) -> Refusal {
 fn it_starts_answers_works_and_ends() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
-    let worked = front.until(|kind| matches!(kind, EventKind::Sequence { .. }));
-    assert!(matches!(worked.kind, EventKind::Sequence { index: 0, .. }));
-    let picture = front.picture(|_| true);
-    assert!(picture.body.links.len() > 2, "{picture:?}");
+    let sequence = front.until(|kind| matches!(kind, EventKind::Sequence { .. }));
+    assert!(matches!(sequence.kind, EventKind::Sequence { index: 0, .. }));
+    let frame = front.video_frame(|_| true);
+    assert!(frame.body.links.len() > 2, "{frame:?}");
     let snapshot = front.snapshot();
     assert!(snapshot.live.sequences >= 1);
     assert_eq!(snapshot.live.pace, None);
@@ -162,21 +162,21 @@ fn it_starts_answers_works_and_ends() {
 fn an_abort_stops_the_arm_in_flight() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), Some(1.0));
-    front.picture(|picture| picture.task == Some(TaskKind::Grasp) && picture.speed_m_s > 0.02);
-    let asked = Instant::now();
+    front.video_frame(|frame| frame.task == Some(TaskKind::Grasp) && frame.speed_m_s > 0.02);
+    let start = Instant::now();
     let reply = front.carry_out(Command::Vacate(operation("grasp@1.0.0")));
-    let took = asked.elapsed();
+    let took = start.elapsed();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     // The aim is half a second on a machine that is not shared; a whole sequence takes more than ten.
     assert!(took < Duration::from_secs(5), "{took:?}");
-    let told = front.until(|kind| matches!(kind, EventKind::RolledBack { .. }));
-    let EventKind::RolledBack { record, .. } = told.kind else { unreachable!() };
+    let rollback = front.until(|kind| matches!(kind, EventKind::RolledBack { .. }));
+    let EventKind::RolledBack { record, .. } = rollback.kind else { unreachable!() };
     assert!(record.in_flight, "{record:?}");
     assert!(record.time_to_safe_ms.is_some_and(|ms| ms < 1_000), "{record:?}");
-    let cut = front.until(|kind| matches!(kind, EventKind::Sequence { .. }));
+    let sequence = front.until(|kind| matches!(kind, EventKind::Sequence { .. }));
     assert!(
-        matches!(&cut.kind, EventKind::Sequence { success: false, refused: Some(why), .. } if why.contains("stopped")),
-        "{cut:?}"
+        matches!(&sequence.kind, EventKind::Sequence { success: false, refused: Some(why), .. } if why.contains("stopped")),
+        "{sequence:?}"
     );
     let snapshot = front.snapshot();
     let grasp = snapshot.families.iter().find(|family| family.family.as_str() == "grasp").unwrap();
@@ -202,13 +202,13 @@ fn an_abort_stops_the_arm_in_flight() {
 }
 
 #[test]
-fn what_happens_between_sequences_waits_and_the_rest_does_not() {
+fn only_a_drift_waits_for_the_end_of_a_sequence() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), Some(4.0));
-    front.picture(|picture| picture.task.is_some());
+    front.video_frame(|frame| frame.task.is_some());
     let drift =
-        front.ask(Command::Drift { kind: Some(DriftKind::SensorNoise), magnitude: Some(Magnitude::Mild) });
-    let audit = front.ask(Command::Audit {
+        front.send(Command::Drift { kind: Some(DriftKind::SensorNoise), magnitude: Some(Magnitude::Mild) });
+    let audit = front.send(Command::Audit {
         before: None,
         subject: String::new(),
         without: std::collections::BTreeSet::new(),
@@ -257,26 +257,26 @@ fn requests_are_bounded() {
     let folder = tempfile::tempdir().unwrap();
     let front = Front::start(folder.path(), Some(1.0));
     // The answers are not read, so no more requests are accepted than fit.
-    let taken = (0..4 * OUTSTANDING_MAX)
+    let accepted_count = (0..4 * OUTSTANDING_MAX)
         .filter(|number| {
             let id = format!("flood-{number}");
-            front.host.ask(Request::unsigned(id, Command::VerifyAudit)).is_ok()
+            front.host.submit(Request::unsigned(id, Command::VerifyAudit)).is_ok()
         })
         .count();
-    assert!((OUTSTANDING_MAX..4 * OUTSTANDING_MAX).contains(&taken), "{taken}");
+    assert!((OUTSTANDING_MAX..4 * OUTSTANDING_MAX).contains(&accepted_count), "{accepted_count}");
     front.host.stop(PATIENCE).unwrap();
 }
 
 #[test]
-fn a_panic_holds_the_pipeline_and_no_more() {
-    let trial = std::process::Command::new(std::env::current_exe().unwrap())
+fn a_panic_halts_only_the_pipeline() {
+    let output = std::process::Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "host::inside_a_panic", "--nocapture"])
         .env("HOLDPOINT_TEST_PANIC", "engine")
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&trial.stdout);
-    assert!(trial.status.success(), "{said}{}", String::from_utf8_lossy(&trial.stderr));
-    assert!(said.contains("1 passed"), "{said}");
+    let stdout = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{stdout}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(stdout.contains("1 passed"), "{stdout}");
 }
 
 /// Run by the test above, with the panic armed; by itself it only registers.
@@ -296,10 +296,14 @@ fn inside_a_panic() {
         let alarm = snapshot.alarms.iter().find(|alarm| alarm.alarm == "engine-fault").unwrap();
         assert!(alarm.latching);
         assert_eq!(alarm.state, AlarmState::Unacknowledged);
-        let held = front.carry_out(Command::Pause(operation("align@1.1.0")));
-        assert_eq!(refusal(&held), Refusal::Holding);
-        let seen = Command::AcknowledgeAlarm { alarm: "engine-fault".to_owned(), by: "ada".to_owned() };
-        assert!(matches!(front.carry_out(seen), Reply::Accepted { .. }), "a halted engine acknowledges");
+        let pause = front.carry_out(Command::Pause(operation("align@1.1.0")));
+        assert_eq!(refusal(&pause), Refusal::Holding);
+        let acknowledge =
+            Command::AcknowledgeAlarm { alarm: "engine-fault".to_owned(), by: "ada".to_owned() };
+        assert!(
+            matches!(front.carry_out(acknowledge), Reply::Accepted { .. }),
+            "a halted engine acknowledges"
+        );
     } else {
         front.until(|kind| matches!(kind, EventKind::StageStarted { .. }));
     }

@@ -51,13 +51,13 @@ fn until(what: &str, mut holds: impl FnMut() -> bool) {
 }
 
 /// An engine in another process, and its output.
-struct Served {
+struct EngineProcess {
     child: Child,
-    told: Receiver<(Instant, Value)>,
+    events: Receiver<(Instant, Value)>,
     data: PathBuf,
 }
 
-impl Served {
+impl EngineProcess {
     fn start(data: &Path) -> Self {
         let mut serve = Process::new(env!("CARGO_BIN_EXE_holdpoint"));
         serve.args(["serve", "--json", "--pace", "1", "--no-recording", "--data"]).arg(data);
@@ -66,22 +66,22 @@ impl Served {
 
     fn of(mut serve: Process, data: &Path) -> Self {
         let mut child = serve.stdout(Stdio::piped()).spawn().unwrap();
-        let (tell, told) = channel();
+        let (sender, events) = channel();
         let lines = BufReader::new(child.stdout.take().unwrap()).lines();
         std::thread::spawn(move || {
             for line in lines.map_while(Result::ok) {
-                let told = (Instant::now(), serde_json::from_str(&line).unwrap());
-                drop(tell.send(told));
+                let event = (Instant::now(), serde_json::from_str(&line).unwrap());
+                drop(sender.send(event));
             }
         });
-        let served = Self { child, told, data: data.to_owned() };
-        until("the engine does not start", || served.is_up());
-        served
+        let engine = Self { child, events, data: data.to_owned() };
+        until("the engine does not start", || engine.is_up());
+        engine
     }
 
     fn is_up(&self) -> bool {
         let Ok(Some(mut client)) = Client::connect(&self.layout()) else { return false };
-        let shown = client.ask(Command::Snapshot);
+        let shown = client.send(Command::Snapshot);
         client.unverified_origin().is_none()
             && matches!(shown, Ok(Reply::Snapshot { snapshot }) if snapshot.reading.is_none())
     }
@@ -90,9 +90,9 @@ impl Served {
         Layout::new(&self.data)
     }
 
-    fn verb(&self, words: &[&str]) -> Output {
+    fn verb(&self, arguments: &[&str]) -> Output {
         Process::new(env!("CARGO_BIN_EXE_holdpoint"))
-            .args(words)
+            .args(arguments)
             .arg("--data")
             .arg(&self.data)
             .output()
@@ -100,10 +100,10 @@ impl Served {
     }
 
     /// The time of the engine's next event of this kind.
-    fn tells(&self, kind: &str) -> Instant {
+    fn await_event(&self, kind: &str) -> Instant {
         loop {
-            let (at, told) = self.told.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("no {kind}"));
-            if told["event"] == kind {
+            let (at, event) = self.events.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("no {kind}"));
+            if event["event"] == kind {
                 return at;
             }
         }
@@ -115,14 +115,14 @@ impl Served {
     }
 
     /// Starts the cell, over the engine's own socket, wherever that is by now.
-    fn go(socket: &Path) {
+    fn start_cell(socket: &Path) {
         let until = Instant::now() + PATIENCE;
         loop {
-            let stopped = ask(socket, &json!({ "command": "snapshot" }));
-            let stopped = &stopped["reply"]["snapshot"]["stopped"];
+            let answer = send_request(socket, &json!({ "command": "snapshot" }));
+            let stopped = &answer["reply"]["snapshot"]["stopped"];
             let since = stopped["since_ms"].as_u64().unwrap_or(0);
             let known = stopped["stops"].as_u64().unwrap_or(0);
-            let reply = ask(
+            let reply = send_request(
                 socket,
                 &json!({ "command": "go", "by": "ana", "reason": "checked", "since_ms": since, "stops": known }),
             );
@@ -146,7 +146,7 @@ impl Served {
     }
 }
 
-impl Drop for Served {
+impl Drop for EngineProcess {
     fn drop(&mut self) {
         // An ended process has been waited for, and this then does nothing.
         drop(self.child.kill());
@@ -155,7 +155,7 @@ impl Drop for Served {
 }
 
 /// Sends a raw request; a missing answer is null.
-fn ask(socket: &Path, command: &Value) -> Value {
+fn send_request(socket: &Path, command: &Value) -> Value {
     let Ok(mut stream) = UnixStream::connect(socket) else { return Value::Null };
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let mut id = [0; 8];
@@ -176,7 +176,7 @@ struct Impostor {
     end: Option<Sender<()>>,
     /// Whether it answers nothing any more.
     over: Arc<AtomicBool>,
-    taken: Arc<AtomicUsize>,
+    takeovers: Arc<AtomicUsize>,
     thread: Option<JoinHandle<()>>,
     /// The current path of the engine's own socket.
     real: PathBuf,
@@ -184,24 +184,25 @@ struct Impostor {
 
 impl Impostor {
     fn start(layout: &Layout) -> Self {
-        let (over, taken) = (Arc::<AtomicBool>::default(), Arc::<AtomicUsize>::default());
-        let (end, ended) = channel::<()>();
+        let (over, takeovers) = (Arc::<AtomicBool>::default(), Arc::<AtomicUsize>::default());
+        let (end, end_signal) = channel::<()>();
         let path = socket_path(layout);
         let (real, own) = (layout.folder().join(".x"), layout.folder().join(".y"));
-        let (ends, counts, keeps) = (Arc::clone(&over), Arc::clone(&taken), real.clone());
+        let (thread_over, thread_takeovers, real_path) =
+            (Arc::clone(&over), Arc::clone(&takeovers), real.clone());
         let work = move || {
-            let mut mine = None;
-            while ended.recv_timeout(TAKES_EVERY) == Err(RecvTimeoutError::Timeout) {
-                let there = fs::symlink_metadata(&path).ok().map(|found| found.ino());
-                if there.is_some() && there != mine {
-                    drop(fs::rename(&path, &keeps));
+            let mut own_inode = None;
+            while end_signal.recv_timeout(TAKES_EVERY) == Err(RecvTimeoutError::Timeout) {
+                let inode = fs::symlink_metadata(&path).ok().map(|found| found.ino());
+                if inode.is_some() && inode != own_inode {
+                    drop(fs::rename(&path, &real_path));
                     drop(fs::remove_file(&own));
                     let listener = UnixListener::bind(&own).unwrap();
                     fs::set_permissions(&own, Permissions::from_mode(0o600)).unwrap();
-                    mine = fs::symlink_metadata(&own).ok().map(|found| found.ino());
+                    own_inode = fs::symlink_metadata(&own).ok().map(|found| found.ino());
                     fs::rename(&own, &path).unwrap();
-                    counts.fetch_add(1, Ordering::AcqRel);
-                    let over = Arc::clone(&ends);
+                    thread_takeovers.fetch_add(1, Ordering::AcqRel);
+                    let over = Arc::clone(&thread_over);
                     std::thread::spawn(move || {
                         for stream in listener.incoming().map_while(Result::ok) {
                             if over.load(Ordering::Acquire) {
@@ -213,13 +214,13 @@ impl Impostor {
                 }
             }
         };
-        let impostor = Self { end: Some(end), over, taken, thread: Some(std::thread::spawn(work)), real };
-        until("there is no name to take", || impostor.taken() > 0);
+        let impostor = Self { end: Some(end), over, takeovers, thread: Some(std::thread::spawn(work)), real };
+        until("there is no name to take", || impostor.takeovers() > 0);
         impostor
     }
 
-    fn taken(&self) -> usize {
-        self.taken.load(Ordering::Acquire)
+    fn takeovers(&self) -> usize {
+        self.takeovers.load(Ordering::Acquire)
     }
 }
 
@@ -246,7 +247,7 @@ fn lie(stream: UnixStream) -> Option<()> {
     None
 }
 
-fn said(output: &Output) -> String {
+fn output_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
@@ -255,116 +256,126 @@ fn a_stop_stops_the_arm_while_an_impostor_has_the_name() {
     let stops = count("HOLDPOINT_IMPOSTOR_STOPS", 3);
     let measured = std::env::var_os("HOLDPOINT_IMPOSTOR_STOPS").is_some();
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let impostor = Impostor::start(&served.layout());
+    let engine = EngineProcess::start(folder.path());
+    let impostor = Impostor::start(&engine.layout());
     let mut worst = Duration::ZERO;
     for nth in 1..=stops {
-        served.tells("sequence");
+        engine.await_event("sequence");
         let begun = Instant::now();
-        let stopped = served.verb(&["stop", "--reason", "a hand is in the cell"]);
-        assert_eq!(stopped.status.code(), Some(0), "{nth}: {}", said(&stopped));
-        assert!(!said(&stopped).contains(LIE), "{nth}: {}", said(&stopped));
-        let stands = served.tells("arm-stands") - begun;
-        worst = worst.max(stands);
-        assert!(!measured || stands < Duration::from_secs(1), "{nth}: {stands:?}");
-        Served::go(&impostor.real);
-        served.tells("cell-released");
+        let output = engine.verb(&["stop", "--reason", "a hand is in the cell"]);
+        assert_eq!(output.status.code(), Some(0), "{nth}: {}", output_text(&output));
+        assert!(!output_text(&output).contains(LIE), "{nth}: {}", output_text(&output));
+        let standstill = engine.await_event("arm-stands") - begun;
+        worst = worst.max(standstill);
+        assert!(!measured || standstill < Duration::from_secs(1), "{nth}: {standstill:?}");
+        EngineProcess::start_cell(&impostor.real);
+        engine.await_event("cell-released");
     }
     println!("impostor: {stops} of {stops} stops confirmed, verb to standing arm at worst {worst:?}");
-    assert_eq!(served.stops_on_record(), stops);
+    assert_eq!(engine.stops_on_record(), stops);
     drop(impostor);
-    served.end();
+    engine.end();
 }
 
 #[test]
-fn what_an_impostor_answers_is_never_taken_for_the_engines() {
+fn no_answer_of_an_impostor_counts_as_the_engines() {
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let impostor = Impostor::start(&served.layout());
-    let holds = i32::try_from(served.child.id()).unwrap();
-    assert_eq!(lock_holder(folder.path()), LockHolder::Process(holds));
-    let client = Client::connect(&served.layout()).unwrap().unwrap();
-    let answers = i32::try_from(std::process::id()).unwrap();
-    assert_eq!(client.unverified_origin(), AnswerOrigin::Other { answers, holds: Some(holds) }.unverified());
+    let engine = EngineProcess::start(folder.path());
+    let impostor = Impostor::start(&engine.layout());
+    let engine_pid = i32::try_from(engine.child.id()).unwrap();
+    assert_eq!(lock_holder(folder.path()), LockHolder::Process(engine_pid));
+    let client = Client::connect(&engine.layout()).unwrap().unwrap();
+    let own_pid = i32::try_from(std::process::id()).unwrap();
+    let origin = AnswerOrigin::Other { answers: own_pid, holds: Some(engine_pid) };
+    assert_eq!(client.unverified_origin(), origin.unverified());
     // A verb that changes authority reports it and ends with its own exit code, whatever the answer.
-    let words = ["demote", "grasp@1.0.0", "--as", "ana", "--reason", "it drops parts"];
+    let arguments = ["demote", "grasp@1.0.0", "--as", "ana", "--reason", "it drops parts"];
     for json in [&[][..], &["--json"]] {
-        let demoted = served.verb(&[&words[..], json].concat());
-        assert_eq!(demoted.status.code(), Some(6), "{}", said(&demoted));
-        assert!(said(&demoted).contains("not known to come from the engine"), "{}", said(&demoted));
+        let output = engine.verb(&[&arguments[..], json].concat());
+        assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
+        assert!(
+            output_text(&output).contains("not known to come from the engine"),
+            "{}",
+            output_text(&output)
+        );
         if !json.is_empty() {
-            let reply: Value = serde_json::from_slice(&demoted.stdout).unwrap();
+            let reply: Value = serde_json::from_slice(&output.stdout).unwrap();
             assert_eq!((&reply["text"], &reply["unverified"]), (&json!(LIE), &json!(UnverifiedOrigin::CODE)));
         }
     }
     // So does one that only reads.
-    let status = served.verb(&["status"]);
-    assert!(said(&status).contains("not known to come from the engine"), "{}", said(&status));
-    let status = served.verb(&["status", "--json"]);
-    assert!(said(&status).contains(UnverifiedOrigin::CODE), "{}", said(&status));
+    let status = engine.verb(&["status"]);
+    assert!(output_text(&status).contains("not known to come from the engine"), "{}", output_text(&status));
+    let status = engine.verb(&["status", "--json"]);
+    assert!(output_text(&status).contains(UnverifiedOrigin::CODE), "{}", output_text(&status));
     drop(impostor);
-    served.end();
+    engine.end();
 }
 
 /// A program that took the name and removed the mark at the same moment once defeated the stop.
 #[test]
 fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let impostor = Impostor::start(&served.layout());
-    let (over, removed) = (Arc::<AtomicBool>::default(), Arc::<AtomicUsize>::default());
-    let (ends, counts, mark) = (Arc::clone(&over), Arc::clone(&removed), served.layout().stop_asked());
+    let engine = EngineProcess::start(folder.path());
+    let impostor = Impostor::start(&engine.layout());
+    let (over, removals) = (Arc::<AtomicBool>::default(), Arc::<AtomicUsize>::default());
+    let (thread_over, thread_removals, mark) =
+        (Arc::clone(&over), Arc::clone(&removals), engine.layout().stop_request());
     let remover = std::thread::spawn(move || {
-        while !ends.load(Ordering::Acquire) {
+        while !thread_over.load(Ordering::Acquire) {
             if fs::remove_file(&mark).is_ok() {
-                counts.fetch_add(1, Ordering::AcqRel);
+                thread_removals.fetch_add(1, Ordering::AcqRel);
             }
         }
     });
     for _ in 0..count("HOLDPOINT_IMPOSTOR_STOPS", 3) {
-        let asked = Instant::now();
-        let stopped = served.verb(&["stop"]);
-        let told = served.tells("cell-stopped");
-        served.tells("arm-stands");
-        println!("{} ms, exit code {:?}", told.duration_since(asked).as_millis(), stopped.status.code());
+        let start = Instant::now();
+        let output = engine.verb(&["stop"]);
+        let stopped_at = engine.await_event("cell-stopped");
+        engine.await_event("arm-stands");
+        println!("{} ms, exit code {:?}", stopped_at.duration_since(start).as_millis(), output.status.code());
         // Confirmed by the kernel, or not reported.
-        match stopped.status.code() {
+        match output.status.code() {
             Some(0) => {
-                assert!(said(&stopped).contains("the process that has the store"), "{}", said(&stopped));
+                assert!(
+                    output_text(&output).contains("the process that has the store"),
+                    "{}",
+                    output_text(&output)
+                );
             }
-            code => assert_eq!(code, Some(6), "{}", said(&stopped)),
+            code => assert_eq!(code, Some(6), "{}", output_text(&output)),
         }
-        Served::go(&impostor.real);
-        served.tells("cell-released");
+        EngineProcess::start_cell(&impostor.real);
+        engine.await_event("cell-released");
     }
     over.store(true, Ordering::Release);
     remover.join().unwrap();
-    assert!(removed.load(Ordering::Acquire) > 0);
+    assert!(removals.load(Ordering::Acquire) > 0);
     drop(impostor);
-    served.end();
+    engine.end();
 }
 
 #[test]
 fn a_stop_that_nobody_confirms_is_no_stop_and_is_made_good() {
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let impostor = Impostor::start(&served.layout());
-    served.signal("-STOP");
+    let engine = EngineProcess::start(folder.path());
+    let impostor = Impostor::start(&engine.layout());
+    engine.signal("-STOP");
     for json in [&[][..], &["--json"]] {
-        let stopped = served.verb(&[&["stop"][..], json].concat());
-        let said = said(&stopped);
-        assert_eq!(stopped.status.code(), Some(6), "{said}");
-        assert!(said.contains("NOT CONFIRMED") && said.contains("press the emergency stop"), "{said}");
-        assert!(!said.contains("is stopped;") && !said.contains(LIE), "{said}");
-        assert!(json.is_empty() || said.contains("\"code\":6"), "{said}");
+        let output = engine.verb(&[&["stop"][..], json].concat());
+        let text = output_text(&output);
+        assert_eq!(output.status.code(), Some(6), "{text}");
+        assert!(text.contains("NOT CONFIRMED") && text.contains("press the emergency stop"), "{text}");
+        assert!(!text.contains("is stopped;") && !text.contains(LIE), "{text}");
+        assert!(json.is_empty() || text.contains("\"code\":6"), "{text}");
     }
     // The mark is there: the engine continues and stops because of it.
-    served.signal("-CONT");
-    served.tells("cell-stopped");
-    until("the mark stays", || !served.layout().stop_asked().exists());
-    assert_eq!(served.stops_on_record(), 1, "two requests with the same mark are one stop");
+    engine.signal("-CONT");
+    engine.await_event("cell-stopped");
+    until("the mark stays", || !engine.layout().stop_request().exists());
+    assert_eq!(engine.stops_on_record(), 1, "two requests with the same mark are one stop");
     drop(impostor);
-    served.end();
+    engine.end();
 }
 
 /// Without attack the engine itself confirms every stop, which counts once.
@@ -372,91 +383,91 @@ fn a_stop_that_nobody_confirms_is_no_stop_and_is_made_good() {
 fn every_stop_is_confirmed_and_counts_once() {
     let stops = count("HOLDPOINT_CONFIRMED_STOPS", 20);
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let mut took = Vec::new();
+    let engine = EngineProcess::start(folder.path());
+    let mut times = Vec::new();
     for nth in 0..stops {
         let call = StopCall::new("ana".to_owned(), format!("the {nth}th")).unwrap();
         let begun = Instant::now();
-        let outcome = call.ask(&served.layout());
-        took.push(begun.elapsed());
+        let outcome = call.send(&engine.layout());
+        times.push(begun.elapsed());
         assert!(
             matches!(&outcome, StopOutcome::Answered(Reply::Stopped { text, .. }) if text.contains("is stopped")),
             "{nth}: {outcome:?}"
         );
         if nth % 10 == 9 {
-            Served::go(&socket_path(&served.layout()));
+            EngineProcess::start_cell(&socket_path(&engine.layout()));
         }
     }
-    took.sort_unstable();
-    let at = |part: usize| took[(took.len() * part / 100).min(took.len() - 1)];
+    times.sort_unstable();
+    let at = |part: usize| times[(times.len() * part / 100).min(times.len() - 1)];
     println!("{stops} of {stops} stops confirmed, p50 {:?}, p99 {:?}, worst {:?}", at(50), at(99), at(100));
-    assert_eq!(served.stops_on_record(), stops);
-    assert!(!served.layout().stop_asked().exists());
-    served.end();
+    assert_eq!(engine.stops_on_record(), stops);
+    assert!(!engine.layout().stop_request().exists());
+    engine.end();
 }
 
 /// The cost of a verified answer: connections that read the snapshot.
 #[test]
 fn a_verified_answer_is_quick() {
-    let looks = count("HOLDPOINT_VERIFIED_ANSWERS", 50);
+    let reads = count("HOLDPOINT_VERIFIED_ANSWERS", 50);
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let mut took: Vec<Duration> = (0..looks)
+    let engine = EngineProcess::start(folder.path());
+    let mut times: Vec<Duration> = (0..reads)
         .map(|_| {
             let begun = Instant::now();
-            let mut client = Client::connect(&served.layout()).unwrap().unwrap();
+            let mut client = Client::connect(&engine.layout()).unwrap().unwrap();
             assert_eq!(client.unverified_origin(), None);
-            assert!(matches!(client.ask(Command::Snapshot).unwrap(), Reply::Snapshot { .. }));
+            assert!(matches!(client.send(Command::Snapshot).unwrap(), Reply::Snapshot { .. }));
             begun.elapsed()
         })
         .collect();
-    took.sort_unstable();
-    println!("{looks} verified answers: p50 {:?}, p99 {:?}", took[looks / 2], took[looks * 99 / 100]);
-    let mut looked: Vec<Duration> = (0..looks)
+    times.sort_unstable();
+    println!("{reads} verified answers: p50 {:?}, p99 {:?}", times[reads / 2], times[reads * 99 / 100]);
+    let mut lookup_times: Vec<Duration> = (0..reads)
         .map(|_| {
             let begun = Instant::now();
             assert!(matches!(lock_holder(folder.path()), LockHolder::Process(_)));
             begun.elapsed()
         })
         .collect();
-    looked.sort_unstable();
+    lookup_times.sort_unstable();
     println!(
         "of these, to find the holder of the store: p50 {:?}, p99 {:?}",
-        looked[looks / 2],
-        looked[looks * 99 / 100]
+        lookup_times[reads / 2],
+        lookup_times[reads * 99 / 100]
     );
-    served.end();
+    engine.end();
 }
 
 /// Each time the name is taken there is an alarm of high priority, and nothing accumulates in the folder.
 #[test]
 fn a_name_that_was_taken_is_an_alarm_and_leaves_no_heap() {
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let impostor = Impostor::start(&served.layout());
-    let alarmed = |served: &Served| {
+    let engine = EngineProcess::start(folder.path());
+    let impostor = Impostor::start(&engine.layout());
+    let await_alarm = |engine: &EngineProcess| {
         loop {
-            let (_, told) = served.told.recv_timeout(PATIENCE).expect("an alarm");
-            if told["alarm"] == "name-taken" && told["state"] == "unacknowledged" {
-                assert_eq!(told["priority"], "high", "{told}");
+            let (_, event) = engine.events.recv_timeout(PATIENCE).expect("an alarm");
+            if event["alarm"] == "name-taken" && event["state"] == "unacknowledged" {
+                assert_eq!(event["priority"], "high", "{event}");
                 return;
             }
         }
     };
-    alarmed(&served);
-    alarmed(&served);
-    assert!(impostor.taken() >= 2);
+    await_alarm(&engine);
+    await_alarm(&engine);
+    assert!(impostor.takeovers() >= 2);
     drop(impostor);
     drop(fs::remove_file(folder.path().join(".x")));
-    let socket = socket_path(&served.layout());
-    for displaced in 0..3 {
+    let socket = socket_path(&engine.layout());
+    for attempt in 0..3 {
         // A foreign folder that is not empty.
-        until(&format!("{displaced}: the name is not the engine's"), || served.is_up());
+        until(&format!("{attempt}: the name is not the engine's"), || engine.is_up());
         fs::remove_file(&socket).unwrap();
         fs::write(&socket, "kept").unwrap();
-        alarmed(&served);
+        await_alarm(&engine);
     }
-    until("the name is not the engine's", || served.is_up());
+    until("the name is not the engine's", || engine.is_up());
     let mut names: Vec<String> = fs::read_dir(folder.path())
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -464,69 +475,64 @@ fn a_name_that_was_taken_is_an_alarm_and_leaves_no_heap() {
         .collect();
     names.sort();
     assert_eq!(names, ["engine.lock", "engine.sock", "engine.sock.aside"]);
-    served.end();
+    engine.end();
 }
 
 /// Any object in the place of the mark stops the cell, which can start once the object is gone.
 #[test]
-fn whatever_lies_in_the_place_of_the_mark_is_a_stop() {
+fn any_object_in_place_of_the_mark_is_a_stop() {
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let mark = served.layout().stop_asked();
-    let socket = socket_path(&served.layout());
+    let engine = EngineProcess::start(folder.path());
+    let mark = engine.layout().stop_request();
+    let socket = socket_path(&engine.layout());
     let link = || symlink("/dev/zero", &mark).unwrap();
     let empty = || fs::write(&mark, "").unwrap();
     let long = || fs::write(&mark, "x".repeat(1 << 20)).unwrap();
     let pipe = || assert!(Process::new("mkfifo").arg(&mark).status().unwrap().success());
-    let folder_there = || fs::create_dir(&mark).unwrap();
-    let ways: [(&str, &dyn Fn()); 5] = [
-        ("a link", &link),
-        ("empty", &empty),
-        ("long", &long),
-        ("a pipe", &pipe),
-        ("a folder", &folder_there),
-    ];
-    for (what, plant) in ways {
+    let subfolder = || fs::create_dir(&mark).unwrap();
+    let objects: [(&str, &dyn Fn()); 5] =
+        [("a link", &link), ("empty", &empty), ("long", &long), ("a pipe", &pipe), ("a folder", &subfolder)];
+    for (what, plant) in objects {
         plant();
-        served.tells("cell-stopped");
+        engine.await_event("cell-stopped");
         until(&format!("{what} stays"), || fs::symlink_metadata(&mark).is_err());
-        Served::go(&socket);
-        served.tells("cell-released");
+        EngineProcess::start_cell(&socket);
+        engine.await_event("cell-released");
     }
     // An object that cannot be removed keeps the cell stopped.
     fs::create_dir(&mark).unwrap();
     fs::write(mark.join("inside"), "").unwrap();
-    served.tells("cell-stopped");
-    let refused = ask(&socket, &json!({ "command": "snapshot" }));
-    let stopped = &refused["reply"]["snapshot"]["stopped"];
-    let reply = ask(
+    engine.await_event("cell-stopped");
+    let answer = send_request(&socket, &json!({ "command": "snapshot" }));
+    let stopped = &answer["reply"]["snapshot"]["stopped"];
+    let reply = send_request(
         &socket,
         &json!({ "command": "go", "by": "ana", "reason": "checked", "since_ms": stopped["since_ms"], "stops": stopped["stops"] }),
     );
     assert!(reply["reply"]["text"].as_str().unwrap().contains("stop.asked"), "{reply}");
     fs::remove_dir_all(&mark).unwrap();
-    Served::go(&socket);
-    served.end();
+    EngineProcess::start_cell(&socket);
+    engine.end();
 }
 
 /// A mark left without an engine stops the next engine, which records it once.
 #[test]
 fn a_mark_that_was_left_stops_the_next_engine() {
     let folder = tempfile::tempdir().unwrap();
-    Served::start(folder.path()).end();
+    EngineProcess::start(folder.path()).end();
     let layout = Layout::new(folder.path());
-    fs::write(layout.stop_asked(), r#"{"id":"left","by":"ana","reason":"a hand is in the cell"}"#).unwrap();
-    let served = Served::start(folder.path());
-    let stopped = ask(&socket_path(&layout), &json!({ "command": "snapshot" }));
-    let stopped = &stopped["reply"]["snapshot"]["stopped"];
+    fs::write(layout.stop_request(), r#"{"id":"left","by":"ana","reason":"a hand is in the cell"}"#).unwrap();
+    let engine = EngineProcess::start(folder.path());
+    let answer = send_request(&socket_path(&layout), &json!({ "command": "snapshot" }));
+    let stopped = &answer["reply"]["snapshot"]["stopped"];
     assert_eq!((&stopped["by"], &stopped["stops"]), (&json!("ana"), &json!(1)), "{stopped}");
-    assert!(!layout.stop_asked().exists(), "it is on record");
-    assert_eq!(served.stops_on_record(), 1);
+    assert!(!layout.stop_request().exists(), "it is on record");
+    assert_eq!(engine.stops_on_record(), 1);
     let stops = AuditFilter { kind: Some(RecordKind::CellStopped), ..AuditFilter::default() };
     let stop = Views::open(&layout.database()).unwrap().audit(&stops).unwrap().remove(0);
     let body: Value = serde_json::from_str(&stop.body).unwrap();
     assert_eq!(body["code"], "unrecorded-stop", "{body}");
-    served.end();
+    engine.end();
 }
 
 /// A console of another account: it stops the cell over the socket of its group alone, and no account outside that
@@ -534,57 +540,61 @@ fn a_mark_that_was_left_stops_the_next_engine() {
 #[test]
 fn a_seat_of_another_account_stops_the_cell_and_a_stranger_does_not() {
     let folder = tempfile::tempdir().unwrap();
-    let (data, seats) = (folder.path().join("store"), folder.path().join("seats"));
-    fs::create_dir(&seats).unwrap();
-    fs::set_permissions(&seats, Permissions::from_mode(0o770)).unwrap();
+    let (data, console_folder) = (folder.path().join("store"), folder.path().join("seats"));
+    fs::create_dir(&console_folder).unwrap();
+    fs::set_permissions(&console_folder, Permissions::from_mode(0o770)).unwrap();
     let serve = || {
         let mut serve = Process::new(env!("CARGO_BIN_EXE_holdpoint"));
-        serve.args(["serve", "--json", "--no-recording", "--data"]).arg(&data).arg("--seats").arg(&seats);
+        serve
+            .args(["serve", "--json", "--no-recording", "--data"])
+            .arg(&data)
+            .arg("--seats")
+            .arg(&console_folder);
         serve
     };
     // A folder that others may write to is refused.
-    let refused = serve().output().unwrap();
-    assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
-    assert!(said(&refused).contains("may be written to by others"), "{}", said(&refused));
-    fs::set_permissions(&seats, Permissions::from_mode(0o750)).unwrap();
+    let refusal = serve().output().unwrap();
+    assert_eq!(refusal.status.code(), Some(2), "{}", output_text(&refusal));
+    assert!(output_text(&refusal).contains("may be written to by others"), "{}", output_text(&refusal));
+    fs::set_permissions(&console_folder, Permissions::from_mode(0o750)).unwrap();
     let is_root = rustix::process::geteuid().is_root();
     let (group, member, stranger) = (61_001, 61_002, 61_003);
     if is_root {
-        std::os::unix::fs::chown(&seats, None, Some(group)).unwrap();
+        std::os::unix::fs::chown(&console_folder, None, Some(group)).unwrap();
         fs::set_permissions(folder.path(), Permissions::from_mode(0o755)).unwrap();
     }
-    let served = Served::of(serve(), &data);
-    let socket = socket_path(&Layout::new(&seats)).metadata().unwrap();
-    assert_eq!((socket.mode() & 0o777, socket.gid()), (0o660, fs::metadata(&seats).unwrap().gid()));
-    let words = ["stop", "--as", "night", "--data"];
+    let engine = EngineProcess::of(serve(), &data);
+    let socket = socket_path(&Layout::new(&console_folder)).metadata().unwrap();
+    assert_eq!((socket.mode() & 0o777, socket.gid()), (0o660, fs::metadata(&console_folder).unwrap().gid()));
+    let arguments = ["stop", "--as", "night", "--data"];
     // The build folder may be closed to other accounts. A program that this process had open for writing could not
     // be started while another test starts one.
     let program = folder.path().join("holdpoint");
-    let copied = Process::new("cp").arg(env!("CARGO_BIN_EXE_holdpoint")).arg(&program).status().unwrap();
-    assert!(copied.success(), "{copied}");
+    let status = Process::new("cp").arg(env!("CARGO_BIN_EXE_holdpoint")).arg(&program).status().unwrap();
+    assert!(status.success(), "{status}");
     let stop_as = |uid: u32, gid: u32| {
         let mut verb = Process::new(&program);
-        verb.args(words).arg(&seats);
+        verb.args(arguments).arg(&console_folder);
         if is_root {
             verb.uid(uid).gid(gid);
         }
         verb.output().unwrap()
     };
     if is_root {
-        let shut_out = stop_as(stranger, stranger);
-        assert_eq!(shut_out.status.code(), Some(6), "{}", said(&shut_out));
-        assert_eq!(served.stops_on_record(), 0);
+        let stranger_output = stop_as(stranger, stranger);
+        assert_eq!(stranger_output.status.code(), Some(6), "{}", output_text(&stranger_output));
+        assert_eq!(engine.stops_on_record(), 0);
     }
-    let stopped = stop_as(member, group);
-    assert_eq!(stopped.status.code(), Some(0), "{}", said(&stopped));
-    assert!(said(&stopped).contains("the cell is stopped, by night"), "{}", said(&stopped));
-    served.tells("cell-stopped");
-    assert_eq!(served.stops_on_record(), 1);
+    let output = stop_as(member, group);
+    assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
+    assert!(output_text(&output).contains("the cell is stopped, by night"), "{}", output_text(&output));
+    engine.await_event("cell-stopped");
+    assert_eq!(engine.stops_on_record(), 1);
     if is_root {
         let stops = AuditFilter { kind: Some(RecordKind::CellStopped), ..AuditFilter::default() };
         let stops = Views::open(&Layout::new(&data).database()).unwrap().audit(&stops).unwrap();
         assert!(stops[0].body.contains(&format!("\"uid\":{member}")), "{}", stops[0].body);
     }
-    served.end();
-    assert!(!socket_path(&Layout::new(&seats)).exists());
+    engine.end();
+    assert!(!socket_path(&Layout::new(&console_folder)).exists());
 }

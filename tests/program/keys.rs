@@ -7,9 +7,9 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-fn holdpoint(data: &Path, words: &[&str], variable: Option<&Path>) -> Output {
+fn holdpoint(data: &Path, arguments: &[&str], variable: Option<&Path>) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
-    command.arg("--data").arg(data).args(words).env_remove("HOLDPOINT_PASSPHRASE_FILE");
+    command.arg("--data").arg(data).args(arguments).env_remove("HOLDPOINT_PASSPHRASE_FILE");
     if let Some(file) = variable {
         command.env("HOLDPOINT_PASSPHRASE_FILE", file);
     }
@@ -17,11 +17,11 @@ fn holdpoint(data: &Path, words: &[&str], variable: Option<&Path>) -> Output {
 }
 
 #[track_caller]
-fn ends(output: &Output, code: i32, said: &[&str]) -> String {
+fn ends(output: &Output, code: i32, parts: &[&str]) -> String {
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{text}");
-    for part in said {
+    for part in parts {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
     text
@@ -40,22 +40,22 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     let (oak, elm, short) =
         (file("oak", "under the oak\n"), file("elm", "under the elm\n"), file("short", "short\n"));
     let [oak_text, elm_text, short_text] = [&oak, &elm, &short].map(|path| path.to_str().unwrap());
-    let run = |words: &[&str]| holdpoint(&data, words, None);
+    let run = |arguments: &[&str]| holdpoint(&data, arguments, None);
 
     // Without a terminal an option must supply the passphrase.
     ends(&run(&["identity", "new", "mara"]), 2, &["no terminal", "--passphrase-file", "--unprotected"]);
     let short = run(&["identity", "new", "mara", "--passphrase-file", short_text]);
     ends(&short, 2, &["5 characters", "at least 8"]);
     assert!(!data.exists(), "nothing was made");
-    let made = run(&["identity", "new", "mara", "--passphrase-file", oak_text]);
-    let text = ends(&made, 0, &["created the identity mara (operator, passphrase)"]);
+    let output = run(&["identity", "new", "mara", "--passphrase-file", oak_text]);
+    let text = ends(&output, 0, &["created the identity mara (operator, passphrase)"]);
     assert!(!text.contains("oak"), "{text}");
     ends(&run(&["identity", "new", "rig", "--unprotected"]), 0, &["(operator, unprotected)"]);
     let key = data.join("keys/identities/mara.key");
     assert_eq!(fs::metadata(&key).unwrap().permissions().mode() & 0o7777, 0o600);
-    let kept = fs::read_to_string(&key).unwrap();
+    let key_text = fs::read_to_string(&key).unwrap();
     let head = "holdpoint-key 1\nkdf argon2id\nmemory-kib 65536\npasses 3\nlanes 4\nsalt ";
-    assert!(kept.starts_with(head), "{kept}");
+    assert!(key_text.starts_with(head), "{key_text}");
     let list: Vec<Value> = serde_json::from_slice(&run(&["identity", "list", "--json"]).stdout).unwrap();
     let kinds: Vec<_> = list.iter().map(|one| (one["name"].as_str(), one["protection"].as_str())).collect();
     assert_eq!(
@@ -80,11 +80,11 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     ends(&holdpoint(&data, &go, Some(&oak)), 0, &[]);
 
     // A new passphrase, none, and one again: the key stays the same.
-    let change = |words: &[&str]| run(&[&["identity", "passphrase", "mara"], words].concat());
+    let change = |arguments: &[&str]| run(&[&["identity", "passphrase", "mara"], arguments].concat());
     ends(&change(&["--passphrase-file", elm_text, "--new-passphrase-file", elm_text]), 2, &["wrong"]);
-    assert_eq!(fs::read_to_string(&key).unwrap(), kept);
-    let changed = change(&["--passphrase-file", oak_text, "--new-passphrase-file", elm_text]);
-    ends(&changed, 0, &["new passphrase"]);
+    assert_eq!(fs::read_to_string(&key).unwrap(), key_text);
+    let change_output = change(&["--passphrase-file", oak_text, "--new-passphrase-file", elm_text]);
+    ends(&change_output, 0, &["new passphrase"]);
     ends(&change(&["--passphrase-file", oak_text, "--remove"]), 2, &["wrong"]);
     ends(&change(&["--passphrase-file", elm_text, "--remove"]), 0, &["no passphrase now"]);
     ends(&change(&["--passphrase-file", elm_text, "--remove"]), 2, &["has no passphrase"]);
@@ -93,6 +93,6 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     assert_eq!((&list[1]["name"], &list[1]["protection"]), (&"mara".into(), &"passphrase".into()));
 
     // The error for a damaged file names the field and the allowed values.
-    fs::write(&key, kept.replace("memory-kib 65536", "memory-kib 4194304000")).unwrap();
+    fs::write(&key, key_text.replace("memory-kib 65536", "memory-kib 4194304000")).unwrap();
     ends(&with(oak_text), 2, &["mara.key", "memory-kib", "4194304000", "8192 to 1048576"]);
 }

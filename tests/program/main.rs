@@ -4,45 +4,45 @@
 //! (`console_pty`), kills (`kill`).
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test reports by failing")]
 
-mod asked;
+mod altered_messages;
 mod attach;
 mod bad_input;
 mod bench;
-mod between;
+mod bootstrap;
 mod braking;
+mod cached_results;
 mod cli;
-mod displaced;
-mod door;
-mod early;
 mod explain;
 mod film;
 mod health;
 mod host;
 mod impostor;
-mod kept;
+mod interrupted_script;
 mod keys;
-mod mended;
 mod metrics;
 mod old_stores;
 mod people;
 mod pool;
 mod profiles;
 #[cfg(feature = "rerun")]
-mod recorded;
-#[cfg(feature = "rerun")]
 mod recordings;
 mod refine;
-mod repeated;
+#[cfg(feature = "rerun")]
+mod replay_verbs;
+mod requests;
 mod scenarios;
 mod second_arm;
 mod serve;
-mod signed;
+mod signed_requests;
 mod skill;
+mod socket;
+mod socket_loss;
 mod stages;
 mod stop;
+mod store_rebuild;
 mod storm;
 mod survives;
-mod typed;
+mod typed_commands;
 
 #[path = "../support/agent.rs"]
 mod agent;

@@ -57,15 +57,15 @@ fn rates_are_what_telemetry_and_record_hold() {
         ON a.kind = 'telemetry-sealed' AND json_extract(a.body, '$.change.batch') = b.id
         WHERE b.stream = 'live' AND ?1 > 0 ORDER BY a.seq LIMIT 1 OFFSET 9";
     for from in [1, count(&sql, tenth, 1)] {
-        let found = metrics(&["--since", &format!("#{from}")], folder.path());
-        let rates = &found["metrics"];
+        let report = metrics(&["--since", &format!("#{from}")], folder.path());
+        let rates = &report["metrics"];
         let live = |what: &str| {
             let body = "CAST(b.body AS TEXT)";
             count(&sql, &format!("SELECT count(*) {LIVE} AND {}", what.replace("BODY", body)), from)
         };
         let all = live("1");
         assert_eq!(all, if from == 1 { 20 } else { 11 }, "the store is another one");
-        for (name, rate, counted) in [
+        for (name, rate, expected) in [
             ("pvr hard", &rates["pvr_observed"]["hard"], live("json_extract(BODY, '$.violation')")),
             (
                 "pvr near",
@@ -77,9 +77,9 @@ fn rates_are_what_telemetry_and_record_hold() {
             ("recovery", &rates["recovery_observed"], live("json_extract(BODY, '$.recovery')")),
             ("timeout", &rates["timeout_observed"], live("json_extract(BODY, '$.timeout')")),
         ] {
-            assert_eq!(pair(rate), (counted, all), "{name} from {from}");
+            assert_eq!(pair(rate), (expected, all), "{name} from {from}");
             let (lower, upper) = (&rate["interval"]["lower"], &rate["interval"]["upper"]);
-            let share = counted as f64 / all as f64;
+            let share = expected as f64 / all as f64;
             assert!(lower.as_f64().unwrap() <= share && share <= upper.as_f64().unwrap(), "{name}: {rate}");
         }
         let time = format!("SELECT avg(json_extract(CAST(b.body AS TEXT), '$.time_secs')) {LIVE}");
@@ -87,61 +87,61 @@ fn rates_are_what_telemetry_and_record_hold() {
         let mean = rates["time_s_observed"]["mean"].as_f64().unwrap();
         assert!((mean - time).abs() < 1e-9, "{mean} and {time}");
 
-        let let_in = "SELECT count(*) FROM activation WHERE cause = 'gate' AND seq >= ?1";
-        assert_eq!(pair(&rates["uar_observed"]), (0, count(&sql, let_in, from)), "from {from}");
-        let climbed = "SELECT count(DISTINCT json_extract(json, '$.trigger.tick')) FROM evidence
+        let activations = "SELECT count(*) FROM activation WHERE cause = 'gate' AND seq >= ?1";
+        assert_eq!(pair(&rates["uar_observed"]), (0, count(&sql, activations, from)), "from {from}");
+        let rollbacks = "SELECT count(DISTINCT json_extract(json, '$.trigger.tick')) FROM evidence
                        WHERE kind = 'rollback' AND seq >= ?1 AND json_extract(json, '$.recovered') IS NOT NULL";
-        assert_eq!(rates["rsr_observed"]["total"], count(&sql, climbed, from));
-        let decided =
+        assert_eq!(rates["rsr_observed"]["total"], count(&sql, rollbacks, from));
+        let decisions =
             "SELECT (SELECT count(*) FROM audit WHERE kind IN ('decision', 'monitor') AND seq >= ?1)
                        + (SELECT count(*) FROM evidence WHERE kind = 'monitor' AND seq >= ?1)";
-        assert_eq!(rates["auditability_observed"]["total"], count(&sql, decided, from));
+        assert_eq!(rates["auditability_observed"]["total"], count(&sql, decisions, from));
         let candidates = "SELECT count(*) FROM version AS v JOIN audit AS a
             ON a.kind = 'version-registered' AND a.subject = v.name WHERE v.baseline = 0 AND a.seq >= ?1";
         assert_eq!(rates["screening_observed"]["candidates"], count(&sql, candidates, from));
     }
     // As in `MADE.md` beside the store.
-    let found = metrics(&[], folder.path());
-    let (rates, screened) = (&found["metrics"], &found["metrics"]["screening_observed"]);
+    let report = metrics(&[], folder.path());
+    let (rates, screening) = (&report["metrics"], &report["metrics"]["screening_observed"]);
     assert_eq!(pair(&rates["rsr_observed"]), (1, 1));
     assert_eq!(pair(&rates["shadow_only_share_observed"]), (0, 1));
-    assert_eq!(screened["blocked"], serde_json::json!({ "sandbox": 1, "validation": 1 }));
+    assert_eq!(screening["blocked"], serde_json::json!({ "sandbox": 1, "validation": 1 }));
     let counts =
-        ["blocked_by_people", "contained", "kept", "open"].map(|name| screened[name].as_u64().unwrap());
+        ["blocked_by_people", "contained", "kept", "open"].map(|name| screening[name].as_u64().unwrap());
     assert_eq!(counts, [1, 1, 1, 1]);
     // `reject align@1.1.0 --as omar`.
     assert_eq!(rates["interventions_observed"], serde_json::json!({ "refused": 1 }));
-    assert_eq!(found["coverage"]["removed_batches"], 0);
+    assert_eq!(report["coverage"]["removed_batches"], 0);
 }
 
 #[test]
 fn without_a_case_there_is_no_rate() {
     let folder = store();
-    let found = metrics(&["--since", "#100000"], folder.path());
+    let report = metrics(&["--since", "#100000"], folder.path());
     for name in ["uar_observed", "rsr_observed", "success_observed", "srdr_observed", "auditability_observed"]
     {
-        let rate = &found["metrics"][name];
+        let rate = &report["metrics"][name];
         assert_eq!((pair(rate), &rate["interval"]), ((0, 0), &Value::Null), "{name}");
     }
-    assert_eq!(found["metrics"]["time_s_observed"]["mean"], Value::Null);
-    let printed = holdpoint(&["metrics", "--since", "#100000"], folder.path());
-    let printed = String::from_utf8(printed.stdout).unwrap();
-    assert!(printed.contains("no data") && !printed.contains("0.000"), "{printed}");
+    assert_eq!(report["metrics"]["time_s_observed"]["mean"], Value::Null);
+    let output = holdpoint(&["metrics", "--since", "#100000"], folder.path());
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("no data") && !text.contains("0.000"), "{text}");
     // Without its telemetry a store still has its record.
     fs::remove_file(folder.path().join("telemetry.db")).unwrap();
-    let found = metrics(&[], folder.path());
-    assert_eq!(pair(&found["metrics"]["uar_observed"]), (0, 2));
-    assert_eq!(pair(&found["metrics"]["success_observed"]), (0, 0));
-    assert_eq!(found["coverage"]["removed_batches"], 80);
+    let report = metrics(&[], folder.path());
+    assert_eq!(pair(&report["metrics"]["uar_observed"]), (0, 2));
+    assert_eq!(pair(&report["metrics"]["success_observed"]), (0, 0));
+    assert_eq!(report["coverage"]["removed_batches"], 80);
 }
 
 #[test]
-fn what_is_no_time_is_said_with_what_is_allowed() {
+fn an_invalid_time_lists_the_allowed_forms() {
     let folder = store();
     let output = holdpoint(&["metrics", "--since", "last tuesday"], folder.path());
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("last tuesday") && said.contains("2026-11-22T10:30"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("last tuesday") && stderr.contains("2026-11-22T10:30"), "{stderr}");
     let nowhere = folder.path().join("none");
     let output = holdpoint(&["metrics"], &nowhere);
     assert_eq!(output.status.code(), Some(2));
@@ -165,7 +165,7 @@ fn edit(data: &Path, kind: &str, change: impl FnOnce(&mut Value)) -> u64 {
     connection.query_row(next, [seq], |row| row.get(0)).unwrap()
 }
 
-fn copied(from: &Path) -> tempfile::TempDir {
+fn copy_store(from: &Path) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for file in ["holdpoint.db", "telemetry.db"] {
         fs::copy(from.join(file), folder.path().join(file)).unwrap();
@@ -184,8 +184,8 @@ fn every_decision_comes_out_again_until_its_evidence_is_edited() {
     assert_eq!(whole["unequal"], serde_json::json!([]));
 
     // A failed drill is changed to passed, and one value of an episode is changed.
-    type Edit = fn(&mut Value);
-    let edits: [(&str, Edit, &str); 3] = [
+    type EvidenceEdit = fn(&mut Value);
+    let edits: [(&str, EvidenceEdit, &str); 3] = [
         (
             "sandbox",
             |evidence| {
@@ -204,15 +204,20 @@ fn every_decision_comes_out_again_until_its_evidence_is_edited() {
         ),
         ("compat", |evidence| evidence["kappas"]["interface"]["kappa"] = 0.96.into(), "kappa_I"),
     ];
-    for (kind, change, named) in edits {
-        let copy = copied(folder.path());
+    for (kind, change, part) in edits {
+        let copy = copy_store(folder.path());
         let record = edit(copy.path(), kind, change);
-        let found = metrics(&[], copy.path());
-        assert_eq!(pair(&found["metrics"]["auditability_observed"]), (1, 2), "{kind}: {}", found["unequal"]);
-        assert_eq!(found["metrics"]["replays"]["differs"], 1, "{kind}");
-        let unequal = found["unequal"].as_array().unwrap();
+        let report = metrics(&[], copy.path());
+        assert_eq!(
+            pair(&report["metrics"]["auditability_observed"]),
+            (1, 2),
+            "{kind}: {}",
+            report["unequal"]
+        );
+        assert_eq!(report["metrics"]["replays"]["differs"], 1, "{kind}");
+        let unequal = report["unequal"].as_array().unwrap();
         assert_eq!((unequal.len(), &unequal[0]["record"]), (1, &Value::from(record)), "{kind}");
         let what = unequal[0]["what"].as_str().unwrap();
-        assert!(what.starts_with(named) && what.contains("on record"), "{what}");
+        assert!(what.starts_with(part) && what.contains("on record"), "{what}");
     }
 }

@@ -7,38 +7,38 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::agent::Agent;
-use crate::old_stores::{OPEN_ROLES, copied, holdpoint, text};
+use crate::agent::AgentProcess;
+use crate::old_stores::{OPEN_ROLES, copy_fixture, holdpoint, text};
 
 /// A call that must end with this code; returns its output and errors.
 #[track_caller]
 fn ends(folder: &TempDir, call: &str, code: i32) -> String {
-    let words: Vec<&str> = call.split(' ').collect();
-    let output = holdpoint(folder, &words);
-    let said = text(&output.stdout) + &text(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{call}: {said}");
-    said
+    let arguments: Vec<&str> = call.split(' ').collect();
+    let output = holdpoint(folder, &arguments);
+    let message = text(&output.stdout) + &text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{call}: {message}");
+    message
 }
 
 #[track_caller]
-fn says(said: &str, parts: &[&str]) {
+fn assert_contains(message: &str, parts: &[&str]) {
     for part in parts {
-        assert!(said.contains(part), "{part:?} is not in {said}");
+        assert!(message.contains(part), "{part:?} is not in {message}");
     }
 }
 
 /// The name and state of every person.
-fn standings(folder: &TempDir) -> Vec<(String, String)> {
+fn person_states(folder: &TempDir) -> Vec<(String, String)> {
     let output = holdpoint(folder, &["identity", "list", "--json"]);
     let list: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap();
     let field = |one: &Value, name: &str| one[name].as_str().unwrap().to_owned();
     list.iter().map(|one| (field(one, "name"), field(one, "state"))).collect()
 }
 
-fn is(folder: &TempDir, expected: &[(&str, &str)]) {
+fn assert_states(folder: &TempDir, expected: &[(&str, &str)]) {
     let expected: Vec<_> =
         expected.iter().map(|(name, state)| ((*name).to_owned(), (*state).to_owned())).collect();
-    assert_eq!(standings(folder), expected);
+    assert_eq!(person_states(folder), expected);
 }
 
 fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
@@ -51,33 +51,36 @@ fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
 #[test]
 fn people_come_and_go_by_an_administrators_act_alone() {
     let folder = tempfile::tempdir().unwrap();
-    let said = ends(&folder, "identity new mara --role safety --unprotected", 0);
-    says(&said, &["created the identity mara", "enrolled by admin, whose key has no passphrase"]);
+    let message = ends(&folder, "identity new mara --role safety --unprotected", 0);
+    assert_contains(
+        &message,
+        &["created the identity mara", "enrolled by admin, whose key has no passphrase"],
+    );
     ends(&folder, "identity new omar --unprotected --by admin", 0);
-    is(&folder, &[("admin", "enrolled"), ("mara", "enrolled"), ("omar", "enrolled")]);
+    assert_states(&folder, &[("admin", "enrolled"), ("mara", "enrolled"), ("omar", "enrolled")]);
     let mode = fs::metadata(folder.path().join("store/keys/identities/admin.key")).unwrap().permissions();
     assert_eq!(mode.mode() & 0o7777, 0o600);
     // A person who is not an administrator enrolls and revokes no one.
-    let said = ends(&folder, "identity new eve --unprotected --by mara", 3);
-    says(&said, &["mara", "only an administrator"]);
+    let message = ends(&folder, "identity new eve --unprotected --by mara", 3);
+    assert_contains(&message, &["mara", "only an administrator"]);
     // A refused enrollment leaves nothing.
-    is(&folder, &[("admin", "enrolled"), ("mara", "enrolled"), ("omar", "enrolled")]);
-    let said = ends(&folder, "identity revoke omar --by mara --reason envy", 3);
-    says(&said, &["only an administrator"]);
-    let said = ends(&folder, "identity revoke admin --by admin --reason tired", 3);
-    says(&said, &["last administrator", "enroll another administrator first"]);
+    assert_states(&folder, &[("admin", "enrolled"), ("mara", "enrolled"), ("omar", "enrolled")]);
+    let message = ends(&folder, "identity revoke omar --by mara --reason envy", 3);
+    assert_contains(&message, &["only an administrator"]);
+    let message = ends(&folder, "identity revoke admin --by admin --reason tired", 3);
+    assert_contains(&message, &["last administrator", "enroll another administrator first"]);
     // A name and a key belong to a person permanently.
     ends(&folder, "identity revoke omar --by admin --reason left", 0);
-    let said = ends(&folder, "identity enrol omar --by admin --reason back", 3);
-    says(&said, &["revoked in this store already"]);
+    let message = ends(&folder, "identity enrol omar --by admin --reason back", 3);
+    assert_contains(&message, &["revoked in this store already"]);
     let keys = folder.path().join("store/keys/identities");
     for ending in ["key", "pub"] {
         fs::copy(keys.join(format!("mara.{ending}")), keys.join(format!("alias.{ending}"))).unwrap();
     }
-    let said = ends(&folder, "identity enrol alias --by admin --reason twin", 3);
-    says(&said, &["that of \"mara\" already", "one key is one person"]);
+    let message = ends(&folder, "identity enrol alias --by admin --reason twin", 3);
+    assert_contains(&message, &["that of \"mara\" already", "one key is one person"]);
     let all = [("admin", "enrolled"), ("alias", "not-enrolled"), ("mara", "enrolled"), ("omar", "revoked")];
-    is(&folder, &all);
+    assert_states(&folder, &all);
     // Public files are read for signing: edited, removed or added ones change nothing.
     let elsewhere = tempfile::tempdir().unwrap();
     ends(&elsewhere, "identity new eve --unprotected", 0);
@@ -85,22 +88,23 @@ fn people_come_and_go_by_an_administrators_act_alone() {
     fs::copy(keys.join("eve.pub"), keys.join("mara.pub")).unwrap();
     fs::remove_file(keys.join("omar.pub")).unwrap();
     fs::copy(keys.join("eve.pub"), keys.join("zoe.pub")).unwrap();
-    says(&ends(&folder, "audit verify", 0), &["sound"]);
-    let standing = standings(&folder);
-    let of = |name: &str| standing.iter().find(|(known, _)| known == name).map(|(_, state)| state.as_str());
+    assert_contains(&ends(&folder, "audit verify", 0), &["sound"]);
+    let states = person_states(&folder);
+    let state_of =
+        |name: &str| states.iter().find(|(known, _)| known == name).map(|(_, state)| state.as_str());
     assert_eq!(
-        (of("mara"), of("omar"), of("zoe")),
+        (state_of("mara"), state_of("omar"), state_of("zoe")),
         (Some("enrolled"), Some("revoked"), Some("not-enrolled"))
     );
     // A key from elsewhere.
     ends(&elsewhere, "identity new cleo --role engineer --unprotected", 0);
     let public = elsewhere.path().join("store/keys/identities/cleo.pub");
     let call = format!("identity enrol cleo --public-key {} --by admin --reason hers", public.display());
-    says(&ends(&folder, &call, 0), &["cleo is enrolled as engineer by admin"]);
+    assert_contains(&ends(&folder, &call, 0), &["cleo is enrolled as engineer by admin"]);
 }
 
 #[test]
-fn of_an_enrolment_that_is_refused_nothing_is_left() {
+fn a_refused_enrolment_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let oak = file(folder.path(), "oak", "under the oak\n");
     let elm = file(folder.path(), "elm", "under the elm\n");
@@ -118,37 +122,40 @@ fn of_an_enrolment_that_is_refused_nothing_is_left() {
     let before = files();
     let new = format!("identity new mara --passphrase-file {elm} --by admin");
     // Without the administrator's passphrase, with a wrong one, with a missing file, by an unknown person.
-    for (call, code, words) in [
+    for (call, code, part) in [
         (new.clone(), 2, "--by-passphrase-file FILE"),
         (format!("{new} --by-passphrase-file {elm}"), 2, "--by-passphrase-file names its file"),
         (format!("{new} --by-passphrase-file nowhere"), 2, "nowhere"),
         (format!("identity new mara --passphrase-file {elm} --by eve"), 2, "eve"),
         (format!("identity new mara --passphrase-file {elm} --by rig"), 3, "only an administrator"),
     ] {
-        says(&ends(&folder, &call, code), &[words]);
+        assert_contains(&ends(&folder, &call, code), &[part]);
         assert_eq!(files(), before, "{call}");
     }
     // So the name is free for the correct call.
-    let said = ends(&folder, &format!("{new} --by-passphrase-file {oak}"), 0);
-    says(&said, &["created the identity mara", "enrolled by admin"]);
-    says(&ends(&folder, "audit verify", 0), &["sound"]);
+    let message = ends(&folder, &format!("{new} --by-passphrase-file {oak}"), 0);
+    assert_contains(&message, &["created the identity mara", "enrolled by admin"]);
+    assert_contains(&ends(&folder, "audit verify", 0), &["sound"]);
 }
 
 #[test]
 fn a_store_of_an_earlier_version_trusts_no_file() {
-    let folder = copied(OPEN_ROLES);
-    assert!(standings(&folder).iter().all(|(_, state)| state == "not-enrolled"));
+    let folder = copy_fixture(OPEN_ROLES);
+    assert!(person_states(&folder).iter().all(|(_, state)| state == "not-enrolled"));
     // Only the first opening makes the administrator.
-    let said = ends(&folder, "resume align --as omar --reason back", 3);
-    says(&said, &["omar is not enrolled in this store", "`holdpoint identity enrol omar --by admin"]);
-    let found = standings(&folder);
-    assert!(found.contains(&("admin".to_owned(), "enrolled".to_owned())), "{found:?}");
-    assert!(found.iter().all(|(name, state)| name == "admin" || state == "not-enrolled"), "{found:?}");
-    let made = ends(&folder, "audit list --kind person-enrolled --json", 0);
-    says(&made, &["made when a store of an earlier version was opened"]);
+    let message = ends(&folder, "resume align --as omar --reason back", 3);
+    assert_contains(
+        &message,
+        &["omar is not enrolled in this store", "`holdpoint identity enrol omar --by admin"],
+    );
+    let states = person_states(&folder);
+    assert!(states.contains(&("admin".to_owned(), "enrolled".to_owned())), "{states:?}");
+    assert!(states.iter().all(|(name, state)| name == "admin" || state == "not-enrolled"), "{states:?}");
+    let records = ends(&folder, "audit list --kind person-enrolled --json", 0);
+    assert_contains(&records, &["made when a store of an earlier version was opened"]);
     // Last used under a profile with approvals.
-    let said = ends(&folder, "identity enrol omar --by admin --reason known", 3);
-    says(&said, &["the key of admin has no passphrase"]);
+    let message = ends(&folder, "identity enrol omar --by admin --reason known", 3);
+    assert_contains(&message, &["the key of admin has no passphrase"]);
     let oak = file(folder.path(), "oak", "under the oak\n");
     let oak = oak.display();
     ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
@@ -156,11 +163,11 @@ fn a_store_of_an_earlier_version_trusts_no_file() {
     ends(&folder, &enrol("omar"), 0);
     // A role outside the set must be chosen again.
     ends(&folder, &enrol("mara --role safety"), 0);
-    let found = standings(&folder);
+    let states = person_states(&folder);
     for name in ["mara", "omar"] {
-        assert!(found.contains(&(name.to_owned(), "enrolled".to_owned())), "{name}: {found:?}");
+        assert!(states.contains(&(name.to_owned(), "enrolled".to_owned())), "{name}: {states:?}");
     }
-    says(&ends(&folder, "audit verify", 0), &["sound"]);
+    assert_contains(&ends(&folder, "audit verify", 0), &["sound"]);
 }
 
 #[test]
@@ -171,16 +178,22 @@ fn under_human_the_first_administrator_needs_a_passphrase_first() {
     let (script, oak) = (script.display(), oak.display());
     // It judged nothing.
     ends(&folder, &format!("run --headless --script {script}"), 5);
-    let said = ends(&folder, &format!("identity new ben --passphrase-file {oak}"), 0);
-    says(&said, &["not enrolled", "`holdpoint identity enrol ben --by admin --reason TEXT` enrolls the key"]);
+    let message = ends(&folder, &format!("identity new ben --passphrase-file {oak}"), 0);
+    assert_contains(
+        &message,
+        &["not enrolled", "`holdpoint identity enrol ben --by admin --reason TEXT` enrolls the key"],
+    );
     let enrol = format!("identity enrol ben --by admin --reason joins --passphrase-file {oak}");
-    let said = ends(&folder, &enrol, 3);
-    says(&said, &["the key of admin has no passphrase", "`holdpoint identity passphrase admin` sets one"]);
+    let message = ends(&folder, &enrol, 3);
+    assert_contains(
+        &message,
+        &["the key of admin has no passphrase", "`holdpoint identity passphrase admin` sets one"],
+    );
     let before = fs::read_to_string(folder.path().join("store/keys/identities/admin.pub")).unwrap();
     ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
     ends(&folder, &enrol, 0);
     assert_eq!(fs::read_to_string(folder.path().join("store/keys/identities/admin.pub")).unwrap(), before);
-    is(&folder, &[("admin", "enrolled"), ("ben", "enrolled")]);
+    assert_states(&folder, &[("admin", "enrolled"), ("ben", "enrolled")]);
 }
 
 #[test]
@@ -189,11 +202,14 @@ fn a_key_that_others_can_read_is_named_with_what_to_do() {
     ends(&folder, "identity new mara --unprotected", 0);
     let key = folder.path().join("store/keys/identities/mara.key");
     fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).unwrap();
-    let said = ends(&folder, "identity list", 1);
-    says(&said, &["open to others", "has mode 0644", "`chmod 600 store/keys/identities/mara.key`"]);
-    let listed = holdpoint(&folder, &["identity", "list", "--json"]);
-    assert_eq!((listed.status.code(), text(&listed.stderr).as_str()), (Some(1), ""));
-    let rows: Vec<Value> = serde_json::from_slice(&listed.stdout).unwrap();
+    let message = ends(&folder, "identity list", 1);
+    assert_contains(
+        &message,
+        &["open to others", "has mode 0644", "`chmod 600 store/keys/identities/mara.key`"],
+    );
+    let list = holdpoint(&folder, &["identity", "list", "--json"]);
+    assert_eq!((list.status.code(), text(&list.stderr).as_str()), (Some(1), ""));
+    let rows: Vec<Value> = serde_json::from_slice(&list.stdout).unwrap();
     assert_eq!(rows[1]["protection"], Value::Null);
     assert!(rows[1]["problem"].as_str().unwrap().contains("0644"), "{rows:?}");
     fs::set_permissions(&key, fs::Permissions::from_mode(0o600)).unwrap();
@@ -204,7 +220,7 @@ fn a_key_that_others_can_read_is_named_with_what_to_do() {
 fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     use std::process::Command;
     let folder = tempfile::tempdir().unwrap();
-    let Some(agent) = Agent::with_key(folder.path(), "mara@desk") else { return };
+    let Some(agent) = AgentProcess::with_key(folder.path(), "mara@desk") else { return };
     let socket = agent.socket();
     let with = |call: &str, socket: Option<&Path>, code: i32| {
         let mut process = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
@@ -214,28 +230,31 @@ fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
             None => process.env_remove("SSH_AUTH_SOCK"),
         };
         let output = process.output().unwrap();
-        let said = text(&output.stdout) + &text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{call}: {said}");
-        said
+        let message = text(&output.stdout) + &text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{call}: {message}");
+        message
     };
     let enrol =
         |key: &str| format!("identity enrol mara --ssh-agent {key} --role engineer --by admin --reason hers");
-    says(&with(&enrol("eve@desk"), Some(&socket), 2), &["holds no ed25519 key eve@desk", "ssh-add -l"]);
-    says(&with(&enrol("mara@desk"), None, 2), &["SSH_AUTH_SOCK names no ssh-agent"]);
-    says(&with(&enrol("mara@desk"), Some(&socket), 0), &["mara is enrolled as engineer by admin"]);
+    assert_contains(
+        &with(&enrol("eve@desk"), Some(&socket), 2),
+        &["holds no ed25519 key eve@desk", "ssh-add -l"],
+    );
+    assert_contains(&with(&enrol("mara@desk"), None, 2), &["SSH_AUTH_SOCK names no ssh-agent"]);
+    assert_contains(&with(&enrol("mara@desk"), Some(&socket), 0), &["mara is enrolled as engineer by admin"]);
     let keys = folder.path().join("store/keys/identities");
     assert!(keys.join("mara.agent").exists() && !keys.join("mara.key").exists());
-    let said = with("identity list", Some(&socket), 0);
-    assert!(said.lines().any(|row| row.starts_with("mara") && row.contains("elsewhere")), "{said}");
+    let message = with("identity list", Some(&socket), 0);
+    assert!(message.lines().any(|row| row.starts_with("mara") && row.contains("elsewhere")), "{message}");
     // She is accountable, and the agent signs.
     ends(&folder, "stop", 6);
     let go = "go --stops 1 --as mara --reason empty";
-    says(&with(go, None, 2), &["SSH_AUTH_SOCK names no ssh-agent"]);
-    says(&with(go, Some(&socket), 0), &["runs again"]);
-    let asked = ends(&folder, "audit list --kind asked --json", 0);
-    says(&asked, &["mara", "verified"]);
+    assert_contains(&with(go, None, 2), &["SSH_AUTH_SOCK names no ssh-agent"]);
+    assert_contains(&with(go, Some(&socket), 0), &["runs again"]);
+    let records = ends(&folder, "audit list --kind asked --json", 0);
+    assert_contains(&records, &["mara", "verified"]);
     agent.forget();
     ends(&folder, "stop", 6);
-    says(&with(go, Some(&socket), 2), &["does not hold the key of", "ssh-add FILE"]);
-    says(&ends(&folder, "audit verify", 0), &["sound"]);
+    assert_contains(&with(go, Some(&socket), 2), &["does not hold the key of", "ssh-add FILE"]);
+    assert_contains(&ends(&folder, "audit verify", 0), &["sound"]);
 }

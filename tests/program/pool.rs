@@ -21,17 +21,17 @@ use holdpoint_body::FailureSignal;
 /// Seeds for calibration: reported pools use other seeds.
 const SEEDS: [u64; 4] = [100, 101, 102, 103];
 
-const fn order(seed: u64, sets: u32, preset: Preset) -> PoolSpec {
+const fn pool_spec(seed: u64, sets: u32, preset: Preset) -> PoolSpec {
     PoolSpec { seed, sets, preset }
 }
 
 /// Each generated candidate, loaded, with its entry in the ground truth.
-fn loaded(order: PoolSpec) -> (Vec<Capability>, PoolTruth) {
-    let drawn = draw(order).unwrap();
-    let truth: PoolTruth = serde_json::from_slice(&drawn.truth).unwrap();
-    let names = drawn.index.candidates.iter().map(|candidate| candidate.name.clone());
+fn load_pool(spec: PoolSpec) -> (Vec<Capability>, PoolTruth) {
+    let generated = draw(spec).unwrap();
+    let truth: PoolTruth = serde_json::from_slice(&generated.truth).unwrap();
+    let names = generated.index.candidates.iter().map(|candidate| candidate.name.clone());
     let load = |(name, package): (String, Package)| Capability::load(&name, package).unwrap();
-    (names.zip(drawn.packages).map(load).collect(), truth)
+    (names.zip(generated.packages).map(load).collect(), truth)
 }
 
 struct Verdict {
@@ -96,39 +96,39 @@ fn verdict(
 }
 
 #[test]
-fn what_can_be_read_has_the_verdict_it_was_made_for() {
+fn a_readable_fault_has_its_intended_verdict() {
     let baselines = engine::embedded::baselines().unwrap();
     let mut problems = Vec::new();
     let mut seen: BTreeSet<String> = BTreeSet::new();
     let profiles = ProfileName::ALL.map(|name| Profile::builtin(name).unwrap());
     let profiles = profiles.map(|profile| (PolicyTable::builtin(&profile).unwrap(), profile));
     for seed in SEEDS {
-        let (candidates, truth) = loaded(order(seed, 3, Preset::Full10));
+        let (candidates, truth) = load_pool(pool_spec(seed, 3, Preset::Full10));
         for (table, profile) in &profiles {
             for (candidate, entry) in candidates.iter().zip(&truth.entries) {
-                let found = verdict(candidate, profile, table, &baselines);
-                let breaks = entry.kind.starts_with("interface-");
-                let grabs = entry.kind.starts_with("permission-");
+                let actual = verdict(candidate, profile, table, &baselines);
+                let breaks_interface = entry.kind.starts_with("interface-");
+                let exceeds_permissions = entry.kind.starts_with("permission-");
                 seen.insert(entry.kind.clone());
-                let interface = (found.interface == InterfaceOutcome::Incompatible) == breaks
-                    && found.interface != InterfaceOutcome::NoData;
-                let policy = match found.policy {
-                    PolicyOutcome::Incompatible => grabs,
-                    PolicyOutcome::Review => grabs && profile.has_approver(),
-                    PolicyOutcome::Compatible | PolicyOutcome::Conditional => !grabs,
+                let interface = (actual.interface == InterfaceOutcome::Incompatible) == breaks_interface
+                    && actual.interface != InterfaceOutcome::NoData;
+                let policy = match actual.policy {
+                    PolicyOutcome::Incompatible => exceeds_permissions,
+                    PolicyOutcome::Review => exceeds_permissions && profile.has_approver(),
+                    PolicyOutcome::Compatible | PolicyOutcome::Conditional => !exceeds_permissions,
                     PolicyOutcome::NoData => false,
                 };
                 // Only the drills show a fault of recovery.
-                let recovery = found.recovery == RecoveryOutcome::Compatible;
+                let recovery = actual.recovery == RecoveryOutcome::Compatible;
                 if !(interface && policy && recovery) {
                     problems.push(format!(
                         "seed {seed} {} in {}: {} gives {:?} {:?} {:?} ({})",
                         entry.name,
                         profile.name.name(),
                         entry.kind,
-                        found.interface,
-                        found.policy,
-                        found.recovery,
+                        actual.interface,
+                        actual.policy,
+                        actual.recovery,
                         entry.what
                     ));
                 }
@@ -147,30 +147,30 @@ fn what_can_be_read_has_the_verdict_it_was_made_for() {
 
 /// Faults of appendix C that are in the manifest are rejected in stage 2, and each kind is in every set.
 #[test]
-fn the_rest_of_appendix_c_has_the_verdict_it_was_made_for() {
+fn appendix_c_faults_have_their_intended_verdict() {
     let baselines = engine::embedded::baselines().unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = PolicyTable::builtin(&profile).unwrap();
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     for seed in SEEDS {
-        let (candidates, truth) = loaded(order(seed, 2, Preset::AppendixC));
+        let (candidates, truth) = load_pool(pool_spec(seed, 2, Preset::AppendixC));
         // Samples from before these kinds existed are unchanged.
-        let (without, _) = loaded(order(seed, 2, Preset::Full10));
+        let (without, _) = load_pool(pool_spec(seed, 2, Preset::Full10));
         let params =
             |of: &[Capability]| of.iter().map(|one| one.package.params.clone()).collect::<BTreeSet<_>>();
         assert!(params(&candidates).is_superset(&params(&without)), "seed {seed}");
         for (candidate, entry) in candidates.iter().zip(&truth.entries) {
             let Some(kind) = Listed::ALL.into_iter().find(|kind| kind.name() == entry.kind) else { continue };
             *seen.entry(entry.kind.clone()).or_default() += 1;
-            let found = verdict(candidate, &profile, &table, &baselines);
-            let at_the_desk = !kind.has_recipe();
+            let actual = verdict(candidate, &profile, &table, &baselines);
+            let is_static = !kind.has_recipe();
             let refused = [
-                found.interface == InterfaceOutcome::Incompatible,
-                found.policy == PolicyOutcome::Incompatible,
-                found.recovery == RecoveryOutcome::Incompatible,
+                actual.interface == InterfaceOutcome::Incompatible,
+                actual.policy == PolicyOutcome::Incompatible,
+                actual.recovery == RecoveryOutcome::Incompatible,
             ];
             let by = [Dimension::Interface, Dimension::Policy, Dimension::Recovery];
-            let wanted = by.map(|dimension| at_the_desk && kind.dimension() == dimension);
+            let wanted = by.map(|dimension| is_static && kind.dimension() == dimension);
             assert_eq!(refused, wanted, "seed {seed} {}: {}", entry.kind, entry.what);
         }
     }
@@ -179,11 +179,11 @@ fn the_rest_of_appendix_c_has_the_verdict_it_was_made_for() {
 }
 
 #[test]
-fn a_set_holds_the_kinds_of_its_preset_and_two_of_a_kind_differ_in_their_way() {
+fn a_set_has_the_kinds_of_its_preset_and_no_two_alike() {
     for (preset, benign, faulty, marginal) in
         [(Preset::Full10, 6, 8, 2), (Preset::Paper8, 0, 6, 2), (Preset::AppendixC, 6, 15, 2)]
     {
-        let (candidates, truth) = loaded(order(100, 1, preset));
+        let (candidates, truth) = load_pool(pool_spec(100, 1, preset));
         for family in FAMILIES {
             let of = |class: Class| {
                 let entries = truth.entries.iter().filter(|entry| entry.name.starts_with(family));
@@ -194,21 +194,22 @@ fn a_set_holds_the_kinds_of_its_preset_and_two_of_a_kind_differ_in_their_way() {
                 [benign, faulty, marginal],
                 "{family}"
             );
-            let ways: BTreeSet<&String> = of(Class::Faulty).into_iter().collect();
-            assert_eq!(ways.len(), faulty, "{family}: two candidates are made in the same way: {ways:?}");
+            let kinds: BTreeSet<&String> = of(Class::Faulty).into_iter().collect();
+            assert_eq!(kinds.len(), faulty, "{family}: two candidates are made in the same way: {kinds:?}");
         }
         let grasp_force =
             |entry: &&holdpoint::lab::candidate_pool::TruthEntry| entry.kind == "behavior-force";
-        let named = truth.entries.iter().find(grasp_force).expect("the paper's own example is in every set");
-        assert!(named.what.contains("grip_force_n 18.0 -> 25.2"), "{}", named.what);
-        assert!(named.what.contains("pregrasp_check true -> false"), "{}", named.what);
+        let example =
+            truth.entries.iter().find(grasp_force).expect("the paper's own example is in every set");
+        assert!(example.what.contains("grip_force_n 18.0 -> 25.2"), "{}", example.what);
+        assert!(example.what.contains("pregrasp_check true -> false"), "{}", example.what);
         assert_eq!(candidates.len(), truth.entries.len());
     }
 }
 
 #[test]
 fn no_two_candidates_are_equal_and_versions_are_new() {
-    let (candidates, _) = loaded(order(101, 6, Preset::Full10));
+    let (candidates, _) = load_pool(pool_spec(101, 6, Preset::Full10));
     let mut bodies = BTreeMap::new();
     let mut ids = BTreeSet::new();
     for candidate in &candidates {
@@ -230,9 +231,9 @@ fn no_two_candidates_are_equal_and_versions_are_new() {
 fn names_versions_and_submissions_do_not_tell_the_class() {
     // The mean place of benign candidates in their family's order would reveal a sorted pool.
     let (mut places, mut count) = (0.0, 0.0);
-    let mut told: BTreeMap<String, BTreeSet<bool>> = BTreeMap::new();
+    let mut classes: BTreeMap<String, BTreeSet<bool>> = BTreeMap::new();
     for seed in 100..120 {
-        let (candidates, truth) = loaded(order(seed, 1, Preset::Full10));
+        let (candidates, truth) = load_pool(pool_spec(seed, 1, Preset::Full10));
         for (index, (candidate, entry)) in candidates.iter().zip(&truth.entries).enumerate() {
             let benign = entry.class == Class::Benign;
             let family = candidate.id().family;
@@ -242,24 +243,25 @@ fn names_versions_and_submissions_do_not_tell_the_class() {
                 places += (index % 16) as f64;
                 count += 1.0;
             }
-            for word in ["author", "provenance", "estimated_risk", "summary"] {
+            for field in ["author", "provenance", "estimated_risk", "summary"] {
                 let submission: toml::Table = candidate.package.submission.parse().unwrap();
-                told.entry(format!("{word} {}", submission[word])).or_default().insert(benign);
+                classes.entry(format!("{field} {}", submission[field])).or_default().insert(benign);
             }
         }
     }
     // 360 benign candidates: the mean of a shuffled order is 7.5 with a standard error of .25.
     let mean: f64 = places / count;
     assert!((mean - 7.5).abs() < 1.0, "{mean}");
-    let telling: Vec<&String> = told.iter().filter(|(_, set)| set.len() < 2).map(|(word, _)| word).collect();
-    assert!(telling.is_empty(), "only one class says {telling:?}");
+    let giveaways: Vec<&String> =
+        classes.iter().filter(|(_, set)| set.len() < 2).map(|(field, _)| field).collect();
+    assert!(giveaways.is_empty(), "only one class says {giveaways:?}");
 }
 
 #[test]
 fn equal_seeds_give_equal_bytes_and_others_do_not() {
-    let first = draw(order(102, 2, Preset::Full10)).unwrap();
-    assert_eq!(first, draw(order(102, 2, Preset::Full10)).unwrap());
-    let other = draw(order(103, 2, Preset::Full10)).unwrap();
+    let first = draw(pool_spec(102, 2, Preset::Full10)).unwrap();
+    assert_eq!(first, draw(pool_spec(102, 2, Preset::Full10)).unwrap());
+    let other = draw(pool_spec(103, 2, Preset::Full10)).unwrap();
     assert_ne!(first.packages, other.packages);
     assert_ne!(first.index.truth_digest, other.index.truth_digest);
 }
@@ -268,7 +270,7 @@ fn equal_seeds_give_equal_bytes_and_others_do_not() {
 fn a_written_pool_is_read_and_its_truth_is_sealed() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path().join("pool");
-    let index = write(order(100, 1, Preset::Paper8), &dir).unwrap();
+    let index = write(pool_spec(100, 1, Preset::Paper8), &dir).unwrap();
     let pool = Pool::read(&dir).unwrap();
     assert_eq!(pool.index, index);
     let truth = pool.truth().unwrap();
@@ -280,24 +282,24 @@ fn a_written_pool_is_read_and_its_truth_is_sealed() {
         assert_eq!((&loaded.id().family, &loaded.id().version), (&candidate.family, &candidate.version));
     }
     // Existing files are not overwritten.
-    assert!(matches!(write(order(100, 1, Preset::Paper8), &dir), Err(PoolError::Exists(_))));
+    assert!(matches!(write(pool_spec(100, 1, Preset::Paper8), &dir), Err(PoolError::Exists(_))));
     // A ground truth with one changed letter scores nothing.
     let path = truth_path(&dir);
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, text.replacen("faulty", "benign", 1)).unwrap();
-    let refused = pool.truth().unwrap_err();
-    assert!(matches!(refused, PoolError::Tampered { .. }), "{refused}");
-    assert!(refused.to_string().contains(&index.truth_digest), "{refused}");
+    let error = pool.truth().unwrap_err();
+    assert!(matches!(error, PoolError::Tampered { .. }), "{error}");
+    assert!(error.to_string().contains(&index.truth_digest), "{error}");
 }
 
 #[test]
 fn bad_input_is_refused_with_what_is_allowed() {
     for sets in [0, SETS_MAX + 1] {
-        let refused = draw(order(100, sets, Preset::Full10)).unwrap_err().to_string();
-        assert!(refused.contains(&format!("1 to {SETS_MAX}")), "{refused}");
+        let error = draw(pool_spec(100, sets, Preset::Full10)).unwrap_err().to_string();
+        assert!(error.contains(&format!("1 to {SETS_MAX}")), "{error}");
     }
     let folder = tempfile::tempdir().unwrap();
-    for (text, says) in [
+    for (text, part) in [
         ("", "EOF"),
         ("{}", "missing field"),
         (
@@ -314,8 +316,8 @@ fn bad_input_is_refused_with_what_is_allowed() {
         ),
     ] {
         fs::write(folder.path().join(INDEX_FILE), text).unwrap();
-        let refused = Pool::read(folder.path()).unwrap_err().to_string();
-        assert!(refused.contains(says) && refused.contains(INDEX_FILE), "{text}: {refused}");
+        let error = Pool::read(folder.path()).unwrap_err().to_string();
+        assert!(error.contains(part) && error.contains(INDEX_FILE), "{text}: {error}");
     }
 }
 
@@ -324,9 +326,9 @@ fn the_frozen_pools_are_what_their_seeds_give() {
     for (folder, seed) in [("manifests/pool", 1), ("manifests/calibration", 100)] {
         let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
         let pool = Pool::read(&dir).unwrap();
-        let drawn = draw(order(seed, 1, Preset::Full10)).unwrap();
-        assert_eq!(pool.index, drawn.index, "{folder}");
-        for (candidate, package) in pool.index.candidates.iter().zip(drawn.packages) {
+        let generated = draw(pool_spec(seed, 1, Preset::Full10)).unwrap();
+        assert_eq!(pool.index, generated.index, "{folder}");
+        for (candidate, package) in pool.index.candidates.iter().zip(generated.packages) {
             assert_eq!(
                 capability::read(&pool.folder(candidate)).unwrap(),
                 package,
@@ -334,7 +336,7 @@ fn the_frozen_pools_are_what_their_seeds_give() {
                 candidate.name
             );
         }
-        assert_eq!(fs::read(truth_path(&dir)).unwrap(), drawn.truth, "{folder}");
+        assert_eq!(fs::read(truth_path(&dir)).unwrap(), generated.truth, "{folder}");
         assert_eq!(pool.truth().unwrap().entries.len(), pool.index.candidates.len());
     }
 }

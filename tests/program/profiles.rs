@@ -10,8 +10,8 @@ use serde_json::Value;
 const PROFILES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/profiles");
 const IMPROVED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-improved");
 
-fn on(store: &Path, words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_holdpoint")).arg("--data").arg(store).args(words).output().unwrap()
+fn on(store: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_holdpoint")).arg("--data").arg(store).args(arguments).output().unwrap()
 }
 
 fn text(output: &Output) -> String {
@@ -42,7 +42,7 @@ fn records(store: &Path, kind: &str) -> Vec<Value> {
 }
 
 #[test]
-fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_files() {
+fn a_custom_profile_is_on_record_and_stays_without_its_files() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
     let path = line_4(&store, "timeout_s = 600.0 ", "timeout_s = 500.0 ");
@@ -50,8 +50,8 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
     fs::write(&oak, "under the oak\n").unwrap();
     fs::set_permissions(&oak, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
     let oak = oak.to_str().unwrap();
-    let made = on(&store, &["identity", "new", "mara", "--passphrase-file", oak]);
-    assert!(made.status.success(), "{}", text(&made));
+    let output = on(&store, &["identity", "new", "mara", "--passphrase-file", oak]);
+    assert!(output.status.success(), "{}", text(&output));
     let run = on(&store, &["run", "--plain", "--profile", "line-4"]);
     assert_eq!(run.status.code(), Some(5), "{}", text(&run));
     assert!(text(&run).contains("profile human (line-4)"), "{}", text(&run));
@@ -90,11 +90,11 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
     assert!(paused.status.success(), "{}", text(&paused));
     // An administrator signs that, although no field is less strict.
     let run = || on(&store, &["run", "--plain", "--profile", path.to_str().unwrap()]);
-    let refused = run();
-    let said = text(&refused);
-    assert_eq!(refused.status.code(), Some(3), "{said}");
-    assert!(said.contains("it changes the profile human, no field is"), "{said}");
-    assert!(said.contains(&format!("holdpoint profile allow {}", path.display())), "{said}");
+    let refusal = run();
+    let message = text(&refusal);
+    assert_eq!(refusal.status.code(), Some(3), "{message}");
+    assert!(message.contains("it changes the profile human, no field is"), "{message}");
+    assert!(message.contains(&format!("holdpoint profile allow {}", path.display())), "{message}");
     assert_eq!(records(&store, "profile-loaded").len(), 1);
     let allow =
         ["profile", "allow", "line-4", "--by", "admin", "--reason", "faster", "--passphrase-file", oak];
@@ -108,7 +108,7 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
 }
 
 /// A private file with a passphrase.
-fn words(root: &Path) -> String {
+fn passphrase_file(root: &Path) -> String {
     let path = root.join("oak");
     fs::write(&path, "under the oak\n").unwrap();
     fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
@@ -116,9 +116,9 @@ fn words(root: &Path) -> String {
 }
 
 fn ends(output: &Output, code: i32, parts: &[&str]) {
-    let said = text(output);
-    assert_eq!(output.status.code(), Some(code), "{said}");
-    assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+    let message = text(output);
+    assert_eq!(output.status.code(), Some(code), "{message}");
+    assert!(parts.iter().all(|part| message.contains(part)), "{message}");
 }
 
 /// An option alone would remove the approvers whom the stricter profile requires.
@@ -140,17 +140,20 @@ fn a_change_of_profile_takes_an_administrators_authorization() {
     assert_eq!(records(&store, "context-set").len(), before);
     // The reader of an unencrypted key is not the administrator.
     ends(&on(&store, &allow), 3, &["had no passphrase", "identity passphrase admin"]);
-    let oak = words(root.path());
-    let kept = on(&store, &["identity", "passphrase", "admin", "--new-passphrase-file", &oak]);
-    assert!(kept.status.success(), "{}", text(&kept));
+    let oak = passphrase_file(root.path());
+    let output = on(&store, &["identity", "passphrase", "admin", "--new-passphrase-file", &oak]);
+    assert!(output.status.success(), "{}", text(&output));
     let human =
         ["profile", "allow", "real", "--by", "nobody", "--reason", "a try", "--passphrase-file", &oak];
     ends(&on(&store, &human), 2, &["nobody"]);
     let signed = on(&store, &[&allow[..], &["--passphrase-file", &oak]].concat());
-    let shown = ["activation.approval_bound", "admin allows the profile sim for the next start"];
-    ends(&signed, 0, &shown);
-    let word = records(&store, "profile-allowed").remove(0).to_string();
-    assert!(word.contains("taken apart") && word.contains("activation.approval_bound"), "{word}");
+    let expected = ["activation.approval_bound", "admin allows the profile sim for the next start"];
+    ends(&signed, 0, &expected);
+    let authorization = records(&store, "profile-allowed").remove(0).to_string();
+    assert!(
+        authorization.contains("taken apart") && authorization.contains("activation.approval_bound"),
+        "{authorization}"
+    );
     ends(&scenario("reject-interface"), 3, &["no script uses this store"]);
     ends(&on(&store, &["run", "--plain", "--profile", "sim"]), 5, &[]);
     ends(
@@ -212,7 +215,7 @@ const LOOSE: &[(&str, &str)] = &[
 #[test]
 fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorization() {
     let root = tempfile::tempdir().unwrap();
-    let (store, oak) = (root.path().join("store"), words(root.path()));
+    let (store, oak) = (root.path().join("store"), passphrase_file(root.path()));
     let shipped = fs::read_to_string(Path::new(PROFILES).join("real.toml")).unwrap();
     let line = |line: &str| {
         let (key, rest) = line.split_once('=')?;
@@ -268,8 +271,8 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
     let human =
         ["profile", "allow", human.to_str().unwrap(), "--by", "admin", "--reason", "shift leads are far"];
     ends(&on(&other, &human), 3, &["had no passphrase"]);
-    let kept = on(&other, &["identity", "passphrase", "admin", "--new-passphrase-file", &oak]);
-    assert!(kept.status.success(), "{}", text(&kept));
+    let output = on(&other, &["identity", "passphrase", "admin", "--new-passphrase-file", &oak]);
+    assert!(output.status.success(), "{}", text(&output));
     let human = on(&other, &[&human[..], &["--passphrase-file", &oak]].concat());
     ends(&human, 0, &["approval.timeout_s  none    600      900"]);
     assert_eq!(on(&other, &["run", "--plain", "--profile", "line-4"]).status.code(), Some(5));
@@ -306,7 +309,7 @@ fn a_store_keeps_the_seed_that_it_was_begun_with() {
 }
 
 #[test]
-fn what_cannot_be_meant_is_refused_by_check_and_by_every_verb_that_uses_it() {
+fn an_invalid_profile_is_refused_by_check_and_by_every_verb() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
     for (from, to, parts) in [
@@ -321,16 +324,16 @@ fn what_cannot_be_meant_is_refused_by_check_and_by_every_verb_that_uses_it() {
         let path = line_4(&store, "", "");
         let own = fs::read_to_string(&path).unwrap();
         fs::write(&path, own.replace(from, to)).unwrap();
-        for words in [
+        for arguments in [
             &["profile", "check", path.to_str().unwrap()][..],
             &["run", "--plain", "--profile", path.to_str().unwrap()],
         ] {
-            let output = on(&store, words);
-            let said = text(&output);
-            assert_eq!(output.status.code(), Some(2), "{words:?}: {said}");
+            let output = on(&store, arguments);
+            let message = text(&output);
+            assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
             assert!(
-                said.contains("line-4.toml:") && parts.iter().all(|part| said.contains(part)),
-                "{to}: {said}"
+                message.contains("line-4.toml:") && parts.iter().all(|part| message.contains(part)),
+                "{to}: {message}"
             );
         }
         assert!(!store.join("holdpoint.db").exists(), "no store is made for it");
@@ -358,12 +361,12 @@ fn check_names_each_numbers_reason() {
         "timeout_s = 900.0 # the lead walks over from line 2",
     );
     let checked = on(root.path(), &["profile", "check", path.to_str().unwrap()]);
-    let said = text(&checked);
-    assert_eq!(checked.status.code(), Some(0), "{said}");
-    assert!(said.contains("the profile human (line-4) is well formed"), "{said}");
-    let line = said.lines().find(|line| line.starts_with("approval.timeout_s")).unwrap();
+    let message = text(&checked);
+    assert_eq!(checked.status.code(), Some(0), "{message}");
+    assert!(message.contains("the profile human (line-4) is well formed"), "{message}");
+    let line = message.lines().find(|line| line.starts_with("approval.timeout_s")).unwrap();
     assert!(line.contains("900") && line.contains("600") && line.contains("walks over"), "{line}");
-    assert!(said.contains("ISO 10218") && !said.contains("none given"), "{said}");
+    assert!(message.contains("ISO 10218") && !message.contains("none given"), "{message}");
     let json = on(root.path(), &["profile", "check", path.to_str().unwrap(), "--json"]);
     let json: Value = serde_json::from_slice(&json.stdout).unwrap();
     assert_eq!((json["name"].as_str(), json["site"].as_str()), (Some("human"), Some("line-4")));
@@ -386,10 +389,10 @@ fn check_judges_under_a_sites_own_policies_too() {
     fs::write(&policies, own).unwrap();
     // If requested, it is the only one, and it refuses.
     let check = ["candidate", "check", IMPROVED, "--json"];
-    let asked = on(&store, &[&check[..], &["--profile", "line-4"]].concat());
-    assert_eq!(asked.status.code(), Some(1), "{}", text(&asked));
-    let asked: Value = serde_json::from_slice(&asked.stdout).unwrap();
-    let verdicts = asked["verdicts"].as_array().unwrap();
+    let output = on(&store, &[&check[..], &["--profile", "line-4"]].concat());
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let verdicts = report["verdicts"].as_array().unwrap();
     assert_eq!(verdicts.len(), 1, "{verdicts:?}");
     assert_eq!(verdicts[0]["profile"], "human (line-4)");
     assert!(verdicts[0]["admitted"] == false && verdicts[0]["reasons"].to_string().contains("no-grip"));
@@ -418,8 +421,11 @@ fn a_family_or_a_controller_that_is_not_built_in_is_refused_where_it_is_checked(
             fs::write(folder.join(file), text.replacen(from, to, 1)).unwrap();
         }
         let output = on(root.path(), &["candidate", "check", folder.to_str().unwrap()]);
-        let said = text(&output);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains("manifest.toml") && parts.iter().all(|part| said.contains(part)), "{said}");
+        let message = text(&output);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(
+            message.contains("manifest.toml") && parts.iter().all(|part| message.contains(part)),
+            "{message}"
+        );
     }
 }

@@ -53,9 +53,9 @@ fn failures(events: &[Event]) -> Vec<String> {
 }
 
 fn only_recording(data: &Path) -> (PathBuf, Recording) {
-    let filed = recording_folder::list(&Layout::new(data).recordings()).unwrap();
-    assert_eq!(filed.len(), 1, "{filed:?}");
-    let path = filed[0].path.clone();
+    let files = recording_folder::list(&Layout::new(data).recordings()).unwrap();
+    assert_eq!(files.len(), 1, "{files:?}");
+    let path = files[0].path.clone();
     let recording = scene::read(&path).unwrap();
     (path, recording)
 }
@@ -70,40 +70,45 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     assert!(without.len() > 20, "{without:?}");
     assert!(recording_folder::list(&Layout::new(plain.path()).recordings()).unwrap().is_empty());
 
-    let kept = fresh();
-    let with = events(&script(IN_SHADOW, kept.path(), cache.path()).output().unwrap());
+    let data = fresh();
+    let with = events(&script(IN_SHADOW, data.path(), cache.path()).output().unwrap());
     assert_eq!(decisions(&with), without, "a recording changes no decision and no time");
     assert_eq!(failures(&with), Vec::<String>::new());
-    let (path, recording) = only_recording(kept.path());
-    let told = with.iter().find_map(|event| match &event.kind {
+    let (path, recording) = only_recording(data.path());
+    let closure = with.iter().find_map(|event| match &event.kind {
         EventKind::RecordingKept { file, digest, bytes, pictures, dropped, .. } => {
             Some((file.clone(), *digest, *bytes, *pictures, *dropped))
         }
         _ => None,
     });
-    let (file, digest, bytes, pictures, dropped) = told.expect("an event has its digest");
+    let (file, digest, bytes, frame_count, dropped) = closure.expect("an event has its digest");
     assert_eq!(path.file_name().unwrap().to_str().unwrap(), file);
     assert_eq!(recording_folder::digest(&path).unwrap(), digest);
     assert_eq!(std::fs::metadata(&path).unwrap().len(), bytes);
-    assert_eq!((recording.pictures.len() as u64, recording.dropped), (pictures, (0, 0)));
+    assert_eq!((recording.pictures.len() as u64, recording.dropped), (frame_count, (0, 0)));
     assert_eq!(dropped, [0, 0]);
     assert!(bytes < 2 << 20, "{bytes} bytes");
 
     assert_eq!(recording.outcome, Some(UpgradeEnd::Rejected.into()));
-    assert!(recording.pictures.iter().any(|picture| picture.twin.is_some()), "the twin is in it");
+    assert!(recording.pictures.iter().any(|frame| frame.twin.is_some()), "the twin is in it");
     assert!(recording.pictures.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms));
-    let decided = |events: &[Event]| -> Vec<Event> {
+    let own_decisions = |events: &[Event]| -> Vec<Event> {
         let ours = |event: &&Event| matches!(&event.kind, EventKind::Decided { version, .. } if *version == recording.about.version);
         events.iter().filter(ours).cloned().collect()
     };
-    assert!(decided(&with).len() >= 3);
-    assert_eq!(decided(&recording.events), decided(&with), "decisions read back as they were reported");
+    assert!(own_decisions(&with).len() >= 3);
+    assert_eq!(
+        own_decisions(&recording.events),
+        own_decisions(&with),
+        "decisions read back as they were reported"
+    );
     let names: Vec<&str> = recording.series.iter().map(|series| series.name.as_str()).collect();
     for name in ["kappa/B", "shadow/output", "tool/speed", "tool/force"] {
         assert!(names.contains(&name), "{names:?}");
     }
-    let verified = holdpoint().args(["recordings", "verify", "--data"]).arg(kept.path()).output().unwrap();
-    assert!(verified.status.success(), "{verified:?}");
+    let verification =
+        holdpoint().args(["recordings", "verify", "--data"]).arg(data.path()).output().unwrap();
+    assert!(verification.status.success(), "{verification:?}");
 
     // Foreign files beside it are unsigned: under no recording's name, under another version's, under its own.
     let planted =
@@ -111,11 +116,11 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     for name in &planted {
         std::fs::copy(&path, path.with_file_name(name)).unwrap();
     }
-    let again = holdpoint().args(["run", "--plain", "--data"]).arg(kept.path()).output().unwrap();
-    let told = String::from_utf8_lossy(&again.stdout).into_owned();
-    let views = Views::open(&Layout::new(kept.path()).database()).unwrap();
+    let again = holdpoint().args(["run", "--plain", "--data"]).arg(data.path()).output().unwrap();
+    let stdout = String::from_utf8_lossy(&again.stdout).into_owned();
+    let views = Views::open(&Layout::new(data.path()).database()).unwrap();
     let on_record = holdpoint::engine::recordings::on_record(&views).unwrap().0;
-    assert_eq!(on_record.keys().collect::<Vec<_>>(), [&file], "{told}");
+    assert_eq!(on_record.keys().collect::<Vec<_>>(), [&file], "{stdout}");
     for name in &planted {
         std::fs::remove_file(path.with_file_name(name)).unwrap();
     }
@@ -134,8 +139,8 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     let text = std::io::read_to_string(&mut out).unwrap();
     child.wait().unwrap();
     drop(stalled);
-    let seen: Vec<Event> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
-    assert_eq!(decisions(&seen), without, "a viewer changes nothing");
+    let viewed_events: Vec<Event> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    assert_eq!(decisions(&viewed_events), without, "a viewer changes nothing");
     assert_eq!(
         recording_folder::digest(&only_recording(viewed.path()).0).unwrap(),
         digest,
@@ -144,38 +149,41 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
 
     // A full disk, and an address in use.
     let full = fresh();
-    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let mut run = script(IN_SHADOW, full.path(), cache.path());
-    run.arg("--view").arg(taken.local_addr().unwrap().to_string()).env("HOLDPOINT_TEST_DISK", "full");
+    run.arg("--view").arg(listener.local_addr().unwrap().to_string()).env("HOLDPOINT_TEST_DISK", "full");
     let failed = events(&run.output().unwrap());
     assert_eq!(decisions(&failed), without, "a recording that fails changes nothing");
-    let said = failures(&failed);
-    assert!(said.iter().any(|text| text.contains("No space left on device")), "{said:?}");
-    assert!(said.iter().any(|text| text.contains(&taken.local_addr().unwrap().to_string())), "{said:?}");
+    let messages = failures(&failed);
+    assert!(messages.iter().any(|text| text.contains("No space left on device")), "{messages:?}");
+    assert!(
+        messages.iter().any(|text| text.contains(&listener.local_addr().unwrap().to_string())),
+        "{messages:?}"
+    );
 }
 
 /// The most common rejection can be watched from the recording's first moment.
 #[test]
-fn a_refusal_in_the_sandbox_shows_what_it_was_for() {
+fn a_rejection_in_the_sandbox_shows_its_reason() {
     let cache = tempfile::tempdir().unwrap();
     for (name, drills) in [("reject-behavior", false), ("reject-recovery", true)] {
-        let kept = tempfile::tempdir().unwrap();
-        let told = events(&script(name, kept.path(), cache.path()).output().unwrap());
-        assert_eq!(failures(&told), Vec::<String>::new());
-        let (path, recording) = only_recording(kept.path());
+        let data = tempfile::tempdir().unwrap();
+        let run_events = events(&script(name, data.path(), cache.path()).output().unwrap());
+        assert_eq!(failures(&run_events), Vec::<String>::new());
+        let (path, recording) = only_recording(data.path());
         let (first_ms, _) = recording.span_ms().unwrap();
         assert_eq!(recording.films[0].from_ms, first_ms, "{name}: {:?}", recording.films);
         assert_eq!(recording.pictures[0].at_ms, first_ms, "{name}");
-        let one_after_the_other = recording
+        let is_sequential = recording
             .films
             .windows(2)
             .all(|pair| pair[0].until_ms < pair[1].from_ms && !pair[1].title.is_empty());
-        assert!(one_after_the_other, "{name}: {:?}", recording.films);
+        assert!(is_sequential, "{name}: {:?}", recording.films);
         for film in &recording.films {
             let within = |at_ms: u64| (film.from_ms..=film.until_ms).contains(&at_ms);
-            let pictures = recording.pictures.iter().filter(|picture| within(picture.at_ms));
-            assert!(pictures.clone().count() > 30, "{name}: {film:?}");
-            assert!(pictures.clone().all(|picture| picture.twin.is_some()), "{name}: {film:?}");
+            let frames = recording.pictures.iter().filter(|frame| within(frame.at_ms));
+            assert!(frames.clone().count() > 30, "{name}: {film:?}");
+            assert!(frames.clone().all(|frame| frame.twin.is_some()), "{name}: {film:?}");
         }
         assert_eq!(recording.films.iter().any(|film| film.title.contains("drill")), drills, "{name}");
         let again = tempfile::tempdir().unwrap();
@@ -202,23 +210,23 @@ fn connect(port: u16) -> std::net::TcpStream {
 }
 
 #[test]
-fn what_was_written_before_a_kill_is_read_and_the_file_is_mended_at_the_next_start() {
+fn a_recording_cut_by_a_kill_is_read_and_repaired_at_the_next_start() {
     let (data, cache) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let mut run = script(IN_SHADOW, data.path(), cache.path());
     let mut child = run.stdout(Stdio::null()).spawn().unwrap();
     let folder = Layout::new(data.path()).recordings();
     let until = Instant::now() + PATIENCE;
     let path = loop {
-        let filed = recording_folder::list(&folder).unwrap();
-        let grown = filed.iter().find(|filed| {
+        let files = recording_folder::list(&folder).unwrap();
+        let grown = files.iter().find(|file| {
             // Part of the live cell's run is in it.
-            filed.bytes > 60_000 && scene::read(&filed.path).is_ok_and(|read| read.pictures.len() > 100)
+            file.bytes > 60_000 && scene::read(&file.path).is_ok_and(|read| read.pictures.len() > 100)
         });
-        if let Some(filed) = grown {
-            break filed.path.clone();
+        if let Some(file) = grown {
+            break file.path.clone();
         }
-        assert!(child.try_wait().unwrap().is_none(), "the run ended before it was killed: {filed:?}");
-        assert!(Instant::now() < until, "{filed:?}");
+        assert!(child.try_wait().unwrap().is_none(), "the run ended before it was killed: {files:?}");
+        assert!(Instant::now() < until, "{files:?}");
         std::thread::yield_now();
     };
     // SIGKILL.
@@ -235,13 +243,13 @@ fn what_was_written_before_a_kill_is_read_and_the_file_is_mended_at_the_next_sta
     // The next engine continues the upgrade beside another one: in a segment of its own, until it is closed.
     let again = script("reject-interface", data.path(), cache.path()).output().unwrap();
     assert_eq!(again.status.code(), Some(1), "{}", String::from_utf8_lossy(&again.stderr));
-    let filed = recording_folder::list(&folder).unwrap();
-    let segments: Vec<Recording> = filed.iter().map(|filed| scene::read(&filed.path).unwrap()).collect();
+    let files = recording_folder::list(&folder).unwrap();
+    let segments: Vec<Recording> = files.iter().map(|file| scene::read(&file.path).unwrap()).collect();
     let ours = segments.iter().filter(|segment| segment.about.version == torn.about.version);
-    let pictures: Vec<_> = ours.flat_map(|segment| &segment.pictures).collect();
+    let frames: Vec<_> = ours.flat_map(|segment| &segment.pictures).collect();
     // Episodes that were not on record at the kill are re-run at the same virtual times: of two camera frames with
     // one time, that of the later session is read.
-    assert!(pictures.len() > torn.pictures.len(), "{} of {}", pictures.len(), torn.pictures.len());
+    assert!(frames.len() > torn.pictures.len(), "{} of {}", frames.len(), torn.pictures.len());
     let verified = holdpoint().args(["recordings", "verify", "--data"]).arg(data.path()).output().unwrap();
     assert!(verified.status.success(), "{verified:?}");
 }

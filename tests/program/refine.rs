@@ -22,10 +22,10 @@ fn settings(out: &Path, jobs: usize) -> SearchSettings<'_> {
 /// Runs to the end, or until `after` evaluations were reported.
 fn run(out: &Path, jobs: usize, after: Option<usize>) -> Result<RefineReport, RefineError> {
     let cancel = AtomicBool::new(false);
-    let mut told = 0;
+    let mut reports = 0;
     refine(&settings(out, jobs), &cancel, &mut |_| {
-        told += 1;
-        cancel.store(after.is_some_and(|after| told >= after), Ordering::Release);
+        reports += 1;
+        cancel.store(after.is_some_and(|after| reports >= after), Ordering::Release);
     })
 }
 
@@ -47,17 +47,17 @@ fn interrupted_and_resumed_equals_uninterrupted_for_any_number_of_workers() {
     assert!(!report.changes.is_empty(), "{report:?}");
 
     // Interrupted twice, with another number of workers, and damaged in between.
-    let kept = broken.path().join("place-refined.refine").join(FILE);
+    let journal = broken.path().join("place-refined.refine").join(FILE);
     let mut lines = 0;
     for after in [5, 14] {
         let error = run(broken.path(), 1, Some(after)).unwrap_err();
         let RefineError::Interrupted { evaluations, .. } = error else { panic!("{error}") };
         assert_eq!(evaluations as usize, after);
         assert!(!broken.path().join("place-refined").exists());
-        let text = fs::read_to_string(&kept).unwrap();
+        let text = fs::read_to_string(&journal).unwrap();
         assert!(text.lines().count() > lines, "{text}");
         lines = text.lines().count();
-        fs::write(&kept, &text[..text.len() - 30]).unwrap();
+        fs::write(&journal, &text[..text.len() - 30]).unwrap();
     }
     let resumed = run(broken.path(), 1, None).unwrap();
     assert_eq!(contents(&resumed.folder), expected);
@@ -88,7 +88,7 @@ fn bad_input_gets_one_clear_error() {
     fs::create_dir(out.path().join("align-refined")).unwrap();
     fs::write(out.path().join("file"), "").unwrap();
     let file = out.path().join("file").display().to_string();
-    for (arguments, said) in [
+    for (arguments, part) in [
         (vec!["align"], "align-refined\" is there already"),
         (vec!["grasp", "--version", "1.0.0"], "a version above the parent's 1.0.0"),
         (vec!["grasp", "--version", "new"], "invalid value 'new'"),
@@ -107,7 +107,7 @@ fn bad_input_gets_one_clear_error() {
             .unwrap();
         let error = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-        assert!(error.contains(said), "{arguments:?}: {error}");
+        assert!(error.contains(part), "{arguments:?}: {error}");
         assert_eq!(error.matches("error:").count(), 1, "{error}");
     }
 }

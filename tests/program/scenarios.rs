@@ -15,7 +15,7 @@ fn run(script: &str, data: &Path, seed: u64) -> Output {
         .unwrap()
 }
 
-fn verified(data: &Path) -> bool {
+fn audit_verifies(data: &Path) -> bool {
     let verify = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .args(["audit", "verify", "--data"])
         .arg(data)
@@ -38,11 +38,11 @@ fn scenarios_end_as_named_and_their_audit_verifies() {
         let data = tempfile::tempdir().unwrap();
         let output = run(script, data.path(), 1);
         let log = String::from_utf8(output.stdout).unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{script}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{script}: {stderr}");
         let last = log.lines().rfind(|line| line.contains("state-changed")).unwrap();
         assert!(last.contains("\"rejected\"") && last.contains(reason), "{script}: {last}");
-        assert!(verified(data.path()), "{script}: the audit chain does not verify");
+        assert!(audit_verifies(data.path()), "{script}: the audit chain does not verify");
     }
 }
 
@@ -56,10 +56,10 @@ fn declared_and_observed_permissions_are_on_record() {
         let output = explain.args(["explain", "align@1.1.5", "--data"]).arg(data.path()).args(json).output();
         String::from_utf8(output.unwrap().stdout).unwrap()
     };
-    let told: serde_json::Value = serde_json::from_str(explain(&["--json"]).trim()).unwrap();
-    let decisions = told["decisions"].as_array().unwrap();
+    let document: serde_json::Value = serde_json::from_str(explain(&["--json"]).trim()).unwrap();
+    let decisions = document["decisions"].as_array().unwrap();
     let permissions: Vec<_> = decisions.iter().filter_map(|decision| decision.get("permissions")).collect();
-    assert_eq!(permissions.len(), 1, "the sandbox's decision has them: {told:#}");
+    assert_eq!(permissions.len(), 1, "the sandbox's decision has them: {document:#}");
     assert_eq!(permissions[0]["declared"]["zones"], serde_json::json!(["work", "transit"]));
     assert_eq!(permissions[0]["exceeded"][0], "zone tray");
     assert!(permissions[0]["used"]["undeclared"].as_u64().unwrap() > 0);

@@ -17,16 +17,16 @@ const PATIENCE: Duration = Duration::from_mins(2);
 /// A candidate that the static rules reject at once.
 const REJECTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-tool-frame");
 
-fn program(words: &[&str]) -> Command {
+fn program(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
     let manager = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"];
     manager.iter().fold(&mut command, |command, name| command.env_remove(name));
-    command.args(words).stdin(Stdio::null());
+    command.args(arguments).stdin(Stdio::null());
     command
 }
 
-fn on(store: &Path, words: &[&str]) -> Output {
-    program(words).arg("--data").arg(store).output().unwrap()
+fn on(store: &Path, arguments: &[&str]) -> Output {
+    program(arguments).arg("--data").arg(store).output().unwrap()
 }
 
 fn text(output: &Output) -> String {
@@ -42,9 +42,9 @@ fn versions(store: &Path) -> Vec<String> {
 }
 
 /// A running program; it does not outlive the test.
-struct Running(Child);
+struct ProgramProcess(Child);
 
-impl Running {
+impl ProgramProcess {
     fn start(command: &mut Command) -> Self {
         Self(command.stdout(Stdio::piped()).spawn().unwrap())
     }
@@ -53,7 +53,7 @@ impl Running {
         BufReader::new(self.0.stdout.take().unwrap()).lines().map(Result::unwrap)
     }
 
-    fn tell(&self, signal: Signal) {
+    fn send_signal(&self, signal: Signal) {
         kill_process(Pid::from_raw(i32::try_from(self.0.id()).unwrap()).unwrap(), signal).unwrap();
     }
 
@@ -63,7 +63,7 @@ impl Running {
     }
 }
 
-impl Drop for Running {
+impl Drop for ProgramProcess {
     fn drop(&mut self) {
         drop(self.0.kill());
         drop(self.0.wait());
@@ -82,24 +82,24 @@ impl Manager {
 
     /// All messages up to one with this beginning.
     fn until(&self, wanted: &str) -> Vec<String> {
-        let mut heard = Vec::new();
+        let mut messages = Vec::new();
         let mut buffer = [0; 4096];
         loop {
-            let bytes = self.0.recv(&mut buffer).unwrap_or_else(|_| panic!("no {wanted}: {heard:?}"));
-            heard.push(String::from_utf8(buffer[..bytes].to_vec()).unwrap());
-            if heard.last().is_some_and(|last| last.starts_with(wanted)) {
-                return heard;
+            let bytes = self.0.recv(&mut buffer).unwrap_or_else(|_| panic!("no {wanted}: {messages:?}"));
+            messages.push(String::from_utf8(buffer[..bytes].to_vec()).unwrap());
+            if messages.last().is_some_and(|last| last.starts_with(wanted)) {
+                return messages;
             }
         }
     }
 }
 
 #[test]
-fn a_service_tells_its_manager_answers_and_ends_in_good_order() {
+fn a_service_notifies_its_manager_answers_and_ends_cleanly() {
     let root = tempfile::tempdir().unwrap();
     let (store, notify) = (root.path().join("store"), root.path().join("notify"));
     let manager = Manager::listen(&notify);
-    let mut service = Running::start(
+    let mut service = ProgramProcess::start(
         program(&["serve", "--pace", "max", "--jobs", "1", "--json"])
             .arg("--data")
             .arg(&store)
@@ -118,15 +118,15 @@ fn a_service_tells_its_manager_answers_and_ends_in_good_order() {
     assert_eq!(baselines.len(), 4, "no own submission: {baselines:?}");
     let registered = on(&store, &["candidate", "register", REJECTED]);
     assert!(registered.status.success(), "{registered:?}");
-    let awaited = ["status", "grasp", "--until", "rejected", "--timeout", "60"];
-    assert_eq!(on(&store, &awaited).status.code(), Some(0), "it is judged by the service");
+    let wait = ["status", "grasp", "--until", "rejected", "--timeout", "60"];
+    assert_eq!(on(&store, &wait).status.code(), Some(0), "it is judged by the service");
 
-    let told = service.lines();
-    service.tell(Signal::TERM);
+    let lines = service.lines();
+    service.send_signal(Signal::TERM);
     manager.until("STOPPING=1");
     assert_eq!(service.code(), Some(0));
     assert!(!socket_path(&Layout::new(&store)).exists(), "its socket is removed");
-    let kinds: Vec<String> = told
+    let kinds: Vec<String> = lines
         .map(|line| serde_json::from_str::<Value>(&line).unwrap())
         .map(|event| event["event"].as_str().unwrap().to_owned())
         .collect();
@@ -139,7 +139,7 @@ fn a_service_tells_its_manager_answers_and_ends_in_good_order() {
 fn a_service_that_nobody_reads_and_nobody_manages_goes_on() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
-    let mut service = Running::start(program(&["serve", "--quiet"]).arg("--data").arg(&store));
+    let mut service = ProgramProcess::start(program(&["serve", "--quiet"]).arg("--data").arg(&store));
     let first = service.lines().next().unwrap();
     assert!(first.contains("engine"), "{first:?}");
     // The reader is gone by now; further events cannot be printed.
@@ -151,12 +151,12 @@ fn a_service_that_nobody_reads_and_nobody_manages_goes_on() {
     let registered = on(&store, &["candidate", "register", REJECTED]);
     assert!(registered.status.success(), "{registered:?}");
     assert_eq!(service.0.try_wait().unwrap(), None);
-    service.tell(Signal::INT);
+    service.send_signal(Signal::INT);
     assert_eq!(service.code(), Some(0));
 }
 
 #[test]
-fn a_service_says_what_keeps_it_from_coming_up() {
+fn a_service_reports_why_it_cannot_start() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
     let output = program(&["serve", "--data"]).arg(&store).env("NOTIFY_SOCKET", "manager").output().unwrap();
@@ -169,7 +169,7 @@ fn a_service_says_what_keeps_it_from_coming_up() {
 }
 
 #[test]
-fn a_run_submits_nothing_and_says_an_outcome_of_named_versions_alone() {
+fn a_run_submits_nothing_and_reports_only_named_versions() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
     let nothing = on(&store, &["run", "--plain"]);
@@ -188,7 +188,7 @@ fn a_run_submits_nothing_and_says_an_outcome_of_named_versions_alone() {
 #[test]
 fn the_demonstration_leaves_the_users_store_alone() {
     let root = tempfile::tempdir().unwrap();
-    let mut demo = Running::start(
+    let mut demo = ProgramProcess::start(
         program(&[])
             .env("XDG_DATA_HOME", root.path().join("share"))
             .env("HOME", root.path())
@@ -196,7 +196,7 @@ fn the_demonstration_leaves_the_users_store_alone() {
     );
     let mut lines = demo.lines();
     assert!(lines.any(|line| line.contains("submitting the demonstration candidate align-improved")));
-    demo.tell(Signal::TERM);
+    demo.send_signal(Signal::TERM);
     let rest: Vec<String> = lines.collect();
     assert_eq!(demo.code(), Some(3), "{rest:?}");
     assert!(rest.iter().any(|line| line.contains("outcome: align@1.1.0 held")), "{rest:?}");

@@ -24,30 +24,30 @@ fn holdpoint(data: &Path, line: &[&str]) -> (Option<i32>, String, String) {
 fn walk(lang: &str, prebuilt: &str) {
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("my-grasp");
-    let named = folder.display().to_string();
-    let done = |line: &[&str]| {
-        let (code, said, problem) = holdpoint(root.path(), line);
-        assert_eq!(code, Some(0), "{line:?}: {said}{problem}");
-        said
+    let path = folder.display().to_string();
+    let run_ok = |line: &[&str]| {
+        let (code, stdout, stderr) = holdpoint(root.path(), line);
+        assert_eq!(code, Some(0), "{line:?}: {stdout}{stderr}");
+        stdout
     };
-    done(&["skill", "new", "my-grasp", "--lang", lang, &named]);
-    let (code, said, problem) = holdpoint(root.path(), &["skill", "build", &named]);
+    run_ok(&["skill", "new", "my-grasp", "--lang", lang, &path]);
+    let (code, stdout, stderr) = holdpoint(root.path(), &["skill", "build", &path]);
     let component = folder.join("my-grasp.wasm");
     if code == Some(0) {
-        assert!(component.is_file(), "{said}");
+        assert!(component.is_file(), "{stdout}");
     } else {
-        let missing = problem.contains("is not there") || problem.contains("cannot build for");
-        assert!(code == Some(2) && missing && problem.contains("Hint"), "{problem}");
-        eprintln!("SKIPPED: {lang} is not built, {}", problem.lines().next().unwrap_or_default());
-        let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt").join(prebuilt);
-        fs::copy(kept, &component).unwrap();
+        let missing = stderr.contains("is not there") || stderr.contains("cannot build for");
+        assert!(code == Some(2) && missing && stderr.contains("Hint"), "{stderr}");
+        eprintln!("SKIPPED: {lang} is not built, {}", stderr.lines().next().unwrap_or_default());
+        let prebuilt_path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt").join(prebuilt);
+        fs::copy(prebuilt_path, &component).unwrap();
     }
-    let tried = done(&["skill", "test", &named]);
-    assert!(tried.contains("the same commands in every episode"), "{tried}");
-    done(&["candidate", "check", &named]);
-    done(&["candidate", "register", &named]);
-    let listed = done(&["registry", "list"]);
-    assert!(listed.contains("grasp@1.1.0"), "{listed}");
+    let report = run_ok(&["skill", "test", &path]);
+    assert!(report.contains("the same commands in every episode"), "{report}");
+    run_ok(&["candidate", "check", &path]);
+    run_ok(&["candidate", "register", &path]);
+    let list = run_ok(&["registry", "list"]);
+    assert!(list.contains("grasp@1.1.0"), "{list}");
 }
 
 #[test]
@@ -63,7 +63,7 @@ fn from_nothing_to_a_registered_candidate_in_rust() {
 #[test]
 fn a_missing_toolchain_is_named_with_how_to_get_it() {
     let root = tempfile::tempdir().unwrap();
-    for (lang, variable, get) in
+    for (lang, variable, remedy) in
         [("c", "CLANG", "apt install clang lld"), ("rust", "CARGO", "https://rustup.rs")]
     {
         let folder = root.path().join(lang).display().to_string();
@@ -75,10 +75,10 @@ fn a_missing_toolchain_is_named_with_how_to_get_it() {
                 .unwrap()
         };
         assert!(run(&["skill", "new", "mine", "--lang", lang, &folder]).status.success());
-        let refused = run(&["skill", "build", &folder]);
-        let said = String::from_utf8(refused.stderr).unwrap();
-        assert_eq!(refused.status.code(), Some(2), "{said}");
-        assert!(said.contains("no-such-program") && said.contains(get), "{said}");
+        let output = run(&["skill", "build", &folder]);
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        assert!(stderr.contains("no-such-program") && stderr.contains(remedy), "{stderr}");
     }
 }
 
@@ -86,20 +86,20 @@ fn a_missing_toolchain_is_named_with_how_to_get_it() {
 #[test]
 fn a_compiled_form_that_was_changed_is_not_loaded_and_raises_an_alarm() {
     let root = tempfile::tempdir().unwrap();
-    let done = |line: &[&str]| {
-        let (code, said, problem) = holdpoint(root.path(), line);
-        assert_eq!(code, Some(0), "{line:?}: {said}{problem}");
-        said
+    let run_ok = |line: &[&str]| {
+        let (code, stdout, stderr) = holdpoint(root.path(), line);
+        assert_eq!(code, Some(0), "{line:?}: {stdout}{stderr}");
+        stdout
     };
     let folder = root.path().join("my-grasp");
-    let named = folder.display().to_string();
-    done(&["skill", "new", "my-grasp", "--lang", "c", &named]);
-    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt/template-c.wasm");
-    fs::copy(kept, folder.join("my-grasp.wasm")).unwrap();
-    done(&["candidate", "register", &named]);
+    let path = folder.display().to_string();
+    run_ok(&["skill", "new", "my-grasp", "--lang", "c", &path]);
+    let prebuilt = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt/template-c.wasm");
+    fs::copy(prebuilt, folder.join("my-grasp.wasm")).unwrap();
+    run_ok(&["candidate", "register", &path]);
     // A restarted engine compiles the code in the store and caches it.
-    done(&["candidate", "register", "manifests/candidates/place-robust"]);
-    assert!(!done(&["alarms"]).contains("kept-false"));
+    run_ok(&["candidate", "register", "manifests/candidates/place-robust"]);
+    assert!(!run_ok(&["alarms"]).contains("kept-false"));
     let compiled = root.path().join("store/compiled");
     let forms: Vec<_> = fs::read_dir(&compiled).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert_eq!(forms.len(), 1, "{forms:?}");
@@ -107,7 +107,7 @@ fn a_compiled_form_that_was_changed_is_not_loaded_and_raises_an_alarm() {
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     fs::write(&forms[0], bytes).unwrap();
-    done(&["candidate", "register", "manifests/candidates/align-improved"]);
-    let alarms = done(&["alarms"]);
+    run_ok(&["candidate", "register", "manifests/candidates/align-improved"]);
+    let alarms = run_ok(&["alarms"]);
     assert!(alarms.contains("kept-false") && alarms.contains("grasp@1.1.0"), "{alarms}");
 }

@@ -5,8 +5,8 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-fn on(store: &Path, words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(words).arg("--data").arg(store).output().unwrap()
+fn on(store: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(arguments).arg("--data").arg(store).output().unwrap()
 }
 
 fn register(store: &Path, name: &str) {
@@ -22,7 +22,7 @@ fn state(store: &Path, version: &str) -> String {
 }
 
 /// The exit code and the error text.
-fn ended(output: &Output) -> (Option<i32>, String) {
+fn code_and_stderr(output: &Output) -> (Option<i32>, String) {
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
@@ -34,17 +34,17 @@ fn a_stage_ends_where_it_ends_and_begins_no_other() {
     let version = "align@1.1.1";
     assert_eq!(state(store, version), "registered");
     // No stage is skipped.
-    let (code, said) = ended(&on(store, &["candidate", "shadow", version]));
-    assert_eq!(code, Some(3), "{said}");
-    assert!(said.contains("registered") && said.contains("sandboxed"), "{said}");
+    let (code, message) = code_and_stderr(&on(store, &["candidate", "shadow", version]));
+    assert_eq!(code, Some(3), "{message}");
+    assert!(message.contains("registered") && message.contains("sandboxed"), "{message}");
     assert_eq!(state(store, version), "registered");
 
-    let (code, said) = ended(&on(store, &["candidate", "compat", version]));
-    assert_eq!((code, state(store, version).as_str()), (Some(0), "validated"), "{said}");
-    let (code, said) = ended(&on(store, &["candidate", "sandbox", version, "--jobs", "2"]));
-    assert_eq!((code, state(store, version).as_str()), (Some(0), "sandboxed"), "{said}");
+    let (code, message) = code_and_stderr(&on(store, &["candidate", "compat", version]));
+    assert_eq!((code, state(store, version).as_str()), (Some(0), "validated"), "{message}");
+    let (code, message) = code_and_stderr(&on(store, &["candidate", "sandbox", version, "--jobs", "2"]));
+    assert_eq!((code, state(store, version).as_str()), (Some(0), "sandboxed"), "{message}");
     // A passed stage is not silently run again.
-    let (code, _) = ended(&on(store, &["candidate", "sandbox", version]));
+    let (code, _) = code_and_stderr(&on(store, &["candidate", "sandbox", version]));
     assert_eq!((code, state(store, version).as_str()), (Some(3), "sandboxed"));
     let verified = on(store, &["audit", "verify"]);
     assert!(verified.status.success(), "{verified:?}");
@@ -56,9 +56,9 @@ fn a_stage_that_rejects_ends_with_the_code_of_a_rejection() {
     let store = folder.path();
     register(store, "grasp-tool-frame");
     let version = "grasp@1.2.0";
-    let (code, said) = ended(&on(store, &["candidate", "compat", version]));
-    assert_eq!((code, state(store, version).as_str()), (Some(1), "rejected"), "{said}");
-    let (code, said) = ended(&on(store, &["candidate", "sandbox", "grasp@9.9.9"]));
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("grasp@9.9.9"), "{said}");
+    let (code, message) = code_and_stderr(&on(store, &["candidate", "compat", version]));
+    assert_eq!((code, state(store, version).as_str()), (Some(1), "rejected"), "{message}");
+    let (code, message) = code_and_stderr(&on(store, &["candidate", "sandbox", "grasp@9.9.9"]));
+    assert_eq!(code, Some(2), "{message}");
+    assert!(message.contains("grasp@9.9.9"), "{message}");
 }

@@ -17,17 +17,17 @@ use holdpoint::runtime::capability;
 use crate::host::{Front, PATIENCE, operation, refusal};
 
 /// Braking takes a quarter of a second at most, and the measurement of the standstill a twentieth.
-const STANDS_WITHIN_TICKS: u64 = (RATE_HZ / 4 + RATE_HZ / 20) as u64;
+const STANDSTILL_TICKS_MAX: u64 = (RATE_HZ / 4 + RATE_HZ / 20) as u64;
 
 fn stop() -> Command {
     Command::Stop { by: "ana".to_owned(), reason: "a person is in the cell".to_owned() }
 }
 
-fn go_knowing(since_ms: u64, stops: u64) -> Command {
+fn go_command(since_ms: u64, stops: u64) -> Command {
     Command::Go { by: "ana".to_owned(), reason: "the cell is empty".to_owned(), since_ms, stops }
 }
 
-fn accepted(reply: &Reply) {
+fn assert_accepted(reply: &Reply) {
     let done =
         matches!(reply, Reply::Accepted { .. } | Reply::Stopped { kept: StopPersistence::OnRecord, .. });
     assert!(done, "{reply:?}");
@@ -37,15 +37,15 @@ impl Front {
     fn submit(&mut self, candidate: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(candidate);
         let package = capability::read(&path).unwrap();
-        accepted(&self.carry_out(Command::Register { package, name: candidate.to_owned(), by: None }));
+        assert_accepted(&self.carry_out(Command::Register { package, name: candidate.to_owned(), by: None }));
     }
 
     /// The ticks from the request to the standstill, for the latest stop.
-    fn stands(&mut self) -> u64 {
+    fn ticks_to_standstill(&mut self) -> u64 {
         self.events.clear();
-        accepted(&self.carry_out(stop()));
-        let stands = self.until(|kind| matches!(kind, EventKind::ArmStands { .. }));
-        let EventKind::ArmStands { ticks } = stands.kind else { unreachable!() };
+        assert_accepted(&self.carry_out(stop()));
+        let event = self.until(|kind| matches!(kind, EventKind::ArmStands { .. }));
+        let EventKind::ArmStands { ticks } = event.kind else { unreachable!() };
         ticks
     }
 
@@ -53,30 +53,30 @@ impl Front {
     fn go(&mut self) -> Reply {
         let stopped = self.snapshot().stopped;
         let (since_ms, stops) = stopped.map_or((0, 0), |stopped| (stopped.since_ms, stopped.stops));
-        self.carry_out(go_knowing(since_ms, stops))
+        self.carry_out(go_command(since_ms, stops))
     }
 
     /// Runs the live cell for a moment, so that the arm is on its way.
-    fn works_for(&mut self, moment: Duration) {
+    fn run_live_cell(&mut self, duration: Duration) {
         // Part of a sequence, another one each time.
-        let at_secs = 0.3 + 10.0 * moment.as_secs_f64();
-        self.picture(|picture| !picture.stopped && picture.task.is_some() && picture.at_secs >= at_secs);
+        let at_secs = 0.3 + 10.0 * duration.as_secs_f64();
+        self.video_frame(|frame| !frame.stopped && frame.task.is_some() && frame.at_secs >= at_secs);
     }
 
     /// Stops and starts this many times, and on until a stop met a moving arm; returns the sorted ticks to the
     /// standstill.
-    fn stops(&mut self, times: u64, meets_it_at_work: bool) -> Vec<u64> {
+    fn measure_stops(&mut self, times: u64, needs_moving_arm: bool) -> Vec<u64> {
         let mut ticks = Vec::new();
         let until = Instant::now() + PATIENCE;
         for index in 0.. {
             // On a busy machine the camera frame arrives late, and a sequence may be over by then.
-            let met = !meets_it_at_work || ticks.iter().any(|ticks| *ticks > 0);
+            let met = !needs_moving_arm || ticks.iter().any(|ticks| *ticks > 0);
             if index >= times && (met || Instant::now() >= until) {
                 break;
             }
-            self.works_for(Duration::from_millis(7 * (1 + index % 11)));
-            ticks.push(self.stands());
-            accepted(&self.go());
+            self.run_live_cell(Duration::from_millis(7 * (1 + index % 11)));
+            ticks.push(self.ticks_to_standstill());
+            assert_accepted(&self.go());
         }
         ticks.sort_unstable();
         ticks
@@ -84,36 +84,36 @@ impl Front {
 }
 
 #[test]
-fn the_arm_stands_whatever_is_under_way() {
+fn the_arm_stops_at_every_stage() {
     let times = std::env::var("HOLDPOINT_STOPS").ok().and_then(|text| text.parse().ok()).unwrap_or(2);
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
-    let mut measured = vec![("idle", front.stops(times, true))];
+    let mut measured = vec![("idle", front.measure_stops(times, true))];
     front.submit("align-improved");
     front.until(|kind| matches!(kind, EventKind::StageStarted { stage, .. } if stage.name() == "sandbox"));
-    measured.push(("in sandbox", front.stops(times, true)));
-    accepted(&front.carry_out(Command::Pause(operation("align@1.1.0"))));
-    measured.push(("held", front.stops(times, false)));
-    accepted(&front.carry_out(Command::Resume(operation("align@1.1.0"))));
+    measured.push(("in sandbox", front.measure_stops(times, true)));
+    assert_accepted(&front.carry_out(Command::Pause(operation("align@1.1.0"))));
+    measured.push(("held", front.measure_stops(times, false)));
+    assert_accepted(&front.carry_out(Command::Resume(operation("align@1.1.0"))));
     front.until(|kind| matches!(kind, EventKind::StageStarted { stage, .. } if stage.name() == "shadow"));
-    measured.push(("in shadow", front.stops(times, true)));
+    measured.push(("in shadow", front.measure_stops(times, true)));
     front.until(|kind| matches!(kind, EventKind::Activated { .. }));
-    measured.push(("provisional", front.stops(times, true)));
+    measured.push(("provisional", front.measure_stops(times, true)));
     for (state, ticks) in &measured {
         let (median, worst) = (ticks[ticks.len() / 2], ticks[ticks.len() - 1]);
         println!("{state}: median {median}, worst {worst} of {} ticks to the standstill", ticks.len());
-        assert!(worst <= STANDS_WITHIN_TICKS, "{state}: {ticks:?}");
+        assert!(worst <= STANDSTILL_TICKS_MAX, "{state}: {ticks:?}");
         assert!(*state == "held" || ticks.iter().any(|ticks| *ticks > 0), "{state}: the arm never moved");
     }
     front.host.stop(PATIENCE).unwrap();
 }
 
 #[test]
-fn nothing_works_until_a_person_says_so_also_after_a_restart() {
+fn nothing_runs_until_a_person_starts_the_cell_again() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
-    front.works_for(Duration::from_millis(20));
-    assert!(front.stands() <= STANDS_WITHIN_TICKS);
+    front.run_live_cell(Duration::from_millis(20));
+    assert!(front.ticks_to_standstill() <= STANDSTILL_TICKS_MAX);
     let stopped = front.snapshot().stopped.unwrap();
     assert_eq!((stopped.by.as_str(), stopped.reason.as_str()), ("ana", "a person is in the cell"));
     assert!(
@@ -122,38 +122,42 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
     );
     // A second stop may have another reason: it is recorded, too, once, and triggers no second stop.
     front.events.clear();
-    accepted(
+    assert_accepted(
         &front.carry_out(Command::Stop { by: "bo".to_owned(), reason: "there is a second one".to_owned() }),
     );
     front.until(|kind| matches!(kind, EventKind::CellStopped { by, .. } if by == "bo"));
-    let named = |front: &mut Front| {
+    let stop_authors = |front: &mut Front| {
         let stopped = front.snapshot().stopped.unwrap();
         let again =
             stopped.again.iter().map(|stop| (stop.by.clone(), stop.reason.clone())).collect::<Vec<_>>();
         (stopped.by, again)
     };
     let both = ("ana".to_owned(), vec![("bo".to_owned(), "there is a second one".to_owned())]);
-    assert_eq!(named(&mut front), both);
+    assert_eq!(stop_authors(&mut front), both);
     let stops = AuditFilter { kind: Some(RecordKind::CellStopped), ..AuditFilter::default() };
     let stops = Views::open(&Layout::new(folder.path()).database()).unwrap().audit(&stops).unwrap();
     assert_eq!(stops.len(), 2, "{stops:?}");
-    let worked = front.snapshot().live.sequences;
+    let sequences = front.snapshot().live.sequences;
     front.host.stop(PATIENCE).unwrap();
 
     let mut front = Front::start(folder.path(), None);
-    assert_eq!(named(&mut front), both, "and so they are after a restart");
+    assert_eq!(stop_authors(&mut front), both, "and so they are after a restart");
     front.submit("grasp-tool-frame");
     // Each answer comes between two slices, of which there are none.
-    let still = (0..50).map(|_| front.snapshot()).last().unwrap();
-    assert_eq!((still.live.sequences, still.candidates[0].state.name()), (0, "registered"), "after {worked}");
+    let snapshot = (0..50).map(|_| front.snapshot()).last().unwrap();
+    assert_eq!(
+        (snapshot.live.sequences, snapshot.candidates[0].state.name()),
+        (0, "registered"),
+        "after {sequences}"
+    );
     let since = front.snapshot().stopped.unwrap().since_ms;
     let blank = Command::Go { by: "ana".to_owned(), reason: " ".to_owned(), since_ms: since, stops: 2 };
     assert_eq!(refusal(&front.carry_out(blank)), Refusal::BadInput);
     // A person who knows of one stop cannot release the second.
     for (since, known) in [(since, 0), (since, 1), (since, 3), (since + 1, 2), (0, 2)] {
-        assert_eq!(refusal(&front.carry_out(go_knowing(since, known))), Refusal::NotNow);
+        assert_eq!(refusal(&front.carry_out(go_command(since, known))), Refusal::NotNow);
     }
-    accepted(&front.carry_out(go_knowing(since, 2)));
+    assert_accepted(&front.carry_out(go_command(since, 2)));
     front.until(|kind| matches!(kind, EventKind::Sequence { .. }));
     assert_eq!(front.snapshot().stopped, None);
     assert_eq!(refusal(&front.go()), Refusal::NotNow);
@@ -161,29 +165,29 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
 }
 
 #[test]
-fn a_version_can_be_taken_off_while_the_arm_stands() {
+fn a_version_can_be_rolled_back_at_standstill() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
-    front.works_for(Duration::from_millis(20));
-    front.stands();
-    let off = front.carry_out(Command::Vacate(operation("grasp@1.0.0")));
-    accepted(&off);
+    front.run_live_cell(Duration::from_millis(20));
+    front.ticks_to_standstill();
+    let reply = front.carry_out(Command::Vacate(operation("grasp@1.0.0")));
+    assert_accepted(&reply);
     // The baseline has no rollback target: the family is safe-stopped, and the arm does not move on the way.
-    let up = front.until(|kind| matches!(kind, EventKind::Rung { rung, .. } if rung.name() == "retract"));
-    let EventKind::Rung { text, ms, .. } = up.kind else { unreachable!() };
+    let event = front.until(|kind| matches!(kind, EventKind::Rung { rung, .. } if rung.name() == "retract"));
+    let EventKind::Rung { text, ms, .. } = event.kind else { unreachable!() };
     assert!(ms == 0 && text.contains("stays where it is"), "{text}");
     front.host.stop(PATIENCE).unwrap();
 }
 
 #[test]
-fn an_engine_that_holds_stops_as_well() {
-    let trial = Process::new(std::env::current_exe().unwrap())
+fn a_halted_engine_stops_as_well() {
+    let output = Process::new(std::env::current_exe().unwrap())
         .args(["--exact", "stop::inside_a_hold", "--nocapture"])
         .env("HOLDPOINT_TEST_PANIC", "engine")
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&trial.stdout);
-    assert!(trial.status.success() && said.contains("1 passed"), "{said}");
+    let stdout = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && stdout.contains("1 passed"), "{stdout}");
 }
 
 /// Run by the test above, with the panic armed.
@@ -194,24 +198,24 @@ fn inside_a_hold() {
     }
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), Some(1.0));
-    front.works_for(Duration::from_millis(20));
+    front.run_live_cell(Duration::from_millis(20));
     front.submit("align-improved");
     front.until(|kind| matches!(kind, EventKind::Fault { .. }));
     // The sequence of the failed engine is still running at the pace of the clock; on a busy machine it has ended
     // by now, and the arm is at standstill already.
-    let ticks = front.stands();
+    let ticks = front.ticks_to_standstill();
     println!("holding: {ticks} ticks to the standstill");
-    assert!(ticks <= STANDS_WITHIN_TICKS, "{ticks}");
+    assert!(ticks <= STANDSTILL_TICKS_MAX, "{ticks}");
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
     assert_eq!(refusal(&front.go()), Refusal::Holding);
     front.host.stop(PATIENCE).unwrap();
 }
 
-fn holdpoint(data: &Path, words: &[&str]) -> Output {
-    Process::new(env!("CARGO_BIN_EXE_holdpoint")).arg("--data").arg(data).args(words).output().unwrap()
+fn holdpoint(data: &Path, arguments: &[&str]) -> Output {
+    Process::new(env!("CARGO_BIN_EXE_holdpoint")).arg("--data").arg(data).args(arguments).output().unwrap()
 }
 
-fn said(output: &Output) -> String {
+fn output_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
@@ -222,21 +226,21 @@ fn people_who_stop_at_once_leave_nothing_that_keeps_the_cell_stopped() {
     let data = folder.path().join("store");
     let mut front = Front::start(&data, None);
     for _ in 0..3 {
-        front.works_for(Duration::from_millis(20));
+        front.run_live_cell(Duration::from_millis(20));
         let stops: Vec<_> = (0..8)
             .map(|number| {
                 let data = data.clone();
                 std::thread::spawn(move || holdpoint(&data, &["stop", "--as", &format!("person-{number}")]))
             })
             .collect();
-        for stopped in stops {
-            let stopped = stopped.join().unwrap();
-            assert_eq!(stopped.status.code(), Some(0), "{}", said(&stopped));
+        for thread in stops {
+            let output = thread.join().unwrap();
+            assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
         }
         let stopped = front.snapshot().stopped.unwrap();
         assert_eq!(stopped.stops, 8, "{stopped:?}");
-        accepted(&front.go());
-        assert!(!Layout::new(&data).stop_asked().exists());
+        assert_accepted(&front.go());
+        assert!(!Layout::new(&data).stop_request().exists());
     }
     front.host.stop(PATIENCE).unwrap();
 }
@@ -245,83 +249,91 @@ fn people_who_stop_at_once_leave_nothing_that_keeps_the_cell_stopped() {
 #[test]
 fn a_stop_without_an_engine_is_not_confirmed() {
     let folder = tempfile::tempdir().unwrap();
-    let none = folder.path().join("mistyped");
-    let stopped = holdpoint(&none, &["stop", "--as", "ana"]);
-    assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
+    let missing = folder.path().join("mistyped");
+    let output = holdpoint(&missing, &["stop", "--as", "ana"]);
+    assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
     for part in ["no engine runs on", "no arm was stopped", "emergency stop", "--data DIR"] {
-        assert!(said(&stopped).contains(part), "{part:?}: {}", said(&stopped));
+        assert!(output_text(&output).contains(part), "{part:?}: {}", output_text(&output));
     }
-    assert!(!none.exists(), "no store is made");
+    assert!(!missing.exists(), "no store is made");
     let data = folder.path().join("store");
     let front = Front::start(&data, None);
     front.host.stop(PATIENCE).unwrap();
-    let stopped = holdpoint(&data, &["stop", "--as", "ana"]);
-    assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
-    assert!(said(&stopped).contains("the next engine there starts stopped"), "{}", said(&stopped));
+    let output = holdpoint(&data, &["stop", "--as", "ana"]);
+    assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
+    assert!(
+        output_text(&output).contains("the next engine there starts stopped"),
+        "{}",
+        output_text(&output)
+    );
     let mut front = Front::start(&data, None);
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
     front.host.stop(PATIENCE).unwrap();
 }
 
 #[test]
-fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
+fn the_verbs_stop_and_start_with_and_without_an_engine() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
     assert_eq!(
         holdpoint(&data, &["identity", "new", "ana", "--role", "operator", "--unprotected"]).status.code(),
         Some(0)
     );
-    let stopped = holdpoint(&data, &["stop"]);
-    assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
-    assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED  by an unnamed person"));
+    let output = holdpoint(&data, &["stop"]);
+    assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
+    assert!(output_text(&holdpoint(&data, &["status"])).contains("STOPPED  by an unnamed person"));
     let unknown = holdpoint(&data, &["go", "--as", "ben", "--reason", "checked"]);
-    assert_eq!(unknown.status.code(), Some(2), "a start needs an identity: {}", said(&unknown));
-    let words = ["go", "--as", "ana", "--reason", "checked"];
-    let one = [&words[..], &["--stops", "1"]].concat();
+    assert_eq!(unknown.status.code(), Some(2), "a start needs an identity: {}", output_text(&unknown));
+    let arguments = ["go", "--as", "ana", "--reason", "checked"];
+    let with_stops = [&arguments[..], &["--stops", "1"]].concat();
     // Another person stopped it, and the operator has not confirmed reading who and why.
-    let kept_so = holdpoint(&data, &words);
-    assert_eq!(kept_so.status.code(), Some(3), "{}", said(&kept_so));
+    let output = holdpoint(&data, &arguments);
+    assert_eq!(output.status.code(), Some(3), "{}", output_text(&output));
     assert!(
-        said(&kept_so).contains("by an unnamed person") && said(&kept_so).contains("--stops 1"),
+        output_text(&output).contains("by an unnamed person") && output_text(&output).contains("--stops 1"),
         "{}",
-        said(&kept_so)
+        output_text(&output)
     );
-    assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED"));
-    assert_eq!(holdpoint(&data, &one).status.code(), Some(0));
-    assert!(!said(&holdpoint(&data, &["status"])).contains("STOPPED"));
+    assert!(output_text(&holdpoint(&data, &["status"])).contains("STOPPED"));
+    assert_eq!(holdpoint(&data, &with_stops).status.code(), Some(0));
+    assert!(!output_text(&holdpoint(&data, &["status"])).contains("STOPPED"));
     // The operator knows their own stop.
     assert_eq!(holdpoint(&data, &["stop", "--as", "ana"]).status.code(), Some(6));
-    assert_eq!(holdpoint(&data, &words).status.code(), Some(0));
-    assert_eq!(holdpoint(&data, &words).status.code(), Some(3), "it is not stopped");
+    assert_eq!(holdpoint(&data, &arguments).status.code(), Some(0));
+    assert_eq!(holdpoint(&data, &arguments).status.code(), Some(3), "it is not stopped");
 
     let mut front = Front::start(&data, None);
-    front.works_for(Duration::from_millis(20));
-    let stopped = holdpoint(&data, &["stop", "--as", "bo"]);
-    assert_eq!(stopped.status.code(), Some(0), "{}", said(&stopped));
-    let kept = front.snapshot().stopped.unwrap();
+    front.run_live_cell(Duration::from_millis(20));
+    let output = holdpoint(&data, &["stop", "--as", "bo"]);
+    assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
+    let stop_view = front.snapshot().stopped.unwrap();
     let own = rustix::process::geteuid().as_raw();
-    let Caller::Process { uid, process, .. } = kept.caller else { panic!("{kept:?}") };
-    assert_eq!((kept.by.as_str(), uid), ("bo", own));
+    let Caller::Process { uid, process, .. } = stop_view.caller else { panic!("{stop_view:?}") };
+    assert_eq!((stop_view.by.as_str(), uid), ("bo", own));
     assert_ne!(process, Some(std::process::id()), "the system names the process");
     // A second unknown stop keeps the cell stopped, and its author is printed.
     assert_eq!(holdpoint(&data, &["stop", "--as", "cy", "--reason", "smoke"]).status.code(), Some(0));
-    let kept_so = holdpoint(&data, &words);
-    assert_eq!(kept_so.status.code(), Some(3), "{}", said(&kept_so));
-    assert!(said(&kept_so).contains("by bo") && said(&kept_so).contains(": smoke"), "{}", said(&kept_so));
+    let output = holdpoint(&data, &arguments);
+    assert_eq!(output.status.code(), Some(3), "{}", output_text(&output));
+    assert!(
+        output_text(&output).contains("by bo") && output_text(&output).contains(": smoke"),
+        "{}",
+        output_text(&output)
+    );
     assert!(front.snapshot().stopped.is_some());
     front.events.clear();
-    assert_eq!(holdpoint(&data, &[&words[..], &["--stops", "2"]].concat()).status.code(), Some(0));
+    assert_eq!(holdpoint(&data, &[&arguments[..], &["--stops", "2"]].concat()).status.code(), Some(0));
     let released = front.until(|kind| matches!(kind, EventKind::CellReleased { .. }));
     let EventKind::CellReleased { caller: Caller::Process { uid, process, .. }, .. } = released.kind else {
         panic!("{released:?}")
     };
     assert_eq!(uid, own);
     assert_ne!(process, Some(std::process::id()), "the caller is not the engine");
-    let asked = AuditFilter { kind: Some(RecordKind::Asked), ..AuditFilter::default() };
-    let asked = Views::open(&Layout::new(&data).database()).unwrap().audit(&asked).unwrap();
+    let filter = AuditFilter { kind: Some(RecordKind::Asked), ..AuditFilter::default() };
+    let records = Views::open(&Layout::new(&data).database()).unwrap().audit(&filter).unwrap();
     let found =
-        asked.iter().filter(|record| record.body.contains(&format!("\"process\":{}", process.unwrap())));
-    assert_eq!(found.count(), 1, "the request is on record with its process: {asked:?}");
+        records.iter().filter(|record| record.body.contains(&format!("\"process\":{}", process.unwrap())));
+    assert_eq!(found.count(), 1, "the request is on record with its process: {records:?}");
     front.host.stop(PATIENCE).unwrap();
 }
 
@@ -332,18 +344,18 @@ fn idle_connections_lock_nobody_out() {
     let mut front = Front::start(folder.path(), None);
     let layout = Layout::new(folder.path());
     let connect = || Client::connect(&layout).unwrap().unwrap();
-    let told: Vec<_> = (0..OBSERVERS_MAX).map(|_| connect().subscribe().unwrap()).collect();
+    let subscriptions: Vec<_> = (0..OBSERVERS_MAX).map(|_| connect().subscribe().unwrap()).collect();
     let idle: Vec<_> = (0..2 * IDLE_MAX)
         .map(|_| std::os::unix::net::UnixStream::connect(socket_path(&layout)).unwrap())
         .collect();
-    accepted(&connect().ask(stop()).unwrap());
+    assert_accepted(&connect().send(stop()).unwrap());
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
-    let rolled_back = connect().ask(Command::Rollback(operation("grasp@1.0.0"))).unwrap();
+    let rolled_back = connect().send(Command::Rollback(operation("grasp@1.0.0"))).unwrap();
     assert_eq!(refusal(&rolled_back), Refusal::NotNow, "it is the last one: {rolled_back:?}");
     assert!(
         format!("{rolled_back:?}").contains("last version of grasp"),
         "the engine itself answered: {rolled_back:?}"
     );
-    drop((told, idle));
+    drop((subscriptions, idle));
     front.host.stop(PATIENCE).unwrap();
 }

@@ -37,7 +37,7 @@ fn a_storm_of_connections_keeps_nobody_from_stopping() {
     .iter()
     .map(|line| format!("{line}\n").into_bytes())
     .collect();
-    let mut held = Vec::new();
+    let mut open_streams = Vec::new();
     let (mut refused, mut worst, mut stops) = (0, Duration::ZERO, 0);
     for index in 0..connections {
         let mut random = Random::of_run(seed, index as u64);
@@ -65,12 +65,12 @@ fn a_storm_of_connections_keeps_nobody_from_stopping() {
                 continue;
             }
         }
-        held.push(stream);
+        open_streams.push(stream);
         if index % 50 == 49 {
             let begun = Instant::now();
             let mut client = Client::connect(&layout).unwrap().expect("the engine answers");
             let stop = Command::Stop { by: "ana".to_owned(), reason: "a storm".to_owned() };
-            let reply = client.ask(stop).unwrap();
+            let reply = client.send(stop).unwrap();
             assert!(matches!(reply, Reply::Stopped { .. }), "{reply:?}");
             let took = begun.elapsed();
             assert!(took < ANSWERED_WITHIN, "seed {seed}, connection {index}: a stop took {took:?}");
@@ -80,10 +80,10 @@ fn a_storm_of_connections_keeps_nobody_from_stopping() {
     }
     assert!(stops > 0 && refused < connections / 2, "{refused} of {connections} were refused");
     assert_eq!(front.snapshot().holding, None);
-    let held = held.len();
+    let open_count = open_streams.len();
     front.host.stop(PATIENCE).unwrap();
     verify(&layout.database(), None).unwrap();
     println!(
-        "storm: seed {seed}, {connections} connections, {held} open, {refused} refused, {stops} stops, worst {worst:?}"
+        "storm: seed {seed}, {connections} connections, {open_count} open, {refused} refused, {stops} stops, worst {worst:?}"
     );
 }

@@ -16,12 +16,12 @@ use serde_json::Value;
 const PATIENCE: Duration = Duration::from_mins(2);
 
 /// An engine in another process; it does not outlive the test.
-struct Served {
+struct ServeProcess {
     child: Child,
     lines: std::io::Lines<BufReader<std::process::ChildStdout>>,
 }
 
-impl Served {
+impl ServeProcess {
     /// Started, with its first events received. `limit` is its number of file descriptors.
     fn start(store: &Path, profile: &str, limit: Option<u32>) -> Self {
         let limit = limit.map_or_else(|| "unlimited".to_owned(), |limit| limit.to_string());
@@ -36,9 +36,9 @@ impl Served {
             .spawn()
             .unwrap();
         let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        let mut served = Self { child, lines };
-        served.until("engine-started");
-        served
+        let mut process = Self { child, lines };
+        process.until("engine-started");
+        process
     }
 
     /// The first event of this kind that is still to come.
@@ -57,10 +57,10 @@ impl Served {
         self.child.wait().unwrap();
     }
 
-    fn ends(mut self, store: &Path) {
-        let stopped = self.child.id();
+    fn terminate(mut self, store: &Path) {
+        let pid = self.child.id();
         rustix::process::kill_process(
-            rustix::process::Pid::from_raw(i32::try_from(stopped).unwrap()).unwrap(),
+            rustix::process::Pid::from_raw(i32::try_from(pid).unwrap()).unwrap(),
             rustix::process::Signal::TERM,
         )
         .unwrap();
@@ -69,48 +69,48 @@ impl Served {
     }
 }
 
-impl Drop for Served {
+impl Drop for ServeProcess {
     fn drop(&mut self) {
         drop(self.child.kill());
         drop(self.child.wait());
     }
 }
 
-fn holdpoint(store: &Path, words: &[&str]) -> Output {
+fn holdpoint(store: &Path, arguments: &[&str]) -> Output {
     let mut program = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
-    program.env_remove("XDG_RUNTIME_DIR").args(words).arg("--data").arg(store).output().unwrap()
+    program.env_remove("XDG_RUNTIME_DIR").args(arguments).arg("--data").arg(store).output().unwrap()
 }
 
-fn said(output: &Output) -> String {
+fn output_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
 fn snapshot(store: &Path) -> Value {
     let output = holdpoint(store, &["status", "--json"]);
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", said(&output)))
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", output_text(&output)))
 }
 
 fn records(store: &Path, kind: RecordKind) -> Vec<Value> {
     let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
-    let found = Views::open(&Layout::new(store).database()).unwrap().audit(&filter).unwrap();
-    found.iter().map(|record| serde_json::from_str(&record.body).unwrap()).collect()
+    let rows = Views::open(&Layout::new(store).database()).unwrap().audit(&filter).unwrap();
+    rows.iter().map(|record| serde_json::from_str(&record.body).unwrap()).collect()
 }
 
 /// With a folder in the place of the mark, another program at the database and a kill, an answered stop was once
 /// forgotten.
 #[test]
-fn an_answered_stop_is_in_force_after_a_kill_whatever_lay_in_the_place_of_its_mark() {
+fn an_answered_stop_is_in_force_after_a_kill_with_any_object_at_its_mark() {
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
-    let mut first = Served::start(&store, "sim", None);
+    let mut first = ServeProcess::start(&store, "sim", None);
     first.until("sequence");
-    let planted = Layout::new(&store).stop_marks().places()[0].clone();
-    std::fs::create_dir(&planted).unwrap();
+    let mark = Layout::new(&store).stop_marks().places()[0].clone();
+    std::fs::create_dir(&mark).unwrap();
     let other = rusqlite::Connection::open(Layout::new(&store).database()).unwrap();
     other.execute_batch("BEGIN IMMEDIATE").unwrap();
-    let stopped = holdpoint(&store, &["stop", "--as", "ana", "--reason", "a hand", "--json"]);
+    let output = holdpoint(&store, &["stop", "--as", "ana", "--reason", "a hand", "--json"]);
     let answer: Value =
-        serde_json::from_slice(&stopped.stdout).unwrap_or_else(|_| panic!("{}", said(&stopped)));
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", output_text(&output)));
     assert_eq!(
         (answer["reply"].as_str(), answer["kept"].as_str()),
         (Some("stopped"), Some("in-mark")),
@@ -120,50 +120,50 @@ fn an_answered_stop_is_in_force_after_a_kill_whatever_lay_in_the_place_of_its_ma
     other.execute_batch("ROLLBACK").unwrap();
     drop(other);
     // The test removes the object again.
-    std::fs::remove_dir(&planted).unwrap();
-    let second = Served::start(&store, "sim", None);
-    let now = snapshot(&store);
-    assert!(now.to_string().contains("ana"), "{now}");
+    std::fs::remove_dir(&mark).unwrap();
+    let second = ServeProcess::start(&store, "sim", None);
+    let status = snapshot(&store);
+    assert!(status.to_string().contains("ana"), "{status}");
     let stops = records(&store, RecordKind::CellStopped);
     assert_eq!(stops.len(), 1, "{stops:?}");
     assert_eq!(stops[0]["by"].as_str(), Some("ana"));
     let alarms = records(&store, RecordKind::AlarmChanged);
     assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");
-    assert!(holdpoint(&store, &["status"]).stdout.windows(7).any(|word| word == b"STOPPED"));
-    second.ends(&store);
+    assert!(holdpoint(&store, &["status"]).stdout.windows(7).any(|window| window == b"STOPPED"));
+    second.terminate(&store);
 }
 
 /// A killed engine once came up running, whatever was in the cell by then.
 #[test]
-fn after_a_sudden_end_under_real_and_human_the_cell_is_stopped_until_a_person_says_so() {
+fn after_a_sudden_end_under_real_and_human_the_cell_stays_stopped() {
     for profile in ["real", "human"] {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("store");
-        let mut first = Served::start(&store, profile, None);
+        let mut first = ServeProcess::start(&store, profile, None);
         first.until("sequence");
         assert_eq!(records(&store, RecordKind::EngineBegan).len(), 1);
         first.kill();
-        let second = Served::start(&store, profile, None);
+        let second = ServeProcess::start(&store, profile, None);
         let stops = records(&store, RecordKind::CellStopped);
         assert_eq!(stops.len(), 1, "{stops:?}");
         assert_eq!(
             (stops[0]["by"].as_str(), stops[0]["code"].as_str()),
             (Some("the engine"), Some("unclean-end"))
         );
-        assert!(said(&holdpoint(&store, &["status"])).contains("STOPPED  by the engine"));
+        assert!(output_text(&holdpoint(&store, &["status"])).contains("STOPPED  by the engine"));
         let alarms: Vec<Value> = records(&store, RecordKind::AlarmChanged);
         assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");
         let unknown = holdpoint(&store, &["go", "--as", "ana", "--stops", "1", "--reason", "it is empty"]);
-        assert!(!unknown.status.success(), "{}", said(&unknown));
+        assert!(!unknown.status.success(), "{}", output_text(&unknown));
         // It ends cleanly, stopped; the kill is not counted twice.
-        second.ends(&store);
-        let third = Served::start(&store, profile, None);
+        second.terminate(&store);
+        let third = ServeProcess::start(&store, profile, None);
         assert_eq!(
             records(&store, RecordKind::CellStopped).len(),
             1,
             "it is stopped still, and not once more"
         );
-        third.ends(&store);
+        third.terminate(&store);
     }
 }
 
@@ -171,17 +171,17 @@ fn after_a_sudden_end_under_real_and_human_the_cell_is_stopped_until_a_person_sa
 fn after_an_end_in_good_order_and_under_sim_the_cell_works_on() {
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
-    let mut killed = Served::start(&store, "sim", None);
-    killed.until("sequence");
-    killed.kill();
-    let mut works = Served::start(&store, "real", None);
-    works.until("sequence");
-    works.ends(&store);
+    let mut first = ServeProcess::start(&store, "sim", None);
+    first.until("sequence");
+    first.kill();
+    let mut second = ServeProcess::start(&store, "real", None);
+    second.until("sequence");
+    second.terminate(&store);
     let ended = records(&store, RecordKind::EngineEnded);
     assert_eq!(ended.len(), 1);
     assert_eq!(ended[0]["orderly"], true);
-    let mut again = Served::start(&store, "real", None);
-    again.until("sequence");
+    let mut third = ServeProcess::start(&store, "real", None);
+    third.until("sequence");
     assert!(records(&store, RecordKind::CellStopped).is_empty());
 }
 
@@ -190,15 +190,15 @@ fn after_an_end_in_good_order_and_under_sim_the_cell_works_on() {
 fn a_stop_is_answered_where_all_file_descriptors_are_used_up() {
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
-    let mut served = Served::start(&store, "sim", Some(40));
-    served.until("sequence");
+    let mut engine = ServeProcess::start(&store, "sim", Some(40));
+    engine.until("sequence");
     let path = socket_path(&Layout::new(&store));
     let mut idle: Vec<UnixStream> = (0..60).map(|_| UnixStream::connect(&path).unwrap()).collect();
     let begun = Instant::now();
-    let stopped = holdpoint(&store, &["stop", "--as", "ana", "--json"]);
+    let output = holdpoint(&store, &["stop", "--as", "ana", "--json"]);
     let took = begun.elapsed();
     let answer: Value =
-        serde_json::from_slice(&stopped.stdout).unwrap_or_else(|_| panic!("{}", said(&stopped)));
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", output_text(&output)));
     assert_eq!(
         (answer["reply"].as_str(), answer["kept"].as_str()),
         (Some("stopped"), Some("on-record")),
@@ -208,8 +208,8 @@ fn a_stop_is_answered_where_all_file_descriptors_are_used_up() {
     assert!(took < PATIENCE);
     // The connections that gave way get a message.
     idle[0].set_read_timeout(Some(PATIENCE)).unwrap();
-    let mut heard = String::new();
-    idle[0].read_to_string(&mut heard).unwrap();
-    assert!(heard.contains("\"closed\""), "{heard}");
-    served.ends(&store);
+    let mut message = String::new();
+    idle[0].read_to_string(&mut message).unwrap();
+    assert!(message.contains("\"closed\""), "{message}");
+    engine.terminate(&store);
 }

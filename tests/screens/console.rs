@@ -14,7 +14,7 @@ use holdpoint::console::model::{
 };
 use holdpoint::console::operator::Operator;
 use holdpoint::console::palette::Palette;
-use holdpoint::console::theme;
+use holdpoint::console::theme::{self, ThemeRole};
 use holdpoint::governance::alarms::AlarmSummary;
 use holdpoint::governance::approval::Role;
 use holdpoint::governance::closed_set::Lenient;
@@ -33,6 +33,9 @@ use crate::support;
 
 const SIZES: [(u16, u16); 4] = [(120, 36), (100, 30), (80, 24), (60, 16)];
 
+/// The sizes that are kept as text; every other size is checked by what has to be on the screen.
+const SNAPSHOT_SIZES: [(u16, u16); 2] = [(120, 36), (80, 24)];
+
 fn look() -> Look {
     Look::new(Theme::builtin("calm-dark").unwrap(), ColorDepth::True, Glyphs::Unicode)
 }
@@ -42,10 +45,10 @@ fn shown(model: &ConsoleModel, (width, height): (u16, u16)) -> String {
 }
 
 #[test]
-fn every_view_at_every_size() {
+fn every_view_at_two_sizes() {
     for view in View::ALL {
         let model = support::at(view);
-        for size in SIZES {
+        for size in SNAPSHOT_SIZES {
             let name = format!("{}_{}x{}", view.title().to_lowercase(), size.0, size.1);
             insta::assert_snapshot!(name, shown(&model, size));
         }
@@ -103,7 +106,7 @@ fn prompted(tier: u8) -> ConsoleModel {
     let mut prompt = ApprovalScreen::open(&support::question(tier), &snapshot, model.now_ms - 5_000);
     if let Some(who) = model.session.operator.as_ref().map(|who| who.name.clone()) {
         prompt.mark_requested(who.clone(), "q".to_owned());
-        prompt.take("q", Ok(support::asked(tier, &who)));
+        prompt.take("q", Ok(support::document(tier, &who)));
     }
     model.engine_data.snapshot = Some(Arc::new(snapshot));
     model.input.overlay = Some(Overlay::Approval(Box::new(prompt)));
@@ -143,7 +146,7 @@ fn occasions() -> Vec<(&'static str, ConsoleModel)> {
     occasions.push(("form_shelve", formed(Intent::Shelve("camera:align@1.0.0".to_owned()))));
     let mut first = support::model();
     first.settings.tour = Some(0);
-    first.engine_data.picture = None;
+    first.engine_data.frame = None;
     first.session.operator = None;
     first.engine_data.events.clear();
     first.engine_data.snapshot = Some(Arc::new(Snapshot {
@@ -203,11 +206,9 @@ fn flood() -> ConsoleModel {
 }
 
 #[test]
-fn every_occasion_at_two_sizes() {
+fn every_occasion() {
     for (name, model) in occasions() {
-        for size in [(100, 30), (80, 24)] {
-            insta::assert_snapshot!(format!("{name}_{}x{}", size.0, size.1), shown(&model, size));
-        }
+        insta::assert_snapshot!(format!("{name}_80x24"), shown(&model, (80, 24)));
     }
 }
 
@@ -240,7 +241,7 @@ fn the_whole_decision_is_readable() {
 }
 
 #[test]
-fn stale_evidence_is_said_where_the_candidate_is_read_and_decided_upon() {
+fn stale_evidence_is_shown_where_the_candidate_is_decided_on() {
     const STALE: &str = "STALE, measured under another profile, environment";
     let mut model = support::at(View::Candidate);
     assert!(!shown(&model, (100, 30)).contains("STALE"));
@@ -261,7 +262,7 @@ fn stale_evidence_is_said_where_the_candidate_is_read_and_decided_upon() {
 }
 
 #[test]
-fn every_window_is_drawn_and_the_gravest_alarm_and_the_way_out_are_in_it() {
+fn every_window_shows_the_gravest_alarm_and_how_to_leave() {
     let mut models: Vec<ConsoleModel> = View::ALL.into_iter().map(support::at).collect();
     models.extend(occasions().into_iter().map(|(_, model)| model));
     let widths = [1, 2, 3, 5, 9, 19, 31, 59, 60, 79, 81, 99, 101, 200, 500];
@@ -348,7 +349,7 @@ fn poisoned(text: &str, view: View) -> ConsoleModel {
     let mut registry = (*model.engine_data.registry.page).clone();
     registry.rows.iter_mut().for_each(|row| text.clone_into(&mut row.author));
     model.engine_data.registry.page = Arc::new(registry);
-    model.engine_data.events.iter_mut().for_each(|told| text.clone_into(&mut told.text));
+    model.engine_data.events.iter_mut().for_each(|line| text.clone_into(&mut line.text));
     model.session.operator =
         Some(Operator { name: text.to_owned(), role: Role::Operator, protection: Protection::None });
     model.engine_data.verified = Some(AuditVerification { holds: false, records: 3, text: text.to_owned() });
@@ -391,7 +392,7 @@ fn hostile_texts_act_on_nothing() {
 }
 
 #[test]
-fn colors_add_nothing_that_is_not_said_without_them() {
+fn colors_add_no_information() {
     for view in View::ALL {
         let model = support::at(view);
         let plain = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Unicode);
@@ -405,7 +406,7 @@ fn colors_add_nothing_that_is_not_said_without_them() {
         }
     }
     let alarms = shown(&support::at(View::Alarms), (100, 30));
-    for words in [
+    for label in [
         "1▲ CRIT",
         "2◆ HIGH",
         "3● LOW",
@@ -415,12 +416,12 @@ fn colors_add_nothing_that_is_not_said_without_them() {
         "■ latched",
         "‖ shelved",
     ] {
-        assert!(alarms.contains(words), "{words}:\n{alarms}");
+        assert!(alarms.contains(label), "{label}:\n{alarms}");
     }
 }
 
 #[test]
-fn ascii_alone_where_it_is_asked_for() {
+fn ascii_output_holds_ascii_only() {
     let look = Look::new(Theme::builtin("calm-dark").unwrap(), ColorDepth::True, Glyphs::Ascii);
     let mut models: Vec<ConsoleModel> = View::ALL.into_iter().map(support::at).collect();
     models.extend(occasions().into_iter().map(|(_, model)| model));
@@ -431,7 +432,7 @@ fn ascii_alone_where_it_is_asked_for() {
             assert!(strange.is_empty(), "{:?} {size:?}: {strange:?}\n{text}", model.view_state.view);
         }
     }
-    insta::assert_snapshot!("overview_ascii_100x30", text_of(&support::at(View::Overview), &look, 100, 30));
+    insta::assert_snapshot!("overview_ascii_80x24", text_of(&support::at(View::Overview), &look, 80, 24));
 }
 
 /// The styles of each line, in order, each once: `12 bold fg=Red`.
@@ -452,16 +453,25 @@ fn styles(model: &ConsoleModel, look: &Look, (width, height): (u16, u16)) -> Str
     text
 }
 
+/// Each role in each theme at each depth, and the styles of each view in one look: the rest of the looks follows from both.
 #[test]
-fn styles_of_every_theme_at_every_depth() {
-    for name in theme::names() {
-        for depth in ColorDepth::ALL {
-            let look = Look::new(Theme::builtin(name).unwrap(), depth, Glyphs::Unicode);
-            let mut text = String::new();
-            for view in View::ALL {
-                text += &format!("{}\n{}", view.title(), styles(&support::at(view), &look, (80, 24)));
-            }
-            insta::assert_snapshot!(format!("styles_{name}_{}", depth.word().replace(' ', "_")), text);
+fn styles_of_every_role_and_of_every_view() {
+    let mut matrix = String::new();
+    for role in ThemeRole::ALL {
+        matrix += &format!("{}\n", role.word());
+        for name in theme::names() {
+            let theme = Theme::builtin(name).unwrap();
+            let styles = ColorDepth::ALL.map(|depth| {
+                let style = theme.style(*role, depth);
+                let color =
+                    |color: Option<Color>| color.map_or_else(|| "-".to_owned(), |color| format!("{color:?}"));
+                format!("{}/{}/{:?}", color(style.fg), color(style.bg), style.add_modifier)
+            });
+            matrix += &format!("  {name:<13} {}\n", styles.join("  "));
         }
     }
+    for view in View::ALL {
+        matrix += &format!("{}\n{}", view.title(), styles(&support::at(view), &look(), (80, 24)));
+    }
+    insta::assert_snapshot!("styles", matrix);
 }

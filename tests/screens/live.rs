@@ -27,7 +27,7 @@ fn shown(model: &ConsoleModel, (width, height): (u16, u16)) -> String {
     text_of(model, &look(), width, height)
 }
 
-fn told(model: &mut ConsoleModel, change: impl FnOnce(&mut Snapshot)) {
+fn edit_snapshot(model: &mut ConsoleModel, change: impl FnOnce(&mut Snapshot)) {
     let mut snapshot = (**model.engine_data.snapshot.as_ref().unwrap()).clone();
     change(&mut snapshot);
     model.engine_data.snapshot = Some(Arc::new(snapshot));
@@ -37,7 +37,7 @@ fn told(model: &mut ConsoleModel, change: impl FnOnce(&mut Snapshot)) {
 fn held_provisional(view: View, pane: usize) -> ConsoleModel {
     let mut model = support::at(view);
     let flags = VersionFlags { provisional: true, paused: true, ..VersionFlags::default() };
-    told(&mut model, |snapshot| {
+    edit_snapshot(&mut model, |snapshot| {
         let place = snapshot.families.iter_mut().find(|family| family.family.as_str() == "place").unwrap();
         place.active = Some(support::id("place@1.1.0"));
         place.flags = Some(flags);
@@ -46,9 +46,9 @@ fn held_provisional(view: View, pane: usize) -> ConsoleModel {
             (candidate.state, candidate.flags, candidate.progress) = (State::Active, flags, None);
         }
     });
-    let mut picture = support::picture();
-    picture.version = Some(support::id("place@1.1.0"));
-    model.engine_data.picture = Some(Arc::new(picture));
+    let mut frame = support::video_frame();
+    frame.version = Some(support::id("place@1.1.0"));
+    model.engine_data.frame = Some(Arc::new(frame));
     let mut page = (*model.engine_data.registry.page).clone();
     for row in &mut page.rows {
         (row.state, row.flags) = (State::Active, flags);
@@ -63,7 +63,7 @@ fn held_provisional(view: View, pane: usize) -> ConsoleModel {
 }
 
 #[test]
-fn a_paused_provisional_version_has_the_arm_and_is_said_to_everywhere() {
+fn a_paused_provisional_version_shows_that_it_has_the_arm() {
     for view in View::ALL {
         for pane in 0..view.panes().len() {
             let model = held_provisional(view, pane);
@@ -74,19 +74,15 @@ fn a_paused_provisional_version_has_the_arm_and_is_said_to_everywhere() {
                 assert!(status.contains("provisional") && status.contains("paused"), "status line, {at}");
                 let body: Vec<&str> = text.lines().skip(2).take(usize::from(size.1) - 4).collect();
                 let body = body.join("\n");
-                let told =
+                let is_shown =
                     matches!((view, pane), (View::Overview, 0 | 1) | (View::Registry | View::Candidate, _));
-                if told {
+                if is_shown {
                     assert!(body.contains("provisional") && body.contains("paused"), "{at}");
                 }
                 assert!(!body.contains("‖ held"), "that hides who has the arm: {at}");
             }
         }
     }
-    insta::assert_snapshot!(
-        "held_provisional_100x30",
-        shown(&held_provisional(View::Overview, 0), (100, 30))
-    );
     insta::assert_snapshot!("held_provisional_80x24", shown(&held_provisional(View::Overview, 0), (80, 24)));
 }
 
@@ -105,13 +101,13 @@ fn freeze(model: &mut ConsoleModel) {
 }
 
 #[test]
-fn who_has_the_arm_alarms_stops_and_questions_are_never_frozen() {
+fn active_version_alarms_stops_and_requests_never_freeze() {
     for view in View::ALL {
         for pane in 0..view.panes().len() {
             let mut model = support::at(view);
             model.view_state.panes[view as usize] = pane;
             freeze(&mut model);
-            told(&mut model, |snapshot| {
+            edit_snapshot(&mut model, |snapshot| {
                 snapshot.families[2].active = Some(support::id("place@7.7.7"));
                 let stopped = StoppedView::first("grace".to_owned(), Caller::Script, String::new(), 760_000);
                 snapshot.stopped = Some(stopped);
@@ -119,9 +115,9 @@ fn who_has_the_arm_alarms_stops_and_questions_are_never_frozen() {
                 snapshot.questions.clear();
                 snapshot.prompts.clear();
             });
-            let mut picture = support::picture();
-            picture.version = Some(support::id("grasp@8.8.8"));
-            model.engine_data.picture = Some(Arc::new(picture));
+            let mut frame = support::video_frame();
+            frame.version = Some(support::id("grasp@8.8.8"));
+            model.engine_data.frame = Some(Arc::new(frame));
             for size in SIZES {
                 let text = shown(&model, size);
                 let at = format!("{view:?} pane {pane} {size:?}:\n{text}");
@@ -144,7 +140,7 @@ fn who_has_the_arm_alarms_stops_and_questions_are_never_frozen() {
 }
 
 #[test]
-fn a_frozen_story_stands_still_and_says_since_when() {
+fn a_frozen_event_list_shows_since_when() {
     for size in SIZES {
         let mut model = support::at(View::Overview);
         model.view_state.panes[0] = 2;
@@ -200,7 +196,7 @@ fn the_key_that_stops_is_in_the_footer_whatever_else_is_there() {
 }
 
 #[test]
-fn a_decision_says_how_much_of_it_is_unread_and_which_key_shows_it() {
+fn a_decision_shows_how_much_is_unread_and_the_key_for_it() {
     let mut model = support::at(View::Approvals);
     let snapshot = support::snapshot();
     let mut prompt = ApprovalScreen::open(&support::question(2), &snapshot, 0);
@@ -217,7 +213,7 @@ fn a_decision_says_how_much_of_it_is_unread_and_which_key_shows_it() {
         for row in &seen.rows {
             assert!(text.contains(row.text.trim()), "{:?} should be on the screen:\n{text}", row.text);
         }
-        prompt.saw(&seen);
+        prompt.mark_read(&seen);
         prompt.scroll_by(true, true);
     }
     assert_eq!(prompt.unread(), 0);
@@ -236,7 +232,7 @@ fn the_alarm_that_comes_first_is_on_the_alarm_line() {
         since_ms,
         ..support::snapshot().alarms[0].clone()
     };
-    told(&mut model, |snapshot| {
+    edit_snapshot(&mut model, |snapshot| {
         snapshot.alarms = vec![
             alarm("older", AlarmState::ReturnedUnacknowledged, 1_000),
             alarm("standing", AlarmState::Unacknowledged, 2_000),
@@ -244,6 +240,6 @@ fn the_alarm_that_comes_first_is_on_the_alarm_line() {
     });
     let line = |model: &ConsoleModel| shown(model, (120, 36)).lines().rev().nth(1).unwrap().to_owned();
     assert!(line(&model).starts_with("1▲ CRIT standing:"), "{}", line(&model));
-    told(&mut model, |snapshot| snapshot.alarms[1].state = AlarmState::Shelved);
+    edit_snapshot(&mut model, |snapshot| snapshot.alarms[1].state = AlarmState::Shelved);
     assert!(line(&model).starts_with("1▲ CRIT older (returned):"), "{}", line(&model));
 }

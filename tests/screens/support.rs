@@ -29,7 +29,7 @@ pub fn model() -> ConsoleModel {
     let mut model = blank();
     model.engine_data.engine = EngineState::Running;
     model.engine_data.snapshot = Some(Arc::new(snapshot()));
-    model.engine_data.picture = Some(Arc::new(picture()));
+    model.engine_data.frame = Some(Arc::new(video_frame()));
     model.session.operator =
         Some(Operator { name: "linus".to_owned(), role: Role::Operator, protection: Protection::None });
     model.engine_data.registry =
@@ -40,14 +40,14 @@ pub fn model() -> ConsoleModel {
         records: 391,
         text: "every record follows from the one before".to_owned(),
     });
-    let told = [
+    let lines = [
         "state-changed place@1.1.0 validated -> sandboxed",
         "stage-started place@1.1.0 shadow budget 40",
         "approval-requested align@2.0.0 needed 2",
         "approval-received align@2.0.0 by grace: approve",
         "progress grasp@1.1.0 sandbox 137 of 480",
     ];
-    for (seq, text) in (1u64..).zip(told) {
+    for (seq, text) in (1u64..).zip(lines) {
         model.engine_data.events.push_back(EventLogLine {
             seq,
             at_ms: 720_000 + 8_000 * seq,

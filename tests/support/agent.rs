@@ -5,19 +5,19 @@ use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
 /// An agent in a folder; it ends with the test.
-pub struct Agent {
+pub struct AgentProcess {
     child: Child,
     folder: PathBuf,
 }
 
-impl Drop for Agent {
+impl Drop for AgentProcess {
     fn drop(&mut self) {
         drop(self.child.kill());
         drop(self.child.wait());
     }
 }
 
-impl Agent {
+impl AgentProcess {
     /// Starts one with a new key of this comment. Returns `None`, with a message, if this machine has no agent.
     #[allow(clippy::print_stdout, reason = "the test's output names what was left out")]
     pub fn with_key(folder: &Path, comment: &str) -> Option<Self> {
@@ -48,8 +48,8 @@ impl Agent {
         self.must("ssh-add", &["-q", "-D"]);
     }
 
-    fn must(&self, program: &str, words: &[&str]) {
-        let ran = Command::new(program).args(words).env("SSH_AUTH_SOCK", self.socket()).output().unwrap();
+    fn must(&self, program: &str, arguments: &[&str]) {
+        let ran = Command::new(program).args(arguments).env("SSH_AUTH_SOCK", self.socket()).output().unwrap();
         assert!(ran.status.success(), "{program}: {}", String::from_utf8_lossy(&ran.stderr));
     }
 }

@@ -76,8 +76,8 @@ fn among_people() {
         [[step]]\nregister = \"manifests/candidates/align-improved\"\n\
         [[step]]\nwait = { prompt = \"align@1.1.0\", timeout_s = 20000 }\n";
     std::fs::write(&script, steps).unwrap();
-    let asked = home.run(&["run", "--headless", "--script", script.to_str().unwrap()]);
-    assert_eq!(asked.status.code(), Some(3), "{}", String::from_utf8_lossy(&asked.stderr));
+    let output = home.run(&["run", "--headless", "--script", script.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
     let mut console = home.console(&["run", "--profile", "human", "--as", "ana", "--no-tour"], WIDE);
     console.wait_for_text("1 wait");
     console.keys("a");

@@ -58,7 +58,7 @@ enum Act {
     },
     /// The program reported how much is kept.
     Acknowledge {
-        kept: u64,
+        stored: u64,
     },
 }
 
@@ -124,7 +124,7 @@ impl Trace {
     pub fn record(
         folder: &Path,
         program: &mut Command,
-        mut said: impl FnMut(&str) -> Option<u64>,
+        mut acknowledge: impl FnMut(&str) -> Option<u64>,
     ) -> Option<Self> {
         let tried =
             Command::new("strace").args(["-qq", "-o", "/dev/null", "true"]).stderr(Stdio::null()).status();
@@ -172,35 +172,35 @@ impl Trace {
                 let end = rest.split_once(" resumed>").unwrap().1;
                 // Calls begun outside of the trace are not in it.
                 if let Some(start) = unfinished.remove(thread) {
-                    reader.read(&format!("{start}{end}"), &mut said);
+                    reader.read(&format!("{start}{end}"), &mut acknowledge);
                 }
             } else {
-                reader.read(rest, &mut said);
+                reader.read(rest, &mut acknowledge);
             }
         }
         Some(Self { before, folders, acts: reader.acts })
     }
 
     /// Moments of a power cut: after none, one, ... all of the changes.
-    pub fn moments(&self) -> usize {
+    pub fn cut_count(&self) -> usize {
         self.acts.len() + 1
     }
 
     /// The changes acknowledged by then.
-    pub fn acknowledged(&self, moment: usize) -> u64 {
-        let said = |act: &Act| if let Act::Acknowledge { kept } = act { Some(*kept) } else { None };
-        self.acts[..moment].iter().filter_map(said).max().unwrap_or(0)
+    pub fn acknowledged(&self, cut: usize) -> u64 {
+        let stored_by = |act: &Act| if let Act::Acknowledge { stored } = act { Some(*stored) } else { None };
+        self.acts[..cut].iter().filter_map(stored_by).max().unwrap_or(0)
     }
 
     /// Writes the state after a power cut at a moment into the empty `folder`.
-    pub fn play(&self, moment: usize, loss: Loss, random: &mut Random, folder: &Path) {
-        let acts = &self.acts[..moment];
+    pub fn play(&self, cut: usize, loss: Loss, random: &mut Random, folder: &Path) {
+        let acts = &self.acts[..cut];
         let (names, folders) = self.names(acts, loss, random);
         let files = self.contents(acts, loss, random);
         for path in folders {
-            let made = folder.join(&path);
-            fs::create_dir_all(&made).unwrap();
-            fs::set_permissions(&made, fs::Permissions::from_mode(0o700)).unwrap();
+            let target = folder.join(&path);
+            fs::create_dir_all(&target).unwrap();
+            fs::set_permissions(&target, fs::Permissions::from_mode(0o700)).unwrap();
         }
         for (path, inode) in names {
             let path = folder.join(path);
@@ -228,14 +228,14 @@ impl Trace {
             if let Some(folder) = act.folder() {
                 changes.entry(folder).or_default().1 += 1;
             } else if let (Act::ForceFolder { path }, Loss::Nothing | Loss::Unforced) = (act, loss) {
-                let (kept, made) = changes.entry(path).or_default();
-                *kept = *made;
+                let (durable, made) = changes.entry(path).or_default();
+                *durable = *made;
             }
         }
-        for (kept, made) in changes.values_mut() {
-            *kept = match loss {
+        for (durable, made) in changes.values_mut() {
+            *durable = match loss {
                 Loss::Nothing => *made,
-                Loss::Unforced | Loss::Anything => *kept + random.below(*made - *kept + 1),
+                Loss::Unforced | Loss::Anything => *durable + random.below(*made - *durable + 1),
             };
         }
         for act in acts {
@@ -282,19 +282,19 @@ impl Trace {
             }
         }
         // A power cut takes most, half, or little; each in turn.
-        let kept_of_8 = *random.of(&[0, 1, 4, 7, 8]);
+        let survives_of_8 = *random.of(&[0, 1, 4, 7, 8]);
         for (at, act) in acts.iter().enumerate() {
             let (Act::Write { inode, .. } | Act::Resize { inode, .. }) = act else { continue };
             let safe = loss == Loss::Nothing || forced.get(inode).is_some_and(|forced| at < *forced);
-            let mut kept = || safe || random.below(8) < kept_of_8;
+            let mut survives = || safe || random.below(8) < survives_of_8;
             match act {
-                Act::Resize { inode, length } if kept() => files[*inode].bytes.resize(*length, 0),
+                Act::Resize { inode, length } if survives() => files[*inode].bytes.resize(*length, 0),
                 Act::Write { inode, at, bytes } => {
                     let mut done = 0;
                     while done < bytes.len() {
                         let start = at + done;
                         let length = (SECTOR - start % SECTOR).min(bytes.len() - done);
-                        if kept() {
+                        if survives() {
                             files[*inode].write(start, &bytes[done..done + length]);
                         }
                         done += length;
@@ -333,7 +333,7 @@ impl<'a> Reader<'a> {
     }
 
     /// One call: `name(arguments) = result`.
-    fn read(&mut self, line: &str, said: &mut dyn FnMut(&str) -> Option<u64>) {
+    fn read(&mut self, line: &str, acknowledge: &mut dyn FnMut(&str) -> Option<u64>) {
         // Signals and ends of processes.
         let Some((name, rest)) = line.split_once('(') else { return };
         let Some((arguments, result)) = rest.rsplit_once(" = ") else { return };
@@ -362,7 +362,7 @@ impl<'a> Reader<'a> {
         });
         if let (true, Some((1, _))) = (name.starts_with("write"), descriptor) {
             let text = String::from_utf8_lossy(&bytes(arguments[1])).into_owned();
-            self.acts.extend(said(&text).map(|kept| Act::Acknowledge { kept }));
+            self.acts.extend(acknowledge(&text).map(|stored| Act::Acknowledge { stored }));
             return;
         }
         match name {
@@ -413,10 +413,10 @@ impl<'a> Reader<'a> {
     }
 
     fn opened(&mut self, path: &Path, line: &str, number: u64) {
-        let made = line.contains("O_CREAT");
+        let creates = line.contains("O_CREAT");
         let inode = match self.names.get(path) {
             Some(inode) => *inode,
-            None if made => {
+            None if creates => {
                 let inode = self.lengths.len();
                 self.lengths.push(0);
                 self.names.insert(path.to_owned(), inode);

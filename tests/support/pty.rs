@@ -75,9 +75,9 @@ impl Home {
     }
 
     /// Runs the program without a terminal.
-    pub fn run(&self, words: &[&str]) -> Output {
+    pub fn run(&self, arguments: &[&str]) -> Output {
         Command::new(program())
-            .args(words)
+            .args(arguments)
             .arg("--data")
             .arg(self.data())
             .envs(self.variables())
@@ -86,22 +86,22 @@ impl Home {
     }
 
     /// Runs the program without a terminal and accepts only success.
-    pub fn must(&self, words: &[&str]) -> String {
-        let output = self.run(words);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{words:?}: {said}");
+    pub fn must(&self, arguments: &[&str]) -> String {
+        let output = self.run(arguments);
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{arguments:?}: {stderr}");
         String::from_utf8(output.stdout).unwrap()
     }
 
     /// Opens the console on a terminal of this size, in columns and rows.
-    pub fn console(&self, words: &[&str], size: (u16, u16)) -> Console {
-        self.console_with(words, size, &[])
+    pub fn console(&self, arguments: &[&str], size: (u16, u16)) -> Console {
+        self.console_with(arguments, size, &[])
     }
 
     /// As [`Home::console`], with more variables.
-    pub fn console_with(&self, words: &[&str], size: (u16, u16), variables: &[(&str, &str)]) -> Console {
+    pub fn console_with(&self, arguments: &[&str], size: (u16, u16), variables: &[(&str, &str)]) -> Console {
         let mut command = CommandBuilder::new(program());
-        command.args(words.iter().map(OsStr::new));
+        command.args(arguments.iter().map(OsStr::new));
         command.arg("--data");
         command.arg(self.data());
         command.cwd(self.folder.path());
@@ -132,18 +132,18 @@ impl Console {
         let seen = Seen { parser, raw: Vec::new(), chunks: 0, closed: false };
         let seen = Arc::new((Mutex::new(seen), Condvar::new()));
         let let_go = Arc::new(AtomicBool::new(false));
-        let (told, stops) = (Arc::clone(&seen), Arc::clone(&let_go));
+        let (reader_seen, stops) = (Arc::clone(&seen), Arc::clone(&let_go));
         let reader = std::thread::spawn(move || {
             let mut bytes = [0; 16 * 1024];
             loop {
                 let count = output.read(&mut bytes).unwrap_or(0);
                 // A failed test has already reported this.
-                let Ok(mut seen) = told.0.lock() else { return };
+                let Ok(mut seen) = reader_seen.0.lock() else { return };
                 seen.parser.process(&bytes[..count]);
                 seen.raw.extend_from_slice(&bytes[..count]);
                 seen.chunks += 1;
                 seen.closed = count == 0;
-                told.1.notify_all();
+                reader_seen.1.notify_all();
                 if count == 0 || stops.load(Ordering::Acquire) {
                     return;
                 }

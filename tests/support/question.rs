@@ -36,9 +36,9 @@ fn differences() -> VersionDiff {
 /// The facts of a request about `align@2.0.0`, for the operator at the console or for the read-only view.
 pub fn facts(tier: u8, who: Option<&str>) -> ApprovalFacts {
     let candidate = candidates().into_iter().find(|one| one.version == id("align@2.0.0"));
-    let asked = who.map(|name| RequestedSigner { name: name.to_owned(), role: Role::Safety, void: None });
+    let signer = who.map(|name| RequestedSigner { name: name.to_owned(), role: Role::Safety, void: None });
     ApprovalFacts {
-        asked,
+        asked: signer,
         question: "approval:align@2.0.0".to_owned(),
         purpose: RequestKind::Activation,
         version: id("align@2.0.0"),
@@ -92,7 +92,7 @@ pub fn facts(tier: u8, who: Option<&str>) -> ApprovalFacts {
 }
 
 /// The request as one person gets it.
-pub fn asked(tier: u8, who: &str) -> Box<ApprovalDocument> {
+pub fn document(tier: u8, who: &str) -> Box<ApprovalDocument> {
     let (lines, facts) = {
         let facts = facts(tier, Some(who));
         (render(&facts), canonical_json(&facts).unwrap())

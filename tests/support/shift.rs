@@ -332,7 +332,7 @@ fn body(reach: f32, held: bool) -> ArmView {
 }
 
 /// The live cell with a twin.
-pub fn picture() -> VideoFrame {
+pub fn video_frame() -> VideoFrame {
     VideoFrame {
         sequence: 211,
         at_ms: NOW_MS,
@@ -455,15 +455,15 @@ pub fn audit_rows() -> Vec<AuditRecord> {
         hash: digest(body),
         wall_ms: 0,
     };
-    let said = r#"{"by":"grace","decision":"approve","reason":"read the evidence"}"#;
-    let began = r#"{"stage":"shadow","outcome":"started","budget":40}"#;
-    let decided = r#"{"from":"validated","to":"sandboxed","reasons":["behavior-compatible"]}"#;
-    let made = r#"{"author":"ada","provenance":"optimiser","digest":"9f3c"}"#;
+    let approval = r#"{"by":"grace","decision":"approve","reason":"read the evidence"}"#;
+    let stage = r#"{"stage":"shadow","outcome":"started","budget":40}"#;
+    let decision = r#"{"from":"validated","to":"sandboxed","reasons":["behavior-compatible"]}"#;
+    let submission = r#"{"author":"ada","provenance":"optimiser","digest":"9f3c"}"#;
     vec![
-        row(391, K::ApprovalPut, "align@2.0.0", said),
-        row(390, K::FlagsSet, "place@1.1.0", began),
-        row(389, K::Decision, "place@1.1.0", decided),
-        row(388, K::VersionRegistered, "grasp@1.1.0", made),
+        row(391, K::ApprovalPut, "align@2.0.0", approval),
+        row(390, K::FlagsSet, "place@1.1.0", stage),
+        row(389, K::Decision, "place@1.1.0", decision),
+        row(388, K::VersionRegistered, "grasp@1.1.0", submission),
     ]
 }
 

@@ -16,7 +16,7 @@ use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
 use holdpoint_protocol::video_frame::{EnvelopeView, Twin, VideoFrame};
 use holdpoint_recordings::recording::{Recording, RecordingSubject, Series};
 
-use super::shift::{digest, id, picture, snapshot};
+use super::shift::{digest, id, snapshot, video_frame};
 
 /// The candidate.
 const NEW: &str = "place@1.1.0";
@@ -242,14 +242,14 @@ fn upgrade() -> Vec<(u64, EventKind)> {
     events
 }
 
-fn pictures() -> Vec<VideoFrame> {
-    let mut pictures = Vec::new();
+fn video_frames() -> Vec<VideoFrame> {
+    let mut frames = Vec::new();
     for (index, (start_ms, with_twin)) in (0..).zip(SEQUENCES) {
         // The last sequence is stopped while it runs.
         let count = if index == 4 { 122 } else { PICTURES };
         for number in 0..count {
             let swing = (number as f32 / 12.0).sin();
-            let mut one = picture();
+            let mut one = video_frame();
             one.sequence = index;
             one.at_ms = start_ms + number * EVERY_MS;
             one.at_secs = (number * EVERY_MS) as f64 / 1000.0;
@@ -266,10 +266,10 @@ fn pictures() -> Vec<VideoFrame> {
                     point[1] += 0.15 * swing;
                 }
             }
-            pictures.push(one);
+            frames.push(one);
         }
     }
-    pictures
+    frames
 }
 
 fn series() -> Vec<Series> {
@@ -314,7 +314,7 @@ pub fn recording() -> Recording {
         },
         outcome: Some(UpgradeEnd::RolledBack.into()),
         scenery: snapshot().scenery,
-        pictures: pictures(),
+        pictures: video_frames(),
         events: (1..).zip(events).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect(),
         series: series(),
         films: Vec::new(),

@@ -11,17 +11,17 @@ use crate::readme::{quoted, table};
 use crate::report;
 
 /// The answer of cargo.
-fn ask_cargo(line: &[&str]) -> String {
+fn run_cargo(line: &[&str]) -> String {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let asked = Command::new(cargo).current_dir(root()).args(line).output();
-    let asked = asked.expect("cargo runs its own tests");
-    assert!(asked.status.success(), "{}", String::from_utf8_lossy(&asked.stderr));
-    String::from_utf8(asked.stdout).unwrap()
+    let output = Command::new(cargo).current_dir(root()).args(line).output();
+    let output = output.expect("cargo runs its own tests");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
 }
 
 #[test]
-fn the_crates_depend_as_the_architecture_says() {
-    let metadata = ask_cargo(&["metadata", "--offline", "--locked", "--no-deps", "--format-version", "1"]);
+fn the_crates_depend_as_documented() {
+    let metadata = run_cargo(&["metadata", "--offline", "--locked", "--no-deps", "--format-version", "1"]);
     let metadata: Value = serde_json::from_str(&metadata).unwrap();
     let short = |name: &Value| name.as_str().unwrap().trim_start_matches("holdpoint-").to_owned();
     let uses = |package: &Value| {
@@ -30,19 +30,19 @@ fn the_crates_depend_as_the_architecture_says() {
         let own = all.filter(|one| !one["path"].is_null() && one["kind"].is_null());
         own.map(|one| short(&one["name"])).collect::<BTreeSet<String>>()
     };
-    let there: BTreeMap<String, BTreeSet<String>> = metadata["packages"]
+    let actual: BTreeMap<String, BTreeSet<String>> = metadata["packages"]
         .as_array()
         .unwrap()
         .iter()
         .map(|package| (short(&package["name"]), uses(package)))
         .collect();
     let rows = table("src/ARCHITECTURE.md", "Direction of dependency");
-    let said: BTreeMap<String, BTreeSet<String>> =
+    let documented: BTreeMap<String, BTreeSet<String>> =
         rows.iter().map(|row| (quoted(&row[0]).concat(), quoted(&row[1]).into_iter().collect())).collect();
-    assert_eq!(said, there);
+    assert_eq!(documented, actual);
     let mut above: BTreeSet<String> = BTreeSet::new();
     for row in &rows {
-        let upward: Vec<&String> = said[&quoted(&row[0]).concat()].difference(&above).collect();
+        let upward: Vec<&String> = documented[&quoted(&row[0]).concat()].difference(&above).collect();
         assert!(upward.is_empty(), "{} uses {upward:?}, which come after it", row[0]);
         above.extend(quoted(&row[0]));
     }
@@ -50,7 +50,7 @@ fn the_crates_depend_as_the_architecture_says() {
 
 /// Crate and license of every dependency that is linked into the program on this machine.
 fn linked() -> BTreeSet<(String, String)> {
-    let text = ask_cargo(&[
+    let text = run_cargo(&[
         "tree",
         "--offline",
         "--locked",
@@ -74,19 +74,19 @@ fn linked() -> BTreeSet<(String, String)> {
 
 #[test]
 fn every_linked_crate_is_listed_with_its_license() {
-    let said: BTreeSet<(String, String)> = table("src/guide/third-party.md", "Crates")
+    let listed: BTreeSet<(String, String)> = table("src/guide/third-party.md", "Crates")
         .into_iter()
         .map(|row| (row[0].clone(), row[1].clone()))
         .collect();
     let linked = linked();
     assert!(linked.len() > 200, "{} crates", linked.len());
     let mut problems: Vec<String> = linked
-        .difference(&said)
+        .difference(&listed)
         .map(|(name, license)| format!("{name} ({license}) is not in src/guide/third-party.md"))
         .collect();
     // Other platforms have other crates, so a listed crate only has to be locked.
     let lock = fs::read_to_string(root().join("Cargo.lock")).unwrap();
-    let gone = said.iter().filter(|(name, _)| !lock.contains(&format!("\nname = \"{name}\"\n")));
-    problems.extend(gone.map(|(name, _)| format!("{name} is listed, and not in Cargo.lock any more")));
+    let missing = listed.iter().filter(|(name, _)| !lock.contains(&format!("\nname = \"{name}\"\n")));
+    problems.extend(missing.map(|(name, _)| format!("{name} is listed, and not in Cargo.lock any more")));
     report(&problems);
 }

@@ -91,11 +91,11 @@ fn code_of(state: &str) -> Option<u8> {
 
 #[test]
 fn exit_codes_are_the_programs() {
-    let said: BTreeMap<String, String> =
+    let documented: BTreeMap<String, String> =
         table("README.md", "Exit codes").into_iter().map(|row| (row[0].clone(), row[1].clone())).collect();
     let mut problems = Vec::new();
     for exit in Exit::ALL {
-        let word = match exit {
+        let label = match exit {
             Exit::Confirmed => "confirmed",
             Exit::Rejected => "rejected",
             Exit::Usage => "usage",
@@ -105,22 +105,23 @@ fn exit_codes_are_the_programs() {
             Exit::NotConfirmed => "not confirmed",
             Exit::Internal => "internal",
         };
-        if !said.get(&exit.code().to_string()).is_some_and(|meaning| meaning.contains(word)) {
-            problems.push(format!("{} ({word}) is not in the table", exit.code()));
+        if !documented.get(&exit.code().to_string()).is_some_and(|meaning| meaning.contains(label)) {
+            problems.push(format!("{} ({label}) is not in the table", exit.code()));
         }
     }
     report(&problems);
-    assert_eq!(said.len(), Exit::ALL.len(), "{said:?}");
+    assert_eq!(documented.len(), Exit::ALL.len(), "{documented:?}");
 }
 
 #[test]
 fn verbs_are_the_programs() {
-    let mut said: Vec<String> = table("README.md", "Verbs").iter().flat_map(|row| quoted(&row[0])).collect();
-    let mut there: Vec<String> =
+    let mut documented: Vec<String> =
+        table("README.md", "Verbs").iter().flat_map(|row| quoted(&row[0])).collect();
+    let mut actual: Vec<String> =
         Cli::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect();
-    said.sort();
-    there.sort();
-    assert_eq!(said, there);
+    documented.sort();
+    actual.sort();
+    assert_eq!(documented, actual);
 }
 
 #[test]
@@ -131,11 +132,11 @@ fn keys_are_the_programs() {
         let keys = if keys.is_empty() { format!("`:{}`", action.word()) } else { keys.join(" ") };
         vec![action.scope().title().to_owned(), keys, action.word().to_owned(), action.help().to_owned()]
     };
-    let mut there: Vec<Vec<String>> = Action::ALL.iter().map(row).collect();
-    let mut said = table("src/guide/operating.md", "Keys");
-    there.sort();
-    said.sort();
-    assert_eq!(said, there);
+    let mut actual: Vec<Vec<String>> = Action::ALL.iter().map(row).collect();
+    let mut documented = table("src/guide/operating.md", "Keys");
+    actual.sort();
+    documented.sort();
+    assert_eq!(documented, actual);
 }
 
 /// The variants of an enum of the protocol, in kebab case as on the wire, read from its source.
@@ -164,10 +165,10 @@ fn commands_refusals_and_events_are_the_protocols() {
         ("Events", "event.rs", "EventKind"),
     ] {
         let rows = table("src/guide/events.md", heading);
-        let said: BTreeSet<String> = rows.iter().flat_map(|row| quoted(&row[0])).collect();
-        let there = variants(file, name);
-        assert!(there.len() > 5, "{name}: {there:?}");
-        assert_eq!(said, there, "{heading}");
+        let documented: BTreeSet<String> = rows.iter().flat_map(|row| quoted(&row[0])).collect();
+        let actual = variants(file, name);
+        assert!(actual.len() > 5, "{name}: {actual:?}");
+        assert_eq!(documented, actual, "{heading}");
     }
 }
 
@@ -195,59 +196,65 @@ fn fields_of_commands_and_events_are_the_schemas() {
     for (heading, document, tag) in
         [("Fields of commands", "command", "command"), ("Fields of events", "event", "event")]
     {
-        let there = fields_of(document, tag);
-        assert!(there.len() > 20 && there.values().any(|fields| fields.len() > 3), "{document}: {there:?}");
-        let said: BTreeMap<String, BTreeSet<String>> = table("src/guide/events.md", heading)
+        let actual = fields_of(document, tag);
+        assert!(
+            actual.len() > 20 && actual.values().any(|fields| fields.len() > 3),
+            "{document}: {actual:?}"
+        );
+        let documented: BTreeMap<String, BTreeSet<String>> = table("src/guide/events.md", heading)
             .iter()
             .map(|row| (quoted(&row[0]).concat(), quoted(&row[1]).into_iter().collect()))
             .collect();
-        assert_eq!(said, there, "{heading}");
+        assert_eq!(documented, actual, "{heading}");
     }
 }
 
 #[test]
 fn the_session_in_the_guide_speaks_the_present_protocol() {
     let text = fs::read_to_string(root().join("src/guide/events.md")).unwrap();
-    let spoken: Vec<&str> = ["\"protocol\":", "[\"protocol\"] == "]
+    let versions: Vec<&str> = ["\"protocol\":", "[\"protocol\"] == "]
         .into_iter()
         .flat_map(|before| text.split(before).skip(1))
         .filter_map(|rest| rest.split(|ch: char| !ch.is_ascii_digit()).next())
         .collect();
-    assert!(spoken.len() >= 3, "{spoken:?}");
-    assert!(spoken.iter().all(|number| *number == PROTOCOL.to_string()), "{spoken:?}, and not {PROTOCOL}");
+    assert!(versions.len() >= 3, "{versions:?}");
+    assert!(
+        versions.iter().all(|number| *number == PROTOCOL.to_string()),
+        "{versions:?}, and not {PROTOCOL}"
+    );
 }
 
 #[test]
 fn scenarios_are_listed_with_the_code_they_end_with() {
-    let said: BTreeMap<String, String> = table("src/guide/scenarios.md", "Scenarios")
+    let documented: BTreeMap<String, String> = table("src/guide/scenarios.md", "Scenarios")
         .into_iter()
         .map(|row| (quoted(&row[0]).concat(), row.last().cloned().unwrap_or_default()))
         .collect();
-    let mut there = BTreeMap::new();
+    let mut actual = BTreeMap::new();
     for (name, script) in scenarios() {
         let last = script.steps.iter().rev().find_map(|step| step.expect.as_ref());
         // A scenario that submits nothing judges nothing.
         let code = last.map_or(Some(Exit::NothingJudged.code()), |expect| code_of(expect.state.name()));
         let code = code.map_or_else(|| "no code".to_owned(), |code| code.to_string());
-        there.insert(name, code);
+        actual.insert(name, code);
     }
-    assert_eq!(said, there);
+    assert_eq!(documented, actual);
 }
 
 #[test]
 fn profile_numbers_are_the_profiles() {
     let profiles = ProfileName::ALL.map(|name| Profile::builtin(name).unwrap());
     let row = |value: &dyn Fn(&Profile) -> f64| profiles.iter().map(value).collect::<Vec<f64>>();
-    let there: [(&str, Vec<f64>); 5] = [
+    let actual: [(&str, Vec<f64>); 5] = [
         ("tool speed, m/s", row(&|profile| profile.runtime.tool_speed_max_m_s)),
         ("contact force, N", row(&|profile| profile.runtime.contact_force_max_n)),
         ("retries", row(&|profile| f64::from(profile.runtime.retries_max))),
         ("recovery floor", row(&|profile| profile.recovery.rho_floor)),
         ("provisional episodes", row(&|profile| f64::from(profile.activation.provisional_episodes))),
     ];
-    let said = table("src/guide/operating.md", "Profiles");
-    for (name, values) in there {
-        let cells = said.iter().find(|row| row[0] == name).expect("the row is there");
+    let documented = table("src/guide/operating.md", "Profiles");
+    for (name, values) in actual {
+        let cells = documented.iter().find(|row| row[0] == name).expect("the row is there");
         let numbers: Vec<f64> = cells[1..].iter().map(|cell| cell.parse().unwrap()).collect();
         assert_eq!(numbers, values, "{name}");
     }

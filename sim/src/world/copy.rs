@@ -75,7 +75,7 @@ fn duplicate(state: &WorldState) -> WorldState {
     WorldState {
         physics,
         handles: state.handles.clone(),
-        hands: state.hands.clone(),
+        owner: state.owner.clone(),
         setup: state.setup.clone(),
         task: state.task,
         tick: state.tick,

@@ -84,7 +84,7 @@ fn of(fidelity: Fidelity) -> World {
 }
 
 #[test]
-fn a_world_restored_around_a_change_of_hands_continues_bit_for_bit() {
+fn a_world_restored_around_an_owner_change_continues_bit_for_bit() {
     // Where the physics engine is left, where it takes over, and the ticks before and after.
     let mut world = of(Fidelity::Reduced);
     world.reset(&setup(9)).expect("reset");
@@ -120,7 +120,7 @@ fn a_world_restored_around_a_change_of_hands_continues_bit_for_bit() {
 }
 
 #[test]
-fn every_command_under_way_survives_a_snapshot() {
+fn every_command_in_flight_survives_a_snapshot() {
     let home = crate::script::world("arm7").robot().home.clone();
     let commands = [
         arm(&holdpoint_sim::episode::tool_down(0.5, 0.0, 0.2, 0.0), 0.3),
@@ -148,7 +148,7 @@ fn every_command_under_way_survives_a_snapshot() {
 }
 
 #[test]
-fn what_is_no_snapshot_of_this_robot_is_refused_and_changes_nothing() {
+fn a_foreign_snapshot_is_refused_and_changes_nothing() {
     let mut world = world("arm7");
     let before = world.state_hash();
     let foreign = crate::script::world("arm6").snapshot().expect("snapshot");
@@ -161,7 +161,7 @@ fn what_is_no_snapshot_of_this_robot_is_refused_and_changes_nothing() {
 
 #[test]
 fn disturbances_do_not_depend_on_the_commands() {
-    let mut pictures = Vec::new();
+    let mut observations = Vec::new();
     for command in [Command::Hold, arm(&holdpoint_sim::episode::tool_down(0.4, 0.1, 0.4, 0.3), 0.5)] {
         let mut world = world("arm7");
         let mut setup = setup(12);
@@ -174,7 +174,7 @@ fn disturbances_do_not_depend_on_the_commands() {
             // The tray does not move, so its measurement is bias and noise alone.
             seen.push((o.target, world.telemetry().picture_age_ticks));
         }
-        pictures.push(seen);
+        observations.push(seen);
     }
-    assert_eq!(pictures[0], pictures[1]);
+    assert_eq!(observations[0], observations[1]);
 }

@@ -6,12 +6,12 @@ use serde::Deserialize;
 
 /// Made by `data/arm7_dynamics.py`, which says how.
 #[derive(Deserialize)]
-struct Reference {
-    state: Vec<State>,
+struct ReferenceData {
+    state: Vec<ReferenceState>,
 }
 
 #[derive(Deserialize)]
-struct State {
+struct ReferenceState {
     q: Vec<f64>,
     speed: Vec<f64>,
     force: Vec<f64>,
@@ -38,7 +38,8 @@ fn relative(found: impl IntoIterator<Item = f64>, reference: &[f64]) -> f64 {
 
 #[test]
 fn an_independent_implementation_agrees() {
-    let reference: Reference = toml::from_str(include_str!("../data/arm7_dynamics.toml")).expect("parses");
+    let reference: ReferenceData =
+        toml::from_str(include_str!("../data/arm7_dynamics.toml")).expect("parses");
     let arm = arm("arm7").with_gravity(GRAVITY_M_S2);
     let n = arm.dofs();
     let (mut mass_error, mut bias_error, mut forward_error) = (0.0_f64, 0.0_f64, 0.0_f64);

@@ -7,14 +7,14 @@ use holdpoint_sim::{EpisodeSetup, Fidelity, RobotModel, World, WorldConfig};
 use crate::script::{align, canonical, grasp, place, scene};
 
 /// What a scripted sequence came to.
-struct Outcome {
+struct SequenceOutcome {
     done: [bool; 3],
     grip_n: f64,
     slip_m: f64,
     object: [f64; 3],
 }
 
-fn sequence(world: &mut World, seed: u64) -> Outcome {
+fn sequence(world: &mut World, seed: u64) -> SequenceOutcome {
     world.reset(&EpisodeSetup::sample(TaskKind::Grasp, &scene(), &canonical(), seed)).expect("reset");
     grasp(world);
     let grasped = world.task_succeeded();
@@ -24,7 +24,7 @@ fn sequence(world: &mut World, seed: u64) -> Outcome {
     let aligned = world.task_succeeded();
     world.begin_task(TaskKind::Place);
     place(world);
-    Outcome {
+    SequenceOutcome {
         done: [grasped, aligned, world.task_succeeded()],
         grip_n: held.forces.grip_n(),
         slip_m: held.slip_m.unwrap_or(f64::NAN),

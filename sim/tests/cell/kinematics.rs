@@ -19,7 +19,7 @@ fn random_configuration(robot: &RobotModel, stream: &mut Stream) -> Vec<f64> {
 }
 
 #[test]
-fn the_seven_axis_arm_stands_where_the_data_sheet_says() {
+fn the_seven_axis_arm_matches_the_data_sheet() {
     let robot = RobotModel::builtin("arm7").expect("robot");
     let tool = robot.geometry.tool_pose(&robot.home);
     // The comparison's start pose, which lies 105 mm beyond the hand; ours lies 103.4 mm.
@@ -91,7 +91,7 @@ fn an_unreachable_pose_is_answered_with_an_error_and_a_legal_configuration() {
 }
 
 #[test]
-fn clearance_knows_table_and_self() {
+fn clearance_of_table_and_self() {
     for name in ["arm7", "arm6"] {
         let robot = RobotModel::builtin(name).expect("robot");
         let home = robot.geometry.clearance(&robot.home);

@@ -6,7 +6,7 @@ use holdpoint_sim::{Distribution, Drift, DriftKind, EpisodeSetup, Magnitude, Ran
 use crate::script::{act, arm, canonical, scene, world};
 
 /// Errors of x of the perceived tray, one per picture, over some seconds.
-fn picture_errors(distribution: &Distribution, seed: u64, ticks: u32) -> Vec<f64> {
+fn frame_errors(distribution: &Distribution, seed: u64, ticks: u32) -> Vec<f64> {
     let mut world = world("arm7");
     let setup = EpisodeSetup::sample(TaskKind::Grasp, &scene(), distribution, seed);
     world.reset(&setup).expect("reset");
@@ -32,11 +32,11 @@ fn moments(values: &[f64]) -> (f64, f64, f64) {
 }
 
 #[test]
-fn pictures_come_at_thirty_hertz_with_the_noise_asked_for() {
+fn frames_come_at_thirty_hertz_with_the_set_noise() {
     let mut d = canonical();
     d.camera.sigma_m = Range::exactly(0.003);
     d.camera.bias_m = Range::exactly(0.002);
-    let errors = picture_errors(&d, 4, 4800);
+    let errors = frame_errors(&d, 4, 4800);
     assert!((595..=601).contains(&errors.len()), "{} camera frames in 20 s", errors.len());
     let (mean, sigma, lag) = moments(&errors);
     assert!((mean - 0.002).abs() < 0.0005, "mean {mean}");
@@ -44,13 +44,13 @@ fn pictures_come_at_thirty_hertz_with_the_noise_asked_for() {
     assert!(lag.abs() < 0.15, "independent: {lag}");
 
     d.camera.correlation = Range::exactly(0.8);
-    let (_, sigma, lag) = moments(&picture_errors(&d, 4, 4800));
+    let (_, sigma, lag) = moments(&frame_errors(&d, 4, 4800));
     assert!((0.0022..0.0038).contains(&sigma), "sigma {sigma}");
     assert!((0.7..0.9).contains(&lag), "correlation {lag}");
 }
 
 #[test]
-fn lost_pictures_are_absent_and_late_ones_say_their_age() {
+fn lost_frames_are_absent_and_late_ones_have_an_age() {
     let mut d = canonical();
     d.camera.drop_probability = Range::exactly(0.3);
     d.camera.delay_ms = Range::exactly(50.0);
@@ -73,7 +73,7 @@ fn lost_pictures_are_absent_and_late_ones_say_their_age() {
 }
 
 #[test]
-fn joint_sensors_have_the_noise_asked_for() {
+fn joint_sensors_have_the_set_noise() {
     let mut d = canonical();
     d.sensors.joint_rad = Range::exactly(0.001);
     let mut world = world("arm7");

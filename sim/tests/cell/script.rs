@@ -18,12 +18,12 @@ pub fn canonical() -> Distribution {
 }
 
 /// What scripted work is done on: a world, or a world that is looked at after every tick.
-pub trait Cell {
+pub trait ScriptedWorld {
     fn tick(&mut self, command: &Command);
     fn world(&mut self) -> &mut World;
 }
 
-impl Cell for World {
+impl ScriptedWorld for World {
     fn tick(&mut self, command: &Command) {
         self.step(command).expect("step");
     }
@@ -34,7 +34,7 @@ impl Cell for World {
 }
 
 /// Gives a command once and lets it act for some ticks.
-pub fn act(cell: &mut impl Cell, command: &Command, ticks: u32) {
+pub fn act(cell: &mut impl ScriptedWorld, command: &Command, ticks: u32) {
     cell.tick(command);
     for _ in 1..ticks {
         cell.tick(&Command::Hold);
@@ -50,7 +50,7 @@ pub fn fingers(width_m: f64, force_n: f64) -> Command {
 }
 
 /// Hover, descend, close, lift.
-pub fn grasp(cell: &mut impl Cell) {
+pub fn grasp(cell: &mut impl ScriptedWorld) {
     let (object, _) = cell.world().object();
     let p = object.translation.vector;
     let yaw = wrap_quarter_turn(yaw_of(&object));
@@ -61,7 +61,7 @@ pub fn grasp(cell: &mut impl Cell) {
 }
 
 /// Brings the held object `height_m` above its seat, square to the tray.
-pub fn bring_over_tray(cell: &mut impl Cell, height_m: f64, speed_m_s: f64, ticks: u32) {
+pub fn bring_over_tray(cell: &mut impl ScriptedWorld, height_m: f64, speed_m_s: f64, ticks: u32) {
     let world = cell.world();
     let truth = world.truth();
     let (tool, object, target) = (truth.tool.isometry(), truth.object.isometry(), truth.target.isometry());
@@ -73,14 +73,14 @@ pub fn bring_over_tray(cell: &mut impl Cell, height_m: f64, speed_m_s: f64, tick
     act(cell, &command, ticks);
 }
 
-pub fn align(cell: &mut impl Cell) {
+pub fn align(cell: &mut impl ScriptedWorld) {
     let hover = cell.world().scene().tolerance.hover_m;
     bring_over_tray(cell, hover, 0.3, 480);
     bring_over_tray(cell, hover, 0.1, 120);
 }
 
 /// Lower, open, retreat.
-pub fn place(cell: &mut impl Cell) {
+pub fn place(cell: &mut impl ScriptedWorld) {
     bring_over_tray(cell, 0.001, 0.1, 300);
     act(cell, &fingers(0.07, 30.0), 120);
     let mut up = cell.world().truth().tool.isometry();

@@ -22,7 +22,7 @@ mod script;
 use holdpoint_body::{Command, TaskKind};
 use holdpoint_sim::bench_episode::PeerBench;
 use holdpoint_sim::{Distribution, EpisodeSetup, Fidelity, RobotModel, World, WorldConfig};
-use script::Cell;
+use script::ScriptedWorld;
 
 /// What is compared of one episode.
 #[derive(Clone, Copy, Debug, Default)]
@@ -74,7 +74,7 @@ struct Watched<'a> {
     let_go_z: f64,
 }
 
-impl Cell for Watched<'_> {
+impl ScriptedWorld for Watched<'_> {
     fn tick(&mut self, command: &Command) {
         self.world.step(command).expect("step");
         let (truth, seen) = (self.world.truth(), &mut self.seen);

@@ -83,7 +83,7 @@ fn the_last_administrator_stays() {
 }
 
 #[test]
-fn an_act_is_for_one_store_and_one_moment() {
+fn an_act_is_valid_in_one_store_once() {
     let folder = tempfile::tempdir().unwrap();
     let (mut persons, root, _) = begun(folder.path());
     let ben = made(folder.path(), "ben", Role::Engineer);
@@ -102,8 +102,8 @@ fn any_edit_voids_an_act() {
     let ben = made(folder.path(), "ben", Role::Operator);
     let signed = persons.enrolment(ben.info(), false, &root, "a test").unwrap();
     persons.check(&signed).unwrap();
-    type Edit = fn(&mut PersonAct);
-    let edits: [(&str, Edit); 11] = [
+    type ActEdit = fn(&mut PersonAct);
+    let edits: [(&str, ActEdit); 11] = [
         ("act", |a| a.act = PersonActKind::Revoke),
         ("name", |a| a.name = "eve".into()),
         ("role", |a| a.role = Role::Safety),
@@ -133,9 +133,9 @@ fn any_edit_voids_an_act() {
 fn guarded(folder: &Path, who: &Identity) -> Identity {
     use crate::keyfile::KeyEncoding;
     use crate::{KdfCost, Passphrase};
-    let words = Passphrase::new("under the oak".to_owned().into()).unwrap();
-    who.keep(folder, KeyEncoding::Sealed(&words, KdfCost::LEAST)).unwrap();
-    Identity::open(folder, &who.info().name).unwrap().unlock(Some(&words)).unwrap()
+    let passphrase = Passphrase::new("under the oak".to_owned().into()).unwrap();
+    who.rewrite_key(folder, KeyEncoding::Sealed(&passphrase, KdfCost::LEAST)).unwrap();
+    Identity::open(folder, &who.info().name).unwrap().unlock(Some(&passphrase)).unwrap()
 }
 
 fn confirm(persons: &mut PersonDirectory, name: &str, by: &Identity) -> Result<(), PersonError> {

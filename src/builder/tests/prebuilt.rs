@@ -13,13 +13,13 @@ fn folder() -> PathBuf {
 
 #[test]
 fn the_digests_are_those_of_the_files() {
-    let said: BTreeMap<String, String> = fs::read_to_string(folder().join("SHA256SUMS"))
+    let listed: BTreeMap<String, String> = fs::read_to_string(folder().join("SHA256SUMS"))
         .unwrap()
         .lines()
         .map(|line| line.split_once("  ").unwrap())
         .map(|(digest, name)| (name.to_owned(), digest.to_owned()))
         .collect();
-    let there: BTreeMap<String, String> = fs::read_dir(folder())
+    let actual: BTreeMap<String, String> = fs::read_dir(folder())
         .unwrap()
         .map(|entry| entry.unwrap().path())
         .filter(|path| path.extension().is_some_and(|extension| extension == "wasm"))
@@ -30,14 +30,14 @@ fn the_digests_are_those_of_the_files() {
             (path.file_name().unwrap().display().to_string(), digest)
         })
         .collect();
-    assert_eq!(said, there);
-    assert_eq!(said.len(), 4);
+    assert_eq!(listed, actual);
+    assert_eq!(listed.len(), 4);
 }
 
 #[test]
-fn a_component_is_taken_as_it_is_and_nothing_else_is_one() {
-    let kept = fs::read(folder().join("template-c.wasm")).unwrap();
-    assert_eq!(holdpoint_builder::encode(kept.clone()).unwrap(), kept);
+fn a_component_is_encoded_unchanged_and_others_rejected() {
+    let component = fs::read(folder().join("template-c.wasm")).unwrap();
+    assert_eq!(holdpoint_builder::encode(component.clone()).unwrap(), component);
     for (bytes, expected) in [
         (b"\x7fELF\x02\x01\x01\x00".to_vec(), "no WebAssembly"),
         // A module that exports nothing does not fit the contract.

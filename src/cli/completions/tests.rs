@@ -11,8 +11,8 @@ use crate::cli::{Cli, CliContext};
 /// The output of `completions`.
 fn printed(data: &Path, line: &[&str]) -> String {
     use clap::Parser as _;
-    let words = ["holdpoint", "completions"].into_iter().chain(line.iter().copied());
-    let Some(crate::cli::Verb::Completions(args)) = Cli::try_parse_from(words).unwrap().verb else {
+    let argv = ["holdpoint", "completions"].into_iter().chain(line.iter().copied());
+    let Some(crate::cli::Verb::Completions(args)) = Cli::try_parse_from(argv).unwrap().verb else {
         panic!("no completions: {line:?}");
     };
     let mut bytes = Vec::new();
@@ -59,7 +59,7 @@ fn every_argument_with_a_stored_name_is_known() {
 }
 
 #[test]
-fn a_store_is_asked_for_its_names() {
+fn names_come_from_the_store() {
     let root = tempfile::tempdir().unwrap();
     for names in ["versions", "families", "subjects"] {
         assert_eq!(printed(root.path(), &["--list", names]), "", "there is no store");
@@ -85,8 +85,8 @@ fn no_script_has_a_marker_left() {
         let text = printed(Path::new("/nowhere"), &[&shell.to_string()]);
         assert!(!text.contains("holdpoint_stored_"), "{shell}");
         let calls = ["stored versions", "stored families", "stored subjects"];
-        let asks = matches!(shell, Shell::Bash | Shell::Zsh | Shell::Fish);
-        assert!(calls.iter().all(|call| text.contains(call) == asks), "{shell}");
+        let is_dynamic = matches!(shell, Shell::Bash | Shell::Zsh | Shell::Fish);
+        assert!(calls.iter().all(|call| text.contains(call) == is_dynamic), "{shell}");
     }
     let zsh = printed(Path::new("/nowhere"), &["zsh"]);
     assert!(zsh.starts_with("#compdef holdpoint\n"), "the first line names the command");

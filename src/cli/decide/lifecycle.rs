@@ -123,9 +123,9 @@ pub(super) fn repeat(
     known_version(views, &args.version)?;
     let who = identity(context, &args.signature)?;
     let operation = operation(&args.version, &args.signature);
-    let mut side = VerbExecutor::open(context)?;
-    let exit = side.execute_as(context, &who, Command::Repeat { operation, stage: args.stage }, out)?;
-    if side.is_own() && !out.is_json() {
+    let mut executor = VerbExecutor::open(context)?;
+    let exit = executor.execute_as(context, &who, Command::Repeat { operation, stage: args.stage }, out)?;
+    if executor.is_own() && !out.is_json() {
         out.line("no engine is running; `holdpoint run` runs the stage")?;
     }
     Ok(exit)
@@ -140,10 +140,10 @@ pub(super) fn release(
     known_version(views, &args.version)?;
     let who = identity(context, &args.signature)?;
     let operation = operation(&args.version, &args.signature);
-    let mut side = VerbExecutor::open(context)?;
+    let mut executor = VerbExecutor::open(context)?;
     let command = Command::Release { operation, profiles: args.profile.clone() };
-    side.execute_as(context, &who, command, out)?;
-    let open = side.snapshot()?.prompts.iter().any(|prompt| prompt.version == args.version);
+    executor.execute_as(context, &who, command, out)?;
+    let open = executor.snapshot()?.prompts.iter().any(|prompt| prompt.version == args.version);
     Ok(if open { Exit::Held } else { Exit::Confirmed })
 }
 
@@ -200,18 +200,18 @@ pub(super) fn break_glass(
         let text = "held: no engine is running on this store, so no version waits for break-glass";
         return Err(CliError::from_engine_fault(text).with_hint("start one with `holdpoint run`"));
     };
-    let mut side = VerbExecutor::Running(client);
-    let snapshot = side.snapshot()?;
-    let Some(door) = snapshot.emergencies.iter().find(|door| door.version == args.version) else {
+    let mut executor = VerbExecutor::Running(client);
+    let snapshot = executor.snapshot()?;
+    let Some(request) = snapshot.emergencies.iter().find(|request| request.version == args.version) else {
         let text = format!("held: break-glass does not apply to {} now", args.version);
         let hint =
             "under sim and real, it applies after shadow to a version that waits for approvers or a freeze";
         return Err(CliError::from_engine_fault(text).with_hint(hint));
     };
-    let (question, bound) = side.question(door, &who.info().name)?;
-    check_digest(args.digest.as_deref(), &bound)?;
-    request_text::print_request(&question.lines, &live_lines(door, &snapshot), out)?;
+    let (question, facts) = executor.question(request, &who.info().name)?;
+    check_digest(args.digest.as_deref(), &facts)?;
+    request_text::print_request(&question.lines, &live_lines(request, &snapshot), out)?;
     let who = passphrase::unlock(who, args.signature.passphrase_file.as_deref())?;
     let command = question.answer(&who, ApprovalDecision::Approve, args.signature.reason.raw());
-    side.execute(command.map_err(CliError::internal)?, out)
+    executor.execute(command.map_err(CliError::internal)?, out)
 }

@@ -11,7 +11,7 @@ use crate::cli::decide::{parse_identity, parse_reason};
 use crate::cli::output::CommandOutput;
 use crate::cli::passphrase;
 use crate::cli::prune::wall_ms;
-use crate::cli::verb_executor::{door_error, not_confirmed, refused, running};
+use crate::cli::verb_executor::{not_confirmed, refused, running, socket_error};
 use crate::error::CliError;
 use holdpoint_approvals::agent::SshAgent;
 use holdpoint_approvals::keyfile::{self, Protection};
@@ -66,7 +66,7 @@ impl IdentityRegister {
     /// Creates the store and its first administrator, if there is none.
     fn open(context: &CliContext) -> Result<Self, CliError> {
         let layout = Layout::new(&context.data);
-        let taker = match running(context)? {
+        let executor = match running(context)? {
             Some(client) => ActExecutor::Engine(client),
             None => {
                 let store = Store::open(&context.data).map_err(CliError::usage)?;
@@ -77,11 +77,11 @@ impl IdentityRegister {
         let views = Views::open(&layout.database()).map_err(CliError::usage)?;
         let profile = views.context().map_err(CliError::usage)?.map(|(profile, _, _)| profile);
         let persons = views.persons().map_err(CliError::usage)?;
-        Ok(Self { executor: taker, layout, persons, profile })
+        Ok(Self { executor, layout, persons, profile })
     }
 
     /// An administrator whose key signs without a prompt, in a store that is not used under `human`.
-    fn unasked(&self) -> Option<Identity> {
+    fn default_administrator(&self) -> Option<Identity> {
         let allowed = self.profile != Some(ProfileName::Human);
         if allowed { self.persons.unprotected_administrator(&self.layout.identities()) } else { None }
     }
@@ -94,20 +94,20 @@ impl IdentityRegister {
         (file, option): (Option<&Path>, &str),
         act: PersonActKind,
     ) -> Result<Identity, CliError> {
-        let kept = passphrase::stored_identity(context, name)?;
-        let refused = match act {
+        let locked = passphrase::stored_identity(context, name)?;
+        let reason = match act {
             PersonActKind::Enrol if self.profile == Some(ProfileName::Human) => {
                 Some("and under the profile human such a key cannot enroll people")
             }
             PersonActKind::Confirm => Some("so any process that can read it could verify any person with it"),
             PersonActKind::Enrol | PersonActKind::Revoke => None,
         };
-        if let Some(why) = refused.filter(|_| kept.protection() == Protection::None) {
+        if let Some(why) = reason.filter(|_| locked.protection() == Protection::None) {
             let text = format!("the key of {name} has no passphrase, {why}");
             let hint = format!("`holdpoint identity passphrase {name}` sets one and keeps the key");
             return Err(CliError::from_engine_fault(text).with_hint(hint));
         }
-        passphrase::unlock_by(kept, file, option)
+        passphrase::unlock_by(locked, file, option)
     }
 
     fn enrolled(&self, name: &str) -> Result<&Person, CliError> {
@@ -121,7 +121,7 @@ impl IdentityRegister {
         match self.executor {
             ActExecutor::Engine(mut client) => {
                 let command = Command::Person { signed: Box::new(signed) };
-                let reply = client.ask(command).map_err(|error| ActError::Unknown(door_error(error)))?;
+                let reply = client.send(command).map_err(|error| ActError::Unknown(socket_error(error)))?;
                 if let Some(doubt) = client.unverified_origin() {
                     return Err(ActError::Unknown(not_confirmed(doubt, &reply)));
                 }
@@ -180,7 +180,7 @@ impl From<ActError> for CliError {
 /// The enrollment of a new key.
 pub(super) enum Enrollment {
     /// This administrator signed.
-    By { name: String, asked: bool },
+    By { name: String, explicit: bool },
     /// Not enrolled; this administrator can do it.
     NotYet { admin: String },
 }
@@ -195,8 +195,8 @@ impl Enrollment {
 
     pub(super) fn sentence(&self, who: &str) -> String {
         match self {
-            Self::By { name, asked: true } => format!("enrolled by {name}"),
-            Self::By { name, asked: false } => format!(
+            Self::By { name, explicit: true } => format!("enrolled by {name}"),
+            Self::By { name, explicit: false } => format!(
                 "enrolled by {name}, whose key has no passphrase: any process that can read it can enroll \
                  people, and the profile human ignores the signatures of {who}. \
                  `holdpoint identity passphrase {name}` sets one, and then \
@@ -215,7 +215,7 @@ impl Enrollment {
 pub(super) struct Enroller {
     register: IdentityRegister,
     admin: Option<Identity>,
-    asked: bool,
+    explicit: bool,
 }
 
 impl Enroller {
@@ -224,16 +224,16 @@ impl Enroller {
         const OPTION: &str = "--by-passphrase-file";
         let register = IdentityRegister::open(context)?;
         let Some(by) = by else {
-            let admin = register.unasked();
-            return Ok(Self { register, admin, asked: false });
+            let admin = register.default_administrator();
+            return Ok(Self { register, admin, explicit: false });
         };
         let admin = register.administrator(context, by, (file, OPTION), PersonActKind::Enrol)?;
-        Ok(Self { register, admin: Some(admin), asked: true })
+        Ok(Self { register, admin: Some(admin), explicit: true })
     }
 
     /// Enrolls the key. A refusal removes the key again, so its name stays free.
     pub(super) fn enrol(self, who: Identity) -> Result<Enrollment, CliError> {
-        let Self { register, admin, asked } = self;
+        let Self { register, admin, explicit } = self;
         let Some(admin) = admin else {
             let admin = register.persons.administrators().next();
             let admin = admin.map_or_else(|| FIRST_ADMINISTRATOR.to_owned(), |admin| admin.name.clone());
@@ -242,12 +242,12 @@ impl Enroller {
         let folder = register.layout.identities();
         let unprotected = is_unprotected(&register.layout, &who.info().name);
         let signed = register.persons.enrolment(who.info(), unprotected, &admin, "a new identity");
-        let taken = match signed {
+        let result = match signed {
             Ok(signed) => register.take(signed),
             Err(error) => Err(ActError::Refused(CliError::internal(error))),
         };
-        match taken {
-            Ok(()) => Ok(Enrollment::By { name: admin.info().name.clone(), asked }),
+        match result {
+            Ok(()) => Ok(Enrollment::By { name: admin.info().name.clone(), explicit }),
             Err(ActError::Refused(why)) => {
                 who.discard(&folder).map_err(CliError::usage)?;
                 Err(why)
@@ -280,7 +280,7 @@ pub(super) fn enrol(
 ) -> Result<(), CliError> {
     let folder = Layout::new(&context.data).identities();
     let who = match key {
-        KeyToEnrol::Given(given) => from_elsewhere(name, given, role)?,
+        KeyToEnrol::Given(source) => from_elsewhere(name, source, role)?,
         KeyToEnrol::Here => in_folder(&folder, name, role)?,
         KeyToEnrol::Agent(named, role) => {
             let key = SshAgent::named().and_then(|agent| agent.key(named)).map_err(CliError::usage)?;
@@ -288,8 +288,8 @@ pub(super) fn enrol(
         }
     };
     // The role beside a key is only a claim of the process that wrote it.
-    let says_role = role.is_some() || matches!(key, KeyToEnrol::Agent(..));
-    if who.role == Role::Admin && !says_role {
+    let has_role = role.is_some() || matches!(key, KeyToEnrol::Agent(..));
+    if who.role == Role::Admin && !has_role {
         let text = format!("the key file of {name} claims the role admin, and --role does not name it");
         return Err(CliError::usage(text)
             .with_hint("confirm with `--role admin`, or name another role with `--role`"));
@@ -376,10 +376,10 @@ fn is_unprotected(layout: &Layout, name: &str) -> bool {
 }
 
 /// A person whose key was created elsewhere.
-fn from_elsewhere(name: &str, given: &str, role: Option<Role>) -> Result<IdentityInfo, CliError> {
-    let (public_key, note) = match keyfile::parse_public(given) {
+fn from_elsewhere(name: &str, source: &str, role: Option<Role>) -> Result<IdentityInfo, CliError> {
+    let (public_key, note) = match keyfile::parse_public(source) {
         Some(key) => (key, String::new()),
-        None => keyfile::read_public(Path::new(given)).map_err(CliError::usage)?,
+        None => keyfile::read_public(Path::new(source)).map_err(CliError::usage)?,
     };
     let role = role.or_else(|| note.parse().ok()).ok_or_else(|| {
         CliError::usage("the public key names no role").with_hint("name the person's role with `--role`")

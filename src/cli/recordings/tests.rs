@@ -38,10 +38,10 @@ fn store() -> (tempfile::TempDir, CliContext) {
     (root, context)
 }
 
-fn ask(context: &CliContext, verb: RecordingsVerb, json: bool) -> (Result<Exit, CliError>, String) {
-    let mut printed = Vec::new();
-    let ended = run(context, &RecordingsArgs { verb }, &mut CommandOutput::to(&mut printed, json));
-    (ended, String::from_utf8(printed).unwrap())
+fn run_verb(context: &CliContext, verb: RecordingsVerb, json: bool) -> (Result<Exit, CliError>, String) {
+    let mut output = Vec::new();
+    let result = run(context, &RecordingsArgs { verb }, &mut CommandOutput::to(&mut output, json));
+    (result, String::from_utf8(output).unwrap())
 }
 
 fn keep_none(dry_run: bool) -> RecordingsVerb {
@@ -51,14 +51,14 @@ fn keep_none(dry_run: bool) -> RecordingsVerb {
 #[test]
 fn they_are_listed_with_what_is_on_record() {
     let (_root, context) = store();
-    let (ended, text) = ask(&context, RecordingsVerb::List, false);
+    let (ended, text) = run_verb(&context, RecordingsVerb::List, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
     let rows: Vec<&str> = text.lines().collect();
     assert!(rows[1].starts_with("grasp@1.1.0  confirmed"), "{text}");
     assert!(rows[1].contains("yes") && rows[1].ends_with(FILE) && rows[2].ends_with(SECOND), "{text}");
     assert!(rows[3].starts_with("place@1.1.0  not closed") && rows[3].contains(" no "), "{text}");
     assert!(rows[4].starts_with("3 files, "), "{text}");
-    let (_, text) = ask(&context, RecordingsVerb::List, true);
+    let (_, text) = run_verb(&context, RecordingsVerb::List, true);
     let first: Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
     assert_eq!((&first["version"], &first["on_record"]), (&json!("grasp@1.1.0"), &json!(true)));
 }
@@ -72,14 +72,14 @@ fn what_has_a_recordings_name_and_is_none_is_named() {
     drop(std::os::unix::net::UnixListener::bind(folder.join(PIPE)).unwrap());
     std::fs::remove_file(folder.join(SECOND)).unwrap();
     std::fs::create_dir(folder.join(SECOND)).unwrap();
-    let (ended, text) = ask(&context, RecordingsVerb::List, false);
+    let (ended, text) = run_verb(&context, RecordingsVerb::List, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
     assert!(text.contains(&format!("skipped: {PIPE} is a socket, not a recording")), "{text}");
     assert!(text.contains("2 files, ") && text.contains(&format!("{SECOND} is a folder")), "{text}");
-    let (_, text) = ask(&context, RecordingsVerb::List, true);
+    let (_, text) = run_verb(&context, RecordingsVerb::List, true);
     let last: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
     assert_eq!((&last["file"], &last["no_file"]), (&json!(SECOND), &json!("a folder")));
-    let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
+    let (ended, text) = run_verb(&context, RecordingsVerb::Verify, false);
     assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
     assert!(text.contains(&format!("{PIPE}  skipped: it is a socket")), "{text}");
     assert!(text.contains("no removal is on record; a folder has its name"), "{text}");
@@ -90,20 +90,20 @@ fn what_has_a_recordings_name_and_is_none_is_named() {
 fn what_was_changed_or_is_missing_is_found() {
     let (root, context) = store();
     let folder = Layout::new(root.path()).recordings();
-    let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
+    let (ended, text) = run_verb(&context, RecordingsVerb::Verify, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed, "{text}");
     assert!(text.ends_with("sound: 3 recordings, 0 not as recorded, 1 not on record\n"), "{text}");
     std::fs::write(folder.join(FILE), "longer than what was recorded").unwrap();
-    let (_, text) = ask(&context, RecordingsVerb::Verify, false);
+    let (_, text) = run_verb(&context, RecordingsVerb::Verify, false);
     assert!(text.contains(&format!("{FILE}  DIFFERS: it has 29 bytes, 24 were recorded")), "{text}");
     std::fs::write(folder.join(FILE), FILE.to_uppercase()).unwrap();
     std::fs::remove_file(folder.join(SECOND)).unwrap();
-    let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
+    let (ended, text) = run_verb(&context, RecordingsVerb::Verify, false);
     assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
     assert!(text.contains(&format!("{FILE}  DIFFERS: its SHA-256 is ")), "{text}");
     assert!(text.contains(&format!("{SECOND}  MISSING: ")), "{text}");
     assert!(text.contains(&format!("{OPEN}  not on record: ")), "{text}");
-    let (_, text) = ask(&context, RecordingsVerb::Verify, true);
+    let (_, text) = run_verb(&context, RecordingsVerb::Verify, true);
     let last: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
     assert_eq!((&last["sound"], &last["bad"]), (&json!(false), &json!(2)));
 }
@@ -112,14 +112,14 @@ fn what_was_changed_or_is_missing_is_found() {
 fn a_removal_is_on_record_and_then_nothing_is_missing() {
     let (root, context) = store();
     let layout = Layout::new(root.path());
-    let taken = prune::take_store(root.path()).unwrap();
+    let open_store = prune::take_store(root.path()).unwrap();
     let files = shelved(&layout.recordings()).unwrap();
     for filed in files.iter().filter(|filed| filed.file != OPEN) {
-        prune::remove(&taken, &filed.name.version, filed, "too old").unwrap();
+        prune::remove(&open_store, &filed.name.version, filed, "too old").unwrap();
         assert!(!filed.path.exists());
     }
-    drop(taken);
-    let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
+    drop(open_store);
+    let (ended, text) = run_verb(&context, RecordingsVerb::Verify, false);
     assert_eq!((ended.unwrap(), text.lines().count()), (Exit::Confirmed, 2), "{text}");
     let record = on_record(&crate::cli::data::open(root.path()).unwrap()).unwrap();
     let removed = record.0[FILE].removed.clone().unwrap();
@@ -131,13 +131,13 @@ fn a_removal_is_on_record_and_then_nothing_is_missing() {
 #[test]
 fn what_is_open_or_unknown_stays_and_a_store_in_use_is_left_alone() {
     let (root, context) = store();
-    let (ended, text) = ask(&context, keep_none(false), false);
+    let (ended, text) = run_verb(&context, keep_none(false), false);
     // No version of these is registered here, so their upgrades are unknown.
     assert_eq!((ended.unwrap(), text.as_str()), (Exit::Confirmed, "0 files, 0 B, removed\n"));
     let engine = Store::open(root.path()).unwrap();
-    let error = ask(&context, keep_none(false), false).0.unwrap_err();
+    let error = run_verb(&context, keep_none(false), false).0.unwrap_err();
     assert!(error.exit() == Exit::Usage && error.to_string().contains("in use"), "{error}");
-    assert_eq!(ask(&context, keep_none(true), false).0.unwrap(), Exit::Confirmed);
+    assert_eq!(run_verb(&context, keep_none(true), false).0.unwrap(), Exit::Confirmed);
     drop(engine);
     assert_eq!(shelved(&Layout::new(root.path()).recordings()).unwrap().len(), 3);
 }

@@ -52,7 +52,7 @@ pub(super) fn film_request(args: &ReplayArgs) -> Option<FilmRequest> {
 pub(super) fn run(
     context: &CliContext,
     args: &ReplayArgs,
-    asked: FilmRequest,
+    request: FilmRequest,
     has_terminal: bool,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
@@ -60,9 +60,9 @@ pub(super) fn run(
         return Err(CliError::usage("an episode is of a version, not of a recording's file")
             .with_hint("name the version, such as grasp@1.1.0"));
     };
-    let mut side = VerbExecutor::open(context)?;
-    let command = Command::Film { version: version.clone(), asked };
-    let film = match side.send(command)? {
+    let mut executor = VerbExecutor::open(context)?;
+    let command = Command::Film { version: version.clone(), asked: request };
+    let film = match executor.send(command)? {
         Reply::Film { film } => film,
         Reply::Refused { code, text, hint } => return Err(refused(code, &text, hint.as_deref())),
         other => {
@@ -72,7 +72,7 @@ pub(super) fn run(
     let unlike = |run: &FilmedRun| run.as_recorded == Some(false);
     let exit = if unlike(&film.candidate) || unlike(&film.active) { Exit::Rejected } else { Exit::Confirmed };
     if let Some(path) = &args.rrd {
-        let about = about(&mut side, version, &film)?;
+        let about = about(&mut executor, version, &film)?;
         scenes::write_film(path, about, &film)?;
         let value = json!({ "file": path.display().to_string(), "frames": film.candidate.frames.len() });
         out.answer(&value, |out| print_film(path, &film, out))?;
@@ -81,15 +81,19 @@ pub(super) fn run(
     } else if args.plain || !has_terminal {
         lines(&film, out)?;
     } else {
-        let about = about(&mut side, version, &film)?;
+        let about = about(&mut executor, version, &film)?;
         super::play(recording(&film, about), args)?;
     }
     Ok(exit)
 }
 
-fn about(side: &mut VerbExecutor, version: &CapabilityId, film: &Film) -> Result<RecordingSubject, CliError> {
-    let snapshot = side.snapshot()?;
-    let Reply::Detail { detail } = side.send(Command::Detail { version: version.clone() })? else {
+fn about(
+    executor: &mut VerbExecutor,
+    version: &CapabilityId,
+    film: &Film,
+) -> Result<RecordingSubject, CliError> {
+    let snapshot = executor.snapshot()?;
+    let Reply::Detail { detail } = executor.send(Command::Detail { version: version.clone() })? else {
         return Err(CliError::internal("the engine answered without a detail"));
     };
     Ok(RecordingSubject {

@@ -38,7 +38,7 @@ fn join(parts: Vec<Recording>) -> Option<Recording> {
         whole.dropped.1 += part.dropped.1;
     }
     // Stable: events of the same time keep their order.
-    whole.pictures.sort_by_key(|picture| picture.at_ms);
+    whole.pictures.sort_by_key(|frame| frame.at_ms);
     whole.events.sort_by_key(|event| event.at_ms);
     Some(whole)
 }

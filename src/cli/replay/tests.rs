@@ -49,25 +49,25 @@ fn viewer_in(folder: &Path) -> ProcessEnvironment {
     ProcessEnvironment { path: Some(folder.into()), has_screen: true, has_terminal: false }
 }
 
-fn ask(
+fn run_replay(
     context: &CliContext,
     args: &ReplayArgs,
-    around: &ProcessEnvironment,
+    environment: &ProcessEnvironment,
 ) -> (Result<Exit, CliError>, String) {
-    let mut printed = Vec::new();
-    let ended = replay(context, args, around, &mut CommandOutput::to(&mut printed, context.json));
-    (ended, String::from_utf8(printed).unwrap())
+    let mut output = Vec::new();
+    let result = replay(context, args, environment, &mut CommandOutput::to(&mut output, context.json));
+    (result, String::from_utf8(output).unwrap())
 }
 
 #[test]
 fn all_segments_of_a_version_are_opened_in_the_viewer() {
     let (root, context) = store();
-    let around = viewer_in(root.path());
-    let (ended, text) = ask(&context, &args("grasp@1.1.0", &[]), &around);
+    let environment = viewer_in(root.path());
+    let (ended, text) = run_replay(&context, &args("grasp@1.1.0", &[]), &environment);
     assert_eq!(ended.unwrap(), Exit::Confirmed, "{text}");
     assert!(text.starts_with("opened in rerun 0.36.3, 2 files (process "), "{text}");
-    let asked = std::fs::read_to_string(root.path().join("rerun.asked")).unwrap();
-    let files: Vec<PathBuf> = asked.lines().skip(5).map(PathBuf::from).collect();
+    let arguments = std::fs::read_to_string(root.path().join("rerun.asked")).unwrap();
+    let files: Vec<PathBuf> = arguments.lines().skip(5).map(PathBuf::from).collect();
     let folder = Layout::new(root.path()).recordings().canonicalize().unwrap();
     assert_eq!(files, FILES.map(|file| folder.join(file)));
     assert!(Layout::new(root.path()).logs().join(viewer::LOG_NAME).is_file());
@@ -76,11 +76,11 @@ fn all_segments_of_a_version_are_opened_in_the_viewer() {
 #[test]
 fn what_is_not_as_recorded_is_not_opened_unless_forced() {
     let (root, context) = store();
-    let around = viewer_in(root.path());
+    let environment = viewer_in(root.path());
     let file = Layout::new(root.path()).recordings().join(FILES[0]);
     std::fs::write(&file, "changed").unwrap();
     for upgrade in ["grasp@1.1.0", file.to_str().unwrap()] {
-        let (ended, text) = ask(&context, &args(upgrade, &[]), &around);
+        let (ended, text) = run_replay(&context, &args(upgrade, &[]), &environment);
         assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
         assert!(text.starts_with("DIFFERS FROM ITS RECORD: ") && text.contains("--force"), "{text}");
         assert!(!root.path().join("rerun.asked").exists());
@@ -88,38 +88,41 @@ fn what_is_not_as_recorded_is_not_opened_unless_forced() {
     // In another folder the files have no record.
     let copy = root.path().join("copy.rrd");
     std::fs::copy(&file, &copy).unwrap();
-    assert_eq!(ask(&context, &args(copy.to_str().unwrap(), &[]), &around).0.unwrap(), Exit::Confirmed);
-    let (ended, text) = ask(&context, &args("grasp@1.1.0", &["--force"]), &around);
+    assert_eq!(
+        run_replay(&context, &args(copy.to_str().unwrap(), &[]), &environment).0.unwrap(),
+        Exit::Confirmed
+    );
+    let (ended, text) = run_replay(&context, &args("grasp@1.1.0", &["--force"]), &environment);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
     assert!(text.contains("DIFFERS FROM ITS RECORD") && text.contains("opened in rerun"), "{text}");
 }
 
 #[test]
-fn what_is_missing_is_said_with_a_way_out() {
+fn a_missing_part_is_named_with_a_hint() {
     let (root, context) = store();
-    let mut around = viewer_in(root.path());
-    for (upgrade, words) in
+    let mut environment = viewer_in(root.path());
+    for (upgrade, text) in
         [("place@9.0.0", "there is no recording of"), ("none.rrd", "there is no recording")]
     {
-        let error = ask(&context, &args(upgrade, &[]), &around).0.unwrap_err();
-        assert!(error.exit() == Exit::Usage && error.to_string().contains(words), "{error}");
+        let error = run_replay(&context, &args(upgrade, &[]), &environment).0.unwrap_err();
+        assert!(error.exit() == Exit::Usage && error.to_string().contains(text), "{error}");
     }
-    around.has_screen = false;
-    let error = ask(&context, &args("grasp@1.1.0", &[]), &around).0.unwrap_err();
+    environment.has_screen = false;
+    let error = run_replay(&context, &args("grasp@1.1.0", &[]), &environment).0.unwrap_err();
     assert!(error.to_string().contains("DISPLAY"), "{error}");
     assert_eq!(error.hint().unwrap().raw(), "--terminal shows it here");
-    around.path = None;
-    let error = ask(&context, &args("grasp@1.1.0", &[]), &around).0.unwrap_err();
+    environment.path = None;
+    let error = run_replay(&context, &args("grasp@1.1.0", &[]), &environment).0.unwrap_err();
     assert_eq!(error.hint().unwrap().raw(), "pip install rerun-sdk==0.36.3; --terminal shows it here");
 }
 
 #[test]
-fn a_viewer_that_ends_at_once_is_said() {
+fn a_viewer_that_ends_at_once_fails() {
     let (root, context) = store();
-    let around = viewer_in(root.path());
+    let environment = viewer_in(root.path());
     let text = "#!/bin/sh\n[ \"$1\" = --version ] && echo 'rerun-cli 0.36.3' && exit 0\nexit 1\n";
     std::fs::write(root.path().join("rerun"), text).unwrap();
-    let error = ask(&context, &args("grasp@1.1.0", &[]), &around).0.unwrap_err();
+    let error = run_replay(&context, &args("grasp@1.1.0", &[]), &environment).0.unwrap_err();
     assert!(error.to_string().contains("ended at once"), "{error}");
 }
 

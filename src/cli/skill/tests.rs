@@ -7,17 +7,17 @@ use clap::Parser as _;
 use super::*;
 use crate::cli::{Cli, EngineVerbs, RealEngine, dispatch};
 
-fn did(line: &[&str], json: bool) -> (Result<Exit, CliError>, String) {
+fn run_line(line: &[&str], json: bool) -> (Result<Exit, CliError>, String) {
     let mut arguments = vec!["holdpoint"];
     if json {
         arguments.push("--json");
     }
     arguments.extend(line);
     let cli = Cli::try_parse_from(arguments).unwrap();
-    let (mut written, mut engine) = (Vec::new(), RealEngine);
+    let (mut output, mut engine) = (Vec::new(), RealEngine);
     let engine: &mut dyn EngineVerbs = &mut engine;
-    let ended = dispatch(&cli, engine, &mut CommandOutput::to(&mut written, json));
-    (ended, String::from_utf8(written).unwrap())
+    let result = dispatch(&cli, engine, &mut CommandOutput::to(&mut output, json));
+    (result, String::from_utf8(output).unwrap())
 }
 
 #[test]
@@ -25,10 +25,10 @@ fn a_new_folder_is_written_once() {
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("mine").display().to_string();
     let line = ["skill", "new", "my-grasp", "--lang", "c", &folder];
-    let (ended, said) = did(&line, false);
-    assert_eq!(ended.unwrap(), Exit::Confirmed);
-    assert!(said.contains("next: holdpoint skill build"), "{said}");
-    let (again, _) = did(&line, false);
+    let (result, output) = run_line(&line, false);
+    assert_eq!(result.unwrap(), Exit::Confirmed);
+    assert!(output.contains("next: holdpoint skill build"), "{output}");
+    let (again, _) = run_line(&line, false);
     assert!(again.unwrap_err().to_string().contains("not empty"));
     assert_eq!(component(Path::new(&folder)).unwrap(), Path::new("my-grasp.wasm"));
 }
@@ -37,18 +37,18 @@ fn a_new_folder_is_written_once() {
 fn what_is_built_in_is_not_built() {
     let refused = component(Path::new("manifests/grasp/1.0.0")).unwrap_err().to_string();
     assert!(refused.contains("native:grasp"), "{refused}");
-    let (ended, _) = did(&["skill", "build", "no-such-folder"], false);
-    assert!(ended.unwrap_err().to_string().contains("no-such-folder/manifest.toml"));
+    let (result, _) = run_line(&["skill", "build", "no-such-folder"], false);
+    assert!(result.unwrap_err().to_string().contains("no-such-folder/manifest.toml"));
 }
 
 #[test]
-fn a_candidate_is_tried_and_said_to_keep_its_contract() {
-    let (ended, said) = did(&["skill", "test", "manifests/candidates/grasp-improved"], true);
-    assert_eq!(ended.unwrap(), Exit::Confirmed);
-    let report: serde_json::Value = serde_json::from_str(&said).unwrap();
+fn a_candidate_that_keeps_its_contract_passes() {
+    let (result, output) = run_line(&["skill", "test", "manifests/candidates/grasp-improved"], true);
+    assert_eq!(result.unwrap(), Exit::Confirmed);
+    let report: serde_json::Value = serde_json::from_str(&output).unwrap();
     let episodes = report["episodes"].as_array().unwrap();
     assert_eq!(episodes.len(), 10);
-    assert!(episodes.iter().filter(|one| one["success"] == true).count() >= 8, "{said}");
+    assert!(episodes.iter().filter(|one| one["success"] == true).count() >= 8, "{output}");
     assert_eq!(report["unlike"], 0);
     assert!(report["tick_us"][0].as_f64().unwrap() > 0.0);
 }
@@ -65,14 +65,14 @@ fn a_manifest_that_is_not_admitted_fails_the_test() {
     let text = fs::read_to_string(&path).unwrap();
     assert!(text.contains("unit = \"s\""), "{text}");
     fs::write(&path, text.replace("unit = \"s\"", "unit = \"ms\"")).unwrap();
-    let (ended, said) = did(&["skill", "test", &root.path().display().to_string()], false);
-    assert_eq!(ended.unwrap(), Exit::Rejected, "{said}");
-    assert!(said.contains("NOT ADMITTED"), "{said}");
+    let (result, output) = run_line(&["skill", "test", &root.path().display().to_string()], false);
+    assert_eq!(result.unwrap(), Exit::Rejected, "{output}");
+    assert!(output.contains("NOT ADMITTED"), "{output}");
 }
 
 #[test]
-fn an_episode_is_worked_beside_the_commissioned_version() {
-    let (ended, said) = did(&["skill", "run", "manifests/candidates/grasp-improved"], false);
-    assert_eq!(ended.unwrap(), Exit::Confirmed);
-    assert!(said.contains("grasp@1.0.0"), "{said}");
+fn an_episode_runs_beside_the_baseline() {
+    let (result, output) = run_line(&["skill", "run", "manifests/candidates/grasp-improved"], false);
+    assert_eq!(result.unwrap(), Exit::Confirmed);
+    assert!(output.contains("grasp@1.0.0"), "{output}");
 }

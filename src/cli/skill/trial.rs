@@ -95,12 +95,12 @@ pub(super) fn test(args: &TestArgs, out: &mut CommandOutput<'_>) -> Result<Exit,
     let tryout = load(&args.folder)?;
     let last = args.seed.saturating_add(EPISODES - 1);
     let mut worker = Worker::new();
-    let mut measured = |seed| run_episode(&tryout, &mut worker, seed);
+    let mut measure = |seed| run_episode(&tryout, &mut worker, seed);
     let (mut episodes, mut used, mut tick_ns, mut unlike) =
         (Vec::new(), PermissionsUsed::default(), Vec::new(), 0);
     for seed in args.seed..=last {
-        let (record, measures) = measured(seed);
-        let (_, again) = measured(seed);
+        let (record, measures) = measure(seed);
+        let (_, again) = measure(seed);
         unlike += u64::from(measures.digest() != again.digest());
         used.merge(&record.used);
         tick_ns.extend(measures.tick_ns);
@@ -116,13 +116,13 @@ pub(super) fn test(args: &TestArgs, out: &mut CommandOutput<'_>) -> Result<Exit,
     tick_ns.sort_unstable();
     let candidate = tryout.candidate();
     let resources = &candidate.manifest.permissions.resources;
-    let standing = RegisteredVersions::commissioned().map_err(CliError::internal)?;
+    let versions = RegisteredVersions::commissioned().map_err(CliError::internal)?;
     let report = TestReport {
         id: candidate.id().to_string(),
         bundle: candidate.manifest.deployment.bundle.clone().into(),
         seeds: [args.seed, last],
-        admitted: admitted(&standing, candidate)?,
-        recovery: standing.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
+        admitted: admitted(&versions, candidate)?,
+        recovery: versions.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
         episodes,
         used,
         declared: DeclaredResources {
@@ -152,17 +152,17 @@ fn run_episode(tryout: &Tryout, worker: &mut Worker, seed: u64) -> (TaskRecord, 
 
 /// The static rules' verdict beside the baselines, as at registration.
 fn admitted(
-    standing: &RegisteredVersions,
+    versions: &RegisteredVersions,
     candidate: &Capability,
 ) -> Result<Vec<ProfileAdmission>, CliError> {
     let profiles: Vec<ChosenProfile> = ProfileName::ALL.into_iter().map(ChosenProfile::from).collect();
-    let judged = standing.judge(candidate, &profiles).map_err(CliError::internal)?;
+    let findings = versions.judge(candidate, &profiles).map_err(CliError::internal)?;
     let one = |(profile, found): (Profile, StaticFindings)| ProfileAdmission {
         profile: profile.name,
         runs: found.admits(),
         reasons: found.reasons().map(holdpoint_wording::line).collect(),
     };
-    Ok(judged.into_iter().map(one).collect())
+    Ok(findings.into_iter().map(one).collect())
 }
 
 /// The percentile of the values, us; 0 without any.

@@ -60,22 +60,23 @@ impl PendingApprovalRow {
             |who: &str| persons.named(who).is_some_and(|person| person.state == PersonState::Enrolled);
         let mut approved_by: Vec<String> = Vec::new();
         for answer in answers.iter().filter(|answer| answer.consumed_seq.is_none()) {
-            let said = answer.signed.approval();
-            let same = said.row_version == request.row_version
-                && said.evidence_digest == request.evidence_digest
-                && said.policy_digest == request.policy_digest
-                && said.profile == request.profile
-                && !said.break_glass
-                && is_enrolled(&said.who);
+            let approval = answer.signed.approval();
+            let same = approval.row_version == request.row_version
+                && approval.evidence_digest == request.evidence_digest
+                && approval.policy_digest == request.policy_digest
+                && approval.profile == request.profile
+                && !approval.break_glass
+                && is_enrolled(&approval.who);
             if same {
                 // The last answer of a person counts.
-                approved_by.retain(|who| *who != said.who);
-                approved_by.extend((said.decision == ApprovalDecision::Approve).then(|| said.who.clone()));
+                approved_by.retain(|who| *who != approval.who);
+                approved_by
+                    .extend((approval.decision == ApprovalDecision::Approve).then(|| approval.who.clone()));
             }
         }
         // The request contains its assessment.
-        let asked: serde_json::Value = serde_json::from_str(&request.json).unwrap_or_default();
-        let new = asked.get("new_permissions").and_then(serde_json::Value::as_array);
+        let document: serde_json::Value = serde_json::from_str(&request.json).unwrap_or_default();
+        let new = document.get("new_permissions").and_then(serde_json::Value::as_array);
         let new = new.into_iter().flatten().filter_map(serde_json::Value::as_str);
         Self {
             new_permissions: new.map(Into::into).collect(),
@@ -194,21 +195,21 @@ mod tests {
         let ana = person("ana", Role::Admin);
         let [ben, eve, ida, tom] = ["ben", "eve", "ida", "tom"].map(|name| person(name, Role::Operator));
         let persons = enrolled(&[&ana, &ben, &eve, &ida]);
-        let (asked, earlier) = (request("now"), request("then"));
+        let (current, earlier) = (request("now"), request("then"));
         let answers = [
-            answer(&ana, ApprovalDecision::Approve, &asked, None),
+            answer(&ana, ApprovalDecision::Approve, &current, None),
             // Changed their answer.
-            answer(&ben, ApprovalDecision::Approve, &asked, None),
-            answer(&ben, ApprovalDecision::Reject, &asked, None),
+            answer(&ben, ApprovalDecision::Approve, &current, None),
+            answer(&ben, ApprovalDecision::Reject, &current, None),
             // Over other evidence, and already used.
             answer(&eve, ApprovalDecision::Approve, &earlier, None),
-            answer(&ida, ApprovalDecision::Approve, &asked, Some(40)),
+            answer(&ida, ApprovalDecision::Approve, &current, Some(40)),
             // Not enrolled here.
-            answer(&tom, ApprovalDecision::Approve, &asked, None),
+            answer(&tom, ApprovalDecision::Approve, &current, None),
         ];
         let stored = |answers: &[ApprovalEntry]| {
             PendingApprovalRow::stored(
-                asked.clone(),
+                current.clone(),
                 RequestKind::Activation,
                 answers,
                 &persons,
@@ -217,7 +218,7 @@ mod tests {
         };
         let row = stored(&answers);
         assert_eq!(row.approved_by, ["ana"]);
-        let evidence = asked.evidence_digest.short();
+        let evidence = current.evidence_digest.short();
         assert_eq!(
             row.line(),
             format!(
@@ -237,12 +238,12 @@ mod tests {
     }
 
     #[test]
-    fn what_enough_people_approved_waits_for_nobody() {
-        let asked = request("now");
-        let evidence = asked.evidence_digest.short();
+    fn a_granted_request_waits_for_no_one() {
+        let current = request("now");
+        let evidence = current.evidence_digest.short();
         let approved_by = vec!["ana".to_owned(), "ben".to_owned()];
         let stored = PendingApprovalRow::stored(
-            asked,
+            current,
             RequestKind::Activation,
             &[],
             &PersonDirectory::none("store"),

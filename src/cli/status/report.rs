@@ -183,12 +183,12 @@ impl StatusReport {
             None => {
                 // An interrupted engine may have left an earlier request for the same version.
                 let requests = views.open_requests().map_err(CliError::usage)?;
-                let asked = |id: &CapabilityId| {
+                let is_awaiting = |id: &CapabilityId| {
                     versions.iter().any(|version| version.version == *id && version.flags.awaiting_approval)
                 };
                 let newest: BTreeMap<_, _> = requests
                     .into_iter()
-                    .filter(|request| asked(&request.version))
+                    .filter(|request| is_awaiting(&request.version))
                     .map(|request| (request.version.clone(), request))
                     .collect();
                 let persons = views.persons().map_err(CliError::usage)?;
@@ -245,8 +245,8 @@ impl StatusReport {
             emergencies: engine
                 .iter()
                 .flat_map(|engine| &engine.emergencies)
-                .filter(|door| wanted(&door.version))
-                .map(|door| door.version.clone())
+                .filter(|request| wanted(&request.version))
+                .map(|request| request.version.clone())
                 .collect(),
             alarms: alarms(views)?,
         })

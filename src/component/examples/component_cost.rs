@@ -87,11 +87,11 @@ fn main() {
     let folder = tempfile::tempdir().unwrap();
     keep_compiled_in(folder.path().to_owned(), [7; 32]);
     drop(load());
-    let kept: u64 =
+    let cached: u64 =
         folder.path().read_dir().unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();
     let (p50, p99) = timed(50, load);
     println!(
-        "load kept and describe   p50 {:9.3} ms   p99 {:9.3} ms   {kept} bytes kept",
+        "load kept and describe   p50 {:9.3} ms   p99 {:9.3} ms   {cached} bytes kept",
         p50 / 1e3,
         p99 / 1e3
     );

@@ -49,9 +49,9 @@ pub fn write(folders: &[PathBuf], view: View, model: &ConsoleModel) -> Result<St
 
 fn into_folder(folder: &Path, view: View, text: &str, json: &str) -> io::Result<PathBuf> {
     std::fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
-    let word = view.title().to_lowercase();
+    let title = view.title().to_lowercase();
     for number in 1..=NAMES_MAX {
-        let stem = folder.join(format!("holdpoint-{word}-{number}"));
+        let stem = folder.join(format!("holdpoint-{title}-{number}"));
         let named = |ending: &str| stem.with_extension(ending);
         // Both names must be free: a pair belongs together.
         if named("json").exists() {
@@ -69,9 +69,9 @@ fn into_folder(folder: &Path, view: View, text: &str, json: &str) -> io::Result<
 /// Extra files of the health view: the numbers as CSV, and a chart of each family as SVG.
 fn health_files(stem: &Path, model: &ConsoleModel) -> Result<String, String> {
     let Some(series) = model.health() else { return Ok(String::new()) };
-    let said = |error: io::Error| format!("cannot write beside the text: {error}");
-    new_file(&stem.with_extension("csv"), &health_series::csv(series)).map_err(said)?;
-    let mut told = String::from(", .csv");
+    let failure = |error: io::Error| format!("cannot write beside the text: {error}");
+    new_file(&stem.with_extension("csv"), &health_series::csv(series)).map_err(failure)?;
+    let mut endings = String::from(", .csv");
     for family in series.families() {
         let mut notes = Vec::new();
         if let Some(bucket) = model.health_bucket() {
@@ -81,10 +81,11 @@ fn health_files(stem: &Path, model: &ConsoleModel) -> Result<String, String> {
         }
         notes.extend(series.coverage.sentences());
         let name = format!("{family}.svg");
-        new_file(&stem.with_extension(&name), &health_series::svg(series, &family, &notes)).map_err(said)?;
-        told.push_str(&format!(", .{name}"));
+        new_file(&stem.with_extension(&name), &health_series::svg(series, &family, &notes))
+            .map_err(failure)?;
+        endings.push_str(&format!(", .{name}"));
     }
-    Ok(told)
+    Ok(endings)
 }
 
 fn new_file(path: &Path, text: &str) -> io::Result<()> {
@@ -156,8 +157,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let folders = [PathBuf::from("/proc/nowhere"), folder.path().join("exports")];
         for number in 1..=2 {
-            let told = write(&folders, View::Registry, &model).unwrap();
-            assert!(told.contains(&format!("holdpoint-registry-{number}.txt and .json")), "{told}");
+            let message = write(&folders, View::Registry, &model).unwrap();
+            assert!(message.contains(&format!("holdpoint-registry-{number}.txt and .json")), "{message}");
             for ending in ["txt", "json"] {
                 let path = folder.path().join(format!("exports/holdpoint-registry-{number}.{ending}"));
                 let mode = std::fs::metadata(&path).unwrap().permissions().mode();

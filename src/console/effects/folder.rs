@@ -12,7 +12,7 @@ const NAMES_MAX: usize = 200;
 /// ends with a slash; one with a manifest does not: it is a candidate.
 pub fn completions(typed: &str, path: &str) -> Vec<String> {
     let Some(before) = typed.strip_suffix(path) else { return Vec::new() };
-    let (parent, begun) = path.rfind('/').map_or(("", path), |at| path.split_at(at + 1));
+    let (parent, prefix) = path.rfind('/').map_or(("", path), |at| path.split_at(at + 1));
     let folder = if parent.is_empty() { Path::new(".") } else { Path::new(parent) };
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let mut names: Vec<String> = entries
@@ -21,7 +21,7 @@ pub fn completions(typed: &str, path: &str) -> Vec<String> {
         .filter(|entry| entry.path().is_dir())
         // A name that is not UTF-8 cannot be typed either.
         .filter_map(|entry| entry.file_name().into_string().ok())
-        .filter(|name| name.starts_with(begun) && (begun.starts_with('.') || !name.starts_with('.')))
+        .filter(|name| name.starts_with(prefix) && (prefix.starts_with('.') || !name.starts_with('.')))
         .filter(|name| !name.chars().any(char::is_control))
         .collect();
     names.sort_unstable();

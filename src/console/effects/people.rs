@@ -37,7 +37,7 @@ pub fn sign(
     decision: &ApprovalAnswer,
     passphrase: Option<Passphrase>,
 ) -> Result<Command, Problem> {
-    let identity = opened(folder, decision.by(), passphrase)?;
+    let identity = open_identity(folder, decision.by(), passphrase)?;
     let command = match (decision.question(), decision.answer()) {
         (Some(question), answer) => question.answer(&identity, answer, decision.reason()),
         (None, ApprovalDecision::Reject) => decision.over().refuse(&identity, decision.reason()),
@@ -56,19 +56,19 @@ pub fn seal(
     command: &Command,
     passphrase: Option<Passphrase>,
 ) -> Result<Box<SignedCall>, Problem> {
-    let identity = opened(folder, name, passphrase)?;
+    let identity = open_identity(folder, name, passphrase)?;
     let seal = signing.sign(&identity, command).map_err(|error| Problem::of(&error))?;
     Ok(Box::new(seal))
 }
 
 /// Opens a named person's key for one signature.
-fn opened(folder: &Path, name: &str, passphrase: Option<Passphrase>) -> Result<Identity, Problem> {
-    let kept = Identity::open(folder, name).map_err(|error| Problem::of(&error))?;
-    if passphrase.is_some() != (kept.protection() == Protection::Passphrase) {
+fn open_identity(folder: &Path, name: &str, passphrase: Option<Passphrase>) -> Result<Identity, Problem> {
+    let identity = Identity::open(folder, name).map_err(|error| Problem::of(&error))?;
+    if passphrase.is_some() != (identity.protection() == Protection::Passphrase) {
         let text = format!("the passphrase of {name} was set or removed meanwhile");
         return Err(Problem::new(text).with_hint(format!("`:as {name}`, then again")));
     }
-    kept.unlock(passphrase.as_ref()).map_err(|error| match error {
+    identity.unlock(passphrase.as_ref()).map_err(|error| match error {
         IdentityError::Key(KeyError::Sealed { problem: EncryptedKeyError::Passphrase, .. }) => {
             Problem::new("wrong passphrase, nothing was signed")
         }

@@ -45,14 +45,18 @@ pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<Pat
 }
 
 /// Opens the viewer; the result is reported later.
-pub(super) fn open(shown: ViewerScene, logs: PathBuf, tell: mpsc::Sender<BackgroundResult>) -> EffectOutcome {
+pub(super) fn open(
+    scene: ViewerScene,
+    logs: PathBuf,
+    sender: mpsc::Sender<BackgroundResult>,
+) -> EffectOutcome {
     let work = move || {
-        let what = match start(&shown, &logs) {
+        let what = match start(&scene, &logs) {
             Ok(text) => MsgKind::Done { text, bad: false },
             Err(text) => MsgKind::Done { text: Untrusted::new(text).line().into_string(), bad: true },
         };
         // The console may have ended meanwhile.
-        drop(tell.blocking_send(BackgroundResult::Message(what)));
+        drop(sender.blocking_send(BackgroundResult::Message(what)));
     };
     match std::thread::Builder::new().name("viewer-start".to_owned()).spawn(work) {
         Ok(_) => good("starting the scene viewer".to_owned()),
@@ -60,12 +64,12 @@ pub(super) fn open(shown: ViewerScene, logs: PathBuf, tell: mpsc::Sender<Backgro
     }
 }
 
-fn start(shown: &ViewerScene, logs: &Path) -> Result<String, String> {
+fn start(scene: &ViewerScene, logs: &Path) -> Result<String, String> {
     let found = viewer::find(viewer::path().as_deref()).map_err(|error| error.sentence())?;
     if !viewer::has_screen() {
         return Err(viewer::ViewerError::NoScreen.sentence());
     }
-    let (arguments, what): (Vec<OsString>, String) = match shown {
+    let (arguments, what): (Vec<OsString>, String) = match scene {
         ViewerScene::Files(files) => {
             let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
             let names: Vec<String> = files.iter().filter_map(name).collect();

@@ -85,18 +85,18 @@ pub struct ReconnectStatus {
     /// The most searches.
     pub tries_max: u32,
     /// The result of the last search, one sentence.
-    pub said: String,
+    pub result: String,
 }
 
 impl ReconnectStatus {
     /// In words.
     #[must_use]
     pub fn description(&self) -> String {
-        let Self { tries, tries_max, said } = self;
+        let Self { tries, tries_max, result } = self;
         if tries < tries_max {
-            format!("looks for an engine again, {tries} of {tries_max}: {said}")
+            format!("looks for an engine again, {tries} of {tries_max}: {result}")
         } else {
-            format!("no engine was found in {tries_max} looks: start `holdpoint` again ({said})")
+            format!("no engine was found in {tries_max} looks: start `holdpoint` again ({result})")
         }
     }
 }
@@ -109,7 +109,7 @@ pub struct PendingStop {
     /// The operator who asked for it; empty if none was named.
     pub by: String,
     /// Console time of the newest request, ms.
-    pub asked_ms: u64,
+    pub requested_ms: u64,
     /// Console time of the first request, ms.
     pub since_ms: u64,
     /// Why the newest request got no answer; absent while one may still come.
@@ -218,7 +218,7 @@ pub struct EngineData {
     /// The bounds of everything that moved, for the robot pane.
     pub framing: Framing,
     /// The newest camera frame of the live cell.
-    pub picture: Option<Arc<VideoFrame>>,
+    pub frame: Option<Arc<VideoFrame>>,
     /// The event log, oldest first; at most [`LOG_MAX`] lines.
     pub events: VecDeque<EventLogLine>,
     /// Events that were missed because the console was slow.

@@ -56,7 +56,7 @@ pub struct EngineRequests {
     /// Console time of the last check of the operator's own files, ms.
     pub own_files_ms: u64,
     /// The count at the last query of each kind.
-    pub asked: BTreeMap<RequestSubject, u64>,
+    pub changes_at_query: BTreeMap<RequestSubject, u64>,
 }
 
 impl Default for EngineRequests {
@@ -66,7 +66,7 @@ impl Default for EngineRequests {
             next_request: 1,
             changes: 0,
             own_files_ms: 0,
-            asked: BTreeMap::new(),
+            changes_at_query: BTreeMap::new(),
         }
     }
 }

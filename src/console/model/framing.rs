@@ -18,15 +18,15 @@ pub struct Framing {
 impl Framing {
     /// Of one moment alone.
     #[must_use]
-    pub fn of(picture: &VideoFrame) -> Self {
+    pub fn of(frame: &VideoFrame) -> Self {
         let mut framing = Self::default();
-        framing.see(picture);
+        framing.see(frame);
         framing
     }
 
     /// Takes in a moment.
-    pub fn see(&mut self, picture: &VideoFrame) {
-        let arms = std::iter::once(&picture.body).chain(picture.twin.as_ref().map(|twin| &twin.body));
+    pub fn see(&mut self, frame: &VideoFrame) {
+        let arms = std::iter::once(&frame.body).chain(frame.twin.as_ref().map(|twin| &twin.body));
         let joints = arms.flat_map(|body| body.links.iter().chain(std::iter::once(&body.object)));
         joints.for_each(|joint| self.reach(*joint));
     }

@@ -142,7 +142,7 @@ pub enum ItemKey {
     /// Which of the shadowed sequences.
     Disagreement(u64),
     /// The text of a row of the candidate view.
-    Said(String),
+    Text(String),
 }
 
 /// A record of the log in raw form.
@@ -171,7 +171,7 @@ pub struct ViewState {
     /// The filter of the event log beside the overview; empty for none.
     pub story_filter: String,
     /// The last search text, in a list without a filter.
-    pub sought: String,
+    pub search: String,
     /// Marked alarms, by name: one acknowledgment takes them all.
     pub marked: BTreeSet<String>,
     /// Marked versions: one rejection or hold takes them all, where they are listed.

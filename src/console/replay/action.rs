@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_key_of_the_table_does_what_it_says() {
+    fn every_key_of_the_table_runs_its_action() {
         for action in ReplayAction::ALL {
             for name in action.keys().split(' ') {
                 let (modifiers, plain) = match name.split_once('-') {

@@ -115,7 +115,7 @@ fn in_force(points: &[(u64, f64)], at_ms: u64) -> Option<f64> {
 pub fn groups(recording: &Recording) -> Vec<ChartSection> {
     let mut all: Vec<Series> = recording.series.clone();
     if !all.iter().any(|series| ChartGroup::of(&series.name) == ChartGroup::Tool) {
-        all.extend(of_pictures(&recording.pictures));
+        all.extend(frame_series(&recording.pictures));
     }
     let mut groups: Vec<ChartSection> = Vec::new();
     for series in all.iter().filter(|series| limit_of(&series.name).is_none() && !series.points.is_empty()) {
@@ -161,21 +161,21 @@ fn title(name: &str) -> String {
 }
 
 /// Speed and forces from the video frames.
-fn of_pictures(pictures: &[VideoFrame]) -> Vec<Series> {
+fn frame_series(frames: &[VideoFrame]) -> Vec<Series> {
     type Value = fn(&VideoFrame) -> f32;
     type Limit = fn(&EnvelopeView) -> f32;
     let table: [(&str, Value, Limit); 3] = [
-        ("tool/speed", |picture| picture.speed_m_s, |envelope| envelope.speed_m_s),
-        ("tool/force", |picture| picture.force_n, |envelope| envelope.force_n),
-        ("tool/contact", |picture| picture.contact_n, |envelope| envelope.contact_n),
+        ("tool/speed", |frame| frame.speed_m_s, |envelope| envelope.speed_m_s),
+        ("tool/force", |frame| frame.force_n, |envelope| envelope.force_n),
+        ("tool/contact", |frame| frame.contact_n, |envelope| envelope.contact_n),
     ];
     let both = table.into_iter().map(|(name, value, limit)| {
         let points = |of: &dyn Fn(&VideoFrame) -> Option<f32>| {
-            let point = |picture: &VideoFrame| of(picture).map(|value| (picture.at_ms, f64::from(value)));
-            pictures.iter().filter_map(point).collect()
+            let point = |frame: &VideoFrame| of(frame).map(|value| (frame.at_ms, f64::from(value)));
+            frames.iter().filter_map(point).collect()
         };
-        let values = points(&|picture| Some(value(picture)));
-        let limits = points(&|picture| picture.envelope.as_ref().map(limit));
+        let values = points(&|frame| Some(value(frame)));
+        let limits = points(&|frame| frame.envelope.as_ref().map(limit));
         [
             Series { name: name.to_owned(), points: values },
             Series { name: format!("{name}/limit"), points: limits },

@@ -81,9 +81,9 @@ impl ReplayModel {
 
     /// How much older than the cursor the frame is, ms; absent without a frame.
     #[must_use]
-    pub fn picture_age_ms(&self) -> Option<u64> {
-        let picture = self.timeline.picture(self.cursor.picture?)?;
-        Some(self.cursor.at_ms.saturating_sub(picture.at_ms))
+    pub fn frame_age_ms(&self) -> Option<u64> {
+        let frame = self.timeline.frame(self.cursor.frame?)?;
+        Some(self.cursor.at_ms.saturating_sub(frame.at_ms))
     }
 
     /// Shows a message at the foot for a while.

@@ -37,9 +37,9 @@ pub fn pass(model: &mut ReplayModel, now_ms: u64) -> bool {
     let mut target_ms = at_ms.saturating_add(quarters / 4).min(ends_ms);
     // Stops before a gap: its last frame is shown before the gap is skipped.
     if model.skips_gaps
-        && let Some(last_ms) = model.timeline.last_moment_ms(target_ms)
+        && let Some(last_ms) = model.timeline.last_time_ms(target_ms)
         && last_ms > at_ms
-        && model.timeline.next_moment_ms(target_ms).is_some_and(|next_ms| next_ms - last_ms > GAP_MS)
+        && model.timeline.next_time_ms(target_ms).is_some_and(|next_ms| next_ms - last_ms > GAP_MS)
     {
         target_ms = last_ms;
     }
@@ -50,14 +50,13 @@ pub fn pass(model: &mut ReplayModel, now_ms: u64) -> bool {
 /// Jumps over a gap if the cursor is before one.
 fn skip(model: &mut ReplayModel) -> bool {
     let at_ms = model.cursor.at_ms;
-    let Some(next_ms) = model.timeline.next_moment_ms(at_ms).filter(|next_ms| next_ms - at_ms > GAP_MS)
-    else {
+    let Some(next_ms) = model.timeline.next_time_ms(at_ms).filter(|next_ms| next_ms - at_ms > GAP_MS) else {
         return false;
     };
     model.cursor = model.timeline.at(next_ms);
     model.carried_quarters = 0;
-    let is_picture = model.picture_age_ms() == Some(0);
-    if !is_picture {
+    let is_frame = model.frame_age_ms() == Some(0);
+    if !is_frame {
         // Nothing moves here, so the event stays long enough to be read.
         rest(model);
     }
@@ -84,7 +83,7 @@ pub fn wakes_in_ms(model: &ReplayModel) -> Option<u64> {
         if rests_ms > 0 {
             return rests_ms;
         }
-        let next_ms = model.timeline.next_moment_ms(model.cursor.at_ms);
+        let next_ms = model.timeline.next_time_ms(model.cursor.at_ms);
         let left_ms = next_ms.map_or(0, |next_ms| next_ms - model.cursor.at_ms);
         model.speed.real_ms(left_ms).clamp(FRAME_MS.0, FRAME_MS.1)
     });

@@ -28,18 +28,18 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     for event in recording.events.iter().filter(|event| is_shown(event.at_ms)) {
         writeln!(out, "{:>8} {}", tick_of(event.at_ms), event_text::line(event))?;
     }
-    let frames = recording.pictures.iter().filter(|picture| is_shown(picture.at_ms)).count();
+    let frames = recording.pictures.iter().filter(|frame| is_shown(frame.at_ms)).count();
     let all_shown = recording.span_ms().is_none_or(|(_, last_ms)| is_shown(last_ms));
     let end = match (&recording.outcome, all_shown) {
         (_, false) => "the recording goes on".to_owned(),
         (Some(outcome), true) => format!("ended: {outcome}"),
         (None, true) => "not closed: the recording ends before the upgrade did".to_owned(),
     };
-    let (lost_pictures, lost_events) = recording.dropped;
+    let (lost_frames, lost_events) = recording.dropped;
     let lost = if recording.dropped == (0, 0) {
         String::new()
     } else {
-        format!("; not kept: {lost_pictures} frames, {lost_events} events")
+        format!("; not kept: {lost_frames} frames, {lost_events} events")
     };
     writeln!(out, "{}; {frames} frames{lost}", Untrusted::new(end).line())
 }

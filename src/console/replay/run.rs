@@ -141,7 +141,7 @@ fn on_screen(
     screen.draw(|area, buffer| frame::draw(&model, &look, area, buffer))?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
     let showing =
-        ReplaySession { begun: Instant::now(), model, look, screen, inputs: input::start()?, guard };
+        ReplaySession { started_at: Instant::now(), model, look, screen, inputs: input::start()?, guard };
     let ended = runtime.block_on(showing.run());
     drop(terminal);
     ended.map_err(ReplayError::Terminal)
@@ -149,7 +149,7 @@ fn on_screen(
 
 /// A replay on the screen.
 struct ReplaySession {
-    begun: Instant,
+    started_at: Instant,
     model: ReplayModel,
     look: Look,
     screen: Screen,
@@ -177,7 +177,7 @@ impl ReplaySession {
             }
             if effects.contains(&ReplayEffect::Draw) {
                 #[cfg(debug_assertions)]
-                fail_if_asked();
+                panic_if_requested();
                 let (model, look) = (&self.model, &self.look);
                 self.screen.draw(|area, buffer| frame::draw(model, look, area, buffer))?;
             }
@@ -223,7 +223,7 @@ impl ReplaySession {
             | msg::MsgKind::Answer { .. }
             | msg::MsgKind::Lagged(_)
             | msg::MsgKind::Snapshot(_)
-            | msg::MsgKind::Picture(_)
+            | msg::MsgKind::VideoFrame(_)
             | msg::MsgKind::EngineEnded(_)
             | msg::MsgKind::Identities(_)
             | msg::MsgKind::Operator(_)
@@ -234,14 +234,14 @@ impl ReplaySession {
             | msg::MsgKind::Unsigned { .. }
             | msg::MsgKind::Theme(_)
             | msg::MsgKind::DecisionShown(_)
-            | msg::MsgKind::EndAsked
+            | msg::MsgKind::EndRequested
             | msg::MsgKind::Tick => ReplayMsgKind::Tick,
         };
         Ok(self.fold(what))
     }
 
     fn fold(&mut self, what: ReplayMsgKind) -> Vec<ReplayEffect> {
-        let now_ms = u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX);
+        let now_ms = u64::try_from(self.started_at.elapsed().as_millis()).unwrap_or(u64::MAX);
         update(&mut self.model, ReplayMsg { now_ms, what })
     }
 }
@@ -249,7 +249,7 @@ impl ReplaySession {
 /// Tests the panic policy: a screen that fails while it is drawn. Not in a release.
 #[cfg(debug_assertions)]
 #[allow(clippy::panic, reason = "that is what is tested")]
-fn fail_if_asked() {
+fn panic_if_requested() {
     if std::env::var("HOLDPOINT_TEST_PANIC").is_ok_and(|who| who == "ui") {
         std::panic::panic_any("HOLDPOINT_TEST_PANIC asked for it");
     }

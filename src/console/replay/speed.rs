@@ -67,12 +67,12 @@ mod tests {
     #[test]
     fn goes_from_a_quarter_to_sixty_four() {
         let mut speed = Speed::of(0.25).unwrap();
-        let mut words = vec![speed.label()];
+        let mut labels = vec![speed.label()];
         while speed.faster() != speed {
             speed = speed.faster();
-            words.push(speed.label());
+            labels.push(speed.label());
         }
-        assert_eq!(words, ["1/4x", "1/2x", "1x", "2x", "4x", "8x", "16x", "32x", "64x"]);
+        assert_eq!(labels, ["1/4x", "1/2x", "1x", "2x", "4x", "8x", "16x", "32x", "64x"]);
         assert_eq!(Speed::of(64.0), Some(speed));
         while speed.slower() != speed {
             speed = speed.slower();

@@ -22,7 +22,7 @@ use holdpoint_protocol::video_frame::{ArmView, NO_TURN, Scenery, VideoFrame};
 use holdpoint_recordings::recording::{FilmSpan, Recording, RecordingSubject};
 
 /// Frames every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
-fn pictures() -> Vec<VideoFrame> {
+fn video_frames() -> Vec<VideoFrame> {
     let mut times: Vec<u64> = (0..=10).flat_map(|step| [20_000 + step * 100, 40_000 + step * 100]).collect();
     times.push(20_500);
     times.sort_unstable();
@@ -102,7 +102,7 @@ fn recording() -> Recording {
         },
         outcome: Some(UpgradeEnd::Rejected.into()),
         scenery: Scenery::default(),
-        pictures: pictures(),
+        pictures: video_frames(),
         events: (1..).zip(kinds).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect(),
         series: Vec::new(),
         films: Vec::new(),
@@ -130,7 +130,7 @@ fn pass(model: &mut ReplayModel, real_ms: u64) -> Vec<ReplayEffect> {
     update(model, ReplayMsg { now_ms, what: ReplayMsgKind::Tick })
 }
 
-fn said(model: &ReplayModel) -> &str {
+fn notice_text(model: &ReplayModel) -> &str {
     model.notice.as_ref().map_or("", |notice| &notice.text)
 }
 
@@ -168,7 +168,7 @@ fn keys_move_the_cursor() {
         (30_000, ":x\n", 30_000, Some(11), Some(5)),
         (30_000, ":20\u{1b}", 30_000, Some(11), Some(5)),
     ];
-    for (from_ms, typed, at_ms, picture, event) in table {
+    for (from_ms, typed, at_ms, frame, event) in table {
         let mut model = model();
         model.cursor = model.timeline.at(from_ms);
         for key in typed.chars() {
@@ -180,18 +180,14 @@ fn keys_move_the_cursor() {
             assert_eq!(press(&mut model, code), [ReplayEffect::Draw], "{typed}");
         }
         let cursor = model.cursor;
-        assert_eq!(
-            (cursor.at_ms, cursor.picture, cursor.event),
-            (at_ms, picture, event),
-            "{from_ms} {typed:?}"
-        );
+        assert_eq!((cursor.at_ms, cursor.frame, cursor.event), (at_ms, frame, event), "{from_ms} {typed:?}");
         assert!(model.typing.is_none() && !model.playing, "{typed:?}");
     }
 }
 
 #[test]
-fn ends_are_said() {
-    for (from_ms, key, words) in [
+fn ends_are_reported() {
+    for (from_ms, key, expected) in [
         (50_000, 'l', "no frame after this one"),
         (10_000, 'h', "no frame before this one"),
         (50_000, 'n', "no event after this"),
@@ -202,12 +198,15 @@ fn ends_are_said() {
         model.cursor = model.timeline.at(from_ms);
         let before = model.cursor;
         keys(&mut model, &key.to_string());
-        assert_eq!((said(&model), model.cursor), (words, before));
+        assert_eq!((notice_text(&model), model.cursor), (expected, before));
     }
     let mut model = model();
     keys(&mut model, "99");
     press(&mut model, KeyCode::Enter);
-    assert_eq!((model.cursor.at_ms, said(&model)), (50_000, "the recording goes from 10.0 s to 50.0 s"));
+    assert_eq!(
+        (model.cursor.at_ms, notice_text(&model)),
+        (50_000, "the recording goes from 10.0 s to 50.0 s")
+    );
     keys(&mut model, ":nowhere");
     press(&mut model, KeyCode::Enter);
     assert!(model.notice.as_ref().is_some_and(|notice| notice.bad && notice.text.contains("\"nowhere\"")));
@@ -260,19 +259,19 @@ fn playing_follows_the_clock_and_stops_at_the_end() {
     pass(&mut model, 50);
     assert_eq!(model.cursor.at_ms, 50_000);
     pass(&mut model, 50);
-    assert!(!model.playing && said(&model).starts_with("end of the recording"));
+    assert!(!model.playing && notice_text(&model).starts_with("end of the recording"));
     keys(&mut model, " ");
     assert!(model.playing && model.cursor.at_ms == 10_000);
 }
 
 #[test]
-fn gaps_are_skipped_from_telling_event_to_event_and_said() {
+fn gaps_are_skipped_up_to_the_next_event_and_reported() {
     let mut model = model();
     keys(&mut model, " ");
     // Playing does not stop for progress, but for the decision after it.
     pass(&mut model, 50);
     assert_eq!((model.cursor.at_ms, model.cursor.event), (19_500, Some(5)));
-    assert_eq!(said(&model), "skipped 9 s without frames; s plays them through");
+    assert_eq!(notice_text(&model), "skipped 9 s without frames; s plays them through");
     // It pauses there to be read, and then continues.
     pass(&mut model, 800);
     assert_eq!(model.cursor.at_ms, 19_500);
@@ -364,10 +363,10 @@ fn how_it_stood_follows_the_events() {
 
 /// The last frame of a re-run stays until another follows; it must not pass for the live arm's.
 #[test]
-fn a_picture_of_what_was_worked_again_says_so_as_long_as_it_is_shown() {
+fn a_frame_of_a_re_run_is_labeled_while_it_is_shown() {
     let mut recording = recording();
     let last_ms =
-        recording.pictures.iter().map(|picture| picture.at_ms).filter(|at| *at <= 21_000).max().unwrap();
+        recording.pictures.iter().map(|frame| frame.at_ms).filter(|at| *at <= 21_000).max().unwrap();
     recording.films = vec![FilmSpan {
         from_ms: recording.pictures[0].at_ms,
         until_ms: last_ms,

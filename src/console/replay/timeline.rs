@@ -18,9 +18,9 @@ pub const GAP_MS: u64 = 2_000;
 pub struct Timeline {
     recording: Recording,
     span_ms: (u64, u64),
-    standings: Vec<VersionStatus>,
+    statuses: Vec<VersionStatus>,
     marks: Vec<Option<TimeMark>>,
-    moments_ms: Vec<u64>,
+    times_ms: Vec<u64>,
     stretches_ms: Vec<(u64, u64)>,
     groups: Vec<ChartSection>,
 }
@@ -31,7 +31,7 @@ pub struct TimelineCursor {
     /// Virtual time of the moment, ms.
     pub at_ms: u64,
     /// The last frame at that moment.
-    pub picture: Option<usize>,
+    pub frame: Option<usize>,
     /// The last event at that moment.
     pub event: Option<usize>,
 }
@@ -40,25 +40,25 @@ impl Timeline {
     /// Sorts a recording and derives its data.
     #[must_use]
     pub fn new(mut recording: Recording) -> Self {
-        recording.pictures.sort_by_key(|picture| picture.at_ms);
+        recording.pictures.sort_by_key(|frame| frame.at_ms);
         recording.events.sort_by_key(|event| event.at_ms);
         for series in &mut recording.series {
             series.points.sort_by_key(|(at_ms, _)| *at_ms);
         }
-        let telling = recording.events.iter().filter(|event| is_telling(&event.kind));
-        let mut moments_ms: Vec<u64> = telling
+        let stops = recording.events.iter().filter(|event| stops_playback(&event.kind));
+        let mut times_ms: Vec<u64> = stops
             .map(|event| event.at_ms)
-            .chain(recording.pictures.iter().map(|picture| picture.at_ms))
+            .chain(recording.pictures.iter().map(|frame| frame.at_ms))
             .collect();
-        moments_ms.sort_unstable();
-        moments_ms.dedup();
+        times_ms.sort_unstable();
+        times_ms.dedup();
         Self {
             span_ms: recording.span_ms().unwrap_or_default(),
-            standings: version_status::after_each(&recording.about.version, &recording.events),
+            statuses: version_status::after_each(&recording.about.version, &recording.events),
             marks: recording.events.iter().map(|event| time_mark::of(&event.kind)).collect(),
             stretches_ms: stretches_ms(&recording.pictures),
             groups: charts::groups(&recording),
-            moments_ms,
+            times_ms,
             recording,
         }
     }
@@ -105,36 +105,36 @@ impl Timeline {
     }
 
     #[must_use]
-    pub fn picture(&self, picture: usize) -> Option<&VideoFrame> {
-        self.recording.pictures.get(picture)
+    pub fn frame(&self, frame: usize) -> Option<&VideoFrame> {
+        self.recording.pictures.get(frame)
     }
 
     /// The frame after a cursor.
     #[must_use]
-    pub fn next_picture(&self, cursor: TimelineCursor) -> Option<&VideoFrame> {
-        self.picture(cursor.picture.map_or(0, |picture| picture + 1))
+    pub fn next_frame(&self, cursor: TimelineCursor) -> Option<&VideoFrame> {
+        self.frame(cursor.frame.map_or(0, |frame| frame + 1))
     }
 
     /// The state of the version at a cursor.
     #[must_use]
     pub fn version_status(&self, cursor: TimelineCursor) -> VersionStatus {
-        cursor.event.and_then(|event| self.standings.get(event)).copied().unwrap_or_default()
+        cursor.event.and_then(|event| self.statuses.get(event)).copied().unwrap_or_default()
     }
 
     /// The cursor at a time; outside the span, at its nearer end.
     #[must_use]
     pub fn at(&self, at_ms: u64) -> TimelineCursor {
         let at_ms = at_ms.clamp(self.span_ms.0, self.span_ms.1);
-        let pictures = self.recording.pictures.partition_point(|picture| picture.at_ms <= at_ms);
+        let frames = self.recording.pictures.partition_point(|frame| frame.at_ms <= at_ms);
         let events = self.recording.events.partition_point(|event| event.at_ms <= at_ms);
-        TimelineCursor { at_ms, picture: pictures.checked_sub(1), event: events.checked_sub(1) }
+        TimelineCursor { at_ms, frame: frames.checked_sub(1), event: events.checked_sub(1) }
     }
 
     /// The cursor on a frame.
     #[must_use]
-    pub fn on_picture(&self, picture: usize) -> Option<TimelineCursor> {
-        let at = self.at(self.picture(picture)?.at_ms);
-        Some(TimelineCursor { picture: Some(picture), ..at })
+    pub fn on_frame(&self, frame: usize) -> Option<TimelineCursor> {
+        let at = self.at(self.frame(frame)?.at_ms);
+        Some(TimelineCursor { frame: Some(frame), ..at })
     }
 
     /// The cursor on an event.
@@ -146,37 +146,37 @@ impl Timeline {
 
     /// The first time after `at_ms` with a frame or event, ms.
     #[must_use]
-    pub fn next_moment_ms(&self, at_ms: u64) -> Option<u64> {
-        let next = self.moments_ms.partition_point(|moment_ms| *moment_ms <= at_ms);
-        self.moments_ms.get(next).copied()
+    pub fn next_time_ms(&self, at_ms: u64) -> Option<u64> {
+        let next = self.times_ms.partition_point(|time_ms| *time_ms <= at_ms);
+        self.times_ms.get(next).copied()
     }
 
     /// The last time up to `at_ms` with a frame or event, ms.
     #[must_use]
-    pub fn last_moment_ms(&self, at_ms: u64) -> Option<u64> {
-        let next = self.moments_ms.partition_point(|moment_ms| *moment_ms <= at_ms);
-        next.checked_sub(1).and_then(|last| self.moments_ms.get(last)).copied()
+    pub fn last_time_ms(&self, at_ms: u64) -> Option<u64> {
+        let next = self.times_ms.partition_point(|time_ms| *time_ms <= at_ms);
+        next.checked_sub(1).and_then(|last| self.times_ms.get(last)).copied()
     }
 
     /// The gap round a cursor, if it is in one: both ends, ms.
     #[must_use]
     pub fn gap_ms(&self, cursor: TimelineCursor) -> Option<(u64, u64)> {
-        let begins = cursor.picture.and_then(|picture| self.picture(picture));
-        let begins_ms = begins.map_or(self.span_ms.0, |picture| picture.at_ms);
-        let ends_ms = self.next_picture(cursor).map_or(self.span_ms.1, |picture| picture.at_ms);
+        let begins = cursor.frame.and_then(|frame| self.frame(frame));
+        let begins_ms = begins.map_or(self.span_ms.0, |frame| frame.at_ms);
+        let ends_ms = self.next_frame(cursor).map_or(self.span_ms.1, |frame| frame.at_ms);
         // A fresh frame is in no gap.
         let is_seen = begins.is_some() && cursor.at_ms.saturating_sub(begins_ms) <= super::FRESH_MS;
         (!is_seen && ends_ms.saturating_sub(begins_ms) > GAP_MS).then_some((begins_ms, ends_ms))
     }
 }
 
-fn stretches_ms(pictures: &[VideoFrame]) -> Vec<(u64, u64)> {
+fn stretches_ms(frames: &[VideoFrame]) -> Vec<(u64, u64)> {
     let joined = |a: &VideoFrame, b: &VideoFrame| b.at_ms.saturating_sub(a.at_ms) <= GAP_MS;
     let ends = |stretch: &[VideoFrame]| Some((stretch.first()?.at_ms, stretch.last()?.at_ms));
-    pictures.chunk_by(joined).filter_map(ends).collect()
+    frames.chunk_by(joined).filter_map(ends).collect()
 }
 
 /// Whether playing stops at an event on its way through a gap. Progress counts by its end.
-const fn is_telling(kind: &EventKind) -> bool {
+const fn stops_playback(kind: &EventKind) -> bool {
     !matches!(kind, EventKind::Progress { .. } | EventKind::Pace { .. })
 }

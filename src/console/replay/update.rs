@@ -60,9 +60,9 @@ fn key(model: &mut ReplayModel, key: KeyEvent) -> Vec<ReplayEffect> {
         typed(model, key);
         return vec![ReplayEffect::Draw];
     }
-    let asked = action::of(key);
+    let requested = action::of(key);
     if let Some(first) = model.help {
-        model.help = match (asked, key.code) {
+        model.help = match (requested, key.code) {
             (Some(ReplayAction::Leave | ReplayAction::Help), _) => None,
             (_, KeyCode::Down | KeyCode::PageDown | KeyCode::Char('j')) => Some(first.saturating_add(1)),
             (_, KeyCode::Up | KeyCode::PageUp | KeyCode::Char('k')) => Some(first.saturating_sub(1)),
@@ -70,7 +70,7 @@ fn key(model: &mut ReplayModel, key: KeyEvent) -> Vec<ReplayEffect> {
         };
         return vec![ReplayEffect::Draw];
     }
-    match (asked, key.code) {
+    match (requested, key.code) {
         (Some(ReplayAction::Leave), _) => return vec![ReplayEffect::Leave],
         (Some(action), _) => act(model, action),
         (None, KeyCode::Char(digit)) if digit.is_ascii_digit() && key.modifiers.is_empty() => {
@@ -124,16 +124,16 @@ fn jump_to(model: &mut ReplayModel, text: &str) {
 fn act(model: &mut ReplayModel, action: ReplayAction) {
     match action {
         ReplayAction::Play => play(model),
-        ReplayAction::NextPicture => picture_on(model),
-        ReplayAction::PreviousPicture => picture_back(model),
+        ReplayAction::NextPicture => next_frame(model),
+        ReplayAction::PreviousPicture => previous_frame(model),
         ReplayAction::SecondOn => seek(model, model.cursor.at_ms.saturating_add(SECOND_MS)),
         ReplayAction::SecondBack => seek(model, model.cursor.at_ms.saturating_sub(SECOND_MS)),
         ReplayAction::Faster => model.speed = model.speed.faster(),
         ReplayAction::Slower => model.speed = model.speed.slower(),
-        ReplayAction::NextEvent => event_on(model, false),
-        ReplayAction::PreviousEvent => event_back(model, false),
-        ReplayAction::NextTurn => event_on(model, true),
-        ReplayAction::PreviousTurn => event_back(model, true),
+        ReplayAction::NextEvent => next_event(model, false),
+        ReplayAction::PreviousEvent => previous_event(model, false),
+        ReplayAction::NextTurn => next_event(model, true),
+        ReplayAction::PreviousTurn => previous_event(model, true),
         ReplayAction::First => seek(model, model.timeline.span_ms().0),
         ReplayAction::Last => seek(model, model.timeline.span_ms().1),
         ReplayAction::Jump => model.typing = Some(EditLine::default()),
@@ -175,27 +175,27 @@ fn go_to_event(model: &mut ReplayModel, cursor: TimelineCursor) {
     playback::rest(model);
 }
 
-fn picture_on(model: &mut ReplayModel) {
+fn next_frame(model: &mut ReplayModel) {
     model.playing = false;
-    let next = model.cursor.picture.map_or(0, |picture| picture + 1);
-    match model.timeline.on_picture(next) {
+    let next = model.cursor.frame.map_or(0, |frame| frame + 1);
+    match model.timeline.on_frame(next) {
         Some(cursor) => go(model, cursor),
         None => model.show_notice("no frame after this one", false),
     }
 }
 
 /// The frame before; the present one if that is no longer fresh.
-fn picture_back(model: &mut ReplayModel) {
+fn previous_frame(model: &mut ReplayModel) {
     model.playing = false;
-    let is_old = model.picture_age_ms().is_some_and(|age_ms| age_ms > super::FRESH_MS);
-    let before = model.cursor.picture.and_then(|picture| picture.checked_sub(usize::from(!is_old)));
-    match before.and_then(|picture| model.timeline.on_picture(picture)) {
+    let is_old = model.frame_age_ms().is_some_and(|age_ms| age_ms > super::FRESH_MS);
+    let before = model.cursor.frame.and_then(|frame| frame.checked_sub(usize::from(!is_old)));
+    match before.and_then(|frame| model.timeline.on_frame(frame)) {
         Some(cursor) => go(model, cursor),
         None => model.show_notice("no frame before this one", false),
     }
 }
 
-fn event_on(model: &mut ReplayModel, turns: bool) {
+fn next_event(model: &mut ReplayModel, turns: bool) {
     let mut next = model.cursor.event.map_or(0, |event| event + 1);
     while turns && model.timeline.event(next).is_some() && !is_turn(model, next) {
         next += 1;
@@ -208,7 +208,7 @@ fn event_on(model: &mut ReplayModel, turns: bool) {
 }
 
 /// The event before the cursor; while playing, the one before the last passed event.
-fn event_back(model: &mut ReplayModel, turns: bool) {
+fn previous_event(model: &mut ReplayModel, turns: bool) {
     let passed_ms = if model.playing { model.speed.quarters(SECOND_MS) / 4 } else { 0 };
     let at_ms = model.cursor.at_ms.saturating_sub(passed_ms);
     let is_before = |event: &usize| {

@@ -50,16 +50,16 @@ impl VersionStatus {
 /// The state of `version` after each of the events.
 #[must_use]
 pub fn after_each(version: &CapabilityId, events: &[Event]) -> Vec<VersionStatus> {
-    let mut standing = VersionStatus::default();
+    let mut status = VersionStatus::default();
     let fold = |event: &Event| {
-        apply(&mut standing, version, &event.kind);
-        standing
+        apply(&mut status, version, &event.kind);
+        status
     };
     events.iter().map(fold).collect()
 }
 
-fn apply(standing: &mut VersionStatus, version: &CapabilityId, kind: &EventKind) {
-    let VersionStatus { state, flags } = standing;
+fn apply(status: &mut VersionStatus, version: &CapabilityId, kind: &EventKind) {
+    let VersionStatus { state, flags } = status;
     match kind {
         EventKind::Registered { version: of, .. } if of == version => *state = Some(State::Registered),
         EventKind::StateChanged { version: of, to, .. } if of == version => {

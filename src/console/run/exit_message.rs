@@ -53,7 +53,7 @@ pub(super) fn exit_report(
 pub(super) fn at_work(
     model: &ConsoleModel,
     cause: ExitCause,
-    kept: &Result<(), ControlSocketError>,
+    reply: &Result<(), ControlSocketError>,
     ends_alone_s: Option<u64>,
 ) -> ExitReport {
     let (back, stop) = (model.in_shell(""), model.in_shell("stop"));
@@ -61,11 +61,11 @@ pub(super) fn at_work(
     if let Some(secs) = ends_alone_s {
         text.push_str(&format!("; without a console, it ends after {secs} s"));
     }
-    if let Err(error) = kept {
+    if let Err(error) = reply {
         text.push_str(&format!("; the request to keep it running FAILED: {}", error.sentence()));
     }
     let text = Untrusted::new(text).line().into_string();
-    ExitReport { cause, engine_started: true, in_order: kept.is_ok(), text }
+    ExitReport { cause, engine_started: true, in_order: reply.is_ok(), text }
 }
 
 /// The exit report if the engine has not finished its shutdown.
@@ -119,17 +119,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn says_how_the_engine_ended() {
+    fn reports_how_the_engine_ended() {
         let fault = || Some(Err(EngineEndError::of("disk full\u{7}")));
-        for (came_up, ended, in_order, words) in [
+        for (came_up, ended, in_order, expected) in [
             (true, Some(Ok(())), true, "the engine shut down cleanly"),
             (true, fault(), false, r"with a fault: disk full\u{7}"),
             (false, fault(), false, r"did not come up: disk full\u{7}"),
             (true, None, false, "did not end in time"),
         ] {
-            let left = exit_report(ExitCause::Requested, came_up, ended, None);
-            assert_eq!(left.in_order, in_order);
-            assert!(left.text.contains(words), "{}", left.text);
+            let report = exit_report(ExitCause::Requested, came_up, ended, None);
+            assert_eq!(report.in_order, in_order);
+            assert!(report.text.contains(expected), "{}", report.text);
         }
         assert_eq!(candidates(1), "1 candidate is");
         assert_eq!(candidates(3), "3 candidates are");

@@ -9,7 +9,7 @@ const KEY_INTERVAL_MS: u64 = 10;
 const STORY_INTERVAL_MS: u64 = 67;
 
 /// Frames for a moving scene: at most 18 a second. Thirty cost 2.9 % of a core; the budget is 2 %.
-const PICTURE_INTERVAL_MS: u64 = 55;
+const SCENE_INTERVAL_MS: u64 = 55;
 
 /// Why a frame is wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -17,7 +17,7 @@ pub enum FrameReason {
     /// A message came, or time passed.
     Text,
     /// The shown camera frame changed.
-    Picture,
+    Scene,
     /// A key was pressed, or the size changed.
     Key,
 }
@@ -40,7 +40,7 @@ impl FramePace {
     pub fn due_ms(&self) -> Option<u64> {
         let interval_ms = match self.want? {
             FrameReason::Text => STORY_INTERVAL_MS,
-            FrameReason::Picture => PICTURE_INTERVAL_MS,
+            FrameReason::Scene => SCENE_INTERVAL_MS,
             FrameReason::Key => KEY_INTERVAL_MS,
         };
         Some(self.last_ms.map_or(0, |last_ms| last_ms.saturating_add(interval_ms)))
@@ -73,7 +73,7 @@ mod tests {
         assert!(!pace.is_due(u64::MAX));
         pace.want(FrameReason::Text);
         assert_eq!(pace.due_ms(), Some(1_067));
-        pace.want(FrameReason::Picture);
+        pace.want(FrameReason::Scene);
         assert_eq!(pace.due_ms(), Some(1_055));
         pace.want(FrameReason::Key);
         pace.want(FrameReason::Text);
@@ -83,8 +83,7 @@ mod tests {
 
     #[test]
     fn frames_are_at_most_so_many_a_second() {
-        for (want, frames_max) in
-            [(FrameReason::Text, 15), (FrameReason::Picture, 19), (FrameReason::Key, 100)]
+        for (want, frames_max) in [(FrameReason::Text, 15), (FrameReason::Scene, 19), (FrameReason::Key, 100)]
         {
             let mut pace = FramePace::default();
             let mut frames = 0;

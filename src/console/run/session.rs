@@ -56,7 +56,7 @@ const SEEK_PAUSE_MAX: Duration = Duration::from_secs(15);
 const SEEK_MAX: u32 = 64;
 
 /// Background results that can wait in the channel.
-const ERRANDS_MAX: usize = 16;
+const JOBS_MAX: usize = 16;
 
 /// The parts of a session besides the screen.
 pub(super) struct SessionParts {
@@ -70,7 +70,7 @@ pub(super) struct SessionParts {
 
 /// See the module's head.
 pub(super) struct Session {
-    begun: Instant,
+    started_at: Instant,
     model: ConsoleModel,
     look: Look,
     screen: Screen,
@@ -115,7 +115,7 @@ enum SessionInput {
     JobResult(BackgroundResult),
     Update(Option<EngineUpdate>),
     Snapshot,
-    Picture,
+    VideoFrame,
     Ending(EndSignal),
     Tick,
     Frame,
@@ -133,7 +133,7 @@ impl Session {
     ) -> io::Result<Self> {
         let view = parts.view;
         let mut model = model;
-        let (tell, jobs) = mpsc::channel(ERRANDS_MAX);
+        let (sender, jobs) = mpsc::channel(JOBS_MAX);
         let host = match parts.engine {
             EngineLocation::Here(config) => EngineHandle::start(config),
             EngineLocation::Elsewhere(host) => {
@@ -145,11 +145,11 @@ impl Session {
             EngineLocation::Begun(coming, begin) => {
                 model.engine_data.link = EngineLink::Attached;
                 model.engine_data.started_here = true;
-                let (sitting, tell) = (model.attachment(), tell.clone());
+                let (sitting, sender) = (model.attachment(), sender.clone());
                 let work = move || {
-                    let begun = begin(sitting).map(Box::new);
+                    let started = begin(sitting).map(Box::new);
                     // If the console has ended meanwhile, the engine ends as well: no console is attached to it.
-                    drop(tell.blocking_send(BackgroundResult::Started(begun)));
+                    drop(sender.blocking_send(BackgroundResult::Started(started)));
                 };
                 std::thread::Builder::new().name("beginning".to_owned()).spawn(work)?;
                 *coming
@@ -157,7 +157,7 @@ impl Session {
         };
         let SessionParts { services, themes, exports, .. } = parts;
         Ok(Self {
-            begun: Instant::now(),
+            started_at: Instant::now(),
             model,
             look,
             screen,
@@ -165,7 +165,7 @@ impl Session {
             guard,
             inputs: input::start()?,
             job_results: jobs,
-            effects: EffectRunner::new(host, services, themes, exports, tell.clone(), view),
+            effects: EffectRunner::new(host, services, themes, exports, sender.clone(), view),
             operator: parts.operator,
             pace: FramePace::default(),
             leaving: None,
@@ -177,7 +177,7 @@ impl Session {
             keep_engine: false,
             end_requested: false,
             seek: None,
-            job_sender: tell,
+            job_sender: sender,
         })
     }
 
@@ -187,8 +187,8 @@ impl Session {
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         self.set_operator(false);
         while !self.is_over() {
-            let came = self.wait(&mut ticks).await;
-            self.fold(came);
+            let input = self.wait(&mut ticks).await;
+            self.fold(input);
             self.drain_backlog();
             self.draw_if_due();
         }
@@ -201,7 +201,7 @@ impl Session {
     }
 
     async fn wait(&mut self, ticks: &mut tokio::time::Interval) -> SessionInput {
-        let frame = self.pace.due_ms().filter(|_| !self.screen_lost).map(|due_ms| self.moment(due_ms));
+        let frame = self.pace.due_ms().filter(|_| !self.screen_lost).map(|due_ms| self.instant_at(due_ms));
         let leaving = self.leaving;
         let host = &mut self.effects.host;
         tokio::select! {
@@ -213,29 +213,29 @@ impl Session {
             () = until(leaving) => SessionInput::Late,
             told = host.updates.recv(), if self.ended.is_none() => SessionInput::Update(told),
             Ok(()) = host.snapshots.changed() => SessionInput::Snapshot,
-            Ok(()) = host.pictures.changed() => SessionInput::Picture,
+            Ok(()) = host.frames.changed() => SessionInput::VideoFrame,
             _ = ticks.tick() => SessionInput::Tick,
         }
     }
 
-    fn moment(&self, at_ms: u64) -> Instant {
-        self.begun + Duration::from_millis(at_ms)
+    fn instant_at(&self, at_ms: u64) -> Instant {
+        self.started_at + Duration::from_millis(at_ms)
     }
 
     fn now_ms(&self) -> u64 {
-        u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
+        u64::try_from(self.started_at.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    fn fold(&mut self, came: SessionInput) {
-        match came {
+    fn fold(&mut self, input: SessionInput) {
+        match input {
             SessionInput::Input(Some(what)) => self.input(what),
             // The reading thread has ended: the terminal is lost.
             SessionInput::Input(None) => self.end_signalled(true),
             SessionInput::JobResult(BackgroundResult::Message(what)) => self.take(what, FrameReason::Key),
             SessionInput::JobResult(BackgroundResult::Signed(request)) => self.hand_over(*request),
-            SessionInput::JobResult(BackgroundResult::Reconnected(found)) => self.sought(found),
-            SessionInput::JobResult(BackgroundResult::Started(begun)) => self.engine_started(begun),
-            SessionInput::Update(Some(told)) => self.engine(told),
+            SessionInput::JobResult(BackgroundResult::Reconnected(found)) => self.take_search_result(found),
+            SessionInput::JobResult(BackgroundResult::Started(started)) => self.engine_started(started),
+            SessionInput::Update(Some(update)) => self.engine(update),
             SessionInput::Update(None) => {
                 self.engine(EngineUpdate::Ended(Err(EngineEndError::of("its thread is gone"))));
             }
@@ -245,7 +245,7 @@ impl Session {
                     self.take(MsgKind::Snapshot(snapshot), FrameReason::Text);
                 }
             }
-            SessionInput::Picture => self.picture(),
+            SessionInput::VideoFrame => self.take_frame(),
             SessionInput::Ending(ending) => self.end_signalled(ending == EndSignal::TerminalLost),
             SessionInput::Frame if self.model.plays() => self.fold_one(MsgKind::Tick),
             SessionInput::Tick => {
@@ -261,8 +261,8 @@ impl Session {
         for _ in 0..BATCH_MAX {
             if let Ok(what) = self.inputs.try_recv() {
                 self.input(what);
-            } else if let Ok(told) = self.effects.host.updates.try_recv() {
-                self.engine(told);
+            } else if let Ok(update) = self.effects.host.updates.try_recv() {
+                self.engine(update);
             } else {
                 return;
             }
@@ -278,8 +278,8 @@ impl Session {
         self.take(what, FrameReason::Key);
     }
 
-    fn engine(&mut self, told: EngineUpdate) {
-        let what = match told {
+    fn engine(&mut self, update: EngineUpdate) {
+        let what = match update {
             EngineUpdate::Started => {
                 self.engine_started = true;
                 self.set_operator(true);
@@ -304,18 +304,18 @@ impl Session {
     }
 
     /// The started engine is there, or has failed. Waiting requests go to it.
-    fn engine_started(&mut self, begun: Result<Box<StartedEngine>, EngineEndError>) {
+    fn engine_started(&mut self, started: Result<Box<StartedEngine>, EngineEndError>) {
         let waiting = self.effects.host.take_waiting();
-        match begun {
-            Ok(begun) => {
-                let StartedEngine { host, notice } = *begun;
+        match started {
+            Ok(started) => {
+                let StartedEngine { host, notice } = *started;
                 let is_own = !host.is_attached();
-                let (process, doubt) = (host.process(), host.unverified_origin());
+                let (process, unverified) = (host.process(), host.unverified_origin());
                 self.effects.host = host;
                 if is_own {
                     self.model.engine_data.link = EngineLink::Own;
                 } else {
-                    self.take(MsgKind::Attached(process, doubt), FrameReason::Text);
+                    self.take(MsgKind::Attached(process, unverified), FrameReason::Text);
                 }
                 if let Some(text) = notice {
                     self.take(MsgKind::Done { text, bad: true }, FrameReason::Text);
@@ -336,7 +336,7 @@ impl Session {
         }
         seek.tries += 1;
         seek.due = None;
-        let (tell, sitting) = (self.job_sender.clone(), self.model.attachment());
+        let (sender, sitting) = (self.job_sender.clone(), self.model.attachment());
         let layout = self.effects.host.layout().clone();
         let look = move || {
             let found = match EngineHandle::find(&layout, sitting) {
@@ -345,28 +345,28 @@ impl Session {
                 Err(error) => Err(error.sentence()),
             };
             // The console may have ended meanwhile.
-            drop(tell.blocking_send(BackgroundResult::Reconnected(found)));
+            drop(sender.blocking_send(BackgroundResult::Reconnected(found)));
         };
         if let Err(error) = std::thread::Builder::new().name("seeking".to_owned()).spawn(look) {
-            self.sought(Err(format!("cannot start a thread: {error}")));
+            self.take_search_result(Err(format!("cannot start a thread: {error}")));
         }
     }
 
     /// Handles the result of a search for an engine.
-    fn sought(&mut self, found: Result<Box<EngineHandle>, String>) {
+    fn take_search_result(&mut self, found: Result<Box<EngineHandle>, String>) {
         let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
         match found {
             Ok(host) => {
                 self.seek = None;
                 self.ended = None;
-                let (process, doubt) = (host.process(), host.unverified_origin());
+                let (process, unverified) = (host.process(), host.unverified_origin());
                 self.effects.host = *host;
-                self.take(MsgKind::Attached(process, doubt), FrameReason::Text);
+                self.take(MsgKind::Attached(process, unverified), FrameReason::Text);
             }
-            Err(said) => {
+            Err(result) => {
                 let pause = SEEK_FIRST.saturating_mul(1 << seek.tries.min(8)).min(SEEK_PAUSE_MAX);
                 seek.due = Some(Instant::now() + pause);
-                let seeking = ReconnectStatus { tries: seek.tries, tries_max: SEEK_MAX, said };
+                let seeking = ReconnectStatus { tries: seek.tries, tries_max: SEEK_MAX, result };
                 self.take(MsgKind::ReconnectFailed(seeking), FrameReason::Text);
             }
         }
@@ -388,13 +388,13 @@ impl Session {
         }
     }
 
-    fn picture(&mut self) {
-        let newest = self.effects.host.pictures.borrow_and_update().clone();
-        let Some(picture) = newest else { return };
-        let seen = self.model.view_state.view == View::Overview;
-        self.fold_one(MsgKind::Picture(picture));
-        if seen {
-            self.pace.want(FrameReason::Picture);
+    fn take_frame(&mut self) {
+        let newest = self.effects.host.frames.borrow_and_update().clone();
+        let Some(frame) = newest else { return };
+        let is_visible = self.model.view_state.view == View::Overview;
+        self.fold_one(MsgKind::VideoFrame(frame));
+        if is_visible {
+            self.pace.want(FrameReason::Scene);
         }
     }
 
@@ -407,7 +407,7 @@ impl Session {
             self.cause = ExitCause::Signalled;
         }
         if first {
-            self.take(MsgKind::EndAsked, FrameReason::Key);
+            self.take(MsgKind::EndRequested, FrameReason::Key);
         }
     }
 
@@ -488,34 +488,34 @@ impl Session {
             return;
         }
         #[cfg(debug_assertions)]
-        fail_if_asked(&self.model);
+        panic_if_requested(&self.model);
         let (model, look) = (&self.model, &self.look);
-        let mut seen = None;
+        let mut visible = None;
         let drawn = self.screen.draw(|area, buffer| {
             frame::draw(model, look, area, buffer);
-            seen = frame::decision_on_screen(model, look, area);
+            visible = frame::decision_on_screen(model, look, area);
         });
         // The pace counts from the end of a frame, so a slow terminal gets fewer.
         self.pace.frame_drawn(self.now_ms());
         if self.model.plays() {
-            self.pace.want(FrameReason::Picture);
+            self.pace.want(FrameReason::Scene);
         }
         if drawn.is_err() {
             self.end_signalled(true);
-        } else if let Some(seen) = seen {
-            self.decision_shown(seen);
+        } else if let Some(visible) = visible {
+            self.decision_shown(visible);
         }
     }
 
     /// Rows that were really on the screen count as read. The next frame shows how many are left.
-    fn decision_shown(&mut self, seen: VisibleRows) {
+    fn decision_shown(&mut self, visible: VisibleRows) {
         let unread = |model: &ConsoleModel| match &model.input.overlay {
             Some(Overlay::Approval(prompt)) => prompt.unread(),
             Some(Overlay::Form(form)) => form.unread(),
             Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => 0,
         };
         let before = unread(&self.model);
-        self.fold_one(MsgKind::DecisionShown(seen));
+        self.fold_one(MsgKind::DecisionShown(visible));
         if unread(&self.model) != before {
             self.pace.want(FrameReason::Key);
         }
@@ -539,7 +539,7 @@ impl Session {
         } = self;
         let attached = effects.host.is_attached();
         // The screen is already gone when the engine is asked, so its answer goes into the exit message.
-        let kept = if keep_engine { effects.host.keep_engine_running() } else { Ok(()) };
+        let reply = if keep_engine { effects.host.keep_engine_running() } else { Ok(()) };
         let elsewhere = effects.host.remote_engine();
         let stopped = match effects.host.stop(STOP_MAX) {
             Ok(()) => Some(Ok(())),
@@ -562,7 +562,7 @@ impl Session {
         let ends_alone_s = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.ends_alone_s);
         match (&ended, model.engine_data.link) {
             (Some(Ok(())), _) if engine_detached && attached => {
-                return exit_message::at_work(&model, cause, &kept, ends_alone_s.filter(|_| !keep_engine));
+                return exit_message::at_work(&model, cause, &reply, ends_alone_s.filter(|_| !keep_engine));
             }
             (None, EngineLink::Attached) if end_requested => {
                 return exit_message::still_ending(&model, cause);
@@ -577,9 +577,9 @@ impl Session {
 }
 
 /// Waits until a moment; for ever if there is none.
-async fn until(moment: Option<Instant>) {
-    match moment {
-        Some(moment) => tokio::time::sleep_until(moment.into()).await,
+async fn until(at: Option<Instant>) {
+    match at {
+        Some(at) => tokio::time::sleep_until(at.into()).await,
         None => std::future::pending().await,
     }
 }
@@ -587,9 +587,9 @@ async fn until(moment: Option<Instant>) {
 /// Tests the panic policy: a screen that fails while it is drawn. Not in a release.
 #[cfg(debug_assertions)]
 #[allow(clippy::panic, reason = "that is what is tested")]
-fn fail_if_asked(model: &ConsoleModel) {
-    let asked = std::env::var("HOLDPOINT_TEST_PANIC").is_ok_and(|who| who == "ui");
-    if asked && model.engine_data.snapshot.is_some() {
+fn panic_if_requested(model: &ConsoleModel) {
+    let is_requested = std::env::var("HOLDPOINT_TEST_PANIC").is_ok_and(|who| who == "ui");
+    if is_requested && model.engine_data.snapshot.is_some() {
         std::panic::panic_any("HOLDPOINT_TEST_PANIC asked for it");
     }
 }

@@ -84,7 +84,7 @@ impl Drop for RunningGuard {
 }
 
 struct SignalWatch {
-    told: mpsc::Sender<EndSignal>,
+    sender: mpsc::Sender<EndSignal>,
     terminate: tokio::signal::unix::Signal,
     interrupt: tokio::signal::unix::Signal,
     hang_up: tokio::signal::unix::Signal,
@@ -92,13 +92,13 @@ struct SignalWatch {
 }
 
 impl SignalWatch {
-    fn new(told: mpsc::Sender<EndSignal>) -> io::Result<Self> {
+    fn new(sender: mpsc::Sender<EndSignal>) -> io::Result<Self> {
         let terminal = rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stdin(), 3)?;
         // Only the guard closes this descriptor, which is a copy: it lives as long as the watch.
         #[allow(deprecated, reason = "the replacement is unsafe, and this program has no unsafe code")]
         let terminal = AsyncFd::with_interest(terminal, Interest::READABLE)?;
         Ok(Self {
-            told,
+            sender,
             terminate: signal(SignalKind::terminate())?,
             interrupt: signal(SignalKind::interrupt())?,
             hang_up: signal(SignalKind::hangup())?,
@@ -111,7 +111,7 @@ impl SignalWatch {
     async fn run(mut self) {
         let first = self.next().await;
         // A full channel already contains a reason.
-        self.told.try_send(first).ok();
+        self.sender.try_send(first).ok();
         let mut gone = first == EndSignal::TerminalLost;
         let deadline = Instant::now() + PATIENCE;
         loop {

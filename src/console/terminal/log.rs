@@ -55,8 +55,8 @@ impl LogFile {
         let mut before = STDERR.lock().unwrap_or_else(PoisonError::into_inner);
         if before.is_none() {
             // Children must not inherit the copy.
-            let kept = rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stderr(), 3)?;
-            *before = Some(kept);
+            let copy = rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stderr(), 3)?;
+            *before = Some(copy);
         }
         rustix::stdio::dup2_stderr(&self.file)?;
         Ok(())

@@ -116,11 +116,12 @@ pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
     };
     name.clone_into(&mut theme.name);
     let mut problems: Vec<(usize, String)> = Vec::new();
-    for (word, entry) in &parsed.roles {
-        let Some(role) = ThemeRole::parse(word.get_ref()) else {
+    for (role_name, entry) in &parsed.roles {
+        let Some(role) = ThemeRole::parse(role_name.get_ref()) else {
             let allowed: Vec<&str> = ThemeRole::ALL.iter().map(|role| role.word()).collect();
-            let what = format!("there is no role {:?}; allowed are {}", word.get_ref(), allowed.join(", "));
-            problems.push((line(&word.span()), what));
+            let what =
+                format!("there is no role {:?}; allowed are {}", role_name.get_ref(), allowed.join(", "));
+            problems.push((line(&role_name.span()), what));
             continue;
         };
         match entry.paint() {

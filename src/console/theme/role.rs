@@ -109,7 +109,7 @@ roles! {
 impl ThemeRole {
     /// The role of a name.
     #[must_use]
-    pub fn parse(word: &str) -> Option<Self> {
-        Self::ALL.iter().copied().find(|role| role.word() == word)
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|role| role.word() == name)
     }
 }

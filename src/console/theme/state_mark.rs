@@ -17,12 +17,12 @@ use holdpoint_protocol::explanation::{PeopleRuling, Ruling};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StateMark {
     pub glyph: Glyph,
-    pub word: &'static str,
+    pub label: &'static str,
     pub role: ThemeRole,
 }
 
-const fn mark(glyph: Glyph, word: &'static str, role: ThemeRole) -> StateMark {
-    StateMark { glyph, word, role }
+const fn mark(glyph: Glyph, label: &'static str, role: ThemeRole) -> StateMark {
+    StateMark { glyph, label, role }
 }
 
 impl StateMark {
@@ -141,14 +141,14 @@ impl StateMark {
         let mut samples = Vec::new();
         samples.extend(ProfileName::ALL.map(|profile| ("profile", Self::profile(profile))));
         samples.extend(Priority::ALL.map(|priority| ("alarm", Self::priority(priority))));
-        let told = [
+        let states = [
             AlarmState::Unacknowledged,
             AlarmState::ReturnedUnacknowledged,
             AlarmState::Acknowledged,
             AlarmState::Latched,
             AlarmState::Shelved,
         ];
-        samples.extend(told.map(|state| ("alarm state", Self::alarm_state(state))));
+        samples.extend(states.map(|state| ("alarm state", Self::alarm_state(state))));
         samples.extend(State::ALL.map(|state| ("version", Self::version(state, &flags))));
         let flagged = [
             (State::Active, VersionFlags { provisional: true, ..flags }),
@@ -239,8 +239,8 @@ const fn of_rollback(status: PostStatus) -> OutcomeSign {
     }
 }
 
-const fn of_approvals(said: PeopleRuling) -> OutcomeSign {
-    match said {
+const fn of_approvals(ruling: PeopleRuling) -> OutcomeSign {
+    match ruling {
         PeopleRuling::Answered(ApprovalDecision::Approve) => GOOD,
         PeopleRuling::Answered(ApprovalDecision::Reject) => BAD,
         PeopleRuling::Moved(State::Rejected | State::RolledBack) => BAD,
@@ -253,19 +253,19 @@ const fn of_approvals(said: PeopleRuling) -> OutcomeSign {
 /// The sign of a decision on record; unknown decisions have none.
 #[must_use]
 pub fn of_ruling(ruling: &Ruling) -> OutcomeSign {
-    fn of<T: Copy>(word: &Lenient<T>, sign: impl Fn(T) -> OutcomeSign) -> OutcomeSign {
-        word.known().map_or(UNKNOWN, |word| sign(*word))
+    fn of<T: Copy>(value: &Lenient<T>, sign: impl Fn(T) -> OutcomeSign) -> OutcomeSign {
+        value.known().map_or(UNKNOWN, |value| sign(*value))
     }
     match ruling {
-        Ruling::Registration(word) | Ruling::Validation(word) => {
-            of(word, |outcome| of_stage(Stage::Validation, outcome))
+        Ruling::Registration(outcome) | Ruling::Validation(outcome) => {
+            of(outcome, |outcome| of_stage(Stage::Validation, outcome))
         }
-        Ruling::Sandbox(word) => of(word, |outcome| of_stage(Stage::Sandbox, outcome)),
-        Ruling::Shadow(word) => of(word, |outcome| of_stage(Stage::Shadow, outcome)),
-        Ruling::Activation(word) => of(word, |outcome| of_stage(Stage::Activation, outcome)),
-        Ruling::Monitor(word) => of(word, of_monitor),
-        Ruling::Rollback(word) => of(word, of_rollback),
-        Ruling::People(said) => of_approvals(*said),
+        Ruling::Sandbox(outcome) => of(outcome, |outcome| of_stage(Stage::Sandbox, outcome)),
+        Ruling::Shadow(outcome) => of(outcome, |outcome| of_stage(Stage::Shadow, outcome)),
+        Ruling::Activation(outcome) => of(outcome, |outcome| of_stage(Stage::Activation, outcome)),
+        Ruling::Monitor(outcome) => of(outcome, of_monitor),
+        Ruling::Rollback(outcome) => of(outcome, of_rollback),
+        Ruling::People(people) => of_approvals(*people),
     }
 }
 

@@ -61,7 +61,7 @@ impl<'a> ActionAvailability<'a> {
                 alarm.and_then(|alarm| selection::takes(alarm, action))
             }
             A::Sort | A::SortReverse => navigation::unsorted(model).map_or(Ok(()), |why| Err(why.to_owned())),
-            A::FindNext if model.view_state.sought.is_empty() => {
+            A::FindNext if model.view_state.search.is_empty() => {
                 Err("nothing was searched for yet".to_owned())
             }
             A::Mark if selection::markable(model).is_none() => {

@@ -43,16 +43,16 @@ fn go_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
 
 /// All stops of the cell, with their authors.
 fn stop_lines(stopped: &StoppedView) -> Vec<String> {
-    let somebody = |by: &str| if by.is_empty() { "somebody".to_owned() } else { by.to_owned() };
+    let name = |by: &str| if by.is_empty() { "somebody".to_owned() } else { by.to_owned() };
     let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason}") };
-    let (by, since) = (somebody(&stopped.by), seconds(stopped.since_ms));
+    let (by, since) = (name(&stopped.by), seconds(stopped.since_ms));
     let mut lines =
         vec![format!("Stopped by {by}, {}, since {since}{}", stopped.caller, why(&stopped.reason))];
     if stopped.unnamed > 0 {
         lines.push(format!("and {} more times, by whom the record says", stopped.unnamed));
     }
     lines.extend(stopped.again.iter().map(|stop| {
-        let (by, at) = (somebody(&stop.by), seconds(stop.at_ms));
+        let (by, at) = (name(&stop.by), seconds(stop.at_ms));
         format!("and by {by}, {}, at {at}{}", stop.caller, why(&stop.reason))
     }));
     lines
@@ -77,8 +77,8 @@ pub(super) fn stopped_again(model: &mut ConsoleModel, by: &str, at_ms: u64) {
     if !matches!(form.intent, Intent::Go { last_ms, .. } if at_ms > last_ms) {
         return;
     }
-    let is_asked = form.signing.as_ref().is_some_and(|signing| signing.asked.is_some());
-    if is_asked {
+    let is_sent = form.signing.as_ref().is_some_and(|signing| signing.request_id.is_some());
+    if is_sent {
         show_message(
             model,
             format!("{}; your request does not include it and will be refused", restop_message(by, at_ms)),

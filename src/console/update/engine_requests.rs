@@ -56,9 +56,9 @@ fn request_stop(model: &mut ConsoleModel, by: String) -> Vec<Effect> {
     let question = EngineQuery::Stop { by: by.clone() };
     let id = add_pending(model, question.about(), "stop the cell".to_owned());
     let now_ms = model.now_ms;
-    let since_ms = model.engine_data.pending_stop.as_ref().map_or(now_ms, |asked| asked.since_ms);
+    let since_ms = model.engine_data.pending_stop.as_ref().map_or(now_ms, |stop| stop.since_ms);
     model.engine_data.pending_stop =
-        Some(PendingStop { id: id.clone(), by, asked_ms: now_ms, since_ms, why: None });
+        Some(PendingStop { id: id.clone(), by, requested_ms: now_ms, since_ms, why: None });
     vec![Effect::Ask { id, question }]
 }
 
@@ -70,9 +70,8 @@ pub(super) fn resend_stop(model: &mut ConsoleModel) -> Vec<Effect> {
     let now_ms = model.now_ms;
     // A stop that fails at once is not sent again with each camera frame.
     let is_due =
-        |asked: &&PendingStop| asked.why.is_some() && now_ms.saturating_sub(asked.asked_ms) >= STOP_AGAIN_MS;
-    let Some(by) = model.engine_data.pending_stop.as_ref().filter(is_due).map(|asked| asked.by.clone())
-    else {
+        |stop: &&PendingStop| stop.why.is_some() && now_ms.saturating_sub(stop.requested_ms) >= STOP_AGAIN_MS;
+    let Some(by) = model.engine_data.pending_stop.as_ref().filter(is_due).map(|stop| stop.by.clone()) else {
         return Vec::new();
     };
     show_message(model, "STOP: the engine answers again; your stop failed and is sent again", true);
@@ -88,7 +87,7 @@ pub(super) fn request_approval_text(model: &mut ConsoleModel) -> Vec<Effect> {
         return Vec::new();
     }
     let (version, purpose) = (prompt.seen.version.clone(), prompt.seen.purpose);
-    let question = EngineQuery::Asked { version, purpose, who: who.clone() };
+    let question = EngineQuery::ApprovalRequest { version, purpose, who: who.clone() };
     let Some(id) = request(model, question.about(), String::new()) else { return Vec::new() };
     if let Some(Overlay::Approval(prompt)) = &mut model.input.overlay {
         prompt.mark_requested(who, id.clone());
@@ -106,21 +105,21 @@ pub(super) fn refresh_now(model: &mut ConsoleModel) -> Vec<Effect> {
     if model.engine_data.engine != EngineState::Running {
         return Vec::new();
     }
-    let Some(question) = wanted(model) else { return Vec::new() };
-    model.requests.asked.insert(question.about(), model.requests.changes);
+    let Some(question) = view_query(model) else { return Vec::new() };
+    model.requests.changes_at_query.insert(question.about(), model.requests.changes);
     send_query(model, String::new(), question)
 }
 
 /// Repeats queries after a change, one of a kind at a time.
 pub(super) fn refresh(model: &mut ConsoleModel) -> Vec<Effect> {
-    let Some(about) = wanted(model).as_ref().map(EngineQuery::about) else { return Vec::new() };
-    let unchanged = model.requests.asked.get(&about) == Some(&model.requests.changes);
+    let Some(about) = view_query(model).as_ref().map(EngineQuery::about) else { return Vec::new() };
+    let unchanged = model.requests.changes_at_query.get(&about) == Some(&model.requests.changes);
     let fresh = if about == RequestSubject::Health { health::is_fresh(model, unchanged) } else { unchanged };
     let waits = model.requests.pending.values().any(|pending| pending.about == about);
     if fresh || waits { Vec::new() } else { refresh_now(model) }
 }
 
-fn wanted(model: &ConsoleModel) -> Option<EngineQuery> {
+fn view_query(model: &ConsoleModel) -> Option<EngineQuery> {
     match model.view_state.view {
         View::Health => Some(EngineQuery::Health(health::health_query(model))),
         View::Alarms if model.view_state.pane() == HISTORY_PANE => {

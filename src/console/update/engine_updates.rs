@@ -47,10 +47,10 @@ pub(super) fn ended(model: &mut ConsoleModel, how: Result<(), EngineEndError>) -
 
 /// Attaches to an engine: view and cursor stay, requests to another engine get no answer any more, and the new event
 /// log continues below the old one.
-pub(super) fn seated(
+pub(super) fn attached(
     model: &mut ConsoleModel,
     process: Option<i32>,
-    doubt: Option<UnverifiedOrigin>,
+    unverified: Option<UnverifiedOrigin>,
 ) -> Vec<Effect> {
     let came_back = matches!(model.engine_data.engine, EngineState::Ended(_));
     let is_same = process.is_some() && model.engine_data.process == process;
@@ -60,7 +60,7 @@ pub(super) fn seated(
         model.engine_data.event_base = last.seq + 2;
     }
     model.engine_data.process = process;
-    model.engine_data.unverified = doubt;
+    model.engine_data.unverified = unverified;
     model.engine_data.link = EngineLink::Attached;
     model.engine_data.engine = EngineState::Starting;
     model.engine_data.reconnect = None;
@@ -69,7 +69,7 @@ pub(super) fn seated(
         model.engine_data.started_here = false;
         model.engine_data.attached_ms = Some(model.now_ms);
         model.requests.pending.clear();
-        model.requests.asked.clear();
+        model.requests.changes_at_query.clear();
         let (lost, now) = if is_same {
             let lost = "the connection to the engine was lost";
             (lost, "the engine kept running, and this console is attached to it again")
@@ -78,8 +78,8 @@ pub(super) fn seated(
             (lost, "an engine runs on this store again, and this console is attached to it")
         };
         overlays::unanswered(model, &format!("{lost}; whether your request was carried out is unknown"));
-        if let Some(asked) = &mut model.engine_data.pending_stop {
-            asked.why = Some(lost.to_owned());
+        if let Some(stop) = &mut model.engine_data.pending_stop {
+            stop.why = Some(lost.to_owned());
         }
         show_message(model, now, false);
     }
@@ -159,9 +159,9 @@ fn released(model: &mut ConsoleModel, by: &str) {
         format!("the cell runs again: started by {}", Untrusted::new(by.to_owned()).line()),
         false,
     );
-    if let Some(picture) = &mut model.engine_data.picture {
+    if let Some(frame) = &mut model.engine_data.frame {
         // This is the last frame of the stop, and the next one may take long.
-        Arc::make_mut(picture).stopped = false;
+        Arc::make_mut(frame).stopped = false;
     }
 }
 
@@ -190,10 +190,10 @@ pub(super) fn snapshot(model: &mut ConsoleModel, snapshot: Arc<Snapshot>) -> Vec
 
 /// Notes the progress of each running stage; entries of other versions are dropped.
 fn headway(model: &mut ConsoleModel, now: &Snapshot) {
-    let under_way = |id: &CapabilityId| {
+    let is_running = |id: &CapabilityId| {
         now.candidates.iter().any(|candidate| candidate.version == *id && candidate.progress.is_some())
     };
-    model.engine_data.stage_progress.retain(|id, _| under_way(id));
+    model.engine_data.stage_progress.retain(|id, _| is_running(id));
     for candidate in &now.candidates {
         let Some(progress) = &candidate.progress else { continue };
         match model.engine_data.stage_progress.get_mut(&candidate.version) {
@@ -213,7 +213,7 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
     let stays_in_sight = stop_answered(model, id, &reply);
     let pending = model.requests.pending.remove(id);
     let about = pending.as_ref().map(|pending| pending.about);
-    let asked = pending.map(|pending| pending.what).unwrap_or_default();
+    let what = pending.map(|pending| pending.what).unwrap_or_default();
     match reply {
         _ if stays_in_sight => Vec::new(),
         Reply::Accepted { text, .. } | Reply::Stopped { text, kept: StopPersistence::OnRecord } => {
@@ -227,7 +227,7 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
         }
         // Both consoles have the same list, so the next entry is as good.
         Reply::Refused { code: Refusal::Exists, text, .. }
-            if asked == engine_requests::DEMO && !overlays::is_signed(&model.engine_data) =>
+            if what == engine_requests::DEMO && !overlays::is_signed(&model.engine_data) =>
         {
             let effects = engine_requests::submit(model, None);
             show_message(
@@ -237,7 +237,7 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
             );
             effects
         }
-        Reply::Refused { code: Refusal::Exists, text, .. } if asked == engine_requests::DEMO => {
+        Reply::Refused { code: Refusal::Exists, text, .. } if what == engine_requests::DEMO => {
             show_message(
                 model,
                 format!("{text}, by another client meanwhile: `:demo` again takes the next one"),
@@ -249,7 +249,7 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
         Reply::Refused { code: Refusal::NotNow, .. }
             if matches!(about, Some(RequestSubject::Health | RequestSubject::AlarmHistory)) =>
         {
-            about.map(|about| model.requests.asked.remove(&about));
+            about.map(|about| model.requests.changes_at_query.remove(&about));
             Vec::new()
         }
         Reply::Refused { text, hint, .. } if about == Some(RequestSubject::Question) => {
@@ -261,12 +261,12 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
             Vec::new()
         }
         Reply::Refused { text, hint, .. } => {
-            let asked = if asked.is_empty() { asked } else { format!("{asked}: ") };
-            show_message(model, format!("{asked}{}", Problem::from((text, hint)).sentence()), true);
+            let lead = if what.is_empty() { what } else { format!("{what}: ") };
+            show_message(model, format!("{lead}{}", Problem::from((text, hint)).sentence()), true);
             Vec::new()
         }
         // The engine publishes snapshots by itself, so a requested one is not needed.
-        Reply::Snapshot { snapshot: told } => snapshot(model, Arc::from(told)),
+        Reply::Snapshot { snapshot: latest } => snapshot(model, Arc::from(latest)),
         Reply::Detail { detail } => {
             model.engine_data.detail = Some(Arc::from(detail));
             Vec::new()
@@ -313,11 +313,11 @@ fn receive_request(model: &mut ConsoleModel, id: &str, answer: Result<Box<Approv
 /// Handles the answer to a stop. An unanswered stop is repeated until it is confirmed. Returns whether it stays
 /// visible, so that no other message is needed.
 fn stop_answered(model: &mut ConsoleModel, id: &str, reply: &Reply) -> bool {
-    let Some(asked) = model.engine_data.pending_stop.as_mut().filter(|asked| asked.id == id) else {
+    let Some(stop) = model.engine_data.pending_stop.as_mut().filter(|stop| stop.id == id) else {
         return false;
     };
     if let Reply::Refused { code: Refusal::NoAnswer, text, hint } = reply {
-        asked.why = Some(Problem::from((text.clone(), hint.clone())).sentence());
+        stop.why = Some(Problem::from((text.clone(), hint.clone())).sentence());
         model.notice = None;
         return true;
     }

@@ -13,10 +13,10 @@ use holdpoint_protocol::health::AlarmEpisode;
 pub(super) fn look(model: &mut ConsoleModel) {
     let Some(Typing::Find(line)) = &model.input.typing else { return };
     if let (Some(lines), Some(opened)) = (model.opened_record().map(audit::raw), model.view_state.opened) {
-        let wanted = line.text().to_lowercase();
-        let fits = |at: &usize| lines.get(*at).is_some_and(|text| text.to_lowercase().contains(&wanted));
+        let needle = line.text().to_lowercase();
+        let fits = |at: &usize| lines.get(*at).is_some_and(|text| text.to_lowercase().contains(&needle));
         let found = (opened.scroll..lines.len()).chain(0..opened.scroll).find(fits);
-        if let (Some(scroll), false) = (found, wanted.is_empty()) {
+        if let (Some(scroll), false) = (found, needle.is_empty()) {
             model.view_state.opened = Some(OpenedRecord { scroll, ..opened });
         }
         return;
@@ -28,12 +28,12 @@ pub(super) fn look(model: &mut ConsoleModel) {
 
 /// Moves to the next match, after the row under the cursor.
 pub(super) fn next(model: &mut ConsoleModel) -> Vec<Effect> {
-    let sought = model.view_state.sought.clone();
-    if sought.is_empty() {
+    let search = model.view_state.search.clone();
+    if search.is_empty() {
         return refuse(model, "nothing was searched for yet; / begins a search in a list that hides nothing");
     }
-    let wanted = sought.to_lowercase();
-    let is_in = |text: &String| text.to_lowercase().contains(&wanted);
+    let needle = search.to_lowercase();
+    let is_in = |text: &String| text.to_lowercase().contains(&needle);
     let lines = model.opened_record().map(audit::raw);
     let (texts, at) = match (&lines, model.view_state.opened) {
         (Some(lines), Some(opened)) => (lines.clone(), opened.scroll),
@@ -41,7 +41,7 @@ pub(super) fn next(model: &mut ConsoleModel) -> Vec<Effect> {
     };
     let after = (at + 1..texts.len()).chain(0..=at.min(texts.len().saturating_sub(1)));
     let Some(found) = after.into_iter().find(|row| texts.get(*row).is_some_and(is_in)) else {
-        return refuse(model, &format!("{sought:?} is not in this list"));
+        return refuse(model, &format!("{search:?} is not in this list"));
     };
     match (&lines, &mut model.view_state.opened) {
         (Some(_), Some(opened)) => opened.scroll = found,
@@ -52,27 +52,27 @@ pub(super) fn next(model: &mut ConsoleModel) -> Vec<Effect> {
 
 pub(super) fn is_there(model: &ConsoleModel, text: &str) -> bool {
     if let Some(record) = model.opened_record() {
-        let wanted = text.to_lowercase();
-        return audit::raw(record).iter().any(|line| line.to_lowercase().contains(&wanted));
+        let needle = text.to_lowercase();
+        return audit::raw(record).iter().any(|line| line.to_lowercase().contains(&needle));
     }
     text.is_empty() || find_row(model, text).is_some()
 }
 
 fn find_row(model: &ConsoleModel, text: &str) -> Option<usize> {
-    let wanted = text.to_lowercase();
+    let needle = text.to_lowercase();
     let texts = texts(model);
-    let fits = |row: &usize| texts.get(*row).is_some_and(|text| text.to_lowercase().contains(&wanted));
+    let fits = |row: &usize| texts.get(*row).is_some_and(|text| text.to_lowercase().contains(&needle));
     let from = model.row();
-    (!wanted.is_empty()).then(|| (from..texts.len()).chain(0..from).find(fits)).flatten()
+    (!needle.is_empty()).then(|| (from..texts.len()).chain(0..from).find(fits)).flatten()
 }
 
 /// The text of each row of the view.
 fn texts(model: &ConsoleModel) -> Vec<String> {
     match model.view_state.view {
         View::Alarms if model.view_state.pane() == HISTORY_PANE => {
-            let said =
+            let episode_text =
                 |spell: &AlarmEpisode| format!("{} {}", spell.alarm, spell.text.as_deref().unwrap_or(""));
-            model.alarm_spells().into_iter().map(said).collect()
+            model.alarm_spells().into_iter().map(episode_text).collect()
         }
         View::Health => model.health_families().iter().map(ToString::to_string).collect(),
         View::Alarms => {

@@ -33,9 +33,9 @@ pub(super) fn is_fresh(model: &ConsoleModel, unchanged: bool) -> bool {
     if model.view_state.frozen.is_some() {
         return true;
     }
-    let asked = health_query(model);
+    let query = health_query(model);
     // The screen has another width, or the last query was not answered.
-    if (series.buckets, series.bucket_ms) != (u32::from(asked.buckets), asked.bucket_ms) {
+    if (series.buckets, series.bucket_ms) != (u32::from(query.buckets), query.bucket_ms) {
         return false;
     }
     let age_ms = model.now_ms.saturating_sub(*came_ms);

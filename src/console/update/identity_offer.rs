@@ -9,12 +9,12 @@ use holdpoint_governance::profile::ProfileName;
 /// Handles an unknown name. Where an unencrypted key is enough to act, the form offers to make the identity.
 pub(super) fn unknown_identity(model: &mut ConsoleModel, name: String, text: String) -> Vec<Effect> {
     let sim = model.engine_data.snapshot.as_ref().is_some_and(|now| now.profile == ProfileName::Sim);
-    let typed = model.session.wanted.take().is_some_and(|wanted| wanted == name);
+    let typed = model.session.requested_name.take().is_some_and(|wanted| wanted == name);
     if !(sim && typed && model.absence().is_none() && !model.settings.read_only) {
         return refuse(model, &text);
     }
-    let said = lines(&name);
-    operations::open(model, Intent::Identity(name), said)
+    let consequences = lines(&name);
+    operations::open(model, Intent::Identity(name), consequences)
 }
 
 pub(super) fn lines(name: &str) -> Vec<String> {

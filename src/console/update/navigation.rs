@@ -115,8 +115,8 @@ pub(super) fn sort(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         _ => SortOrder { by, reversed: !reversed },
     };
     model.engine_data.registry.sort_by(sort);
-    let way = if sort.reversed { ", turned round" } else { "" };
-    super::show_message(model, format!("sorted by {}{way}", sort.by.label()), false);
+    let order = if sort.reversed { ", turned round" } else { "" };
+    super::show_message(model, format!("sorted by {}{order}", sort.by.label()), false);
     Vec::new()
 }
 
@@ -281,14 +281,14 @@ pub(super) fn copied(model: &ConsoleModel) -> Option<String> {
         }
         View::Alarms => {
             let rows = model.alarm_rows();
-            let said = |alarm: &AlarmView| {
+            let summary = |alarm: &AlarmView| {
                 format!("{} {} {}: {}", alarm.priority, alarm.state, alarm.alarm, alarm.text)
             };
             let of_marked = model.engine_data.snapshot.iter().flat_map(|now| &now.alarms);
             let of_marked = of_marked.filter(|alarm| model.view_state.marked.contains(&alarm.alarm));
-            let marked: Vec<String> = of_marked.map(said).collect();
+            let marked: Vec<String> = of_marked.map(summary).collect();
             if marked.is_empty() {
-                Some(said(rows.get(model.row())?.alarm()))
+                Some(summary(rows.get(model.row())?.alarm()))
             } else {
                 Some(marked.join("\n"))
             }
@@ -299,7 +299,7 @@ pub(super) fn copied(model: &ConsoleModel) -> Option<String> {
             Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
         }
         View::Overview if model.view_state.pane() == STORY_PANE => {
-            model.story_rows().get(model.row()).map(|told| told.text.clone())
+            model.story_rows().get(model.row()).map(|line| line.text.clone())
         }
         View::Overview | View::Registry | View::Candidate | View::Shadow | View::Approvals => {
             let marked: Vec<String> = selection::versions(model).iter().map(ToString::to_string).collect();

@@ -17,8 +17,8 @@ use holdpoint_text::Hint as _;
 
 /// Sends confirmed operations one by one: an item loses its mark when its operation is sent.
 pub(super) fn carry_out(model: &mut ConsoleModel, confirmed: Vec<ConfirmedOperation>) -> Vec<Effect> {
-    let said: Vec<&str> = confirmed.iter().map(ConfirmedOperation::description).collect();
-    show_message(model, format!("{}: asked", said.join("; ")), false);
+    let descriptions: Vec<&str> = confirmed.iter().map(ConfirmedOperation::description).collect();
+    show_message(model, format!("{}: asked", descriptions.join("; ")), false);
     let mut effects = Vec::new();
     for one in confirmed {
         // Too many requests wait: the other items keep their marks.
@@ -41,8 +41,8 @@ pub(super) fn open(model: &mut ConsoleModel, intent: Intent, consequences: Vec<S
     if let Some(absence) = model.absence().filter(|_| !intent.stops()) {
         return refuse(model, &absence.problem().sentence());
     }
-    if let Some(doubt) = model.engine_data.unverified.filter(|_| !intent.allows_unverified_engine()) {
-        return refuse(model, &format!("{doubt}: nothing is signed for it"));
+    if let Some(unverified) = model.engine_data.unverified.filter(|_| !intent.allows_unverified_engine()) {
+        return refuse(model, &format!("{unverified}: nothing is signed for it"));
     }
     if intent.needs_person() && model.session.operator.is_none() {
         return refuse(model, &format!("{NO_IDENTITY_TEXT}: {}", intent.title()));
@@ -77,7 +77,7 @@ pub(super) fn on_version(model: &mut ConsoleModel, action: Action) -> Vec<Effect
 /// with a reason. It stays open, so that typed text does not become keys.
 pub(super) fn follow(model: &mut ConsoleModel) {
     let Some(Overlay::Form(form)) = &model.input.overlay else { return };
-    if form.void.is_some() || form.signing.as_ref().is_some_and(|signing| signing.asked.is_some()) {
+    if form.void.is_some() || form.signing.as_ref().is_some_and(|signing| signing.request_id.is_some()) {
         // The operation was sent; the engine's answer closes the form.
         return;
     }
@@ -94,8 +94,8 @@ pub(super) fn follow(model: &mut ConsoleModel) {
 /// Makes any open form void; a request already sent still gets its answer, or a notice that it got none.
 pub(super) fn dismiss_all_forms(model: &mut ConsoleModel, why: &str) {
     let Some(Overlay::Form(form)) = &mut model.input.overlay else { return };
-    let is_asked = form.signing.as_ref().is_some_and(|signing| signing.asked.is_some());
-    if form.void.is_none() && !is_asked {
+    let is_sent = form.signing.as_ref().is_some_and(|signing| signing.request_id.is_some());
+    if form.void.is_none() && !is_sent {
         form.dismiss(why.to_owned(), model.now_ms);
     }
 }
@@ -277,21 +277,21 @@ pub(super) fn goal(model: &mut ConsoleModel, goal: String) -> Vec<Effect> {
 /// Opens the form that confirms what the machine's clock says.
 pub(super) fn confirm_time(model: &mut ConsoleModel) -> Vec<Effect> {
     match clock_lines(model, None) {
-        Ok((said, lines)) => open(model, Intent::ConfirmTime(said), lines),
+        Ok((time, lines)) => open(model, Intent::ConfirmTime(time), lines),
         Err(why) => refuse(model, &why),
     }
 }
 
 /// The time of the machine's clock, now or as it was read, and why it is not trusted; an error if it is.
 fn clock_lines(model: &ConsoleModel, read: Option<WallTime>) -> Result<(WallTime, Vec<String>), String> {
-    let doubt = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.clock_doubt.as_ref());
-    let doubt = doubt.ok_or_else(|| "the machine's clock is trusted".to_owned())?;
-    let said = read.unwrap_or(doubt.said);
+    let mismatch = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.clock_doubt.as_ref());
+    let mismatch = mismatch.ok_or_else(|| "the machine's clock is trusted".to_owned())?;
+    let time = read.unwrap_or(mismatch.said);
     let lines = vec![
-        format!("{}; it said {} when this was opened", doubt.text, said.label()),
+        format!("{}; it said {} when this was opened", mismatch.text, time.label()),
         "Compare it with another clock; approvals, freezes and reviews then end by it".to_owned(),
     ];
-    Ok((said, lines))
+    Ok((time, lines))
 }
 
 /// Opens the form for a note, with the text typed so far.
@@ -378,16 +378,16 @@ pub(super) fn abort(model: &ConsoleModel) -> Option<(Abort, Vec<String>)> {
         .filter_map(|family| Some((family.active.as_ref()?, family.flags.unwrap_or_default())))
         .collect();
     let here = model.version_here();
-    let asked = snapshot.questions.first().map(|question| &question.version);
+    let escalation = snapshot.questions.first().map(|question| &question.version);
     let open = || actives.iter().filter(|(_, flags)| unsettled(flags)).map(|(id, _)| *id);
-    let active = asked
+    let active = escalation
         .or_else(|| open().find(|id| Some(*id) == here.as_ref()))
         .or_else(|| open().next())
         .or_else(|| actives.iter().map(|(id, _)| *id).find(|id| Some(*id) == here.as_ref()))
         .cloned();
     let under_way = |id: &&CapabilityId| is_under_way(model, id);
     let candidates = || snapshot.candidates.iter().map(|candidate| &candidate.version).filter(under_way);
-    let settled_active = active.as_ref().is_some_and(|id| !open().any(|o| o == id) && asked != Some(id));
+    let settled_active = active.as_ref().is_some_and(|id| !open().any(|o| o == id) && escalation != Some(id));
     let candidate = here
         .as_ref()
         .filter(under_way)
@@ -422,15 +422,15 @@ fn abort_lines(model: &ConsoleModel, what: &Abort) -> Result<Vec<String>, String
             vec![leaves(model, id, State::Active, "It does not come back by itself")]
         }
         Abort::Candidate(id) if !is_under_way(model, id) => {
-            let stands = model.version_state(id);
-            let stands =
-                stands.map_or_else(|| "gone".to_owned(), |(state, flags)| state_label(state, &flags));
-            return Err(format!("{id} is {stands} by now: look again"));
+            let status = model.version_state(id);
+            let status =
+                status.map_or_else(|| "gone".to_owned(), |(state, flags)| state_label(state, &flags));
+            return Err(format!("{id} is {status} by now: look again"));
         }
         Abort::Candidate(id) => vec![format!("{id} is held in its state; active versions continue")],
     };
-    let under_way = snapshot.candidates.iter().map(|candidate| &candidate.version);
-    let rest = under_way.filter(|id| is_under_way(model, id));
+    let versions = snapshot.candidates.iter().map(|candidate| &candidate.version);
+    let rest = versions.filter(|id| is_under_way(model, id));
     let rest = rest.filter(|id| !matches!(what, Abort::Candidate(of) if of == *id));
     lines.extend(rest.map(|id| format!("Not touched: {id}")).take(3));
     Ok(lines)

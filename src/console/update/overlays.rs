@@ -357,8 +357,8 @@ fn confirm(model: &mut ConsoleModel) -> Vec<Effect> {
 }
 
 /// Whether the engine asks for a signature under what gives authority.
-pub(super) fn is_signed(told: &EngineData) -> bool {
-    let signing = told.snapshot.as_ref().and_then(|snapshot| snapshot.signing.as_ref());
+pub(super) fn is_signed(data: &EngineData) -> bool {
+    let signing = data.snapshot.as_ref().and_then(|snapshot| snapshot.signing.as_ref());
     signing.is_some_and(|signing| signing.required)
 }
 

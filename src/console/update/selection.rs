@@ -150,13 +150,13 @@ pub(super) fn acknowledge(model: &mut ConsoleModel, by: &str) -> Vec<Effect> {
     let mut effects = Vec::new();
     for alarm in &marked {
         let question = EngineQuery::Acknowledge { alarm: alarm.alarm.clone(), by: by.to_owned() };
-        let asked = engine_requests::send_query(model, format!("acknowledge {}", alarm.alarm), question);
-        if asked.is_empty() {
+        let queries = engine_requests::send_query(model, format!("acknowledge {}", alarm.alarm), question);
+        if queries.is_empty() {
             // Too many requests wait: the others keep their marks.
             break;
         }
         model.view_state.marked.remove(&alarm.alarm);
-        effects.extend(asked);
+        effects.extend(queries);
     }
     if marked.is_empty() {
         model.view_state.marked.clear();

@@ -119,7 +119,7 @@ impl TestConsole {
         };
         let mut effects = update(&mut self.model, Msg { now_ms: self.now_ms, what });
         if self.answers {
-            self.give(&mut effects);
+            self.deliver(&mut effects);
         }
         effects
     }
@@ -146,9 +146,9 @@ impl TestConsole {
 
     fn draw(&mut self, (width, height): (u16, u16)) {
         let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
-        let seen = decision_on_screen(&self.model, &look, Rect::new(0, 0, width, height));
-        if let Some(seen) = seen {
-            self.tell(MsgKind::DecisionShown(seen));
+        let visible = decision_on_screen(&self.model, &look, Rect::new(0, 0, width, height));
+        if let Some(visible) = visible {
+            self.tell(MsgKind::DecisionShown(visible));
         }
     }
 
@@ -233,7 +233,7 @@ fn keys_inside_the_guard_time_never_approve() {
 }
 
 #[test]
-fn tiers_ask_for_more_and_more() {
+fn higher_tiers_need_more_input() {
     // Short id typed, reason typed; the obstacle to Y in tiers 0, 1 and 2.
     let table = [
         ("", "", [None, Some(DecisionObstacle::ShortId), Some(DecisionObstacle::ShortId)]),
@@ -277,8 +277,8 @@ fn a_letter_typed_into_a_field_is_text() {
 
 #[test]
 fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
-    type Change = fn(&mut Snapshot);
-    let changes: [(&str, Change); 7] = [
+    type PromptChange = fn(&mut Snapshot);
+    let changes: [(&str, PromptChange); 7] = [
         ("the evidence changed", |now| now.prompts[0].evidence = digest('f').parse().unwrap()),
         ("the candidate changed", |now| now.prompts[0].candidate = digest('f').parse().unwrap()),
         ("the policy changed", |now| now.prompts[0].policy = digest('f').parse().unwrap()),
@@ -316,7 +316,7 @@ fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
 }
 
 #[test]
-fn people_who_cannot_approve_are_told_why() {
+fn a_refused_approver_sees_the_reason() {
     let table = [
         (Some("ana"), None, None),
         (Some("cora"), None, Some(DecisionObstacle::OwnWork)),
@@ -524,7 +524,7 @@ fn forms_refuse_what_is_missing() {
 }
 
 #[test]
-fn quitting_asks_and_says_what_happens() {
+fn quitting_asks_and_names_the_consequences() {
     let mut console = TestConsole::new(0);
     console.keys("4");
     assert!(console.keys("q").is_empty());
@@ -586,5 +586,5 @@ fn an_old_snapshot_is_stale() {
 fn every_loss_of_the_terminal_ends_without_a_decision() {
     let mut console = TestConsole::new(0);
     console.open_prompt();
-    assert_eq!(console.tell(MsgKind::EndAsked), [Effect::End]);
+    assert_eq!(console.tell(MsgKind::EndRequested), [Effect::End]);
 }

@@ -107,7 +107,7 @@ fn finish(model: &mut ConsoleModel) -> Vec<Effect> {
     match model.input.typing.take() {
         None => Vec::new(),
         Some(Typing::Find(line)) => {
-            line.text().clone_into(&mut model.view_state.sought);
+            line.text().clone_into(&mut model.view_state.search);
             if !find_in_view::is_there(model, line.text()) {
                 show_message(model, format!("{:?} is not in this list", line.text()), true);
             }
@@ -129,7 +129,7 @@ fn finish(model: &mut ConsoleModel) -> Vec<Effect> {
                 model.input.history.remove(0);
             }
             match commands::parse(&text) {
-                Ok(asked) => run(model, asked),
+                Ok(command) => run(model, command),
                 Err(why) => {
                     show_message(model, why, true);
                     Vec::new()
@@ -139,17 +139,17 @@ fn finish(model: &mut ConsoleModel) -> Vec<Effect> {
     }
 }
 
-fn run(model: &mut ConsoleModel, asked: ConsoleCommand) -> Vec<Effect> {
-    if model.settings.read_only && asked.changes_something() {
+fn run(model: &mut ConsoleModel, command: ConsoleCommand) -> Vec<Effect> {
+    if model.settings.read_only && command.changes_something() {
         show_message(model, "this console is read-only", true);
         return Vec::new();
     }
-    match asked {
+    match command {
         ConsoleCommand::Action(action) => act(model, action),
         ConsoleCommand::Demo(name) => engine_requests::register(model, name),
         ConsoleCommand::Register(folder) => engine_requests::register(model, Some(folder)),
         ConsoleCommand::As(name) => {
-            model.session.wanted = Some(name.clone());
+            model.session.requested_name = Some(name.clone());
             vec![Effect::UseIdentity(name)]
         }
         ConsoleCommand::Theme(name) => {

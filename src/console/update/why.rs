@@ -92,7 +92,7 @@ fn request_episode(model: &mut ConsoleModel) -> Vec<Effect> {
     let (version, at) = (screen.version.clone(), screen.at);
     let detail = model.subject_detail().filter(|detail| detail.version == version);
     match detail.and_then(|detail| detail.why.get(at)).and_then(|why| why.film) {
-        Some(asked) => watch(model, version, asked),
+        Some(request) => watch(model, version, request),
         None => {
             show_message(model, "there is no re-run for this check", true);
             Vec::new()
@@ -103,14 +103,14 @@ fn request_episode(model: &mut ConsoleModel) -> Vec<Effect> {
 fn watch(
     model: &mut ConsoleModel,
     version: holdpoint_governance::ids::CapabilityId,
-    asked: FilmRequest,
+    request: FilmRequest,
 ) -> Vec<Effect> {
     if model.requests.pending.values().any(|pending| pending.about == RequestSubject::Film) {
         show_message(model, "a re-run is already in progress", false);
         return Vec::new();
     }
     show_message(model, "working it again", false);
-    engine_requests::send_query(model, format!("see {version} work"), EngineQuery::Film { version, asked })
+    engine_requests::send_query(model, format!("see {version} work"), EngineQuery::Film { version, request })
 }
 
 /// Takes in a film and shows it if the operator still waits there.

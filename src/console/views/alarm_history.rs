@@ -66,8 +66,8 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         let inside = pen.pane(detail, &super::short(&spell.alarm, 80), false, "");
         let width = usize::from(inside.width);
         let mut rows = Vec::new();
-        let said = spell.sentences(now_ms);
-        let (text, course) = said.split_at(usize::from(spell.text.is_some()));
+        let sentences = spell.sentences(now_ms);
+        let (text, course) = sentences.split_at(usize::from(spell.text.is_some()));
         for text in text {
             rows.extend(wrap(text, width, 2).iter().map(|line| Row::of(ThemeRole::Text, line)));
         }
@@ -82,6 +82,6 @@ fn when(step: &AlarmStep) -> String {
     step.wall_ms.map_or_else(
         || seconds(step.at_ms),
         // The sentences contain the seconds.
-        |wall_ms| calendar::moment(wall_ms - wall_ms.rem_euclid(60_000)),
+        |wall_ms| calendar::day_and_time(wall_ms - wall_ms.rem_euclid(60_000)),
     )
 }

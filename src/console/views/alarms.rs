@@ -112,7 +112,7 @@ fn detail_rows(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> V
     rows.push(Row::of(ThemeRole::Text, &attention(alarm)));
     if let Some((by, why, until)) = &alarm.shelf {
         let back = until.label();
-        let below = StateMark::alarm_state(alarm.state_below).word;
+        let below = StateMark::alarm_state(alarm.state_below).label;
         rows.push(Row::of(
             ThemeRole::Text,
             &format!("shelved by {by} until {back}, then {below} again: {why}"),

@@ -32,12 +32,12 @@ const WRAPPED_MAX: usize = 5;
 pub fn draw(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &mut Pen<'_>, area: Rect) {
     pen.clear(area);
     let (upper, lower, foot) = parts(model, prompt, pen, area);
-    let seen = laid_out(prompt, pen.look, upper);
+    let visible = visible_rows(prompt, pen.look, upper);
     let title = format!("Decide on {}", prompt.seen.version);
-    let inside = pen.pane(upper, &title, true, &extent(model, seen.first, seen.room, seen.count));
+    let inside = pen.pane(upper, &title, true, &extent(model, visible.first, visible.room, visible.count));
     let role = if prompt.stale.is_some() { ThemeRole::Muted } else { ThemeRole::Text };
-    for (at, row) in (0..inside.height).zip(&seen.rows) {
-        let is_title = seen.first == 0 && at == 0 && prompt.stale.is_none();
+    for (at, row) in (0..inside.height).zip(&visible.rows) {
+        let is_title = visible.first == 0 && at == 0 && prompt.stale.is_none();
         pen.row(inside, at, &Row::of(if is_title { ThemeRole::Title } else { role }, &row.text));
     }
     pen.rows(lower, 0, &foot);
@@ -47,7 +47,7 @@ pub fn draw(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &mut Pen<'_>, ar
 #[must_use]
 pub fn on_screen(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, area: Rect) -> VisibleRows {
     let (upper, _, _) = parts(model, prompt, pen, area);
-    laid_out(prompt, pen.look, upper)
+    visible_rows(prompt, pen.look, upper)
 }
 
 /// The areas of the text and the foot, and the rows of the foot.
@@ -58,7 +58,7 @@ fn parts(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, area: Rec
     (upper, lower, foot)
 }
 
-fn laid_out(prompt: &ApprovalScreen, look: &Look, area: Rect) -> VisibleRows {
+fn visible_rows(prompt: &ApprovalScreen, look: &Look, area: Rect) -> VisibleRows {
     let (width, room) = (usize::from(area.width), usize::from(area.height.saturating_sub(1)));
     let mut rows = lines(prompt, width, room, if look.ascii() { " | " } else { " · " });
     let count = rows.len();
@@ -129,7 +129,7 @@ fn readers(model: &ConsoleModel, prompt: &ApprovalScreen) -> String {
         .engine_data
         .other_consoles()
         .filter(|one| one.sitting.reading.as_ref() == Some(&prompt.seen.version));
-    let names: Vec<String> = here.map(crate::formatters::seated).collect();
+    let names: Vec<String> = here.map(crate::formatters::console_label).collect();
     match names.as_slice() {
         [] => String::new(),
         [one] => format!("{one} is reading this"),
@@ -197,11 +197,11 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
         .iter()
         .any(|block| *block != DecisionObstacle::Reason);
     let role = |off: bool| if off { ThemeRole::KeyOff } else { ThemeRole::Key };
-    let named = |off: bool, key: String, word: &str| {
+    let named = |off: bool, key: String, label: &str| {
         if off {
-            Row::of(role(off), &format!("[{key} {word}]  "))
+            Row::of(role(off), &format!("[{key} {label}]  "))
         } else {
-            Row::of(role(off), &key).with(ThemeRole::Text, &format!(" {word}  "))
+            Row::of(role(off), &key).with(ThemeRole::Text, &format!(" {label}  "))
         }
     };
     rows.push(
@@ -228,7 +228,7 @@ pub(super) fn signing_rows<W>(
     let room = width.saturating_sub(head.width() + 1);
     let mut row =
         Row::of(ThemeRole::Focus, &head).with(ThemeRole::Text, &"*".repeat(signing.secret.len().min(room)));
-    if signing.asked.is_some() {
+    if signing.request_id.is_some() {
         row = Row::of(ThemeRole::Muted, "the passphrase is being checked");
     }
     let mut rows = vec![row];
@@ -277,13 +277,13 @@ fn missing(model: &ConsoleModel, prompt: &ApprovalScreen, width: usize) -> Vec<R
     let rest = |all: &[DecisionObstacle]| {
         all.iter().copied().filter(|block| !both.contains(block)).collect::<Vec<_>>()
     };
-    let said = [("First", both.clone()), ("to promote", rest(&approve)), ("to reject", rest(&reject))];
-    let said: Vec<String> = said
+    let groups = [("First", both.clone()), ("to promote", rest(&approve)), ("to reject", rest(&reject))];
+    let parts: Vec<String> = groups
         .iter()
         .filter(|(_, blocks)| !blocks.is_empty())
         .map(|(head, blocks)| format!("{head}: {}", hints(blocks)))
         .collect();
-    let text = wrap(&said.join(", "), width, 4);
+    let text = wrap(&parts.join(", "), width, 4);
     let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Warning, line)).collect();
     rows.extend(refused(prompt, width));
     rows

@@ -20,7 +20,7 @@ pub const OTHERS_NAMED_FROM: u16 = 100;
 /// Draws it. Warnings stand first and are never cut before merely helpful parts.
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
-    let mut row = profile(model, pen).and(doubts(model, pen, width));
+    let mut row = profile(model, pen).and(warnings(model, pen, width));
     let identity = identity(model);
     // Without an engine, virtual time is not shown.
     let clock = match model.absence() {
@@ -58,16 +58,16 @@ fn profile(model: &ConsoleModel, pen: &Pen<'_>) -> Row {
 }
 
 /// The warnings: everything that makes the screen less reliable.
-fn doubts(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
+fn warnings(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
     let mut row = Row::new();
     let mut say = |role: ThemeRole, text: &str| {
         row.push(ThemeRole::Text, " ");
         row.push(role, text);
     };
-    if let Some(doubt) =
+    if let Some(unverified) =
         model.engine_data.unverified.filter(|_| !matches!(model.engine_data.engine, EngineState::Ended(_)))
     {
-        say(ThemeRole::Problem, doubt.short());
+        say(ThemeRole::Problem, unverified.short());
     }
     if model.settings.read_only {
         say(ThemeRole::ReadOnly, " READ-ONLY ");
@@ -89,12 +89,12 @@ fn doubts(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
         }
         EngineState::Ended(Err(why)) => {
             // An engine in another process that gave no reason: the time since its last data is enough.
-            let unsaid = model.engine_data.link == EngineLink::Attached && !why.told;
+            let unsaid = model.engine_data.link == EngineLink::Attached && !why.from_engine;
             let last = model.engine_data.snapshot.as_ref().filter(|_| unsaid);
             let rest = match last {
                 Some(last) => format!(", last heard {}", seconds(last.at_ms)),
                 // The age of the data stands behind it.
-                None if why.told => format!(": {}", super::short(&why.to_string(), width / 3)),
+                None if why.from_engine => format!(": {}", super::short(&why.to_string(), width / 3)),
                 None => format!(": {why}"),
             };
             say(ThemeRole::Problem, &format!("ENGINE GONE{}{rest}", seeking(model)));

@@ -115,8 +115,8 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
     }
     if let Some(composite) = detail.composite {
         let gap = if outcome.width() > 0 { "  " } else { "" };
-        let said = format!("{gap}composite {composite:.3}, reported and never decisive");
-        outcome.push(ThemeRole::Muted, &said);
+        let text = format!("{gap}composite {composite:.3}, reported and never decisive");
+        outcome.push(ThemeRole::Muted, &text);
     }
     if outcome.width() > 0 {
         rows.push(outcome);
@@ -126,11 +126,11 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
 
 /// Why a pane has no rows.
 fn nothing(model: &ConsoleModel, detail: &Detail, pane: usize) -> String {
-    let stands = model.version_state(&detail.version);
+    let current = model.version_state(&detail.version);
     let commissioned = model.candidate(&detail.version).is_none() && detail.dimensions.is_empty();
     match (pane, &detail.against) {
         (DIFFERENCE, Some(against)) => format!("No field of manifest or parameters differs from {against}"),
-        (DIFFERENCE, None) => match stands.map(|(state, _)| state) {
+        (DIFFERENCE, None) => match current.map(|(state, _)| state) {
             Some(State::Active | State::Superseded | State::RolledBack) => {
                 "It took over from no other version, so there is nothing that it differs from".to_owned()
             }
@@ -145,7 +145,7 @@ fn nothing(model: &ConsoleModel, detail: &Detail, pane: usize) -> String {
                 DRILLS => "No recovery drill",
                 _ => "No check",
             };
-            match stands {
+            match current {
                 Some((state, _)) if state.is_terminal() => {
                     format!("{what} of it is on record: it was {} before", state.name())
                 }

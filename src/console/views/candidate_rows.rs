@@ -25,8 +25,8 @@ pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
         CandidateItem::Reason(reason) => text(ThemeRole::Text, &reason_line(reason), width),
         CandidateItem::Unproven(reason, measure) => {
             let [low, high] = measure.interval.unwrap_or_default();
-            let doubt = format!("not established: worse by {low:+.3}..{high:+.3}");
-            text(ThemeRole::Text, &format!("{}; {doubt}", reason_line(reason)), width)
+            let caveat = format!("not established: worse by {low:+.3}..{high:+.3}");
+            text(ThemeRole::Text, &format!("{}; {caveat}", reason_line(reason)), width)
         }
         CandidateItem::Condition(condition) => {
             let glyph = look.glyph(Glyph::Warning);
@@ -134,13 +134,13 @@ fn differs(difference: &FieldDiff, width: usize) -> Vec<Row> {
         let lines = wrap(value, width.saturating_sub(4), LINES_MAX);
         rows.extend(lines.iter().map(|line| Row::of(role, &format!("  {sign} {line}"))));
     };
-    let said = |value: &Option<Value>, missing: &str| match value {
+    let value_text = |value: &Option<Value>, missing: &str| match value {
         None => missing.to_owned(),
         Some(Value::String(text)) => text.clone(),
         Some(other) => other.to_string(),
     };
-    line("-", ThemeRole::Removed, &said(&difference.old, "(not there)"));
-    line("+", ThemeRole::Added, &said(&difference.new, "(gone)"));
+    line("-", ThemeRole::Removed, &value_text(&difference.old, "(not there)"));
+    line("+", ThemeRole::Added, &value_text(&difference.new, "(gone)"));
     rows
 }
 

@@ -24,11 +24,11 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
     }
     let cursor = focused.then(|| model.row());
     pen.list(area, rows.len(), cursor, |index, _| {
-        rows.get(index).map_or_else(Row::new, |told| {
-            let row = Row::of(ThemeRole::Muted, &format!("{}  ", seconds(told.at_ms)));
-            let row = row.with(ThemeRole::Text, &told.text);
-            if told.sequences > 1 {
-                row.with(ThemeRole::Muted, &format!("  and {} before it", told.sequences - 1))
+        rows.get(index).map_or_else(Row::new, |line| {
+            let row = Row::of(ThemeRole::Muted, &format!("{}  ", seconds(line.at_ms)));
+            let row = row.with(ThemeRole::Text, &line.text);
+            if line.sequences > 1 {
+                row.with(ThemeRole::Muted, &format!("  and {} before it", line.sequences - 1))
             } else {
                 row
             }

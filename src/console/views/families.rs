@@ -6,7 +6,7 @@
 //! last sequences •••••••✖••••••••  94 % of 50
 //! ```
 
-use crate::formatters::{re_evaluation, under_way, works};
+use crate::formatters::{current_progress, re_evaluation, works};
 use crate::look::ThemeRole;
 use crate::model::ConsoleModel;
 use crate::theme::StateMark;
@@ -51,16 +51,16 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
     let name = family.active.as_ref().map(ToString::to_string);
     let room = width.saturating_sub(name_width + 3 + name.as_ref().map_or(0, String::len));
     let look = pen.look;
-    let words = |mark: StateMark| Row::of(mark.role, &look.mark_label(mark));
-    let stands = match &family.active {
-        _ if family.safe_stopped => words(StateMark::SAFE_STOPPED),
-        None => words(StateMark::UNKNOWN),
+    let mark_row = |mark: StateMark| Row::of(mark.role, &look.mark_label(mark));
+    let state = match &family.active {
+        _ if family.safe_stopped => mark_row(StateMark::SAFE_STOPPED),
+        None => mark_row(StateMark::UNKNOWN),
         Some(_) => super::state_row(State::Active, &flags, room, look),
     };
     let mut row = Row::new()
         .cell(ThemeRole::Text, &family.family.to_string(), name_width)
         .with(ThemeRole::Text, "  ")
-        .and(stands)
+        .and(state)
         .to_column(name_width + 23)
         .with(ThemeRole::Text, " ");
     match &family.active {
@@ -95,7 +95,7 @@ fn after_window(now: &Snapshot, family: &FamilyView) -> String {
     let own = own(now, family);
     let is_other = |candidate: &&CandidateView| Some(&candidate.version) != family.active.as_ref();
     let other = now.candidates.iter().filter(is_other).find(|other| works(other));
-    match (own.and_then(under_way), other) {
+    match (own.and_then(current_progress), other) {
         (Some(progress), _) => format!("in confirmation, {} of {}", progress.done, progress.budget),
         (None, Some(other)) => format!("waits for its confirmation, behind {}", other.version),
         (None, None) => "waits for its confirmation".to_owned(),

@@ -53,14 +53,14 @@ fn head(player: &Player, pen: &mut Pen<'_>, area: Rect) -> u16 {
         row.push(ThemeRole::Text, &format!("  {}", super::short(&film.why, room)));
     }
     pen.row(area, 0, &row.to_column(width.saturating_sub(place.width())).and(place));
-    let mut taken = 1;
+    let mut height = 1;
     let unlike = [&film.candidate, &film.active].into_iter().any(|run| run.as_recorded == Some(false));
     let unlike = unlike.then(|| "this re-run differs from the record".to_owned());
-    for doubt in film.doubts.iter().chain(&unlike) {
-        let text = format!("{} {doubt}", pen.look.glyph(Glyph::Warning));
-        taken += pen.text(area, taken, ThemeRole::Warning, &text);
+    for warning in film.doubts.iter().chain(&unlike) {
+        let text = format!("{} {warning}", pen.look.glyph(Glyph::Warning));
+        height += pen.text(area, height, ThemeRole::Warning, &text);
     }
-    taken
+    height
 }
 
 fn run(player: &Player, own: bool, pen: &mut Pen<'_>, area: Rect) {
@@ -79,8 +79,8 @@ fn run(player: &Player, own: bool, pen: &mut Pen<'_>, area: Rect) {
     let taken = draw_summary(player, run, pen, inside);
     let inside = below(inside, taken);
     let charts = if inside.height >= CHARTS_HEIGHT_MIN { inside.height / 3 } else { 0 };
-    let (picture, charts) = cut(inside, inside.height - charts);
-    robot::draw_picture(&frame_picture(run, frame), &film.scenery, Vec::new(), pen, picture);
+    let (scene, charts) = cut(inside, inside.height - charts);
+    robot::draw_frame(&video_frame(run, frame), &film.scenery, Vec::new(), pen, scene);
     if charts.height == 0 {
         return;
     }
@@ -116,7 +116,7 @@ fn draw_summary(player: &Player, run: &FilmedRun, pen: &mut Pen<'_>, area: Rect)
     pen.rows(area, 0, &rows)
 }
 
-fn frame_picture(run: &FilmedRun, frame: &FilmFrame) -> VideoFrame {
+fn video_frame(run: &FilmedRun, frame: &FilmFrame) -> VideoFrame {
     VideoFrame {
         sequence: 0,
         at_ms: 0,

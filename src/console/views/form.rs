@@ -36,13 +36,13 @@ pub fn draw(model: &ConsoleModel, form: &Form, pen: &mut Pen<'_>, area: Rect) {
     let inside = super::window(pen, area, WIDTH_MAX, height, &form.intent.title(), &by);
     // If space is short, fields and buttons stay in sight, and the rest scrolls.
     let (upper, lower) = crate::widgets::pen::cut(inside, room(inside.height, foot.len()));
-    let seen = visible_rows(form, usize::from(width_of(area)), usize::from(upper.height), body.len());
+    let visible = visible_rows(form, usize::from(width_of(area)), usize::from(upper.height), body.len());
     let mut rows = body;
-    rows.drain(..seen.first.min(rows.len()));
-    rows.truncate(seen.room);
+    rows.drain(..visible.first.min(rows.len()));
+    rows.truncate(visible.room);
     pen.rows(upper, 0, &rows);
-    if seen.first + seen.room < seen.count && upper.height > 0 {
-        let hidden = seen.count - seen.first - seen.room;
+    if visible.first + visible.room < visible.count && upper.height > 0 {
+        let hidden = visible.count - visible.first - visible.room;
         let key = model.keymap.key(Action::PageDown);
         pen.row(
             upper,
@@ -160,10 +160,10 @@ fn footer(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, width: usize) -> Vec
 
 /// A button; the one that has the keys is marked by a sign as well as by its style.
 #[must_use]
-pub fn button(pen: &Pen<'_>, word: &str, has_keys: bool) -> Row {
+pub fn button(pen: &Pen<'_>, label: &str, has_keys: bool) -> Row {
     if has_keys {
-        Row::of(ThemeRole::Selected, &format!("{}[{word}]", pen.look.glyph(Glyph::Here)))
+        Row::of(ThemeRole::Selected, &format!("{}[{label}]", pen.look.glyph(Glyph::Here)))
     } else {
-        Row::of(ThemeRole::Text, &format!("  {word} "))
+        Row::of(ThemeRole::Text, &format!("  {label} "))
     }
 }

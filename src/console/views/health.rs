@@ -191,9 +191,9 @@ fn draw_families(
     area: Rect,
 ) {
     if series.points.is_empty() {
-        let said = "No live task of this span is on record. Tasks are kept of versions that came in through the gate, \
+        let text = "No live task of this span is on record. Tasks are kept of versions that came in through the gate, \
                     from then on; those of a family's first version are not.";
-        let lines = wrap(said, usize::from(area.width), usize::from(area.height));
+        let lines = wrap(text, usize::from(area.width), usize::from(area.height));
         let rows: Vec<Row> = lines.iter().map(|line| Row::of(ThemeRole::Muted, line)).collect();
         pen.rows(area, 0, &rows);
         return;
@@ -365,10 +365,10 @@ fn axis(model: &ConsoleModel, series: &HealthSeries, pen: &mut Pen<'_>, area: Re
     let mut bucket = 0;
     while bucket < series.buckets {
         if let Some(x) = column(series, bucket, plot.width) {
-            let words = tick(series, bucket);
+            let label = tick(series, bucket);
             let x = usize::try_from(x).unwrap_or(0);
-            if x >= row.width() && x + words.chars().count() < usize::from(plot.width) {
-                row = row.to_column(x).with(ThemeRole::Muted, &words);
+            if x >= row.width() && x + label.chars().count() < usize::from(plot.width) {
+                row = row.to_column(x).with(ThemeRole::Muted, &label);
             }
         }
         bucket += TIME_APART;
@@ -419,7 +419,7 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
     // If hardly a line is left, the events come before the numbers, which the chart shows.
     if height >= NUMBERS_FROM || marks.is_empty() {
         let (start, end) =
-            (series.moment(series.start_ms(bucket)), series.moment(series.start_ms(bucket + 1)));
+            (series.time_text(series.start_ms(bucket)), series.time_text(series.start_ms(bucket + 1)));
         let points: Vec<&HealthPoint> = series.at(&family, bucket).collect();
         if points.is_empty() {
             say(ThemeRole::Muted, &format!("{start} to {end}: no task of {family} on record"), 1);

@@ -25,10 +25,10 @@ const OVERDUE_ROWS: usize = 4;
 /// one.
 #[must_use]
 pub fn height(model: &ConsoleModel, screen: Rect) -> u16 {
-    let told = model.notice.as_ref().filter(|_| model.input.typing.is_none());
+    let message = model.notice.as_ref().filter(|_| model.input.typing.is_none());
     let share = if screen.height < 16 { 2 } else { 3 };
     let rows_max = (screen.height / share).clamp(1, NOTICE_ROWS);
-    let rows = told.map_or(1, |notice| {
+    let rows = message.map_or(1, |notice| {
         let lines = notice_lines(model, notice, usize::from(screen.width), usize::from(rows_max));
         u16::try_from(lines.len()).unwrap_or(rows_max).max(1)
     });
@@ -94,8 +94,8 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         return;
     } else if let Some(own) = own_keys(model) {
         let gap = stop.clone().with(ThemeRole::Text, "  ");
-        own.iter().fold(gap, |row, (key, word)| {
-            let next = Row::of(ThemeRole::Key, key).with(ThemeRole::Text, &format!(" {word}  "));
+        own.iter().fold(gap, |row, (key, label)| {
+            let next = Row::of(ThemeRole::Key, key).with(ThemeRole::Text, &format!(" {label}  "));
             if row.width() + next.width() <= width { row.and(next) } else { row }
         })
     } else {
@@ -312,11 +312,11 @@ fn hint(model: &ConsoleModel, action: Action) -> Row {
     if key.is_empty() {
         return Row::new();
     }
-    let word = label(model, action);
+    let text = label(model, action);
     if model.settings.read_only && action.changes_something() {
-        return Row::of(ThemeRole::KeyOff, &format!("[{key} {word}]  "));
+        return Row::of(ThemeRole::KeyOff, &format!("[{key} {text}]  "));
     }
-    Row::of(ThemeRole::Key, &key).with(ThemeRole::Text, &format!(" {word}  "))
+    Row::of(ThemeRole::Key, &key).with(ThemeRole::Text, &format!(" {text}  "))
 }
 
 /// The word for an action in a hint.

@@ -39,6 +39,6 @@ fn help(line: &str) -> &'static str {
     if line.contains(' ') {
         return "";
     }
-    let known = WITH_ARGUMENT.iter().find(|(word, ..)| *word == line).map(|(_, _, help)| *help);
+    let known = WITH_ARGUMENT.iter().find(|(name, ..)| *name == line).map(|(_, _, help)| *help);
     known.or_else(|| Action::parse(line).map(Action::help)).unwrap_or("")
 }

@@ -127,9 +127,9 @@ fn under_cursor(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 fn robot_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let at = model
         .engine_data
-        .picture
+        .frame
         .as_ref()
-        .map(|picture| format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs))
+        .map(|frame| format!("sequence {}, {:.1} s", frame.sequence, frame.at_secs))
         .unwrap_or_default();
     pen.hit(area, Hit::Pane(ROBOT));
     let inside = pen.pane(area, "Robot", model.view_state.pane() == ROBOT, &at);

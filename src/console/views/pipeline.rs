@@ -13,8 +13,8 @@ use unicode_width::UnicodeWidthStr as _;
 
 use crate::action::Action;
 use crate::formatters::{
-    MONITOR_PLACE, STAGES, approvals, duration, pipeline_idle_reason, stage_place, stages_done, under_way,
-    waits_for,
+    MONITOR_PLACE, STAGES, approvals, current_progress, duration, pipeline_idle_reason, stage_place,
+    stages_done, waits_for,
 };
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, StageProgress};
@@ -96,15 +96,15 @@ pub fn extent(model: &ConsoleModel, cursor: usize, width: u16) -> String {
     }
     let all = model.engine_data.snapshot.as_ref().map_or(0, |now| now.candidates.len());
     let here = if count == 0 { "none".to_owned() } else { place(count, cursor) };
-    let word = |width| super::short(filter, width);
-    let said = [
-        format!("{here} with {:?}, {all} in all", word(24)),
-        format!("{here} with {:?}", word(24)),
-        format!("{here} with {:?}", word(6)),
+    let filter_text = |width| super::short(filter, width);
+    let wordings = [
+        format!("{here} with {:?}, {all} in all", filter_text(24)),
+        format!("{here} with {:?}", filter_text(24)),
+        format!("{here} with {:?}", filter_text(6)),
     ];
     let room = usize::from(width).saturating_sub(" Pipeline    ".len() + 1);
-    let fits = said.iter().position(|text| text.width() <= room);
-    said.into_iter().nth(fits.unwrap_or(2)).unwrap_or_default()
+    let fits = wordings.iter().position(|text| text.width() <= room);
+    wordings.into_iter().nth(fits.unwrap_or(2)).unwrap_or_default()
 }
 
 /// The first steps if there is no candidate yet.
@@ -157,18 +157,19 @@ fn rows(
     if !candidate.state.is_terminal() || chosen {
         rows.push(strip(candidate, look, width));
     }
-    let question = now.and_then(|now| now.prompts.iter().find(|asked| asked.version == candidate.version));
+    let question =
+        now.and_then(|now| now.prompts.iter().find(|request| request.version == candidate.version));
     let still = now.and_then(pipeline_idle_reason);
     let muted = |text: &str| Row::of(ThemeRole::Muted, &super::short(text, width));
     let time = now.map_or_else(WallTime::default, |now| now.time_at(now_ms));
     if let Some(question) = question.filter(|_| candidate.flags.awaiting_approval) {
         let (count, next) = approvals(question, now.is_some_and(|now| now.stopped.is_some()), time);
         rows.push(Row::of(ThemeRole::Waiting, &super::short(&format!("{count} approved, {next}"), width)));
-    } else if let (Some(progress), Some(why)) = (under_way(candidate), still) {
+    } else if let (Some(progress), Some(why)) = (current_progress(candidate), still) {
         // Time passes, but says nothing about the end.
         let (done, all) = (progress.done, progress.budget);
         rows.push(muted(&format!("stands still at {done} of {all} {}: {why}", progress.what)));
-    } else if let Some(progress) = under_way(candidate) {
+    } else if let Some(progress) = current_progress(candidate) {
         rows.extend(running(progress, headway, now_ms, look, width, chosen));
     } else if let Some(stage) = candidate.flags.running.filter(|_| !candidate.flags.paused) {
         let name = stage.name();
@@ -229,12 +230,12 @@ pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
         }
     }
     let mut row = Row::new();
-    let mut told = false;
+    let mut is_named = false;
     for (mark, stage) in marks {
         row.push(mark.role, look.glyph(mark.glyph));
-        if !told && mark != StateMark::DONE || mark == StateMark::HELD {
-            row.push(mark.role, &format!(" {stage} {} ", mark.word));
-            told = true;
+        if !is_named && mark != StateMark::DONE || mark == StateMark::HELD {
+            row.push(mark.role, &format!(" {stage} {} ", mark.label));
+            is_named = true;
         }
     }
     row
@@ -307,9 +308,9 @@ mod tests {
         let failed = |place: &usize| stage_mark(candidate, *place) == StateMark::FAILED;
         let done =
             (0..STAGES.len()).take_while(|place| stage_mark(candidate, *place) == StateMark::DONE).count();
-        let mut said = vec![STAGES.get(done).copied().unwrap_or("all done")];
-        said.extend((0..STAGES.len()).filter(failed).map(|place| STAGES[place]));
-        said
+        let mut names = vec![STAGES.get(done).copied().unwrap_or("all done")];
+        names.extend((0..STAGES.len()).filter(failed).map(|place| STAGES[place]));
+        names
     }
 
     #[test]
@@ -338,7 +339,7 @@ mod tests {
 
     /// The end of an evaluation alone does not tell the operator what was wrong.
     #[test]
-    fn a_rejected_candidate_says_what_was_wrong_with_it() {
+    fn a_rejected_candidate_shows_the_reason() {
         let reasons = json!([
             { "code": "behavior-ended-early", "dimension": "behavior", "text": "ended after 24 of 120 episode pairs",
               "evidence": 24.0, "limit": 120.0 },
@@ -358,12 +359,12 @@ mod tests {
         let rejected = CandidateView { progress: Some(progress), ..rejected };
         let rows = rows(&rejected, None, None, 9_000, &look, 120, false);
         let text = |row: &Row| row.parts().map(|(text, _)| text).collect::<String>();
-        let said: Vec<String> = rows.iter().map(text).collect();
+        let lines: Vec<String> = rows.iter().map(text).collect();
         assert!(
-            said.iter().any(|row| row.contains("worse in the pairs worked so far [0.375 against 0.050]")),
-            "{said:?}"
+            lines.iter().any(|row| row.contains("worse in the pairs worked so far [0.375 against 0.050]")),
+            "{lines:?}"
         );
-        assert!(said.iter().all(|row| !row.contains("ended after") && !row.contains("9 s")), "{said:?}");
+        assert!(lines.iter().all(|row| !row.contains("ended after") && !row.contains("9 s")), "{lines:?}");
     }
 
     #[test]

@@ -115,26 +115,26 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 /// The columns' names; the sorting one has a sign.
 fn header(columns: &RegistryColumns, has_age: bool, sort: SortOrder, look: &Look) -> Row {
     let sign = look.glyph(if sort.reversed { Glyph::Down } else { Glyph::Up });
-    let said = |by: SortBy, word: &str| {
+    let heading = |by: SortBy, name: &str| {
         let marked = sort.by == by && sort != SortOrder::default();
-        if marked { format!("{word}{sign}") } else { word.to_owned() }
+        if marked { format!("{name}{sign}") } else { name.to_owned() }
     };
     let mut row = Row::new()
         .to_column(usize::from(GUTTER))
-        .cell(ThemeRole::Muted, &said(SortBy::Tree, "version"), columns.name)
-        .cell(ThemeRole::Muted, &said(SortBy::State, "state"), columns.state)
+        .cell(ThemeRole::Muted, &heading(SortBy::Tree, "version"), columns.name)
+        .cell(ThemeRole::Muted, &heading(SortBy::State, "state"), columns.state)
         .with(ThemeRole::Text, " ");
     for (place, dimension) in DIMENSIONS.into_iter().enumerate() {
-        let word = said(SortBy::Kappa(place), kappa_sign(dimension, look.ascii()));
-        row = row.cell(ThemeRole::Muted, &word, columns.kappa());
+        let name = heading(SortBy::Kappa(place), kappa_sign(dimension, look.ascii()));
+        row = row.cell(ThemeRole::Muted, &name, columns.kappa());
     }
-    let age = if has_age { said(SortBy::Age, " age") } else { String::new() };
+    let age = if has_age { heading(SortBy::Age, " age") } else { String::new() };
     let age = age.as_str();
     if columns.by == 0 {
         return row.with(ThemeRole::Muted, age);
     }
     row.cell(ThemeRole::Muted, age, AGE_WIDTH + 3)
-        .cell(ThemeRole::Muted, &said(SortBy::Author, "made by"), columns.by)
+        .cell(ThemeRole::Muted, &heading(SortBy::Author, "made by"), columns.by)
         .with(ThemeRole::Muted, "why it stands there")
 }
 

@@ -49,7 +49,7 @@ const BELOW_ROWS_MIN: u16 = 10;
 
 /// Draws the robot pane's inside.
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let Some(picture) = model.engine_data.picture.as_deref() else {
+    let Some(frame) = model.engine_data.frame.as_deref() else {
         let missing = "No frame: the live cell has sent none yet, or it is not a simulated one";
         pen.text(area, 0, ThemeRole::Muted, missing);
         return;
@@ -57,18 +57,18 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let nothing = Scenery::default();
     let scenery = model.engine_data.snapshot.as_ref().map_or(&nothing, |snapshot| &snapshot.scenery);
     let stopped = model.engine_data.snapshot.as_deref().and_then(super::status::stopped);
-    let stands = stopped.into_iter().chain(unsettled(model, picture, usize::from(area.width), pen));
+    let states = stopped.into_iter().chain(unsettled(model, frame, usize::from(area.width), pen));
     // Frame and lines stay in place while the arm moves, whatever the lines say, so that the scene does not jump.
     let reserved = if area.height >= CAPTIONS_FROM { CAPTION_ROWS } else { 2 };
     let mut framing = model.engine_data.framing;
-    framing.see(picture);
-    let taken = RobotScene { picture, scenery, framing };
-    draw_within(&taken, stands.collect(), reserved, pen, area);
+    framing.see(frame);
+    let scene = RobotScene { frame, scenery, framing };
+    draw_within(&scene, states.collect(), reserved, pen, area);
 }
 
 /// The state of the version that moves the arm, unless it is just active.
-fn unsettled(model: &ConsoleModel, picture: &VideoFrame, room: usize, pen: &Pen<'_>) -> Option<Row> {
-    let version = picture.version.as_ref()?;
+fn unsettled(model: &ConsoleModel, frame: &VideoFrame, room: usize, pen: &Pen<'_>) -> Option<Row> {
+    let version = frame.version.as_ref()?;
     let families = &model.engine_data.snapshot.as_ref()?.families;
     let flags = families.iter().find(|family| family.active.as_ref() == Some(version))?.flags?;
     let row = super::state_row(State::Active, &flags, room, pen.look);
@@ -77,77 +77,71 @@ fn unsettled(model: &ConsoleModel, picture: &VideoFrame, room: usize, pen: &Pen<
 
 /// Draws one moment with the scenery, and below it the action and the state of the version that moves the arm. Any
 /// area is large enough.
-pub fn draw_picture(
-    picture: &VideoFrame,
-    scenery: &Scenery,
-    stands: Vec<Row>,
-    pen: &mut Pen<'_>,
-    area: Rect,
-) {
-    draw_within(&RobotScene { picture, scenery, framing: Framing::of(picture) }, stands, 0, pen, area);
+pub fn draw_frame(frame: &VideoFrame, scenery: &Scenery, states: Vec<Row>, pen: &mut Pen<'_>, area: Rect) {
+    draw_within(&RobotScene { frame, scenery, framing: Framing::of(frame) }, states, 0, pen, area);
 }
 
 /// A moment, its scenery, and the bounds to show.
 struct RobotScene<'a> {
-    picture: &'a VideoFrame,
+    frame: &'a VideoFrame,
     scenery: &'a Scenery,
     framing: Framing,
 }
 
 /// `reserved`: lines kept for the description below, even if it is empty.
-fn draw_within(taken: &RobotScene<'_>, stands: Vec<Row>, reserved: u16, pen: &mut Pen<'_>, area: Rect) {
-    let words = description_rows(taken.picture, stands, reserved == 0, pen);
-    let lines = u16::try_from(words.len()).unwrap_or(0).max(reserved).min(area.height);
+fn draw_within(scene: &RobotScene<'_>, states: Vec<Row>, reserved: u16, pen: &mut Pen<'_>, area: Rect) {
+    let description = description_rows(scene.frame, states, reserved == 0, pen);
+    let lines = u16::try_from(description.len()).unwrap_or(0).max(reserved).min(area.height);
     let (views, captions) = cut(area, area.height - lines);
-    pen.rows(captions, 0, &words);
+    pen.rows(captions, 0, &description);
     // Beside or below each other, whichever makes the arm larger; the side view alone if there is no room for both.
     let beside = (views.width >= BESIDE_COLUMNS_MIN)
         .then_some(Rect { width: views.width.saturating_sub(3) / 2, ..views });
     let below = (views.height >= BELOW_ROWS_MIN).then_some(Rect { height: views.height / 2, ..views });
     let dots_per_m = |area: Option<Rect>| {
         let size = area.map_or((0, 0), |area| Dots::new(area).size());
-        DrawingScale::fitting(taken, ProjectionPlane::Side, size).dots_per_m
+        DrawingScale::fitting(scene, ProjectionPlane::Side, size).dots_per_m
     };
     let (side, top) = match (beside, below) {
-        (None, None) => return view(taken, pen, views, ProjectionPlane::Side),
+        (None, None) => return view(scene, pen, views, ProjectionPlane::Side),
         (Some(one), None) => pen.split(views, one.width),
         (Some(one), Some(_)) if dots_per_m(beside) > dots_per_m(below) => pen.split(views, one.width),
         (_, Some(one)) => cut(views, one.height),
     };
-    view(taken, pen, side, ProjectionPlane::Side);
-    view(taken, pen, top, ProjectionPlane::Top);
+    view(scene, pen, side, ProjectionPlane::Side);
+    view(scene, pen, top, ProjectionPlane::Top);
 }
 
 /// The description of the scene, the most serious part first: on separate lines (`apart`) or in one permanent line,
 /// so that no line comes and goes below a moving arm.
-fn description_rows(picture: &VideoFrame, stands: Vec<Row>, apart: bool, pen: &Pen<'_>) -> Vec<Row> {
+fn description_rows(frame: &VideoFrame, states: Vec<Row>, apart: bool, pen: &Pen<'_>) -> Vec<Row> {
     let look = pen.look;
     let mut rows = Vec::new();
     let mut alarming = Row::new();
-    if picture.stopped {
+    if frame.stopped {
         alarming = alarming.with(ThemeRole::Bad, &format!("{} stopped  ", look.glyph(Glyph::Bad)));
     }
-    if picture.unexpected_contact {
+    if frame.unexpected_contact {
         alarming =
             alarming.with(ThemeRole::Contact, &format!("{} unexpected contact", look.glyph(Glyph::Warning)));
     }
     if alarming.width() > 0 && apart {
         rows.push(std::mem::take(&mut alarming));
-    } else if picture.unexpected_contact {
+    } else if frame.unexpected_contact {
         alarming.push(ThemeRole::Text, "  ");
     }
-    let task = picture.task.map_or("at rest", TaskKind::name);
-    let version = picture.version.as_ref().map(ToString::to_string).unwrap_or_default();
-    let held = if picture.body.held { "holding" } else { "empty" };
+    let task = frame.task.map_or("at rest", TaskKind::name);
+    let version = frame.version.as_ref().map(ToString::to_string).unwrap_or_default();
+    let held = if frame.body.held { "holding" } else { "empty" };
     rows.push(
         // A version's name begins with its task.
         alarming
             .with(ThemeRole::Title, if version.is_empty() { task } else { &version })
-            .with(ThemeRole::Text, &format!("  {:.2} m/s  {:.1} N  ", picture.speed_m_s, picture.force_n))
-            .with(if picture.body.held { ThemeRole::Object } else { ThemeRole::Muted }, held),
+            .with(ThemeRole::Text, &format!("  {:.2} m/s  {:.1} N  ", frame.speed_m_s, frame.force_n))
+            .with(if frame.body.held { ThemeRole::Object } else { ThemeRole::Muted }, held),
     );
-    rows.extend(stands);
-    if let Some(twin) = &picture.twin {
+    rows.extend(states);
+    if let Some(twin) = &frame.twin {
         let held = if twin.body.held { ", holding" } else { "" };
         rows.push(
             Row::of(ThemeRole::Twin, &format!("twin, dashed: {}{held}", twin.version))
@@ -183,9 +177,9 @@ impl DrawingScale {
     }
 
     /// The scale that shows the workspace and everything that moves. The scenery around may be cut.
-    fn fitting(taken: &RobotScene<'_>, plane: ProjectionPlane, size: (usize, usize)) -> Self {
-        let mut framing = taken.framing;
-        if let Some(region) = &taken.scenery.workspace {
+    fn fitting(scene: &RobotScene<'_>, plane: ProjectionPlane, size: (usize, usize)) -> Self {
+        let mut framing = scene.framing;
+        if let Some(region) = &scene.scenery.workspace {
             framing.reach(region.min.map(|value| value - MARGIN_M));
             framing.reach(region.max.map(|value| value + MARGIN_M));
         }
@@ -200,8 +194,8 @@ impl DrawingScale {
     }
 }
 
-fn view(taken: &RobotScene<'_>, pen: &mut Pen<'_>, area: Rect, plane: ProjectionPlane) {
-    let (picture, scenery) = (taken.picture, taken.scenery);
+fn view(scene: &RobotScene<'_>, pen: &mut Pen<'_>, area: Rect, plane: ProjectionPlane) {
+    let (frame, scenery) = (scene.frame, scene.scenery);
     let title = if plane == ProjectionPlane::Side { "side view" } else { "top view" };
     pen.row(area, 0, &Row::of(ThemeRole::Muted, title));
     let area = below(area, 1).intersection(pen.buf.area);
@@ -209,7 +203,7 @@ fn view(taken: &RobotScene<'_>, pen: &mut Pen<'_>, area: Rect, plane: Projection
         return;
     }
     let mut dots = Dots::new(area);
-    let scale = DrawingScale::fitting(taken, plane, dots.size());
+    let scale = DrawingScale::fitting(scene, plane, dots.size());
     let outline = |dots: &mut Dots, region: &Region, ink: Ink, filled: bool| {
         dots.rectangle(scale.at(region.min), scale.at(region.max), ink, filled);
     };
@@ -226,11 +220,11 @@ fn view(taken: &RobotScene<'_>, pen: &mut Pen<'_>, area: Rect, plane: Projection
     names(scenery, &scale, pen, area);
     // Moving objects are drawn over names and scenery.
     let mut dots = Dots::new(area);
-    if let Some(twin) = &picture.twin {
+    if let Some(twin) = &frame.twin {
         arm(&mut dots, &scale, &twin.body, TWIN, TWIN);
     }
-    let object = if picture.unexpected_contact { CONTACT } else { OBJECT };
-    arm(&mut dots, &scale, &picture.body, ROBOT, object);
+    let object = if frame.unexpected_contact { CONTACT } else { OBJECT };
+    arm(&mut dots, &scale, &frame.body, ROBOT, object);
     dots.draw(pen, area);
 }
 
@@ -268,7 +262,7 @@ fn names(scenery: &Scenery, scale: &DrawingScale, pen: &mut Pen<'_>, area: Rect)
             continue;
         }
         let (left, top) = (left.max(right) / 2 - i64::from(width), top.min(other) / 4 - i64::from(flat));
-        let most = |room: u16, taken: u16| i64::from(room.saturating_sub(taken));
+        let most = |room: u16, size: u16| i64::from(room.saturating_sub(size));
         let (left, top) = (left.clamp(0, most(area.width, width)), top.clamp(0, most(area.height, 1)));
         let (Ok(left), Ok(top)) = (u16::try_from(left), u16::try_from(top)) else { continue };
         let place = Rect { x: area.x.saturating_add(left), y: area.y.saturating_add(top), width, height: 1 };

@@ -183,28 +183,28 @@ pub(super) fn monitor_rows(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) 
         return;
     }
     for monitor in monitors(model) {
-        let mut said = if monitor.episodes <= monitor.needed {
+        let mut summary = if monitor.episodes <= monitor.needed {
             format!("{} of {} tasks", monitor.episodes, monitor.needed)
         } else {
             // The monitor continues after the provisional window.
             format!("{} tasks, window of {} over", monitor.episodes, monitor.needed)
         };
         if monitor.restricted {
-            said.push_str(", restricted");
+            summary.push_str(", restricted");
         }
         if monitor.factor < 1.0 {
-            said.push_str(&format!(", limits x{:.2}", monitor.factor));
+            summary.push_str(&format!(", limits x{:.2}", monitor.factor));
         }
         if monitor.coupled {
-            said.push_str(", rollback-coupled");
+            summary.push_str(", rollback-coupled");
         }
         // Beside the name if there is room, else below it, so that nothing is cut.
         let name = Row::of(ThemeRole::Title, &monitor.version.to_string());
-        if name.width() + 2 + said.len() <= width {
-            rows.push(name.with(ThemeRole::Muted, &format!("  {said}")));
+        if name.width() + 2 + summary.len() <= width {
+            rows.push(name.with(ThemeRole::Muted, &format!("  {summary}")));
         } else {
             rows.push(name);
-            let lines = wrap(&said, width.saturating_sub(2), 2);
+            let lines = wrap(&summary, width.saturating_sub(2), 2);
             rows.extend(lines.iter().map(|line| Row::of(ThemeRole::Muted, &format!("  {line}"))));
         }
         let charts = charts_of(monitor);
@@ -218,14 +218,14 @@ pub(super) fn monitor_rows(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) 
 struct MonitoredQuantity<'a> {
     name: &'a str,
     /// Value and limit of each, in their order.
-    ways: Vec<(f64, f64)>,
+    readings: Vec<(f64, f64)>,
 }
 
 impl MonitoredQuantity<'_> {
     /// The larger used part of a way.
     fn worst_ratio(&self) -> f64 {
         let share = |(value, limit): &(f64, f64)| if *limit > 0.0 { value / limit } else { 0.0 };
-        self.ways.iter().map(share).fold(0.0, f64::max)
+        self.readings.iter().map(share).fold(0.0, f64::max)
     }
 }
 
@@ -235,8 +235,8 @@ fn charts_of(monitor: &MonitorView) -> Vec<MonitoredQuantity<'_>> {
     for (name, value, limit) in &monitor.charts {
         let of = name.strip_suffix(" warning").or_else(|| name.strip_suffix(" trip")).unwrap_or(name);
         match charts.iter_mut().find(|chart| chart.name == of) {
-            Some(chart) => chart.ways.push((*value, *limit)),
-            None => charts.push(MonitoredQuantity { name: of, ways: vec![(*value, *limit)] }),
+            Some(chart) => chart.readings.push((*value, *limit)),
+            None => charts.push(MonitoredQuantity { name: of, readings: vec![(*value, *limit)] }),
         }
     }
     charts.sort_by(|one, other| other.worst_ratio().total_cmp(&one.worst_ratio()));
@@ -244,15 +244,15 @@ fn charts_of(monitor: &MonitorView) -> Vec<MonitoredQuantity<'_>> {
 }
 
 fn charted(chart: &MonitoredQuantity<'_>, name_width: usize, look: &crate::look::Look, width: usize) -> Row {
-    let past = chart.ways.iter().any(|(value, limit)| value >= limit);
+    let past = chart.readings.iter().any(|(value, limit)| value >= limit);
     let role = if past { ThemeRole::Past } else { ThemeRole::Text };
     let sign = if past { look.glyph(Glyph::Warning) } else { " " };
-    let numbers = match chart.ways.as_slice() {
+    let numbers = match chart.readings.as_slice() {
         [(value, limit)] => format!(" {value:.2} of {limit:.2}"),
-        ways => {
-            let said: Vec<String> =
-                ways.iter().map(|(value, limit)| format!("{value:.1}/{limit:.1}")).collect();
-            format!(" {}", said.join("  "))
+        readings => {
+            let parts: Vec<String> =
+                readings.iter().map(|(value, limit)| format!("{value:.1}/{limit:.1}")).collect();
+            format!(" {}", parts.join("  "))
         }
     };
     let row = Row::of(role, sign).with(role, " ").cell(role, chart.name, name_width).with(role, " ");
@@ -287,8 +287,8 @@ fn list(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
         let subject = model.subject();
         let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
         let ours = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
-        let worked = ours.and_then(|candidate| candidate.shadow.as_ref()).map_or(0, |shadow| shadow.n);
-        let text = match worked {
+        let sequences = ours.and_then(|candidate| candidate.shadow.as_ref()).map_or(0, |shadow| shadow.n);
+        let text = match sequences {
             0 => "No sequence has been shadowed yet: there is nothing to agree on".to_owned(),
             1 => "The one sequence so far ended alike in twin and live world".to_owned(),
             n => format!("All {n} sequences so far ended alike in twin and live world"),

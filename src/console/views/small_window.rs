@@ -143,7 +143,7 @@ fn alarm(item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
     let mark = StateMark::priority(alarm.priority);
     Row::of(mark.role, &status::priority_label(pen.look, alarm.priority)).with(
         ThemeRole::Text,
-        &format!(" {} {}", StateMark::alarm_state(alarm.state).word, super::short(&alarm.text, 200)),
+        &format!(" {} {}", StateMark::alarm_state(alarm.state).label, super::short(&alarm.text, 200)),
     )
 }
 
@@ -201,9 +201,9 @@ fn shadow(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         Some(shadow) => {
             let means = [shadow.output, shadow.governance, shadow.envelope];
             for ((name, mean), limit) in super::shadow::NAMES.iter().zip(means).zip(shadow.limits) {
-                let word = name.split(' ').next().unwrap_or(name);
+                let label = name.split(' ').next().unwrap_or(name);
                 let limit = limit.map_or_else(String::new, |limit| format!(" of {limit:.2}"));
-                rows.push(Row::of(ThemeRole::Text, &format!("{word:<11} {mean:.3}{limit}")));
+                rows.push(Row::of(ThemeRole::Text, &format!("{label:<11} {mean:.3}{limit}")));
             }
             rows.push(Row::of(ThemeRole::Muted, &format!("{} sequences", shadow.n)));
         }
@@ -229,8 +229,8 @@ fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         }
         View::Audit => model.audit_rows().iter().map(super::audit::brief).collect(),
         View::Shadow => {
-            let said = |row: &&Disagreement| Row::of(ThemeRole::Text, &format!("{} {}", row.index, row.text));
-            model.disagreement_rows().iter().map(said).collect()
+            let line = |row: &&Disagreement| Row::of(ThemeRole::Text, &format!("{} {}", row.index, row.text));
+            model.disagreement_rows().iter().map(line).collect()
         }
         View::Health | View::Overview => Vec::new(),
     }

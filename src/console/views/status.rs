@@ -44,8 +44,9 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let wanted = head_text(snapshot).len().min(TEXT_MIN);
     let fits = |row: &Row| head.width() + wanted + row.width() <= room;
     let wordings = [CountStyle::Full, CountStyle::Short, CountStyle::Signs];
-    let said = |wording| counts(&snapshot.alarm_summary, pen.look, wording);
-    let counts = wordings.map(said).into_iter().find(fits).unwrap_or_else(|| said(CountStyle::Signs));
+    let count_row = |wording| counts(&snapshot.alarm_summary, pen.look, wording);
+    let counts =
+        wordings.map(count_row).into_iter().find(fits).unwrap_or_else(|| count_row(CountStyle::Signs));
     let left = room.saturating_sub(head.width() + counts.width());
     let text = super::short(&head_text(snapshot), left);
     let role = if snapshot.foremost_alarm().is_some() { ThemeRole::Text } else { ThemeRole::Muted };
@@ -62,7 +63,7 @@ pub fn priority_label(look: &Look, priority: Priority) -> String {
         Priority::Low => 3,
     };
     let mark = StateMark::priority(priority);
-    format!("{number}{} {}", look.glyph(mark.glyph), mark.word)
+    format!("{number}{} {}", look.glyph(mark.glyph), mark.label)
 }
 
 /// The operators who stopped the cell, first and last, and the time; it comes before every alarm.
@@ -173,7 +174,7 @@ fn held_promotions(snapshot: &Snapshot, look: &Look, width: usize) -> Row {
     let more = if names.len() > 1 { format!(" +{}", names.len() - 1) } else { String::new() };
     if width >= WIDE {
         Row::of(works.role, &format!("{works_glyph} {}{more} provisional ", super::short(first, 24)))
-            .with(holds.role, &format!("{holds_glyph} {} ", holds.word))
+            .with(holds.role, &format!("{holds_glyph} {} ", holds.label))
     } else {
         Row::of(works.role, &format!("{works_glyph} provisional{more} "))
             .with(holds.role, &format!("{holds_glyph} paused "))

@@ -7,7 +7,7 @@
 use ratatui::layout::Rect;
 
 use super::banner::OTHERS_NAMED_FROM;
-use crate::formatters::seated;
+use crate::formatters::console_label;
 use crate::look::ThemeRole;
 use crate::model::{ConsoleModel, View};
 use crate::widgets::pen::{Hit, Pen};
@@ -27,8 +27,8 @@ pub fn views(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     // The other consoles, in the longest words that fit: names before views, names of views before counts.
     let fits = |tabs: &Row, least: usize| {
         let room = width.saturating_sub(tabs.width());
-        let said = others.iter().enumerate().filter(|(at, _)| *at <= least);
-        said.map(|(_, text)| text).find(|text| text.width() + 2 <= room).cloned()
+        let texts = others.iter().enumerate().filter(|(at, _)| *at <= least);
+        texts.map(|(_, text)| text).find(|text| text.width() + 2 <= room).cloned()
     };
     let hit = |at: usize| View::ALL.get(at).map(|view| Hit::View(*view));
     let layouts: [TabLayout<'_>; 2] = [(&all, line, &named), (&tight, close, &short)];
@@ -37,10 +37,10 @@ pub fn views(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         let layout = layouts.iter().find(|layout| layout.0.width() <= width)?;
         Some((layout, fits(layout.0, usize::MAX).unwrap_or_default()))
     });
-    if let Some(((tabs, laid, names), said)) = chosen {
-        let row = (*tabs).clone().to_column(width - said.width()).with(ThemeRole::Muted, &said);
+    if let Some(((tabs, tab_line, names), text)) = chosen {
+        let row = (*tabs).clone().to_column(width - text.width()).with(ThemeRole::Muted, &text);
         pen.row(area, 0, &row);
-        clicks(*laid, names, model.view_state.view as usize, hit, pen, area);
+        clicks(*tab_line, names, model.view_state.view as usize, hit, pen, area);
         return;
     }
     // The names of the other views do not fit: only their keys do.
@@ -99,15 +99,15 @@ fn other_consoles(model: &ConsoleModel) -> Vec<String> {
     if others.is_empty() {
         return Vec::new();
     }
-    let said = |one: &&AttachedConsoleView| {
+    let label = |one: &&AttachedConsoleView| {
         let doing = match &one.sitting.reading {
             Some(version) => format!("reads {version}"),
             None => Untrusted::new(one.sitting.view.clone()).line().into_string(),
         };
-        format!("{} ({doing})", seated(one))
+        format!("{} ({doing})", console_label(one))
     };
-    let whole: Vec<String> = others.iter().map(said).collect();
-    let names: Vec<String> = others.iter().map(|one| seated(one)).collect();
+    let whole: Vec<String> = others.iter().map(label).collect();
+    let names: Vec<String> = others.iter().map(|one| console_label(one)).collect();
     let count = others.len();
     vec![
         format!("with {}", whole.join(", ")),

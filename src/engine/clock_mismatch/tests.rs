@@ -21,7 +21,7 @@ use crate::people::persons::enrolled;
 use crate::people::signers::tests::{question, signed};
 use crate::pipeline::Pipeline;
 use crate::test_pipeline::pipeline_by;
-use crate::tests::{accepted, asked, at_the_gate};
+use crate::tests::{assert_accepted, at_the_gate, awaiting_approval};
 use crate::wall_clock::{Clocks, WallClock};
 
 const MINUTE_MS: i64 = 60_000;
@@ -59,7 +59,7 @@ impl Machine {
         self.0.lock().unwrap().boot_ms += ms.unsigned_abs();
     }
 
-    fn said(&self) -> WallTime {
+    fn wall_time(&self) -> WallTime {
         self.read().wall
     }
 }
@@ -88,7 +88,7 @@ fn state(pipeline: &Pipeline, id: &CapabilityId) -> State {
 }
 
 /// Why the gate holds a version.
-fn held_for(pipeline: &Pipeline, id: &CapabilityId) -> Vec<ReasonCode> {
+fn hold_reasons(pipeline: &Pipeline, id: &CapabilityId) -> Vec<ReasonCode> {
     let snapshot = pipeline.snapshot();
     let found = snapshot.candidates.iter().find(|one| one.version == *id).unwrap();
     assert!(found.held, "{found:?}");
@@ -97,7 +97,7 @@ fn held_for(pipeline: &Pipeline, id: &CapabilityId) -> Vec<ReasonCode> {
 
 fn resume(pipeline: &mut Pipeline, id: &CapabilityId) {
     let operation = Operation { version: id.clone(), by: "ana".to_owned(), reason: "a test".to_owned() };
-    accepted(&pipeline.command(Command::Resume(operation)));
+    assert_accepted(&pipeline.command(Command::Resume(operation)));
 }
 
 fn confirm(pipeline: &mut Pipeline, time: WallTime) -> Reply {
@@ -107,7 +107,7 @@ fn confirm(pipeline: &mut Pipeline, time: WallTime) -> Reply {
 
 fn approve(pipeline: &mut Pipeline, open: &ApprovalRequestView, who: &Identity) {
     let command = signed(pipeline, open, who, ApprovalDecision::Approve).unwrap();
-    accepted(&pipeline.command(command));
+    assert_accepted(&pipeline.command(command));
 }
 
 fn alarm(pipeline: &Pipeline) -> Option<AlarmState> {
@@ -121,11 +121,11 @@ fn an_approval_lapses_while_no_engine_runs() {
     let (machine, human) = (Machine::new(), builtin(ProfileName::Human));
     let mut first = engine(folder.path(), &human, &machine);
     // A review takes two people.
-    let id = asked(&mut first, PolicyOutcome::Review, Vec::new());
+    let id = awaiting_approval(&mut first, PolicyOutcome::Review, Vec::new());
     let [ana, ben] =
         ["ana", "ben"].map(|name| enrolled(first.live().record, name, Role::Safety, KeyEncoding::Plain));
     let question = first.snapshot().prompts.remove(0);
-    assert_eq!(question.until, machine.said().plus_secs(human.approval.timeout_s));
+    assert_eq!(question.until, machine.wall_time().plus_secs(human.approval.timeout_s));
     approve(&mut first, &question, &ana);
     let late = signed(&mut first, &question, &ben, ApprovalDecision::Approve).unwrap();
     drop(first);
@@ -156,23 +156,23 @@ fn a_first_answer_runs_out_before_the_second() {
     let mut human = builtin(ProfileName::Human);
     human.approval.timeout_s = 3_600.0;
     let mut first = engine(folder.path(), &human, &machine);
-    let id = asked(&mut first, PolicyOutcome::Review, Vec::new());
+    let id = awaiting_approval(&mut first, PolicyOutcome::Review, Vec::new());
     let [ana, ben] =
         ["ana", "ben"].map(|name| enrolled(first.live().record, name, Role::Safety, KeyEncoding::Plain));
-    let asked_first = first.snapshot().prompts.remove(0);
-    approve(&mut first, &asked_first, &ana);
+    let first_request = first.snapshot().prompts.remove(0);
+    approve(&mut first, &first_request, &ana);
     drop(first);
     machine.pass(20 * MINUTE_MS);
     let mut second = engine(folder.path(), &human, &machine);
     work(&mut second, &id);
     let open = second.snapshot().prompts.remove(0);
-    assert_eq!((open.until, open.asked), (asked_first.until, asked_first.asked), "it is open, unchanged");
+    assert_eq!((open.until, open.asked), (first_request.until, first_request.asked), "it is open, unchanged");
     approve(&mut second, &open, &ben);
     work(&mut second, &id);
     assert_eq!(state(&second, &id), State::Shadowed, "the first has run out after 900 s");
     // No one signs for longer than the profile lets an approval count.
     let mut longer = question(&mut second, &open, "ana").unwrap();
-    longer.valid_until = machine.said().plus_secs(human.approval.valid_s + 1.0);
+    longer.valid_until = machine.wall_time().plus_secs(human.approval.valid_s + 1.0);
     let reply = second.command(longer.answer(&ana, ApprovalDecision::Approve, "read").unwrap());
     assert!(matches!(&reply, Reply::Refused { code: Refusal::Stale, .. }), "{reply:?}");
 }
@@ -182,17 +182,18 @@ fn a_freeze_holds_and_ends_by_wall_time_alone() {
     let folder = tempfile::tempdir().unwrap();
     let machine = Machine::new();
     let mut sim = builtin(ProfileName::Sim);
-    let until = machine.said().plus_ms(DAY_MS.unsigned_abs());
-    sim.freeze = vec![FreezeWindow { from: machine.said(), until, reason: "the hall is rebuilt".to_owned() }];
+    let until = machine.wall_time().plus_ms(DAY_MS.unsigned_abs());
+    sim.freeze =
+        vec![FreezeWindow { from: machine.wall_time(), until, reason: "the hall is rebuilt".to_owned() }];
     let mut first = engine(folder.path(), &sim, &machine);
     let id = at_the_gate(&mut first);
     work(&mut first, &id);
-    assert!(held_for(&first, &id).contains(&ReasonCode::GateFrozen));
+    assert!(hold_reasons(&first, &id).contains(&ReasonCode::GateFrozen));
     // The engine's clock ends no freeze; an editor could advance it by four days.
     first.jump_to(9 * DAY_MS.unsigned_abs());
     resume(&mut first, &id);
     work(&mut first, &id);
-    assert!(held_for(&first, &id).contains(&ReasonCode::GateFrozen));
+    assert!(hold_reasons(&first, &id).contains(&ReasonCode::GateFrozen));
     drop(first);
 
     machine.pass(DAY_MS);
@@ -209,7 +210,7 @@ fn a_clock_that_was_set_holds_the_gate_until_a_person_confirms_the_time() {
     let id = at_the_gate(&mut first);
     machine.set(3 * DAY_MS);
     work(&mut first, &id);
-    assert!(held_for(&first, &id).contains(&ReasonCode::GateClockDoubted));
+    assert!(hold_reasons(&first, &id).contains(&ReasonCode::GateClockDoubted));
     assert_eq!(alarm(&first), Some(AlarmState::Unacknowledged));
     let jumped = ClockMismatch::Jumped { by_ms: 3 * DAY_MS };
     assert_eq!(first.snapshot().clock_doubt.map(|doubt| doubt.doubt), Some(jumped));
@@ -217,22 +218,22 @@ fn a_clock_that_was_set_holds_the_gate_until_a_person_confirms_the_time() {
     machine.set(-3 * DAY_MS);
     resume(&mut first, &id);
     work(&mut first, &id);
-    assert!(held_for(&first, &id).contains(&ReasonCode::GateClockDoubted));
+    assert!(hold_reasons(&first, &id).contains(&ReasonCode::GateClockDoubted));
     drop(first);
     machine.pass(MINUTE_MS);
     let mut second = engine(folder.path(), &sim, &machine);
     assert_eq!(second.snapshot().clock_doubt.map(|doubt| doubt.doubt), Some(jumped));
     work(&mut second, &id);
-    assert!(held_for(&second, &id).contains(&ReasonCode::GateClockDoubted));
+    assert!(hold_reasons(&second, &id).contains(&ReasonCode::GateClockDoubted));
 
-    let another = confirm(&mut second, machine.said().plus_ms(10 * 60_000));
+    let another = confirm(&mut second, machine.wall_time().plus_ms(10 * 60_000));
     assert!(matches!(&another, Reply::Refused { code: Refusal::Stale, .. }), "{another:?}");
-    accepted(&confirm(&mut second, machine.said()));
-    assert_eq!(second.snapshot().time, machine.said(), "it may go back by no more");
+    assert_accepted(&confirm(&mut second, machine.wall_time()));
+    assert_eq!(second.snapshot().time, machine.wall_time(), "it may go back by no more");
     resume(&mut second, &id);
     work(&mut second, &id);
     assert_eq!(state(&second, &id), State::Active);
-    let once = confirm(&mut second, machine.said());
+    let once = confirm(&mut second, machine.wall_time());
     assert!(matches!(&once, Reply::Refused { code: Refusal::NotNow, .. }), "{once:?}");
     drop(second);
     assert_eq!(engine(folder.path(), &sim, &machine).snapshot().clock_doubt, None);
@@ -248,13 +249,13 @@ fn a_clock_behind_the_newest_record_is_not_believed() {
     drop(first);
     machine.set(-1_000);
     let mut second = engine(folder.path(), &sim, &machine);
-    let doubt = second.snapshot().clock_doubt.map(|doubt| doubt.doubt);
-    assert_eq!(doubt, Some(ClockMismatch::Behind { by_ms: 1_000 }));
+    let mismatch = second.snapshot().clock_doubt.map(|doubt| doubt.doubt);
+    assert_eq!(mismatch, Some(ClockMismatch::Behind { by_ms: 1_000 }));
     assert_eq!(alarm(&second), Some(AlarmState::Unacknowledged), "before anything is activated");
     work(&mut second, &id);
-    assert!(held_for(&second, &id).contains(&ReasonCode::GateClockDoubted));
-    assert_eq!(second.snapshot().time, machine.said().plus_ms(1_000), "no deadline is put off");
-    accepted(&confirm(&mut second, machine.said()));
+    assert!(hold_reasons(&second, &id).contains(&ReasonCode::GateClockDoubted));
+    assert_eq!(second.snapshot().time, machine.wall_time().plus_ms(1_000), "no deadline is put off");
+    assert_accepted(&confirm(&mut second, machine.wall_time()));
     resume(&mut second, &id);
     work(&mut second, &id);
     assert_eq!(state(&second, &id), State::Active);
@@ -269,7 +270,7 @@ fn a_clock_that_was_set_while_no_engine_ran_is_not_believed() {
         let mut first = engine(folder.path(), &sim, &machine);
         // The engine stores the trusted reading where it begins and ends, and where a person confirms the time.
         machine.set(MINUTE_MS);
-        accepted(&confirm(&mut first, machine.said()));
+        assert_accepted(&confirm(&mut first, machine.wall_time()));
         drop(first);
         machine.pass(60 * MINUTE_MS);
         let second = engine(folder.path(), &sim, &machine);
@@ -277,21 +278,21 @@ fn a_clock_that_was_set_while_no_engine_ran_is_not_believed() {
         drop(second);
         machine.set(set_ms);
         let third = engine(folder.path(), &sim, &machine);
-        let doubt = third.snapshot().clock_doubt.map(|doubt| doubt.doubt);
-        assert_eq!(doubt, Some(ClockMismatch::Jumped { by_ms: set_ms }));
+        let mismatch = third.snapshot().clock_doubt.map(|doubt| doubt.doubt);
+        assert_eq!(mismatch, Some(ClockMismatch::Jumped { by_ms: set_ms }));
     }
 }
 
 /// Errors below the profile's bound at each restart added up to any time.
 #[test]
-fn what_is_believed_is_handed_on_from_life_to_life() {
+fn trusted_readings_survive_restarts() {
     let folder = tempfile::tempdir().unwrap();
     let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
     let mut first = engine(folder.path(), &sim, &machine);
     machine.set(MINUTE_MS);
-    accepted(&confirm(&mut first, machine.said()));
-    let kept = first.record().version_table().wall().reading();
-    assert!(kept.is_some());
+    assert_accepted(&confirm(&mut first, machine.wall_time()));
+    let reading = first.record().version_table().wall().reading();
+    assert!(reading.is_some());
     drop(first);
     // The profile allows five seconds.
     let step_ms = 4_000;
@@ -299,48 +300,48 @@ fn what_is_believed_is_handed_on_from_life_to_life() {
     machine.set(step_ms);
     let second = engine(folder.path(), &sim, &machine);
     assert_eq!(second.snapshot().clock_doubt, None, "slewed within the bound");
-    assert_eq!(second.record().version_table().wall().reading(), kept);
+    assert_eq!(second.record().version_table().wall().reading(), reading);
     drop(second);
     machine.set(step_ms);
     let third = engine(folder.path(), &sim, &machine);
-    let doubt = third.snapshot().clock_doubt.map(|doubt| doubt.doubt);
-    assert_eq!(doubt, Some(ClockMismatch::Jumped { by_ms: 2 * step_ms }));
+    let mismatch = third.snapshot().clock_doubt.map(|doubt| doubt.doubt);
+    assert_eq!(mismatch, Some(ClockMismatch::Jumped { by_ms: 2 * step_ms }));
 }
 
 /// The person who waits for a decision could postpone their own deadline.
 #[test]
-fn whoever_has_a_version_that_waits_confirms_no_time() {
+fn a_requester_cannot_confirm_the_time() {
     let folder = tempfile::tempdir().unwrap();
     let (machine, human) = (Machine::new(), builtin(ProfileName::Human));
     let mut pipeline = engine(folder.path(), &human, &machine);
-    let id = asked(&mut pipeline, PolicyOutcome::Review, Vec::new());
+    let id = awaiting_approval(&mut pipeline, PolicyOutcome::Review, Vec::new());
     machine.set(-10 * MINUTE_MS);
     let by = |by: &str| {
         let (by, reason) = (by.to_owned(), "compared with the hall's clock".to_owned());
-        Command::ConfirmTime { by, reason, time: machine.said() }
+        Command::ConfirmTime { by, reason, time: machine.wall_time() }
     };
     let refused = pipeline.command(by("rita"));
     let Reply::Refused { code: Refusal::NotAllowed, text, .. } = &refused else { panic!("{refused:?}") };
     assert!(text.contains(&id.to_string()), "{text}");
-    accepted(&pipeline.command(by("ana")));
+    assert_accepted(&pipeline.command(by("ana")));
 }
 
 /// This bypassed the gate, which meanwhile activates no version.
 #[test]
-fn no_version_is_re_armed_while_the_clock_is_in_doubt() {
+fn no_version_is_reactivated_during_a_mismatch() {
     let folder = tempfile::tempdir().unwrap();
     let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
     let mut pipeline = engine(folder.path(), &sim, &machine);
     let version: CapabilityId = "align@1.0.0".parse().unwrap();
     let operation = Operation { version: version.clone(), by: "ana".to_owned(), reason: "a test".to_owned() };
-    accepted(&pipeline.command(Command::Vacate(operation.clone())));
+    assert_accepted(&pipeline.command(Command::Vacate(operation.clone())));
     machine.set(MINUTE_MS);
     let Reply::Refused { text, .. } = pipeline.command(Command::Rearm(operation.clone())) else {
         panic!("it is active again")
     };
     assert!(text.contains("a person has to confirm the time"), "{text}");
-    accepted(&confirm(&mut pipeline, machine.said()));
-    accepted(&pipeline.command(Command::Rearm(operation)));
+    assert_accepted(&confirm(&mut pipeline, machine.wall_time()));
+    assert_accepted(&pipeline.command(Command::Rearm(operation)));
     assert_eq!(state(&pipeline, &version), State::Active);
 }
 

@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_owner_is_heard_at_its_socket_alone_and_a_stop_is_everybodys() {
+    fn owners_use_their_own_socket_and_every_account_may_stop() {
         let owner = AllowedAccounts::Owner { uid: 7 };
         assert_eq!((owner.of(7), owner.of(0), owner.of(8)), (Some(ClientAccount::Owner), None, None));
         assert_eq!(AllowedAccounts::ConsoleGroup.of(8), Some(ClientAccount::Console));

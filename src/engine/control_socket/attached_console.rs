@@ -42,7 +42,7 @@ pub const SHOWN_TO_NOBODY: &str = "this engine accepts no console: it runs a scr
 #[derive(Clone, Debug)]
 pub struct LiveViews {
     pub snapshots: watch::Receiver<Option<Arc<Snapshot>>>,
-    pub pictures: watch::Receiver<Option<Arc<VideoFrame>>>,
+    pub frames: watch::Receiver<Option<Arc<VideoFrame>>>,
 }
 
 /// The views, once set, and the newest document of each.
@@ -50,7 +50,7 @@ pub struct LiveViews {
 pub(super) struct LiveDocuments {
     views: OnceLock<LiveViews>,
     snapshot: Document<Snapshot>,
-    picture: Document<VideoFrame>,
+    frame: Document<VideoFrame>,
 }
 
 impl LiveDocuments {
@@ -118,12 +118,12 @@ impl<T> Document<T> {
         what: &Arc<T>,
         write: impl FnOnce(&T) -> serde_json::Result<String>,
     ) -> io::Result<Arc<str>> {
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, line)) = kept.as_ref().filter(|(of, _)| Arc::ptr_eq(of, what)) {
+        let mut cached = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, line)) = cached.as_ref().filter(|(of, _)| Arc::ptr_eq(of, what)) {
             return Ok(Arc::clone(line));
         }
         let line: Arc<str> = write(what)?.into();
-        *kept = Some((Arc::clone(what), Arc::clone(&line)));
+        *cached = Some((Arc::clone(what), Arc::clone(&line)));
         Ok(line)
     }
 }
@@ -145,16 +145,16 @@ impl ControlSocketServer {
         reader: BufReader<OwnedReadHalf>,
         mut writer: OwnedWriteHalf,
         process: Option<u32>,
-        sitting: ConsolePresence,
+        presence: ConsolePresence,
     ) -> io::Result<()> {
-        if let Some(text) = sitting.invalid_field() {
+        if let Some(text) = presence.invalid_field() {
             return write(&mut writer, &ServerMessage::Closed { text }).await;
         }
         let Some(mut views) = self.shown.views() else {
             let text = SHOWN_TO_NOBODY.to_owned();
             return write(&mut writer, &ServerMessage::Closed { text }).await;
         };
-        let seat = self.consoles.attach(process, sitting);
+        let seat = self.consoles.attach(process, presence);
         // Atomic: every event is either in the backlog or in the subscription.
         let (past, mut events) = {
             let past = self.past.lock().unwrap_or_else(PoisonError::into_inner);
@@ -164,13 +164,13 @@ impl ControlSocketServer {
         write(&mut writer, &past).await?;
         // The present values are new to this console.
         views.snapshots.mark_changed();
-        views.pictures.mark_changed();
+        views.frames.mark_changed();
         // A task of its own reads, so that other events do not drop a half-read line.
-        let (said, mut sayings) = mpsc::channel(SITTINGS_MAX);
+        let (sender, mut calls) = mpsc::channel(SITTINGS_MAX);
         let mut reading = JoinSet::new();
-        reading.spawn(listen(reader, said));
+        reading.spawn(listen(reader, sender));
         loop {
-            match self.next(&seat, &mut views, &mut events, &mut sayings).await? {
+            match self.next(&seat, &mut views, &mut events, &mut calls).await? {
                 NextMessage::Line(line) => {
                     tokio::select! {
                         () = self.stop.cancelled() => return Ok(()),
@@ -234,11 +234,11 @@ impl ControlSocketServer {
                 });
                 document.transpose()?.map_or(NextMessage::Nothing, NextMessage::Line)
             }
-            Ok(()) = views.pictures.changed() => {
-                let newest = views.pictures.borrow_and_update().clone();
+            Ok(()) = views.frames.changed() => {
+                let newest = views.frames.borrow_and_update().clone();
                 let document = newest.map(|picture| {
                     let write = |picture: &VideoFrame| wire::line(&BorrowedAnswer::Picture { picture });
-                    self.shown.picture.of(&picture, write)
+                    self.shown.frame.of(&picture, write)
                 });
                 document.transpose()?.map_or(NextMessage::Nothing, NextMessage::Line)
             }
@@ -274,11 +274,11 @@ async fn show(
 }
 
 /// Reads the client's calls until it disconnects, or sends one that is not allowed.
-async fn listen(mut reader: BufReader<OwnedReadHalf>, said: mpsc::Sender<ReadLine>) {
+async fn listen(mut reader: BufReader<OwnedReadHalf>, sender: mpsc::Sender<ReadLine>) {
     loop {
         let read = read_call(&mut reader).await.unwrap_or(ReadLine::Nothing);
         let goes_on = matches!(read, ReadLine::Call(_));
-        if said.send(read).await.is_err() || !goes_on {
+        if sender.send(read).await.is_err() || !goes_on {
             return;
         }
     }
@@ -291,7 +291,7 @@ mod tests {
 
     /// A stopped console was shown as present forever, and its connection was never closed.
     #[tokio::test]
-    async fn who_takes_nothing_is_shown_as_such_and_let_go() {
+    async fn a_console_that_reads_nothing_is_disconnected() {
         let seats = Arc::new(ConsoleRegistry::default());
         let seat = seats.attach(Some(7), ConsolePresence::default());
         let reads = || !seats.views()[0].not_reading;
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_before_is_bounded_and_a_run_of_sequences_is_one_line() {
+    fn the_backlog_is_bounded_and_merges_sequences() {
         let mut past = EventBacklog::default();
         let sequence = |index| EventKind::Sequence { index, success: true, tasks: Vec::new(), refused: None };
         let fault = |text: String| EventKind::Fault { text };

@@ -137,28 +137,28 @@ impl Client {
     ///
     /// # Errors
     /// [`ControlSocketError`]; after [`ControlSocketError::NoAnswer`] the outcome is not known.
-    pub fn ask(&mut self, command: Command) -> Result<Reply, ControlSocketError> {
-        self.ask_sealed(command, None)
+    pub fn send(&mut self, command: Command) -> Result<Reply, ControlSocketError> {
+        self.send_signed(command, None)
     }
 
     /// As [`Client::ask`], with a request signature.
     ///
     /// # Errors
     /// As [`Client::ask`].
-    pub fn ask_sealed(
+    pub fn send_signed(
         &mut self,
         command: Command,
         seal: Option<Box<SignedCall>>,
     ) -> Result<Reply, ControlSocketError> {
         let id = Nonce::random()?.as_str().to_owned();
-        self.ask_request(Request { id, command, seal })
+        self.send_request(Request { id, command, seal })
     }
 
     /// As [`Client::ask`], for a complete request.
     ///
     /// # Errors
     /// As [`Client::ask`].
-    pub fn ask_request(&mut self, request: Request) -> Result<Reply, ControlSocketError> {
+    pub fn send_request(&mut self, request: Request) -> Result<Reply, ControlSocketError> {
         let call = ClientMessage::Ask { request: Box::new(request) };
         match self.call(&call) {
             Err(ControlSocketError::Ended { .. }) => {
@@ -167,8 +167,8 @@ impl Client {
                     return Err(ControlSocketError::Ended { path: self.lines.path.clone() });
                 };
                 // A request for the engine is sent to no other process.
-                if let (None, Some(doubt)) = (self.unverified_origin(), again.unverified_origin()) {
-                    return Ok(doubt.unasked());
+                if let (None, Some(origin)) = (self.unverified_origin(), again.unverified_origin()) {
+                    return Ok(origin.unasked());
                 }
                 *self = again;
                 self.call(&call)
@@ -232,8 +232,8 @@ impl Client {
     ///
     /// # Errors
     /// As [`Client::ask`]; [`ControlSocketError::Closed`] if the engine accepts no console, or no further one.
-    pub fn attach(mut self, sitting: ConsolePresence) -> Result<ConsoleConnection, ControlSocketError> {
-        self.lines.send(&ClientMessage::Attach { sitting })?;
+    pub fn attach(mut self, presence: ConsolePresence) -> Result<ConsoleConnection, ControlSocketError> {
+        self.lines.send(&ClientMessage::Attach { sitting: presence })?;
         match self.lines.expect(HELLO_SECS)? {
             ServerMessage::Attached { seat } => {
                 Ok(ConsoleConnection { lines: self.lines, origin: self.origin, console: seat })
@@ -337,8 +337,8 @@ pub struct PresenceSender {
 
 impl PresenceSender {
     /// Sends the presence. Does not wait for an engine that does not read: other consoles then see an older presence.
-    pub fn send_presence(&mut self, sitting: ConsolePresence) {
-        let Ok(line) = wire::line(&ClientMessage::Sit { sitting }) else { return };
+    pub fn send_presence(&mut self, presence: ConsolePresence) {
+        let Ok(line) = wire::line(&ClientMessage::Sit { sitting: presence }) else { return };
         let within = self.stream.set_write_timeout(Some(SAY_MAX));
         // The end of the messages reports a lost connection.
         drop(within.and_then(|()| self.stream.write_all(line.as_bytes())));

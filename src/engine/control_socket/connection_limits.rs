@@ -31,7 +31,7 @@ pub const IDLE_MAX: usize = 64;
 #[derive(Clone, Debug)]
 pub(super) struct ConnectionLimits {
     observers: Arc<Semaphore>,
-    asking: Arc<Semaphore>,
+    requests: Arc<Semaphore>,
     braking: Arc<Semaphore>,
     stops: Arc<Semaphore>,
     idle: Arc<Mutex<IdleConnections>>,
@@ -42,7 +42,7 @@ impl Default for ConnectionLimits {
         let places = |count| Arc::new(Semaphore::new(count));
         Self {
             observers: places(OBSERVERS_MAX),
-            asking: places(ASKING_MAX),
+            requests: places(ASKING_MAX),
             braking: places(BRAKING_MAX),
             stops: places(STOPS_MAX),
             idle: Arc::default(),
@@ -62,13 +62,13 @@ struct IdleConnections {
 pub(super) struct IdleConnection {
     idle: Arc<Mutex<IdleConnections>>,
     place: u64,
-    gives_way: CancellationToken,
+    eviction: CancellationToken,
 }
 
 impl IdleConnection {
     /// Resolves when the connection must close.
     pub(super) async fn gives_way(&self) {
-        self.gives_way.cancelled().await;
+        self.eviction.cancelled().await;
     }
 }
 
@@ -80,7 +80,7 @@ impl Drop for IdleConnection {
 
 impl ConnectionLimits {
     /// A connection begins to wait for a request of its client.
-    pub(super) fn silent(&self) -> IdleConnection {
+    pub(super) fn begin_idle(&self) -> IdleConnection {
         let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
         if idle.longest_first.len() >= IDLE_MAX
             && let Some((_, longest)) = idle.longest_first.pop_first()
@@ -89,9 +89,9 @@ impl ConnectionLimits {
         }
         let place = idle.next;
         idle.next += 1;
-        let gives_way = CancellationToken::new();
-        idle.longest_first.insert(place, gives_way.clone());
-        IdleConnection { idle: Arc::clone(&self.idle), place, gives_way }
+        let eviction = CancellationToken::new();
+        idle.longest_first.insert(place, eviction.clone());
+        IdleConnection { idle: Arc::clone(&self.idle), place, eviction }
     }
 
     /// Closes the longest idle connection. Returns whether there was one.
@@ -115,8 +115,8 @@ impl ConnectionLimits {
         if matches!(command, Command::Stop { .. }) {
             return place(&self.stops);
         }
-        let kept = || command.takes_authority_away().then(|| place(&self.braking)).flatten();
-        place(&self.asking).or_else(kept)
+        let reserve = || command.takes_authority_away().then(|| place(&self.braking)).flatten();
+        place(&self.requests).or_else(reserve)
     }
 }
 
@@ -125,34 +125,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_was_silent_longest_gives_way() {
+    fn the_longest_idle_one_is_closed() {
         let classes = ConnectionLimits::default();
-        let mut silent: Vec<IdleConnection> = (0..IDLE_MAX).map(|_| classes.silent()).collect();
+        let mut idle: Vec<IdleConnection> = (0..IDLE_MAX).map(|_| classes.begin_idle()).collect();
         // The first one makes a request, and is idle again.
-        drop(silent.remove(0));
-        silent.push(classes.silent());
-        assert!(silent.iter().all(|one| !one.gives_way.is_cancelled()));
-        let newest = classes.silent();
-        let gone: Vec<usize> = silent
-            .iter()
-            .enumerate()
-            .filter(|(_, one)| one.gives_way.is_cancelled())
-            .map(|(i, _)| i)
-            .collect();
-        assert_eq!((gone, newest.gives_way.is_cancelled()), (vec![0], false));
+        drop(idle.remove(0));
+        idle.push(classes.begin_idle());
+        assert!(idle.iter().all(|one| !one.eviction.is_cancelled()));
+        let newest = classes.begin_idle();
+        let gone: Vec<usize> =
+            idle.iter().enumerate().filter(|(_, one)| one.eviction.is_cancelled()).map(|(i, _)| i).collect();
+        assert_eq!((gone, newest.eviction.is_cancelled()), (vec![0], false));
     }
 
     #[test]
     fn what_takes_authority_away_has_places_of_its_own() {
         let classes = ConnectionLimits::default();
-        let ask = Command::Snapshot;
-        let taken: Vec<_> = std::iter::from_fn(|| classes.request(&ask)).collect();
+        let command = Command::Snapshot;
+        let taken: Vec<_> = std::iter::from_fn(|| classes.request(&command)).collect();
         assert_eq!(taken.len(), ASKING_MAX);
         let brakes: Vec<_> = std::iter::from_fn(|| classes.request(&Command::Shutdown)).collect();
         assert_eq!(brakes.len(), BRAKING_MAX);
         let stop = Command::Stop { by: String::new(), reason: String::new() };
         assert!(classes.request(&stop).is_some());
         drop(taken);
-        assert!(classes.request(&ask).is_some());
+        assert!(classes.request(&command).is_some());
     }
 }

@@ -196,10 +196,10 @@ impl ControlSocketServer {
         (caller, account): (Caller, ClientAccount),
         crowded: bool,
     ) -> io::Result<()> {
-        let (mut reader, mut writer) = greeted(stream).await?;
+        let (mut reader, mut writer) = greet(stream).await?;
         let idle_max = if crowded { CROWDED_TIME_MAX } else { IDLE_TIME_MAX };
         loop {
-            let silent = self.classes.silent();
+            let silent = self.classes.begin_idle();
             let call = tokio::select! {
                 () = self.stop.cancelled() => return Ok(()),
                 () = silent.gives_way() => {
@@ -234,7 +234,7 @@ impl ControlSocketServer {
                             };
                             self.attend(reader, writer, process, sitting).await
                         }
-                        _ => self.tell(reader, writer).await,
+                        _ => self.send_events(reader, writer).await,
                     };
                 }
                 ReadLine::Call(ClientMessage::Keep {}) => {
@@ -253,7 +253,7 @@ impl ControlSocketServer {
                 }
                 ReadLine::Call(ClientMessage::Ask { request }) => {
                     let reply = if account.may(request.command.authority_effect()) {
-                        self.ask(request, &caller).await
+                        self.handle_request(request, &caller).await
                     } else {
                         let text = "this account may not ask for that here".to_owned();
                         Reply::Refused { code: Refusal::NotAllowed, text, hint: None }
@@ -264,14 +264,18 @@ impl ControlSocketServer {
         }
     }
 
-    async fn ask(&self, request: Box<holdpoint_protocol::command::Request>, caller: &Caller) -> Reply {
+    async fn handle_request(
+        &self,
+        request: Box<holdpoint_protocol::command::Request>,
+        caller: &Caller,
+    ) -> Reply {
         let mut stop = None;
         if let Command::Stop { by, reason } = &request.command {
             // At once, whatever the engine does, and however many requests wait.
             let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
-            let asked = StopRequest { id, by, reason, caller: caller.clone() };
-            self.switch.halt(asked.clone());
-            stop = Some(asked);
+            let stop_request = StopRequest { id, by, reason, caller: caller.clone() };
+            self.switch.halt(stop_request.clone());
+            stop = Some(stop_request);
         }
         let refused = |code, text: &str| Reply::Refused { code, text: text.to_owned(), hint: None };
         if request.id.is_empty() || request.id.len() > ID_BYTES_MAX {
@@ -325,7 +329,7 @@ impl ControlSocketServer {
 
     /// The answer where the engine does not answer in time. A stop is stored beside the record until `next`.
     async fn late(&self, stop: Option<StopRequest>, next: &'static str) -> Reply {
-        let Some(asked) = stop else {
+        let Some(request) = stop else {
             return Reply::Refused {
                 code: Refusal::NotNow,
                 text: format!("{ASKING_MAX} requests are being answered, the most allowed"),
@@ -333,28 +337,32 @@ impl ControlSocketServer {
             };
         };
         // While stops wait, the first of them is stored; it stops the next engine for all.
-        let first = self.switch.first_asked();
+        let first = self.switch.first_stop();
         let marks = self.marks.clone();
-        let keep = move || halt::stopped_meanwhile(first.as_ref().unwrap_or(&asked), &marks, next);
-        let kept = timeout(STOP_KEPT_MAX, tokio::task::spawn_blocking(keep)).await;
-        kept.ok().and_then(Result::ok).unwrap_or_else(|| Reply::Stopped {
+        let store = move || halt::stopped_meanwhile(first.as_ref().unwrap_or(&request), &marks, next);
+        let reply = timeout(STOP_KEPT_MAX, tokio::task::spawn_blocking(store)).await;
+        reply.ok().and_then(Result::ok).unwrap_or_else(|| Reply::Stopped {
             text: format!("the cell is stopped; {next}; until then {}", halt::KEPT_NOWHERE),
             kept: StopPersistence::InMemory,
         })
     }
 
     /// Sends events until the client disconnects or the socket closes. A slow client receives the number of lost events.
-    async fn tell(&self, mut reader: BufReader<OwnedReadHalf>, mut writer: OwnedWriteHalf) -> io::Result<()> {
+    async fn send_events(
+        &self,
+        mut reader: BufReader<OwnedReadHalf>,
+        mut writer: OwnedWriteHalf,
+    ) -> io::Result<()> {
         let mut events = self.events.subscribe();
         write(&mut writer, &ServerMessage::Subscribed).await?;
         loop {
-            let told = tokio::select! {
+            let next = tokio::select! {
                 () = self.stop.cancelled() => return self.rest(events, &mut writer).await,
                 // The client disconnects, or sends a call that is not allowed here.
                 _ = reader.fill_buf() => return Ok(()),
                 told = events.recv() => told,
             };
-            let line = match told {
+            let line = match next {
                 Ok(line) => line,
                 Err(broadcast::error::RecvError::Lagged(missed)) => {
                     wire::line(&ServerMessage::Lagged { missed })?.into()
@@ -375,7 +383,7 @@ impl ControlSocketServer {
         mut events: broadcast::Receiver<Arc<str>>,
         writer: &mut OwnedWriteHalf,
     ) -> io::Result<()> {
-        let tell = async {
+        let send = async {
             loop {
                 let line = match events.try_recv() {
                     Ok(line) => line,
@@ -389,7 +397,7 @@ impl ControlSocketServer {
                 writer.write_all(line.as_bytes()).await?;
             }
         };
-        timeout(CLOSING_MAX, tell).await.unwrap_or(Ok(()))
+        timeout(CLOSING_MAX, send).await.unwrap_or(Ok(()))
     }
 }
 
@@ -398,7 +406,7 @@ fn takes_authority_away(call: &ClientMessage) -> bool {
 }
 
 /// Both halves of a connection after the greeting.
-async fn greeted(stream: UnixStream) -> io::Result<(BufReader<OwnedReadHalf>, OwnedWriteHalf)> {
+async fn greet(stream: UnixStream) -> io::Result<(BufReader<OwnedReadHalf>, OwnedWriteHalf)> {
     let (reader, mut writer) = stream.into_split();
     let version = env!("CARGO_PKG_VERSION").to_owned();
     write(&mut writer, &ServerMessage::Hello { protocol: PROTOCOL, version, process: std::process::id() })

@@ -20,7 +20,7 @@ const CONFIRMED_WITHIN: Duration = Duration::from_secs(3);
 const HELLO_WITHIN: Duration = Duration::from_secs(2);
 
 /// How long the caller waits for the engine's answer once the engine has taken the mark.
-const WORDS_WITHIN: Duration = Duration::from_millis(1500);
+const ANSWER_WITHIN: Duration = Duration::from_millis(1500);
 
 /// Interval between checks of the mark.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
@@ -98,27 +98,27 @@ impl StopCall {
 
     /// Asks the engine of the store, if there is one, and waits for the confirmation, at most 3 s.
     #[must_use]
-    pub fn ask(&self, layout: &Layout) -> StopOutcome {
+    pub fn send(&self, layout: &Layout) -> StopOutcome {
         let until = Instant::now() + CONFIRMED_WITHIN;
         let mut mark = StopMarkAttempt::default();
         // The mark precedes the request over the socket: the engine sees it even if another process answers there.
         mark.put(layout, self);
-        let (tell, told) = sync_channel(1);
+        let (sender, answers) = sync_channel(1);
         let (request, of) = (self.request.clone(), layout.clone());
-        let asking = std::thread::Builder::new().name("stop-asker".to_owned());
-        let mut said = asking
-            .spawn(move || ask_socket(&of, &request, until, &tell))
+        let builder = std::thread::Builder::new().name("stop-asker".to_owned());
+        let mut failure = builder
+            .spawn(move || send_over_socket(&of, &request, until, &sender))
             .err()
             .map(|error| format!("no thread could be started: {error}"));
-        let mut taken: Option<Instant> = None;
+        let mut taken_at: Option<Instant> = None;
         loop {
-            if said.is_none() {
-                match next(&told) {
+            if failure.is_none() {
+                match next(&answers) {
                     Some(SocketAnswer::Engine(reply)) => {
                         mark.settle(layout, self, &reply);
                         return StopOutcome::Answered(reply);
                     }
-                    Some(SocketAnswer::Nothing(why)) => said = Some(why),
+                    Some(SocketAnswer::Nothing(why)) => failure = Some(why),
                     None => {}
                 }
             } else {
@@ -126,31 +126,32 @@ impl StopCall {
             }
             let holder = lock_holder(layout.folder());
             // In another PID namespace the kernel does not show whether an engine took it.
-            if taken.is_none() && holder != LockHolder::Untold {
+            if taken_at.is_none() && holder != LockHolder::Untold {
                 mark.put(layout, self);
             }
-            if holder == LockHolder::Nobody && said.is_some() {
+            if holder == LockHolder::Nobody && failure.is_some() {
                 return StopOutcome::NoEngine;
             }
-            if taken.is_none() && matches!(holder, LockHolder::Process(process) if mark.is_taken_by(process))
+            if taken_at.is_none()
+                && matches!(holder, LockHolder::Process(process) if mark.is_taken_by(process))
             {
-                taken = Some(Instant::now());
+                taken_at = Some(Instant::now());
             }
-            if let Some(since) = taken
-                && (said.is_some() || since.elapsed() > WORDS_WITHIN)
+            if let Some(since) = taken_at
+                && (failure.is_some() || since.elapsed() > ANSWER_WITHIN)
             {
                 let silent = || "no process answered at the socket".to_owned();
-                return StopOutcome::Marked(said.unwrap_or_else(silent));
+                return StopOutcome::Marked(failure.unwrap_or_else(silent));
             }
             if Instant::now() >= until {
-                return StopOutcome::NotConfirmed(why_not(holder, said, &mark));
+                return StopOutcome::NotConfirmed(unconfirmed_reason(holder, failure, &mark));
             }
         }
     }
 }
 
-fn why_not(holder: LockHolder, said: Option<String>, mark: &StopMarkAttempt) -> String {
-    let mut why = said.unwrap_or_else(|| {
+fn unconfirmed_reason(holder: LockHolder, failure: Option<String>, mark: &StopMarkAttempt) -> String {
+    let mut why = failure.unwrap_or_else(|| {
         let secs = CONFIRMED_WITHIN.as_secs();
         match holder {
             LockHolder::Process(process) => {
@@ -171,9 +172,9 @@ fn why_not(holder: LockHolder, said: Option<String>, mark: &StopMarkAttempt) -> 
     why
 }
 
-fn next(told: &Receiver<SocketAnswer>) -> Option<SocketAnswer> {
-    match told.recv_timeout(LOOK_EVERY) {
-        Ok(said) => Some(said),
+fn next(answers: &Receiver<SocketAnswer>) -> Option<SocketAnswer> {
+    match answers.recv_timeout(LOOK_EVERY) {
+        Ok(answer) => Some(answer),
         Err(RecvTimeoutError::Timeout) => None,
         Err(RecvTimeoutError::Disconnected) => {
             Some(SocketAnswer::Nothing("the asking thread failed".to_owned()))
@@ -219,8 +220,8 @@ impl StopMarkAttempt {
     /// Removes its mark where the stop is recorded or stored beside the record. No one else removes a mark that was made after
     /// the engine had received the stop over the socket.
     fn settle(&self, layout: &Layout, stop: &StopCall, reply: &Reply) {
-        let is_kept = matches!(reply, Reply::Stopped { kept, .. } if *kept != StopPersistence::InMemory);
-        if self.own.is_some() && is_kept {
+        let is_stored = matches!(reply, Reply::Stopped { kept, .. } if *kept != StopPersistence::InMemory);
+        if self.own.is_some() && is_stored {
             stop.withdraw(layout);
         }
     }
@@ -232,10 +233,10 @@ impl StopMarkAttempt {
 }
 
 /// Asks over the socket. Waits for an engine that is coming up, or that takes its name back.
-fn ask_socket(layout: &Layout, request: &Request, until: Instant, tell: &SyncSender<SocketAnswer>) {
-    let said = loop {
-        match ask_once(layout, request) {
-            Ok(Some(said)) => break said,
+fn send_over_socket(layout: &Layout, request: &Request, until: Instant, sender: &SyncSender<SocketAnswer>) {
+    let answer = loop {
+        match try_socket(layout, request) {
+            Ok(Some(answer)) => break answer,
             Ok(None) | Err(ControlSocketError::Ended { .. } | ControlSocketError::Closed { .. }) => {}
             Err(error) => break SocketAnswer::Nothing(error.sentence()),
         }
@@ -245,19 +246,19 @@ fn ask_socket(layout: &Layout, request: &Request, until: Instant, tell: &SyncSen
         std::thread::sleep(LOOK_EVERY);
     };
     // The caller may have stopped waiting.
-    drop(tell.try_send(said));
+    drop(sender.try_send(answer));
 }
 
-fn ask_once(layout: &Layout, request: &Request) -> Result<Option<SocketAnswer>, ControlSocketError> {
+fn try_socket(layout: &Layout, request: &Request) -> Result<Option<SocketAnswer>, ControlSocketError> {
     let Some(mut client) = Client::connect_within(layout, HELLO_WITHIN)? else { return Ok(None) };
-    if let Some(doubt) = client.unverified_origin() {
-        return Ok(Some(SocketAnswer::Nothing(doubt.to_string())));
+    if let Some(origin) = client.unverified_origin() {
+        return Ok(Some(SocketAnswer::Nothing(origin.to_string())));
     }
-    let reply = client.ask_request(request.clone())?;
+    let reply = client.send_request(request.clone())?;
     // The client connected again after the first connection broke.
     Ok(Some(
         client
             .unverified_origin()
-            .map_or_else(|| SocketAnswer::Engine(reply), |doubt| SocketAnswer::Nothing(doubt.to_string())),
+            .map_or_else(|| SocketAnswer::Engine(reply), |origin| SocketAnswer::Nothing(origin.to_string())),
     ))
 }

@@ -23,17 +23,17 @@ const PAUSE_STOPPING: Duration = Duration::from_millis(2);
 /// The loop's state.
 pub(super) struct EngineLoop<'a> {
     pump: Pump,
-    asked: &'a Receiver<Request>,
+    incoming: &'a Receiver<Request>,
     /// Waiting requests; initially those from before the engine was up.
     first: VecDeque<Request>,
     /// Requests that are answered after the running sequence.
     waiting: Vec<String>,
-    trial: TestPanic,
+    test_panic: TestPanic,
 }
 
 impl<'a> EngineLoop<'a> {
-    pub(super) fn new(pump: Pump, asked: &'a Receiver<Request>, first: VecDeque<Request>) -> Self {
-        Self { pump, asked, first, waiting: Vec::new(), trial: TestPanic::new() }
+    pub(super) fn new(pump: Pump, incoming: &'a Receiver<Request>, first: VecDeque<Request>) -> Self {
+        Self { pump, incoming, first, waiting: Vec::new(), test_panic: TestPanic::new() }
     }
 
     /// Runs until the engine has ended.
@@ -79,22 +79,22 @@ impl<'a> EngineLoop<'a> {
 
     /// One turn of the pump, with each step guarded.
     fn turn(&mut self, publisher: &mut Publisher) -> SliceOutcome {
-        let trial = &mut self.trial;
+        let test_panic = &mut self.test_panic;
         let (progress, events) = self.pump.guarded_turn(|pump, step, work| {
             guarded(pump, name(step), |pump| {
                 if step == TurnStep::Slice {
-                    trial.at_slice();
+                    test_panic.at_slice();
                 }
                 work(pump);
             });
         });
-        self.tell(events, publisher);
+        self.send_events(events, publisher);
         progress
     }
 
     /// Sends events to the front end.
-    fn tell(&mut self, events: Vec<Event>, publisher: &mut Publisher) {
-        self.trial.note(&events);
+    fn send_events(&mut self, events: Vec<Event>, publisher: &mut Publisher) {
+        self.test_panic.note(&events);
         publisher.send_events(events);
     }
 
@@ -104,7 +104,7 @@ impl<'a> EngineLoop<'a> {
         guarded(&mut self.pump, "the scenes", |pump| events = pump.finish());
         publisher.send_events(events);
         let rest = self.pump.deliver_events();
-        self.tell(rest, publisher);
+        self.send_events(rest, publisher);
         publisher.flush();
     }
 
@@ -113,7 +113,7 @@ impl<'a> EngineLoop<'a> {
         self.first.extend(first);
         for _ in 0..OUTSTANDING_MAX {
             while self.first.len() < OUTSTANDING_MAX {
-                match self.asked.try_recv() {
+                match self.incoming.try_recv() {
                     Ok(request) => self.first.push_back(request),
                     Err(TryRecvError::Empty) => break,
                     Err(TryRecvError::Disconnected) if self.first.is_empty() => return true,
@@ -125,9 +125,9 @@ impl<'a> EngineLoop<'a> {
             let Some(request) = self.first.remove(brake.unwrap_or(0)) else { break };
             let id = request.id.clone();
             if matches!(request.command, Command::Shutdown) {
-                let seats = publisher.seats();
-                seats.note_ending(|| {
-                    let who = seats.named(std::process::id());
+                let consoles = publisher.seats();
+                consoles.note_ending(|| {
+                    let who = consoles.named(std::process::id());
                     who.unwrap_or_else(|| "the process that started it".to_owned())
                 });
             }
@@ -159,7 +159,7 @@ impl<'a> EngineLoop<'a> {
     fn wait(&self) -> Option<Request> {
         let pause = if self.waiting.is_empty() { PAUSE_MAX } else { PAUSE_STOPPING };
         // The loop itself detects a lost front end.
-        self.asked.recv_timeout(pause).ok()
+        self.incoming.recv_timeout(pause).ok()
     }
 }
 
@@ -205,8 +205,8 @@ struct TestPanic {
 
 impl TestPanic {
     fn new() -> Self {
-        let asked = std::env::var_os("HOLDPOINT_TEST_PANIC").is_some_and(|value| value == "engine");
-        Self { armed: cfg!(debug_assertions) && asked, due: false }
+        let enabled = std::env::var_os("HOLDPOINT_TEST_PANIC").is_some_and(|value| value == "engine");
+        Self { armed: cfg!(debug_assertions) && enabled, due: false }
     }
 
     fn note(&mut self, events: &[Event]) {

@@ -34,18 +34,18 @@ impl RemoteEngine {
 
     /// Sends it a command and waits for the answer; a refusal if there is no engine.
     #[must_use]
-    pub fn ask(&self, command: Command) -> Reply {
+    pub fn send(&self, command: Command) -> Reply {
         if let Command::Stop { by, reason } = command {
             return match StopCall::new(by, reason) {
                 Ok(call) => with_origin(stop(&call, &self.layout)),
                 Err(error) => Reply::refused(code(&error), &error),
             };
         }
-        let asked = |mut client: Client| {
-            let reply = client.ask(command)?;
-            Ok(client.unverified_origin().map_or(reply.clone(), |doubt| doubt.in_place_of(&reply)))
+        let exchange = |mut client: Client| {
+            let reply = client.send(command)?;
+            Ok(client.unverified_origin().map_or(reply.clone(), |origin| origin.in_place_of(&reply)))
         };
-        match Client::connect(&self.layout).and_then(|client| client.map(asked).transpose()) {
+        match Client::connect(&self.layout).and_then(|client| client.map(exchange).transpose()) {
             Ok(Some(reply)) => with_origin(reply),
             Ok(None) => {
                 if let Ok(Some(owner)) = lock_owner(&self.layout) {
@@ -55,14 +55,14 @@ impl RemoteEngine {
                         "ask again in a second, when it listens again; else end that process with `kill`";
                     return Reply::refused(Refusal::NoAnswer, &Problem::new(text).with_hint(hint));
                 }
-                nobody_at_work()
+                no_engine_reply()
             }
             Err(error) => Reply::refused(code(&error), &error),
         }
     }
 }
 
-fn nobody_at_work() -> Reply {
+fn no_engine_reply() -> Reply {
     let hint = "`holdpoint stop` in a shell keeps the next one stopped";
     let problem = Problem::new("no engine is running on this store").with_hint(hint);
     Reply::refused(Refusal::NotNow, &problem)
@@ -70,7 +70,7 @@ fn nobody_at_work() -> Reply {
 
 /// Stops the cell, and describes the outcome.
 pub(super) fn stop(call: &StopCall, layout: &Layout) -> Reply {
-    match call.ask(layout) {
+    match call.send(layout) {
         StopOutcome::Answered(reply) => reply,
         StopOutcome::Marked(instead) => {
             Reply::Stopped { text: stopped_by_mark(&instead), kept: StopPersistence::InMark }
@@ -78,7 +78,7 @@ pub(super) fn stop(call: &StopCall, layout: &Layout) -> Reply {
         StopOutcome::NoEngine => {
             // A refused stop must not stop a later engine.
             call.withdraw(layout);
-            nobody_at_work()
+            no_engine_reply()
         }
         StopOutcome::NotConfirmed(why) => {
             let problem = Problem::new(not_confirmed(&why)).with_hint(NOT_CONFIRMED_HINT);
@@ -119,10 +119,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_store_that_nobody_works_on_says_so_and_what_helps() {
+    fn a_store_without_an_engine_refuses_with_a_hint() {
         let folder = tempfile::tempdir().unwrap();
         let stop = Command::Stop { by: String::new(), reason: String::new() };
-        let reply = RemoteEngine::new(Layout::new(folder.path())).ask(stop);
+        let reply = RemoteEngine::new(Layout::new(folder.path())).send(stop);
         let Reply::Refused { code: Refusal::NotNow, text, hint } = reply else { panic!("{reply:?}") };
         assert!(text.contains("no engine is running"), "{text}");
         assert!(hint.is_some_and(|hint| hint.contains("holdpoint stop")));

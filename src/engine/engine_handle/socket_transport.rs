@@ -37,14 +37,14 @@ pub(super) struct SocketTransport {
     layout: Layout,
     requests: SyncSender<Request>,
     outstanding: Arc<AtomicUsize>,
-    told: mpsc::Sender<EngineUpdate>,
+    updates: mpsc::Sender<EngineUpdate>,
     /// Makes this console's request ids unique: every console counts from the same number.
     own: Nonce,
     console: u64,
     process: i32,
     unverified_origin: Option<UnverifiedOrigin>,
-    sitting: ConsolePresence,
-    sayer: PresenceSender,
+    presence: ConsolePresence,
+    presence_sender: PresenceSender,
 }
 
 impl SocketTransport {
@@ -52,38 +52,38 @@ impl SocketTransport {
     pub(super) fn start(
         layout: &Layout,
         client: Client,
-        sitting: ConsolePresence,
-        shows: DisplayChannels,
+        presence: ConsolePresence,
+        channels: DisplayChannels,
     ) -> Result<Self, ControlSocketError> {
-        let attachment = client.attach(sitting.clone())?;
-        let (seat, process, sayer) =
+        let attachment = client.attach(presence.clone())?;
+        let (console, process, presence_sender) =
             (attachment.console_number(), attachment.process(), attachment.presence_sender()?);
-        let doubt = attachment.unverified_origin();
-        let (requests, asked) = sync_channel(OUTSTANDING_MAX);
+        let unverified_origin = attachment.unverified_origin();
+        let (requests, incoming) = sync_channel(OUTSTANDING_MAX);
         let outstanding = Arc::new(AtomicUsize::new(0));
-        let told = shows.0.clone();
+        let updates = channels.0.clone();
         let thread = |name: &str| std::thread::Builder::new().name(name.to_owned());
         let path = layout.folder().to_owned();
         let failed =
             |source| ControlSocketError::Io { what: "start a thread for", path: path.clone(), source };
-        thread("attached-reader").spawn(move || read(attachment, &shows)).map_err(failed)?;
+        thread("attached-reader").spawn(move || read(attachment, &channels)).map_err(failed)?;
         let own = Nonce::random()?;
         let (folder, of) = (layout.clone(), own.clone());
-        let (answers, places) = (told.clone(), Arc::clone(&outstanding));
+        let (answers, places) = (updates.clone(), Arc::clone(&outstanding));
         thread("attached-asker")
-            .spawn(move || pass_on((&folder, &of, doubt), &asked, &answers, &places))
+            .spawn(move || forward_requests((&folder, &of, unverified_origin), &incoming, &answers, &places))
             .map_err(failed)?;
         Ok(Self {
             layout: layout.clone(),
             requests,
             outstanding,
-            told,
+            updates,
             own,
-            console: seat,
+            console,
             process,
-            unverified_origin: doubt,
-            sitting,
-            sayer,
+            unverified_origin,
+            presence,
+            presence_sender,
         })
     }
 
@@ -98,28 +98,28 @@ impl SocketTransport {
     }
 
     /// Sends the presence if it changed. Returns the console's number.
-    pub(super) fn set_presence(&mut self, sitting: ConsolePresence) -> u64 {
-        if sitting != self.sitting {
-            self.sitting = sitting.clone();
-            self.sayer.send_presence(sitting);
+    pub(super) fn set_presence(&mut self, presence: ConsolePresence) -> u64 {
+        if presence != self.presence {
+            self.presence = presence.clone();
+            self.presence_sender.send_presence(presence);
         }
         self.console
     }
 
     /// As [`super::EngineHandle::ask`]. A request that stops the arm or tightens an envelope uses a separate connection, since
     /// earlier requests may be answered late.
-    pub(super) fn ask(&self, request: Request) -> Result<(), RequestRejected> {
+    pub(super) fn submit(&self, request: Request) -> Result<(), RequestRejected> {
         let stops = matches!(request.command, Command::Stop { .. });
         let placed = take_place(&self.outstanding);
         if !placed && !stops {
             return Err(RequestRejected::Busy(Box::new(request)));
         }
         if request.command.stops_what_acts() || request.command.stops_the_arm() {
-            let (layout, told, places) =
-                (self.layout.clone(), self.told.clone(), Arc::clone(&self.outstanding));
-            let (alone, own, doubt) = (request.clone(), self.own.clone(), self.unverified_origin);
+            let (layout, updates, places) =
+                (self.layout.clone(), self.updates.clone(), Arc::clone(&self.outstanding));
+            let (alone, own, origin) = (request.clone(), self.own.clone(), self.unverified_origin);
             let spawned = std::thread::Builder::new().name("attached-stop".to_owned()).spawn(move || {
-                answer(&mut None, (&layout, &own, doubt), alone, &told, placed.then_some(&*places));
+                answer(&mut None, (&layout, &own, origin), alone, &updates, placed.then_some(&*places));
             });
             if spawned.is_ok() {
                 return Ok(());
@@ -144,9 +144,9 @@ fn give_place_back(outstanding: &AtomicUsize) {
 
 /// Receives data until no receiver is left or the engine is gone. Waits for a slow front end: the engine drops what this
 /// does not read, and sends the count.
-fn read(mut attachment: ConsoleConnection, (told, snapshots, pictures): &DisplayChannels) {
+fn read(mut attachment: ConsoleConnection, (updates, snapshots, frames): &DisplayChannels) {
     let mut is_up = false;
-    while !told.is_closed() {
+    while !updates.is_closed() {
         let shown = match attachment.next(LOOK_EVERY) {
             Ok(None) => continue,
             Ok(Some(shown)) => shown,
@@ -156,7 +156,7 @@ fn read(mut attachment: ConsoleConnection, (told, snapshots, pictures): &Display
                     ControlSocketError::Closed { text, .. } => EngineEndError::reported(text),
                     error => EngineEndError::of(error.sentence()),
                 };
-                drop(told.blocking_send(EngineUpdate::Ended(Err(fault))));
+                drop(updates.blocking_send(EngineUpdate::Ended(Err(fault))));
                 return;
             }
         };
@@ -173,41 +173,41 @@ fn read(mut attachment: ConsoleConnection, (told, snapshots, pictures): &Display
                 is_up = true;
                 EngineUpdate::Started
             }
-            ConsoleMessage::Picture(picture) => {
-                pictures.send_replace(Some(Arc::from(picture)));
+            ConsoleMessage::Picture(frame) => {
+                frames.send_replace(Some(Arc::from(frame)));
                 continue;
             }
             ConsoleMessage::Past { events, earlier } => EngineUpdate::Past { events, earlier },
             ConsoleMessage::Ended { by } => {
                 let text = format!("it ended cleanly: {by} ended it");
-                drop(told.blocking_send(EngineUpdate::Ended(Err(EngineEndError::orderly(text)))));
+                drop(updates.blocking_send(EngineUpdate::Ended(Err(EngineEndError::orderly(text)))));
                 return;
             }
         };
-        if told.blocking_send(update).is_err() {
+        if updates.blocking_send(update).is_err() {
             return;
         }
     }
 }
 
 /// Sends one request after the other, until no sender is left.
-fn pass_on(
+fn forward_requests(
     to: (&Layout, &Nonce, Option<UnverifiedOrigin>),
-    asked: &Receiver<Request>,
-    told: &mpsc::Sender<EngineUpdate>,
+    incoming: &Receiver<Request>,
+    updates: &mpsc::Sender<EngineUpdate>,
     places: &AtomicUsize,
 ) {
     let mut client = None;
-    while let Ok(request) = asked.recv() {
-        answer(&mut client, to, request, told, Some(places));
+    while let Ok(request) = incoming.recv() {
+        answer(&mut client, to, request, updates, Some(places));
     }
 }
 
 fn answer(
     client: &mut Option<Client>,
-    (layout, own, seat): (&Layout, &Nonce, Option<UnverifiedOrigin>),
+    (layout, own, console_origin): (&Layout, &Nonce, Option<UnverifiedOrigin>),
     request: Request,
-    told: &mpsc::Sender<EngineUpdate>,
+    updates: &mpsc::Sender<EngineUpdate>,
     places: Option<&AtomicUsize>,
 ) {
     let id = request.id.clone();
@@ -215,21 +215,22 @@ fn answer(
     let reply = if let Command::Stop { by, reason } = sent.command {
         stop(&StopCall::with_id(sent.id, by, reason), layout)
     } else {
-        ask(client, (layout, seat), sent).unwrap_or_else(|error| Reply::refused(code(&error), &error))
+        send_request(client, (layout, console_origin), sent)
+            .unwrap_or_else(|error| Reply::refused(code(&error), &error))
     };
     if let Some(places) = places {
         give_place_back(places);
     }
     // The receiver may be gone.
-    drop(told.blocking_send(EngineUpdate::Answer { id, reply }));
+    drop(updates.blocking_send(EngineUpdate::Answer { id, reply }));
 }
 
 /// Asks over the present connection, or a new one: the engine closes idle ones, and carries out an id only once. If the
 /// origin of this console's own connection is unverified, the screen marks the data it reads. Otherwise requests go only to
 /// a process that is known to be the engine.
-fn ask(
+fn send_request(
     client: &mut Option<Client>,
-    (layout, seat): (&Layout, Option<UnverifiedOrigin>),
+    (layout, console_origin): (&Layout, Option<UnverifiedOrigin>),
     request: Request,
 ) -> Result<Reply, ControlSocketError> {
     let ended = || ControlSocketError::Ended { path: crate::control_socket::socket_path(layout) };
@@ -238,17 +239,17 @@ fn ask(
         None => Client::connect(layout)?.ok_or_else(ended)?,
     };
     let (reads, takes) = (request.command.only_reads(), request.command.takes_authority_away());
-    if let Some(doubt) = connection.unverified_origin()
-        && (seat.is_none() || !(reads || takes))
+    if let Some(origin) = connection.unverified_origin()
+        && (console_origin.is_none() || !(reads || takes))
     {
-        return Ok(doubt.unasked());
+        return Ok(origin.unasked());
     }
-    let reply = connection.ask_request(request)?;
-    let doubt = connection.unverified_origin();
+    let reply = connection.send_request(request)?;
+    let origin = connection.unverified_origin();
     *client = Some(connection);
     // The screen marks data that was read; a command is not known to be carried out.
-    Ok(match doubt.filter(|_| !reads) {
-        Some(doubt) => doubt.in_place_of(&reply),
+    Ok(match origin.filter(|_| !reads) {
+        Some(origin) => origin.in_place_of(&reply),
         None => reply,
     })
 }

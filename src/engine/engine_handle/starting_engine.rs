@@ -11,29 +11,29 @@ use holdpoint_protocol::command::{Command, Request};
 /// The requests for an engine that another process is starting.
 pub(super) struct StartingEngine {
     /// Absent once no engine takes them.
-    asked: Mutex<Option<Vec<Request>>>,
+    requests: Mutex<Option<Vec<Request>>>,
     /// As long as this lives, the front end waits.
-    _told: mpsc::Sender<EngineUpdate>,
+    _updates: mpsc::Sender<EngineUpdate>,
 }
 
 impl StartingEngine {
-    pub(super) const fn new(told: mpsc::Sender<EngineUpdate>) -> Self {
-        Self { asked: Mutex::new(Some(Vec::new())), _told: told }
+    pub(super) const fn new(updates: mpsc::Sender<EngineUpdate>) -> Self {
+        Self { requests: Mutex::new(Some(Vec::new())), _updates: updates }
     }
 
     /// Takes the waiting requests. No more wait from now on.
     pub(super) fn take(&self) -> Vec<Request> {
-        self.asked.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default()
+        self.requests.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default()
     }
 
-    pub(super) fn ask(&self, request: Request) -> Result<(), RequestRejected> {
-        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
-        match asked.as_mut() {
+    pub(super) fn submit(&self, request: Request) -> Result<(), RequestRejected> {
+        let mut requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
+        match requests.as_mut() {
             // A stop is always accepted.
-            Some(asked)
-                if asked.len() < OUTSTANDING_MAX || matches!(request.command, Command::Stop { .. }) =>
+            Some(requests)
+                if requests.len() < OUTSTANDING_MAX || matches!(request.command, Command::Stop { .. }) =>
             {
-                asked.push(request);
+                requests.push(request);
                 Ok(())
             }
             Some(_) => Err(RequestRejected::Busy(Box::new(request))),
@@ -47,16 +47,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_asked_early_waits_a_stop_always_and_nothing_for_nobody() {
+    fn early_requests_wait_and_stops_are_always_taken() {
         let coming = StartingEngine::new(mpsc::channel(1).0);
         let pace = |id: usize| Request::unsigned(id.to_string(), Command::Pace { times: None });
         for id in 0..OUTSTANDING_MAX {
-            assert_eq!(coming.ask(pace(id)), Ok(()));
+            assert_eq!(coming.submit(pace(id)), Ok(()));
         }
-        assert_eq!(coming.ask(pace(99)), Err(RequestRejected::Busy(Box::new(pace(99)))));
+        assert_eq!(coming.submit(pace(99)), Err(RequestRejected::Busy(Box::new(pace(99)))));
         let stop = Command::Stop { by: "ana".to_owned(), reason: String::new() };
-        assert_eq!(coming.ask(Request::unsigned("stop".to_owned(), stop)), Ok(()));
+        assert_eq!(coming.submit(Request::unsigned("stop".to_owned(), stop)), Ok(()));
         assert_eq!((coming.take().len(), coming.take().len()), (OUTSTANDING_MAX + 1, 0));
-        assert_eq!(coming.ask(pace(0)), Err(RequestRejected::Ended(Box::new(pace(0)))));
+        assert_eq!(coming.submit(pace(0)), Err(RequestRejected::Ended(Box::new(pace(0)))));
     }
 }

@@ -23,20 +23,20 @@ pub struct EngineEndError {
     /// Whether it ended cleanly, at the request of another client.
     pub orderly: bool,
     /// Whether the engine itself gave the reason, rather than a lost connection.
-    pub told: bool,
+    pub from_engine: bool,
 }
 
 impl EngineEndError {
     /// An end that does not concern another engine.
     #[must_use]
     pub fn of(text: impl Into<String>) -> Self {
-        Self { text: text.into(), in_use: false, orderly: false, told: false }
+        Self { text: text.into(), in_use: false, orderly: false, from_engine: false }
     }
 
     /// An end with the engine's own reason.
     #[must_use]
     pub fn reported(text: impl Into<String>) -> Self {
-        Self { told: true, ..Self::of(text) }
+        Self { from_engine: true, ..Self::of(text) }
     }
 
     /// Not a fault: another client ended the engine cleanly.

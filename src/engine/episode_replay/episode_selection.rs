@@ -7,7 +7,7 @@ use holdpoint_body::CodeFault;
 use holdpoint_governance::behavior::{ComponentName, component_of};
 use holdpoint_governance::evidence::{DrillKind, EpisodeValues, FailedDrill, Pair, SoloEpisode};
 use holdpoint_governance::harm::HarmKind;
-use holdpoint_governance::permission::{PermissionUse, fault_words};
+use holdpoint_governance::permission::{PermissionUse, fault_text};
 use holdpoint_protocol::film::{FilmRequest, FilmSubject};
 use holdpoint_wording::hard_stop;
 
@@ -35,37 +35,38 @@ pub(crate) enum SelectedWork {
 }
 
 /// Finds it; a sentence says why it cannot.
-pub(crate) fn choose(dossier: &EvidenceFile, asked: FilmRequest) -> Result<SelectedEpisode, String> {
-    match asked.of {
-        FilmSubject::Episode => pair(&dossier.pairs, dossier, asked, "of the sandbox"),
+pub(crate) fn choose(evidence_file: &EvidenceFile, request: FilmRequest) -> Result<SelectedEpisode, String> {
+    match request.of {
+        FilmSubject::Episode => pair(&evidence_file.pairs, evidence_file, request, "of the sandbox"),
         FilmSubject::Confirmation => {
-            let settled = dossier.confirmation.as_ref();
+            let settled = evidence_file.confirmation.as_ref();
             let pairs = settled.map_or(&[][..], |confirmation| &confirmation.pairs.pairs);
-            pair(pairs, dossier, asked, "of a confirmation")
+            pair(pairs, evidence_file, request, "of a confirmation")
         }
-        FilmSubject::Drill => drill(&dossier.failed_drills, failed(dossier), asked),
-        FilmSubject::Alone => alone(&dossier.alone, overrun(dossier), asked),
+        FilmSubject::Drill => drill(&evidence_file.failed_drills, failed(evidence_file), request),
+        FilmSubject::Alone => alone(&evidence_file.alone, overrun(evidence_file), request),
     }
 }
 
 /// What there is of an evaluation in the sandbox, the worst of each kind of work and of each kind of drill.
-pub(crate) fn worst_of_each(dossier: &EvidenceFile) -> Vec<FilmRequest> {
+pub(crate) fn worst_of_each(evidence_file: &EvidenceFile) -> Vec<FilmRequest> {
     let worst = |of: FilmSubject| FilmRequest { of, number: None };
-    let mut asked = Vec::new();
-    asked.extend((!dossier.pairs.is_empty()).then(|| worst(FilmSubject::Episode)));
-    asked.extend((!dossier.alone.is_empty()).then(|| worst(FilmSubject::Alone)));
-    asked.extend(DrillKind::ALL.into_iter().filter_map(|kind| {
-        let of_kind = || dossier.failed_drills.iter().enumerate().filter(|(_, drill)| drill.kind == kind);
+    let mut requests = Vec::new();
+    requests.extend((!evidence_file.pairs.is_empty()).then(|| worst(FilmSubject::Episode)));
+    requests.extend((!evidence_file.alone.is_empty()).then(|| worst(FilmSubject::Alone)));
+    requests.extend(DrillKind::ALL.into_iter().filter_map(|kind| {
+        let of_kind =
+            || evidence_file.failed_drills.iter().enumerate().filter(|(_, drill)| drill.kind == kind);
         let against = of_kind().find(|(_, drill)| drill.active == Some(true));
         let (index, _) = against.or_else(|| of_kind().next())?;
         Some(FilmRequest { of: FilmSubject::Drill, number: Some(count(index + 1)) })
     }));
-    asked
+    requests
 }
 
 /// The component of behavior that the rules found against the version first.
-pub(crate) fn decisive(dossier: &EvidenceFile) -> Option<ComponentName> {
-    let assessment = &dossier.behavior.as_ref()?.assessment;
+pub(crate) fn decisive(evidence_file: &EvidenceFile) -> Option<ComponentName> {
+    let assessment = &evidence_file.behavior.as_ref()?.assessment;
     let against = assessment.reasons.iter().filter(|reason| !crate::explain::is_in_favor(reason.code));
     against.into_iter().find_map(component_of)
 }
@@ -92,22 +93,24 @@ impl DecidingFinding {
 }
 
 /// The component that the rules found first, or else the first measure of harm.
-fn deciding(dossier: &EvidenceFile) -> Option<DecidingFinding> {
-    let harm = || dossier.behavior.as_ref()?.harm.iter().find(|harm| harm.is_established());
-    decisive(dossier).map(DecidingFinding::Component).or_else(|| Some(DecidingFinding::Harm(harm()?.kind)))
+fn deciding(evidence_file: &EvidenceFile) -> Option<DecidingFinding> {
+    let harm = || evidence_file.behavior.as_ref()?.harm.iter().find(|harm| harm.is_established());
+    decisive(evidence_file)
+        .map(DecidingFinding::Component)
+        .or_else(|| Some(DecidingFinding::Harm(harm()?.kind)))
 }
 
 /// How confined code failed on record, and in how many of the tasks, a sentence each.
-pub(crate) fn code_faults(dossier: &EvidenceFile) -> Vec<String> {
-    let Some(PermissionUse { used, tasks, .. }) = &dossier.permissions else { return Vec::new() };
-    let said =
-        |(fault, failed): (&CodeFault, &u64)| format!("{} in {failed} of {tasks} tasks", fault_words(*fault));
-    used.faults.iter().map(said).collect()
+pub(crate) fn code_faults(evidence_file: &EvidenceFile) -> Vec<String> {
+    let Some(PermissionUse { used, tasks, .. }) = &evidence_file.permissions else { return Vec::new() };
+    let sentence =
+        |(fault, failed): (&CodeFault, &u64)| format!("{} in {failed} of {tasks} tasks", fault_text(*fault));
+    used.faults.iter().map(sentence).collect()
 }
 
 /// The fault of confined code that counts as a budget that is passed.
-pub(crate) fn overrun(dossier: &EvidenceFile) -> Option<CodeFault> {
-    let faults = &dossier.permissions.as_ref()?.used.faults;
+pub(crate) fn overrun(evidence_file: &EvidenceFile) -> Option<CodeFault> {
+    let faults = &evidence_file.permissions.as_ref()?.used.faults;
     [CodeFault::Fuel, CodeFault::Memory].into_iter().find(|fault| faults.contains_key(fault))
 }
 
@@ -118,25 +121,26 @@ const fn broke_off(values: &EpisodeValues) -> bool {
 
 fn pair(
     pairs: &[Pair],
-    dossier: &EvidenceFile,
-    asked: FilmRequest,
+    evidence_file: &EvidenceFile,
+    request: FilmRequest,
     whose: &str,
 ) -> Result<SelectedEpisode, String> {
-    let deciding = deciding(dossier);
-    let faults = code_faults(dossier);
-    let breaks = !faults.is_empty() || !dossier.hard_stops.is_empty();
+    let deciding = deciding(evidence_file);
+    let faults = code_faults(evidence_file);
+    let breaks = !faults.is_empty() || !evidence_file.hard_stops.is_empty();
     if pairs.is_empty() {
         return Err(format!("no paired episode {whose} is on record"));
     }
-    let index = match asked.number {
+    let index = match request.number {
         Some(number) => numbered(number, pairs.len(), "paired episodes")?,
         None => worst(pairs, deciding, breaks),
     };
     let pair = *pairs.get(index).ok_or("there is no such episode")?;
-    let why = if asked.number.is_some() {
+    let why = if request.number.is_some() {
         String::new()
     } else if breaks && broke_off(&pair.candidate) && !broke_off(&pair.active) {
-        let stops = dossier.hard_stops.iter().map(|stop| hard_stop(*stop, overrun(dossier)).to_owned());
+        let stops =
+            evidence_file.hard_stops.iter().map(|stop| hard_stop(*stop, overrun(evidence_file)).to_owned());
         let first = faults.into_iter().chain(stops).next().unwrap_or_default();
         format!("it is broken off, the active version's is not; on record: {first}")
     } else {
@@ -152,38 +156,38 @@ fn pair(
 }
 
 /// How many of the version's drills failed, on record one by one or not.
-fn failed(dossier: &EvidenceFile) -> u32 {
-    let own = dossier.drills.as_ref().map(|(own, _)| own);
+fn failed(evidence_file: &EvidenceFile) -> u32 {
+    let own = evidence_file.drills.as_ref().map(|(own, _)| own);
     own.map_or(0, |own| DrillKind::ALL.iter().map(|kind| own.of(*kind).failed).sum())
 }
 
 /// `all`: how many failed, of which the first are on record one by one.
-fn drill(failed: &[FailedDrill], all: u32, asked: FilmRequest) -> Result<SelectedEpisode, String> {
+fn drill(failed: &[FailedDrill], all: u32, request: FilmRequest) -> Result<SelectedEpisode, String> {
     if failed.is_empty() {
         return Err("no failed drill is on record one by one".to_owned());
     }
-    let index = match asked.number {
+    let index = match request.number {
         Some(number) => numbered(number, failed.len(), "failed drills on record one by one")?,
         None => worst_drill(failed),
     };
     let found = *failed.get(index).ok_or("there is no such drill")?;
-    let why = match (asked.number, found.active) {
+    let why = match (request.number, found.active) {
         (Some(_), _) => String::new(),
         (None, Some(true)) => "a kind that fails most, and the active version passes this one".to_owned(),
         (None, Some(false)) => "the kind that fails most; the active version fails this one too".to_owned(),
         (None, None) => "the kind that fails most".to_owned(),
     };
-    let (number, kept) = (count(index + 1), count(failed.len()));
-    let beyond = all.saturating_sub(kept);
-    Ok(SelectedEpisode { number, count: kept, beyond, why, found: SelectedWork::Drill(found) })
+    let (number, listed) = (count(index + 1), count(failed.len()));
+    let beyond = all.saturating_sub(listed);
+    Ok(SelectedEpisode { number, count: listed, beyond, why, found: SelectedWork::Drill(found) })
 }
 
 fn alone(
-    worked: &[SoloEpisode],
+    episodes: &[SoloEpisode],
     overrun: Option<CodeFault>,
-    asked: FilmRequest,
+    request: FilmRequest,
 ) -> Result<SelectedEpisode, String> {
-    if worked.is_empty() {
+    if episodes.is_empty() {
         return Err("no episode that it worked alone is on record one by one".to_owned());
     }
     let gravity = |episode: &SoloEpisode| -> [f64; 7] {
@@ -194,18 +198,18 @@ fn alone(
         }
         score
     };
-    let index = match asked.number {
-        Some(number) => numbered(number, worked.len(), "episodes that it worked alone")?,
-        None => first_most(worked.iter().map(gravity)),
+    let index = match request.number {
+        Some(number) => numbered(number, episodes.len(), "episodes that it worked alone")?,
+        None => first_most(episodes.iter().map(gravity)),
     };
-    let episode = *worked.get(index).ok_or("there is no such episode")?;
-    let why = match (asked.number, episode.hard_stop) {
+    let episode = *episodes.get(index).ok_or("there is no such episode")?;
+    let why = match (request.number, episode.hard_stop) {
         (Some(_), _) => String::new(),
         (None, Some(stop)) => format!("{}, which ends an evaluation", hard_stop(stop, overrun)),
         (None, None) => "the gravest of them".to_owned(),
     };
     let found = SelectedWork::Alone(Box::new(episode));
-    Ok(SelectedEpisode { number: count(index + 1), count: count(worked.len()), beyond: 0, why, found })
+    Ok(SelectedEpisode { number: count(index + 1), count: count(episodes.len()), beyond: 0, why, found })
 }
 
 /// Place of the largest; of equal ones the first.
@@ -273,9 +277,9 @@ fn worst(pairs: &[Pair], deciding: Option<DecidingFinding>, breaks: bool) -> usi
 /// What the candidate does in a pair that the other does not, the gravest first.
 fn why(pair: &Pair, deciding: Option<DecidingFinding>) -> String {
     let first = deciding.into_iter().chain(GRAVITY.map(DecidingFinding::Component));
-    let mut said = first.filter(|deciding| deciding.excess(pair) > 0.0);
+    let mut findings = first.filter(|deciding| deciding.excess(pair) > 0.0);
     let other = "the active version";
-    let name = match said.next() {
+    let name = match findings.next() {
         Some(DecidingFinding::Component(name)) => Some(name),
         Some(DecidingFinding::Harm(kind)) => {
             let show = |values: &EpisodeValues| kind.format(values.harm.unwrap_or_default().of(kind));
@@ -301,14 +305,14 @@ fn why(pair: &Pair, deciding: Option<DecidingFinding>) -> String {
 
 /// Place of the first drill of the kind that fails most where the active version passes, else that fails most.
 fn worst_drill(failed: &[FailedDrill]) -> usize {
-    let held_against = |drill: &&FailedDrill| drill.active == Some(true);
+    let active_passes = |drill: &&FailedDrill| drill.active == Some(true);
     let number = |kind: DrillKind, alone: bool| {
-        failed.iter().filter(|drill| drill.kind == kind && (!alone || held_against(drill))).count()
+        failed.iter().filter(|drill| drill.kind == kind && (!alone || active_passes(drill))).count()
     };
-    let alone = failed.iter().any(|drill| held_against(&drill));
+    let alone = failed.iter().any(|drill| active_passes(&drill));
     let mut kinds = DrillKind::ALL;
     kinds.sort_by_key(|kind| std::cmp::Reverse(number(*kind, alone)));
-    let first = failed.iter().position(|drill| drill.kind == kinds[0] && (!alone || held_against(&drill)));
+    let first = failed.iter().position(|drill| drill.kind == kinds[0] && (!alone || active_passes(&drill)));
     first.unwrap_or(0)
 }
 
@@ -360,7 +364,7 @@ mod tests {
 
     /// The slowest episode was shown of a version whose code trapped in others.
     #[test]
-    fn an_episode_that_was_broken_off_comes_before_what_is_merely_worse() {
+    fn a_broken_off_episode_comes_first() {
         let good = values(false, true);
         let slow = EpisodeValues { time_s: 60.0, ..values(false, false) };
         let trapped = EpisodeValues { anomaly: true, recovery: true, ..values(false, false) };
@@ -371,10 +375,10 @@ mod tests {
     }
 
     #[test]
-    fn an_overrun_of_code_is_said_as_one() {
-        let said = |fault| hard_stop(HardStop::BudgetBreach, fault);
-        assert_eq!(said(Some(CodeFault::Fuel)), "its code computed beyond its budget");
-        assert_ne!(said(None), said(Some(CodeFault::Fuel)));
+    fn a_code_overrun_is_named() {
+        let text = |fault| hard_stop(HardStop::BudgetBreach, fault);
+        assert_eq!(text(Some(CodeFault::Fuel)), "its code computed beyond its budget");
+        assert_ne!(text(None), text(Some(CodeFault::Fuel)));
         let moved = |fault| hard_stop(HardStop::MotionAfterStop, fault);
         assert_eq!(moved(Some(CodeFault::Fuel)), moved(None));
     }
@@ -424,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_is_held_against_what_there_is() {
+    fn a_number_out_of_range_is_refused() {
         assert_eq!(numbered(1, 3, "x"), Ok(0));
         assert_eq!(numbered(4, 3, "drills").unwrap_err(), "number 4 is not among the 3 drills");
         assert!(numbered(0, 3, "x").is_err());

@@ -5,7 +5,7 @@
 use holdpoint_body::{FailureSignal, TICK_SECS};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
-use holdpoint_governance::permission::fault_words;
+use holdpoint_governance::permission::fault_text;
 use holdpoint_governance::profile::HarmSettings;
 use holdpoint_protocol::film::{FilmFrame, FilmMark, FilmedRun};
 use holdpoint_protocol::video_frame::EnvelopeView;
@@ -148,14 +148,14 @@ fn limit_exceedance(
         if !kind.is_past(value, limit) {
             return None;
         }
-        let (words, shown) = (kind.label(), kind.format(value));
+        let (label, shown) = (kind.label(), kind.format(value));
         Some(if kind.is_worse_when_lower() {
             let times = if value > 0.0 { limit / value } else { f64::INFINITY };
-            let text = format!("{words} {shown}, at least {} is wanted", kind.format(limit));
+            let text = format!("{label} {shown}, at least {} is wanted", kind.format(limit));
             ExceededLimit { tick: end, times, text }
         } else {
             let times = value / limit;
-            let text = format!("{words} {shown}, {} the limit", over(times));
+            let text = format!("{label} {shown}, {} the limit", over(times));
             ExceededLimit { tick: end, times, text }
         })
     });
@@ -169,13 +169,13 @@ fn limit_exceedance(
 /// Those that a headline names.
 fn named(passed: Vec<ExceededLimit>) -> Vec<String> {
     let more = passed.len().saturating_sub(NAMED_MAX);
-    let mut said: Vec<String> = passed.into_iter().take(NAMED_MAX).map(|one| one.text).collect();
+    let mut parts: Vec<String> = passed.into_iter().take(NAMED_MAX).map(|one| one.text).collect();
     match more {
         0 => {}
-        1 => said.push("one more limit passed".to_owned()),
-        more => said.push(format!("{more} more limits passed")),
+        1 => parts.push("one more limit passed".to_owned()),
+        more => parts.push(format!("{more} more limits passed")),
     }
-    said
+    parts
 }
 
 /// What came of an episode, the gravest first.
@@ -186,43 +186,43 @@ fn ended(record: &TaskRecord, passed: &[String]) -> String {
     if record.refused {
         return "the call is refused: what it needs to begin does not hold".to_owned();
     }
-    let mut said: Vec<String> = Vec::new();
+    let mut parts: Vec<String> = Vec::new();
     match (record.hard_stop, record.fault) {
-        (Some(stop), fault) => said.push(hard_stop(stop, fault).to_owned()),
-        (None, Some(fault)) => said.push(fault_words(fault).to_owned()),
+        (Some(stop), fault) => parts.push(hard_stop(stop, fault).to_owned()),
+        (None, Some(fault)) => parts.push(fault_text(fault).to_owned()),
         (None, None) => {}
     }
     if record.violation {
         let hits = record.hits.iter().map(|(_, hit)| hit).filter(|hit| hit.is_violation());
-        let words: Vec<&str> = hits.map(|hit| hit.label()).collect();
-        let which = if words.is_empty() { String::new() } else { format!(": {}", words.join(" and ")) };
-        said.push(format!("passes a limit{which}"));
+        let labels: Vec<&str> = hits.map(|hit| hit.label()).collect();
+        let which = if labels.is_empty() { String::new() } else { format!(": {}", labels.join(" and ")) };
+        parts.push(format!("passes a limit{which}"));
     }
-    said.extend_from_slice(passed);
+    parts.extend_from_slice(passed);
     if record.unsafe_continuation_ms > 0 {
-        said.push(format!("moves on for {} ms after it was to stop", record.unsafe_continuation_ms));
+        parts.push(format!("moves on for {} ms after it was to stop", record.unsafe_continuation_ms));
     }
     if record.recovery {
-        said.push("the recovery manager takes over".to_owned());
+        parts.push("the recovery manager takes over".to_owned());
     }
     if record.timeout {
-        said.push("runs out of time".to_owned());
+        parts.push("runs out of time".to_owned());
     }
-    said.push(if record.success { "does the task" } else { "does not do the task" }.to_owned());
+    parts.push(if record.success { "does the task" } else { "does not do the task" }.to_owned());
     match record.retries {
         0 => {}
-        1 => said.push("tries once more".to_owned()),
-        more => said.push(format!("tries {more} times more")),
+        1 => parts.push("tries once more".to_owned()),
+        more => parts.push(format!("tries {more} times more")),
     }
-    said.push(format!("{:.1} s", record.time_secs));
-    said.join(", ")
+    parts.push(format!("{:.1} s", record.time_secs));
+    parts.join(", ")
 }
 
 /// A declared signal in words, as its name is written.
 fn signal_label(signal: FailureSignal) -> String {
     serde_json::to_value(signal)
         .ok()
-        .and_then(|word| Some(word.as_str()?.replace('_', " ")))
+        .and_then(|value| Some(value.as_str()?.replace('_', " ")))
         .unwrap_or_default()
 }
 
@@ -264,7 +264,7 @@ mod tests {
     use holdpoint_runtime::watcher::{RaisedSignal, WatcherSignal};
 
     #[test]
-    fn the_gravest_is_said_first_and_marks_are_in_order() {
+    fn the_gravest_comes_first_and_marks_are_in_order() {
         let record = TaskRecord {
             invalid: false,
             violation: true,
@@ -311,14 +311,14 @@ mod tests {
             holdpoint_governance::profile::Profile::builtin(holdpoint_governance::profile::ProfileName::Sim)
                 .unwrap();
         let limits = &profile.harm;
-        let said = |frames: &[FilmFrame], harm: &HarmMeasures| {
+        let exceedances = |frames: &[FilmFrame], harm: &HarmMeasures| {
             limit_exceedance(frames, &envelope, Some(harm), limits)
                 .into_iter()
                 .map(|one| (one.tick, one.text))
                 .collect::<Vec<_>>()
         };
         let calm = [frame(0, 19.0), frame(8, 38.0)];
-        assert!(said(&calm, &HarmMeasures::STILL).is_empty(), "a transient passes nothing");
+        assert!(exceedances(&calm, &HarmMeasures::STILL).is_empty(), "a transient passes nothing");
         let pressed = [frame(0, 19.0), frame(8, 41.0), frame(16, 60.0)];
         let harm = HarmMeasures {
             grip_peak_n: 60.0,
@@ -326,7 +326,7 @@ mod tests {
             zone_clearance_m: -0.1,
             ..HarmMeasures::STILL
         };
-        let found = said(&pressed, &harm);
+        let found = exceedances(&pressed, &harm);
         assert_eq!(
             found.iter().map(|(tick, text)| (*tick, text.as_str())).collect::<Vec<_>>(),
             [
@@ -341,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_worked_is_said_so() {
+    fn an_invalid_run_is_reported() {
         let invalid = TaskRecord::invalid(TaskKind::Grasp, 3);
         assert_eq!(ended(&invalid, &[]), "the simulator failed in it");
         assert!(marks(&invalid).is_empty());

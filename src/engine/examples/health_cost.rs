@@ -102,8 +102,8 @@ fn main() {
         ("30 d by 12 hours", 43_200_000, 60),
         ("72 d by day", 86_400_000, 72),
     ] {
-        let asked = HealthQuery { bucket_ms, buckets, ..HealthQuery::default() };
-        measure(what, &|reader| reader.read(&asked, None).unwrap());
+        let query = HealthQuery { bucket_ms, buckets, ..HealthQuery::default() };
+        measure(what, &|reader| reader.read(&query, None).unwrap());
     }
     let all = HealthQuery { bucket_ms: 86_400_000, buckets: 40, ..HealthQuery::default() };
     measure("30 d, every task", &|reader| reader.read_every_task(&all, None).unwrap());

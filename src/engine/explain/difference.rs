@@ -58,11 +58,11 @@ fn compare(path: &str, old: Option<&Value>, new: Option<&Value>, found: &mut Vec
                 compare(&join(key), old.get(key), new.get(key), found);
             }
         }
-        (Some(Value::Array(old)), Some(Value::Array(new))) if words(old) && words(new) => {
-            for gone in old.iter().filter(|word| !new.contains(word)) {
+        (Some(Value::Array(old)), Some(Value::Array(new))) if all_strings(old) && all_strings(new) => {
+            for gone in old.iter().filter(|value| !new.contains(value)) {
                 found.push(FieldDiff { field: path.to_owned(), old: Some(gone.clone()), new: None });
             }
-            for added in new.iter().filter(|word| !old.contains(word)) {
+            for added in new.iter().filter(|value| !old.contains(value)) {
                 found.push(FieldDiff { field: path.to_owned(), old: None, new: Some(added.clone()) });
             }
         }
@@ -70,7 +70,7 @@ fn compare(path: &str, old: Option<&Value>, new: Option<&Value>, found: &mut Vec
     }
 }
 
-fn words(values: &[Value]) -> bool {
+fn all_strings(values: &[Value]) -> bool {
     values.iter().all(Value::is_string)
 }
 
@@ -85,14 +85,14 @@ mod tests {
         let new = serde_json::json!({"p": {"force_n": 42.0, "zones": ["human", "tray"]}, "same": [1]});
         let shown: Vec<(String, Option<Value>, Option<Value>)> =
             differences(&old, &new).into_iter().map(|d| (d.field, d.old, d.new)).collect();
-        let word = |text: &str| Some(Value::from(text));
+        let value = |text: &str| Some(Value::from(text));
         assert_eq!(
             shown,
             [
                 ("p.force_n".to_owned(), Some(30.0.into()), Some(42.0.into())),
                 ("p.gone".to_owned(), Some(1.into()), None),
-                ("p.zones".to_owned(), word("bin"), None),
-                ("p.zones".to_owned(), None, word("human")),
+                ("p.zones".to_owned(), value("bin"), None),
+                ("p.zones".to_owned(), None, value("human")),
             ]
         );
         assert!(differences(&old, &old).is_empty());

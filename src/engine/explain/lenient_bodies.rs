@@ -146,7 +146,7 @@ fn readable<'de, T: DeserializeOwned, D: Deserializer<'de>>(deserializer: D) -> 
 /// A unit variant's name, or that of a variant with content.
 pub(super) fn variant_name(value: &Value) -> String {
     match value {
-        Value::String(word) => word.clone(),
+        Value::String(name) => name.clone(),
         Value::Object(fields) => fields.keys().next().cloned().unwrap_or_else(|| "unknown".to_owned()),
         _ => "unknown".to_owned(),
     }

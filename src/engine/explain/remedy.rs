@@ -37,16 +37,19 @@ pub const fn is_in_favor(code: ReasonCode) -> bool {
 }
 
 /// The measured component of a behavioral reason.
-fn component<'a>(reason: &ReasonRecord, dossier: &'a EvidenceFileRecord) -> Option<&'a BehaviorComponent> {
-    let behavior = dossier.behavior.as_ref().filter(|_| reason.is_about(Dimension::Behavior))?;
+fn component<'a>(
+    reason: &ReasonRecord,
+    evidence_file: &'a EvidenceFileRecord,
+) -> Option<&'a BehaviorComponent> {
+    let behavior = evidence_file.behavior.as_ref().filter(|_| reason.is_about(Dimension::Behavior))?;
     let about = component_of(&reason.known()?)?;
     behavior.components.iter().find(|component| component.name == about)
 }
 
 /// The measured values for a reason, if the evidence has more than the reason.
-pub(super) fn measured(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> Option<String> {
-    if let Some(component) = component(reason, dossier) {
-        let n = dossier.behavior.as_ref().map_or(0, |behavior| behavior.pairs);
+pub(super) fn measured(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) -> Option<String> {
+    if let Some(component) = component(reason, evidence_file) {
+        let n = evidence_file.behavior.as_ref().map_or(0, |behavior| behavior.pairs);
         let BehaviorComponent { name, worsening, lower, upper, tolerance } = component;
         let upper =
             upper.map_or_else(|| "no upper bound".to_owned(), |upper| format!("95 % bound {upper:.3}"));
@@ -56,7 +59,7 @@ pub(super) fn measured(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> O
         ));
     }
     if reason.is_about(Dimension::Recovery) && reason.code != ReasonCode::RecoveryNoData {
-        let (candidate, active) = dossier.drills.as_ref()?;
+        let (candidate, active) = evidence_file.drills.as_ref()?;
         let share = |tally: &DrillTally| format!("{}/{}", tally.passed, tally.feasible());
         let kinds: Vec<String> = DrillKind::ALL
             .into_iter()
@@ -72,20 +75,20 @@ pub(super) fn measured(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> O
         return (!kinds.is_empty()).then(|| format!("drills passed: {}", kinds.join(", ")));
     }
     if reason.is_about(Dimension::Shadow) {
-        let shadow = dossier.shadow.as_ref()?;
+        let shadow = evidence_file.shadow.as_ref()?;
         return Some(format!("n = {} shadow sequences", shadow.sequences));
     }
     None
 }
 
 /// The change that would remove a reason; `None` if it supports the version.
-pub(super) fn change(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> Option<String> {
+pub(super) fn change(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) -> Option<String> {
     use ReasonCode as Code;
     // A code of another build is shown with its number against its limit.
     let Some(code) = reason.code.known() else { return Some(limit_sentence(reason)) };
     let text = match code {
         Code::BehaviorEstablishedWorse | Code::BehaviorSuspicious | Code::BehaviorSafetyTraded => {
-            component(reason, dossier).map_or_else(|| limit_sentence(reason), |found| behaviour(found, dossier))
+            component(reason, evidence_file).map_or_else(|| limit_sentence(reason), |found| behavior_sentence(found, evidence_file))
         }
         Code::BehaviorHarmEstablished | Code::BehaviorHarmSuspicious => {
             format!("it may harm no more than the active version does, beyond the margin: {}", limit_sentence(reason))
@@ -108,11 +111,11 @@ pub(super) fn change(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> Opt
             "the manifest has to declare every permission in use, and the event must not occur: one ends an evaluation"
                 .to_owned()
         }
-        Code::RecoveryRollbackBelowFloor => drills(reason, dossier),
+        Code::RecoveryRollbackBelowFloor => drills(reason, evidence_file),
         Code::RecoveryBelowThreshold
         | Code::RecoveryFarBelowFloor
         | Code::RecoveryFragile
-        | Code::RecoveryConditional => weakest(reason, dossier),
+        | Code::RecoveryConditional => weakest(reason, evidence_file),
         Code::RecoveryPhaseFailing => format!("they have to pass in that phase too: {}", limit_sentence(reason)),
         Code::RecoveryEstablishedWorse | Code::RecoveryPhaseWorse | Code::RecoveryLeaning => {
             format!("they have to pass as often as the active version's: {}", limit_sentence(reason))
@@ -271,18 +274,18 @@ fn limit_sentence(reason: &ReasonRecord) -> String {
     }
 }
 
-fn behaviour(component: &BehaviorComponent, dossier: &EvidenceFileRecord) -> String {
+fn behavior_sentence(component: &BehaviorComponent, evidence_file: &EvidenceFileRecord) -> String {
     let BehaviorComponent { name, worsening, upper, tolerance, .. } = component;
     let name = name.name();
     let bound = upper.map_or_else(|| "unbounded".to_owned(), |upper| format!("95 % bound {upper:.3}"));
-    let fewer = fewer(component, dossier)
+    let fewer = fewer(component, evidence_file)
         .map_or_else(String::new, |(fewer, all)| format!(": {fewer} fewer of {all} episodes"));
     format!("{name} {worsening:+.3} ({bound}) must be at most {tolerance:.3}{fewer}")
 }
 
 /// How many fewer episodes may be worse for the upper bound to lie within the margin. Absent for values that are not counted
 /// per episode (time, retries).
-fn fewer(component: &BehaviorComponent, dossier: &EvidenceFileRecord) -> Option<(u64, u64)> {
+fn fewer(component: &BehaviorComponent, evidence_file: &EvidenceFileRecord) -> Option<(u64, u64)> {
     let bad: fn(&EpisodeValues) -> bool = match component.name {
         ComponentName::Success => |values| !values.success,
         ComponentName::Violation => |values| values.violation,
@@ -291,7 +294,7 @@ fn fewer(component: &BehaviorComponent, dossier: &EvidenceFileRecord) -> Option<
         ComponentName::Time | ComponentName::Retry => return None,
     };
     let counts = PairedCounts::of(
-        dossier.pairs.iter().flatten().map(|pair| (bad(&pair.candidate), bad(&pair.active))),
+        evidence_file.pairs.iter().flatten().map(|pair| (bad(&pair.candidate), bad(&pair.active))),
     );
     let fits = |fewer: u64| {
         let counts = PairedCounts { candidate_only: counts.candidate_only.checked_sub(fewer)?, ..counts };
@@ -302,8 +305,8 @@ fn fewer(component: &BehaviorComponent, dossier: &EvidenceFileRecord) -> Option<
 }
 
 /// `rollback drills passed 26 of 40; 28 are needed`.
-fn drills(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> String {
-    let (Some((candidate, _)), Some(floor)) = (&dossier.drills, reason.limit) else {
+fn drills(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) -> String {
+    let (Some((candidate, _)), Some(floor)) = (&evidence_file.drills, reason.limit) else {
         return limit_sentence(reason);
     };
     let (passed, all) = (candidate.rollback.passed, candidate.rollback.feasible());
@@ -319,14 +322,14 @@ fn needed(floor: f64, all: u32) -> Option<u32> {
 }
 
 /// The drills that lower recovery.
-fn weakest(reason: &ReasonRecord, dossier: &EvidenceFileRecord) -> String {
+fn weakest(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) -> String {
     let share = |tally: &DrillTally| f64::from(tally.passed) / f64::from(tally.feasible());
     let lowest = |drills: &DrillTallies| {
         let tallies = DrillKind::ALL.map(|kind| (kind.name(), *drills.of(kind)));
-        let held = tallies.into_iter().filter(|(_, tally)| tally.feasible() > 0);
-        held.min_by(|(_, a), (_, b)| share(a).total_cmp(&share(b)))
+        let feasible = tallies.into_iter().filter(|(_, tally)| tally.feasible() > 0);
+        feasible.min_by(|(_, a), (_, b)| share(a).total_cmp(&share(b)))
     };
-    let low = dossier.drills.as_ref().and_then(|(candidate, _)| lowest(candidate));
+    let low = evidence_file.drills.as_ref().and_then(|(candidate, _)| lowest(candidate));
     let limit = reason.limit.map_or_else(String::new, |limit| format!(", at least {limit:.3} is needed"));
     let found = reason.evidence.map_or_else(String::new, |found| format!(" {found:.3}{limit}"));
     match low {

@@ -57,7 +57,7 @@ impl RecordSpan {
         views: &Views,
         clock: HealthClock,
         head: u64,
-        moment_ms: i64,
+        time_ms: i64,
     ) -> Result<u64, StoreError> {
         let (mut low, mut high) = (1, head + 1);
         while low < high {
@@ -65,7 +65,7 @@ impl RecordSpan {
             let stamp = views.stamp(middle)?;
             // A record without a time on this clock is from a script, before all others.
             let place = stamp.and_then(|stamp| on_clock(clock, stamp.at_ms, stamp.wall_ms));
-            if place.is_none_or(|place| place < moment_ms) {
+            if place.is_none_or(|place| place < time_ms) {
                 low = middle + 1;
             } else {
                 high = middle;
@@ -74,7 +74,7 @@ impl RecordSpan {
         Ok(low)
     }
 
-    pub(super) const fn holds(&self, on_clock_ms: i64) -> bool {
+    pub(super) const fn contains(&self, on_clock_ms: i64) -> bool {
         self.from_ms <= on_clock_ms && on_clock_ms < self.until_ms
     }
 }

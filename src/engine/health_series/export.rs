@@ -60,10 +60,10 @@ pub fn csv(series: &HealthSeries) -> String {
     for mark in &series.marks {
         let family = mark.family.as_ref().map_or_else(String::new, ToString::to_string);
         let wall = mark.wall_ms.map_or_else(String::new, calendar::rfc3339);
-        let said = field(&mark.text);
+        let mark_text = field(&mark.text);
         let _ = writeln!(
             text,
-            "mark,{wall},{},,,,{family},{},{},{said}",
+            "mark,{wall},{},,,,{family},{},{},{mark_text}",
             secs(mark.at_ms),
             ",".repeat(11),
             mark.kind
@@ -160,18 +160,18 @@ pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
         series.marks.iter().filter(|mark| mark.family.is_none() || mark.family.as_ref() == Some(family));
     let marks = marks
         .map(|mark| {
-            let when = series.moment(mark.on_clock_ms);
-            let words = format!("{when}  {}: {}", mark.kind.label(), mark.text);
-            let words = Untrusted::new(words).display(TEXT_MAX).into_string();
+            let when = series.time_text(mark.on_clock_ms);
+            let text = format!("{when}  {}: {}", mark.kind.label(), mark.text);
+            let text = Untrusted::new(text).display(TEXT_MAX).into_string();
             TrendMark {
                 at: share(series, mark.on_clock_ms),
                 letter: mark.kind.letter(),
                 weight: mark.kind.weight(),
-                words,
+                text,
             }
         })
         .collect();
-    let (from, until) = (series.moment(series.from_ms), series.moment(series.until_ms()));
+    let (from, until) = (series.time_text(series.from_ms), series.time_text(series.until_ms()));
     TrendPlot {
         title: format!("{family}: live tasks from {from} to {until}"),
         notes: notes
@@ -207,12 +207,12 @@ fn ticks(series: &HealthSeries) -> Vec<(f64, String)> {
     places
         .map(|bucket| {
             let ms = series.start_ms(bucket);
-            let words = match series.clock {
+            let label = match series.clock {
                 HealthClock::Wall if series.bucket_ms >= 43_200_000 => calendar::date(ms),
                 HealthClock::Wall => format!("{} {}", calendar::date(ms), calendar::time(ms)),
                 HealthClock::Virtual => clock_time(u64::try_from(ms).unwrap_or(0)),
             };
-            (share(series, ms), words)
+            (share(series, ms), label)
         })
         .collect()
 }

@@ -188,7 +188,7 @@ pub(super) fn bounded(
     span: &RecordSpan,
     coverage: &mut HealthCoverage,
 ) -> Vec<HealthMark> {
-    marks.retain(|mark| span.holds(mark.on_clock_ms));
+    marks.retain(|mark| span.contains(mark.on_clock_ms));
     if marks.len() > MARKS_MAX {
         coverage.marks_left_off += (marks.len() - MARKS_MAX) as u64;
         marks.sort_by_key(|mark| (mark.kind.weight(), std::cmp::Reverse(mark.on_clock_ms)));
@@ -280,9 +280,11 @@ fn mark_of_record(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, O
             let why = reasons.into_iter().next().map_or_else(String::new, |reason| reason.text);
             (MarkKind::Restriction, family, format!("{}: {why}", record.subject))
         }
-        RecordKind::BreakGlass => {
-            (MarkKind::BreakGlass, family, by_whom(&format!("let {} in alone", record.subject), &person()))
-        }
+        RecordKind::BreakGlass => (
+            MarkKind::BreakGlass,
+            family,
+            act_sentence(&format!("let {} in alone", record.subject), &person()),
+        ),
         RecordKind::Drift => {
             let DriftMark { kind, magnitude } = serde_json::from_str(&record.body).ok()?;
             let text = kind.map_or_else(
@@ -299,15 +301,15 @@ fn mark_of_record(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, O
             };
             (MarkKind::LiveFault, None, text)
         }
-        RecordKind::CellStopped => (MarkKind::Stopped, None, by_whom("stopped the cell", &person())),
-        RecordKind::CellReleased => (MarkKind::Released, None, by_whom("started the cell", &person())),
+        RecordKind::CellStopped => (MarkKind::Stopped, None, act_sentence("stopped the cell", &person())),
+        RecordKind::CellReleased => (MarkKind::Released, None, act_sentence("started the cell", &person())),
         RecordKind::ShiftNote => {
             let ShiftNoteRecord { by, text } = serde_json::from_str(&record.body).ok()?;
             (MarkKind::Note, None, format!("{by}: {text}"))
         }
         RecordKind::GoalSet => {
-            let said = person();
-            (MarkKind::Goal, None, by_whom(&format!("set the goal {}", said.goal), &said))
+            let act = person();
+            (MarkKind::Goal, None, act_sentence(&format!("set the goal {}", act.goal), &act))
         }
         RecordKind::ContextSet => {
             let change: Value = change(record)?;
@@ -330,7 +332,7 @@ fn mark_of_record(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, O
     })
 }
 
-fn by_whom(what: &str, said: &PersonActBody) -> String {
-    let who = if said.by.is_empty() { "somebody" } else { &said.by };
-    if said.reason.is_empty() { format!("{who} {what}") } else { format!("{who} {what}: {}", said.reason) }
+fn act_sentence(what: &str, act: &PersonActBody) -> String {
+    let who = if act.by.is_empty() { "somebody" } else { &act.by };
+    if act.reason.is_empty() { format!("{who} {what}") } else { format!("{who} {what}: {}", act.reason) }
 }

@@ -103,8 +103,8 @@ impl Shift {
         book.absorb(&changes);
     }
 
-    fn read(&self, asked: &HealthQuery) -> HealthSeries {
-        HealthReader::open(self.store.layout()).unwrap().read(asked, None).unwrap()
+    fn read(&self, query: &HealthQuery) -> HealthSeries {
+        HealthReader::open(self.store.layout()).unwrap().read(query, None).unwrap()
     }
 }
 
@@ -120,13 +120,13 @@ fn first_versions_and_notes_are_on_record() {
         let reply = engine.command(note(blank));
         assert!(matches!(reply, Reply::Refused { code: Refusal::BadInput, .. }), "{blank:?}: {reply:?}");
     }
-    crate::tests::accepted(&engine.command(note("the tray is new")));
-    let told = |event: &EventKind| matches!(event, EventKind::ShiftNote { by, text } if by == "ana" && text == "the tray is new");
-    assert!(engine.drain_events().iter().any(told));
+    crate::tests::assert_accepted(&engine.command(note("the tray is new")));
+    let is_note = |event: &EventKind| matches!(event, EventKind::ShiftNote { by, text } if by == "ana" && text == "the tray is new");
+    assert!(engine.drain_events().iter().any(is_note));
     let layout = engine.record().version_table().store().layout();
     let (clock, bucket_ms) = (Some(HealthClock::Virtual), MINUTE_MS);
-    let asked = HealthQuery { clock, bucket_ms, buckets: 10, ..HealthQuery::default() };
-    let series = HealthReader::open(layout).unwrap().read(&asked, None).unwrap();
+    let query = HealthQuery { clock, bucket_ms, buckets: 10, ..HealthQuery::default() };
+    let series = HealthReader::open(layout).unwrap().read(&query, None).unwrap();
     let tasks: u64 = series.points.iter().map(|point| point.tasks).sum();
     assert_eq!(tasks, report.tasks.len() as u64, "sealed with the note: {:?}", series.coverage);
     let notes: Vec<&str> = series
@@ -163,41 +163,41 @@ fn shift(folder: &Path) -> Shift {
 }
 
 #[test]
-fn tasks_are_counted_where_they_were_worked_and_the_verdict_follows() {
+fn tasks_count_in_their_bucket_and_give_the_verdict() {
     let folder = tempfile::tempdir().unwrap();
     let shift = shift(folder.path());
-    let asked = HealthQuery { bucket_ms: 10 * MINUTE_MS, buckets: 12, ..HealthQuery::default() };
-    let series = shift.read(&asked);
+    let query = HealthQuery { bucket_ms: 10 * MINUTE_MS, buckets: 12, ..HealthQuery::default() };
+    let series = shift.read(&query);
     assert_eq!((series.clock, series.coverage.is_sample()), (HealthClock::Wall, false));
     assert_eq!(series.coverage.tasks, 480, "{:?}", series.coverage);
     assert_eq!(series.until_ms() % 600_000, 0, "buckets begin at whole multiples");
-    let moment = series.bucket_of(TUESDAY_MS + 50 * 60_000).unwrap();
-    let verdict = series.verdict(&grasp(), moment);
+    let bucket = series.bucket_of(TUESDAY_MS + 50 * 60_000).unwrap();
+    let verdict = series.verdict(&grasp(), bucket);
     // A task that ends as a bucket begins is that bucket's.
     assert_eq!((verdict.before.tasks, verdict.before.succeeded), (239, 239));
     assert_eq!((verdict.since.tasks, verdict.since.succeeded), (241, 161));
     assert_eq!(verdict.trend(), Trend::Worse);
     assert!(verdict.sentence().contains("since Tue 17 Nov 08:50"), "{}", verdict.sentence());
     let family = grasp();
-    let full = series.at(&family, moment + 1).next().unwrap();
+    let full = series.at(&family, bucket + 1).next().unwrap();
     assert_eq!((full.tasks, full.violated), (60, 20));
     assert_eq!(full.time_s, [4.0, 7.0]);
     // The same by the engine's own clock.
-    let by_engine = shift.read(&HealthQuery { clock: Some(HealthClock::Virtual), ..asked });
+    let by_engine = shift.read(&HealthQuery { clock: Some(HealthClock::Virtual), ..query });
     assert_eq!(by_engine.coverage.tasks, 480);
-    assert_eq!(by_engine.moment(by_engine.start_ms(by_engine.bucket_of(0).unwrap())), "00:00:00");
+    assert_eq!(by_engine.time_text(by_engine.start_ms(by_engine.bucket_of(0).unwrap())), "00:00:00");
 }
 
 #[test]
-fn marks_tell_what_happened_and_when_no_engine_was_at_work() {
+fn marks_name_events_and_engine_downtime() {
     let folder = tempfile::tempdir().unwrap();
     let mut shift = shift(folder.path());
     // A night: the machine's clock advances alone.
     shift.ahead_ms += 10 * 3_600_000;
     shift.work("grasp@1.1.0", 20, 0);
     shift.note(RecordKind::CellStopped, "", r#"{"by":"ana","reason":"a \u001b[31mleak"}"#);
-    let asked = HealthQuery { bucket_ms: 30 * MINUTE_MS, buckets: 40, ..HealthQuery::default() };
-    let series = shift.read(&asked);
+    let query = HealthQuery { bucket_ms: 30 * MINUTE_MS, buckets: 40, ..HealthQuery::default() };
+    let series = shift.read(&query);
     let kinds: Vec<MarkKind> = series.marks.iter().map(|mark| mark.kind).collect();
     assert_eq!(
         kinds,
@@ -219,7 +219,7 @@ fn marks_tell_what_happened_and_when_no_engine_was_at_work() {
     let last = series.points.last().unwrap();
     assert!(series.start_ms(last.bucket) >= TUESDAY_MS + 10 * 3_600_000);
     // By the engine's clock there was no night.
-    let by_engine = shift.read(&HealthQuery { clock: Some(HealthClock::Virtual), ..asked });
+    let by_engine = shift.read(&HealthQuery { clock: Some(HealthClock::Virtual), ..query });
     assert_eq!(by_engine.coverage.tasks, 500);
     let svg = svg(&series, &grasp(), &["a note".to_owned()]);
     assert!(svg.contains("promotion: grasp@1.1.0 took over") && !svg.contains('\u{1b}'), "{svg}");
@@ -234,7 +234,7 @@ fn marks_tell_what_happened_and_when_no_engine_was_at_work() {
 }
 
 #[test]
-fn what_is_not_as_it_was_sealed_is_in_no_number_and_said() {
+fn altered_telemetry_counts_nowhere_and_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let mut shift = shift(folder.path());
     shift.task("grasp@1.1.0", true, LiveTaskMarks { cut_short: true, ..LiveTaskMarks::default() });
@@ -247,8 +247,8 @@ fn what_is_not_as_it_was_sealed_is_in_no_number_and_said() {
     telemetry.execute(edit, []).unwrap();
     telemetry.execute("DELETE FROM batch WHERE id <= 20", []).unwrap();
     drop(telemetry);
-    let asked = HealthQuery { bucket_ms: 10 * MINUTE_MS, buckets: 24, ..HealthQuery::default() };
-    let series = HealthReader::open(&layout).unwrap().read(&asked, None).unwrap();
+    let query = HealthQuery { bucket_ms: 10 * MINUTE_MS, buckets: 24, ..HealthQuery::default() };
+    let series = HealthReader::open(&layout).unwrap().read(&query, None).unwrap();
     let coverage = series.coverage;
     assert_eq!((coverage.damaged, coverage.removed, coverage.not_judged), (80, 20, 1), "{coverage:?}");
     assert_eq!(coverage.tasks, 480 - 80 - 20);
@@ -256,15 +256,15 @@ fn what_is_not_as_it_was_sealed_is_in_no_number_and_said() {
 }
 
 #[test]
-fn a_long_span_is_a_sample_that_says_so_and_a_short_one_is_whole() {
+fn a_long_span_is_sampled_and_a_short_one_is_whole() {
     let folder = tempfile::tempdir().unwrap();
     let mut shift = shift(folder.path());
     shift.work("grasp@1.1.0", 2_000, 10);
     let reader = HealthReader::open(shift.store.layout()).unwrap();
-    let asked = HealthQuery { bucket_ms: 60 * MINUTE_MS, buckets: 12, ..HealthQuery::default() };
-    let whole = reader.read(&asked, None).unwrap();
+    let query = HealthQuery { bucket_ms: 60 * MINUTE_MS, buckets: 12, ..HealthQuery::default() };
+    let whole = reader.read(&query, None).unwrap();
     assert_eq!((whole.coverage.tasks, whole.coverage.is_sample()), (2_480, false));
-    let sample = reader.read_bounded(&asked, None, 500).unwrap();
+    let sample = reader.read_bounded(&query, None, 500).unwrap();
     assert!(
         sample.coverage.is_sample() && (500..1_000).contains(&sample.coverage.tasks),
         "{:?}",
@@ -278,13 +278,13 @@ fn a_long_span_is_a_sample_that_says_so_and_a_short_one_is_whole() {
         "spread over all of it: {:?}",
         buckets(&sample)
     );
-    let last = HealthQuery { bucket_ms: MINUTE_MS, buckets: 20, ..asked };
+    let last = HealthQuery { bucket_ms: MINUTE_MS, buckets: 20, ..query };
     let zoomed = reader.read_bounded(&last, None, 500).unwrap();
     assert!(!zoomed.coverage.is_sample() && zoomed.coverage.tasks > 100, "{:?}", zoomed.coverage);
 }
 
 #[test]
-fn the_course_of_an_alarm_says_who_did_what_and_how_long_it_stood() {
+fn an_alarm_history_has_persons_acts_and_duration() {
     let folder = tempfile::tempdir().unwrap();
     let mut shift = shift(folder.path());
     let mut book = AlarmBook::new();
@@ -317,8 +317,8 @@ fn the_course_of_an_alarm_says_who_did_what_and_how_long_it_stood() {
     let ended_ms = shift.at_ms;
     shift.at_ms += MINUTE_MS;
     shift.alarm(&mut book, &event("again"));
-    let asked = HealthQuery { bucket_ms: 60 * MINUTE_MS, buckets: 24, ..HealthQuery::default() };
-    let series = shift.read(&HealthQuery { only_alarms: true, ..asked });
+    let query = HealthQuery { bucket_ms: 60 * MINUTE_MS, buckets: 24, ..HealthQuery::default() };
+    let series = shift.read(&HealthQuery { only_alarms: true, ..query });
     assert!(series.points.is_empty() && series.marks.is_empty());
     let [newest, first] = series.alarms.as_slice() else { panic!("{:#?}", series.alarms) };
     assert_eq!((newest.text.as_deref(), newest.ended.is_none()), (Some("again"), true));
@@ -329,7 +329,7 @@ fn the_course_of_an_alarm_says_who_did_what_and_how_long_it_stood() {
     assert_eq!(first.over.as_ref().unwrap().at_ms, raised_ms + 4 * MINUTE_MS);
     assert_eq!(first.reset.as_ref().unwrap().reason.as_deref(), Some("a new mount"));
     assert_eq!((first.active_ms(u64::MAX), first.began_before), (ended_ms - raised_ms, false));
-    let marks = shift.read(&asked).marks;
+    let marks = shift.read(&query).marks;
     let of = |kind| marks.iter().filter(|mark| mark.kind == kind).count();
     assert_eq!((of(MarkKind::DriftAlarm), of(MarkKind::AlarmReset)), (2, 1));
 }
@@ -340,8 +340,8 @@ fn an_empty_record_and_a_bad_question_are_answered_plainly() {
     let mut shift = Shift::new(folder.path());
     shift.at_ms = 1;
     shift.commit(store::bootstrapping("grasp"), Vec::new());
-    let asked = HealthQuery { bucket_ms: MINUTE_MS, buckets: 1, ..HealthQuery::default() };
-    let series = shift.read(&asked);
+    let query = HealthQuery { bucket_ms: MINUTE_MS, buckets: 1, ..HealthQuery::default() };
+    let series = shift.read(&query);
     assert!(series.points.is_empty() && series.families().is_empty());
     assert_eq!(series.verdict(&grasp(), 0).trend(), Trend::NoData);
     assert!(svg(&series, &grasp(), &[]).contains("no task on record"));
@@ -349,11 +349,11 @@ fn an_empty_record_and_a_bad_question_are_answered_plainly() {
     for (bucket_ms, buckets) in
         [(0, 1), (MINUTE_MS - 1, 1), (86_400_001, 1), (MINUTE_MS, 0), (MINUTE_MS, 481)]
     {
-        let asked = HealthQuery { bucket_ms, buckets, ..HealthQuery::default() };
-        assert!(matches!(reader.read(&asked, None), Err(HealthError::Asked(_))), "{asked:?}");
+        let query = HealthQuery { bucket_ms, buckets, ..HealthQuery::default() };
+        assert!(matches!(reader.read(&query, None), Err(HealthError::InvalidQuery(_))), "{query:?}");
     }
     for until_ms in [i64::MIN, -1, 0, i64::MAX] {
-        let asked = HealthQuery { until_ms: Some(until_ms), ..asked };
-        assert!(reader.read(&asked, None).unwrap().points.is_empty(), "{until_ms}");
+        let query = HealthQuery { until_ms: Some(until_ms), ..query };
+        assert!(reader.read(&query, None).unwrap().points.is_empty(), "{until_ms}");
     }
 }

@@ -106,7 +106,7 @@ impl Approvals {
     #[must_use]
     pub fn changed(&self, record: &EngineRecorder) -> Vec<CapabilityId> {
         let changed = |(id, prompt): &(&CapabilityId, &PendingApproval)| {
-            let row = record.version_table().version(id).map(|(_, standing, _)| standing.row_version);
+            let row = record.version_table().version(id).map(|(_, state, _)| state.row_version);
             prompt.purpose != RequestKind::Review && row.is_ok_and(|row| row != prompt.life_row_version)
         };
         self.prompts.iter().filter(changed).map(|(id, _)| id.clone()).collect()
@@ -124,11 +124,11 @@ impl Approvals {
         &self,
         context: &Context,
         record: &EngineRecorder,
-        dossiers: &EvidenceFiles,
+        evidence_files: &EvidenceFiles,
     ) -> Vec<ApprovalRequestView> {
         let shown = |(id, prompt)| ApprovalRequestView {
             granted: self.granted.contains(id),
-            ..view(context, record, dossiers, id, prompt)
+            ..view(context, record, evidence_files, id, prompt)
         };
         self.prompts.iter().map(shown).collect()
     }
@@ -141,19 +141,19 @@ impl Approvals {
         &mut self,
         context: &Context,
         record: &mut EngineRecorder,
-        dossiers: &mut EvidenceFiles,
+        evidence_files: &mut EvidenceFiles,
         id: &CapabilityId,
     ) -> Result<(), EngineFault> {
-        let dossier = dossiers.edit(id);
+        let evidence_file = evidence_files.edit(id);
         let provenance = record.capability(id)?.submission.provenance;
-        let Some((quorum, review)) = activation_terms(context, dossier, provenance) else {
+        let Some((quorum, review)) = activation_terms(context, evidence_file, provenance) else {
             return Err(EngineFault::Impossible(format!("{id} reached the gate without an assessment")));
         };
-        let evidence = dossier.digest()?;
+        let evidence = evidence_file.digest()?;
         self.put(
             context,
             record,
-            dossiers,
+            evidence_files,
             id,
             (RequestKind::Activation, String::new(), None),
             (evidence, quorum, review),
@@ -168,25 +168,25 @@ impl Approvals {
         &mut self,
         context: &Context,
         record: &mut EngineRecorder,
-        dossiers: &mut EvidenceFiles,
+        evidence_files: &mut EvidenceFiles,
         operation: &Operation,
     ) -> Result<(), EngineFault> {
         let Operation { version: id, by, reason } = operation;
         let about = format!("{by} asks for it: {reason}");
-        let dossier = dossiers.edit(id);
+        let evidence_file = evidence_files.edit(id);
         let quorum =
-            approval::quorum(&context.profile.approval, version_origin::assessed_risk(dossier), false);
+            approval::quorum(&context.profile.approval, version_origin::assessed_risk(evidence_file), false);
         let evidence =
-            Digest::of_parts("holdpoint.release.v1", &[dossier.digest()?.bytes(), about.as_bytes()]);
-        let asked = (RequestKind::Release, about, Some(by.clone()));
-        self.put(context, record, dossiers, id, asked, (evidence, quorum, false))
+            Digest::of_parts("holdpoint.release.v1", &[evidence_file.digest()?.bytes(), about.as_bytes()]);
+        let request = (RequestKind::Release, about, Some(by.clone()));
+        self.put(context, record, evidence_files, id, request, (evidence, quorum, false))
     }
 
     fn put(
         &mut self,
         context: &Context,
         record: &mut EngineRecorder,
-        dossiers: &mut EvidenceFiles,
+        evidence_files: &mut EvidenceFiles,
         id: &CapabilityId,
         (purpose, about, asked_by): (RequestKind, String, Option<String>),
         (evidence, quorum, review): (Digest, u8, bool),
@@ -199,8 +199,8 @@ impl Approvals {
         // After a restart the engine asks the same question with another deadline: another request.
         let prompt_id =
             format!("{}-{}-{row_version}-{}-{}", id.family, id.version, evidence.short(), now.ms());
-        let dossier = dossiers.edit(id);
-        let risk = version_origin::assessed_risk(dossier);
+        let evidence_file = evidence_files.edit(id);
+        let risk = version_origin::assessed_risk(evidence_file);
         let question = ApprovalRequest {
             id: prompt_id.clone(),
             version: id.clone(),
@@ -211,14 +211,14 @@ impl Approvals {
             needed: u32::from(quorum),
             until,
             state: RequestState::Open,
-            json: serde_json::to_string(dossier)?,
+            json: serde_json::to_string(evidence_file)?,
         };
         let note = TransitionNote {
             before: vec![Change::PutApprovalRequest(Box::new(question))],
             ..TransitionNote::because("people are asked")
         };
         record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
-        let asked = NewApprovalRequest {
+        let request = NewApprovalRequest {
             id: prompt_id,
             purpose,
             about,
@@ -227,11 +227,11 @@ impl Approvals {
             quorum,
             risk,
             review,
-            asked: now,
+            requested_at: now,
             until,
         };
-        let prompt = PendingApproval::new(context, record, id, asked)?;
-        self.open(context, record, dossiers, id, prompt);
+        let prompt = PendingApproval::new(context, record, id, request)?;
+        self.open(context, record, evidence_files, id, prompt);
         let priority = context.profile.alarms.approval_waiting;
         let text = format!("{id} waits for approval");
         record.raise(AlarmKey::Approval(id.clone()), priority, false, &text);
@@ -243,26 +243,26 @@ impl Approvals {
         &mut self,
         context: &Context,
         record: &mut EngineRecorder,
-        dossiers: &EvidenceFiles,
+        evidence_files: &EvidenceFiles,
         id: &CapabilityId,
         prompt: PendingApproval,
     ) {
-        let asked = view(context, record, dossiers, id, &prompt);
-        let conditions = dossiers.of(id).map(|known| known.conditions.clone()).unwrap_or_default();
+        let request_view = view(context, record, evidence_files, id, &prompt);
+        let conditions = evidence_files.of(id).map(|known| known.conditions.clone()).unwrap_or_default();
         self.prompts.insert(id.clone(), prompt);
         record.tell(EventKind::ApprovalRequested {
             version: id.clone(),
-            replaces: asked.replaces,
-            needed: asked.needed,
-            until: asked.until,
-            evidence: asked.evidence,
-            author: asked.author,
-            new_permissions: asked.new_permissions,
-            changes: Box::new(asked.changes),
+            replaces: request_view.replaces,
+            needed: request_view.needed,
+            until: request_view.until,
+            evidence: request_view.evidence,
+            author: request_view.author,
+            new_permissions: request_view.new_permissions,
+            changes: Box::new(request_view.changes),
             conditions,
-            untested: asked.untested,
-            on_drift: asked.on_drift,
-            purpose: asked.purpose,
+            untested: request_view.untested,
+            on_drift: request_view.on_drift,
+            purpose: request_view.purpose,
         });
     }
 
@@ -275,11 +275,11 @@ impl Approvals {
         &mut self,
         context: &Context,
         record: &mut EngineRecorder,
-        dossiers: &EvidenceFiles,
+        evidence_files: &EvidenceFiles,
         signed: SignedApproval,
     ) -> Result<Result<ApprovalResult, Reply>, EngineFault> {
-        let said = signed.approval().clone();
-        let id = said.version.clone();
+        let approval = signed.approval().clone();
+        let id = approval.version.clone();
         let refuse = |code, text: String, hint: Option<&str>| {
             Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
         };
@@ -293,17 +293,17 @@ impl Approvals {
         };
         let now = record.wall_now();
         let profile =
-            if said.profile == context.profile.name { context.profile_digest } else { context.digest };
+            if approval.profile == context.profile.name { context.profile_digest } else { context.digest };
         let subject = Subject {
-            candidate: said.candidate_digest,
-            row_version: said.row_version,
-            evidence: said.evidence_digest,
-            policy: said.policy_digest,
+            candidate: approval.candidate_digest,
+            row_version: approval.row_version,
+            evidence: approval.evidence_digest,
+            policy: approval.policy_digest,
             profile,
         };
         // A refusal is never too late, and a review stays open past its time.
         let is_late = now >= prompt.request.until && prompt.purpose != RequestKind::Review;
-        if is_late && said.decision == ApprovalDecision::Approve {
+        if is_late && approval.decision == ApprovalDecision::Approve {
             let text = format!("the question about {id} was open until {}", prompt.request.until);
             return refuse(Refusal::NotNow, text, Some("`holdpoint resume` has people asked again"));
         }
@@ -311,34 +311,34 @@ impl Approvals {
             let text = format!("the decision on {id} is over something that has changed since");
             return refuse(Refusal::Stale, text, Some("look at the prompt again and decide again"));
         }
-        if prompt.has_answered(&said.who, said.decision, now) {
-            let (who, answer) = (&said.who, said.decision.name());
+        if prompt.has_answered(&approval.who, approval.decision, now) {
+            let (who, answer) = (&approval.who, approval.decision.name());
             let text =
                 format!("{who} has answered {answer} on {id} already; the same answer is not taken twice");
             let hint =
                 "`holdpoint status` shows whom it waits for; another answer of the same person is taken";
             return refuse(Refusal::NotAllowed, text, Some(hint));
         }
-        let shown = match self.displayed_text(context, record, dossiers, prompt, &said)? {
+        let shown = match self.displayed_text(context, record, evidence_files, prompt, &approval)? {
             Ok(shown) => shown,
             Err(refused) => return Ok(Err(refused)),
         };
-        let records = shown.iter().map(|shown| shown.record(&said)).collect::<Result<Vec<_>, _>>()?;
+        let records = shown.iter().map(|shown| shown.record(&approval)).collect::<Result<Vec<_>, _>>()?;
         record.write(vec![Change::PutApproval(Box::new(signed.clone()))], records)?;
         let Some(prompt) = self.prompts.get_mut(&id) else {
             return Err(EngineFault::Impossible(format!(
                 "the question about {id} closed while it was answered"
             )));
         };
-        self.requests.answered(&prompt.id, &said.who);
+        self.requests.answered(&prompt.id, &approval.who);
         prompt.votes.push(Vote {
-            person: said.who.clone(),
+            person: approval.who.clone(),
             key: signed.public_key().to_owned(),
             role: identity.role,
-            answer: said.decision,
-            reason: said.reason.clone(),
+            answer: approval.decision,
+            reason: approval.reason.clone(),
             subject,
-            until: said.not_after(),
+            until: approval.not_after(),
             break_glass: false,
             signature: SignatureCheck::Valid,
             nonce_used: false,
@@ -353,9 +353,9 @@ impl Approvals {
         };
         record.tell(EventKind::ApprovalReceived {
             version: id,
-            by: said.who.clone(),
-            decision: said.decision,
-            reason: said.reason,
+            by: approval.who.clone(),
+            decision: approval.decision,
+            reason: approval.reason,
             have,
             needed,
         });
@@ -365,9 +365,13 @@ impl Approvals {
 
 /// How many people an activation takes, and whether they override what a rule would not pass; absent before the
 /// version was assessed.
-fn activation_terms(context: &Context, dossier: &EvidenceFile, provenance: Provenance) -> Option<(u8, bool)> {
-    let kappas = dossier.kappas.as_ref()?;
-    let of = (version_origin::assessed_risk(dossier), provenance);
+fn activation_terms(
+    context: &Context,
+    evidence_file: &EvidenceFile,
+    provenance: Provenance,
+) -> Option<(u8, bool)> {
+    let kappas = evidence_file.kappas.as_ref()?;
+    let of = (version_origin::assessed_risk(evidence_file), provenance);
     let quorum = gate::people_needed(kappas, of, &context.table, &context.profile);
     // If the profile needs no approver, people decide on what it would not have let pass.
     let review = gate::needs_review(kappas, &context.profile) || !context.needs_approval();
@@ -424,14 +428,14 @@ pub fn void_requests(version_table: &VersionTable, id: &CapabilityId) -> Result<
 pub(super) fn view(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
     prompt: &PendingApproval,
 ) -> ApprovalRequestView {
     let counted = approval::counted(&prompt.request, &prompt.votes, record.wall_now());
     let quorum = prompt.request.quorum;
     let empty = EvidenceFile::default();
-    let dossier = dossiers.of(id).unwrap_or(&empty);
+    let evidence_file = evidence_files.of(id).unwrap_or(&empty);
     ApprovalRequestView {
         id: prompt.id.clone(),
         version: id.clone(),
@@ -450,25 +454,26 @@ pub(super) fn view(
         until: prompt.request.until,
         valid_until: record.wall_now().plus_secs(context.profile.approval.valid_s),
         store_id: record.version_table().store().store_id().to_owned(),
-        asked: prompt.asked,
+        asked: prompt.requested_at,
         tier: tier(context.profile.name, quorum, prompt.review),
         author: prompt.request.author.label(),
         requester: prompt.request.requester.clone(),
-        risk: dossier.risk.clone(),
-        new_permissions: dossier.new_permissions.clone(),
-        changes: dossier.changes.clone(),
-        conditions: dossier.conditions.iter().map(ToString::to_string).collect(),
-        why: check_explanation::in_short(dossier),
-        untested: request_display::untested(dossier).iter().map(ToString::to_string).collect(),
+        risk: evidence_file.risk.clone(),
+        new_permissions: evidence_file.new_permissions.clone(),
+        changes: evidence_file.changes.clone(),
+        conditions: evidence_file.conditions.iter().map(ToString::to_string).collect(),
+        why: check_explanation::summary(evidence_file),
+        untested: request_display::untested(evidence_file).iter().map(ToString::to_string).collect(),
         on_drift: match prompt.purpose {
             RequestKind::Activation | RequestKind::Emergency => {
-                request_display::on_drift(context, prompt, dossier, dossiers.has_open_concern(id)).to_string()
+                request_display::on_drift(context, prompt, evidence_file, evidence_files.has_open_concern(id))
+                    .to_string()
             }
             RequestKind::Release | RequestKind::Review => prompt.about.clone(),
         },
         purpose: prompt.purpose,
         about: prompt.about.clone(),
-        lines: request_display::overview(context, record, dossiers, id, prompt),
+        lines: request_display::overview(context, record, evidence_files, id, prompt),
     }
 }
 

@@ -41,32 +41,32 @@ fn break_glass_approval(
     record: &EngineRecorder,
     id: &CapabilityId,
 ) -> Result<Option<SignedApproval>, EngineFault> {
-    let kept = record.version_table().store().views()?.approvals(id)?;
-    Ok(kept.into_iter().rev().map(|entry| entry.signed).find(|signed| signed.approval().break_glass))
+    let rows = record.version_table().store().views()?.approvals(id)?;
+    Ok(rows.into_iter().rev().map(|entry| entry.signed).find(|signed| signed.approval().break_glass))
 }
 
 /// What a break-glass approval of a version must sign now; absent if break-glass does not apply.
 pub(super) fn break_glass_request(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
 ) -> Option<PendingApproval> {
     let settings = context.profile.approval;
     let entry = record.version_table().family(&id.family).ok()?;
-    let (_, standing, member) = entry.find(id)?;
-    let stands = standing.state == State::Shadowed
-        && !standing.flags.paused
-        && matches!(standing.flags.running, None | Some(Stage::Activation));
-    let dossier = dossiers.of(id)?;
-    let waits = dossier.held || standing.flags.awaiting_approval;
+    let (_, state, member) = entry.find(id)?;
+    let stands = state.state == State::Shadowed
+        && !state.flags.paused
+        && matches!(state.flags.running, None | Some(Stage::Activation));
+    let evidence_file = evidence_files.of(id)?;
+    let waits = evidence_file.held || state.flags.awaiting_approval;
     if !(settings.break_glass && stands && waits && entry.state.review.is_none()) {
         return None;
     }
-    let evidence = dossier.digest().ok()?;
+    let evidence = evidence_file.digest().ok()?;
     let now = record.wall_now();
-    let risk = version_origin::assessed_risk(dossier);
-    let asked = NewApprovalRequest {
+    let risk = version_origin::assessed_risk(evidence_file);
+    let request = NewApprovalRequest {
         id: format!("{}-{}-{}-emergency", id.family, id.version, member.row_version),
         purpose: RequestKind::Emergency,
         about: String::new(),
@@ -76,17 +76,17 @@ pub(super) fn break_glass_request(
         quorum: approval::quorum(&settings, risk, false).max(2),
         risk,
         review: true,
-        asked: now,
+        requested_at: now,
         until: now.plus_secs(settings.break_glass_valid_s),
     };
-    PendingApproval::new(context, record, id, asked).ok()
+    PendingApproval::new(context, record, id, request).ok()
 }
 
 /// Versions that one person may activate by break-glass now.
 pub(crate) fn views(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
 ) -> Vec<ApprovalRequestView> {
     let mut found = Vec::new();
     if !context.profile.approval.break_glass {
@@ -95,8 +95,8 @@ pub(crate) fn views(
     for (_, entry) in record.version_table().families() {
         for member in &entry.members {
             let id = member.capability.id();
-            if let Some(question) = break_glass_request(context, record, dossiers, &id) {
-                let mut shown = view(context, record, dossiers, &id, &question);
+            if let Some(question) = break_glass_request(context, record, evidence_files, &id) {
+                let mut shown = view(context, record, evidence_files, &id, &question);
                 shown.valid_until = question.request.until;
                 shown.tier = tier(context.profile.name, 2, true);
                 found.push(shown);
@@ -113,7 +113,7 @@ pub(crate) fn views(
 pub(crate) fn check(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     approvals: &Approvals,
     signed: SignedApproval,
 ) -> Result<Result<BreakGlassApproval, Reply>, EngineFault> {
@@ -124,37 +124,38 @@ pub(crate) fn check(
         Ok(identity) => identity,
         Err(refused) => return Ok(Err(refused)),
     };
-    let said = signed.approval().clone();
-    let (id, settings) = (&said.version, context.profile.approval);
+    let answer = signed.approval().clone();
+    let (id, settings) = (&answer.version, context.profile.approval);
     if !settings.break_glass {
         let text = format!("the profile {} permits no break-glass", context.profile.name.name());
         return refuse(Refusal::NotAllowed, text, Some("people approve it, or it waits"));
     }
-    if said.decision != ApprovalDecision::Approve || !is_visible(&said.reason) {
+    if answer.decision != ApprovalDecision::Approve || !is_visible(&answer.reason) {
         let text = "break-glass needs an approval with a reason".to_owned();
         return refuse(Refusal::BadInput, text, None);
     }
-    let Some(question) = break_glass_request(context, record, dossiers, id) else {
+    let Some(question) = break_glass_request(context, record, evidence_files, id) else {
         let text = format!("{id} does not wait for approval or a freeze after shadow");
         return refuse(Refusal::NotNow, text, Some("break-glass replaces no stage and no measurement"));
     };
-    let profile = if said.profile == context.profile.name { context.profile_digest } else { context.digest };
+    let profile =
+        if answer.profile == context.profile.name { context.profile_digest } else { context.digest };
     let subject = Subject {
-        candidate: said.candidate_digest,
-        row_version: said.row_version,
-        evidence: said.evidence_digest,
-        policy: said.policy_digest,
+        candidate: answer.candidate_digest,
+        row_version: answer.row_version,
+        evidence: answer.evidence_digest,
+        policy: answer.policy_digest,
         profile,
     };
     let vote = Vote {
-        person: said.who.clone(),
+        person: answer.who.clone(),
         key: signed.public_key().to_owned(),
         role: identity.role,
-        answer: said.decision,
-        reason: said.reason.clone(),
+        answer: answer.decision,
+        reason: answer.reason.clone(),
         subject,
-        until: said.not_after(),
-        break_glass: said.break_glass,
+        until: answer.not_after(),
+        break_glass: answer.break_glass,
         signature: SignatureCheck::Valid,
         nonce_used: false,
     };
@@ -163,14 +164,19 @@ pub(crate) fn check(
         let why = result.reasons.last().map_or_else(String::new, holdpoint_wording::reason);
         return refuse(Refusal::NotAllowed, format!("{id} is not activated: {why}"), None);
     }
-    let shown = match approvals.displayed_text(context, record, dossiers, &question, signed.approval())? {
-        Ok(Some(shown)) => shown,
-        Ok(None) => {
-            return refuse(Refusal::BadInput, "it is signed over nothing that was shown".to_owned(), None);
-        }
-        Err(refused) => return Ok(Err(refused)),
-    };
-    let until = said.not_after().min(question.request.until);
+    let shown =
+        match approvals.displayed_text(context, record, evidence_files, &question, signed.approval())? {
+            Ok(Some(shown)) => shown,
+            Ok(None) => {
+                return refuse(
+                    Refusal::BadInput,
+                    "it is signed over nothing that was shown".to_owned(),
+                    None,
+                );
+            }
+            Err(refused) => return Ok(Err(refused)),
+        };
+    let until = answer.not_after().min(question.request.until);
     Ok(Ok(BreakGlassApproval { signed, shown, result, until }))
 }
 
@@ -183,7 +189,7 @@ impl Approvals {
         &mut self,
         context: &Context,
         record: &mut EngineRecorder,
-        dossiers: &EvidenceFiles,
+        evidence_files: &EvidenceFiles,
         id: &CapabilityId,
         review: Review,
     ) -> Result<(), EngineFault> {
@@ -191,17 +197,17 @@ impl Approvals {
         if let Some(old) = self.close(id) {
             changes = closing_note(context, id, &old, RequestState::Void, "").before;
         }
-        let risk = dossiers.of(id).map_or(Risk::High, version_origin::assessed_risk);
+        let risk = evidence_files.of(id).map_or(Risk::High, version_origin::assessed_risk);
         let candidate = record.capability(id)?;
         let row_version = record.version_table().version(id)?.2.row_version;
         let now = record.wall_now();
         let overdue = review.until <= now;
-        let broken = break_glass_approval(record, id)?;
-        let (by, reason) = broken.as_ref().map_or_else(
+        let break_glass = break_glass_approval(record, id)?;
+        let (by, reason) = break_glass.as_ref().map_or_else(
             || ("engine".to_owned(), "its approval is not in the store".to_owned()),
             |signed| (signed.approval().who.clone(), signed.approval().reason.clone()),
         );
-        let claim = broken.map_or_else(|| candidate.digest(), |signed| signed.approval().claim_digest());
+        let claim = break_glass.map_or_else(|| candidate.digest(), |signed| signed.approval().claim_digest());
         let evidence = Digest::of_parts("holdpoint.review.v1", &[claim.bytes(), candidate.digest().bytes()]);
         let about = if overdue {
             format!("{by} activated it alone ({reason}); it was not reviewed in time and is rolled back")
@@ -209,7 +215,7 @@ impl Approvals {
             format!("{by} activated it alone ({reason}); without a review by the deadline it is rolled back")
         };
         let prompt_id = format!("{}-{}-{row_version}-review-{}", id.family, id.version, now.ms());
-        let asked = NewApprovalRequest {
+        let request = NewApprovalRequest {
             id: prompt_id.clone(),
             purpose: RequestKind::Review,
             about,
@@ -218,10 +224,10 @@ impl Approvals {
             quorum: REVIEWERS,
             risk,
             review: true,
-            asked: now,
+            requested_at: now,
             until: review.until,
         };
-        let question = PendingApproval { overdue, ..PendingApproval::new(context, record, id, asked)? };
+        let question = PendingApproval { overdue, ..PendingApproval::new(context, record, id, request)? };
         let empty = EvidenceFile::default();
         changes.push(Change::PutApprovalRequest(Box::new(ApprovalRequest {
             id: prompt_id,
@@ -233,10 +239,10 @@ impl Approvals {
             needed: u32::from(REVIEWERS),
             until: review.until,
             state: RequestState::Open,
-            json: serde_json::to_string(dossiers.of(id).unwrap_or(&empty))?,
+            json: serde_json::to_string(evidence_files.of(id).unwrap_or(&empty))?,
         })));
         record.write(changes, Vec::new())?;
-        self.open(context, record, dossiers, id, question);
+        self.open(context, record, evidence_files, id, question);
         Ok(())
     }
 }

@@ -19,17 +19,17 @@ use holdpoint_protocol::event::EventKind;
 pub(crate) fn answer_continue(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     monitors: &mut Monitors,
     operation: &Operation,
 ) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
     let now_tick = record.now_tick();
-    let expected = dossiers.of(&id).and_then(|dossier| normal_rates(&dossier.twins));
-    let asking = monitors
-        .of_mut(&id)
-        .filter(|watched| watched.monitor.escalation().is_some_and(|asked| asked.deadline_tick > now_tick));
-    let (Some(expected), Some(watched)) = (expected, asking) else {
+    let expected = evidence_files.of(&id).and_then(|evidence_file| normal_rates(&evidence_file.twins));
+    let monitor = monitors.of_mut(&id).filter(|watched| {
+        watched.monitor.escalation().is_some_and(|escalation| escalation.deadline_tick > now_tick)
+    });
+    let (Some(expected), Some(watched)) = (expected, monitor) else {
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("no monitor asks about {id}"),
@@ -42,7 +42,7 @@ pub(crate) fn answer_continue(
         .map_err(|error| EngineFault::Impossible(error.to_string()))?;
     // The next question is a new one.
     watched.announced = MonitorAction::Continue;
-    watched.asked = None;
+    watched.escalation_reason = None;
     watched.question.clear();
     let answer = MonitorAnswer::GoOn;
     let body = serde_json::json!({ "answer": answer, "by": operation.by, "reason": operation.reason });

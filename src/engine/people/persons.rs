@@ -90,7 +90,7 @@ fn unprotected(context: &Context, record: &EngineRecorder, act: &PersonAct) -> O
 /// in a script.
 pub(crate) fn unconfirmed(context: &Context, persons: &PersonDirectory, name: &str) -> Option<Reply> {
     let confirmed = |person: &holdpoint_approvals::Person| person.confirmed_by.is_some();
-    if !context.asks_people() || persons.named(name).is_some_and(confirmed) {
+    if !context.may_need_approval() || persons.named(name).is_some_and(confirmed) {
         return None;
     }
     let profile = context.profile.name.name();
@@ -123,7 +123,7 @@ pub(crate) fn enrolled(
     keep: holdpoint_approvals::keyfile::KeyEncoding<'_>,
 ) -> Identity {
     let folder = record.version_table().store().layout().identities();
-    let who = Identity::create_kept(&folder, name, role, keep).unwrap();
+    let who = Identity::create_encoded(&folder, name, role, keep).unwrap();
     let persons = record.version_table().store().persons().unwrap();
     let admin = guarded(&folder, &persons.unprotected_administrator(&folder).unwrap());
     let act = persons.enrolment(who.info(), false, &admin, "a test").unwrap();
@@ -135,9 +135,9 @@ pub(crate) fn enrolled(
 #[cfg(test)]
 pub(crate) fn guarded(folder: &std::path::Path, admin: &Identity) -> Identity {
     use holdpoint_approvals::keyfile::KeyEncoding;
-    let words = holdpoint_approvals::Passphrase::new("under the oak".to_owned().into()).unwrap();
-    admin.keep(folder, KeyEncoding::Sealed(&words, holdpoint_approvals::KdfCost::LEAST)).unwrap();
-    let guarded = Identity::open(folder, &admin.info().name).unwrap().unlock(Some(&words)).unwrap();
-    admin.keep(folder, KeyEncoding::Plain).unwrap();
+    let passphrase = holdpoint_approvals::Passphrase::new("under the oak".to_owned().into()).unwrap();
+    admin.rewrite_key(folder, KeyEncoding::Sealed(&passphrase, holdpoint_approvals::KdfCost::LEAST)).unwrap();
+    let guarded = Identity::open(folder, &admin.info().name).unwrap().unlock(Some(&passphrase)).unwrap();
+    admin.rewrite_key(folder, KeyEncoding::Plain).unwrap();
     guarded
 }

@@ -117,33 +117,33 @@ impl Approvals {
         &mut self,
         context: &Context,
         record: &EngineRecorder,
-        dossiers: &EvidenceFiles,
+        evidence_files: &EvidenceFiles,
         (id, purpose): (&CapabilityId, RequestKind),
         who: &str,
     ) -> Result<Reply, EngineFault> {
         let store = record.version_table().store();
         let who = match person(&store.persons()?, who) {
             Ok(who) => who,
-            Err(refused) => return Ok(refused),
+            Err(refusal) => return Ok(refusal),
         };
-        let door = match purpose {
+        let emergency = match purpose {
             RequestKind::Emergency => {
-                break_glass_approvals::break_glass_request(context, record, dossiers, id)
+                break_glass_approvals::break_glass_request(context, record, evidence_files, id)
             }
             RequestKind::Activation | RequestKind::Release | RequestKind::Review => None,
         };
-        let waits = self.of(id).filter(|waits| waits.purpose == purpose);
-        let Some(asked) = door.as_ref().or(waits) else {
+        let pending = self.of(id).filter(|pending| pending.purpose == purpose);
+        let Some(pending) = emergency.as_ref().or(pending) else {
             return Ok(Reply::Refused {
                 code: Refusal::NotFound,
                 text: format!("nothing waits for a decision on the {purpose} of {id}"),
                 hint: Some("see `holdpoint status`".to_owned()),
             });
         };
-        let facts = facts(context, record, dossiers, id, asked, Some((&who.name, who.role)))?;
+        let facts = facts(context, record, evidence_files, id, pending, Some((&who.name, who.role)))?;
         let (lines, facts) = (render(&facts), canonical_json(&facts)?);
-        let valid_until = valid_until(context, record, asked);
-        let question = asked.id.clone();
+        let valid_until = valid_until(context, record, pending);
+        let question = pending.id.clone();
         let Some(request) = self.requests.nonce(record, &question, &who.name)? else {
             let text = format!("{REQUESTS_MAX} requests for open questions are remembered already");
             return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: None });
@@ -166,30 +166,30 @@ impl Approvals {
         &self,
         context: &Context,
         record: &EngineRecorder,
-        dossiers: &EvidenceFiles,
-        asked: &PendingApproval,
-        said: &Approval,
+        evidence_files: &EvidenceFiles,
+        pending: &PendingApproval,
+        approval: &Approval,
     ) -> Result<Result<Option<DisplayedText>, Reply>, EngineFault> {
         let stale = |why: &str| {
             Ok(Err(Reply::Refused {
                 code: Refusal::Stale,
-                text: format!("the decision on {} counts for nothing: {why}", said.version),
+                text: format!("the decision on {} counts for nothing: {why}", approval.version),
                 hint: Some("look at the question again and decide again".to_owned()),
             }))
         };
-        let Some(shown) = &said.shown else {
-            return match said.decision {
+        let Some(binding) = &approval.shown else {
+            return match approval.decision {
                 ApprovalDecision::Reject => Ok(Ok(None)),
                 ApprovalDecision::Approve => stale("it is signed over nothing that was shown"),
             };
         };
-        if !self.requests.is_open(&asked.id, &said.who, &shown.request) {
+        if !self.requests.is_open(&pending.id, &approval.who, &binding.request) {
             return stale("it answers a request that is not open");
         }
-        if said.not_after() > valid_until(context, record, asked) {
+        if approval.not_after() > valid_until(context, record, pending) {
             return stale("it would count for longer than an answer may");
         }
-        match as_shown(context, record, dossiers, asked, said, shown)? {
+        match check_display(context, record, evidence_files, pending, approval, binding)? {
             Ok(texts) => Ok(Ok(Some(texts))),
             Err(why) => stale(why),
         }
@@ -203,12 +203,12 @@ impl Approvals {
         &self,
         context: &Context,
         record: &EngineRecorder,
-        dossiers: &EvidenceFiles,
+        evidence_files: &EvidenceFiles,
         id: &CapabilityId,
     ) -> Result<bool, EngineFault> {
-        let Some(asked) = self.of(id) else { return Ok(false) };
-        for signed in &asked.signed {
-            if !is_as_shown(context, record, dossiers, asked, signed.approval())? {
+        let Some(pending) = self.of(id) else { return Ok(false) };
+        for signed in &pending.signed {
+            if !is_display_current(context, record, evidence_files, pending, signed.approval())? {
                 return Ok(true);
             }
         }
@@ -217,9 +217,9 @@ impl Approvals {
 }
 
 /// Until when an answer that is given now counts.
-fn valid_until(context: &Context, record: &EngineRecorder, asked: &PendingApproval) -> WallTime {
-    match asked.purpose {
-        RequestKind::Emergency => asked.request.until,
+fn valid_until(context: &Context, record: &EngineRecorder, pending: &PendingApproval) -> WallTime {
+    match pending.purpose {
+        RequestKind::Emergency => pending.request.until,
         RequestKind::Activation | RequestKind::Release | RequestKind::Review => {
             record.wall_now().plus_secs(context.profile.approval.valid_s)
         }
@@ -228,38 +228,47 @@ fn valid_until(context: &Context, record: &EngineRecorder, asked: &PendingApprov
 
 /// Whether a recorded decision was signed over the text that its approver would see now. A rejection counts without a text;
 /// an approval that an older program recorded without one does not.
-pub(super) fn is_as_shown(
+pub(super) fn is_display_current(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
-    asked: &PendingApproval,
-    said: &Approval,
+    evidence_files: &EvidenceFiles,
+    pending: &PendingApproval,
+    approval: &Approval,
 ) -> Result<bool, EngineFault> {
-    match &said.shown {
-        None => Ok(said.decision == ApprovalDecision::Reject),
-        Some(shown) => Ok(as_shown(context, record, dossiers, asked, said, shown)?.is_ok()),
+    match &approval.shown {
+        None => Ok(approval.decision == ApprovalDecision::Reject),
+        Some(binding) => {
+            Ok(check_display(context, record, evidence_files, pending, approval, binding)?.is_ok())
+        }
     }
 }
 
-fn as_shown(
+fn check_display(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
-    asked: &PendingApproval,
-    said: &Approval,
-    shown: &DisplayBinding,
+    evidence_files: &EvidenceFiles,
+    pending: &PendingApproval,
+    approval: &Approval,
+    binding: &DisplayBinding,
 ) -> Result<Result<DisplayedText, &'static str>, EngineFault> {
-    if shown.renderer != RENDERER_VERSION {
+    if binding.renderer != RENDERER_VERSION {
         return Ok(Err("another version of the program put the question into words"));
     }
-    if shown.store_key != hex(record.version_table().store().public_key().as_bytes()) {
+    if binding.store_key != hex(record.version_table().store().public_key().as_bytes()) {
         return Ok(Err("it is signed for a store with another key"));
     }
-    let facts = facts(context, record, dossiers, &said.version, asked, Some((&said.who, said.role)))?;
+    let facts = facts(
+        context,
+        record,
+        evidence_files,
+        &approval.version,
+        pending,
+        Some((&approval.who, approval.role)),
+    )?;
     let (lines, facts) = (render(&facts), canonical_json(&facts)?);
-    Ok(if facts_digest(&facts) != shown.facts {
+    Ok(if facts_digest(&facts) != binding.facts {
         Err("the facts that were shown are not those of the question")
-    } else if lines_digest(&lines) != shown.lines {
+    } else if lines_digest(&lines) != binding.lines {
         Err("the lines that were shown are not those of the question")
     } else {
         Ok(DisplayedText { lines, facts })
@@ -270,27 +279,27 @@ fn as_shown(
 pub(super) fn overview(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
-    asked: &PendingApproval,
+    pending: &PendingApproval,
 ) -> Vec<String> {
-    facts(context, record, dossiers, id, asked, None).map(|facts| render(&facts)).unwrap_or_default()
+    facts(context, record, evidence_files, id, pending, None).map(|facts| render(&facts)).unwrap_or_default()
 }
 
 fn facts(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
-    asked: &PendingApproval,
+    pending: &PendingApproval,
     who: Option<(&str, Role)>,
 ) -> Result<ApprovalFacts, EngineFault> {
-    let (_, standing, member) = record.version_table().version(id)?;
+    let (_, lifecycle, member) = record.version_table().version(id)?;
     let empty = EvidenceFile::default();
-    let dossier = dossiers.of(id).unwrap_or(&empty);
-    let (profile, request) = (&context.profile, &asked.request);
-    let lets_in = matches!(asked.purpose, RequestKind::Activation | RequestKind::Emergency);
-    let against = dossier
+    let evidence_file = evidence_files.of(id).unwrap_or(&empty);
+    let (profile, request) = (&context.profile, &pending.request);
+    let activates = matches!(pending.purpose, RequestKind::Activation | RequestKind::Emergency);
+    let against = evidence_file
         .reasons
         .iter()
         .filter(|reason| !is_in_favor(reason.code) && reason.code != ReasonCode::ApprovalPending);
@@ -298,51 +307,58 @@ fn facts(
         asked: who.map(|(name, role)| RequestedSigner {
             name: name.to_owned(),
             role,
-            void: void(context, record, asked, name, role),
+            void: void(context, record, pending, name, role),
         }),
-        question: asked.id.clone(),
-        purpose: asked.purpose,
+        question: pending.id.clone(),
+        purpose: pending.purpose,
         version: id.clone(),
-        replaces: asked.replaces.clone(),
+        replaces: pending.replaces.clone(),
         robot: context.cell.model.name.clone(),
         candidate: request.subject.candidate,
-        row_version: asked.row_version,
-        evidence: asked.evidence,
+        row_version: pending.row_version,
+        evidence: pending.evidence,
         policy: context.digest,
         profile: profile.name,
         site: profile.site.clone(),
-        needed: if asked.purpose == RequestKind::Emergency { 1 } else { u32::from(request.quorum) },
-        until: (asked.purpose != RequestKind::Emergency).then_some(asked.request.until),
+        needed: if pending.purpose == RequestKind::Emergency { 1 } else { u32::from(request.quorum) },
+        until: (pending.purpose != RequestKind::Emergency).then_some(pending.request.until),
         risk: request.risk,
-        assessed: dossier.risk.clone(),
+        assessed: evidence_file.risk.clone(),
         requester: request.requester.clone(),
         author: request.author.clone(),
         asked_by: request.asked_by.as_ref().map(|asker| asker.name().to_owned()),
-        about: asked.about.clone(),
-        state: standing.state,
-        deployment: dossier.deployment,
-        stale: stale_causes(context, record.version_table(), &member.capability, standing.state, dossier),
-        dimensions: dossier.dimensions(profile),
-        pairs: evidence::pairs(dossier).map(|pairs| PairsFacts {
+        about: pending.about.clone(),
+        state: lifecycle.state,
+        deployment: evidence_file.deployment,
+        stale: stale_causes(
+            context,
+            record.version_table(),
+            &member.capability,
+            lifecycle.state,
+            evidence_file,
+        ),
+        dimensions: evidence_file.dimensions(profile),
+        pairs: evidence::pairs(evidence_file).map(|pairs| PairsFacts {
             n: pairs.n,
             candidate: pairs.candidate.success,
             candidate_interval: pairs.candidate_success,
             active: pairs.active.success,
             active_interval: pairs.active_success,
         }),
-        shadow: evidence::shadow(dossier, &profile.evaluation).map(|shadow| ShadowFacts {
+        shadow: evidence::shadow(evidence_file, &profile.evaluation).map(|shadow| ShadowFacts {
             n: shadow.n,
             output: shadow.output,
             governance: shadow.governance,
             envelope: shadow.envelope,
         }),
         reasons: against.take(REASONS_MAX).cloned().collect(),
-        why: check_explanation::in_short(dossier),
-        new_permissions: dossier.new_permissions.clone(),
-        changes: dossier.changes.clone(),
-        conditions: dossier.conditions.clone(),
-        untested: untested(dossier),
-        on_drift: lets_in.then(|| on_drift(context, asked, dossier, dossiers.has_open_concern(id))),
+        why: check_explanation::summary(evidence_file),
+        new_permissions: evidence_file.new_permissions.clone(),
+        changes: evidence_file.changes.clone(),
+        conditions: evidence_file.conditions.clone(),
+        untested: untested(evidence_file),
+        on_drift: activates
+            .then(|| on_drift(context, pending, evidence_file, evidence_files.has_open_concern(id))),
     })
 }
 
@@ -350,7 +366,7 @@ fn facts(
 fn void(
     context: &Context,
     record: &EngineRecorder,
-    asked: &PendingApproval,
+    pending: &PendingApproval,
     name: &str,
     role: Role,
 ) -> Option<ReasonCode> {
@@ -360,13 +376,13 @@ fn void(
         role,
         answer: ApprovalDecision::Approve,
         reason: "asked".to_owned(),
-        subject: asked.request.subject,
+        subject: pending.request.subject,
         until: WallTime::from_ms(i64::MAX),
-        break_glass: asked.purpose == RequestKind::Emergency,
+        break_glass: pending.purpose == RequestKind::Emergency,
         signature: SignatureCheck::Valid,
         nonce_used: false,
     };
-    let result = approval::evaluate(&asked.request, &[vote], record.wall_now(), &context.profile.approval);
+    let result = approval::evaluate(&pending.request, &[vote], record.wall_now(), &context.profile.approval);
     let against = |code: &ReasonCode| matches!(code, ReasonCode::ApprovalSelf | ReasonCode::ApprovalRole);
     result.reasons.iter().map(|reason| reason.code).find(against)
 }
@@ -374,14 +390,14 @@ fn void(
 /// What happens when a version gets worse after its activation, and what confirms it.
 pub(super) fn on_drift(
     context: &Context,
-    asked: &PendingApproval,
-    dossier: &EvidenceFile,
+    pending: &PendingApproval,
+    evidence_file: &EvidenceFile,
     in_doubt: bool,
 ) -> DriftResponse {
     let monitor = &context.profile.monitor;
-    let watch = Strictness::of(&dossier.conditions);
+    let watch = Strictness::of(&evidence_file.conditions);
     DriftResponse {
-        back: asked.replaces.clone(),
+        back: pending.replaces.clone(),
         coupled: watch.coupled(),
         restricted_to: monitor.restrict_factor,
         answer_within_s: monitor.escalation_deadline_s,
@@ -392,25 +408,25 @@ pub(super) fn on_drift(
 }
 
 /// What was not measured.
-pub(crate) fn untested(dossier: &EvidenceFile) -> Vec<UntestedAspect> {
-    let mut said = vec![UntestedAspect::PhysicalArm];
-    match &dossier.kappas {
-        None => said.push(UntestedAspect::Everything),
-        Some(kappas) => said.extend(estimates(kappas)),
+pub(crate) fn untested(evidence_file: &EvidenceFile) -> Vec<UntestedAspect> {
+    let mut aspects = vec![UntestedAspect::PhysicalArm];
+    match &evidence_file.kappas {
+        None => aspects.push(UntestedAspect::Everything),
+        Some(kappas) => aspects.extend(estimates(kappas)),
     }
-    if dossier.pairs.is_empty() {
-        said.push(UntestedAspect::Pairs);
+    if evidence_file.pairs.is_empty() {
+        aspects.push(UntestedAspect::Pairs);
     }
     for kind in DrillKind::ALL {
-        let feasible = dossier.drills.map_or(0, |(candidate, _)| candidate.of(kind).feasible());
+        let feasible = evidence_file.drills.map_or(0, |(candidate, _)| candidate.of(kind).feasible());
         if feasible == 0 {
-            said.push(UntestedAspect::Drill(kind));
+            aspects.push(UntestedAspect::Drill(kind));
         }
     }
-    if dossier.twins.is_empty() {
-        said.push(UntestedAspect::Twin);
+    if evidence_file.twins.is_empty() {
+        aspects.push(UntestedAspect::Twin);
     }
-    said
+    aspects
 }
 
 fn estimates(kappas: &Kappas) -> Vec<UntestedAspect> {
@@ -439,8 +455,8 @@ mod tests {
 
     /// Regression: a version with a concern was confirmed hundreds of tasks later than its approval request stated.
     #[test]
-    fn a_doubt_is_settled_before_a_confirmation() {
-        let mut said = DriftResponse {
+    fn a_concern_is_settled_before_confirmation() {
+        let mut response = DriftResponse {
             back: None,
             coupled: false,
             restricted_to: 0.5,
@@ -449,24 +465,24 @@ mod tests {
             in_doubt: false,
             limits: None,
         };
-        assert!(said.to_string().ends_with("; confirmed after 100 live tasks"), "{said}");
-        said.in_doubt = true;
-        assert!(said.to_string().contains("; confirmed after 100 live tasks and "), "{said}");
+        assert!(response.to_string().ends_with("; confirmed after 100 live tasks"), "{response}");
+        response.in_doubt = true;
+        assert!(response.to_string().contains("; confirmed after 100 live tasks and "), "{response}");
     }
 
     #[test]
-    fn what_was_not_tested_is_said() {
-        let mut dossier = EvidenceFile::default();
-        let said = |dossier: &EvidenceFile| -> Vec<String> {
-            untested(dossier).iter().map(ToString::to_string).collect()
+    fn untested_aspects_are_listed() {
+        let mut evidence_file = EvidenceFile::default();
+        let texts = |evidence_file: &EvidenceFile| -> Vec<String> {
+            untested(evidence_file).iter().map(ToString::to_string).collect()
         };
-        let nothing = said(&dossier);
+        let nothing = texts(&evidence_file);
         assert!(nothing.iter().any(|text| text.contains("rollback drill")), "{nothing:?}");
         assert!(nothing.iter().any(|text| text.contains("twin")), "{nothing:?}");
         let ran = DrillTally { passed: 1, failed: 0, infeasible: 0 };
         let candidate = DrillTallies { rollback: ran, ..DrillTallies::default() };
-        dossier.drills = Some((candidate, DrillTallies::default()));
-        let some = said(&dossier);
+        evidence_file.drills = Some((candidate, DrillTallies::default()));
+        let some = texts(&evidence_file);
         assert!(!some.iter().any(|text| text.contains("rollback drill")), "{some:?}");
         assert!(some.iter().any(|text| text.contains("abort drill")), "{some:?}");
         assert!(some.iter().any(|text| text.contains("physical arm")), "{some:?}");

@@ -34,7 +34,7 @@ pub(crate) fn signer(
     }
     // A refusal stops something, and nothing may make that harder. What a script says was settled when it was written.
     let approves = signed.approval().decision == ApprovalDecision::Approve;
-    if approves && context.asks_people() && !record.clock().is_scripted() {
+    if approves && context.may_need_approval() && !record.clock().is_scripted() {
         let profile = context.profile.name.name();
         match Identity::protection(&folder, &identity.name) {
             Ok(Protection::Passphrase | Protection::Elsewhere) => {}

@@ -15,7 +15,7 @@ use crate::people::approvals::PendingApproval;
 use crate::people::signed_calls::{self, Signer};
 use crate::people::{monitor_questions, persons};
 use crate::shift_note;
-use crate::stages::closing::rejected;
+use crate::stages::closing::close_rejected;
 use crate::stages::{break_glass, monitoring, release};
 use crate::version_origin;
 use crate::view::lookup;
@@ -81,15 +81,15 @@ impl Pipeline {
     /// As [`Pipeline::command`]; `caller` is the requesting process, as the system reports it. A granted request that
     /// changes something is recorded with caller and signer, except in a script.
     pub(crate) fn command_of(&mut self, command: Command, caller: &Caller, signer: Option<&Signer>) -> Reply {
-        if let Some(Err(refused)) = signer.map(|signer| signed_calls::still_stands(&self.record, signer)) {
-            return refused;
+        if let Some(Err(refusal)) = signer.map(|signer| signed_calls::still_stands(&self.record, signer)) {
+            return refusal;
         }
-        let is_kept = !command.only_reads() && matches!(caller, Caller::Process { .. });
-        let asked = is_kept.then(|| named(&command));
+        let is_recorded = !command.only_reads() && matches!(caller, Caller::Process { .. });
+        let command_name = is_recorded.then(|| named(&command));
         let reply = self.answered(command, caller, signer);
-        if let (Some(asked), Reply::Accepted { version, .. }) = (asked, &reply) {
+        if let (Some(command_name), Reply::Accepted { version, .. }) = (command_name, &reply) {
             let subject = version.as_ref().map_or_else(String::new, ToString::to_string);
-            let mut body = serde_json::json!({ "asked": asked, "caller": caller });
+            let mut body = serde_json::json!({ "asked": command_name, "caller": caller });
             if let Some(Signer { name, role, seal }) = signer {
                 body["actor"] = serde_json::json!({ "person": name, "role": role, "verified": true });
                 body["seal"] = serde_json::json!(seal);
@@ -98,7 +98,7 @@ impl Pipeline {
             // The command has taken effect, so it is not refused; the engine halts, as it cannot record the caller.
             if let Err(error) = self.record.note(RecordKind::Asked, subject, body) {
                 let why = EngineFault::from(error).held();
-                let text = format!("who asked for {asked} could not be put on record: {why}");
+                let text = format!("who asked for {command_name} could not be put on record: {why}");
                 self.hold(&Problem::from((text, why.hint().map(Cow::into_owned))));
             }
         }
@@ -134,14 +134,14 @@ impl Pipeline {
         caller: &Caller,
         signer: Option<&Signer>,
     ) -> Result<Reply, EngineFault> {
-        let Self { context, record, evidence_files: dossiers, monitors, world, .. } = self;
+        let Self { context, record, evidence_files, monitors, world, .. } = self;
         match command {
             Command::Register { package, name, by } => {
                 let signer = signer.map(|signer| (signer.name.as_str(), signer.seal.public_key()));
                 operations::register(context, record, &name, package, (signer, by.as_deref()))
             }
             Command::Question { version, purpose, who } => {
-                self.approvals.question(context, record, dossiers, (&version, purpose), &who)
+                self.approvals.question(context, record, evidence_files, (&version, purpose), &who)
             }
             Command::Decide { signed } => self.decide(*signed),
             Command::Person { signed } => persons::carry_out(context, record, &mut self.approvals, *signed),
@@ -166,16 +166,16 @@ impl Pipeline {
                 Ok(reply)
             }
             Command::Resume(operation) => {
-                let reply = operations::resume(record, dossiers, &operation)?;
+                let reply = operations::resume(record, evidence_files, &operation)?;
                 // The result of its window meanwhile counts now.
-                monitoring::maybe_confirm(record, dossiers, monitors, &operation.version)?;
+                monitoring::maybe_confirm(record, evidence_files, monitors, &operation.version)?;
                 Ok(reply)
             }
             Command::Repeat { operation, stage } => {
                 let reply = operations::transition(record, &operation, "to be repeated", |version| {
                     LifecycleEvent::Repeat { version, stage }
                 })?;
-                dossiers.edit(&operation.version).held = false;
+                evidence_files.edit(&operation.version).held = false;
                 Ok(reply)
             }
             Command::Restrict(operation) => {
@@ -192,13 +192,13 @@ impl Pipeline {
                     return Ok(refuse_unauthorized(why));
                 }
                 if self.world.is_halted() {
-                    return Ok(halt::lets_nothing_in(&operation.version));
+                    return Ok(halt::activation_refusal(&operation.version));
                 }
-                let dossier = self.evidence_files.of(&operation.version);
+                let evidence_file = self.evidence_files.of(&operation.version);
                 let watched = match ActivationMonitor::reactivated(
                     &operation.version,
                     &self.record,
-                    dossier,
+                    evidence_file,
                     &self.context,
                 ) {
                     Ok(watched) => watched,
@@ -236,7 +236,7 @@ impl Pipeline {
                 Ok(self.alarm_command(alarm, |key| AlarmEvent::Unshelve { key, by }, &done))
             }
             Command::Continue(operation) => {
-                monitor_questions::answer_continue(context, record, dossiers, monitors, &operation)
+                monitor_questions::answer_continue(context, record, evidence_files, monitors, &operation)
             }
             Command::Go { by, reason, since_ms, stops } => {
                 if let Some(why) = &context.unauthorized {
@@ -250,9 +250,9 @@ impl Pipeline {
             Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
             Command::Pace { times } => operations::set_pace(record, world, times),
-            Command::Detail { version } => lookup::detail(context, record, dossiers, &version),
+            Command::Detail { version } => lookup::detail(context, record, evidence_files, &version),
             Command::Film { version, asked } => {
-                episode_replay::film(context, record, dossiers, &version, asked)
+                episode_replay::film(context, record, evidence_files, &version, asked)
             }
             Command::Registry { group, text, offset, limit } => {
                 lookup::registry_page(context, record, group, &text, offset, limit)
@@ -303,8 +303,8 @@ impl Pipeline {
         let refuse = |text: String, hint: &str| {
             Ok(Reply::Refused { code: Refusal::NotNow, text, hint: Some(hint.to_owned()) })
         };
-        let (_, standing, _) = self.record.version_table().version(id)?;
-        let (state, flags) = (standing.state, standing.flags);
+        let (_, lifecycle, _) = self.record.version_table().version(id)?;
+        let (state, flags) = (lifecycle.state, lifecycle.flags);
         if self.work.is_some() || self.world.is_running() {
             return refuse("another stage is being worked".to_owned(), "wait for its end");
         }
@@ -345,10 +345,10 @@ impl Pipeline {
                 hint: Some("look at the question again and decide again".to_owned()),
             });
         }
-        let Self { context, record, evidence_files: dossiers, .. } = self;
-        let result = match self.approvals.vote(context, record, dossiers, signed)? {
+        let Self { context, record, evidence_files, .. } = self;
+        let result = match self.approvals.vote(context, record, evidence_files, signed)? {
             Ok(result) => result,
-            Err(refused) => return Ok(refused),
+            Err(refusal) => return Ok(refusal),
         };
         let text = match self.approvals.of(&id).map(PendingApproval::purpose) {
             Some(RequestKind::Release) => {
@@ -389,9 +389,9 @@ impl Pipeline {
         }
         let reply = release::set_profiles(&mut self.record, operation, profiles, false)?;
         if matches!(reply, Reply::Accepted { .. }) {
-            let dossier = self.evidence_files.edit(&operation.version);
-            dossier.closed.retain(|profile| !profiles.contains(profile));
-            dossier.held = false;
+            let evidence_file = self.evidence_files.edit(&operation.version);
+            evidence_file.closed.retain(|profile| !profiles.contains(profile));
+            evidence_file.held = false;
         }
         Ok(reply)
     }
@@ -401,7 +401,7 @@ impl Pipeline {
             LifecycleEvent::Reject { version }
         })?;
         self.forget_work(&operation.version);
-        rejected(&self.context, &mut self.record, &operation.version)?;
+        close_rejected(&self.context, &mut self.record, &operation.version)?;
         Ok(reply)
     }
 
@@ -414,8 +414,8 @@ impl Pipeline {
         let is_active = self.record.version_table().version(&id)?.1.state == State::Active;
         if is_active && (profiles.is_empty() || profiles.contains(&self.context.profile.name)) {
             let mut live = self.live();
-            if let Some(asks) = operations::asks_for_last(live.context, live.record, &id) {
-                return Ok(asks);
+            if let Some(reply) = operations::last_version_refusal(live.context, live.record, &id) {
+                return Ok(reply);
             }
             if !profiles.is_empty() {
                 let reply = release::set_profiles(live.record, operation, profiles, true)?;

@@ -16,8 +16,8 @@ impl Pipeline {
     /// Begins to re-evaluate the first active version with an open concern. Returns whether there is one.
     pub(super) fn begin_re_evaluation(&mut self) -> Result<bool, EngineFault> {
         let Some(id) = re_evaluation::next(&self.monitors, &self.evidence_files) else { return Ok(false) };
-        let Self { context, record, evidence_files: dossiers, world, .. } = self;
-        match re_evaluation::begin(context, record, dossiers, &world.cell, &id, None)? {
+        let Self { context, record, evidence_files, world, .. } = self;
+        match re_evaluation::begin(context, record, evidence_files, &world.cell, &id, None)? {
             Some(run) => self.work = Some(StageWork::ReEvaluation(run)),
             None => {
                 self.demote(&id, "its behavior shifted, and there is no predecessor to compare it with")?;
@@ -29,22 +29,22 @@ impl Pipeline {
     /// Re-evaluates a candidate whose behavior shifted in shadow.
     pub(super) fn begin_again_in_shadow(&mut self, shadow: Box<ShadowRun>) -> Result<(), EngineFault> {
         let id = shadow.id().clone();
-        let Self { context, record, evidence_files: dossiers, world, .. } = self;
-        self.work = re_evaluation::begin(context, record, dossiers, &world.cell, &id, Some(shadow))?
+        let Self { context, record, evidence_files, world, .. } = self;
+        self.work = re_evaluation::begin(context, record, evidence_files, &world.cell, &id, Some(shadow))?
             .map(StageWork::ReEvaluation);
         Ok(())
     }
 
     pub(super) fn re_evaluation_slice(&mut self, run: Box<ReEvaluationRun>) -> Result<(), EngineFault> {
-        let Self { context, trials, record, evidence_files: dossiers, monitors, .. } = self;
-        match re_evaluation::slice(context, trials, record, dossiers, monitors, run)? {
+        let Self { context, trials, record, evidence_files, monitors, .. } = self;
+        match re_evaluation::slice(context, trials, record, evidence_files, monitors, run)? {
             ReEvaluationStep::GoOn(run, episodes) => {
                 self.live_due_for(episodes);
                 self.work = Some(StageWork::ReEvaluation(run));
                 Ok(())
             }
             ReEvaluationStep::Gone | ReEvaluationStep::Decided => Ok(()),
-            ReEvaluationStep::Cleared(id) => monitoring::maybe_confirm(record, dossiers, monitors, &id),
+            ReEvaluationStep::Cleared(id) => monitoring::maybe_confirm(record, evidence_files, monitors, &id),
             ReEvaluationStep::NotCleared(id, why) => {
                 self.demote(&id, &format!("it is not what its shadow showed; {why}"))
             }
@@ -52,8 +52,8 @@ impl Pipeline {
     }
 
     pub(super) fn begin_confirmation(&mut self, id: &CapabilityId) -> Result<(), EngineFault> {
-        let Self { context, record, evidence_files: dossiers, .. } = self;
-        match confirmation::begin(context, record, dossiers, id)? {
+        let Self { context, record, evidence_files, .. } = self;
+        match confirmation::begin(context, record, evidence_files, id)? {
             Some(run) => {
                 self.work = Some(StageWork::Confirmation(run));
                 Ok(())
@@ -65,8 +65,8 @@ impl Pipeline {
     }
 
     pub(super) fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), EngineFault> {
-        let Self { context, trials, record, evidence_files: dossiers, monitors, .. } = self;
-        match confirmation::slice(context, trials, record, dossiers, monitors, run)? {
+        let Self { context, trials, record, evidence_files, monitors, .. } = self;
+        match confirmation::slice(context, trials, record, evidence_files, monitors, run)? {
             confirmation::ConfirmationStep::GoOn(run, episodes) => {
                 self.live_due_for(episodes);
                 self.work = Some(StageWork::Confirmation(run));
@@ -74,7 +74,7 @@ impl Pipeline {
             }
             confirmation::ConfirmationStep::Gone => Ok(()),
             confirmation::ConfirmationStep::Settled(id) => {
-                monitoring::maybe_confirm(record, dossiers, monitors, &id)
+                monitoring::maybe_confirm(record, evidence_files, monitors, &id)
             }
             confirmation::ConfirmationStep::ConcernRemains(id) => {
                 self.demote(&id, "the concern it was activated with remains on new evidence")

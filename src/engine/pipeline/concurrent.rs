@@ -14,7 +14,7 @@ use holdpoint_protocol::snapshot::RequestKind;
 
 use super::{Pipeline, SliceOutcome, StageWork};
 use crate::fault::EngineFault;
-use crate::operations::asks_for_last;
+use crate::operations::last_version_refusal;
 use crate::people::approvals::PendingApproval;
 use crate::stages::{confirmation, resume};
 use crate::world::sequence::{FinishedSequence, ShadowResult};
@@ -38,12 +38,12 @@ impl Pipeline {
             self.record
                 .version_table()
                 .version(id)
-                .is_ok_and(|(_, standing, _)| standing.state == State::Active)
+                .is_ok_and(|(_, lifecycle, _)| lifecycle.state == State::Active)
         };
         match command {
             // It only asks back; the arm works on.
             Command::Rollback(operation) | Command::Demote { operation, .. }
-                if asks_for_last(&self.context, &self.record, &operation.version).is_some() =>
+                if last_version_refusal(&self.context, &self.record, &operation.version).is_some() =>
             {
                 CommandTiming::Now
             }
@@ -58,8 +58,8 @@ impl Pipeline {
                 CommandTiming::Stop
             }
             Command::Release { operation, profiles } if profiles.is_empty() => {
-                let asked = self.monitors.has_question(&operation.version);
-                if asked { CommandTiming::Stop } else { CommandTiming::Between }
+                let has_question = self.monitors.has_question(&operation.version);
+                if has_question { CommandTiming::Stop } else { CommandTiming::Between }
             }
             Command::Decide { signed } => self.decision_timing(signed.approval()),
             Command::Drift { .. } | Command::LiveFault { .. } | Command::Goal { .. } | Command::Go { .. } => {
@@ -99,10 +99,10 @@ impl Pipeline {
     }
 
     /// Versions and envelopes change between two sequences; a reviewer's rejection stops the sequence that runs.
-    fn decision_timing(&self, said: &Approval) -> CommandTiming {
-        match self.approvals.of(&said.version).map(PendingApproval::purpose) {
-            _ if said.break_glass => CommandTiming::Between,
-            Some(RequestKind::Review) if said.decision == ApprovalDecision::Reject => CommandTiming::Stop,
+    fn decision_timing(&self, approval: &Approval) -> CommandTiming {
+        match self.approvals.of(&approval.version).map(PendingApproval::purpose) {
+            _ if approval.break_glass => CommandTiming::Between,
+            Some(RequestKind::Review) if approval.decision == ApprovalDecision::Reject => CommandTiming::Stop,
             Some(RequestKind::Release) => CommandTiming::Between,
             Some(RequestKind::Review | RequestKind::Activation | RequestKind::Emergency) | None => {
                 CommandTiming::Now
@@ -207,20 +207,20 @@ impl Pipeline {
         if self.world.thread.as_ref().is_none_or(crate::world::thread::LiveThread::rests) {
             return Ok(());
         }
-        let along = self.shadow_to_take()?;
+        let shadow = self.shadow_to_take()?;
         let at_work = self.record.version_table().families().filter_map(|(_, entry)| entry.active());
         let at_work = at_work.map(|member| {
             let id = member.capability.id();
-            let last = asks_for_last(&self.context, &self.record, &id).is_some();
+            let last = last_version_refusal(&self.context, &self.record, &id).is_some();
             (id, last)
         });
         self.world.switch().work_under(at_work.collect());
         let begun = self.live().begin_sequence()?;
         self.world.stopped = None;
         let clock = self.record.clock().clone();
-        let pictures = self.world.pictures.clone().unwrap_or_else(|| Arc::new(|_| ()));
+        let sink = self.world.frame_sink.clone().unwrap_or_else(|| Arc::new(|_| ()));
         let Some(thread) = &mut self.world.thread else { return Ok(()) };
-        thread.start(begun, along, pictures, clock)
+        thread.start(begun, shadow, sink, clock)
     }
 
     /// Processes a finished sequence.

@@ -62,13 +62,13 @@ impl ExperimentPipeline {
 
     /// Runs one sequence with the active versions, without monitors. Writes nothing.
     pub fn run_unmonitored(&mut self) -> SequenceReport {
-        let Pipeline { context, trials, record, evidence_files: dossiers, monitors, world, .. } = &mut self.0;
+        let Pipeline { context, trials, record, evidence_files, monitors, world, .. } = &mut self.0;
         let seed = episode_seed(trials.seed(), SeedPurpose::Live, world.cell.sequences());
         let terms: Vec<(CapabilityId, SkillTerms)> = TaskKind::SEQUENCE
             .into_iter()
             .filter_map(|task| record.active_of(&Family::from(task)))
             .map(|active| {
-                (active.id(), terms_of(context, record.version_table(), dossiers, monitors, &active))
+                (active.id(), terms_of(context, record.version_table(), evidence_files, monitors, &active))
             })
             .collect();
         let spare = context.terms();

@@ -10,7 +10,7 @@ use holdpoint_protocol::command::{Reply, StopPersistence};
 impl Pipeline {
     /// Records a stop that another thread requested, and reports when the arm is at standstill.
     pub(super) fn take_in_halt(&mut self) {
-        if let Err(error) = halt::take_in(&mut self.record, &mut self.world)
+        if let Err(error) = halt::record_stops(&mut self.record, &mut self.world)
             && self.record.holding().is_none()
         {
             self.hold(&EngineFault::from(error).held());
@@ -19,8 +19,8 @@ impl Pipeline {
     }
 
     /// A person stops the cell, at any time. A stop that cannot be written still stops; the engine then halts.
-    pub(crate) fn halt(&mut self, asked: StopRequest) -> Reply {
-        let reply = halt::stop(&mut self.record, &mut self.world, asked);
+    pub(crate) fn halt(&mut self, request: StopRequest) -> Reply {
+        let reply = halt::stop(&mut self.record, &mut self.world, request);
         if let Reply::Stopped { text, kept: StopPersistence::InMark | StopPersistence::InMemory } = &reply
             && self.record.holding().is_none()
         {

@@ -9,9 +9,10 @@ impl Pipeline {
         let resting = work.take_if(|work| match work {
             StageWork::Confirmation(_) => false,
             StageWork::ReEvaluation(run) if !run.is_of_shadow() => false,
-            StageWork::Sandbox(_) | StageWork::Shadow(_) | StageWork::ReEvaluation(_) => {
-                record.version_table().version(work.id()).is_ok_and(|(_, standing, _)| standing.flags.paused)
-            }
+            StageWork::Sandbox(_) | StageWork::Shadow(_) | StageWork::ReEvaluation(_) => record
+                .version_table()
+                .version(work.id())
+                .is_ok_and(|(_, lifecycle, _)| lifecycle.flags.paused),
         });
         parked.extend(resting);
     }
@@ -23,7 +24,7 @@ impl Pipeline {
         }
         let record = &self.record;
         let resumed = self.parked.iter().position(|work| {
-            record.version_table().version(work.id()).is_ok_and(|(_, standing, _)| !standing.flags.paused)
+            record.version_table().version(work.id()).is_ok_and(|(_, lifecycle, _)| !lifecycle.flags.paused)
         });
         self.work = resumed.map(|place| self.parked.remove(place));
     }

@@ -80,20 +80,20 @@ impl Pipeline {
     /// Begins a stage of a candidate, or passes over one that an experiment leaves out.
     pub(super) fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), EngineFault> {
         self.parked.retain(|work| work.id() != id);
-        let Self { context, record, evidence_files: dossiers, .. } = self;
+        let Self { context, record, evidence_files, .. } = self;
         match stage {
             Stage::Sandbox if context.omitted.has(AblationPart::Sandbox) => {
-                omitted_stage::pass_over(context, record, dossiers, id, stage)?;
+                omitted_stage::pass_over(context, record, evidence_files, id, stage)?;
             }
             Stage::Shadow if context.omitted.has(AblationPart::Shadow) => {
-                omitted_stage::pass_over(context, record, dossiers, id, stage)?;
+                omitted_stage::pass_over(context, record, evidence_files, id, stage)?;
             }
-            Stage::Validation => validation::run(context, record, dossiers, id)?,
+            Stage::Validation => validation::run(context, record, evidence_files, id)?,
             Stage::Sandbox => {
-                self.work = Some(StageWork::Sandbox(sandbox::begin(context, record, dossiers, id)?));
+                self.work = Some(StageWork::Sandbox(sandbox::begin(context, record, evidence_files, id)?));
             }
             Stage::Shadow => {
-                self.work = Some(StageWork::Shadow(shadow::begin(context, record, dossiers, id)?));
+                self.work = Some(StageWork::Shadow(shadow::begin(context, record, evidence_files, id)?));
             }
             Stage::Activation => self.activation().run(id)?,
         }

@@ -10,18 +10,18 @@ use holdpoint_protocol::event::EventKind;
 use crate::people::persons::enrolled;
 use crate::people::signers::tests::signed;
 use crate::pipeline::Pipeline;
-use crate::tests::{accepted, asked, at_the_gate, pipeline};
+use crate::tests::{assert_accepted, at_the_gate, awaiting_approval, pipeline};
 
 #[test]
 fn a_question_is_open_after_a_restart_with_the_answers_given() {
     let folder = tempfile::tempdir().unwrap();
     let mut first = pipeline(folder.path(), ProfileName::Human);
     // A review takes two people.
-    asked(&mut first, PolicyOutcome::Review, Vec::new());
+    awaiting_approval(&mut first, PolicyOutcome::Review, Vec::new());
     let mut before = first.snapshot().prompts;
     let ana = enrolled(first.live().record, "ana", Role::Engineer, KeyEncoding::Plain);
     let answer = signed(&mut first, &before[0], &ana, ApprovalDecision::Approve).unwrap();
-    accepted(&first.command(answer));
+    assert_accepted(&first.command(answer));
     before[0].approved_by = vec!["ana".to_owned()];
     assert!(before[0].needed > 1, "one answer is not enough");
     assert_eq!(first.snapshot().prompts, before);
@@ -64,11 +64,15 @@ fn a_question_shows_the_conditions_that_take_effect_after_a_restart() {
 }
 
 #[test]
-fn a_question_that_a_condition_asks_is_open_after_a_restart() {
+fn a_request_for_a_condition_is_open_after_a_restart() {
     for (profile, quorum) in [(ProfileName::Sim, 2), (ProfileName::Human, 3)] {
         let folder = tempfile::tempdir().unwrap();
         let mut first = pipeline(folder.path(), profile);
-        asked(&mut first, PolicyOutcome::Conditional, vec![Condition::ApprovalRequired { quorum }]);
+        awaiting_approval(
+            &mut first,
+            PolicyOutcome::Conditional,
+            vec![Condition::ApprovalRequired { quorum }],
+        );
         let mut before = first.snapshot().prompts;
         assert_eq!(before[0].needed, u32::from(quorum));
         drop(first);

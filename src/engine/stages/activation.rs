@@ -14,7 +14,9 @@ use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{ActiveCause, AuditBody, Change};
 
-use super::closing::{abort_stage, cancel_request, decided, first_reason, rejected, stage_note};
+use super::closing::{
+    abort_stage, cancel_request, close_rejected, first_reason, report_decision, stage_note,
+};
 use super::release;
 use super::validation::registered;
 use crate::context::Context;
@@ -63,9 +65,9 @@ impl Activation<'_> {
         approvals: Vec<SignedApproval>,
     ) -> Result<(), EngineFault> {
         let decision = &result.decision;
-        let dossier = self.evidence_files.edit(id);
-        dossier.take_gate(decision);
-        decided(self.context, self.record, dossier, id, Stage::Activation, decision);
+        let evidence_file = self.evidence_files.edit(id);
+        evidence_file.take_gate(decision);
+        report_decision(self.context, self.record, evidence_file, id, Stage::Activation, decision);
         let (version, _, _) = self.record.version_table().version(id)?;
         let reason = first_reason(decision);
         match (decision.outcome(), result.passed) {
@@ -73,25 +75,25 @@ impl Activation<'_> {
                 let body = serde_json::to_string(&result.decision)?;
                 let (agent, emergency_until) = (self.agent, None);
                 let entry = Admission { passed: &passed, decision: body, agent, emergency_until };
-                activate(self.context, self.record, self.monitors, dossier, id, entry, &approvals)
+                activate(self.context, self.record, self.monitors, evidence_file, id, entry, &approvals)
             }
             (GateOutcome::AwaitApproval, _) => {
                 self.approvals.request_approval(self.context, self.record, self.evidence_files, id)
             }
             (GateOutcome::Hold, _) => {
-                dossier.held = true;
+                evidence_file.held = true;
                 abort_stage(self.record, self.evidence_files, id, &reason)
             }
             // A pass without its proof is no pass.
             (GateOutcome::Demote | GateOutcome::Pass, _) => {
-                let note = stage_note(dossier, id, EvidenceKind::Gate, reason, &result.decision)?;
+                let note = stage_note(evidence_file, id, EvidenceKind::Gate, reason, &result.decision)?;
                 self.record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
                 Ok(())
             }
             (GateOutcome::Reject, _) => {
-                let note = stage_note(dossier, id, EvidenceKind::Gate, reason, &result.decision)?;
+                let note = stage_note(evidence_file, id, EvidenceKind::Gate, reason, &result.decision)?;
                 self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-                rejected(self.context, self.record, id)
+                close_rejected(self.context, self.record, id)
             }
         }
     }
@@ -150,7 +152,7 @@ impl Activation<'_> {
                 self.approvals.close(id);
                 self.evidence_files.edit(id).reasons.clone_from(&result.reasons);
                 clear_alarm(self.record, id, Some(person.clone()));
-                rejected(self.context, self.record, id)?;
+                close_rejected(self.context, self.record, id)?;
                 Ok(format!("{id} is rejected: {person} refused"))
             }
             ApprovalOutcome::TimedOut => {
@@ -158,9 +160,9 @@ impl Activation<'_> {
                 let note = closing_note(self.context, id, prompt, RequestState::Expired, &reason);
                 self.record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
                 self.approvals.close(id);
-                let dossier = self.evidence_files.edit(id);
-                dossier.reasons.clone_from(&result.reasons);
-                dossier.held = true;
+                let evidence_file = self.evidence_files.edit(id);
+                evidence_file.reasons.clone_from(&result.reasons);
+                evidence_file.held = true;
                 clear_alarm(self.record, id, None);
                 if self.record.version_table().version(id)?.1.flags.running.is_some() {
                     let why = "too few people answered in time; the version is held";
@@ -246,29 +248,30 @@ impl Activation<'_> {
 pub(crate) fn gate(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
     approval: Option<&ApprovalResult>,
 ) -> Result<GateResult, EngineFault> {
     let version_table = record.version_table();
     let candidate = record.capability(id)?;
-    let (_, standing, member) = version_table.version(id)?;
+    let (_, lifecycle, member) = version_table.version(id)?;
     let current = binding(context, version_table, &candidate);
-    let assessed = dossiers.of(id).and_then(|dossier| Some((dossier, dossier.kappas.as_ref()?)));
-    let Some((dossier, kappas)) = assessed else {
+    let assessed =
+        evidence_files.of(id).and_then(|evidence_file| Some((evidence_file, evidence_file.kappas.as_ref()?)));
+    let Some((evidence_file, kappas)) = assessed else {
         return Err(EngineFault::Impossible(format!("{id} reached the gate without an assessment")));
     };
-    let made_under = made_under(context, version_table, &candidate, dossier.digest()?);
+    let made_under = made_under(context, version_table, &candidate, evidence_file.digest()?);
     // Stores made before the lifecycle kept it have it in the evidence file.
-    let closed = standing.closed.union(&dossier.closed).copied().collect();
+    let closed = lifecycle.closed.union(&evidence_file.closed).copied().collect();
     let input = GateInput {
         kappas,
-        shadow: dossier.shadow.as_ref(),
-        bindings: &dossier.bindings,
+        shadow: evidence_file.shadow.as_ref(),
+        bindings: &evidence_file.bindings,
         current: &current,
-        improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
+        improved: evidence_file.behavior.as_ref().is_some_and(|behavior| behavior.improved),
         approval,
-        risk: version_origin::assessed_risk(dossier),
+        risk: version_origin::assessed_risk(evidence_file),
         requester: &member.origin.requester,
         provenance: candidate.submission.provenance,
         closed: &closed,
@@ -301,7 +304,7 @@ pub(super) fn activate(
     context: &Context,
     record: &mut EngineRecorder,
     monitors: &mut Monitors,
-    dossier: &EvidenceFile,
+    evidence_file: &EvidenceFile,
     id: &CapabilityId,
     Admission { passed, decision, agent, emergency_until }: Admission<'_>,
     approvals: &[SignedApproval],
@@ -313,7 +316,7 @@ pub(super) fn activate(
     let (version, _, _) = record.version_table().version(id)?;
     let event = LifecycleEvent::Pass { version, stage: Stage::Activation };
     record.transition(&id.family, event, TransitionNote::because("the gate is passed"))?;
-    let evidence = dossier.digest()?;
+    let evidence = evidence_file.digest()?;
     let gate_digest = Digest::of_parts("holdpoint.gate.v1", &[decision.as_bytes(), evidence.bytes()]);
     let replaced = record.active_of(&id.family).map(|active| active.id());
     let mut before = vec![Change::PutEvidence {
@@ -339,7 +342,7 @@ pub(super) fn activate(
         audit: vec![AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body: decision }],
     };
     // Without a live monitor no tick runs under a provisional version: it is made first.
-    let watched = ActivationMonitor::new(id, Some(dossier), context, record.now_tick())?;
+    let watched = ActivationMonitor::new(id, Some(evidence_file), context, record.now_tick())?;
     let event = match emergency_until {
         None => LifecycleEvent::Activate { version },
         Some(until) => LifecycleEvent::ActivateUnreviewed { version, until },

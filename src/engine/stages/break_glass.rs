@@ -18,7 +18,7 @@ use holdpoint_registry::store_terms::RequestState;
 use holdpoint_registry::{AuditBody, Change};
 
 use super::activation::{Activation, Admission, activate, gate};
-use super::closing::{decided, first_reason};
+use super::closing::{first_reason, report_decision};
 use super::monitoring::{LiveMonitoring, maybe_confirm};
 use super::rollback::trigger;
 use crate::fault::EngineFault;
@@ -36,7 +36,7 @@ impl Activation<'_> {
         // Before anything is written.
         self.agent.check()?;
         if self.cell_stands {
-            return Ok(halt::lets_nothing_in(&signed.approval().version));
+            return Ok(halt::activation_refusal(&signed.approval().version));
         }
         let checked = break_glass_approvals::check(
             self.context,
@@ -47,43 +47,43 @@ impl Activation<'_> {
         )?;
         let emergency = match checked {
             Ok(emergency) => emergency,
-            Err(refused) => return Ok(refused),
+            Err(refusal) => return Ok(refusal),
         };
-        let said = emergency.signed.approval().clone();
-        let (id, until) = (said.version.clone(), emergency.until);
-        let judged = gate(self.context, self.record, self.evidence_files, &id, Some(&emergency.result))?;
-        let (GateOutcome::Pass, Some(passed)) = (judged.decision.outcome(), &judged.passed) else {
+        let approval = emergency.signed.approval().clone();
+        let (id, until) = (approval.version.clone(), emergency.until);
+        let result = gate(self.context, self.record, self.evidence_files, &id, Some(&emergency.result))?;
+        let (GateOutcome::Pass, Some(passed)) = (result.decision.outcome(), &result.passed) else {
             return Ok(Reply::Refused {
                 code: Refusal::NotNow,
-                text: format!("{id} is not activated: {}", first_reason(&judged.decision)),
+                text: format!("{id} is not activated: {}", first_reason(&result.decision)),
                 hint: Some(
                     "break-glass overrides missing approvals, a freeze or a block, nothing else".to_owned(),
                 ),
             });
         };
-        let (version, standing, _) = self.record.version_table().version(&id)?;
-        let (running, asked) = (standing.flags.running, standing.flags.awaiting_approval);
-        let body = serde_json::json!({ "by": said.who, "reason": said.reason, "until": until });
+        let (version, lifecycle, _) = self.record.version_table().version(&id)?;
+        let (running, awaits_approval) = (lifecycle.flags.running, lifecycle.flags.awaiting_approval);
+        let body = serde_json::json!({ "by": approval.who, "reason": approval.reason, "until": until });
         let records = vec![
             AuditBody { kind: RecordKind::BreakGlass, subject: id.to_string(), body: body.to_string() },
-            emergency.shown.record(&said)?,
+            emergency.shown.record(&approval)?,
         ];
         self.record.write(vec![Change::PutApproval(Box::new(emergency.signed.clone()))], records)?;
         self.record.tell(EventKind::BreakGlass {
             version: id.clone(),
-            by: said.who.clone(),
-            reason: said.reason.clone(),
+            by: approval.who.clone(),
+            reason: approval.reason.clone(),
             until,
         });
         if running != Some(Stage::Activation) {
             self.record.start_stage(&id, Stage::Activation, 1)?;
         }
         let needs_approval = self.record.version_table().family(&id.family)?.state.needs_approval;
-        if needs_approval && !asked {
+        if needs_approval && !awaits_approval {
             let note = TransitionNote::because("one person approves, by break-glass");
             self.record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
         }
-        if needs_approval || asked {
+        if needs_approval || awaits_approval {
             let note = match self.approvals.close(&id) {
                 Some(prompt) => {
                     closing_note(self.context, &id, &prompt, RequestState::Granted, "break-glass")
@@ -92,18 +92,18 @@ impl Activation<'_> {
             };
             let row_version = self.record.version_table().version(&id)?.1.row_version;
             self.record.transition(&id.family, LifecycleEvent::Approved { version, row_version }, note)?;
-            clear_alarm(self.record, &id, Some(said.who.clone()));
+            clear_alarm(self.record, &id, Some(approval.who.clone()));
         }
-        let dossier = self.evidence_files.edit(&id);
-        dossier.held = false;
-        dossier.take_gate(&judged.decision);
-        decided(self.context, self.record, dossier, &id, Stage::Activation, &judged.decision);
-        let decision = serde_json::to_string(&judged.decision)?;
+        let evidence_file = self.evidence_files.edit(&id);
+        evidence_file.held = false;
+        evidence_file.take_gate(&result.decision);
+        report_decision(self.context, self.record, evidence_file, &id, Stage::Activation, &result.decision);
+        let decision = serde_json::to_string(&result.decision)?;
         let (agent, emergency_until) = (self.agent, Some(until));
         let entry = Admission { passed, decision, agent, emergency_until };
-        activate(self.context, self.record, self.monitors, dossier, &id, entry, &[emergency.signed])?;
+        activate(self.context, self.record, self.monitors, evidence_file, &id, entry, &[emergency.signed])?;
         // Like an engine's own fault it has one priority in every profile.
-        let text = format!("{id} was activated by {} alone and is not reviewed", said.who);
+        let text = format!("{id} was activated by {} alone and is not reviewed", approval.who);
         self.record.raise(AlarmKey::Unreviewed(id.clone()), Priority::High, false, &text);
         Ok(Reply::Accepted {
             text: format!("{id} is active by break-glass; two people review it by {until}"),
@@ -138,7 +138,7 @@ pub(crate) fn look_at_reviews(
             live.deactivate(&id, trigger, None, DeactivationKind::Demoted)?;
             return Ok(true);
         }
-        if approvals.of(&id).is_none_or(|asked| !asked.is_about(row_version, overdue)) {
+        if approvals.of(&id).is_none_or(|pending| !pending.is_about(row_version, overdue)) {
             approvals.request_review(live.context, live.record, live.evidence_files, &id, review)?;
             return Ok(true);
         }
@@ -165,8 +165,8 @@ pub(crate) fn settle_review(
             return Ok(format!("the review of {id} waits for more people; {last}"));
         }
     };
-    let (version, standing, _) = live.record.version_table().version(id)?;
-    if !upheld && standing.state == State::Active {
+    let (version, lifecycle, _) = live.record.version_table().version(id)?;
+    if !upheld && lifecycle.state == State::Active {
         let text = format!("the review of its emergency activation did not uphold it: {}", by.join(", "));
         let trigger = trigger(live.record, TriggerKind::Operator, text);
         live.deactivate(id, trigger, None, DeactivationKind::RolledBack)?;
@@ -196,8 +196,8 @@ pub(crate) fn settle_review(
 fn open_profile(live: &mut LiveMonitoring<'_>, id: &CapabilityId) -> Result<(), EngineFault> {
     let profile = live.context.profile.name;
     live.evidence_files.edit(id).closed.remove(&profile);
-    let (version, standing, _) = live.record.version_table().version(id)?;
-    if standing.state == State::Active && standing.closed.contains(&profile) {
+    let (version, lifecycle, _) = live.record.version_table().version(id)?;
+    if lifecycle.state == State::Active && lifecycle.closed.contains(&profile) {
         let note =
             TransitionNote::because("the review of the emergency activation upheld it under this profile");
         live.record.transition(&id.family, LifecycleEvent::Open { version, profile }, note)?;

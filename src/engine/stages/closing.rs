@@ -22,18 +22,19 @@ use crate::version_table::TransitionNote;
 /// Keeps and tells how far a stage is.
 pub(crate) fn progress(
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
     stage: Stage,
     what: &str,
     (done, budget): (u64, u64),
 ) {
     let now_ms = record.now_ms();
-    let dossier = dossiers.edit(id);
-    let before = dossier.progress.as_ref();
+    let evidence_file = evidence_files.edit(id);
+    let before = evidence_file.progress.as_ref();
     let since_ms = before.filter(|view| view.stage == stage).map_or(now_ms, |view| view.since_ms);
     let early = early(stage).to_owned();
-    dossier.progress = Some(ProgressView { stage, what: what.to_owned(), done, budget, since_ms, early });
+    evidence_file.progress =
+        Some(ProgressView { stage, what: what.to_owned(), done, budget, since_ms, early });
     record.tell(EventKind::Progress { version: id.clone(), stage, what: what.to_owned(), done, budget });
 }
 
@@ -48,53 +49,53 @@ const fn early(stage: Stage) -> &'static str {
     }
 }
 
-pub(crate) fn decided<O: Copy + Into<StageOutcome>>(
+pub(crate) fn report_decision<O: Copy + Into<StageOutcome>>(
     context: &Context,
     record: &mut EngineRecorder,
-    dossier: &mut EvidenceFile,
+    evidence_file: &mut EvidenceFile,
     id: &CapabilityId,
     stage: Stage,
     decision: &Decision<O>,
 ) {
-    dossier.progress = None;
-    dossier.deployment = decision.answers().deployment;
+    evidence_file.progress = None;
+    evidence_file.deployment = decision.answers().deployment;
     record.tell(EventKind::Decided {
         version: id.clone(),
         stage,
         outcome: (*decision.outcome()).into(),
-        dimensions: dossier.dimensions(&context.profile),
-        composite: dossier.composite(&context.profile),
+        dimensions: evidence_file.dimensions(&context.profile),
+        composite: evidence_file.composite(&context.profile),
         reasons: decision.reasons().to_vec(),
-        conditions: dossier.conditions.clone(),
-        deployment: dossier.deployment,
+        conditions: evidence_file.conditions.clone(),
+        deployment: evidence_file.deployment,
     });
 }
 
 /// The note of a stage's end: the evidence so far and the decision, written with the state change.
 pub(crate) fn stage_note<O: serde::Serialize>(
-    dossier: &EvidenceFile,
+    evidence_file: &EvidenceFile,
     id: &CapabilityId,
     kind: EvidenceKind,
     reason: String,
     decision: &Decision<O>,
 ) -> Result<TransitionNote, EngineFault> {
-    let json = serde_json::to_string(dossier)?;
-    let digest = dossier.digest()?;
+    let json = serde_json::to_string(evidence_file)?;
+    let digest = evidence_file.digest()?;
     let evidence = Change::PutEvidence { version: id.clone(), kind, json, digest };
-    let body = recorded_decision::body(decision, dossier)?;
+    let body = recorded_decision::body(decision, evidence_file)?;
     let record = AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body };
     Ok(TransitionNote {
         reason,
         cause: None,
-        before: vec![evidence, scores(dossier, id)],
+        before: vec![evidence, scores(evidence_file, id)],
         after: Vec::new(),
         audit: vec![record],
     })
 }
 
-fn scores(dossier: &EvidenceFile, id: &CapabilityId) -> Change {
-    let signature = dossier.behavior.as_ref().and_then(|behavior| behavior.candidate);
-    let kappas = dossier.kappas.as_ref().map_or([None; 4], |kappas| {
+fn scores(evidence_file: &EvidenceFile, id: &CapabilityId) -> Change {
+    let signature = evidence_file.behavior.as_ref().and_then(|behavior| behavior.candidate);
+    let kappas = evidence_file.kappas.as_ref().map_or([None; 4], |kappas| {
         [kappas.interface.kappa, kappas.policy.kappa, kappas.behavior.kappa, kappas.recovery.kappa]
             .map(|kappa| kappa.map(Kappa::get))
     });
@@ -106,7 +107,7 @@ fn scores(dossier: &EvidenceFile, id: &CapabilityId) -> Change {
 }
 
 /// After a rejection: the alarm and the closed record.
-pub(crate) fn rejected(
+pub(crate) fn close_rejected(
     context: &Context,
     record: &mut EngineRecorder,
     id: &CapabilityId,
@@ -120,12 +121,12 @@ pub(crate) fn rejected(
 /// A stage ends without a result; it can be begun again.
 pub(crate) fn abort_stage(
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
     why: &str,
 ) -> Result<(), EngineFault> {
     let (version, _, _) = record.version_table().version(id)?;
-    dossiers.edit(id).progress = None;
+    evidence_files.edit(id).progress = None;
     record.transition(&id.family, LifecycleEvent::Abort { version }, TransitionNote::because(why))?;
     Ok(())
 }
@@ -135,16 +136,16 @@ pub(crate) fn abort_stage(
 pub(crate) fn cancel_request(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     approvals: &mut Approvals,
     id: &CapabilityId,
     why: &str,
 ) -> Result<(), EngineFault> {
-    let Some(asked) = approvals.of(id) else { return Ok(()) };
-    let (version, standing, _) = record.version_table().version(id)?;
-    let flags = standing.flags;
+    let Some(pending) = approvals.of(id) else { return Ok(()) };
+    let (version, lifecycle, _) = record.version_table().version(id)?;
+    let flags = lifecycle.flags;
     let reason = format!("{id}: {why}; what people were asked is void");
-    let note = closing_note(context, id, asked, RequestState::Void, &reason);
+    let note = closing_note(context, id, pending, RequestState::Void, &reason);
     if flags.awaiting_approval {
         record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
     } else {
@@ -154,13 +155,13 @@ pub(crate) fn cancel_request(
     clear_alarm(record, id, None);
     record.tell(EventKind::Voided { family: id.family.clone(), reason: reason.clone() });
     if flags.running == Some(Stage::Activation) {
-        abort_stage(record, dossiers, id, &reason)?;
+        abort_stage(record, evidence_files, id, &reason)?;
     }
     Ok(())
 }
 
 /// The deciding reason as a sentence with its name.
 pub(crate) fn first_reason<O>(decision: &Decision<O>) -> String {
-    let said = |reason: &Reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason));
-    lead_reason(decision.reasons()).map_or_else(|| "no reason was given".to_owned(), said)
+    let text = |reason: &Reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason));
+    lead_reason(decision.reasons()).map_or_else(|| "no reason was given".to_owned(), text)
 }

@@ -38,16 +38,17 @@ pub(super) fn work_slice(
     context: &Context,
     trials: &Trials,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     of: &ComparisonSlice<'_>,
     evaluation: &mut Evaluation,
 ) -> Result<u64, EngineFault> {
     let candidate = record.capability(of.id)?;
     let version_table = record.version_table();
     let store = version_table.store();
-    let subject = |version| trial_subject(context, version_table, dossiers, version);
+    let subject = |version| trial_subject(context, version_table, evidence_files, version);
     let (new, old) = (subject(&candidate), subject(of.with));
-    let lab = trials.lab(of.cell, store).with_team(trial_team(context, version_table, dossiers, &candidate));
+    let lab =
+        trials.lab(of.cell, store).with_team(trial_team(context, version_table, evidence_files, &candidate));
     let Some(slice) = evaluation.step(&lab, &new, &old, &context.profile)? else { return Ok(0) };
     let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
     if !fresh.is_empty() {
@@ -55,6 +56,6 @@ pub(super) fn work_slice(
         keep_trace(store, of.cell, of.id, SandboxMode::Confirmation, of.conditions, &fresh, now_ms)?;
     }
     let what = format!("{}, {}", of.what, slice.what);
-    progress(record, dossiers, of.id, of.stage, &what, (slice.done, of.plan.budget()));
+    progress(record, evidence_files, of.id, of.stage, &what, (slice.done, of.plan.budget()));
     Ok(fresh.len() as u64)
 }

@@ -54,11 +54,11 @@ impl ConfirmationRun {
 
 /// The first version whose window is over and whose doubt is open.
 #[must_use]
-pub fn next(monitors: &Monitors, dossiers: &EvidenceFiles) -> Option<CapabilityId> {
+pub fn next(monitors: &Monitors, evidence_files: &EvidenceFiles) -> Option<CapabilityId> {
     let over = monitors
         .iter()
         .filter(|watched| watched.monitor.is_confirmed() && !watched.restricted && !watched.confirmed);
-    over.map(|watched| &watched.id).find(|id| dossiers.awaits_confirmation(id)).cloned()
+    over.map(|watched| &watched.id).find(|id| evidence_files.awaits_confirmation(id)).cloned()
 }
 
 /// Begins one; absent if there is no predecessor to compare the version with.
@@ -68,11 +68,11 @@ pub fn next(monitors: &Monitors, dossiers: &EvidenceFiles) -> Option<CapabilityI
 pub fn begin(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
 ) -> Result<Option<Box<ConfirmationRun>>, EngineFault> {
-    let (_, standing, _) = record.version_table().version(id)?;
-    let predecessor = standing.predecessor.and_then(|predecessor| {
+    let (_, lifecycle, _) = record.version_table().version(id)?;
+    let predecessor = lifecycle.predecessor.and_then(|predecessor| {
         let entry = record.version_table().family(&id.family).ok()?;
         Some(entry.members.get(usize::from(predecessor.0))?.capability.clone())
     });
@@ -83,7 +83,7 @@ pub fn begin(
         ..binding(context, record.version_table(), &candidate)
     };
     let plan = EvaluationPlan::confirmation(&context.profile);
-    progress(record, dossiers, id, Stage::Sandbox, WHAT, (0, plan.budget()));
+    progress(record, evidence_files, id, Stage::Sandbox, WHAT, (0, plan.budget()));
     let evaluation = Evaluation::new(plan, binding, Vec::new());
     Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, evaluation })))
 }
@@ -108,7 +108,7 @@ pub fn slice(
     context: &Context,
     trials: &Trials,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     monitors: &Monitors,
     mut run: Box<ConfirmationRun>,
 ) -> Result<ConfirmationStep, EngineFault> {
@@ -118,12 +118,12 @@ pub fn slice(
     }
     if run.evaluation.is_refuted() {
         void(record, trials, &id, &run.predecessor.id(), run.evaluation.reuse())?;
-        let again = begin(context, record, dossiers, &id)?;
+        let again = begin(context, record, evidence_files, &id)?;
         return Ok(again.map_or(ConfirmationStep::Gone, |run| ConfirmationStep::GoOn(run, 0)));
     }
     if run.is_over() {
         let place = trials.cells(record.version_table().store()).place();
-        let settled = conclude(context, record, dossiers, &id, (&run.evaluation, place))?;
+        let settled = conclude(context, record, evidence_files, &id, (&run.evaluation, place))?;
         return Ok(if settled {
             ConfirmationStep::Settled(id)
         } else {
@@ -139,7 +139,7 @@ pub fn slice(
         stage: Stage::Sandbox,
         what: WHAT,
     };
-    let worked = work_slice(context, trials, record, dossiers, &compared, &mut run.evaluation)?;
+    let worked = work_slice(context, trials, record, evidence_files, &compared, &mut run.evaluation)?;
     Ok(ConfirmationStep::GoOn(run, worked))
 }
 
@@ -147,15 +147,15 @@ pub fn slice(
 fn conclude(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
     (evaluation, place): (&Evaluation, CacheLocation),
 ) -> Result<bool, EngineFault> {
     let (pairs, drills) = (evaluation.paired(), evaluation.rehearsed());
     let handovers = evaluation.sequences().cloned();
     let (behavior, recovery) = evaluation.assess(&context.profile);
-    let kept = evaluation.reuse().on_record(place);
-    let confirmation = Confirmation { pairs, drills, handovers, behavior, recovery, kept };
+    let reuse = evaluation.reuse().on_record(place);
+    let confirmation = Confirmation { pairs, drills, handovers, behavior, recovery, kept: reuse };
     let json = serde_json::to_string(&confirmation)?;
     let digest = Digest::of_json("holdpoint.confirmation.v1", &confirmation)?;
     let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Monitor, json, digest };
@@ -163,13 +163,13 @@ fn conclude(
     let assessments = [&confirmation.behavior.assessment.reasons, &confirmation.recovery.assessment.reasons];
     let reasons: Vec<_> = assessments.into_iter().flatten().cloned().collect();
     let settled = confirmation.is_settled();
-    let dossier = dossiers.edit(id);
-    dossier.progress = None;
-    dossier.confirmation = Some(confirmation);
+    let evidence_file = evidence_files.edit(id);
+    evidence_file.progress = None;
+    evidence_file.confirmation = Some(confirmation);
     let decision = if settled { MonitorOutcome::Settled } else { MonitorOutcome::DoubtRemains };
     record.tell(EventKind::Monitor { version: id.clone(), decision, reasons: reasons.clone() });
     if !settled {
-        dossier.reasons = reasons;
+        evidence_file.reasons = reasons;
     }
     Ok(settled)
 }

@@ -57,10 +57,10 @@ impl LiveMonitoring<'_> {
     /// # Errors
     /// If another sequence has them.
     pub(crate) fn begin_sequence(&mut self) -> Result<StartedSequence, EngineFault> {
-        let (context, dossiers, monitors) = (self.context, &*self.evidence_files, &*self.monitors);
+        let (context, evidence_files, monitors) = (self.context, &*self.evidence_files, &*self.monitors);
         let version_table = self.record.version_table();
         let terms_of = |version: &_| {
-            crate::evidence_binding::terms_of(context, version_table, dossiers, monitors, version)
+            crate::evidence_binding::terms_of(context, version_table, evidence_files, monitors, version)
         };
         let paced = self.world.is_paced();
         sequence::begin(context, self.record, monitors, &mut self.world.cell, self.seed, paced, &terms_of)
@@ -72,13 +72,13 @@ impl LiveMonitoring<'_> {
     /// If the result cannot be written.
     pub fn sequence(&mut self, shadow: Option<&mut Shadow>) -> Result<SequenceReport, EngineFault> {
         let begun = self.begin_sequence()?;
-        let mut worked = match (self.world.pictures.clone(), shadow) {
-            (Some(pictures), shadow) => {
+        let mut worked = match (self.world.frame_sink.clone(), shadow) {
+            (Some(sink), shadow) => {
                 let clock = self.record.clock().clone();
-                let painter = Painter::new(pictures, clock, begun.index(), begun.workers());
-                let mut drawn = SequencePainter { painter, shadow };
-                let worked = begun.run(&mut drawn);
-                drawn.painter.rest(worked.running.world(), false);
+                let painter = Painter::new(sink, clock, begun.index(), begun.workers());
+                let mut listener = SequencePainter { painter, shadow };
+                let worked = begun.run(&mut listener);
+                listener.painter.rest(worked.running.world(), false);
                 worked
             }
             (None, Some(shadow)) => begun.run(shadow),
@@ -123,8 +123,8 @@ impl LiveMonitoring<'_> {
             let tightened = self.is_tightened(id);
             if link_up {
                 let marks = LiveTaskMarks { cut_short, stepped_in, tightened };
-                let kept = LiveTaskRecord { record: &dispatched.record, marks };
-                keep_telemetry(self.record, self.monitors, id, &kept, report.duration_ms)?;
+                let task_record = LiveTaskRecord { record: &dispatched.record, marks };
+                keep_telemetry(self.record, self.monitors, id, &task_record, report.duration_ms)?;
             }
             let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
             raised = others;
@@ -160,8 +160,10 @@ impl LiveMonitoring<'_> {
         if !values.intervention && !tightened && watched.lived.len() < live_tasks_max(profile) as usize {
             watched.lived.push(values);
             let tasks = u32::try_from(watched.lived.len()).unwrap_or(u32::MAX);
-            if let Some(dossier) = self.evidence_files.of(id).filter(|_| is_live_look_due(tasks, profile)) {
-                shift = live_shifts(&dossier.twins, &watched.lived, profile);
+            if let Some(evidence_file) =
+                self.evidence_files.of(id).filter(|_| is_live_look_due(tasks, profile))
+            {
+                shift = live_shifts(&evidence_file.twins, &watched.lived, profile);
             }
         }
         let mut decision = watched.monitor.observe(&values, now_tick);
@@ -234,22 +236,22 @@ impl LiveMonitoring<'_> {
         trip: Option<&Trip>,
     ) -> Result<(), EngineFault> {
         let mut silent = false;
-        let mut asks_anew = false;
+        let mut is_new_question = false;
         if let Some(watched) = self.monitors.of_mut(id) {
-            if watched.asked.is_none() && decision.action != MonitorAction::Continue {
-                watched.asked = decision.reasons.first().map(|reason| reason.code);
+            if watched.escalation_reason.is_none() && decision.action != MonitorAction::Continue {
+                watched.escalation_reason = decision.reasons.first().map(|reason| reason.code);
             }
             watched.announced = watched.announced.max(decision.action);
             if watched.monitor.escalation().is_some() && watched.question.is_empty() {
                 watched.question.clone_from(&decision.reasons);
                 // The first restriction has its own alarm; later ones are only a question.
-                asks_anew = watched.restricted;
+                is_new_question = watched.restricted;
             }
-            silent = watched.asked == Some(ReasonCode::MonitorTelemetryMissing);
+            silent = watched.escalation_reason == Some(ReasonCode::MonitorTelemetryMissing);
         }
         match decision.action {
             MonitorAction::Continue => maybe_confirm(self.record, self.evidence_files, self.monitors, id),
-            MonitorAction::Restrict if asks_anew => escalated(self.context, self.record, id, decision),
+            MonitorAction::Restrict if is_new_question => escalated(self.context, self.record, id, decision),
             MonitorAction::Restrict => {
                 restrict(self.context, self.record, self.monitors, id, &decision.reasons)
             }
@@ -317,14 +319,14 @@ fn keep_telemetry(
     record: &mut EngineRecorder,
     monitors: &Monitors,
     id: &CapabilityId,
-    kept: &LiveTaskRecord<'_>,
+    task_record: &LiveTaskRecord<'_>,
     duration_ms: u64,
 ) -> Result<(), EngineFault> {
     let (stream, rows, body) = if monitors.of(id).is_some() {
-        (LIVE, kept.record.path.len().max(1), serde_json::to_vec(kept)?)
+        (LIVE, task_record.record.path.len().max(1), serde_json::to_vec(task_record)?)
     } else {
-        let record = TaskRecord { path: Vec::new(), ..kept.record.clone() };
-        (UNWATCHED, 1, serde_json::to_vec(&LiveTaskRecord { record: &record, marks: kept.marks })?)
+        let record = TaskRecord { path: Vec::new(), ..task_record.record.clone() };
+        (UNWATCHED, 1, serde_json::to_vec(&LiveTaskRecord { record: &record, marks: task_record.marks })?)
     };
     let to_ms = record.now_ms();
     let batch = Batch {
@@ -380,20 +382,20 @@ fn tell_monitor(
 fn raise_concern(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
     reasons: Vec<Reason>,
 ) -> Result<(), EngineFault> {
-    let said: Vec<String> = reasons.iter().map(holdpoint_wording::reason).collect();
-    let text = format!("behavior shifted: {}", said.join("; "));
+    let sentences: Vec<String> = reasons.iter().map(holdpoint_wording::reason).collect();
+    let text = format!("behavior shifted: {}", sentences.join("; "));
     record.raise(AlarmKey::Shifted(id.clone()), context.profile.alarms.degraded, true, &text);
-    let dossier = dossiers.edit(id);
-    if dossier.suspicion.is_some() {
+    let evidence_file = evidence_files.edit(id);
+    if evidence_file.suspicion.is_some() {
         return Ok(());
     }
     let suspicion = VersionConcern { reasons, again: None };
     record.write(vec![suspicion.evidence(id)?], Vec::new())?;
-    dossier.suspicion = Some(suspicion);
+    evidence_file.suspicion = Some(suspicion);
     Ok(())
 }
 
@@ -450,7 +452,7 @@ pub fn restrict_on_demand(
 /// If it cannot be written.
 pub fn maybe_confirm(
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     monitors: &mut Monitors,
     id: &CapabilityId,
 ) -> Result<(), EngineFault> {
@@ -458,14 +460,14 @@ pub fn maybe_confirm(
     if !watched.monitor.is_confirmed() || watched.confirmed || watched.restricted {
         return Ok(());
     }
-    let (version, standing, _) = record.version_table().version(id)?;
-    let (provisional, paused) = (standing.flags.provisional, standing.flags.paused);
-    if paused || dossiers.has_open_concern(id) || record.is_unreviewed(id) {
+    let (version, lifecycle, _) = record.version_table().version(id)?;
+    let (provisional, paused) = (lifecycle.flags.provisional, lifecycle.flags.paused);
+    if paused || evidence_files.has_open_concern(id) || record.is_unreviewed(id) {
         return Ok(());
     }
     watched.confirmed = true;
     watched.monitor.confirmed().map_err(|error| EngineFault::Impossible(error.to_string()))?;
-    dossiers.edit(id).conditions.retain(Condition::outlives_confirmation);
+    evidence_files.edit(id).conditions.retain(Condition::outlives_confirmation);
     let episodes = watched.episodes;
     if !provisional {
         return Ok(());

@@ -23,7 +23,7 @@ use crate::recorder::EngineRecorder;
 pub fn pass_over(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
     stage: Stage,
 ) -> Result<(), EngineFault> {
@@ -37,29 +37,29 @@ pub fn pass_over(
         }
     };
     let current = binding(context, record.version_table(), &candidate);
-    let dossier = dossiers.edit(id);
-    if dossier.bindings.is_empty() {
-        dossier.bindings.push(current);
+    let evidence_file = evidence_files.edit(id);
+    if evidence_file.bindings.is_empty() {
+        evidence_file.bindings.push(current);
     }
-    let Some(kappas) = dossier.kappas.clone() else {
+    let Some(kappas) = evidence_file.kappas.clone() else {
         return Err(EngineFault::Impossible(format!("{id} reached {} without an assessment", stage.name())));
     };
     let reason = AblatedParts::skip_reason(dimension);
-    dossier.reasons = vec![reason.clone()];
-    let under = made_under(context, record.version_table(), &candidate, dossier.digest()?);
+    evidence_file.reasons = vec![reason.clone()];
+    let under = made_under(context, record.version_table(), &candidate, evidence_file.digest()?);
     let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
     record.tell(EventKind::Decided {
         version: id.clone(),
         stage,
         outcome: StageOutcome::Skipped,
-        dimensions: dossier.dimensions(&context.profile),
-        composite: dossier.composite(&context.profile),
+        dimensions: evidence_file.dimensions(&context.profile),
+        composite: evidence_file.composite(&context.profile),
         reasons: vec![reason.clone()],
-        conditions: dossier.conditions.clone(),
-        deployment: dossier.deployment,
+        conditions: evidence_file.conditions.clone(),
+        deployment: evidence_file.deployment,
     });
     let note = stage_note(
-        dossier,
+        evidence_file,
         id,
         kind,
         format!("{}: {}", reason.code, holdpoint_wording::reason(&reason)),

@@ -69,8 +69,8 @@ impl ReEvaluationRun {
 
 /// The first active version with an open concern that has not been re-evaluated.
 #[must_use]
-pub fn next(monitors: &Monitors, dossiers: &EvidenceFiles) -> Option<CapabilityId> {
-    monitors.iter().map(|watched| &watched.id).find(|id| dossiers.is_suspicious(id)).cloned()
+pub fn next(monitors: &Monitors, evidence_files: &EvidenceFiles) -> Option<CapabilityId> {
+    monitors.iter().map(|watched| &watched.id).find(|id| evidence_files.is_suspicious(id)).cloned()
 }
 
 /// Begins it: of a candidate with the shadow that found it suspicious, of an active version without. Absent if there is no
@@ -81,15 +81,15 @@ pub fn next(monitors: &Monitors, dossiers: &EvidenceFiles) -> Option<CapabilityI
 pub fn begin(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     live: &LiveCell,
     id: &CapabilityId,
     shadow: Option<Box<ShadowRun>>,
 ) -> Result<Option<Box<ReEvaluationRun>>, EngineFault> {
     let candidate = record.capability(id)?;
     let entry = record.version_table().family(&id.family)?;
-    let (_, standing, _) = record.version_table().version(id)?;
-    let before = match (&shadow, standing.predecessor) {
+    let (_, lifecycle, _) = record.version_table().version(id)?;
+    let before = match (&shadow, lifecycle.predecessor) {
         (Some(_), _) => entry.active().map(|active| active.capability.clone()),
         (None, Some(predecessor)) => {
             entry.members.get(usize::from(predecessor.0)).map(|member| member.capability.clone())
@@ -102,7 +102,7 @@ pub fn begin(
         ..binding(context, record.version_table(), &candidate)
     };
     let plan = EvaluationPlan::re_evaluation(&context.profile);
-    progress(record, dossiers, id, Stage::Shadow, WHAT, (0, plan.budget()));
+    progress(record, evidence_files, id, Stage::Shadow, WHAT, (0, plan.budget()));
     Ok(Some(Box::new(ReEvaluationRun {
         id: id.clone(),
         before,
@@ -136,7 +136,7 @@ pub fn slice(
     context: &Context,
     trials: &Trials,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     monitors: &Monitors,
     mut run: Box<ReEvaluationRun>,
 ) -> Result<ReEvaluationStep, EngineFault> {
@@ -146,7 +146,7 @@ pub fn slice(
     }
     let candidate = record.capability(&id)?;
     if run.shadow.is_some() && binding(context, record.version_table(), &candidate) != run.binding {
-        abort_stage(record, dossiers, &id, "the active version or the profile changed meanwhile")?;
+        abort_stage(record, evidence_files, &id, "the active version or the profile changed meanwhile")?;
         return Ok(ReEvaluationStep::Gone);
     }
     if run.evaluation.is_refuted() {
@@ -157,7 +157,7 @@ pub fn slice(
     }
     if run.is_over() {
         let place = trials.cells(record.version_table().store()).place();
-        return conclude(context, record, dossiers, run, place);
+        return conclude(context, record, evidence_files, run, place);
     }
     let compared = ComparisonSlice {
         id: &id,
@@ -168,7 +168,7 @@ pub fn slice(
         stage: Stage::Shadow,
         what: WHAT,
     };
-    let worked = work_slice(context, trials, record, dossiers, &compared, &mut run.evaluation)?;
+    let worked = work_slice(context, trials, record, evidence_files, &compared, &mut run.evaluation)?;
     Ok(ReEvaluationStep::GoOn(run, worked))
 }
 
@@ -176,7 +176,7 @@ pub fn slice(
 fn conclude(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     run: Box<ReEvaluationRun>,
     place: CacheLocation,
 ) -> Result<ReEvaluationStep, EngineFault> {
@@ -186,14 +186,14 @@ fn conclude(
     let handovers = evaluation.sequences().cloned();
     let again =
         ReEvaluationEvidence { drift, pairs, handovers, behavior, kept: evaluation.reuse().on_record(place) };
-    let dossier = dossiers.edit(&id);
-    dossier.progress = None;
+    let evidence_file = evidence_files.edit(&id);
+    evidence_file.progress = None;
     if let Some(shadow) = shadow {
-        dossier.again = Some(again);
-        shadow::decide_after_re_evaluation(context, record, dossiers, shadow)?;
+        evidence_file.again = Some(again);
+        shadow::decide_after_re_evaluation(context, record, evidence_files, shadow)?;
         return Ok(ReEvaluationStep::Decided);
     }
-    let Some(suspicion) = &mut dossier.suspicion else {
+    let Some(suspicion) = &mut evidence_file.suspicion else {
         return Err(EngineFault::Impossible(format!("{id} was re-evaluated and has no concern")));
     };
     suspicion.again = Some(again.clone());
@@ -207,6 +207,6 @@ fn conclude(
     if cleared {
         return Ok(ReEvaluationStep::Cleared(id));
     }
-    dossiers.edit(&id).reasons = reasons;
+    evidence_files.edit(&id).reasons = reasons;
     Ok(ReEvaluationStep::NotCleared(id, why))
 }

@@ -32,11 +32,11 @@ pub(crate) fn release(
     operation: &Operation,
 ) -> Result<Reply, EngineFault> {
     let id = checked(live.record, operation)?;
-    let (_, standing, _) = live.record.version_table().version(&id)?;
-    if standing.state != State::Active || !standing.flags.restricted {
+    let (_, lifecycle, _) = live.record.version_table().version(&id)?;
+    if lifecycle.state != State::Active || !lifecycle.flags.restricted {
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
-            text: format!("{id} is {} and not restricted", standing.state),
+            text: format!("{id} is {} and not restricted", lifecycle.state),
             hint: Some("to unblock a version, name the profile; see `holdpoint status`".to_owned()),
         });
     }
@@ -128,8 +128,8 @@ fn close(
 ) -> Result<(), EngineFault> {
     let Some(prompt) = approvals.of(id) else { return Ok(()) };
     let note = closing_note(context, id, prompt, state, why);
-    let (version, standing, _) = record.version_table().version(id)?;
-    if standing.flags.awaiting_approval {
+    let (version, lifecycle, _) = record.version_table().version(id)?;
+    if lifecycle.flags.awaiting_approval {
         record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
     } else {
         // The version left its place meanwhile, and the question with it.
@@ -172,12 +172,12 @@ fn lift(
 fn release_monitor(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     monitors: &mut Monitors,
     id: &CapabilityId,
 ) -> Result<(), EngineFault> {
     let now_tick = record.now_tick();
-    let expected = dossiers.of(id).and_then(|dossier| normal_rates(&dossier.twins));
+    let expected = evidence_files.of(id).and_then(|evidence_file| normal_rates(&evidence_file.twins));
     let (Some(watched), Some(expected)) = (monitors.of_mut(id), expected) else { return Ok(()) };
     watched
         .monitor
@@ -185,7 +185,7 @@ fn release_monitor(
         .map_err(|error| EngineFault::Impossible(error.to_string()))?;
     watched.restricted = false;
     watched.announced = MonitorAction::Continue;
-    watched.asked = None;
+    watched.escalation_reason = None;
     watched.question.clear();
     if !watched.confirmed {
         watched.episodes = 0;
@@ -201,21 +201,21 @@ pub(crate) fn set_profiles(
     closed: bool,
 ) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
-    let (version, standing, _) = record.version_table().version(&id)?;
+    let (version, lifecycle, _) = record.version_table().version(&id)?;
     let wanted: Vec<ProfileName> = ProfileName::ALL
         .into_iter()
-        .filter(|profile| profiles.contains(profile) && standing.closed.contains(profile) != closed)
+        .filter(|profile| profiles.contains(profile) && lifecycle.closed.contains(profile) != closed)
         .collect();
-    if wanted.is_empty() || standing.state.is_terminal() {
+    if wanted.is_empty() || lifecycle.state.is_terminal() {
         let how = if closed { "blocks" } else { "permits" };
-        let text = if standing.state.is_terminal() {
-            format!("{id} is {}, which is final", standing.state)
+        let text = if lifecycle.state.is_terminal() {
+            format!("{id} is {}, which is final", lifecycle.state)
         } else {
             format!("every named profile {how} {id} already")
         };
         return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: None });
     }
-    let mut after = standing.closed.clone();
+    let mut after = lifecycle.closed.clone();
     for profile in &wanted {
         if closed {
             after.insert(*profile)

@@ -60,12 +60,12 @@ impl Rollback<'_> {
         trip: Option<&Trip>,
         leave: DeactivationKind,
     ) -> Result<Option<Resumption>, EngineFault> {
-        let (version, standing, _) = self.record.version_table().version(id)?;
-        if standing.state != State::Active {
+        let (version, lifecycle, _) = self.record.version_table().version(id)?;
+        if lifecycle.state != State::Active {
             return Ok(None);
         }
-        let target = standing.predecessor;
-        if !standing.flags.rollback_pending {
+        let target = lifecycle.predecessor;
+        if !lifecycle.flags.rollback_pending {
             let note = TransitionNote::because(format!("command authority is revoked: {}", trigger.text));
             self.record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note)?;
         }
@@ -113,9 +113,9 @@ impl Rollback<'_> {
             return self.safe_stop(id, version, record).map(|()| None);
         }
         // Without a live monitor no tick runs under a provisional version.
-        let dossier = self.evidence_files.of(&predecessor.id());
+        let evidence_file = self.evidence_files.of(&predecessor.id());
         let Ok(watched) =
-            ActivationMonitor::reactivated(&predecessor.id(), self.record, dossier, self.context)
+            ActivationMonitor::reactivated(&predecessor.id(), self.record, evidence_file, self.context)
         else {
             let text =
                 format!("no monitor can be set up for {}, whose window is not passed", predecessor.id());
@@ -288,10 +288,10 @@ impl Rollback<'_> {
 
     /// Draws the ladder if video frames are wanted.
     fn sketch(&self, of: &Capability, terms: &SkillTerms) -> Option<LadderPainter> {
-        let pictures = self.world.pictures.clone()?;
+        let sink = self.world.frame_sink.clone()?;
         let envelope = cell_frame::envelope(terms.envelope());
         let sequence = self.world.cell.sequences().saturating_sub(1);
-        Some(LadderPainter::new(pictures, self.record.clock().clone(), sequence, of.id(), envelope))
+        Some(LadderPainter::new(sink, self.record.clock().clone(), sequence, of.id(), envelope))
     }
 
     /// A rung failed or there is nothing to go back to.

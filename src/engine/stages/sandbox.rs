@@ -16,7 +16,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 
 use super::cache_mismatch::void;
-use super::closing::{abort_stage, decided, first_reason, progress, rejected, stage_note};
+use super::closing::{abort_stage, close_rejected, first_reason, progress, report_decision, stage_note};
 use super::validation;
 use crate::cell::Conditions;
 use crate::context::Context;
@@ -96,33 +96,33 @@ pub struct SandboxStep {
 pub fn begin(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
 ) -> Result<Box<SandboxRun>, EngineFault> {
     record.start_stage(id, Stage::Sandbox, budget(context))?;
     let candidate = record.capability(id)?;
     let binding = binding(context, record.version_table(), &candidate);
-    let dossier = dossiers.edit(id);
+    let evidence_file = evidence_files.edit(id);
     // The result of stage 2 counts only for the version that was active then, so it is computed again.
-    dossier.take_static(validation::assess(context, record.version_table(), &candidate));
-    dossier.tried_under.clone_from(&dossier.conditions);
-    dossier.pairs.clear();
-    dossier.hard_stops.clear();
-    dossier.modes.clear();
-    dossier.kept = None;
+    evidence_file.take_static(validation::assess(context, record.version_table(), &candidate));
+    evidence_file.tried_under.clone_from(&evidence_file.conditions);
+    evidence_file.pairs.clear();
+    evidence_file.hard_stops.clear();
+    evidence_file.modes.clear();
+    evidence_file.kept = None;
     // Shadow and an earlier confirmation rest on evidence that is now gathered again.
-    dossier.shadow = None;
-    dossier.confirmation = None;
-    dossier.permissions = None;
-    dossier.unsafe_under_stress = 0;
-    dossier.searched = None;
-    dossier.handovers = None;
-    dossier.sequences.clear();
-    dossier.twins.clear();
-    dossier.drills = Some((DrillTallies::default(), DrillTallies::default()));
-    dossier.failed_drills.clear();
-    dossier.alone.clear();
-    dossier.bindings = vec![binding];
+    evidence_file.shadow = None;
+    evidence_file.confirmation = None;
+    evidence_file.permissions = None;
+    evidence_file.unsafe_under_stress = 0;
+    evidence_file.searched = None;
+    evidence_file.handovers = None;
+    evidence_file.sequences.clear();
+    evidence_file.twins.clear();
+    evidence_file.drills = Some((DrillTallies::default(), DrillTallies::default()));
+    evidence_file.failed_drills.clear();
+    evidence_file.alone.clear();
+    evidence_file.bindings = vec![binding];
     let phase = SandboxPhase::Alone(SoloMode::Canonical, Vec::new());
     Ok(Box::new(SandboxRun { id: id.clone(), binding, phase }))
 }
@@ -231,14 +231,14 @@ impl Sandbox<'_> {
         let id = &candidate.id();
         let evaluation = &comparison.evaluation;
         let (paired, rehearsed) = (evaluation.paired(), evaluation.rehearsed());
-        let dossier = self.evidence_files.edit(id);
-        dossier.pairs = paired.pairs;
-        dossier.hard_stops = paired.hard_stops;
-        dossier.drills = Some((rehearsed.candidate, rehearsed.active));
-        dossier.failed_drills = evaluation.failed_drills().to_vec();
-        dossier.handovers = evaluation.sequences().cloned();
+        let evidence_file = self.evidence_files.edit(id);
+        evidence_file.pairs = paired.pairs;
+        evidence_file.hard_stops = paired.hard_stops;
+        evidence_file.drills = Some((rehearsed.candidate, rehearsed.active));
+        evidence_file.failed_drills = evaluation.failed_drills().to_vec();
+        evidence_file.handovers = evaluation.sequences().cloned();
         let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
-        dossier.note_use(candidate, &new);
+        evidence_file.note_use(candidate, &new);
         if !new.is_empty() {
             self.keep_trace(id, SandboxMode::Perturbation, Conditions::Sandbox, &new)?;
         }
@@ -265,10 +265,10 @@ impl Sandbox<'_> {
         let (first, points) = search.next(self.trials.part());
         let worked = lab.places(&new, &old, first, &points)?;
         search.take(&worked);
-        let dossier = self.evidence_files.edit(&id);
+        let evidence_file = self.evidence_files.edit(&id);
         evaluation.note_hard_stops(worked.iter().filter_map(|(_, record, _)| record.hard_stop));
-        dossier.hard_stops = evaluation.paired().hard_stops;
-        dossier.searched = search.found(&self.context.cell.sandbox);
+        evidence_file.hard_stops = evaluation.paired().hard_stops;
+        evidence_file.searched = search.found(&self.context.cell.sandbox);
         let done = 2 * MODE_EPISODES + evaluation.done() + search.done();
         let what = "a search for the worst episode";
         progress(self.record, self.evidence_files, &id, Stage::Sandbox, what, (done, budget(self.context)));
@@ -323,14 +323,14 @@ impl Sandbox<'_> {
             return Ok(false);
         }
         self.keep_trace(&id, mode, conditions, records)?;
-        let dossier = self.evidence_files.edit(&id);
-        dossier.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
-        dossier.alone.extend((0..).zip(&*records).filter_map(|(place, record)| {
+        let evidence_file = self.evidence_files.edit(&id);
+        evidence_file.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
+        evidence_file.alone.extend((0..).zip(&*records).filter_map(|(place, record)| {
             let values = record.values()?;
             Some(SoloEpisode { mode, place, seed: record.seed, values, hard_stop: record.hard_stop })
         }));
-        dossier.note_use(candidate, records);
-        dossier.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &*records));
+        evidence_file.note_use(candidate, records);
+        evidence_file.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &*records));
         let done = if alone == SoloMode::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
         progress(
             self.record,
@@ -355,13 +355,18 @@ impl Sandbox<'_> {
         let (evaluation, records) = (&comparison.evaluation, &comparison.records);
         let (mut measured, rehearsed) = evaluation.assess(profile);
         let place = self.trials.cells(self.record.version_table().store()).place();
-        let dossier = self.evidence_files.edit(id);
-        behavior::add_stress_concern(&mut measured, dossier.unsafe_under_stress, MODE_EPISODES, profile);
-        behavior::add_search_concern(&mut measured, dossier.searched.as_ref(), profile);
+        let evidence_file = self.evidence_files.edit(id);
+        behavior::add_stress_concern(
+            &mut measured,
+            evidence_file.unsafe_under_stress,
+            MODE_EPISODES,
+            profile,
+        );
+        behavior::add_search_concern(&mut measured, evidence_file.searched.as_ref(), profile);
         let mode = SandboxMode::Perturbation;
-        dossier.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &records.0));
-        dossier.modes.extend(ModeMetrics::of(mode, ComparedVersion::Active, &records.1));
-        let Some(before) = dossier.kappas.take() else {
+        evidence_file.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &records.0));
+        evidence_file.modes.extend(ModeMetrics::of(mode, ComparedVersion::Active, &records.1));
+        let Some(before) = evidence_file.kappas.take() else {
             return Err(EngineFault::Impossible(format!("{id} reached the sandbox without an assessment")));
         };
         let kappas = Kappas {
@@ -370,19 +375,19 @@ impl Sandbox<'_> {
             ..before
         };
         let kappas = self.context.omitted.fill_ablated(kappas);
-        dossier.conditions = kappas.conditions();
-        dossier.kept = evaluation.reuse().on_record(place);
-        dossier.behavior = Some(measured);
-        dossier.recovery = Some(rehearsed);
-        dossier.kappas = Some(kappas.clone());
-        let digest = dossier.digest()?;
+        evidence_file.conditions = kappas.conditions();
+        evidence_file.kept = evaluation.reuse().on_record(place);
+        evidence_file.behavior = Some(measured);
+        evidence_file.recovery = Some(rehearsed);
+        evidence_file.kappas = Some(kappas.clone());
+        let digest = evidence_file.digest()?;
         let under = made_under(self.context, self.record.version_table(), &candidate, digest);
         let decision = psi(&kappas, PsiContext { has_approver: profile.has_approver() }, under);
-        dossier.reasons = decision.reasons().to_vec();
-        decided(self.context, self.record, dossier, id, Stage::Sandbox, &decision);
-        tell_weakness(self.record, active, &kappas, profile.alarms.degraded);
+        evidence_file.reasons = decision.reasons().to_vec();
+        report_decision(self.context, self.record, evidence_file, id, Stage::Sandbox, &decision);
+        report_weakness(self.record, active, &kappas, profile.alarms.degraded);
         let (version, _, _) = self.record.version_table().version(id)?;
-        let note = stage_note(dossier, id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
+        let note = stage_note(evidence_file, id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
         match decision.outcome() {
             // The stage that Psi names has been completed on current evidence: a measured
             // incompatibility is final; a result that the budget could not decide is put on hold.
@@ -392,7 +397,7 @@ impl Sandbox<'_> {
             }
             Recommendation::Reject | Recommendation::Sandbox => {
                 self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-                rejected(self.context, self.record, id)
+                close_rejected(self.context, self.record, id)
             }
             Recommendation::Shadow | Recommendation::Activate | Recommendation::RollbackReview => {
                 let event = LifecycleEvent::Pass { version, stage: Stage::Sandbox };
@@ -405,9 +410,9 @@ impl Sandbox<'_> {
 
 /// Raises an alarm for what the drills show about the active version itself: the candidate is compared with it, and
 /// no other check tests how well it can be stopped.
-fn tell_weakness(record: &mut EngineRecorder, active: &CapabilityId, kappas: &Kappas, priority: Priority) {
+fn report_weakness(record: &mut EngineRecorder, active: &CapabilityId, kappas: &Kappas, priority: Priority) {
     let weak = kappas.recovery.reasons.iter().filter(|reason| reason.code == ReasonCode::RecoveryActiveWeak);
-    let said: Vec<String> = weak
+    let sentences: Vec<String> = weak
         .map(|reason| match (reason.evidence, reason.limit) {
             (Some(found), Some(limit)) => {
                 format!("{} ({found:.2}, at least {limit:.2})", holdpoint_wording::reason(reason))
@@ -415,8 +420,8 @@ fn tell_weakness(record: &mut EngineRecorder, active: &CapabilityId, kappas: &Ka
             _ => holdpoint_wording::reason(reason),
         })
         .collect();
-    if !said.is_empty() {
-        record.raise(AlarmKey::WeakRecovery(active.clone()), priority, true, &said.join("; "));
+    if !sentences.is_empty() {
+        record.raise(AlarmKey::WeakRecovery(active.clone()), priority, true, &sentences.join("; "));
     }
 }
 

@@ -15,7 +15,7 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{Batch, Store};
 use holdpoint_sim::world::World;
 
-use super::closing::{abort_stage, progress, rejected, stage_note};
+use super::closing::{abort_stage, close_rejected, progress, stage_note};
 use crate::context::Context;
 use crate::evidence_binding::{binding, made_under, terms_of};
 use crate::evidence_file::EvidenceFiles;
@@ -54,23 +54,27 @@ impl ShadowRun {
 pub fn begin(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
 ) -> Result<Box<ShadowRun>, EngineFault> {
     let settings = &context.profile.evaluation;
-    let plain =
-        if dossiers.has_open_concern(id) { settings.shadow_sequences_max } else { settings.shadow_sequences };
-    let budget = plain.max(dossiers.of(id).map_or(0, |dossier| shadow_needed(&dossier.conditions)));
+    let plain = if evidence_files.has_open_concern(id) {
+        settings.shadow_sequences_max
+    } else {
+        settings.shadow_sequences
+    };
+    let budget =
+        plain.max(evidence_files.of(id).map_or(0, |evidence_file| shadow_needed(&evidence_file.conditions)));
     record.start_stage(id, Stage::Shadow, u64::from(budget))?;
     let candidate = record.capability(id)?;
     let binding = binding(context, record.version_table(), &candidate);
-    let dossier = dossiers.edit(id);
-    dossier.sequences.clear();
-    dossier.twins.clear();
-    dossier.again = None;
+    let evidence_file = evidence_files.edit(id);
+    evidence_file.sequences.clear();
+    evidence_file.twins.clear();
+    evidence_file.again = None;
     // What it was suspected of when it was active before is not what this shadow shows.
-    dossier.suspicion = None;
-    dossier.bindings.push(binding);
+    evidence_file.suspicion = None;
+    evidence_file.bindings.push(binding);
     let fork = Some(context.cell.world()?);
     Ok(Box::new(ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, traces: Vec::new() }))
 }
@@ -82,20 +86,20 @@ pub fn begin(
 pub fn take_along(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     monitors: &Monitors,
     run: &mut ShadowRun,
 ) -> Result<Option<Shadow>, EngineFault> {
     let candidate = record.capability(&run.id)?;
     if binding(context, record.version_table(), &candidate) != run.binding {
-        abort_stage(record, dossiers, &run.id, "the active version or the profile changed meanwhile")?;
+        abort_stage(record, evidence_files, &run.id, "the active version or the profile changed meanwhile")?;
         return Ok(None);
     }
     let fork = match run.fork.take() {
         Some(fork) => fork,
         None => context.cell.world()?,
     };
-    let terms = terms_of(context, record.version_table(), dossiers, monitors, &candidate);
+    let terms = terms_of(context, record.version_table(), evidence_files, monitors, &candidate);
     Ok(Some(Shadow::new(candidate, terms, fork)))
 }
 
@@ -116,7 +120,7 @@ pub enum ShadowStep {
 pub fn take_in(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     mut run: Box<ShadowRun>,
     trace: Option<ShadowTrace>,
     fork: Option<World>,
@@ -124,21 +128,21 @@ pub fn take_in(
     let id = run.id.clone();
     run.fork = fork;
     run.tried += 1;
-    let dossier = dossiers.edit(&id);
+    let evidence_file = evidence_files.edit(&id);
     if let Some(trace) = trace {
-        dossier.sequences.push(trace.values);
-        dossier.twins.extend(trace.twin.values());
-        dossier.hard_stops.extend(trace.twin.hard_stop);
+        evidence_file.sequences.push(trace.values);
+        evidence_file.twins.extend(trace.twin.values());
+        evidence_file.hard_stops.extend(trace.twin.hard_stop);
         run.traces.push(trace);
     }
-    let stopped = !dossier.hard_stops.is_empty();
+    let stopped = !evidence_file.hard_stops.is_empty();
     let done = u32::try_from(run.traces.len()).unwrap_or(u32::MAX);
     let part = (u64::from(done), u64::from(run.budget));
-    progress(record, dossiers, &id, Stage::Shadow, "shadow sequences", part);
+    progress(record, evidence_files, &id, Stage::Shadow, "shadow sequences", part);
     if done < run.budget && run.tried < ATTEMPTS_FACTOR * run.budget && !stopped {
         return Ok(ShadowStep::GoOn(run));
     }
-    decide(context, record, dossiers, run)
+    decide(context, record, evidence_files, run)
 }
 
 /// Decides the shadow of a candidate that was re-evaluated.
@@ -148,10 +152,10 @@ pub fn take_in(
 pub fn decide_after_re_evaluation(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     run: Box<ShadowRun>,
 ) -> Result<(), EngineFault> {
-    match decide(context, record, dossiers, run)? {
+    match decide(context, record, evidence_files, run)? {
         ShadowStep::Over => Ok(()),
         ShadowStep::GoOn(run) | ShadowStep::ReEvaluate(run) => {
             Err(EngineFault::Impossible(format!("{} is in shadow after its re-evaluation", run.id)))
@@ -162,19 +166,19 @@ pub fn decide_after_re_evaluation(
 fn decide(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     mut run: Box<ShadowRun>,
 ) -> Result<ShadowStep, EngineFault> {
     let id = run.id.clone();
     let profile = &context.profile;
-    let dossier = dossiers.edit(&id);
+    let evidence_file = evidence_files.edit(&id);
     let evidence = ShadowEvidence {
         binding: run.binding,
-        sequences: dossier.sequences.clone(),
-        hard_stops: dossier.hard_stops.clone(),
+        sequences: evidence_file.sequences.clone(),
+        hard_stops: evidence_file.hard_stops.clone(),
     };
     let mut result = assess_shadow(&evidence, &run.binding, profile);
-    compare_with_sandbox(&mut result, &evidence, &dossier.pairs, profile);
+    compare_with_sandbox(&mut result, &evidence, &evidence_file.pairs, profile);
     let longest = profile.evaluation.shadow_sequences_max;
     let lengthened = run.budget >= longest;
     if result.check == CheckResult::Inconclusive
@@ -186,38 +190,38 @@ fn decide(
         return Ok(ShadowStep::GoOn(run));
     }
     if is_suspicious(&result) {
-        match &dossier.again {
+        match &evidence_file.again {
             Some(again) => apply_re_evaluation(&mut result, &again.behavior, again.pairs.pairs.len()),
             None => return Ok(ShadowStep::ReEvaluate(run)),
         }
     }
     let candidate = record.capability(&id)?;
-    dossier.shadow = Some(result.clone());
-    let Some(kappas) = dossier.kappas.clone() else {
+    evidence_file.shadow = Some(result.clone());
+    let Some(kappas) = evidence_file.kappas.clone() else {
         return Err(EngineFault::Impossible(format!("{id} reached shadow without an assessment")));
     };
-    let digest = dossier.digest()?;
+    let digest = evidence_file.digest()?;
     let under = made_under(context, record.version_table(), &candidate, digest);
     let psi_context = PsiContext { has_approver: profile.has_approver() };
     let decision = psi_after_shadow(&kappas, psi_context, under, result.check);
-    dossier.reasons.clone_from(&result.reasons);
-    dossier.progress = None;
-    dossier.deployment = decision.answers().deployment;
+    evidence_file.reasons.clone_from(&result.reasons);
+    evidence_file.progress = None;
+    evidence_file.deployment = decision.answers().deployment;
     record.tell(EventKind::Decided {
         version: id.clone(),
         stage: Stage::Shadow,
         outcome: result.check.into(),
-        dimensions: dossier.dimensions(profile),
-        composite: dossier.composite(profile),
+        dimensions: evidence_file.dimensions(profile),
+        composite: evidence_file.composite(profile),
         reasons: result.reasons.clone(),
-        conditions: dossier.conditions.clone(),
-        deployment: dossier.deployment,
+        conditions: evidence_file.conditions.clone(),
+        deployment: evidence_file.deployment,
     });
     let reason = result.reasons.first().map_or_else(
         || "shadow is passed".to_owned(),
         |reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason)),
     );
-    let note = stage_note(dossier, &id, EvidenceKind::Shadow, reason, &decision)?;
+    let note = stage_note(evidence_file, &id, EvidenceKind::Shadow, reason, &decision)?;
     let shift: Vec<String> = result
         .reasons
         .iter()
@@ -237,7 +241,7 @@ fn decide(
         }
         CheckResult::Fail => {
             record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-            rejected(context, record, &id)?;
+            close_rejected(context, record, &id)?;
         }
         CheckResult::Review | CheckResult::Inconclusive | CheckResult::NoData | CheckResult::Skipped => {
             record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;

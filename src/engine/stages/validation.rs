@@ -9,7 +9,7 @@ use holdpoint_governance::outcome::Recommendation;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 
-use super::closing::{decided, first_reason, rejected, stage_note};
+use super::closing::{close_rejected, first_reason, report_decision, stage_note};
 use crate::check::{self, CheckInputs};
 use crate::context::Context;
 use crate::evidence_binding::made_under;
@@ -26,7 +26,7 @@ use crate::version_table::VersionTable;
 pub fn run(
     context: &Context,
     record: &mut EngineRecorder,
-    dossiers: &mut EvidenceFiles,
+    evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
 ) -> Result<(), EngineFault> {
     record.start_stage(id, Stage::Validation, 1)?;
@@ -35,15 +35,15 @@ pub fn run(
     let kappas = found.kappas.clone();
     let under = made_under(context, record.version_table(), &candidate, candidate.digest());
     let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
-    let dossier = dossiers.edit(id);
-    dossier.take_static(found);
-    dossier.reasons = decision.reasons().to_vec();
-    decided(context, record, dossier, id, Stage::Validation, &decision);
+    let evidence_file = evidence_files.edit(id);
+    evidence_file.take_static(found);
+    evidence_file.reasons = decision.reasons().to_vec();
+    report_decision(context, record, evidence_file, id, Stage::Validation, &decision);
     let (version, _, _) = record.version_table().version(id)?;
-    let note = stage_note(dossier, id, EvidenceKind::Compat, first_reason(&decision), &decision)?;
+    let note = stage_note(evidence_file, id, EvidenceKind::Compat, first_reason(&decision), &decision)?;
     if *decision.outcome() == Recommendation::Reject {
         record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-        return rejected(context, record, id);
+        return close_rejected(context, record, id);
     }
     record.transition(&id.family, LifecycleEvent::Pass { version, stage: Stage::Validation }, note)?;
     Ok(())

@@ -86,7 +86,7 @@ struct StopMarkFolder {
     /// Device and inode, which identify the folder under any name.
     is: (u64, u64),
     /// The kernel's notices of new files; absent if the system provides none. Then only checks find marks.
-    told: Option<OwnedFd>,
+    notices: Option<OwnedFd>,
 }
 
 impl StopMarkFolder {
@@ -94,29 +94,29 @@ impl StopMarkFolder {
         // A relative path would move with the working folder.
         let path = std::path::absolute(layout.folder())?;
         let found = fs::metadata(&path)?;
-        let told = inotify::init(CreateFlags::CLOEXEC | CreateFlags::NONBLOCK).ok();
+        let notices = inotify::init(CreateFlags::CLOEXEC | CreateFlags::NONBLOCK).ok();
         let made = WatchFlags::CREATE | WatchFlags::MOVED_TO | WatchFlags::ONLYDIR;
-        let told = told.filter(|told| inotify::add_watch(told, &path, made).is_ok());
-        Ok(Self { path, is: (found.dev(), found.ino()), told })
+        let notices = notices.filter(|notices| inotify::add_watch(notices, &path, made).is_ok());
+        Ok(Self { path, is: (found.dev(), found.ino()), notices })
     }
 
     /// Waits for a new file, or for [`LOOK_EVERY`].
     fn wait(&self) {
         let at_most = Timespec { tv_sec: 0, tv_nsec: i64::from(LOOK_EVERY.subsec_nanos()) };
-        let Some(told) = &self.told else { return std::thread::sleep(LOOK_EVERY) };
-        if poll(&mut [PollFd::new(told, PollFlags::IN)], Some(&at_most)).is_err() {
+        let Some(notices) = &self.notices else { return std::thread::sleep(LOOK_EVERY) };
+        if poll(&mut [PollFd::new(notices, PollFlags::IN)], Some(&at_most)).is_err() {
             std::thread::sleep(LOOK_EVERY);
         }
     }
 
     /// The number of marks created since the last call, including removed ones.
     fn marks_made(&self, layout: &Layout) -> u64 {
-        let Some(told) = &self.told else { return 0 };
-        let mark = layout.stop_asked();
+        let Some(notices) = &self.notices else { return 0 };
+        let mark = layout.stop_request();
         let is_mark =
             |name: &CStr| mark.file_name().is_some_and(|mark| mark.as_encoded_bytes() == name.to_bytes());
         let mut room = [MaybeUninit::uninit(); MADE_BYTES];
-        let mut events = inotify::Reader::new(told, &mut room);
+        let mut events = inotify::Reader::new(notices, &mut room);
         let mut made = 0;
         loop {
             match events.next() {
@@ -192,12 +192,12 @@ fn watch(layout: &Layout, folder: &StopMarkFolder, switch: &StopSwitch, ended: &
 
 /// Stops the cell by a mark, and shares its lock.
 fn take(layout: &Layout, switch: &StopSwitch, found: StopMarkFile, answers: &mut VecDeque<(Instant, File)>) {
-    let StopMarkFile { asked, file, .. } = found;
+    let StopMarkFile { request, file, .. } = found;
     // A stop over the socket with the same id is the same stop. A mark that returns after the start is another one.
-    if !switch.knows(&asked.id) || (!switch.is_halted() && is_there(layout)) {
-        switch.halt(asked);
+    if !switch.knows(&request.id) || (!switch.is_halted() && is_there(layout)) {
+        switch.halt(request);
     }
-    let is_new = |file: &File| !answers.iter().any(|(_, kept)| is_same(kept, file));
+    let is_new = |file: &File| !answers.iter().any(|(_, other)| is_same(other, file));
     let Some(file) = file.filter(is_new) else { return };
     // It means that the cell is stopped, and nothing else.
     if switch.is_halted() && file.try_lock_shared().is_ok() {
@@ -250,22 +250,22 @@ mod tests {
 
     /// A mark linked again after `go` counted as a stop that the engine had taken, and the arm kept moving.
     #[test]
-    fn a_mark_that_is_put_back_after_the_cell_was_let_go_stops_it_again() {
+    fn a_mark_restored_after_a_start_stops_the_cell_again() {
         let (folder, layout, switch, watch) = watched();
         let own = OwnStopMark::put(&layout, "a", "ana", "a hand is in the cell").unwrap();
         wait_for("the mark stops the cell", || switch.is_halted());
-        let kept = folder.path().join("kept");
-        fs::hard_link(layout.stop_asked(), &kept).unwrap();
+        let link = folder.path().join("kept");
+        fs::hard_link(layout.stop_request(), &link).unwrap();
         settle(&layout, "a");
         assert!(!is_there(&layout), "it is on record");
-        assert!(switch.first_asked().is_some_and(|asked| asked.id == "a"));
+        assert!(switch.first_stop().is_some_and(|request| request.id == "a"));
         wait_for("it is let go", || {
-            switch.took_asked();
+            switch.pop_stop();
             switch.release()
         });
-        fs::hard_link(&kept, layout.stop_asked()).unwrap();
+        fs::hard_link(&link, layout.stop_request()).unwrap();
         wait_for("the same mark stops it again", || switch.is_halted());
-        assert!(switch.first_asked().is_some(), "and is asked for");
+        assert!(switch.first_stop().is_some(), "and is asked for");
         drop((watch, own));
     }
 
@@ -277,7 +277,7 @@ mod tests {
         let shares = || own.is_shared_by(i32::try_from(std::process::id()).unwrap());
         wait_for("the lock is shared", shares);
         settle(&layout, "a");
-        switch.took_asked();
+        switch.pop_stop();
         assert!(switch.release());
         wait_for("it is shared no more", || !shares());
         drop(watch);
@@ -292,10 +292,10 @@ mod tests {
             drop(
                 OwnStopMark::put(&layout, &format!("stop-{number}"), "ana", "a hand is in the cell").unwrap(),
             );
-            fs::remove_file(layout.stop_asked()).unwrap();
+            fs::remove_file(layout.stop_request()).unwrap();
             wait_for("it stops the cell", || switch.is_halted());
             wait_for("it is let go", || {
-                switch.took_asked();
+                switch.pop_stop();
                 switch.release()
             });
         }
@@ -311,7 +311,7 @@ mod tests {
             let own = OwnStopMark::put(&layout, &id, "ana", "").unwrap();
             wait_for("it stops the cell", || switch.is_halted());
             settle(&layout, &id);
-            switch.took_asked();
+            switch.pop_stop();
             wait_for("the lock is shared", || own.is_shared_by(i32::try_from(std::process::id()).unwrap()));
             assert!(switch.release(), "no second stop waits");
         }
@@ -332,7 +332,7 @@ mod tests {
         fs::rename(&store, &aside).unwrap();
         fs::create_dir(&store).unwrap();
         wait_for("it stops the cell", || switch.is_halted());
-        assert!(switch.first_asked().is_some_and(|asked| asked.reason == AWAY));
+        assert!(switch.first_stop().is_some_and(|request| request.reason == AWAY));
         drop(watch);
     }
 }

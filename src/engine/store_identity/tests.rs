@@ -15,7 +15,7 @@ use holdpoint_registry::{Change, ContextRules, Store, Transaction, allow_profile
 
 use super::*;
 use crate::people::persons::guarded;
-use crate::tests::{accepted, asked, at_the_gate, config};
+use crate::tests::{assert_accepted, at_the_gate, awaiting_approval, config};
 use crate::world::stop_switch::StopRequest;
 use crate::{Config, Engine, StartError};
 
@@ -76,13 +76,13 @@ fn an_update_that_changes_the_profile_activates_nothing_until_an_administrator_s
     assert!(is_raised(&engine));
     let pipeline = &mut engine.pipeline;
     // The gate holds what would pass, whatever it was asked.
-    let id = asked(pipeline, PolicyOutcome::Compatible, Vec::new());
-    let dossier = pipeline.live().evidence_files.of(&id).unwrap().clone();
+    let id = awaiting_approval(pipeline, PolicyOutcome::Compatible, Vec::new());
+    let evidence_file = pipeline.live().evidence_files.of(&id).unwrap().clone();
     assert!(
-        dossier.reasons.iter().any(|reason| reason.code == ReasonCode::GateProfileUnauthorized),
-        "{dossier:?}"
+        evidence_file.reasons.iter().any(|reason| reason.code == ReasonCode::GateProfileUnauthorized),
+        "{evidence_file:?}"
     );
-    assert!(dossier.held);
+    assert!(evidence_file.held);
     assert_eq!(pipeline.record().version_table().version(&id).unwrap().1.state, State::Shadowed);
     // Nothing runs, and no one can start the arm.
     for _ in 0..20 {
@@ -93,14 +93,14 @@ fn an_update_that_changes_the_profile_activates_nothing_until_an_administrator_s
     let (by, reason) = ("ada".to_owned(), "a try".to_owned());
     let stop =
         StopRequest { id: "1".to_owned(), by: by.clone(), reason: reason.clone(), caller: Caller::Script };
-    accepted(&pipeline.halt(stop));
+    assert_accepted(&pipeline.halt(stop));
     let since_ms = pipeline.snapshot().stopped.unwrap().since_ms;
     let go = Command::Go { by: by.clone(), reason: reason.clone(), since_ms, stops: 1 };
     let refused = pipeline.command(go);
     assert!(matches!(&refused, Reply::Refused { text, .. } if *text == why), "{refused:?}");
     let operation =
         Operation { version: "grasp@1.0.0".parse().unwrap(), by: by.clone(), reason: reason.clone() };
-    accepted(&pipeline.command(Command::Vacate(operation.clone())));
+    assert_accepted(&pipeline.command(Command::Vacate(operation.clone())));
     assert!(pipeline.record().active_of(&operation.version.family).is_none());
     let refused = pipeline.command(Command::Rearm(operation));
     assert!(matches!(&refused, Reply::Refused { text, .. } if *text == why), "{refused:?}");
@@ -138,8 +138,8 @@ fn no_script_uses_a_store_that_was_used_where_people_are_at_risk() {
     let end = || Store::open(folder.path()).unwrap().opening().head.seq;
     let before = end();
     for profile in ProfileName::ALL {
-        let asked = Config { profile: profile.into(), ..config(folder.path(), "arm7") };
-        let refused = Engine::start(asked).err().unwrap();
+        let requested = Config { profile: profile.into(), ..config(folder.path(), "arm7") };
+        let refused = Engine::start(requested).err().unwrap();
         assert!(matches!(refused, StartError::Store(StoreError::ScriptAfterLive)), "{profile}: {refused}");
     }
     assert_eq!(end(), before, "nothing is written");
@@ -148,7 +148,7 @@ fn no_script_uses_a_store_that_was_used_where_people_are_at_risk() {
 
 /// A version that became active under `sim`, or in a script, stayed in control near people.
 #[test]
-fn a_version_that_was_let_in_by_less_is_taken_off_where_more_is_asked_for() {
+fn a_less_strict_activation_ends_under_a_stricter_profile() {
     let id: CapabilityId = "align@1.1.0".parse().unwrap();
     for scripted in [false, true] {
         let folder = tempfile::tempdir().unwrap();

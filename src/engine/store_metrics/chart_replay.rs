@@ -51,8 +51,8 @@ pub(super) fn action(
     if !is_whole(control.from_seq, record.seq) {
         return not(NotReplayable::TelemetryPruned);
     }
-    let dossier = of.shadow_before(control.from_seq);
-    let Some(normal) = dossier.and_then(|dossier| normal_rates(&dossier.twins)) else {
+    let evidence_file = of.shadow_before(control.from_seq);
+    let Some(normal) = evidence_file.and_then(|evidence_file| normal_rates(&evidence_file.twins)) else {
         return not(NotReplayable::NormalUnknown);
     };
     let Some(frame) = replayer.frame_at(&of.id, record.seq) else {
@@ -70,8 +70,8 @@ pub(super) fn action(
     let confirmed = replayer.history.confirmed_in(control);
     let stepped_in = restricted_by_people(replayer, of, |seq| control.covers(seq));
     let same = |again: &MonitorDecision| {
-        let told = serde_json::json!({ "action": again.action.name(), "reasons": again.reasons });
-        differing("monitor", &recorded, &told)
+        let replayed = serde_json::json!({ "action": again.action.name(), "reasons": again.reasons });
+        differing("monitor", &recorded, &replayed)
     };
     // An event within a task is published before the task is charted.
     let tripped = last.safety.iter().map(|event| fresh.clone().safety(*event, 0));
@@ -123,7 +123,7 @@ fn replay_tasks(
     mut confirmed: Option<u64>,
     mut stepped_in: &[u64],
 ) -> Option<MonitorDecision> {
-    let mut said = None;
+    let mut last = None;
     for task in tasks {
         while let Some((first, rest)) = stepped_in.split_first().filter(|(first, _)| **first < task.seq) {
             monitor.record_intervention(*first);
@@ -140,9 +140,9 @@ fn replay_tasks(
         for event in &task.safety {
             decision = monitor.safety(*event, 0);
         }
-        said = Some(decision);
+        last = Some(decision);
     }
-    said
+    last
 }
 
 #[cfg(test)]
@@ -174,7 +174,11 @@ mod tests {
         (1..=count).map(task).collect()
     }
 
-    fn said(conditions: &[Condition], tasks: &[LiveTask], confirmed: Option<u64>) -> Option<MonitorDecision> {
+    fn replayed_decision(
+        conditions: &[Condition],
+        tasks: &[LiveTask],
+        confirmed: Option<u64>,
+    ) -> Option<MonitorDecision> {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let normal = normal_rates(&[values(true); 20]).unwrap();
         let monitor = Monitor::strict(&profile, &normal, Strictness::of(conditions), 0).unwrap();
@@ -183,49 +187,52 @@ mod tests {
 
     /// The first consecutive failure for which a plain monitor warns.
     fn warning() -> u64 {
-        let acts =
-            |count: &u64| said(&[], &tasks(*count, false), None).unwrap().action != MonitorAction::Continue;
+        let acts = |count: &u64| {
+            replayed_decision(&[], &tasks(*count, false), None).unwrap().action != MonitorAction::Continue
+        };
         (1..100).find(acts).unwrap()
     }
 
     #[test]
-    fn a_monitor_is_fed_as_strictly_as_its_activation_was_until_it_was_confirmed() {
+    fn a_monitor_is_replayed_as_strictly_as_it_was_activated() {
         let count = warning();
         let action = |conditions: &[Condition], confirmed| {
-            said(conditions, &tasks(count, false), confirmed).unwrap().action
+            replayed_decision(conditions, &tasks(count, false), confirmed).unwrap().action
         };
         assert_eq!(action(&[], None), MonitorAction::Restrict);
         assert_eq!(action(&[Condition::RollbackCoupled], None), MonitorAction::Rollback);
         assert_eq!(action(&[Condition::RollbackCoupled], Some(1)), MonitorAction::Restrict);
         let stricter = [Condition::StricterThresholds { factor: 0.5 }];
-        let early = said(&stricter, &tasks(count - 1, false), None).unwrap();
+        let early = replayed_decision(&stricter, &tasks(count - 1, false), None).unwrap();
         assert_ne!(early.action, MonitorAction::Continue, "half the level is reached sooner");
     }
 
     #[test]
     fn what_a_person_stopped_was_shown_to_no_monitor() {
         let mut worked = tasks(warning(), true);
-        assert_eq!(said(&[], &worked, None), None);
+        assert_eq!(replayed_decision(&[], &worked, None), None);
         worked.extend(tasks(1, false));
-        assert_eq!(said(&[], &worked, None).unwrap().action, MonitorAction::Continue);
+        assert_eq!(replayed_decision(&[], &worked, None).unwrap().action, MonitorAction::Continue);
     }
 
     #[test]
-    fn a_person_who_stepped_in_is_charted_as_then_and_a_tighter_envelope_is_known() {
+    fn interventions_and_a_tighter_envelope_are_replayed() {
         let stepped = |mut task: LiveTask| {
             task.marks.stepped_in = true;
             task.values = task.values.map(|values| EpisodeValues { intervention: true, ..values });
             task
         };
         let stopped: Vec<_> = tasks(50, true).into_iter().map(stepped).collect();
-        let action = |said: Option<MonitorDecision>| said.unwrap().action;
-        assert_ne!(action(said(&[], &stopped, None)), MonitorAction::Continue, "fifty stops");
+        let action = |decision: Option<MonitorDecision>| decision.unwrap().action;
+        assert_ne!(action(replayed_decision(&[], &stopped, None)), MonitorAction::Continue, "fifty stops");
         let monitor = || {
             let profile = Profile::builtin(ProfileName::Sim).unwrap();
             let normal = [EpisodeValues { time_s: 2.0, ..values(true) }; 20];
             Monitor::strict(&profile, &normal_rates(&normal).unwrap(), Strictness::of(&[]), 0).unwrap()
         };
-        let acts = |count: &usize| action(said(&[], &stopped[..*count], None)) != MonitorAction::Continue;
+        let acts = |count: &usize| {
+            action(replayed_decision(&[], &stopped[..*count], None)) != MonitorAction::Continue
+        };
         let enough = (1..=50).find(acts).unwrap();
         assert!(enough > 1, "once is no habit");
         // The same number in total, except one task for a restriction.
@@ -246,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn causes_are_told_apart() {
+    fn causes_are_classified() {
         for (cause, measured, time) in [
             (ReasonCode::MonitorSafetyTrip, true, false),
             (ReasonCode::MonitorRateWarning, true, false),

@@ -314,8 +314,8 @@ impl History {
             last.replaced = by_gate;
         }
         if let Some(version) = set.active {
-            let asked = |one: &&mut BreakGlassPeriod| one.opened_seq.is_none() && one.version == version;
-            if by_gate && let Some(emergency) = self.emergencies.iter_mut().rev().find(asked) {
+            let is_unused = |one: &&mut BreakGlassPeriod| one.opened_seq.is_none() && one.version == version;
+            if by_gate && let Some(emergency) = self.emergencies.iter_mut().rev().find(is_unused) {
                 emergency.opened_seq = Some(seq);
             }
             self.control.push(ControlPeriod {

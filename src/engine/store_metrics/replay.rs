@@ -160,11 +160,11 @@ impl<'a> Replayer<'a> {
         let Some(under) = made_under(record) else {
             return ReplayOutcome::NotReplayed { why: NotReplayable::Unreadable };
         };
-        self.concluded(&under.environment, self.replayed(of, record, &under))
+        self.replay_outcome(&under.environment, self.replay_decision(of, record, &under))
     }
 
     /// Replays the evidence on a concern; `None` where it begins.
-    pub(super) fn settled(&self, entry: &EvidenceEntry) -> Option<ReplayOutcome> {
+    pub(super) fn replay_concern(&self, entry: &EvidenceEntry) -> Option<ReplayOutcome> {
         if let Ok(suspicion) = serde_json::from_str::<VersionConcern>(&entry.json) {
             let again = suspicion.again.as_ref()?;
             let binding = again.pairs.binding;
@@ -173,18 +173,23 @@ impl<'a> Replayer<'a> {
                 .map_err(ReplayFailure::from)
                 .and_then(|frame| replay_re_evaluation(again, frame))
                 .and_then(|()| is_on_record(suspicion.digest(), entry));
-            return Some(self.concluded(&binding.environment, found));
+            return Some(self.replay_outcome(&binding.environment, found));
         }
-        let Ok(kept) = serde_json::from_str::<Confirmation>(&entry.json) else {
+        let Ok(confirmation) = serde_json::from_str::<Confirmation>(&entry.json) else {
             return Some(ReplayOutcome::NotReplayed { why: NotReplayable::Unreadable });
         };
-        let binding = kept.pairs.binding;
-        Some(self.concluded(&binding.environment, self.confirmed(&kept, &binding, entry)))
+        let binding = confirmation.pairs.binding;
+        Some(
+            self.replay_outcome(
+                &binding.environment,
+                self.replay_confirmation(&confirmation, &binding, entry),
+            ),
+        )
     }
 
     /// A difference counts only if this build made the decision.
-    fn concluded(&self, environment: &Digest, replayed: Result<(), ReplayFailure>) -> ReplayOutcome {
-        match replayed {
+    fn replay_outcome(&self, environment: &Digest, result: Result<(), ReplayFailure>) -> ReplayOutcome {
+        match result {
             Ok(()) => ReplayOutcome::Equal,
             Err(ReplayFailure::Differs(_)) if *environment != self.environment => {
                 ReplayOutcome::NotReplayed { why: NotReplayable::OtherBuild }
@@ -194,7 +199,7 @@ impl<'a> Replayer<'a> {
         }
     }
 
-    fn replayed(
+    fn replay_decision(
         &self,
         of: &VersionRecords,
         record: &AuditRecord,
@@ -204,27 +209,27 @@ impl<'a> Replayer<'a> {
         let before = of.evidence.iter().rev().filter(|entry| entry.seq < record.seq);
         let newest = before.clone().next().ok_or(NotReplayable::EvidenceMissing)?;
         let measured = before.clone().find_map(|entry| Some((entry, assessed_evidence_file(&entry.json)?)));
-        let (entry, dossier) = measured.ok_or(NotReplayable::Unreadable)?;
-        let kappas = dossier.kappas.as_ref().ok_or(NotReplayable::Unreadable)?;
+        let (entry, evidence_file) = measured.ok_or(NotReplayable::Unreadable)?;
+        let kappas = evidence_file.kappas.as_ref().ok_or(NotReplayable::Unreadable)?;
         match newest.kind {
             EvidenceKind::Compat => {
-                self.statically(&of.id, newest.seq, (kappas, dossier.risk.as_ref()), frame)?;
+                self.replay_static(&of.id, newest.seq, (kappas, evidence_file.risk.as_ref()), frame)?;
                 compose(kappas, frame, under, record)
             }
             EvidenceKind::Sandbox => {
-                behaves(&dossier, frame)?;
+                replay_sandbox(&evidence_file, frame)?;
                 compose(kappas, frame, under, record)?;
-                same_evidence(under, entry, &dossier)
+                check_evidence(under, entry, &evidence_file)
             }
             EvidenceKind::Shadow => {
-                let check = shadowed(&dossier, frame)?;
+                let check = replay_shadow(&evidence_file, frame)?;
                 let context = PsiContext { has_approver: frame.profile.has_approver() };
-                as_recorded(record, &psi_after_shadow(kappas, context, *under, check))?;
-                same_evidence(under, entry, &dossier)
+                check_recorded(record, &psi_after_shadow(kappas, context, *under, check))?;
+                check_evidence(under, entry, &evidence_file)
             }
             EvidenceKind::Gate | EvidenceKind::Activation => {
-                self.gated(of, (newest.seq, record), under, &dossier, frame)?;
-                same_evidence(under, entry, &dossier)
+                self.replay_gate(of, (newest.seq, record), under, &evidence_file, frame)?;
+                check_evidence(under, entry, &evidence_file)
             }
             EvidenceKind::Monitor | EvidenceKind::Rollback | EvidenceKind::Drill => {
                 Err(NotReplayable::EvidenceMissing.into())
@@ -233,7 +238,7 @@ impl<'a> Replayer<'a> {
     }
 
     /// The static assessments from the versions registered and active before a record.
-    fn statically(
+    fn replay_static(
         &self,
         id: &CapabilityId,
         seq: u64,
@@ -286,29 +291,30 @@ impl<'a> Replayer<'a> {
     }
 
     /// `asked_seq`: the first record of the gate's decision, which preceded it.
-    fn gated(
+    fn replay_gate(
         &self,
         of: &VersionRecords,
         (asked_seq, record): (u64, &AuditRecord),
         under: &DecisionContext,
-        dossier: &EvidenceFile,
+        evidence_file: &EvidenceFile,
         frame: &RulesInForce,
     ) -> Result<(), ReplayFailure> {
-        let kappas = dossier.kappas.as_ref().ok_or(NotReplayable::Unreadable)?;
+        let kappas = evidence_file.kappas.as_ref().ok_or(NotReplayable::Unreadable)?;
         let VersionEntry { capability: candidate, origin, .. } = self.member(&of.id)?;
-        let risk = version_origin::assessed_risk(dossier);
+        let risk = version_origin::assessed_risk(evidence_file);
         let approval = if self.history.is_emergency(&of.id, (asked_seq, record.seq)) {
             self.break_glass_result(of, record, under, (risk, frame))?
         } else {
             self.answers(of, record, under, kappas, (risk, frame))?
         };
-        let closed = self.history.closed_before(&of.id, asked_seq).union(&dossier.closed).copied().collect();
+        let closed =
+            self.history.closed_before(&of.id, asked_seq).union(&evidence_file.closed).copied().collect();
         let input = GateInput {
             kappas,
-            shadow: dossier.shadow.as_ref(),
-            bindings: &dossier.bindings,
-            current: &bound(under),
-            improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
+            shadow: evidence_file.shadow.as_ref(),
+            bindings: &evidence_file.bindings,
+            current: &binding_of(under),
+            improved: evidence_file.behavior.as_ref().is_some_and(|behavior| behavior.improved),
             approval: approval.as_ref(),
             risk,
             requester: &origin.requester,
@@ -323,21 +329,30 @@ impl<'a> Replayer<'a> {
             made_under: *under,
             omitted: AblatedParts::default(),
         };
-        as_recorded(record, &gate::evaluate(&input, &frame.table, &frame.profile).decision)
+        check_recorded(record, &gate::evaluate(&input, &frame.table, &frame.profile).decision)
     }
 
-    fn confirmed(
+    fn replay_confirmation(
         &self,
-        kept: &Confirmation,
+        confirmation: &Confirmation,
         binding: &EvidenceBinding,
         entry: &EvidenceEntry,
     ) -> Result<(), ReplayFailure> {
         let frame = self.frame(&binding.profile, &binding.policy)?;
         // A confirmation runs no stress episodes and no search.
-        let beside =
-            UnpairedEvidence { handovers: kept.handovers.as_ref(), unsafe_under_stress: 0, searched: None };
-        assessed(&kept.pairs, &kept.drills, (&kept.behavior, &kept.recovery), frame, &beside)?;
-        is_on_record(Digest::of_json("holdpoint.confirmation.v1", kept), entry)
+        let beside = UnpairedEvidence {
+            handovers: confirmation.handovers.as_ref(),
+            unsafe_under_stress: 0,
+            searched: None,
+        };
+        replay_assessment(
+            &confirmation.pairs,
+            &confirmation.drills,
+            (&confirmation.behavior, &confirmation.recovery),
+            frame,
+            &beside,
+        )?;
+        is_on_record(Digest::of_json("holdpoint.confirmation.v1", confirmation), entry)
     }
 
     fn frame(&self, profile: &Digest, policy: &Digest) -> Result<&RulesInForce, NotReplayable> {
@@ -393,10 +408,10 @@ fn wall_of(record: &AuditRecord) -> WallTime {
 }
 
 fn assessed_evidence_file(json: &str) -> Option<EvidenceFile> {
-    serde_json::from_str::<EvidenceFile>(json).ok().filter(|dossier| dossier.kappas.is_some())
+    serde_json::from_str::<EvidenceFile>(json).ok().filter(|evidence_file| evidence_file.kappas.is_some())
 }
 
-const fn bound(under: &DecisionContext) -> EvidenceBinding {
+const fn binding_of(under: &DecisionContext) -> EvidenceBinding {
     EvidenceBinding {
         candidate: under.candidate,
         active: under.active,
@@ -414,29 +429,30 @@ fn compose(
     record: &AuditRecord,
 ) -> Result<(), ReplayFailure> {
     let context = PsiContext { has_approver: frame.profile.has_approver() };
-    as_recorded(record, &psi(kappas, context, *under))
+    check_recorded(record, &psi(kappas, context, *under))
 }
 
-fn behaves(dossier: &EvidenceFile, frame: &RulesInForce) -> Result<(), ReplayFailure> {
-    let (Some(binding), Some((candidate, active))) = (dossier.bindings.first(), dossier.drills) else {
+fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<(), ReplayFailure> {
+    let (Some(binding), Some((candidate, active))) = (evidence_file.bindings.first(), evidence_file.drills)
+    else {
         return Err(NotReplayable::EvidenceMissing.into());
     };
-    let (Some(behavior), Some(recovery)) = (&dossier.behavior, &dossier.recovery) else {
+    let (Some(behavior), Some(recovery)) = (&evidence_file.behavior, &evidence_file.recovery) else {
         return Err(NotReplayable::EvidenceMissing.into());
     };
     let pairs = PairedEvidence {
         binding: *binding,
-        pairs: dossier.pairs.clone(),
-        hard_stops: dossier.hard_stops.clone(),
+        pairs: evidence_file.pairs.clone(),
+        hard_stops: evidence_file.hard_stops.clone(),
     };
     let drills = RecoveryEvidence { binding: *binding, candidate, active };
     let beside = UnpairedEvidence {
-        handovers: dossier.handovers.as_ref(),
-        unsafe_under_stress: dossier.unsafe_under_stress,
-        searched: dossier.searched.as_ref(),
+        handovers: evidence_file.handovers.as_ref(),
+        unsafe_under_stress: evidence_file.unsafe_under_stress,
+        searched: evidence_file.searched.as_ref(),
     };
-    assessed(&pairs, &drills, (behavior, recovery), frame, &beside)?;
-    let Some(kappas) = &dossier.kappas else { return Err(NotReplayable::Unreadable.into()) };
+    replay_assessment(&pairs, &drills, (behavior, recovery), frame, &beside)?;
+    let Some(kappas) = &evidence_file.kappas else { return Err(NotReplayable::Unreadable.into()) };
     same("kappa_B", &kappas.behavior, &behavior.assessment)?;
     same("kappa_R", &kappas.recovery, &recovery.assessment)
 }
@@ -448,7 +464,7 @@ struct UnpairedEvidence<'a> {
 }
 
 /// Assesses pairs and drills again. Each rule checks again that the evidence supports an early end.
-fn assessed(
+fn replay_assessment(
     pairs: &PairedEvidence,
     drills: &RecoveryEvidence,
     (behavior, recovery): (&behavior::BehaviorAssessment, &recovery::RecoveryAssessment),
@@ -483,41 +499,41 @@ fn is_on_record(
     }
 }
 
-fn shadowed(dossier: &EvidenceFile, frame: &RulesInForce) -> Result<CheckResult, ReplayFailure> {
-    let (Some(binding), Some(recorded)) = (dossier.bindings.last(), &dossier.shadow) else {
+fn replay_shadow(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<CheckResult, ReplayFailure> {
+    let (Some(binding), Some(recorded)) = (evidence_file.bindings.last(), &evidence_file.shadow) else {
         return Err(NotReplayable::EvidenceMissing.into());
     };
     let evidence = ShadowEvidence {
         binding: *binding,
-        sequences: dossier.sequences.clone(),
-        hard_stops: dossier.hard_stops.clone(),
+        sequences: evidence_file.sequences.clone(),
+        hard_stops: evidence_file.hard_stops.clone(),
     };
     let mut again = assess_shadow(&evidence, binding, &frame.profile);
-    compare_with_sandbox(&mut again, &evidence, &dossier.pairs, &frame.profile);
-    if let Some(worked) = &dossier.again {
+    compare_with_sandbox(&mut again, &evidence, &evidence_file.pairs, &frame.profile);
+    if let Some(re_evaluation) = &evidence_file.again {
         if !is_suspicious(&again) {
             return Err(ReplayFailure::Differs("it was re-evaluated, and is not inconclusive".to_owned()));
         }
-        replay_re_evaluation(worked, frame)?;
-        apply_re_evaluation(&mut again, &worked.behavior, worked.pairs.pairs.len());
+        replay_re_evaluation(re_evaluation, frame)?;
+        apply_re_evaluation(&mut again, &re_evaluation.behavior, re_evaluation.pairs.pairs.len());
     }
     same("shadow", recorded, &again)?;
     Ok(recorded.check)
 }
 
-fn same_evidence(
+fn check_evidence(
     under: &DecisionContext,
     entry: &EvidenceEntry,
-    dossier: &EvidenceFile,
+    evidence_file: &EvidenceFile,
 ) -> Result<(), ReplayFailure> {
     let named = under.evidence == entry.digest;
-    if named && dossier.digest().is_ok_and(|digest| digest == entry.digest) {
+    if named && evidence_file.digest().is_ok_and(|digest| digest == entry.digest) {
         return Ok(());
     }
     Err(ReplayFailure::Differs("the evidence is not the one the decision names by its digest".to_owned()))
 }
 
-fn as_recorded<O: Serialize>(record: &AuditRecord, again: &Decision<O>) -> Result<(), ReplayFailure> {
+fn check_recorded<O: Serialize>(record: &AuditRecord, again: &Decision<O>) -> Result<(), ReplayFailure> {
     let recorded = recorded_decision::rule_part(&record.body).ok_or(NotReplayable::Unreadable)?;
     let again = serde_json::to_value(again).map_err(|_| NotReplayable::Unreadable)?;
     match differing("decision", &recorded, &again) {

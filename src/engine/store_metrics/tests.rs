@@ -56,8 +56,8 @@ fn worked_under(
     let mut is_drifting = false;
     for _ in 0..SLICES_MAX {
         let over = {
-            let (_, standing, _) = pipeline.record().version_table().version(&id).unwrap();
-            match standing.state {
+            let (_, lifecycle, _) = pipeline.record().version_table().version(&id).unwrap();
+            match lifecycle.state {
                 State::Rejected | State::Demoted | State::RolledBack | State::Superseded => true,
                 State::Active if drifts && !is_drifting => {
                     let (kind, magnitude) = (Some(DriftKind::SensorNoise), Some(Magnitude::Strong));
@@ -66,7 +66,7 @@ fn worked_under(
                     is_drifting = true;
                     false
                 }
-                State::Active => !drifts && !standing.flags.provisional,
+                State::Active => !drifts && !lifecycle.flags.provisional,
                 State::Registered | State::Validated | State::Sandboxed | State::Shadowed => false,
             }
         };
@@ -122,7 +122,7 @@ fn worked_past(pipeline: &mut Pipeline, id: &CapabilityId, states: &[State]) -> 
 }
 
 #[test]
-fn what_working_a_suspicious_candidate_again_came_to_is_made_again() {
+fn a_re_evaluation_in_shadow_is_replayed() {
     let profile = small();
     let table = PolicyTable::builtin(&profile).unwrap();
     let (folder, mut pipeline, id) = registered((profile, table, None), "align-improved");
@@ -132,11 +132,13 @@ fn what_working_a_suspicious_candidate_again_came_to_is_made_again() {
         (pair.active.success, pair.candidate.success) = (false, true);
     }
     worked_past(&mut pipeline, &id, &[State::Sandboxed]);
-    let dossier = pipeline.live().evidence_files.of(&id).unwrap().clone();
-    let again = dossier.again.expect("it was re-evaluated before the decision");
+    let evidence_file = pipeline.live().evidence_files.of(&id).unwrap().clone();
+    let again = evidence_file.again.expect("it was re-evaluated before the decision");
     assert_eq!(again.pairs.pairs.len(), 40);
-    assert!(again.pairs.pairs.iter().all(|pair| dossier.pairs.iter().all(|other| other.seed != pair.seed)));
-    let shadow = dossier.shadow.unwrap();
+    assert!(
+        again.pairs.pairs.iter().all(|pair| evidence_file.pairs.iter().all(|other| other.seed != pair.seed))
+    );
+    let shadow = evidence_file.shadow.unwrap();
     assert_eq!(shadow.reasons[0].code, ReasonCode::ShadowWorkedAgain, "{:?}", shadow.reasons);
     drop(pipeline);
     let found = observed(folder.path());
@@ -242,8 +244,8 @@ fn a_decision_that_was_edited_does_not_come_out_again() {
         assert_eq!(connection.execute(write, [body]).unwrap(), 1);
         observed(folder.path())
     };
-    type Edit = fn(&mut Value);
-    let edits: [(Edit, &str); 3] = [
+    type DecisionEdit = fn(&mut Value);
+    let edits: [(DecisionEdit, &str); 3] = [
         (|decision| decision["outcome"] = "activate".into(), "decision.outcome is \"activate\" on record"),
         (
             |decision| decision["reasons"][0]["finding"]["name"] = "late".into(),

@@ -28,7 +28,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
 use holdpoint_runtime::handover;
 use holdpoint_runtime::recovery::{AbortRun, Standstill, StoppedBy};
-use holdpoint_runtime::skill::{Hook, Skill, ask};
+use holdpoint_runtime::skill::{Hook, Skill, next_command};
 use holdpoint_runtime::task::{Supervision, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::{Watcher, WatcherSignal};
@@ -303,11 +303,11 @@ impl StartedDrill<'_, '_> {
         let mut seen = handle.telemetry();
         for _ in 0..self.terms.detect_ticks {
             let observation = handle.observe(verdict);
-            let asked = ask(skill, &observation)?;
-            if let Command::Fail { signal } = &asked {
+            let command = next_command(skill, &observation)?;
+            if let Command::Fail { signal } = &command {
                 return Ok(declared.contains(signal));
             }
-            let checked = self.guard.check(&asked, &seen);
+            let checked = self.guard.check(&command, &seen);
             verdict = checked.verdict;
             watcher.note_command(&checked.command, &seen);
             handle.step(&checked.command)?;
@@ -331,8 +331,8 @@ impl StartedDrill<'_, '_> {
         for _ in 0..HANDOVER_TICKS {
             let mut handle = self.arm.handle();
             let observation = handle.observe(verdict);
-            let asked = ask(skill, &observation)?;
-            let checked = self.guard.check(&asked, &seen);
+            let command = next_command(skill, &observation)?;
+            let checked = self.guard.check(&command, &seen);
             verdict = checked.verdict;
             handle.step(&checked.command)?;
             seen = handle.telemetry();
@@ -340,7 +340,7 @@ impl StartedDrill<'_, '_> {
             if self.guard.measure(&seen).is_some() || self.object.harm().is_some() {
                 return Ok(false);
             }
-            if matches!(asked, Command::Done) {
+            if matches!(command, Command::Done) {
                 return self.stops_in_place();
             }
         }

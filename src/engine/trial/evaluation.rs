@@ -264,7 +264,7 @@ impl Evaluation {
         candidate: &TrialSubject,
         active: &TrialSubject,
     ) -> Result<Option<Vec<(TaskRecord, TaskRecord)>>, EngineFault> {
-        let seeds = self.seeds(lab, &self.standing(), NextSlice::Pairs);
+        let seeds = self.seeds(lab, &self.progress(), NextSlice::Pairs);
         let open = seeds.get(self.part.pairs.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let worked = lab.pairs(candidate, active, next, &mut self.reuse)?;
@@ -291,7 +291,7 @@ impl Evaluation {
         active: &TrialSubject,
         kind: DrillKind,
     ) -> Result<bool, EngineFault> {
-        let spots = self.spots(lab, &self.standing(), kind);
+        let spots = self.spots(lab, &self.progress(), kind);
         let open = spots.get(self.part.drills.0.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let worked = lab.drills(candidate, active, kind, next, &mut self.reuse)?;
@@ -360,7 +360,7 @@ impl Evaluation {
             self.ended = Some(EarlyStopReason::Full);
             return Ok(true);
         }
-        let seeds = self.seeds(lab, &self.standing(), NextSlice::Sequences);
+        let seeds = self.seeds(lab, &self.progress(), NextSlice::Sequences);
         let open = seeds.get(self.part.sequences.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let worked = lab.sequences(candidate, active, next, &mut self.reuse)?;
@@ -382,7 +382,7 @@ impl Evaluation {
         Ok(true)
     }
 
-    const fn standing(&self) -> EvaluationProgress {
+    const fn progress(&self) -> EvaluationProgress {
         EvaluationProgress {
             pairs: self.pairs.len() as u64,
             pairs_tried: self.pairs_tried,
@@ -398,34 +398,34 @@ impl Evaluation {
     }
 
     fn next_turn(&self) -> Option<NextSlice> {
-        self.standing().next(&self.plan)
+        self.progress().next(&self.plan)
     }
 
-    fn seeds(&self, lab: &TrialLab<'_>, standing: &EvaluationProgress, slice: NextSlice) -> Vec<u64> {
+    fn seeds(&self, lab: &TrialLab<'_>, progress: &EvaluationProgress, slice: NextSlice) -> Vec<u64> {
         let purpose = match slice {
             NextSlice::Pairs => self.plan.pair_seeds,
             NextSlice::Drills(_) => self.plan.drill_seeds,
             NextSlice::Sequences => self.plan.sequence_seeds,
         };
-        let range = standing.range(&self.plan, slice);
+        let range = progress.range(&self.plan, slice);
         range.map(|index| episode_seed(lab.seed, purpose, index)).collect()
     }
 
     /// Where the drills of a slice begin: dealt round the phases by their place, and so the same for both versions.
-    fn spots(&self, lab: &TrialLab<'_>, standing: &EvaluationProgress, kind: DrillKind) -> Vec<DrillSpot> {
+    fn spots(&self, lab: &TrialLab<'_>, progress: &EvaluationProgress, kind: DrillKind) -> Vec<DrillSpot> {
         let phases = self.phases.as_deref().unwrap_or_default();
         let spot = |index: u64| {
             let turn = index.checked_rem(phases.len() as u64).and_then(|turn| usize::try_from(turn).ok());
             let seed = episode_seed(lab.seed, self.plan.drill_seeds, index);
             DrillSpot { seed, phase: turn.and_then(|turn| phases.get(turn).copied()) }
         };
-        standing.range(&self.plan, NextSlice::Drills(kind)).map(spot).collect()
+        progress.range(&self.plan, NextSlice::Drills(kind)).map(spot).collect()
     }
 
     /// What will be asked for after the slice at hand, the rest of it included, if nothing ends the evaluation and no
     /// drill fails; in the parts in which the lab is asked.
     fn outlook(&self, lab: &TrialLab<'_>, slice: NextSlice) -> Vec<Lookahead> {
-        let mut standing = self.standing();
+        let mut progress = self.progress();
         let part = &self.part;
         let mut worked = part.pairs.len().max(part.drills.0.len()).max(part.sequences.len());
         let (mut next, mut slices) = (Some(slice), Vec::new());
@@ -434,26 +434,26 @@ impl Evaluation {
             let part = lab.part.max(1);
             match slice {
                 NextSlice::Pairs => {
-                    let seeds = self.seeds(lab, &standing, slice);
+                    let seeds = self.seeds(lab, &progress, slice);
                     let open = seeds.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Lookahead::Pairs(part.to_vec())));
                 }
                 NextSlice::Drills(kind) => {
-                    let spots = self.spots(lab, &standing, kind);
+                    let spots = self.spots(lab, &progress, kind);
                     let open = spots.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Lookahead::Drills(kind, part.to_vec())));
                 }
                 // Slices that may never be requested are not run ahead.
                 NextSlice::Sequences if self.sequences.is_none() => break,
                 NextSlice::Sequences => {
-                    let seeds = self.seeds(lab, &standing, slice);
+                    let seeds = self.seeds(lab, &progress, slice);
                     let open = seeds.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Lookahead::Sequences(part.to_vec())));
                 }
             }
             worked = 0;
-            standing.suppose(&self.plan, slice);
-            next = standing.next(&self.plan);
+            progress.suppose(&self.plan, slice);
+            next = progress.next(&self.plan);
         }
         slices
     }

@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_of_nothing() {
+    fn no_episodes_no_metrics() {
         assert!(ModeMetrics::of(SandboxMode::Canonical, ComparedVersion::Candidate, &[]).is_none());
         assert!(
             ModeMetrics::of(

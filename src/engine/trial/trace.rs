@@ -114,8 +114,8 @@ mod tests {
         let batch = TraceBatch::new(id, SandboxMode::Perturbation, &cell, Conditions::Sandbox, &[record]);
         assert_eq!(batch.runs[0].inputs.seed, 1_000_007);
         assert_eq!(batch.runs[0].inputs.distribution, "sandbox");
-        let kept = batch.batch(Stage::Sandbox, 5).unwrap();
-        assert_eq!((kept.rows, kept.stream.as_str()), (1, "sandbox"));
-        assert_eq!(serde_json::from_slice::<TraceBatch>(&kept.body).unwrap(), batch);
+        let stored = batch.batch(Stage::Sandbox, 5).unwrap();
+        assert_eq!((stored.rows, stored.stream.as_str()), (1, "sandbox"));
+        assert_eq!(serde_json::from_slice::<TraceBatch>(&stored.body).unwrap(), batch);
     }
 }

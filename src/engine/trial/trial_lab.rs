@@ -142,7 +142,7 @@ impl TrialLab<'_> {
                     own: *own,
                 });
             }
-            let Some(old) = fresh.or(known.map(|kept| kept.result)) else { break };
+            let Some(old) = fresh.or(known.map(|hit| hit.result)) else { break };
             pairs.push((new, old));
         }
         complete(&pairs, seeds.len())?;
@@ -344,12 +344,12 @@ impl TrialLab<'_> {
     pub fn rerun_episodes(
         &self,
         active: &TrialSubject,
-        kept: impl Iterator<Item = (CachedWorkKind, DrillSpot)>,
+        spots: impl Iterator<Item = (CachedWorkKind, DrillSpot)>,
     ) -> Result<Vec<Vec<u8>>, EngineFault> {
         let table = self.table(active, active);
         let outcomes = self
             .worker_pool
-            .run_jobs(kept.map(|(work, spot)| table.rerun_drill(work, spot)).collect(), self.cancel)?;
+            .run_jobs(spots.map(|(work, spot)| table.rerun_drill(work, spot)).collect(), self.cancel)?;
         let mut bytes = Vec::with_capacity(outcomes.len());
         for outcome in outcomes {
             bytes.push(match outcome {
@@ -510,13 +510,16 @@ impl TrialPairing {
             work: Box::new(move |worker: &mut Worker| {
                 let TrialPairing { cell, candidate, active, team, .. } = &*table;
                 let place = candidate.version.bundle.task();
-                let kept = |records: Vec<TaskRecord>| records.iter().map(without_path).collect::<Vec<_>>();
+                let without_paths =
+                    |records: Vec<TaskRecord>| records.iter().map(without_path).collect::<Vec<_>>();
                 match (team.cast(candidate), team.cast(active)) {
                     (Some(new), Some(old)) if !known => {
                         let [new, old] = sequences(worker, cell, [new, old], place, seed);
-                        JobOutcome::Sequences(kept(new), Some(kept(old)))
+                        JobOutcome::Sequences(without_paths(new), Some(without_paths(old)))
                     }
-                    (Some(new), _) => JobOutcome::Sequences(kept(sequence(worker, cell, new, seed)), None),
+                    (Some(new), _) => {
+                        JobOutcome::Sequences(without_paths(sequence(worker, cell, new, seed)), None)
+                    }
                     (None, _) => JobOutcome::Sequences(Vec::new(), None),
                 }
             }),

@@ -179,35 +179,35 @@ const fn works(command: &Command) -> bool {
 }
 
 /// The most works kept at a time: two versions and two slices of seeds, with room to spare.
-const KEPT_MAX: usize = 64;
+const RUNS_MAX: usize = 64;
 
 /// Undisturbed works between two drills, the one kept longest given up first.
 #[derive(Default)]
 pub struct UndisturbedCache {
-    kept: Mutex<VecDeque<(Digest, UndisturbedRun)>>,
+    runs: Mutex<VecDeque<(Digest, UndisturbedRun)>>,
 }
 
 impl UndisturbedCache {
     /// An empty one.
     #[must_use]
     pub const fn new() -> Self {
-        Self { kept: Mutex::new(VecDeque::new()) }
+        Self { runs: Mutex::new(VecDeque::new()) }
     }
 
     /// Takes out what is kept under a key.
     #[must_use]
     pub fn take(&self, key: &Digest) -> Option<UndisturbedRun> {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let at = kept.iter().position(|(known, _)| known == key)?;
-        kept.remove(at).map(|(_, work)| work)
+        let mut runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
+        let at = runs.iter().position(|(known, _)| known == key)?;
+        runs.remove(at).map(|(_, work)| work)
     }
 
     /// Keeps a work.
     pub fn put(&self, key: Digest, work: UndisturbedRun) {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.len() >= KEPT_MAX {
-            kept.pop_front();
+        let mut runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
+        if runs.len() >= RUNS_MAX {
+            runs.pop_front();
         }
-        kept.push_back((key, work));
+        runs.push_back((key, work));
     }
 }

@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn hands_over_in_order_for_any_number_of_jobs_and_whatever_was_expected() {
+    fn results_come_in_order_for_any_number_of_workers() {
         for jobs in [1, 2, 5] {
             let (worker_pool, run) = (WorkerPool::new(jobs), Arc::new(AtomicU64::new(0)));
             let list = |range: std::ops::Range<u64>| range.map(|number| job(number, &run)).collect();
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_fails_what_was_asked_for_and_nothing_else() {
+    fn a_panic_fails_only_the_requested_jobs() {
         for jobs in [1, 3] {
             let (worker_pool, run) = (WorkerPool::new(jobs), Arc::new(AtomicU64::new(0)));
             let list = |range: std::ops::Range<u64>| range.map(|number| job(number, &run)).collect();

@@ -22,8 +22,8 @@ const CHECKS: [Dimension; 4] =
     [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
 
 /// Why each part of the rules came out as it did: the four compatibilities, then whatever else has reasons.
-pub(crate) fn whys(dossier: &EvidenceFile, reasons: &[Reason]) -> Vec<RationaleView> {
-    if dossier.kappas.is_none() {
+pub(crate) fn rationales(evidence_file: &EvidenceFile, reasons: &[Reason]) -> Vec<RationaleView> {
+    if evidence_file.kappas.is_none() {
         return Vec::new();
     }
     let mut about = CHECKS.to_vec();
@@ -32,58 +32,63 @@ pub(crate) fn whys(dossier: &EvidenceFile, reasons: &[Reason]) -> Vec<RationaleV
             about.push(reason.dimension);
         }
     }
-    about.into_iter().map(|about| why(dossier, reasons, about)).collect()
+    about.into_iter().map(|about| rationale(evidence_file, reasons, about)).collect()
 }
 
-fn why(dossier: &EvidenceFile, reasons: &[Reason], about: Dimension) -> RationaleView {
+fn rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimension) -> RationaleView {
     let against = reasons.iter().filter(|reason| reason.dimension == about && !is_in_favor(reason.code));
-    let mut why = RationaleView { change: changes(dossier, against), ..measured(dossier, reasons, about) };
-    let faults = code_faults(dossier);
+    let mut view = RationaleView {
+        change: changes(evidence_file, against),
+        ..base_rationale(evidence_file, reasons, about)
+    };
+    let faults = code_faults(evidence_file);
     if about == Dimension::Behavior && !faults.is_empty() {
         // Whatever was measured of such code, it came of this.
-        why.decisive = format!("{}; {}", faults.join("; "), why.decisive);
+        view.decisive = format!("{}; {}", faults.join("; "), view.decisive);
     }
-    why
+    view
 }
 
 /// As [`why`], without what would have to change: that reads the whole evidence file.
-fn measured(dossier: &EvidenceFile, reasons: &[Reason], about: Dimension) -> RationaleView {
+fn base_rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimension) -> RationaleView {
     let own: Vec<&Reason> = reasons.iter().filter(|reason| reason.dimension == about).collect();
     let first_against = own.iter().copied().find(|reason| !is_in_favor(reason.code));
     let (mut findings, film) = match about {
         // What was stopped before it was compared is seen alone.
-        Dimension::Behavior if dossier.pairs.is_empty() => {
-            (stated(dossier, &own), film_of(FilmSubject::Alone, dossier.alone.is_empty()))
-        }
-        Dimension::Behavior => (behaviour(dossier), film_of(FilmSubject::Episode, false)),
-        Dimension::Recovery => {
-            (recovery(dossier), film_of(FilmSubject::Drill, dossier.failed_drills.is_empty()))
-        }
+        Dimension::Behavior if evidence_file.pairs.is_empty() => (
+            reason_findings(evidence_file, &own),
+            film_of(FilmSubject::Alone, evidence_file.alone.is_empty()),
+        ),
+        Dimension::Behavior => (behavior_findings(evidence_file), film_of(FilmSubject::Episode, false)),
+        Dimension::Recovery => (
+            recovery_findings(evidence_file),
+            film_of(FilmSubject::Drill, evidence_file.failed_drills.is_empty()),
+        ),
         // What is looked up and not measured has no more or less: its value stands in the heading.
         Dimension::Interface | Dimension::Policy => {
             let own: Vec<&Reason> = own.iter().copied().filter(|reason| !is_value(reason)).collect();
-            (stated(dossier, &own), None)
+            (reason_findings(evidence_file, &own), None)
         }
         Dimension::Composition
         | Dimension::Shadow
         | Dimension::Gate
         | Dimension::Approval
-        | Dimension::Monitor => (stated(dossier, &own), None),
+        | Dimension::Monitor => (reason_findings(evidence_file, &own), None),
     };
     let found = match about {
-        Dimension::Behavior => decisive_component(dossier).or_else(|| lead(&findings, first_against)),
+        Dimension::Behavior => decisive_component(evidence_file).or_else(|| lead(&findings, first_against)),
         Dimension::Recovery => lead(&findings, first_against),
         _ => None,
     };
     let decisive = match (found, first_against) {
         (Some(found), Some(reason))
-            if !says_the_same(about, dossier) && found != with_numbers(dossier, reason) =>
+            if !repeats_reason(about, evidence_file) && found != with_numbers(evidence_file, reason) =>
         {
-            format!("{found}: {}", with_numbers(dossier, reason))
+            format!("{found}: {}", with_numbers(evidence_file, reason))
         }
         (Some(found), Some(_)) => found,
-        (None, Some(reason)) => with_numbers(dossier, reason),
-        (_, None) => in_favour(dossier, about, &own, &findings),
+        (None, Some(reason)) => with_numbers(evidence_file, reason),
+        (_, None) => favorable_sentence(evidence_file, about, &own, &findings),
     };
     // Where nothing was measured a reason is all there is: what the sentence says is not said again below it.
     findings.retain(|finding| finding.weight.is_some() || finding.text != decisive);
@@ -91,8 +96,8 @@ fn measured(dossier: &EvidenceFile, reasons: &[Reason], about: Dimension) -> Rat
 }
 
 /// What a reason found; of a breach of the budget, which overrun of the code it was.
-fn text_of(dossier: &EvidenceFile, reason: &Reason) -> String {
-    match (&reason.finding, overrun(dossier)) {
+fn finding_text(evidence_file: &EvidenceFile, reason: &Reason) -> String {
+    match (&reason.finding, overrun(evidence_file)) {
         (Some(Finding::SandboxHardStop { stop }), Some(fault)) => {
             format!("hard stop {}: {}", stop.name(), hard_stop(*stop, Some(fault)))
         }
@@ -101,19 +106,19 @@ fn text_of(dossier: &EvidenceFile, reason: &Reason) -> String {
 }
 
 /// What decided on behavior and recovery, and which runs show it, for approvers: one sentence each.
-pub(crate) fn in_short(dossier: &EvidenceFile) -> Vec<String> {
-    let Some(kappas) = &dossier.kappas else { return Vec::new() };
+pub(crate) fn summary(evidence_file: &EvidenceFile) -> Vec<String> {
+    let Some(kappas) = &evidence_file.kappas else { return Vec::new() };
     let reasons = [&kappas.behavior.reasons[..], &kappas.recovery.reasons[..]].concat();
-    let mut said = code_faults(dossier);
+    let mut sentences = code_faults(evidence_file);
     for about in [Dimension::Behavior, Dimension::Recovery] {
-        push_sentences(dossier, &reasons, about, &mut said);
+        push_sentences(evidence_file, &reasons, about, &mut sentences);
     }
-    said
+    sentences
 }
 
 /// What decided against a version, one sentence for each part of the rules, and which runs show it; of a decision in
 /// its favor, the sentences for the next approvers.
-pub(crate) fn of_decision(dossier: &EvidenceFile, reasons: &[Reason]) -> Vec<String> {
+pub(crate) fn decision_sentences(evidence_file: &EvidenceFile, reasons: &[Reason]) -> Vec<String> {
     let mut against: Vec<Dimension> = Vec::new();
     // What is still to be measured decided nothing, and the composition says what its parts came to.
     let decides = |reason: &&Reason| {
@@ -125,23 +130,29 @@ pub(crate) fn of_decision(dossier: &EvidenceFile, reasons: &[Reason]) -> Vec<Str
             against.push(reason.dimension);
         }
     }
-    if against.is_empty() || dossier.kappas.is_none() {
-        return if dossier.pairs.is_empty() { Vec::new() } else { in_short(dossier) };
+    if against.is_empty() || evidence_file.kappas.is_none() {
+        return if evidence_file.pairs.is_empty() { Vec::new() } else { summary(evidence_file) };
     }
-    let mut said = code_faults(dossier);
+    let mut sentences = code_faults(evidence_file);
     for about in against {
-        push_sentences(dossier, reasons, about, &mut said);
+        push_sentences(evidence_file, reasons, about, &mut sentences);
     }
-    said
+    sentences
 }
 
-fn push_sentences(dossier: &EvidenceFile, reasons: &[Reason], about: Dimension, said: &mut Vec<String>) {
-    let RationaleView { decisive, film, .. } = measured(dossier, reasons, about);
-    said.push(format!("{}: {decisive}", about.name()));
-    let chosen = film.and_then(|asked| choose(dossier, asked).ok().map(|chosen| (asked.of, chosen)));
-    if let Some((of, SelectedEpisode { number, count, beyond, why, .. })) = chosen {
+fn push_sentences(
+    evidence_file: &EvidenceFile,
+    reasons: &[Reason],
+    about: Dimension,
+    sentences: &mut Vec<String>,
+) {
+    let RationaleView { decisive, film, .. } = base_rationale(evidence_file, reasons, about);
+    sentences.push(format!("{}: {decisive}", about.name()));
+    let episode =
+        film.and_then(|request| choose(evidence_file, request).ok().map(|episode| (request.of, episode)));
+    if let Some((of, SelectedEpisode { number, count, beyond, why, .. })) = episode {
         let more = if beyond > 0 { format!(" on record, {beyond} more failed") } else { String::new() };
-        said.push(if why == NOWHERE_WORSE {
+        sentences.push(if why == NOWHERE_WORSE {
             // There is no worst one where none is worse.
             format!("{why} (of {count})")
         } else {
@@ -151,8 +162,8 @@ fn push_sentences(dossier: &EvidenceFile, reasons: &[Reason], about: Dimension, 
 }
 
 /// Whether the sentence of the measured component says what the first reason says.
-fn says_the_same(about: Dimension, dossier: &EvidenceFile) -> bool {
-    about == Dimension::Behavior && decisive(dossier).is_some()
+fn repeats_reason(about: Dimension, evidence_file: &EvidenceFile) -> bool {
+    about == Dimension::Behavior && decisive(evidence_file).is_some()
 }
 
 const fn film_of(of: FilmSubject, nothing: bool) -> Option<FilmRequest> {
@@ -166,8 +177,8 @@ fn lead(findings: &[RationaleFinding], against: Option<&Reason>) -> Option<Strin
     gravest.map(|finding| finding.text.clone())
 }
 
-fn with_numbers(dossier: &EvidenceFile, reason: &Reason) -> String {
-    let text = text_of(dossier, reason);
+fn with_numbers(evidence_file: &EvidenceFile, reason: &Reason) -> String {
+    let text = finding_text(evidence_file, reason);
     match (reason.evidence, reason.limit) {
         (Some(found), Some(limit)) => {
             format!("{text} ({} against a limit of {})", number(found), number(limit))
@@ -183,13 +194,13 @@ fn is_value(reason: &Reason) -> bool {
 }
 
 /// A sentence where nothing speaks against it.
-fn in_favour(
-    dossier: &EvidenceFile,
+fn favorable_sentence(
+    evidence_file: &EvidenceFile,
     about: Dimension,
     own: &[&Reason],
     findings: &[RationaleFinding],
 ) -> String {
-    let kappas = dossier.kappas.as_ref();
+    let kappas = evidence_file.kappas.as_ref();
     let kappa = |about| -> Option<Kappa> {
         let kappas = kappas?;
         match about {
@@ -206,8 +217,8 @@ fn in_favour(
         (Some(nearest), _) => {
             format!("{value}nothing speaks against it; nearest to a limit: {}", nearest.text)
         }
-        (None, Some(reason)) => format!("{value}{}", with_numbers(dossier, reason)),
-        (None, None) if dossier.pairs.is_empty() && about == Dimension::Behavior => {
+        (None, Some(reason)) => format!("{value}{}", with_numbers(evidence_file, reason)),
+        (None, None) if evidence_file.pairs.is_empty() && about == Dimension::Behavior => {
             "not measured yet: the sandbox does that".to_owned()
         }
         (None, None) => format!("{value}nothing speaks against it"),
@@ -215,11 +226,11 @@ fn in_favour(
 }
 
 /// Reasons as findings, those against it first.
-fn stated(dossier: &EvidenceFile, own: &[&Reason]) -> Vec<RationaleFinding> {
+fn reason_findings(evidence_file: &EvidenceFile, own: &[&Reason]) -> Vec<RationaleFinding> {
     let mut all: Vec<RationaleFinding> = own
         .iter()
         .map(|reason| RationaleFinding {
-            text: with_numbers(dossier, reason),
+            text: with_numbers(evidence_file, reason),
             weight: None,
             verdict: if is_in_favor(reason.code) { FindingVerdict::Tolerable } else { FindingVerdict::Worse },
         })
@@ -229,22 +240,23 @@ fn stated(dossier: &EvidenceFile, own: &[&Reason]) -> Vec<RationaleFinding> {
 }
 
 /// The component the rules found first, as a sentence.
-fn decisive_component(dossier: &EvidenceFile) -> Option<String> {
-    let name = decisive(dossier)?;
-    let component = dossier.behavior.as_ref()?.components.iter().find(|component| component.name == name)?;
-    Some(sentence(component, &dossier.pairs))
+fn decisive_component(evidence_file: &EvidenceFile) -> Option<String> {
+    let name = decisive(evidence_file)?;
+    let component =
+        evidence_file.behavior.as_ref()?.components.iter().find(|component| component.name == name)?;
+    Some(sentence(component, &evidence_file.pairs))
 }
 
 /// Components, harm and sequences, the gravest first.
-fn behaviour(dossier: &EvidenceFile) -> Vec<RationaleFinding> {
-    let Some(behavior) = &dossier.behavior else { return Vec::new() };
+fn behavior_findings(evidence_file: &EvidenceFile) -> Vec<RationaleFinding> {
+    let Some(behavior) = &evidence_file.behavior else { return Vec::new() };
     let verdict = |worse, tolerable| match (worse, tolerable) {
         (true, _) => FindingVerdict::Worse,
         (false, true) => FindingVerdict::Tolerable,
         (false, false) => FindingVerdict::Doubtful,
     };
     let components = behavior.components.iter().map(|component| RationaleFinding {
-        text: format!("{}{}", sentence(component, &dossier.pairs), bound_of(component)),
+        text: format!("{}{}", sentence(component, &evidence_file.pairs), bound_of(component)),
         weight: weight(component.worsening, component.tolerance),
         verdict: verdict(component.is_established(), component.is_within_tolerance()),
     });
@@ -376,9 +388,9 @@ fn sentence(component: &BehaviorComponent, pairs: &[Pair]) -> String {
 }
 
 /// Each kind of drill, the one that fails most beyond the active version's first.
-fn recovery(dossier: &EvidenceFile) -> Vec<RationaleFinding> {
-    let Some((candidate, active)) = &dossier.drills else { return Vec::new() };
-    let kinds = dossier.recovery.as_ref().map(|recovery| recovery.kinds.as_slice()).unwrap_or_default();
+fn recovery_findings(evidence_file: &EvidenceFile) -> Vec<RationaleFinding> {
+    let Some((candidate, active)) = &evidence_file.drills else { return Vec::new() };
+    let kinds = evidence_file.recovery.as_ref().map(|recovery| recovery.kinds.as_slice()).unwrap_or_default();
     let share = |tally: &DrillTally| match tally.feasible() {
         0 => 0.0,
         all => f64::from(tally.failed) / f64::from(all),
@@ -407,7 +419,7 @@ fn recovery(dossier: &EvidenceFile) -> Vec<RationaleFinding> {
         })
         .collect();
     all.sort_by(|(a, _), (b, _)| b.total_cmp(a));
-    let against = dossier.recovery.iter().flat_map(|recovery| &recovery.assessment.reasons);
+    let against = evidence_file.recovery.iter().flat_map(|recovery| &recovery.assessment.reasons);
     let is_against = against.into_iter().any(|reason| !is_in_favor(reason.code));
     if let Some((_, gravest)) = all.first_mut().filter(|(excess, _)| is_against && *excess > 0.0) {
         gravest.verdict = FindingVerdict::Worse;
@@ -454,7 +466,7 @@ mod tests {
     }
 
     #[test]
-    fn a_component_is_said_in_counts_of_what_is_bad() {
+    fn a_component_is_stated_in_counts_of_failures() {
         let component = BehaviorComponent {
             name: ComponentName::Violation,
             worsening: 0.5,
@@ -474,7 +486,7 @@ mod tests {
 
     /// Such a row stood there with the sign of what is bad and a mean that is tolerated.
     #[test]
-    fn a_bound_that_decides_is_said() {
+    fn a_deciding_bound_is_stated() {
         let of = |lower, upper| {
             let name = ComponentName::Violation;
             bound_of(&BehaviorComponent { name, worsening: 0.04, lower, upper, tolerance: 0.05 })
@@ -500,17 +512,17 @@ mod tests {
 
     #[test]
     fn numbers_are_short() {
-        let said = [0.0, 5.0, 0.125, 12.345, 1234.5, 0.0004, 100.0].map(number);
-        assert_eq!(said, ["0", "5", "0.125", "12.3", "1234", "0", "100"]);
+        let texts = [0.0, 5.0, 0.125, 12.345, 1234.5, 0.0004, 100.0].map(number);
+        assert_eq!(texts, ["0", "5", "0.125", "12.3", "1234", "0", "100"]);
     }
 
     /// Before the sandbox, and in records without what was measured, a reason stood there as the sentence and as a finding.
     #[test]
-    fn what_the_sentence_says_is_not_said_twice() {
+    fn a_sentence_is_not_repeated_as_a_finding() {
         let reason = Reason::new(Dimension::Behavior, Finding::BehaviorGap { gap: EvidenceGap::NotMeasured });
         let other = Reason::new(Dimension::Behavior, Finding::Estimated);
         let [text, estimate] = [&reason, &other].map(holdpoint_wording::reason);
-        let why = measured(&EvidenceFile::default(), &[reason, other], Dimension::Behavior);
+        let why = base_rationale(&EvidenceFile::default(), &[reason, other], Dimension::Behavior);
         assert_eq!(why.decisive, text);
         let found: Vec<&str> = why.findings.iter().map(|finding| finding.text.as_str()).collect();
         assert_eq!(found, [estimate]);
@@ -518,7 +530,7 @@ mod tests {
 
     /// Regression: an explanation named 40 of 120 failed episodes, but not that the version's code traps in them.
     #[test]
-    fn faults_of_code_are_said_first() {
+    fn faults_of_code_come_first() {
         use crate::embedded;
         use holdpoint_body::CodeFault;
         use holdpoint_governance::permission::{PermissionUse, PermissionsUsed};
@@ -534,14 +546,14 @@ mod tests {
         };
         let stop = HardStop::BudgetBreach;
         let reason = Reason::new(Dimension::Behavior, Finding::SandboxHardStop { stop });
-        let said = why(&with(CodeFault::Trap), std::slice::from_ref(&reason), Dimension::Behavior);
-        assert!(said.decisive.starts_with("its code traps in 40 of 120 tasks; "), "{}", said.decisive);
-        let said = why(&with(CodeFault::Fuel), &[reason], Dimension::Behavior);
-        assert!(said.decisive.ends_with("its code computed beyond its budget"), "{}", said.decisive);
+        let view = rationale(&with(CodeFault::Trap), std::slice::from_ref(&reason), Dimension::Behavior);
+        assert!(view.decisive.starts_with("its code traps in 40 of 120 tasks; "), "{}", view.decisive);
+        let view = rationale(&with(CodeFault::Fuel), &[reason], Dimension::Behavior);
+        assert!(view.decisive.ends_with("its code computed beyond its budget"), "{}", view.decisive);
     }
 
     #[test]
-    fn a_version_that_nobody_assessed_has_no_why() {
-        assert!(whys(&EvidenceFile::default(), &[]).is_empty());
+    fn an_unassessed_version_has_no_rationale() {
+        assert!(rationales(&EvidenceFile::default(), &[]).is_empty());
     }
 }

@@ -17,8 +17,8 @@ use holdpoint_wording::sequence_measure;
 const DISAGREEMENTS_MAX: usize = 50;
 
 /// The components of the behavioral comparison, and the measures of harm: worsening against the margin.
-pub(super) fn behavior(dossier: &EvidenceFile) -> Vec<MeasuredValue> {
-    let Some(behavior) = &dossier.behavior else { return Vec::new() };
+pub(super) fn behavior(evidence_file: &EvidenceFile) -> Vec<MeasuredValue> {
+    let Some(behavior) = &evidence_file.behavior else { return Vec::new() };
     let of = |signature: &Option<Signature>, name| signature.as_ref().map(|means| mean(means, name));
     let n = u64::from(behavior.pairs);
     let components = behavior.components.iter().map(|component| MeasuredValue {
@@ -43,10 +43,10 @@ pub(super) fn behavior(dossier: &EvidenceFile) -> Vec<MeasuredValue> {
         n,
     });
     // Of the measures of harm after it those that put it in doubt.
-    let told = behavior.sequences.iter().filter(|found| {
+    let relevant = behavior.sequences.iter().filter(|found| {
         !matches!(found.measure, SequenceMeasure::Harm(_)) || found.is_concern() || found.is_established()
     });
-    let sequences = told.map(|found| MeasuredValue {
+    let sequences = relevant.map(|found| MeasuredValue {
         name: format!("sequences: {}", sequence_measure(found.measure)),
         candidate: Some(found.candidate),
         active: Some(found.active),
@@ -69,12 +69,12 @@ const fn mean(means: &Signature, name: ComponentName) -> f64 {
 }
 
 /// The sandbox, mode by mode, with the active version's values if it worked the same mode.
-pub(super) fn modes(dossier: &EvidenceFile) -> Vec<ModeView> {
-    let own = dossier.modes.iter().filter(|metrics| metrics.mode.party == ComparedVersion::Candidate);
+pub(super) fn modes(evidence_file: &EvidenceFile) -> Vec<ModeView> {
+    let own = evidence_file.modes.iter().filter(|metrics| metrics.mode.party == ComparedVersion::Candidate);
     own.map(|metrics| {
         let mode = metrics.mode.mode;
         let worked = VersionMode { mode, party: ComparedVersion::Active };
-        let active = dossier.modes.iter().find(|other| other.mode == worked);
+        let active = evidence_file.modes.iter().find(|other| other.mode == worked);
         ModeView { mode, measures: measures(metrics, active) }
     })
     .collect()
@@ -107,8 +107,8 @@ fn measures(mode: &ModeMetrics, active: Option<&ModeMetrics>) -> Vec<MeasuredVal
 }
 
 /// Drills, kind by kind.
-pub(super) fn drills(dossier: &EvidenceFile) -> Vec<DrillView> {
-    let Some((candidate, active)) = &dossier.drills else { return Vec::new() };
+pub(super) fn drills(evidence_file: &EvidenceFile) -> Vec<DrillView> {
+    let Some((candidate, active)) = &evidence_file.drills else { return Vec::new() };
     let counts = |tally: &DrillTally| [u64::from(tally.passed), u64::from(tally.feasible())];
     DrillKind::ALL
         .into_iter()
@@ -130,13 +130,13 @@ pub(super) fn drills(dossier: &EvidenceFile) -> Vec<DrillView> {
 }
 
 /// Paired episodes so far.
-pub(crate) fn pairs(dossier: &EvidenceFile) -> Option<PairsView> {
-    let n = dossier.pairs.len() as u64;
-    let active = behavior::signature(dossier.pairs.iter().map(|pair| &pair.active))?;
-    let candidate = behavior::signature(dossier.pairs.iter().map(|pair| &pair.candidate))?;
+pub(crate) fn pairs(evidence_file: &EvidenceFile) -> Option<PairsView> {
+    let n = evidence_file.pairs.len() as u64;
+    let active = behavior::signature(evidence_file.pairs.iter().map(|pair| &pair.active))?;
+    let candidate = behavior::signature(evidence_file.pairs.iter().map(|pair| &pair.candidate))?;
     let interval = |count: usize| wilson(count as u64, n, 0.95).ok().map(|i| [i.lower, i.upper]);
     let succeeded = |of: fn(&holdpoint_governance::evidence::Pair) -> bool| {
-        dossier.pairs.iter().filter(|pair| of(pair)).count()
+        evidence_file.pairs.iter().filter(|pair| of(pair)).count()
     };
     Some(PairsView {
         n,
@@ -148,8 +148,8 @@ pub(crate) fn pairs(dossier: &EvidenceFile) -> Option<PairsView> {
 }
 
 #[allow(clippy::cast_precision_loss, reason = "sequences are few")]
-pub(crate) fn shadow(dossier: &EvidenceFile, limits: &EvaluationSettings) -> Option<ShadowView> {
-    let sequences = &dossier.sequences;
+pub(crate) fn shadow(evidence_file: &EvidenceFile, limits: &EvaluationSettings) -> Option<ShadowView> {
+    let sequences = &evidence_file.sequences;
     let n = sequences.len() as f64;
     if sequences.is_empty() {
         return None;
@@ -239,9 +239,9 @@ mod tests {
             sequence([true, false, false], [false, false, false]),
         ];
         let found = disagreements(&sequences);
-        let told: Vec<(u64, &str)> = found.iter().map(|d| (d.index, d.text.as_str())).collect();
+        let rows: Vec<(u64, &str)> = found.iter().map(|d| (d.index, d.text.as_str())).collect();
         assert_eq!(
-            told,
+            rows,
             [
                 (2, "the twin alone had success"),
                 (1, "the twin alone had a policy hit and a watcher event; the live world alone had success"),

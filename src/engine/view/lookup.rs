@@ -111,7 +111,7 @@ pub(crate) fn verify_audit(layout: &Layout) -> Result<Reply, StoreError> {
 pub(crate) fn detail(
     context: &Context,
     record: &EngineRecorder,
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
 ) -> Result<Reply, EngineFault> {
     let views = record.version_table().store().views()?;
@@ -122,7 +122,7 @@ pub(crate) fn detail(
             hint: Some("see `holdpoint registry list`".to_owned()),
         });
     };
-    let dossier = full_evidence_file(dossiers, id, &stored.evidence);
+    let evidence_file = full_evidence_file(evidence_files, id, &stored.evidence);
     let (_, _, member) = record.version_table().version(id)?;
     let capability = &member.capability;
     let against = against(record, id);
@@ -135,7 +135,7 @@ pub(crate) fn detail(
     };
     let mut audit = bounded(views.audit(&filter)?);
     audit.iter_mut().for_each(shorten);
-    let assessed = dossier.kappas.is_some();
+    let assessed = evidence_file.kappas.is_some();
     let detail = Detail {
         version: id.clone(),
         against: against.as_ref().map(Capability::id),
@@ -144,24 +144,24 @@ pub(crate) fn detail(
         summary: capability.submission.summary.clone(),
         author: stored.summary.author.clone(),
         provenance: stored.summary.provenance,
-        risk: dossier.risk.as_ref().map_or(stored.summary.risk, |risk| risk.class),
-        risk_causes: dossier.risk.as_ref().map(|risk| risk.causes.clone()).unwrap_or_default(),
+        risk: evidence_file.risk.as_ref().map_or(stored.summary.risk, |risk| risk.class),
+        risk_causes: evidence_file.risk.as_ref().map(|risk| risk.causes.clone()).unwrap_or_default(),
         requester: member.origin.requester.clone(),
         registered_ms: stored.registered_ms,
-        dimensions: dossier.dimensions(&context.profile),
-        composite: dossier.composite(&context.profile),
-        reasons: reasons(&dossier),
-        conditions: dossier.conditions.clone(),
-        why: check_explanation::whys(&dossier, &reasons(&dossier)),
+        dimensions: evidence_file.dimensions(&context.profile),
+        composite: evidence_file.composite(&context.profile),
+        reasons: reasons(&evidence_file),
+        conditions: evidence_file.conditions.clone(),
+        why: check_explanation::rationales(&evidence_file, &reasons(&evidence_file)),
         differences: against.map_or_else(Vec::new, |active| version_differences(Some(&active), capability)),
-        behavior: behavior(&dossier),
-        modes: modes(&dossier),
-        drills: drills(&dossier),
+        behavior: behavior(&evidence_file),
+        modes: modes(&evidence_file),
+        drills: drills(&evidence_file),
         decisions: explained.map_or_else(Vec::new, |all| all.decisions),
         audit,
-        evidence: if assessed { Some(dossier.digest()?) } else { None },
+        evidence: if assessed { Some(evidence_file.digest()?) } else { None },
         untested: if assessed {
-            crate::people::request_display::untested(&dossier).iter().map(ToString::to_string).collect()
+            crate::people::request_display::untested(&evidence_file).iter().map(ToString::to_string).collect()
         } else {
             Vec::new()
         },
@@ -172,9 +172,9 @@ pub(crate) fn detail(
 /// What a version would replace, or has replaced.
 fn against(record: &EngineRecorder, id: &CapabilityId) -> Option<Capability> {
     let entry = record.version_table().family(&id.family).ok()?;
-    let (_, standing, _) = entry.find(id)?;
-    let other = match standing.state {
-        State::Active | State::Superseded | State::RolledBack => standing.predecessor,
+    let (_, lifecycle, _) = entry.find(id)?;
+    let other = match lifecycle.state {
+        State::Active | State::Superseded | State::RolledBack => lifecycle.predecessor,
         State::Registered
         | State::Validated
         | State::Sandboxed
@@ -225,11 +225,11 @@ fn shorten(row: &mut AuditRecord) {
 /// Everything known of a version. Of a version in the history an engine keeps only the summary; its measurements come
 /// from the record.
 pub(crate) fn full_evidence_file(
-    dossiers: &EvidenceFiles,
+    evidence_files: &EvidenceFiles,
     id: &CapabilityId,
     evidence: &[EvidenceEntry],
 ) -> EvidenceFile {
-    let known = dossiers.of(id).cloned().unwrap_or_default();
+    let known = evidence_files.of(id).cloned().unwrap_or_default();
     let mut whole = if known.pairs.is_empty() && known.alone.is_empty() {
         match newest_evidence_file(evidence) {
             Some(stored) if known.kappas.is_some() => {
@@ -258,9 +258,9 @@ fn newest_evidence_file(evidence: &[EvidenceEntry]) -> Option<EvidenceFile> {
 }
 
 /// The reasons of the last decision first, then those of the dimensions that are not among them.
-fn reasons(dossier: &EvidenceFile) -> Vec<Reason> {
-    let mut all = dossier.reasons.clone();
-    if let Some(kappas) = &dossier.kappas {
+fn reasons(evidence_file: &EvidenceFile) -> Vec<Reason> {
+    let mut all = evidence_file.reasons.clone();
+    if let Some(kappas) = &evidence_file.kappas {
         let dimensions = [
             &kappas.interface.reasons,
             &kappas.policy.reasons,

@@ -41,13 +41,13 @@ impl SnapshotView<'_> {
             for (member, version) in entry.members.iter().zip(&entry.state.versions) {
                 let id = member.capability.id();
                 let baseline = member.capability.submission.parent.is_none();
-                let is_asked_about = self.approvals.of(&id).is_some();
+                let has_request = self.approvals.of(&id).is_some();
                 let rests = baseline && matches!(version.state, State::Active | State::Superseded);
-                if rests && !is_asked_about {
+                if rests && !has_request {
                     continue;
                 }
                 let empty = EvidenceFile::default();
-                let dossier = self.evidence_files.of(&id).unwrap_or(&empty);
+                let evidence_file = self.evidence_files.of(&id).unwrap_or(&empty);
                 let submission = &member.capability.submission;
                 candidates.push(CandidateView {
                     version: id,
@@ -60,24 +60,24 @@ impl SnapshotView<'_> {
                     row_version: member.row_version,
                     author: submission.author.clone(),
                     provenance: submission.provenance,
-                    risk: dossier.risk.as_ref().map_or(submission.estimated_risk, |risk| risk.class),
-                    progress: dossier.progress.clone(),
-                    dimensions: dossier.dimensions(&self.context.profile),
-                    composite: dossier.composite(&self.context.profile),
-                    pairs: pairs(dossier),
-                    drills: dossier.drills,
-                    shadow: shadow(dossier, &self.context.profile.evaluation),
-                    reasons: dossier.reasons.clone(),
-                    conditions: dossier.conditions.clone(),
-                    deployment: dossier.deployment,
-                    held: dossier.held,
-                    closed: version.closed.union(&dossier.closed).copied().collect(),
+                    risk: evidence_file.risk.as_ref().map_or(submission.estimated_risk, |risk| risk.class),
+                    progress: evidence_file.progress.clone(),
+                    dimensions: evidence_file.dimensions(&self.context.profile),
+                    composite: evidence_file.composite(&self.context.profile),
+                    pairs: pairs(evidence_file),
+                    drills: evidence_file.drills,
+                    shadow: shadow(evidence_file, &self.context.profile.evaluation),
+                    reasons: evidence_file.reasons.clone(),
+                    conditions: evidence_file.conditions.clone(),
+                    deployment: evidence_file.deployment,
+                    held: evidence_file.held,
+                    closed: version.closed.union(&evidence_file.closed).copied().collect(),
                     stale: stale_causes(
                         self.context,
                         self.record.version_table(),
                         &member.capability,
                         version.state,
-                        dossier,
+                        evidence_file,
                     ),
                 });
             }

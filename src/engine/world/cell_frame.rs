@@ -107,7 +107,7 @@ pub fn blocks(world: &World) -> Vec<SceneBlock> {
         half_m: half_m.map(narrow),
         turn: turn(&pose.rotation),
     };
-    world.standing().into_iter().map(block).collect()
+    world.fixtures().into_iter().map(block).collect()
 }
 
 /// What touches what, as it truly is: for display alone.

@@ -323,17 +323,17 @@ impl RunningSequence {
             let at_work = view.active(&Agent::select(task)).map(Capability::id);
             let mut supervise = |handle: &mut ActuatorHandle<'_, InstrumentedWorld>, passed: &Tick<'_>| {
                 let halted = handle.body().is_halted();
-                let asked = listener.tick(handle.body().world(), task, passed);
+                let supervision = listener.tick(handle.body().world(), task, passed);
                 let watched = match (&mut supervisor, &at_work) {
                     (Some(supervisor), Some(id)) => supervisor.tick(id, started + passed.tick, passed),
                     _ => Supervision::Continue,
                 };
                 // Who steps in is on record as such, whatever the monitor says in the same tick.
-                let steps_in = halted || asked == Supervision::StepIn;
+                let steps_in = halted || supervision == Supervision::StepIn;
                 match (steps_in, watched.stops()) {
                     (true, _) => Supervision::StepIn,
                     (false, true) => watched,
-                    (false, false) => asked,
+                    (false, false) => supervision,
                 }
             };
             let worked = agent.dispatch(view, arm, terms, task, seed, &mut supervise);
@@ -348,8 +348,8 @@ impl RunningSequence {
                         supervisor.ended(&dispatched.id, &dispatched.record);
                     }
                     if verdicts.len() < VERDICTS_MAX {
-                        let kept = verdict.map(|verdict| (self.sequence, dispatched.id.clone(), verdict));
-                        verdicts.extend(kept);
+                        let entry = verdict.map(|verdict| (self.sequence, dispatched.id.clone(), verdict));
+                        verdicts.extend(entry);
                     }
                     let done = dispatched.record.success && !arm.body().is_halted();
                     report.tasks.push(dispatched);

@@ -149,14 +149,14 @@ impl Listener for SequenceEscort {
                 halted: self.switch.is_halted(),
             });
         }
-        let asked =
+        let supervision =
             self.shadow.as_mut().map_or(Supervision::Continue, |shadow| shadow.tick(world, task, passed));
         self.painter.tick(world, task, passed, self.shadow.as_ref(), self.stopped.is_some());
         if self.stopped.is_some() {
             return Supervision::StepIn;
         }
         self.throttle.wait(world.tick());
-        asked
+        supervision
     }
 }
 

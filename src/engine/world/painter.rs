@@ -16,16 +16,16 @@ use holdpoint_protocol::video_frame::{ArmView, EnvelopeView, Twin, VideoFrame};
 use holdpoint_runtime::task::{Supervision, Tick};
 
 /// Ticks between two video frames: 30 a second of simulated time.
-const PICTURE_EVERY_TICKS: u64 = (RATE_HZ / 30) as u64;
+const FRAME_EVERY_TICKS: u64 = (RATE_HZ / 30) as u64;
 
 /// The most video frames kept of a twin: a minute.
-const TWIN_PICTURES_MAX: usize = 1_800;
+const TWIN_FRAMES_MAX: usize = 1_800;
 
 /// Who works which task of a sequence, and the envelope that holds them.
 pub(crate) type SequenceVersions = Vec<(TaskKind, CapabilityId, EnvelopeView)>;
 
 pub(crate) struct Painter {
-    pictures: VideoFrameSink,
+    sink: VideoFrameSink,
     clock: Clock,
     sequence: u64,
     workers: SequenceVersions,
@@ -35,12 +35,12 @@ pub(crate) struct Painter {
 
 impl Painter {
     pub(crate) const fn new(
-        pictures: VideoFrameSink,
+        sink: VideoFrameSink,
         clock: Clock,
         sequence: u64,
         workers: SequenceVersions,
     ) -> Self {
-        Self { pictures, clock, sequence, workers, twin: Vec::new(), last: None }
+        Self { sink, clock, sequence, workers, twin: Vec::new(), last: None }
     }
 
     pub(crate) fn at_work(&self, task: TaskKind) -> Option<CapabilityId> {
@@ -64,7 +64,7 @@ impl Painter {
         shadow.before_task(world, task, seed);
         let bodies = &mut self.twin;
         shadow.run_twin_ahead(task, seed, &mut |world, passed| {
-            if is_due(passed.tick) && bodies.len() < TWIN_PICTURES_MAX {
+            if is_due(passed.tick) && bodies.len() < TWIN_FRAMES_MAX {
                 bodies.push(cell_frame::body(world, passed.seen));
             }
         });
@@ -85,11 +85,11 @@ impl Painter {
         let seen = passed.seen;
         let contacts = &seen.contacts;
         let twin = shadow.and_then(|shadow| {
-            let index = usize::try_from(passed.tick / PICTURE_EVERY_TICKS).unwrap_or(usize::MAX);
+            let index = usize::try_from(passed.tick / FRAME_EVERY_TICKS).unwrap_or(usize::MAX);
             let body = self.twin.get(index).or_else(|| self.twin.last())?.clone();
             Some(Twin { version: shadow.id(), body })
         });
-        let picture = VideoFrame {
+        let frame = VideoFrame {
             sequence: self.sequence,
             at_ms: cell_frame::at_ms(&self.clock, world),
             at_secs: world.sim_secs(),
@@ -106,14 +106,14 @@ impl Painter {
             stopped: stopped || world.stop_declared().is_some(),
             twin,
         };
-        self.last = Some(picture.clone());
-        (self.pictures)(picture);
+        self.last = Some(frame.clone());
+        (self.sink)(frame);
     }
 
     /// The sequence is over: the arm at rest, if there was anything to draw.
     pub(crate) fn rest(&mut self, world: &World, stopped: bool) {
         let Some(last) = self.last.take() else { return };
-        (self.pictures)(VideoFrame {
+        (self.sink)(VideoFrame {
             at_ms: cell_frame::at_ms(&self.clock, world),
             at_secs: world.sim_secs(),
             task: None,
@@ -130,7 +130,7 @@ impl Painter {
 }
 
 const fn is_due(tick: u64) -> bool {
-    tick % PICTURE_EVERY_TICKS == 1
+    tick % FRAME_EVERY_TICKS == 1
 }
 
 /// Draws a sequence that runs in one slice, for a candidate in shadow as well.
@@ -145,16 +145,16 @@ impl Listener for SequencePainter<'_> {
     }
 
     fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
-        let asked =
+        let supervision =
             self.shadow.as_mut().map_or(Supervision::Continue, |shadow| shadow.tick(world, task, passed));
         self.painter.tick(world, task, passed, self.shadow.as_deref(), false);
-        asked
+        supervision
     }
 }
 
 /// Draws the arm while the ladder moves it: no task runs, and time continues from the present clock.
 pub(crate) struct LadderPainter {
-    pictures: VideoFrameSink,
+    sink: VideoFrameSink,
     clock: Clock,
     from_ms: u64,
     sequence: u64,
@@ -165,14 +165,14 @@ pub(crate) struct LadderPainter {
 
 impl LadderPainter {
     pub(crate) fn new(
-        pictures: VideoFrameSink,
+        sink: VideoFrameSink,
         clock: Clock,
         sequence: u64,
         version: CapabilityId,
         envelope: EnvelopeView,
     ) -> Self {
         let from_ms = clock.now_ms();
-        Self { pictures, clock, from_ms, sequence, version, envelope, ticks: 0 }
+        Self { sink, clock, from_ms, sequence, version, envelope, ticks: 0 }
     }
 
     pub(crate) fn tick(&mut self, world: &World) {
@@ -184,7 +184,7 @@ impl LadderPainter {
         let at_ms = if self.clock.is_scripted() { self.from_ms + passed_ms } else { self.clock.now_ms() };
         let seen = world.telemetry();
         let contacts = &seen.contacts;
-        (self.pictures)(VideoFrame {
+        (self.sink)(VideoFrame {
             sequence: self.sequence,
             at_ms,
             at_secs: world.sim_secs(),

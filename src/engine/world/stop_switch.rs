@@ -14,7 +14,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Caller, Request};
 
 /// The most stops that wait to be put on record, and the most ids that are known.
-const ASKED_MAX: usize = 64;
+const STOPS_MAX: usize = 64;
 
 /// No tick yet.
 const NEVER: u64 = u64::MAX;
@@ -52,11 +52,11 @@ pub struct StopSwitch {
     /// Ticks that the body has stepped, all sequences together.
     stepped: AtomicU64,
     /// Of these, those stepped when the halt was asked for.
-    asked_at: AtomicU64,
+    halted_at: AtomicU64,
     /// Ticks from the halt to the standing arm.
     stood_after: AtomicU64,
     /// What was asked.
-    asked: Mutex<StopQueue>,
+    queue: Mutex<StopQueue>,
     /// Requests that take authority away and that the engine has not taken yet.
     brakes: AtomicUsize,
     braking: Mutex<BrakeState>,
@@ -70,7 +70,7 @@ struct BrakeState {
     /// Ids of requests.
     waiting: BTreeSet<String>,
     /// Time of the newest stop of the arm: by a request that takes authority away, or by a person's stop.
-    told: Option<Instant>,
+    last_stop: Option<Instant>,
 }
 
 /// What reaches into an engine from other threads; it may be there before the engine is.
@@ -89,9 +89,9 @@ impl Default for StopSwitch {
             stop: AtomicU64::new(0),
             halted: AtomicBool::new(false),
             stepped: AtomicU64::new(0),
-            asked_at: AtomicU64::new(0),
+            halted_at: AtomicU64::new(0),
             stood_after: AtomicU64::new(NEVER),
-            asked: Mutex::default(),
+            queue: Mutex::default(),
             brakes: AtomicUsize::new(0),
             braking: Mutex::default(),
         }
@@ -124,7 +124,7 @@ impl StopSwitch {
     /// Time of the newest stop of the arm, by a request that takes authority away or by a person's stop.
     #[must_use]
     pub fn braked_at(&self) -> Option<Instant> {
-        self.braking().told
+        self.braking().last_stop
     }
 
     /// Whether a sequence is being worked.
@@ -149,10 +149,10 @@ impl StopSwitch {
     pub(crate) fn brake(&self, request: &Request) {
         let Some(version) = request.command.takes_from() else { return };
         let mut braking = self.braking();
-        let asks = request.command.needs_last_confirmation();
-        let meant = |(id, last): &(CapabilityId, bool)| id == version && !(asks && *last);
+        let needs_confirmation = request.command.needs_last_confirmation();
+        let meant = |(id, last): &(CapabilityId, bool)| id == version && !(needs_confirmation && *last);
         if braking.at_work.iter().any(meant) {
-            braking.told = Some(Instant::now());
+            braking.last_stop = Some(Instant::now());
             braking.waiting.insert(request.id.clone());
             self.brakes.store(braking.waiting.len(), Ordering::Release);
         }
@@ -171,32 +171,32 @@ impl StopSwitch {
 
     /// A person stops the cell. Requests while it is stopped are recorded too: their senders may know of another
     /// cause. Beyond 64 requests in one turn of the engine, one record covers the rest.
-    pub fn halt(&self, asked: StopRequest) {
+    pub fn halt(&self, request: StopRequest) {
         // A thread that panicked with the lock held left a whole value; stopping must not fail for that.
-        let mut slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut queue = self.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let first = !self.is_halted();
         if first {
             self.latch();
-            self.braking().told = Some(Instant::now());
+            self.braking().last_stop = Some(Instant::now());
         }
-        if first || (slot.waiting.len() < ASKED_MAX && !slot.known.contains(&asked.id)) {
-            slot.known.push_back(asked.id.clone());
-            if slot.known.len() > ASKED_MAX {
-                slot.known.pop_front();
+        if first || (queue.waiting.len() < STOPS_MAX && !queue.known.contains(&request.id)) {
+            queue.known.push_back(request.id.clone());
+            if queue.known.len() > STOPS_MAX {
+                queue.known.pop_front();
             }
-            slot.waiting.push_back(asked);
+            queue.waiting.push_back(request);
         }
     }
 
     /// Whether a stop of this id was asked for, as far back as ids are kept.
     pub(crate) fn knows(&self, id: &str) -> bool {
-        let slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        slot.known.iter().any(|known| known == id)
+        let queue = self.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        queue.known.iter().any(|known| known == id)
     }
 
     /// The cell was stopped before: there is no new request.
     pub(crate) fn latch(&self) {
-        self.asked_at.store(self.stepped.load(Ordering::Acquire), Ordering::Release);
+        self.halted_at.store(self.stepped.load(Ordering::Acquire), Ordering::Release);
         self.stood_after.store(NEVER, Ordering::Release);
         self.halted.store(true, Ordering::Release);
     }
@@ -209,29 +209,29 @@ impl StopSwitch {
 
     /// Lets the arm run again. Refused, with `false`, while a stop is not recorded yet.
     pub(crate) fn release(&self) -> bool {
-        let slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if slot.waiting.is_empty() {
+        let queue = self.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if queue.waiting.is_empty() {
             self.halted.store(false, Ordering::Release);
         }
-        slot.waiting.is_empty()
+        queue.waiting.is_empty()
     }
 
     /// The first stop that is not on record yet.
-    pub(crate) fn first_asked(&self) -> Option<StopRequest> {
-        let slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        slot.waiting.front().cloned()
+    pub(crate) fn first_stop(&self) -> Option<StopRequest> {
+        let queue = self.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        queue.waiting.front().cloned()
     }
 
     /// The first stop is on record, or kept beside it.
-    pub(crate) fn took_asked(&self) {
-        self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner).waiting.pop_front();
+    pub(crate) fn pop_stop(&self) {
+        self.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).waiting.pop_front();
     }
 
     /// The body has stepped; `stands` is the number of ticks at standstill, while the cell is stopped.
     pub(crate) fn stepped(&self, stands: Option<u64>) {
         let now = self.stepped.fetch_add(1, Ordering::AcqRel) + 1;
         if let Some(since) = stands {
-            let after = now.saturating_sub(self.asked_at.load(Ordering::Acquire)).saturating_sub(since);
+            let after = now.saturating_sub(self.halted_at.load(Ordering::Acquire)).saturating_sub(since);
             // The first standstill is the one that counts.
             let _ = self.stood_after.compare_exchange(NEVER, after, Ordering::AcqRel, Ordering::Acquire);
         }
@@ -243,7 +243,7 @@ impl StopSwitch {
         if after != NEVER {
             return Some(after);
         }
-        let still = self.stepped.load(Ordering::Acquire) == self.asked_at.load(Ordering::Acquire);
+        let still = self.stepped.load(Ordering::Acquire) == self.halted_at.load(Ordering::Acquire);
         (!at_work && still).then_some(0)
     }
 }
@@ -253,7 +253,7 @@ mod tests {
     use super::*;
     use holdpoint_protocol::command::{Command, Operation};
 
-    fn asked(by: &str) -> StopRequest {
+    fn stop_request(by: &str) -> StopRequest {
         StopRequest { id: by.to_owned(), by: by.to_owned(), reason: String::new(), caller: Caller::Script }
     }
 
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_works_while_a_request_waits_that_takes_authority_from_who_is_at_work() {
+    fn nothing_runs_while_a_request_that_takes_authority_waits() {
         let switch = StopSwitch::default();
         let (last, other) = ("grasp@1.0.0", "align@1.1.0");
         switch.work_under(vec![(last.parse().unwrap(), true), (other.parse().unwrap(), false)]);
@@ -282,14 +282,14 @@ mod tests {
             by: "ana".to_owned(),
             reason: "a test".to_owned(),
         };
-        let ask = |id: &str, command: Command| switch.brake(&Request::unsigned(id.to_owned(), command));
-        ask("1", Command::Rollback(operation("align@1.0.0")));
-        ask("2", Command::Pause(operation(other)));
+        let brake = |id: &str, command: Command| switch.brake(&Request::unsigned(id.to_owned(), command));
+        brake("1", Command::Rollback(operation("align@1.0.0")));
+        brake("2", Command::Pause(operation(other)));
         // No version would take over: the console asks back, and the arm continues.
-        ask("3", Command::Rollback(operation(last)));
+        brake("3", Command::Rollback(operation(last)));
         assert!(!switch.lets_nothing_work());
-        ask("4", Command::Vacate(operation(last)));
-        ask("5", Command::Reject(operation(other)));
+        brake("4", Command::Vacate(operation(last)));
+        brake("5", Command::Reject(operation(other)));
         assert!(switch.stops(1) && switch.stops(2), "nor does a sequence that begins meanwhile");
         switch.taken("4");
         switch.taken("4");
@@ -303,14 +303,14 @@ mod tests {
         let switch = StopSwitch::default();
         switch.begin(1);
         switch.stepped(None);
-        switch.halt(asked("ana"));
-        switch.halt(asked("bo"));
+        switch.halt(stop_request("ana"));
+        switch.halt(stop_request("bo"));
         // The same request, once at the socket and once from the engine.
-        switch.halt(asked("bo"));
+        switch.halt(stop_request("bo"));
         assert!(switch.is_halted() && switch.stops(1) && switch.stops(2));
         assert!(!switch.release(), "it is not on record yet");
-        let take = || switch.first_asked().inspect(|_| switch.took_asked());
-        let on_record: Vec<String> = std::iter::from_fn(take).map(|asked| asked.by).collect();
+        let take = || switch.first_stop().inspect(|_| switch.pop_stop());
+        let on_record: Vec<String> = std::iter::from_fn(take).map(|request| request.by).collect();
         assert_eq!(on_record, ["ana", "bo"]);
         assert_eq!(switch.ticks_to_standstill(true), None);
         for _ in 0..30 {
@@ -321,7 +321,7 @@ mod tests {
         assert_eq!(switch.ticks_to_standstill(true), Some(31 - 12));
         assert!(switch.release() && !switch.is_halted());
         // An arm that is not at work stands at once.
-        switch.halt(asked("bo"));
+        switch.halt(stop_request("bo"));
         assert_eq!((switch.ticks_to_standstill(true), switch.ticks_to_standstill(false)), (None, Some(0)));
     }
 }

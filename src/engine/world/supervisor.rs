@@ -88,9 +88,9 @@ impl SequenceSupervisor {
         }
         watched.announced = decision.action;
         if decision.action == MonitorAction::Escalate
-            && let Some(Ok(mut told)) = self.questions.as_ref().map(|questions| questions.lock())
+            && let Some(Ok(mut queue)) = self.questions.as_ref().map(|questions| questions.lock())
         {
-            told.push((watched.clone(), decision));
+            queue.push((watched.clone(), decision));
             return Supervision::Continue;
         }
         let stops = decision.action >= MonitorAction::Restrict;

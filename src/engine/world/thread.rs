@@ -89,12 +89,12 @@ impl LiveThread {
         &mut self,
         mut begun: StartedSequence,
         shadow: Option<Shadow>,
-        pictures: VideoFrameSink,
+        sink: VideoFrameSink,
         clock: Clock,
     ) -> Result<(), EngineFault> {
         self.number += 1;
         begun.tell_at_once(Arc::clone(&self.questions));
-        let painter = Painter::new(pictures, clock.clone(), begun.index(), begun.workers());
+        let painter = Painter::new(sink, clock.clone(), begun.index(), begun.workers());
         let shared = (Arc::clone(&self.switch), Arc::clone(&self.pace));
         let mut escort = SequenceEscort::new(painter, self.number, shadow, shared, clock);
         self.switch.begin(self.number);

@@ -155,9 +155,9 @@ fn shelve(
     if shelf.reason.is_blank() {
         return Err(AlarmError::NoReason(key()));
     }
-    let asked_ms = shelf.until.ms() - wall.ms();
-    if asked_ms <= 0 || asked_ms.unsigned_abs() > SHELF_MS_MAX {
-        return Err(AlarmError::ShelfTime { asked_ms, max_ms: SHELF_MS_MAX });
+    let requested_ms = shelf.until.ms() - wall.ms();
+    if requested_ms <= 0 || requested_ms.unsigned_abs() > SHELF_MS_MAX {
+        return Err(AlarmError::ShelfTime { requested_ms, max_ms: SHELF_MS_MAX });
     }
     Ok(set(alarm, now_ms, |alarm| alarm.shelf = Some(shelf)))
 }

@@ -102,7 +102,7 @@ fn request(risk: Risk, quorum: u8) -> QuorumRequest {
 }
 
 /// The humans a result may rest on, as the walk sees them, under any name.
-fn counted<'a>(given: &'a [&TrueVote], request: &QuorumRequest, now: WallTime) -> Vec<&'a TrueVote> {
+fn counted<'a>(votes: &'a [&TrueVote], request: &QuorumRequest, now: WallTime) -> Vec<&'a TrueVote> {
     let counts = |one: &&&TrueVote| {
         let role = match request.risk {
             Risk::Low => one.vote.role != Role::Admin,
@@ -114,7 +114,7 @@ fn counted<'a>(given: &'a [&TrueVote], request: &QuorumRequest, now: WallTime) -
             && !PARTIES.contains(&one.human)
             && role
     };
-    given.iter().filter(counts).copied().collect()
+    votes.iter().filter(counts).copied().collect()
 }
 
 /// The violated invariant of a result, if any.
@@ -169,8 +169,8 @@ fn walk(rules: impl ApprovalRules, most: usize) -> (usize, Option<&'static str>)
     let mut worlds = 0;
     for size in 0..=most {
         for choice in &chosen {
-            let given: Vec<&TrueVote> = choice.iter().map(|index| &all[*index]).collect();
-            let votes: Vec<Vote> = given.iter().map(|one| one.vote.clone()).collect();
+            let true_votes: Vec<&TrueVote> = choice.iter().map(|index| &all[*index]).collect();
+            let votes: Vec<Vote> = true_votes.iter().map(|one| one.vote.clone()).collect();
             for (risk, quorum) in
                 Risk::ALL.into_iter().flat_map(|risk| [1, 2, 3].map(|quorum| (risk, quorum)))
             {
@@ -180,7 +180,7 @@ fn walk(rules: impl ApprovalRules, most: usize) -> (usize, Option<&'static str>)
                 {
                     worlds += 1;
                     let outcome = evaluate_under(rules, &request, &votes, now, settings).outcome;
-                    if let Some(wrong) = problem(&given, &request, now, settings, &outcome) {
+                    if let Some(wrong) = problem(&true_votes, &request, now, settings, &outcome) {
                         return (worlds, Some(wrong));
                     }
                 }

@@ -285,9 +285,10 @@ pub(super) fn verdict(harm: &[HarmComparison]) -> HarmVerdict {
 /// the active version does. How much more it asks for is a measure of harm like any other.
 pub(super) fn limit_request_concern(pairs: &[Pair], profile: &Profile) -> Option<Reason> {
     let beyond = |measures: HarmMeasures| measures.excess_depth > 0.0;
-    let asked = pairs.iter().filter(|pair| pair.candidate.harm.is_some_and(beyond)).count() as u64;
+    let excess_episodes = pairs.iter().filter(|pair| pair.candidate.harm.is_some_and(beyond)).count() as u64;
     let episodes = pairs.len() as u64;
-    let lower = stats::wilson_lower(asked, episodes, UPPER_ALPHA).ok()?;
+    let lower = stats::wilson_lower(excess_episodes, episodes, UPPER_ALPHA).ok()?;
     let allowed = profile.harm.asking_share_max;
-    (lower > allowed).then(|| reason(Finding::AsksMore { asked, episodes }).with(lower, allowed))
+    (lower > allowed)
+        .then(|| reason(Finding::AsksMore { asked: excess_episodes, episodes }).with(lower, allowed))
 }

@@ -14,7 +14,7 @@
 use holdpoint_body::TaskKind;
 use serde::{Deserialize, Serialize};
 
-use super::{BehaviorAssessment, SUSPICIOUS_FACTOR, conditions_of_doubt, real_pairs, reason};
+use super::{BehaviorAssessment, SUSPICIOUS_FACTOR, concern_conditions, real_pairs, reason};
 use crate::decision::ReasonCode;
 use crate::evidence::EpisodeValues;
 use crate::finding::{EvidenceGap, Finding, SequenceEnds};
@@ -293,13 +293,13 @@ impl SequenceEvidence {
             let mut steps = pair.active.iter().chain(&pair.candidate);
             steps.all(|step| step.values.is_valid()) && seeds.insert(pair.seed)
         };
-        let (ran, asked, reached) =
+        let (ran, budget, reached) =
             (self.pairs.len() as u64, u64::from(self.wanted), self.reached().count() as u64);
         if self.beside.len() + 1 < TaskKind::SEQUENCE.len() {
             Some(Finding::SequencesNotRun)
-        } else if ran < asked {
-            Some(Finding::TooFewSequences { ran, asked })
-        } else if (reached as f64) < REACHED_SHARE * asked as f64 {
+        } else if ran < budget {
+            Some(Finding::TooFewSequences { ran, asked: budget })
+        } else if (reached as f64) < REACHED_SHARE * budget as f64 {
             Some(Finding::TooFewHandovers { reached, ran })
         } else if !self.pairs.iter().all(plausible) {
             Some(Finding::SequenceGap { gap: EvidenceGap::Implausible })
@@ -363,7 +363,7 @@ pub fn apply_sequences(
     assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
     if worse.is_empty() {
         assessment.outcome = BehaviorOutcome::Suspicious;
-        assessment.conditions = conditions_of_doubt(profile);
+        assessment.conditions = concern_conditions(profile);
     } else {
         assessment.outcome = BehaviorOutcome::Incompatible;
         assessment.conditions.clear();

@@ -23,8 +23,8 @@ pub(super) fn changes(before: &FamilyState, after: &FamilyState) -> Vec<Lifecycl
         if old.flags != new.flags {
             out.push(LifecycleChange::Flags { version, from: old.flags, to: new.flags });
         }
-        let standing = |v: &Version| (v.round, v.predecessor, v.sandbox, v.shadow, v.gate, v.approval);
-        if standing(old) != standing(new) || old.closed != new.closed {
+        let stored_facts = |v: &Version| (v.round, v.predecessor, v.sandbox, v.shadow, v.gate, v.approval);
+        if stored_facts(old) != stored_facts(new) || old.closed != new.closed {
             out.push(LifecycleChange::Standing { version });
         }
     }

@@ -7,12 +7,12 @@ impl State {
     /// running, and only its confirmation waits. A confirmed version has nothing to pause.
     #[must_use]
     pub const fn may_pause(self, flags: &VersionFlags) -> bool {
-        let on_its_way = match self {
+        let pausable = match self {
             Self::Registered | Self::Validated | Self::Sandboxed | Self::Shadowed | Self::Demoted => true,
             Self::Active => flags.provisional,
             Self::Rejected | Self::RolledBack | Self::Superseded => false,
         };
-        on_its_way && !flags.paused
+        pausable && !flags.paused
     }
 
     /// Whether a person may resume a version in this state: it was paused, or it is a candidate on hold by the gate or
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_paused_can_go_on_and_what_goes_on_is_not_paused() {
+    fn a_paused_version_can_resume_and_a_resumed_one_runs() {
         for state in State::ALL {
             for provisional in [false, true] {
                 let free = VersionFlags { provisional, ..VersionFlags::default() };

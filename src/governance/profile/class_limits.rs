@@ -17,15 +17,15 @@ struct ClassLimit {
     path: &'static str,
     /// From this class on.
     from: ProfileName,
-    said: &'static str,
+    phrase: &'static str,
 }
 
-const fn real(path: &'static str, said: &'static str) -> ClassLimit {
-    ClassLimit { path, from: ProfileName::Real, said }
+const fn real(path: &'static str, phrase: &'static str) -> ClassLimit {
+    ClassLimit { path, from: ProfileName::Real, phrase }
 }
 
-const fn human(path: &'static str, said: &'static str) -> ClassLimit {
-    ClassLimit { path, from: ProfileName::Human, said }
+const fn human(path: &'static str, phrase: &'static str) -> ClassLimit {
+    ClassLimit { path, from: ProfileName::Human, phrase }
 }
 
 const MOTION: &str = "tighter motion thresholds";
@@ -153,17 +153,17 @@ pub(crate) fn less_strict_than_allowed(profile: &Profile) -> Option<FieldProblem
     let value = |numbers: &[(String, f64)], path: &str| {
         numbers.iter().find(|(name, _)| name == path).map_or(f64::NAN, |(_, value)| *value)
     };
-    STRICTER.iter().filter(|one| profile.name >= one.from).find_map(|ClassLimit { path, said, .. }| {
+    STRICTER.iter().filter(|one| profile.name >= one.from).find_map(|ClassLimit { path, phrase, .. }| {
         let (own, bound) = (value(&own, path), value(&bounds, path));
         let tighter = FIELDS.iter().find(|field| field.path == *path).map(|field| field.tighter);
-        let (fits, words) = match tighter {
+        let (fits, relation) = match tighter {
             Some(StricterDirection::Lower) => (own <= bound, "at most"),
             Some(StricterDirection::Higher) => (own >= bound, "at least"),
             Some(StricterDirection::Neither) | None => (false, "nothing but"),
         };
         let (class, before) = (profile.name, before.name);
         let allowed =
-            format!("{words} {bound}, the number of {before}: {said} are what makes the class {class}");
+            format!("{relation} {bound}, the number of {before}: {phrase} are what makes the class {class}");
         (!fits).then(|| ((*path).to_owned(), own.to_string(), allowed))
     })
 }
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_class_is_never_looser_than_the_one_before_it_where_the_paper_says_so() {
+    fn a_class_is_never_less_strict_than_the_one_before_it() {
         for one in STRICTER {
             let field = FIELDS.iter().find(|field| field.path == one.path).unwrap();
             let mut value = serde_json::to_value(Profile::builtin(ProfileName::Human).unwrap()).unwrap();

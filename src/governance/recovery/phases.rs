@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lifts_at_once_need_not_be_rehearsed_where_the_object_stands() {
+    fn a_lift_without_a_standing_object_needs_no_drill_there() {
         let good = drills(DrillKind::Abort, WorkPhase::Lifting, of(10, 0));
         let mut without = good;
         for kind in DrillKind::ALL {
@@ -242,24 +242,24 @@ mod tests {
     }
 
     #[test]
-    fn a_weakness_of_the_active_version_is_said() {
+    fn an_active_versions_weakness_is_reported() {
         let weak = drills(DrillKind::Detect, WorkPhase::Lifting, of(2, 8));
         let found = phase_judgement(&weak, &weak).assessment;
-        let said = found.reasons.iter().filter(|reason| reason.code == ReasonCode::RecoveryActiveWeak);
-        assert_eq!(said.count(), 1, "the phase, and no kind as a whole: {:?}", found.reasons);
+        let reasons = found.reasons.iter().filter(|reason| reason.code == ReasonCode::RecoveryActiveWeak);
+        assert_eq!(reasons.count(), 1, "the phase, and no kind as a whole: {:?}", found.reasons);
         assert_eq!(found.outcome, RecoveryOutcome::Compatible);
     }
 
     #[test]
-    fn tallies_by_phase_are_kept_as_rows() {
+    fn phase_tallies_are_stored_as_rows() {
         let drills = drills(DrillKind::Abort, WorkPhase::Lifting, of(4, 6));
         let text = serde_json::to_string(&drills).unwrap();
         assert_eq!(serde_json::from_str::<DrillTallies>(&text).unwrap(), drills);
         let row = r#"{"kind":"abort","phase":"lifting","passed":4,"failed":6,"infeasible":0}"#;
         assert!(text.contains(row), "{text}");
         let twice = text.replace("\"phases\":[", &format!("\"phases\":[{row},"));
-        let told = serde_json::from_str::<DrillTallies>(&twice).unwrap_err().to_string();
-        assert!(told.contains("abort drills in lifting are there twice"), "{told}");
+        let error = serde_json::from_str::<DrillTallies>(&twice).unwrap_err().to_string();
+        assert!(error.contains("abort drills in lifting are there twice"), "{error}");
         assert!(!serde_json::to_string(&DrillTallies::default()).unwrap().contains("phases"));
     }
 }

@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_discordance_is_not_zero_doubt() {
+    fn zero_discordance_is_not_certainty() {
         assert!((upper(120, 0, 0) - (1.0 - 0.05f64.powf(1.0 / 120.0))).abs() < 1e-9);
         assert!((upper(300, 0, 0) - (1.0 - 0.05f64.powf(1.0 / 300.0))).abs() < 1e-9);
     }

@@ -15,29 +15,30 @@ const SLACK: f64 = 1e-12;
 
 /// The least number of edited cells that a spot check of `kept` is designed for.
 #[must_use]
-pub const fn assumed_edits(kept: u32) -> u32 {
-    kept.div_ceil(EDITED_ONE_IN)
+pub const fn assumed_edits(cached: u32) -> u32 {
+    cached.div_ceil(EDITED_ONE_IN)
 }
 
 /// The chance that `edited` false cells among `kept` show in `drawn` of them.
 #[must_use]
-pub fn detection_probability(kept: u32, edited: u32, drawn: u32) -> f64 {
-    let drawn = drawn.min(kept);
-    let Some(honest) = kept.checked_sub(edited) else { return 1.0 };
-    if drawn > honest {
+pub fn detection_probability(cached: u32, edited: u32, sampled: u32) -> f64 {
+    let sampled = sampled.min(cached);
+    let Some(honest) = cached.checked_sub(edited) else { return 1.0 };
+    if sampled > honest {
         return 1.0;
     }
-    let missed: f64 = (0..drawn).map(|turn| f64::from(honest - turn) / f64::from(kept - turn)).product();
+    let missed: f64 = (0..sampled).map(|turn| f64::from(honest - turn) / f64::from(cached - turn)).product();
     1.0 - missed
 }
 
 /// Sample size among `kept` cells for [`SPOT_CHECK_POWER`]: 59 of very many, 54 of 300, 19 of 20, all of fewer.
 #[must_use]
-pub fn spot_check(kept: u32) -> u32 {
-    let enough =
-        |drawn: &u32| detection_probability(kept, assumed_edits(kept), *drawn) >= SPOT_CHECK_POWER - SLACK;
+pub fn spot_check(cached: u32) -> u32 {
+    let enough = |sampled: &u32| {
+        detection_probability(cached, assumed_edits(cached), *sampled) >= SPOT_CHECK_POWER - SLACK
+    };
     // With replacement 59 are enough, so they are without it.
-    (0..=kept).find(enough).unwrap_or(kept)
+    (0..=cached).find(enough).unwrap_or(cached)
 }
 
 #[cfg(test)]
@@ -46,8 +47,8 @@ mod tests {
 
     /// Against exact binomial coefficients, computed with Python's `math.comb`.
     #[test]
-    fn as_many_as_the_hypergeometric_distribution_asks_for() {
-        for (kept, drawn) in [
+    fn sample_sizes_match_the_hypergeometric_distribution() {
+        for (cached, sampled) in [
             (1, 1),
             (2, 2),
             (19, 19),
@@ -61,10 +62,11 @@ mod tests {
             (10_000, 59),
             (4_000_000_000, 59),
         ] {
-            assert_eq!(spot_check(kept), drawn, "of {kept}");
+            assert_eq!(spot_check(cached), sampled, "of {cached}");
             assert!(
-                drawn == 0 || detection_probability(kept, assumed_edits(kept), drawn - 1) < SPOT_CHECK_POWER,
-                "of {kept}"
+                sampled == 0
+                    || detection_probability(cached, assumed_edits(cached), sampled - 1) < SPOT_CHECK_POWER,
+                "of {cached}"
             );
         }
         assert_eq!(spot_check(0), 0);

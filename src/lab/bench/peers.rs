@@ -221,11 +221,11 @@ pub fn run(
     if let Some(native) = &settings.native {
         there("the native peer", native)?;
     }
-    let mut taken: Vec<(PeerEngine, Vec<PeerRates>)> =
+    let mut results: Vec<(PeerEngine, Vec<PeerRates>)> =
         PeerEngine::ALL.map(|engine| (engine, Vec::new())).into();
     let mut absent: Vec<(PeerEngine, String)> = Vec::new();
     for round in 0..settings.rounds {
-        for (engine, rates) in &mut taken {
+        for (engine, rates) in &mut results {
             if absent.iter().any(|(gone, _)| gone == engine) {
                 continue;
             }
@@ -236,12 +236,12 @@ pub fn run(
             }
         }
     }
-    taken.retain(|(engine, _)| absent.iter().all(|(gone, _)| gone != engine));
-    if taken.iter().all(|(engine, _)| matches!(engine, PeerEngine::Holdpoint(_))) {
+    results.retain(|(engine, _)| absent.iter().all(|(gone, _)| gone != engine));
+    if results.iter().all(|(engine, _)| matches!(engine, PeerEngine::Holdpoint(_))) {
         let why: Vec<String> = absent.iter().map(|(gone, why)| format!("{}: {why}", gone.name())).collect();
         return Err(PeerError::Alone(why.join("; ")));
     }
-    let rows = rows(&taken)?;
+    let rows = rows(&results)?;
     Ok(PeerReport { rounds: settings.rounds, physics: PHYSICS_NUMBERS, rows, absent })
 }
 
@@ -312,16 +312,16 @@ fn rates_in(text: &str) -> Result<PeerRates, String> {
     if usable { Ok(rates) } else { Err(format!("printed figures that cannot be: {line}")) }
 }
 
-fn rows(taken: &[(PeerEngine, Vec<PeerRates>)]) -> Result<Vec<PeerRow>, PeerError> {
+fn rows(results: &[(PeerEngine, Vec<PeerRates>)]) -> Result<Vec<PeerRow>, PeerError> {
     let of = |engine: &PeerEngine| {
-        taken.iter().find(|(known, _)| known == engine).map(|(_, rates)| rates.as_slice())
+        results.iter().find(|(known, _)| known == engine).map(|(_, rates)| rates.as_slice())
     };
     let ratio = |rates: &[PeerRates], other: Option<&[PeerRates]>| {
         let ratios = rates.iter().zip(other?).map(|(a, b)| a.episodes_per_cpu_s / b.episodes_per_cpu_s);
         middle(ratios.collect())
     };
-    let mut rows = Vec::with_capacity(taken.len());
-    for (engine, rates) in taken {
+    let mut rows = Vec::with_capacity(results.len());
+    for (engine, rates) in results {
         let mean = |of: fn(&PeerRates) -> f64| rates.iter().map(of).sum::<f64>() / rates.len() as f64;
         let (lift_rate, place_rate) = (mean(|one| one.lift_rate), mean(|one| one.place_rate));
         if !(lift_rate >= SUCCESS_MIN && place_rate >= SUCCESS_MIN) {
@@ -389,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn a_peer_that_says_nothing_usable_is_named_and_left_out() {
+    fn a_peer_without_a_usable_result_is_named() {
         let folder = tempfile::tempdir().unwrap();
         for line in [
             "",

@@ -246,7 +246,7 @@ fn one_drill(
 fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let (candidate, terms) = (&subjects.candidate, &subjects.terms);
     let mut live = LiveCell::new(subjects.cell.clone())?;
-    let mut kept = Some(subjects.cell.world()?);
+    let mut spare = Some(subjects.cell.world()?);
     let figure = Figure::new(
         "shadow sequence",
         FigureUnit::Millis,
@@ -254,7 +254,7 @@ fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<Measure
         "live sequence with its twin",
     );
     figure.take(effort, effort.slow_secs, |call| {
-        let fork = match kept.take() {
+        let fork = match spare.take() {
             Some(fork) => fork,
             None => subjects.cell.world()?,
         };
@@ -263,7 +263,7 @@ fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<Measure
         let report = live.run_sequence(&subjects.active, &|_| terms.clone(), seed, &mut shadow, None);
         let worked = report.task(candidate.bundle.task()).map(|done| &done.record);
         let (trace, fork) = shadow.conclude(worked, report.seed);
-        kept = fork;
+        spare = fork;
         // A sequence that ends before the candidate's task has no twin and says nothing about its cost.
         Ok(trace.map(|_| 1))
     })

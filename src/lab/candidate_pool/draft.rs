@@ -77,26 +77,26 @@ impl Draft {
     }
 
     /// Adds a word to a list of the manifest, or takes it away.
-    pub fn set_list_item(&mut self, path: &[&str], word: &str, is_in: bool) {
+    pub fn set_list_item(&mut self, path: &[&str], item: &str, is_in: bool) {
         let Some((name, table)) = self.table(path) else { return };
-        let Some(Value::Array(words)) = table.get_mut(&name) else { return };
-        let old = words.clone();
-        words.retain(|known| known.as_str() != Some(word));
+        let Some(Value::Array(items)) = table.get_mut(&name) else { return };
+        let old = items.clone();
+        items.retain(|known| known.as_str() != Some(item));
         if is_in {
-            words.push(Value::from(word));
+            items.push(Value::from(item));
         }
-        let new = words.clone();
+        let new = items.clone();
         self.note(path.join("."), Some(Value::Array(old)), Some(Value::Array(new)));
     }
 
     /// Adds a word to a list of the manifest that does not have it yet.
-    pub fn add_list_item(&mut self, path: &[&str], word: &str) {
+    pub fn add_list_item(&mut self, path: &[&str], item: &str) {
         let has = self.table(path).is_some_and(|(name, table)| {
-            let words = table.get(&name).and_then(Value::as_array);
-            words.is_some_and(|words| words.iter().any(|known| known.as_str() == Some(word)))
+            let items = table.get(&name).and_then(Value::as_array);
+            items.is_some_and(|items| items.iter().any(|known| known.as_str() == Some(item)))
         });
         if !has {
-            self.set_list_item(path, word, true);
+            self.set_list_item(path, item, true);
         }
     }
 
@@ -120,9 +120,9 @@ impl Draft {
 
     /// The table that holds a path's last name.
     fn table(&mut self, path: &[&str]) -> Option<(String, &mut Table)> {
-        let (last, way) = path.split_last()?;
+        let (last, parents) = path.split_last()?;
         let mut table = &mut self.manifest;
-        for part in way {
+        for part in parents {
             let next = table.entry((*part).to_owned()).or_insert_with(|| Value::Table(Table::new()));
             table = next.as_table_mut()?;
         }

@@ -73,9 +73,9 @@ pub struct SampledPool {
 ///
 /// # Errors
 /// [`PoolError::Sets`]; [`PoolError::Generated`] if a package would not load, which is a fault of the table.
-pub fn draw(order: PoolSpec) -> Result<SampledPool, PoolError> {
-    if !(1..=SETS_MAX).contains(&order.sets) {
-        return Err(PoolError::Sets { sets: order.sets, allowed: SETS_MAX });
+pub fn draw(spec: PoolSpec) -> Result<SampledPool, PoolError> {
+    if !(1..=SETS_MAX).contains(&spec.sets) {
+        return Err(PoolError::Sets { sets: spec.sets, allowed: SETS_MAX });
     }
     let fault = |name: &str, problem: String| PoolError::Generated { name: name.to_owned(), problem };
     let recipes = recipes().map_err(|error| fault("(the table)", error.to_string()))?;
@@ -88,10 +88,10 @@ pub fn draw(order: PoolSpec) -> Result<SampledPool, PoolError> {
         let baseline = baselines.iter().find(|baseline| baseline.id().family.as_str() == family);
         let baseline = baseline.ok_or_else(|| fault(family, "there is no baseline".to_owned()))?;
         let mut drafts = Vec::new();
-        for set in 0..order.sets {
-            drafts.extend(draw_set(order, family, set, baseline, &recipes)?);
+        for set in 0..spec.sets {
+            drafts.extend(draw_set(spec, family, set, baseline, &recipes)?);
         }
-        let mut stream = stream_of(order.seed, family, "names", 0, 0);
+        let mut stream = stream_of(spec.seed, family, "names", 0, 0);
         shuffle(&mut drafts, &mut stream);
         let versions = versions(drafts.len(), &mut stream);
         for (number, ((kind, mechanism, mut draft), version)) in drafts.into_iter().zip(versions).enumerate()
@@ -118,9 +118,9 @@ pub fn draw(order: PoolSpec) -> Result<SampledPool, PoolError> {
     let index = PoolIndex {
         format: FORMAT,
         generator: env!("CARGO_PKG_VERSION").to_owned(),
-        seed: order.seed,
-        preset: order.preset,
-        sets: order.sets,
+        seed: spec.seed,
+        preset: spec.preset,
+        sets: spec.sets,
         truth_digest: sha256(&truth),
         candidates,
     };
@@ -131,8 +131,8 @@ pub fn draw(order: PoolSpec) -> Result<SampledPool, PoolError> {
 ///
 /// # Errors
 /// As [`draw`]; [`PoolError::Exists`] or [`PoolError::File`] if it cannot be written.
-pub fn write(order: PoolSpec, dir: &Path) -> Result<PoolIndex, PoolError> {
-    let drawn = draw(order)?;
+pub fn write(spec: PoolSpec, dir: &Path) -> Result<PoolIndex, PoolError> {
+    let drawn = draw(spec)?;
     let truth = truth_path(dir);
     if let Some(there) = [dir, &truth].into_iter().find(|path| path.exists()) {
         return Err(PoolError::Exists(display_path(there)));
@@ -174,13 +174,13 @@ fn json<T: serde::Serialize>(value: &T) -> Result<Vec<u8>, PoolError> {
 type UnnamedCandidate = (CandidateKind, String, Draft);
 
 fn draw_set(
-    order: PoolSpec,
+    spec: PoolSpec,
     family: &str,
     set: u32,
     baseline: &Capability,
     recipes: &[Recipe],
 ) -> Result<Vec<UnnamedCandidate>, PoolError> {
-    let mut stream = stream_of(order.seed, family, "mechanisms", set, 0);
+    let mut stream = stream_of(spec.seed, family, "mechanisms", set, 0);
     let mut interface = INTERFACE;
     let mut permission = PERMISSION;
     shuffle(&mut interface, &mut stream);
@@ -192,27 +192,27 @@ fn draw_set(
         .partition(|recipe| recipe.makes == RecipeKind::Listed);
     shuffle(&mut ordered, &mut stream);
     ordered.sort_by_key(|recipe| !recipe.first);
-    let ways = |makes: RecipeKind| -> Vec<&Recipe> {
+    let recipes_for = |makes: RecipeKind| -> Vec<&Recipe> {
         ordered.iter().copied().filter(|recipe| recipe.makes == makes).collect()
     };
-    let plain = ways(RecipeKind::Plain);
-    let mut made = Vec::new();
-    for (place, kind) in order.preset.kinds().into_iter().enumerate() {
+    let plain = recipes_for(RecipeKind::Plain);
+    let mut candidates = Vec::new();
+    for (place, kind) in spec.preset.kinds().into_iter().enumerate() {
         let mut draft = Draft::of(baseline)?;
         let place = u32::try_from(place).unwrap_or(u32::MAX);
-        let mut stream = stream_of(order.seed, family, "candidate", set, place);
+        let mut stream = stream_of(spec.seed, family, "candidate", set, place);
         if kind != CandidateKind::Mutant {
             for recipe in &plain {
                 apply(recipe, &mut draft, &mut stream);
             }
         }
-        let word = match kind {
+        let mechanism = match kind {
             CandidateKind::Interface(which) => structural(&interface, which, &mut draft, family, &mut stream),
             CandidateKind::Permission(which) => {
                 structural(&permission, which, &mut draft, family, &mut stream)
             }
             CandidateKind::Behavior(which) | CandidateKind::Recovery(which) => {
-                by_recipe(&ways(RecipeKind::of(kind)), which, kind, &mut draft, &mut stream)
+                by_recipe(&recipes_for(RecipeKind::of(kind)), which, kind, &mut draft, &mut stream)
             }
             CandidateKind::Improved
             | CandidateKind::Lateral
@@ -222,7 +222,7 @@ fn draw_set(
             | CandidateKind::Stable
             | CandidateKind::MarginalBehavior
             | CandidateKind::MarginalRecovery => {
-                by_recipe(&ways(RecipeKind::of(kind)), 0, kind, &mut draft, &mut stream)
+                by_recipe(&recipes_for(RecipeKind::of(kind)), 0, kind, &mut draft, &mut stream)
             }
             CandidateKind::Listed(kind) => by_list(kind, &listed, &mut draft, &mut stream),
             CandidateKind::Mutant => {
@@ -235,13 +235,13 @@ fn draw_set(
                 Some(format!("code-{}", fault.name()))
             }
         };
-        let word = word.ok_or_else(|| PoolError::Generated {
+        let mechanism = mechanism.ok_or_else(|| PoolError::Generated {
             name: format!("{family} {kind:?}"),
             problem: "the table has no recipe for it".to_owned(),
         })?;
-        made.push((kind, word, draft));
+        candidates.push((kind, mechanism, draft));
     }
-    Ok(made)
+    Ok(candidates)
 }
 
 fn structural(
@@ -251,21 +251,21 @@ fn structural(
     family: &str,
     stream: &mut Stream,
 ) -> Option<String> {
-    let (word, change) = mechanisms.get(usize::from(which))?;
+    let (name, change) = mechanisms.get(usize::from(which))?;
     change(draft, family, stream);
-    Some((*word).to_owned())
+    Some((*name).to_owned())
 }
 
 fn by_recipe(
-    ways: &[&Recipe],
+    recipes: &[&Recipe],
     which: u8,
     kind: CandidateKind,
     draft: &mut Draft,
     stream: &mut Stream,
 ) -> Option<String> {
-    let recipe = ways.get(usize::from(which))?;
+    let recipe = recipes.get(usize::from(which))?;
     apply(recipe, draft, stream);
-    let word = match kind {
+    let name = match kind {
         CandidateKind::Improved => "improved",
         CandidateKind::Lateral => "lateral",
         CandidateKind::MinorGain => "minor-gain",
@@ -282,7 +282,7 @@ fn by_recipe(
         CandidateKind::Mutant | CandidateKind::Component(_) => "mutant",
     };
     let named = !recipe.mechanism.is_empty() && kind.class() == super::Class::Faulty;
-    Some(if named { format!("{word}-{}", recipe.mechanism) } else { word.to_owned() })
+    Some(if named { format!("{name}-{}", recipe.mechanism) } else { name.to_owned() })
 }
 
 /// A kind of appendix C: by its recipe, if parameters make it, and by what stands in the manifest.
@@ -356,9 +356,9 @@ fn versions(count: usize, stream: &mut Stream) -> Vec<semver::Version> {
 }
 
 fn submission(stream: &mut Stream) -> Table {
-    let mut choose = |words: &[&str]| {
-        let last = u32::try_from(words.len()).unwrap_or(1).saturating_sub(1);
-        words.get(sample_integer(stream, [0, last]) as usize).copied().unwrap_or_default().to_owned()
+    let mut choose = |options: &[&str]| {
+        let last = u32::try_from(options.len()).unwrap_or(1).saturating_sub(1);
+        options.get(sample_integer(stream, [0, last]) as usize).copied().unwrap_or_default().to_owned()
     };
     let mut table = Table::new();
     table.insert("author".to_owned(), Value::from(choose(&AUTHORS)));

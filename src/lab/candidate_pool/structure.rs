@@ -84,8 +84,8 @@ fn output(draft: &mut Draft, _: &str, stream: &mut Stream) {
 
 /// The outcome takes a value that callers do not know.
 fn outcome(draft: &mut Draft, _: &str, stream: &mut Stream) {
-    let word = ["partial", "unknown", "retry", "degraded"][pick(stream, 4)];
-    draft.set_list_item(&["outputs", "outcome", "values"], word, true);
+    let value = ["partial", "unknown", "retry", "degraded"][pick(stream, 4)];
+    draft.set_list_item(&["outputs", "outcome", "values"], value, true);
 }
 
 /// It depends on a version that is not registered.
@@ -134,11 +134,11 @@ fn undeclared(draft: &mut Draft, family: &str, _: &mut Stream) {
 /// More of the computer than any profile has.
 fn resources(draft: &mut Draft, _: &str, stream: &mut Stream) {
     if stream.chance(0.5) {
-        let asked_us = i64::from(sample_integer(stream, [1_500, 6_000]));
-        draft.field(&["permissions", "resources", "cpu_us_per_tick"], asked_us);
+        let cpu_us = i64::from(sample_integer(stream, [1_500, 6_000]));
+        draft.field(&["permissions", "resources", "cpu_us_per_tick"], cpu_us);
     } else {
-        let asked_kib = i64::from(sample_integer(stream, [100_000, 900_000]));
-        draft.field(&["permissions", "resources", "memory_kib"], asked_kib);
+        let memory_kib = i64::from(sample_integer(stream, [100_000, 900_000]));
+        draft.field(&["permissions", "resources", "memory_kib"], memory_kib);
     }
 }
 

@@ -258,11 +258,11 @@ fn interrupted<'a>(
         ticks
     };
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-    let moment = (share * length as f64) as u64;
+    let tick = (share * length as f64) as u64;
     let arm = worker.arm(cell, &setup)?;
     let mut run = begin(judged, seed);
-    if moment > 0 {
-        run.run_until(&mut arm.handle(), &mut |passed| passed.tick >= moment)?;
+    if tick > 0 {
+        run.run_until(&mut arm.handle(), &mut |passed| passed.tick >= tick)?;
     }
     Ok((run.stage() == TaskStage::Working).then_some((arm, run)))
 }
@@ -336,12 +336,12 @@ fn rollback(
         let mut verdict = GuardVerdict::Allowed;
         for _ in 0..HAND_OVER_TICKS {
             let (observation, seen) = (handle.observe(verdict), handle.telemetry());
-            let asked = skill.tick(&observation);
-            let checked = guard.check(&asked, &seen);
+            let command = skill.tick(&observation);
+            let checked = guard.check(&command, &seen);
             verdict = checked.verdict;
             handle.step(&checked.command)?;
             witness.observe(handle.body());
-            if matches!(asked, Command::Done) {
+            if matches!(command, Command::Done) {
                 witness.seen.hook_failed = !is_at_standstill(&mut handle, &mut witness)?;
                 break;
             }

@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_aim_is_met_if_the_bound_says_so() {
+    fn an_aim_is_met_by_its_bound() {
         let verdict = |class, wrong: usize, of: usize| {
             let wrong = Proportion::of((0..of).map(|at| at < wrong)).unwrap();
             aim(class, &wrong).verdict

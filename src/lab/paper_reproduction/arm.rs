@@ -121,7 +121,7 @@ impl ArmAction {
 
 /// The round and the active versions that a candidate meets.
 pub struct ArmContext<'a> {
-    pub ground: &'a PaperSetup,
+    pub setup: &'a PaperSetup,
     pub upgrade: &'a PlantedCandidate,
     pub version: &'a Capability,
     pub before: &'a ActiveFamilies,
@@ -156,7 +156,7 @@ impl ArmContext<'_> {
             thresholds,
             workers: self.workers,
         };
-        one(&self.ground.cell, &self.ground.cells, &task)
+        one(&self.setup.cell, &self.setup.cells, &task)
     }
 
     /// The same sequences by the active versions and with the candidate among them.
@@ -166,8 +166,8 @@ impl ArmContext<'_> {
     ) -> Result<Vec<(HeldOutSequence, HeldOutSequence)>, ExperimentError> {
         let round = OWN_ROUND + self.round;
         let with = self.before.with(self.version.clone(), false);
-        let old = evaluate(self.ground, worker, self.before, self.seed, round, OWN_SEQUENCES)?;
-        let new = evaluate(self.ground, worker, &with, self.seed, round, OWN_SEQUENCES)?;
+        let old = evaluate(self.setup, worker, self.before, self.seed, round, OWN_SEQUENCES)?;
+        let new = evaluate(self.setup, worker, &with, self.seed, round, OWN_SEQUENCES)?;
         Ok(new.into_iter().zip(old).filter_map(|(new, old)| Some((new?, old?))).collect())
     }
 }
@@ -183,12 +183,12 @@ impl Arm {
     ///
     /// # Errors
     /// If the candidate does not come to an end, or a result cannot be cached.
-    pub fn decide(self, moment: &ArmContext<'_>, worker: &mut Worker) -> Result<ArmAction, ExperimentError> {
+    pub fn decide(self, context: &ArmContext<'_>, worker: &mut Worker) -> Result<ArmAction, ExperimentError> {
         match self {
             Self::Static => Ok(ArmAction::refused(Fork::NoWork)),
             Self::Naive => Ok(ArmAction::installed(Fork::NoWork)),
             Self::SuccessGate => {
-                let pairs = moment.own_pairs(worker)?;
+                let pairs = context.own_pairs(worker)?;
                 let done = |of: fn(&(HeldOutSequence, HeldOutSequence)) -> bool| {
                     pairs.iter().filter(|pair| of(pair)).count()
                 };
@@ -198,7 +198,7 @@ impl Arm {
                 Ok(ArmAction { episodes: 3 * pairs.len() as u64, ..step })
             }
             Self::Canary => {
-                let pairs = moment.own_pairs(worker)?;
+                let pairs = context.own_pairs(worker)?;
                 let errors = PairedCounts::of(pairs.iter().map(|(new, old)| (!new.done, !old.done)));
                 let more_errors = binary_pairs(errors, CANARY_ALPHA)?.lower > 0.0;
                 let mean =
@@ -208,11 +208,11 @@ impl Arm {
                 let step = ArmAction { episodes: 3 * pairs.len() as u64, ..ArmAction::installed(Fork::Own) };
                 Ok(if more_errors || late { ArmAction { in_force: false, ..step } } else { step })
             }
-            Self::Governed => Ok(step_of(&moment.end(&[])?, Fork::Whole)),
-            Self::Relaxed => Ok(step_of(&moment.end_by(&[], ThresholdScale::Lower)?, Fork::Own)),
-            Self::Strict => Ok(step_of(&moment.end_by(&[], ThresholdScale::Higher)?, Fork::Own)),
+            Self::Governed => Ok(step_of(&context.end(&[])?, Fork::Whole)),
+            Self::Relaxed => Ok(step_of(&context.end_by(&[], ThresholdScale::Lower)?, Fork::Own)),
+            Self::Strict => Ok(step_of(&context.end_by(&[], ThresholdScale::Higher)?, Fork::Own)),
             Self::CompatOnly => {
-                let whole = moment.end(&[])?;
+                let whole = context.end(&[])?;
                 Ok(if blocked_at(&whole, Stage::Validation) {
                     step_of(&whole, Fork::Whole)
                 } else {
@@ -220,7 +220,7 @@ impl Arm {
                 })
             }
             Self::NoMonitor => {
-                let whole = moment.end(&[])?;
+                let whole = context.end(&[])?;
                 Ok(if is_activated(&whole) {
                     ArmAction {
                         episodes: before_activation(&whole),
@@ -231,7 +231,7 @@ impl Arm {
                 })
             }
             Self::NoRollback => {
-                let whole = moment.end(&[])?;
+                let whole = context.end(&[])?;
                 let step = step_of(&whole, Fork::Whole);
                 Ok(if step.activated && !step.in_force {
                     let restricted = whole
@@ -244,25 +244,25 @@ impl Arm {
                 })
             }
             Self::NoSandbox => {
-                let whole = moment.end(&[])?;
+                let whole = context.end(&[])?;
                 if blocked_at(&whole, Stage::Validation) {
                     return Ok(step_of(&whole, Fork::Whole));
                 }
-                Ok(step_of(&moment.end(&[AblationPart::Sandbox])?, Fork::Validation))
+                Ok(step_of(&context.end(&[AblationPart::Sandbox])?, Fork::Validation))
             }
             Self::NoRecovery => {
-                let whole = moment.end(&[])?;
+                let whole = context.end(&[])?;
                 if blocked_at(&whole, Stage::Validation) {
                     return Ok(step_of(&whole, Fork::Whole));
                 }
-                Ok(step_of(&moment.end(&[AblationPart::Recovery])?, Fork::Validation))
+                Ok(step_of(&context.end(&[AblationPart::Recovery])?, Fork::Validation))
             }
             Self::NoShadow | Self::OfflineOnly => {
-                let whole = moment.end(&[])?;
+                let whole = context.end(&[])?;
                 if blocked_at(&whole, Stage::Validation) || blocked_at(&whole, Stage::Sandbox) {
                     return Ok(step_of(&whole, Fork::Whole));
                 }
-                let end = moment.end(&[AblationPart::Shadow])?;
+                let end = context.end(&[AblationPart::Shadow])?;
                 if self == Self::OfflineOnly && is_activated(&end) {
                     return Ok(ArmAction {
                         episodes: before_activation(&end),
@@ -337,7 +337,7 @@ mod tests {
         const NAME: &str = "grasp-hard-grip";
         let folder = tempfile::tempdir().unwrap();
         let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
-        let ground = PaperSetup::new(cells, (0, 1), 2).unwrap();
+        let setup = PaperSetup::new(cells, (0, 1), 2).unwrap();
         let planted = TruthEntry {
             name: NAME.to_owned(),
             class: Class::Faulty,
@@ -349,8 +349,8 @@ mod tests {
         let family = Capability::load(NAME, package.clone()).unwrap().id().family;
         let upgrade = PlantedCandidate { name: NAME.to_owned(), family, package, planted };
         let (version, before) = (version_of(&upgrade).unwrap(), ActiveFamilies::first().unwrap());
-        let moment = ArmContext {
-            ground: &ground,
+        let context = ArmContext {
+            setup: &setup,
             upgrade: &upgrade,
             version: &version,
             before: &before,
@@ -359,9 +359,9 @@ mod tests {
             workers: 2,
         };
         let mut worker = Worker::new();
-        let canary = Arm::Canary.decide(&moment, &mut worker).unwrap();
+        let canary = Arm::Canary.decide(&context, &mut worker).unwrap();
         assert!(canary.activated && canary.in_force, "{canary:?}");
-        let governed = Arm::Governed.decide(&moment, &mut worker).unwrap();
+        let governed = Arm::Governed.decide(&context, &mut worker).unwrap();
         assert_eq!((governed.activated, governed.stopped_at), (false, Some(Stage::Sandbox)), "{governed:?}");
     }
 }

@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ablation_is_read_from_its_own_way_and_its_derivation_from_the_whole_one() {
+    fn an_ablation_reads_its_variant_and_derives_from_the_full_one() {
         let at = |stage| Fate::Blocked { stage };
         let rows = [
             screened("a", Class::Faulty, Variant::Full, at(Stage::Validation)),

@@ -47,7 +47,7 @@ pub struct HeldOutSequence {
 /// # Errors
 /// If a result cannot be cached.
 pub fn evaluate(
-    ground: &PaperSetup,
+    setup: &PaperSetup,
     worker: &mut Worker,
     in_force: &ActiveFamilies,
     seed: u64,
@@ -57,21 +57,21 @@ pub fn evaluate(
     let from = FROM + seed * SEED_STEP + u64::from(round) * ROUND_STEP;
     let at = format!("{from}|{sequences}");
     let parts = [
-        ground.cell.digest().bytes().as_slice(),
+        setup.cell.digest().bytes().as_slice(),
         COMPUTED_BY.as_bytes(),
-        ground.profile.digest()?.bytes().as_slice(),
+        setup.profile.digest()?.bytes().as_slice(),
         in_force.digest().bytes().as_slice(),
         at.as_bytes(),
     ]
     .map(<[u8]>::to_vec);
     let key = Digest::of_parts("holdpoint.held-out.v1", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>());
-    let whole = cached_cell::<Vec<Option<HeldOutSequence>>>(&ground.cells, &key);
+    let whole = cached_cell::<Vec<Option<HeldOutSequence>>>(&setup.cells, &key);
     if let Some(known) = whole.filter(|known| known.len() as u64 == sequences) {
         return Ok(known);
     }
     let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-    let bench = TruthBench::with_team(ground.cell.clone(), ground.cells.clone(), Vec::new(), 0)?;
-    let tightened = ground.profile.monitor.restrict_factor;
+    let bench = TruthBench::with_team(setup.cell.clone(), setup.cells.clone(), Vec::new(), 0)?;
+    let tightened = setup.profile.monitor.restrict_factor;
     let team: Vec<JudgedVersion> = in_force
         .members()
         .map(|member| {
@@ -85,7 +85,7 @@ pub fn evaluate(
         .collect();
     let mut found = Vec::new();
     for index in from..from + sequences {
-        let Ok((seen, records)) = observe_sequence(worker, &ground.cell, &team, index) else {
+        let Ok((seen, records)) = observe_sequence(worker, &setup.cell, &team, index) else {
             // A world that diverged is not used again.
             worker.failed(holdpoint_body::TaskKind::Grasp, index);
             found.push(None);
@@ -103,6 +103,6 @@ pub fn evaluate(
             time_s: records.iter().map(|record| record.time_secs).sum(),
         }));
     }
-    ground.cells.put(&key, &serde_json::to_vec(&found)?)?;
+    setup.cells.put(&key, &serde_json::to_vec(&found)?)?;
     Ok(found)
 }

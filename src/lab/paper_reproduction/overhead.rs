@@ -45,7 +45,7 @@ pub struct Costs {
 /// # Errors
 /// If a candidate does not come to an end.
 pub fn measure(
-    ground: &PaperSetup,
+    setup: &PaperSetup,
     size: PresetSize,
     tell: &ProgressFn<'_>,
 ) -> Result<Costs, ExperimentError> {
@@ -60,7 +60,7 @@ pub fn measure(
         let folder = scratch()?;
         let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh()?);
         let setting = CandidateSetting {
-            cell: &ground.cell,
+            cell: &setup.cell,
             profile: ProfileName::Sim,
             seed: SEED,
             cells: &cells,

@@ -178,16 +178,16 @@ struct ScreenJob<'a> {
 /// # Errors
 /// If a candidate does not come to an end, or a result cannot be cached.
 pub fn screen(
-    ground: &PaperSetup,
+    setup: &PaperSetup,
     seeds: &[u64],
     candidates: usize,
-    ways: &[(ProfileName, Variant)],
+    variants: &[(ProfileName, Variant)],
     tell: &ProgressFn<'_>,
 ) -> Result<Vec<ScreenRow>, ExperimentError> {
     let pools = seeds.iter().map(|seed| Ok((*seed, pool_of(*seed)?)));
     let pools: Vec<(u64, Vec<PlantedCandidate>)> = pools.collect::<Result<_, ExperimentError>>()?;
     let mut pieces = Vec::new();
-    for (profile, variant) in ways {
+    for (profile, variant) in variants {
         for (seed, pool) in &pools {
             let piece = |upgrade| ScreenJob { seed: *seed, upgrade, profile: *profile, variant: *variant };
             pieces.extend(pool.iter().take(candidates).map(piece));
@@ -196,14 +196,14 @@ pub fn screen(
     let pieces: Vec<ScreenJob<'_>> = pieces
         .into_iter()
         .enumerate()
-        .filter(|(index, _)| ground.is_in_shard(*index))
+        .filter(|(index, _)| setup.is_in_shard(*index))
         .map(|(_, piece)| piece)
         .collect();
-    let (began, workers) = (Instant::now(), workers_each(ground.jobs, pieces.len()));
+    let (began, workers) = (Instant::now(), workers_each(setup.jobs, pieces.len()));
     side_by_side(
-        ground.jobs,
+        setup.jobs,
         pieces.len(),
-        |_, at| row(ground, pieces[at], workers),
+        |_, at| row(setup, pieces[at], workers),
         &|row: &ScreenRow, finished| {
             let what = format!("{} {} of seed {}: {}", row.end.profile, row.name, row.seed, row.end.state);
             tell(&progress(&what, finished, pieces.len(), began));
@@ -211,13 +211,13 @@ pub fn screen(
     )
 }
 
-fn row(ground: &PaperSetup, piece: ScreenJob<'_>, workers: usize) -> Result<ScreenRow, ExperimentError> {
+fn row(setup: &PaperSetup, piece: ScreenJob<'_>, workers: usize) -> Result<ScreenRow, ExperimentError> {
     let ScreenJob { seed, upgrade, profile, variant } = piece;
     let end = |variant: Variant| {
         let experiment = Experiment { omitted: AblatedParts::of(variant.parts()), first: Vec::new() };
         let (name, package, thresholds) = (&upgrade.name, &upgrade.package, variant.thresholds());
         let task = CandidateJob { name, package, profile, seed, experiment, thresholds, workers };
-        one(&ground.cell, &ground.cells, &task)
+        one(&setup.cell, &setup.cells, &task)
     };
     let whole = end(Variant::Full)?;
     let same = variant.is_same(whole.fate);

@@ -265,8 +265,8 @@ fn pool(line: &CsvLine<'_>) -> Result<ScreenRow, ExperimentError> {
     let found = line.text("found")?;
     let found = found
         .split(';')
-        .filter(|word| !word.is_empty())
-        .map(|word| parse_closed(word).map_err(|error| line.wrong("found", word, error)))
+        .filter(|name| !name.is_empty())
+        .map(|name| parse_closed(name).map_err(|error| line.wrong("found", name, error)))
         .collect::<Result<_, _>>()?;
     let kappa = |column| line.there(column, CsvLine::number);
     Ok(ScreenRow {
@@ -390,8 +390,8 @@ mod tests {
         blocked.end.found = [crate::paper_reproduction::regression::Regression::Retry].into();
         blocked.end.first_reason = Some("recovery-fragile".to_owned());
         blocked.end.restricted = true;
-        let kept = screened("grasp-002", Class::Benign, Variant::NoShadow, Fate::Kept);
-        RawRows { pools: vec![blocked, kept], ..RawRows::default() }
+        let benign = screened("grasp-002", Class::Benign, Variant::NoShadow, Fate::Kept);
+        RawRows { pools: vec![blocked, benign], ..RawRows::default() }
     }
 
     #[test]

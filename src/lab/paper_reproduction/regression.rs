@@ -98,8 +98,8 @@ mod tests {
     use holdpoint_governance::profile::ProfileName;
     use holdpoint_protocol::scenario_state::ScenarioState;
 
-    fn stopped(stage: Stage, said: &[(ReasonCode, Dimension, &str)]) -> CandidateEnd {
-        let reasons = said
+    fn blocked_end(stage: Stage, findings: &[(ReasonCode, Dimension, &str)]) -> CandidateEnd {
+        let reasons = findings
             .iter()
             .map(|(code, dimension, text)| Reason {
                 finding: None,
@@ -132,7 +132,7 @@ mod tests {
     fn a_stage_names_what_it_found_and_nothing_that_it_only_noted() {
         use Dimension::{Behavior, Recovery, Shadow};
         use ReasonCode as Code;
-        let sandbox = stopped(
+        let sandbox = blocked_end(
             Stage::Sandbox,
             &[
                 (Code::BehaviorEndedEarly, Behavior, "the pairs ended early"),
@@ -145,7 +145,7 @@ mod tests {
         let names = |end: &CandidateEnd| categories(end).into_iter().collect::<Vec<_>>();
         assert_eq!(names(&sandbox), [Regression::Retry, Regression::Timeout, Regression::Recovery]);
         let hits = "policy hits are established as more frequent than under the active version";
-        let shadow = stopped(
+        let shadow = blocked_end(
             Stage::Shadow,
             &[
                 (Code::ShadowGovernanceDivergence, Shadow, hits),
@@ -153,9 +153,9 @@ mod tests {
             ],
         );
         assert_eq!(names(&shadow), [Regression::Policy, Regression::Live]);
-        let desk = stopped(Stage::Validation, &[(Code::RecoveryHookMissing, Recovery, "no hook")]);
+        let desk = blocked_end(Stage::Validation, &[(Code::RecoveryHookMissing, Recovery, "no hook")]);
         assert!(categories(&desk).is_empty());
-        let kept = CandidateEnd { fate: Fate::Kept, ..sandbox };
-        assert!(categories(&kept).is_empty());
+        let confirmed = CandidateEnd { fate: Fate::Kept, ..sandbox };
+        assert!(categories(&confirmed).is_empty());
     }
 }

@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_says_of_how_many_seeds_it_is() {
+    fn a_table_shows_its_number_of_seeds() {
         let mut table = ReportTable::new("arms", &["arm"], "");
         assert!(table.markdown().starts_with("### arms\n") && table.html().starts_with("<h3>arms</h3>"));
         table.seeds = Some((15, 40));

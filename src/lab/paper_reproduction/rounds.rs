@@ -101,7 +101,7 @@ impl HeldOutScore {
 /// # Errors
 /// If a candidate does not come to an end, or a result cannot be cached.
 pub fn rounds(
-    ground: &PaperSetup,
+    setup: &PaperSetup,
     size: PresetSize,
     arms: &[Arm],
     tell: &ProgressFn<'_>,
@@ -109,14 +109,14 @@ pub fn rounds(
     let seeds: Vec<u64> = size
         .run_seeds()
         .enumerate()
-        .filter(|(index, _)| ground.is_in_shard(*index))
+        .filter(|(index, _)| setup.is_in_shard(*index))
         .map(|(_, seed)| seed)
         .collect();
-    let (began, workers) = (Instant::now(), workers_each(ground.jobs, seeds.len()));
+    let (began, workers) = (Instant::now(), workers_each(setup.jobs, seeds.len()));
     let of_seeds = side_by_side(
-        ground.jobs,
+        setup.jobs,
         seeds.len(),
-        |worker, at| of_seed((ground, workers), size, arms, seeds[at], worker),
+        |worker, at| of_seed((setup, workers), size, arms, seeds[at], worker),
         &|rows: &Vec<RoundRow>, finished| {
             let seed = rows.first().map_or(0, |row| row.seed);
             tell(&progress(&format!("rounds of seed {seed}"), finished, seeds.len(), began));
@@ -126,18 +126,18 @@ pub fn rounds(
 }
 
 fn of_seed(
-    (ground, workers): (&PaperSetup, usize),
+    (setup, workers): (&PaperSetup, usize),
     size: PresetSize,
     arms: &[Arm],
     seed: u64,
     worker: &mut Worker,
 ) -> Result<Vec<RoundRow>, ExperimentError> {
     let upgrades = rounds_of(seed, size.rounds)?;
-    let mut judged = BTreeMap::new();
+    let mut verdicts = BTreeMap::new();
     let mut rows = Vec::new();
     for arm in arms {
-        let mut way = ArmRun {
-            ground,
+        let mut run = ArmRun {
+            setup,
             workers,
             size,
             seed,
@@ -145,10 +145,10 @@ fn of_seed(
             in_force: ActiveFamilies::first()?,
             planted: BTreeMap::new(),
         };
-        rows.push(way.row(worker, 0, None)?);
+        rows.push(run.row(worker, 0, None)?);
         for (upgrade, round) in upgrades.iter().zip(1..) {
-            let offered = way.offer(worker, upgrade, round, &mut judged)?;
-            rows.push(way.row(worker, round, Some(offered))?);
+            let offered = run.offer(worker, upgrade, round, &mut verdicts)?;
+            rows.push(run.row(worker, round, Some(offered))?);
         }
     }
     Ok(rows)
@@ -159,7 +159,7 @@ type RefereeCache = BTreeMap<Digest, (HarmClass, bool)>;
 
 /// An arm on its way through the rounds of a seed.
 struct ArmRun<'a> {
-    ground: &'a PaperSetup,
+    setup: &'a PaperSetup,
     /// Workers for one decision.
     workers: usize,
     size: PresetSize,
@@ -176,11 +176,11 @@ impl ArmRun<'_> {
         worker: &mut Worker,
         upgrade: &PlantedCandidate,
         round: u32,
-        judged: &mut RefereeCache,
+        verdicts: &mut RefereeCache,
     ) -> Result<OfferedCandidate, ExperimentError> {
         let version = version_of(upgrade)?;
-        let moment = ArmContext {
-            ground: self.ground,
+        let context = ArmContext {
+            setup: self.setup,
             upgrade,
             version: &version,
             before: &self.in_force,
@@ -188,22 +188,22 @@ impl ArmRun<'_> {
             round,
             workers: self.workers,
         };
-        let step = self.arm.decide(&moment, worker)?;
+        let step = self.arm.decide(&context, worker)?;
         // Everything is decided: the truth of the version is read only now.
         let truth = if step.activated && self.size.judged_by > 0 {
             let key = set_digest(&version, &self.in_force);
-            let known = match judged.get(&key) {
+            let known = match verdicts.get(&key) {
                 Some(known) => *known,
                 None => {
-                    let (ground, team) = (self.ground, self.in_force.versions());
+                    let (setup, team) = (self.setup, self.in_force.versions());
                     let bench = TruthBench::with_team(
-                        ground.cell.clone(),
-                        ground.cells.clone(),
+                        setup.cell.clone(),
+                        setup.cells.clone(),
                         team,
                         self.size.judged_by,
                     )?;
                     let truth = bench.truth(worker, bench.judged_version(version.clone()))?;
-                    *judged.entry(key).or_insert((truth.class, truth.is_worse()))
+                    *verdicts.entry(key).or_insert((truth.class, truth.is_worse()))
                 }
             };
             Some(known)
@@ -232,7 +232,7 @@ impl ArmRun<'_> {
         round: u32,
         offered: Option<OfferedCandidate>,
     ) -> Result<RoundRow, ExperimentError> {
-        let sequences = evaluate(self.ground, worker, &self.in_force, self.seed, round, self.size.sequences)?;
+        let sequences = evaluate(self.setup, worker, &self.in_force, self.seed, round, self.size.sequences)?;
         let is_faulty = |class: Class| matches!(class, Class::Faulty | Class::Marginal);
         let harmful = |harm: Option<HarmClass>| harm.is_some_and(|harm| harm >= HarmClass::Damage);
         Ok(RoundRow {

@@ -52,7 +52,7 @@ impl ExperimentPart {
         }
     }
 
-    fn ways(self) -> Vec<(ProfileName, Variant)> {
+    fn variants(self) -> Vec<(ProfileName, Variant)> {
         use ProfileName::{Human, Real, Sim};
         let e1 = vec![(Sim, Variant::Full)];
         let e5 = vec![(Sim, Variant::Full), (Real, Variant::Full), (Human, Variant::Full)];
@@ -86,14 +86,14 @@ pub struct PaperPlan {
 
 impl PaperPlan {
     /// The part of the drift experiment that it includes.
-    fn drifts(&self, ground: &PaperSetup) -> Option<DriftOptions> {
+    fn drifts(&self, setup: &PaperSetup) -> Option<DriftOptions> {
         let smoke = self.preset == Preset::Smoke;
         (self.part == ExperimentPart::E4 || self.part.layers()).then(|| DriftOptions {
             runs: self.size.drifts,
             seed: self.size.first_seed,
-            jobs: ground.jobs,
+            jobs: setup.jobs,
             out: self.out.join("drift"),
-            kept: ground.cells.clone(),
+            cache: setup.cells.clone(),
             horizon: if smoke { 10 } else { 200 },
             pairs: if smoke { 5 } else { 60 },
         })
@@ -112,33 +112,33 @@ pub struct PaperOutcome {
 /// # Errors
 /// If a candidate does not come to an end, or a file cannot be used.
 pub fn run(
-    ground: &PaperSetup,
+    setup: &PaperSetup,
     plan: &PaperPlan,
     tell: &ProgressFn<'_>,
 ) -> Result<PaperOutcome, ExperimentError> {
-    if ground.shard.1 > 1 && matches!(plan.part, ExperimentPart::E4 | ExperimentPart::Overhead) {
+    if setup.shard.1 > 1 && matches!(plan.part, ExperimentPart::E4 | ExperimentPart::Overhead) {
         return Err(ExperimentError::Option {
             option: "--shard",
-            value: format!("{}/{}", ground.shard.0 + 1, ground.shard.1),
+            value: format!("{}/{}", setup.shard.0 + 1, setup.shard.1),
             allowed: "e4 and overhead are worked whole",
         });
     }
     if plan.part == ExperimentPart::Overhead {
         // Times vary from run to run: they stand apart from the reproducible results.
-        let section = overhead::section(&overhead::measure(ground, plan.size, tell)?);
+        let section = overhead::section(&overhead::measure(setup, plan.size, tell)?);
         return Ok(PaperOutcome { summary: report::write_section_page(&plan.out, "overhead.md", section)? });
     }
     let of_rounds: Vec<RoundRow> =
-        if plan.part.has_rounds() { rounds(ground, plan.size, &plan.part.arms(), tell)? } else { Vec::new() };
+        if plan.part.has_rounds() { rounds(setup, plan.size, &plan.part.arms(), tell)? } else { Vec::new() };
     let (pools, ablated) = (seeds_of(plan.size, plan.size.pools), seeds_of(plan.size, plan.size.ablated));
     let (whole, left_out): (Vec<_>, Vec<_>) =
-        plan.part.ways().into_iter().partition(|(_, variant)| *variant == Variant::Full);
+        plan.part.variants().into_iter().partition(|(_, variant)| *variant == Variant::Full);
     let mut of_pools: Vec<ScreenRow> =
-        pool_screening::screen(ground, &pools, plan.size.candidates, &whole, tell)?;
-    of_pools.extend(pool_screening::screen(ground, &ablated, plan.size.candidates, &left_out, tell)?);
-    let drifts = plan.drifts(ground);
-    if ground.shard.1 > 1 {
-        let (part, of) = ground.shard;
+        pool_screening::screen(setup, &pools, plan.size.candidates, &whole, tell)?;
+    of_pools.extend(pool_screening::screen(setup, &ablated, plan.size.candidates, &left_out, tell)?);
+    let drifts = plan.drifts(setup);
+    if setup.shard.1 > 1 {
+        let (part, of) = setup.shard;
         let line = format!("part {} of {of} is worked; a run without --shard writes the report", part + 1);
         return Ok(PaperOutcome { summary: vec![line] });
     }
@@ -168,7 +168,7 @@ mod tests {
 
     /// Each experiment has its own variants, and its report needs no others.
     #[test]
-    fn every_experiment_of_pools_writes_a_report_of_the_ways_that_it_works() {
+    fn every_pool_experiment_writes_a_report_of_its_variants() {
         for part in [
             ExperimentPart::E1,
             ExperimentPart::E3,
@@ -179,7 +179,7 @@ mod tests {
         ] {
             let folder = tempfile::tempdir().unwrap();
             let mut pools = Vec::new();
-            for (profile, variant) in part.ways() {
+            for (profile, variant) in part.variants() {
                 for (name, class) in [("a", Class::Faulty), ("b", Class::Marginal), ("c", Class::Benign)] {
                     let fate = match class {
                         Class::Faulty => Fate::Blocked { stage: Stage::Validation },

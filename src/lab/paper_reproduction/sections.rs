@@ -235,8 +235,9 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
         let ours = PAPERS.map(|arm| mean(&by_seed(rows, arm, last, of)));
         let tested = tests.iter().find(|one| one.name.starts_with(name));
         let p_ours = tested.map_or_else(|| "-".to_owned(), |one| p_value(one.p_holm));
-        let said = paper.map(|[mean, deviation]| format!("{mean:.1} ± {deviation:.1}"));
-        let cells = [vec![name.to_owned()], ours.to_vec(), vec![p_ours], said.to_vec(), vec![p_value(p)]];
+        let published = paper.map(|[mean, deviation]| format!("{mean:.1} ± {deviation:.1}"));
+        let cells =
+            [vec![name.to_owned()], ours.to_vec(), vec![p_ours], published.to_vec(), vec![p_value(p)]];
         beside.row(cells.concat());
     }
     let mut directions =

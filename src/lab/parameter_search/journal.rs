@@ -100,8 +100,8 @@ impl Journal {
 }
 
 fn sound(line: &[u8]) -> Option<(Digest, Score)> {
-    let JournalLine { key, score, check: said } = serde_json::from_slice(line).ok()?;
-    (check(&key, &score) == said).then_some((key, score))
+    let JournalLine { key, score, check: stored } = serde_json::from_slice(line).ok()?;
+    (check(&key, &score) == stored).then_some((key, score))
 }
 
 #[cfg(test)]

@@ -79,8 +79,8 @@ impl<'a> PackageDraft<'a> {
         let mut manifest: DocumentMut =
             text.parse().map_err(|source| RefineError::Edit { file: "manifest.toml", source })?;
         let largest = |names: &[&str], declared: f64| {
-            let asked = self.space.axes().iter().zip(values).filter(|(axis, _)| names.contains(&axis.name));
-            asked.map(|(_, value)| *value).fold(declared, f64::max)
+            let axes = self.space.axes().iter().zip(values).filter(|(axis, _)| names.contains(&axis.name));
+            axes.map(|(_, value)| *value).fold(declared, f64::max)
         };
         let declared = &self.baseline.manifest.permissions;
         let speed_m_s = largest(&TOOL_SPEEDS, declared.max_speed_m_s);

@@ -60,7 +60,7 @@ struct SearchState {
     baseline: Option<Score>,
     best: Option<(Vec<f64>, Score)>,
     /// Points that the optimizer requested.
-    asked: u32,
+    requested: u32,
     evaluations: u32,
     episodes_done: u64,
     episodes_simulated: u64,
@@ -90,7 +90,7 @@ impl<'a> Evaluator<'a> {
             journal,
             baseline: None,
             best: None,
-            asked: 0,
+            requested: 0,
             evaluations: 0,
             episodes_done: 0,
             episodes_simulated: 0,
@@ -164,10 +164,10 @@ impl<'a> Evaluator<'a> {
 
     /// Adds the path of the evaluations to an interruption.
     #[must_use]
-    pub fn interrupted(&self, error: RefineError, kept: &Path) -> RefineError {
+    pub fn with_journal(&self, error: RefineError, path: &Path) -> RefineError {
         match error {
             RefineError::Interrupted { evaluations, .. } => {
-                RefineError::Interrupted { evaluations, kept: kept.to_owned() }
+                RefineError::Interrupted { evaluations, kept: path.to_owned() }
             }
             other => other,
         }
@@ -181,8 +181,8 @@ impl<'a> Evaluator<'a> {
 
     fn score(&self, version: &Capability, from: u64, episodes: u32) -> Result<Score, RefineError> {
         let key = self.objective.key(version, from, episodes);
-        let kept = self.count.borrow().journal.get(&key);
-        let score = match kept {
+        let cached = self.count.borrow().journal.get(&key);
+        let score = match cached {
             Some(score) => score,
             None => {
                 let Some(score) = self.objective.score(version, from, episodes)? else {
@@ -210,12 +210,12 @@ impl<'a> Evaluator<'a> {
         let score = self.score(&candidate, 0, self.episodes)?;
         let ended = {
             let mut count = self.count.borrow_mut();
-            count.asked += 1;
+            count.requested += 1;
             let to_beat = count.best.as_ref().map(|(_, score)| *score).or(count.baseline);
             if to_beat.is_none_or(|to_beat| score.cost() < to_beat.cost()) {
                 count.best = Some((values, score));
             }
-            count.asked.is_multiple_of(self.points())
+            count.requested.is_multiple_of(self.points())
         };
         self.report_progress(ended);
         Ok(score.cost())
@@ -226,7 +226,8 @@ impl<'a> Evaluator<'a> {
         let Some(baseline) = count.baseline else { return };
         let points = self.points();
         let per_point = u64::from(self.episodes);
-        let generation = if generation_ended { count.asked / points } else { count.asked / points + 1 };
+        let generation =
+            if generation_ended { count.requested / points } else { count.requested / points + 1 };
         let progress = SearchProgress {
             generation: generation.min(self.generations),
             generations: self.generations,

@@ -495,7 +495,7 @@ mod tests {
 
     /// A candidate's cached result is read instead of a re-run.
     #[test]
-    fn an_end_is_read_back_as_it_was_kept() {
+    fn an_end_is_read_back_unchanged() {
         for fate in [Fate::Kept, Fate::Contained, Fate::Blocked { stage: Stage::Shadow }] {
             let end = CandidateEnd {
                 name: "grasp-001".to_owned(),
@@ -517,8 +517,8 @@ mod tests {
                     ..PostRunCheck::default()
                 },
             };
-            let kept = serde_json::to_vec(&end).unwrap();
-            assert_eq!(serde_json::from_slice::<CandidateEnd>(&kept).unwrap(), end);
+            let bytes = serde_json::to_vec(&end).unwrap();
+            assert_eq!(serde_json::from_slice::<CandidateEnd>(&bytes).unwrap(), end);
         }
     }
 
@@ -542,13 +542,13 @@ mod tests {
     }
 
     #[test]
-    fn what_was_decided_is_read_back_as_its_deciders_word() {
-        let stages = StageOutcome::ALL.map(|word| (DecisionOutcome::Stage(word), word.name()));
-        let monitor = MonitorOutcome::ALL.map(|word| (DecisionOutcome::Monitor(word), word.name()));
-        for (decided, word) in stages.into_iter().chain(monitor) {
-            let text = serde_json::to_string(&decided).unwrap();
-            assert_eq!(text, format!("{word:?}"));
-            assert_eq!(serde_json::from_str::<DecisionOutcome>(&text).unwrap(), decided);
+    fn a_decision_is_read_back_by_its_name() {
+        let stages = StageOutcome::ALL.map(|outcome| (DecisionOutcome::Stage(outcome), outcome.name()));
+        let monitor = MonitorOutcome::ALL.map(|outcome| (DecisionOutcome::Monitor(outcome), outcome.name()));
+        for (outcome, name) in stages.into_iter().chain(monitor) {
+            let text = serde_json::to_string(&outcome).unwrap();
+            assert_eq!(text, format!("{name:?}"));
+            assert_eq!(serde_json::from_str::<DecisionOutcome>(&text).unwrap(), outcome);
         }
     }
 }

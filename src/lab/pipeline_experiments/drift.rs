@@ -39,7 +39,7 @@ pub struct DriftOptions {
     /// Where the report goes.
     pub out: PathBuf,
     /// Where finished cells are cached.
-    pub kept: ResultCache,
+    pub cache: ResultCache,
     /// The most live sequences of a version that is not rolled back.
     pub horizon: u32,
     /// Sequences of the twins, which show whether a drift worsens a version.
@@ -139,7 +139,7 @@ pub struct DriftReport {
 pub fn run(options: &DriftOptions, tell: &ProgressFn<'_>) -> Result<DriftReport, ExperimentError> {
     check(options)?;
     std::fs::create_dir_all(&options.out).map_err(ExperimentError::file(&options.out))?;
-    let cells = &options.kept;
+    let cells = &options.cache;
     let setting = DriftSetting::new(options)?;
     let digest = setting.digest()?;
     let next = AtomicU64::new(0);
@@ -266,7 +266,7 @@ fn summarize(options: &DriftOptions, digest: Digest) -> Result<DriftReport, Expe
         let mut results = Vec::new();
         let mut missing = 0;
         for seed in options.seed..options.seed + options.runs {
-            let run = cached_run(&options.kept, &digest, seed, drift)
+            let run = cached_run(&options.cache, &digest, seed, drift)
                 .ok_or_else(|| ExperimentError::Unexpected(format!("the cell of run {seed} is gone")))?;
             match run.result {
                 Some(result) => results.push(result),
@@ -355,7 +355,7 @@ mod tests {
             seed: 100,
             jobs: 1,
             out: PathBuf::from("unused"),
-            kept: ResultCache::in_folder(PathBuf::from("unused"), CacheSecret::fresh().unwrap()),
+            cache: ResultCache::in_folder(PathBuf::from("unused"), CacheSecret::fresh().unwrap()),
             horizon: 200,
             pairs: 60,
         };

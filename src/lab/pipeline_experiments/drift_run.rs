@@ -55,7 +55,7 @@ pub struct DriftSetting {
     pub(super) profile: Profile,
     cell: Cell,
     /// The cache of active versions' episodes, which runs share.
-    pub(super) kept: ResultCache,
+    pub(super) cache: ResultCache,
     /// Workers of a run's evaluation.
     pub(super) workers: usize,
     /// The most live sequences of a version that is not rolled back.
@@ -70,8 +70,8 @@ impl DriftSetting {
             Profile::builtin(ProfileName::Sim).map_err(|error| StartError::Profile(error.into()))?;
         let cell = Cell::builtin().map_err(StartError::from)?;
         let workers = workers_each(options.jobs, usize::try_from(options.runs).unwrap_or(usize::MAX));
-        let (kept, horizon, pairs) = (options.kept.clone(), options.horizon, options.pairs);
-        Ok(Self { profile, cell, kept, workers, horizon, pairs })
+        let (cache, horizon, pairs) = (options.cache.clone(), options.horizon, options.pairs);
+        Ok(Self { profile, cell, cache, workers, horizon, pairs })
     }
 
     /// The inputs of a cached cell.
@@ -101,7 +101,7 @@ impl DriftSetting {
             table,
             own: None,
             cell: self.cell.clone(),
-            cache: EpisodeCache::Shared(self.kept.clone()),
+            cache: EpisodeCache::Shared(self.cache.clone()),
             controls: Controls::default(),
             omitted: holdpoint_governance::ablation::AblatedParts::default(),
         };
@@ -374,7 +374,7 @@ pub(super) struct WatchedRun {
     /// The monitor restricted its envelope.
     pub(super) restricted: bool,
     /// While it was in control, an alarm named it that is not the monitor's.
-    pub(super) told: bool,
+    pub(super) has_alarm: bool,
 }
 
 impl WatchedRun {
@@ -407,7 +407,7 @@ impl WatchedRun {
                     self.restricted |= decision == MonitorOutcome::Restrict;
                 }
                 EventKind::Alarm { alarm, state, .. } if state.is_present() && !self.left => {
-                    self.told |= reports_degradation(&alarm, &ours);
+                    self.has_alarm |= reports_degradation(&alarm, &ours);
                 }
                 EventKind::Rung { version, .. } if version == ours => self.left = true,
                 EventKind::RolledBack { record, .. } if record.candidate == ours => {

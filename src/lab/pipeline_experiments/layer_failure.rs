@@ -141,7 +141,7 @@ pub struct LayerRow {
 impl LayerRow {
     fn of(piece: LayerJob, run: WatchedRun) -> Self {
         let LayerJob { seed, drift: Drift { kind, magnitude }, failure } = piece;
-        let WatchedRun { under, after, record, restricted, told, .. } = run;
+        let WatchedRun { under, after, record, restricted, has_alarm: told, .. } = run;
         let stance = match &record {
             Some(record) if record.predecessor.is_some() => Stance::RolledBack,
             Some(_) => Stance::SafeStopped,
@@ -203,7 +203,7 @@ fn of_run(
     tell: &ProgressFn<'_>,
 ) -> Result<Vec<LayerRow>, ExperimentError> {
     let is_worse = |drift: &Drift| {
-        let run = cached_run(&setting.kept, &digest, seed, *drift).and_then(|run| run.result);
+        let run = cached_run(&setting.cache, &digest, seed, *drift).and_then(|run| run.result);
         run.is_some_and(|result| result.effect.needs_trigger)
     };
     let pieces: Vec<LayerJob> = drifts()
@@ -211,7 +211,7 @@ fn of_run(
         .flat_map(|drift| LayerFailure::ALL.map(|failure| LayerJob { seed, drift, failure }))
         .collect();
     let found: Vec<Option<LayerRow>> =
-        pieces.iter().map(|piece| cached_cell(&setting.kept, &piece.key(&digest))).collect();
+        pieces.iter().map(|piece| cached_cell(&setting.cache, &piece.key(&digest))).collect();
     if found.iter().all(Option::is_some) {
         return Ok(found.into_iter().flatten().collect());
     }
@@ -240,7 +240,7 @@ fn work(
         "run {}: {} {} {}, {} fails: {} after {} tasks",
         row.seed, row.candidate, row.kind, row.magnitude, row.failure, row.stance, row.under.tasks
     ));
-    setting.kept.put(&piece.key(&digest), &serde_json::to_vec(&row)?)?;
+    setting.cache.put(&piece.key(&digest), &serde_json::to_vec(&row)?)?;
     Ok(row)
 }
 
@@ -259,7 +259,7 @@ mod tests {
             seed: SEED,
             jobs: 2,
             out: folder.join("drift"),
-            kept: ResultCache::in_folder(folder.join("kept"), CacheSecret::fresh().unwrap()),
+            cache: ResultCache::in_folder(folder.join("kept"), CacheSecret::fresh().unwrap()),
             horizon: 30,
             pairs: 5,
         }
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_is_read_back_as_it_was_kept() {
+    fn a_row_is_read_back_unchanged() {
         for failure in LayerFailure::ALL {
             for stance in Stance::ALL {
                 let row = LayerRow {

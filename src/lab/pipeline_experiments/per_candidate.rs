@@ -38,7 +38,7 @@ pub struct RunPlan {
     pub jobs: usize,
     /// Finished candidates and active versions' episodes are cached here and not run again; only for this run if
     /// absent.
-    pub kept: Option<ResultCache>,
+    pub cache: Option<ResultCache>,
 }
 
 /// The result of a run.
@@ -73,7 +73,7 @@ pub fn run(plan: &RunPlan, tell: &ProgressFn<'_>) -> Result<PerCandidateReport, 
     let pool = Pool::read(&plan.pool)?;
     let packages = packages(&pool)?;
     let scratch = scratch()?;
-    let cells = match &plan.kept {
+    let cells = match &plan.cache {
         Some(cells) => cells.clone(),
         None => ResultCache::in_folder(scratch.path().to_owned(), CacheSecret::fresh()?),
     };
@@ -191,8 +191,8 @@ pub(crate) fn one(
     .map(<[u8]>::to_vec);
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
     let key = Digest::of_parts("holdpoint.end.v5", &parts);
-    if let Some(kept) = cached_cell::<CandidateEnd>(cells, &key).filter(|kept| kept.name == task.name) {
-        return Ok(kept);
+    if let Some(cached) = cached_cell::<CandidateEnd>(cells, &key).filter(|cached| cached.name == task.name) {
+        return Ok(cached);
     }
     let experiment = task.experiment.clone();
     let CandidateJob { profile, seed, thresholds, workers, .. } = *task;

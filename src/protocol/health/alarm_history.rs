@@ -23,11 +23,11 @@ pub struct AlarmStep {
 impl AlarmStep {
     /// Its time in words, by both clocks.
     #[must_use]
-    pub fn moment(&self) -> String {
+    pub fn time_text(&self) -> String {
         let engine = clock_time(self.at_ms);
         match self.wall_ms {
             Some(wall_ms) => {
-                let wall = calendar::moment(wall_ms - wall_ms.rem_euclid(1_000));
+                let wall = calendar::day_and_time(wall_ms - wall_ms.rem_euclid(1_000));
                 format!("{wall} UTC (engine {engine})")
             }
             None => format!("at {engine} of the engine's clock"),
@@ -88,9 +88,9 @@ impl AlarmEpisode {
     /// `now_ms`.
     #[must_use]
     pub fn sentences(&self, now_ms: u64) -> Vec<String> {
-        let mut said: Vec<String> = self.text.iter().cloned().collect();
+        let mut sentences: Vec<String> = self.text.iter().cloned().collect();
         let before = if self.began_before { ", or before" } else { "" };
-        said.push(format!("raised by the engine {}{before}", self.raised.moment()));
+        sentences.push(format!("raised by the engine {}{before}", self.raised.time_text()));
         for (what, step) in [
             ("acknowledged", &self.acknowledged),
             ("shelved", &self.shelved),
@@ -100,15 +100,15 @@ impl AlarmEpisode {
             let Some(step) = step else { continue };
             let by = step.by.as_ref().map_or_else(String::new, |by| format!(" by {by}"));
             let why = step.reason.as_ref().map_or_else(String::new, |why| format!(": {why}"));
-            said.push(format!("{what}{by} {}{why}", step.moment()));
+            sentences.push(format!("{what}{by} {}{why}", step.time_text()));
         }
-        let stood = duration_label(self.active_ms(now_ms));
+        let duration = duration_label(self.active_ms(now_ms));
         let changes =
             if self.changes == 1 { "1 change".to_owned() } else { format!("{} changes", self.changes) };
-        said.push(match &self.ended {
-            Some(_) => format!("stood for {stood}, {changes} on record"),
-            None => format!("has stood for {stood}, {changes} on record"),
+        sentences.push(match &self.ended {
+            Some(_) => format!("stood for {duration}, {changes} on record"),
+            None => format!("has stood for {duration}, {changes} on record"),
         });
-        said
+        sentences
     }
 }

@@ -41,7 +41,7 @@ fn comes_before(one: &AlarmView, other: &AlarmView) -> bool {
 
 /// Every set of up to three alarms of every priority and state, older and newer, in every order.
 #[test]
-fn no_alarm_has_to_be_told_before_the_foremost_one() {
+fn no_alarm_precedes_the_foremost_one() {
     let mut kinds = Vec::new();
     for priority in Priority::ALL {
         for state in AlarmState::ALL {
@@ -50,12 +50,12 @@ fn no_alarm_has_to_be_told_before_the_foremost_one() {
     }
     let hidden = |alarm: &AlarmView| matches!(alarm.state, AlarmState::Normal | AlarmState::Shelved);
     let check = |set: &[&AlarmView]| {
-        let told: Vec<&AlarmView> = set.iter().copied().filter(|alarm| !hidden(alarm)).collect();
+        let visible: Vec<&AlarmView> = set.iter().copied().filter(|alarm| !hidden(alarm)).collect();
         match foremost(set.iter().copied()) {
-            None => assert!(told.is_empty(), "{set:?}"),
+            None => assert!(visible.is_empty(), "{set:?}"),
             Some(first) => {
-                assert!(told.contains(&first), "{set:?}");
-                assert!(!told.iter().any(|other| comes_before(other, first)), "{first:?} of {set:?}");
+                assert!(visible.contains(&first), "{set:?}");
+                assert!(!visible.iter().any(|other| comes_before(other, first)), "{first:?} of {set:?}");
             }
         }
     };

@@ -226,16 +226,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ChainMeasure::ALL.into_iter().find(|known| known.name() == phase).ok_or("no such phase")?;
         return timed(phase.name(), || phase.work(Path::new(folder)));
     }
-    let asked: Vec<u64> = arguments.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
-    let asked = if asked.is_empty() { vec![10_000, 100_000, 1_000_000] } else { asked };
-    for records in asked {
+    let requested: Vec<u64> = arguments.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
+    let sizes = if requested.is_empty() { vec![10_000, 100_000, 1_000_000] } else { requested };
+    for records in sizes {
         let folder = tempfile::tempdir()?;
-        let made = Store::open(folder.path())?;
-        let database = made.layout().database();
+        let store = Store::open(folder.path())?;
+        let database = store.layout().database();
         println!("{records} records");
-        timed("made", || fill(&made, records))?;
-        let key = *made.public_key();
-        drop(made);
+        timed("made", || fill(&store, records))?;
+        let key = *store.public_key();
+        drop(store);
         println!("  {} MB", fs::metadata(&database)?.len() / 1_000_000);
         let proof = timed("proof of a record", || prove_record(&database, records / 2))?;
         println!("  which has {} bytes", proof.text()?.len());
@@ -245,11 +245,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         timed("backup", || backup(folder.path(), &beside.path().join("copy"), BackupParts::default()))?;
         for phase in ChainMeasure::ALL {
             phase.prepare(folder.path());
-            let done = Command::new(std::env::current_exe()?)
+            let status = Command::new(std::env::current_exe()?)
                 .args(["--phase", phase.name()])
                 .arg(folder.path())
                 .status()?;
-            if !done.success() {
+            if !status.success() {
                 return Err(format!("{} failed", phase.name()).into());
             }
         }

@@ -152,7 +152,7 @@ fn a_zone_counts_as_entered_when_the_tool_is_measured_in_it() {
 }
 
 #[test]
-fn who_finds_itself_elsewhere_may_work_its_hand_and_leave() {
+fn a_skill_outside_its_zones_may_use_its_hand_and_leave() {
     let mut guard = terms().guard(&whole().permissions);
     measured(&mut guard, &[TRAY; 9]);
     assert_eq!(guard.check(&close(), &at(TRAY)).hit, None);
@@ -205,7 +205,7 @@ fn computing_too_long_counts_on_a_clock_alone() {
 
 /// Who declares too little loses the work: what it uses is taken from it, though its code could do it.
 #[test]
-fn who_declares_too_little_loses_its_work() {
+fn too_small_a_declaration_fails_a_task() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../manifests/grasp/1.0.0");
     let package = crate::capability::read(&folder).unwrap();
     let works = |from: &str, to: &str| {
@@ -254,7 +254,7 @@ fn a_budget_that_is_overrun_is_a_breach() {
 }
 
 #[test]
-fn withdrawn_permissions_refuse_and_blame_nobody() {
+fn withdrawn_permissions_deny_without_blame() {
     let stress = Stress::Withdrawn { from_tick: 5, until_tick: 9 };
     let mut guard = terms().stressed(stress).guard(&whole().permissions);
     let mut refused = 0;
@@ -269,7 +269,7 @@ fn withdrawn_permissions_refuse_and_blame_nobody() {
 }
 
 #[test]
-fn where_a_person_reaches_in_nothing_is_let_through() {
+fn commands_are_denied_where_a_person_reaches_in() {
     let terms = terms();
     let scene = Scene::cell().unwrap();
     let named = |name: ZoneName| scene.zones.iter().find(|zone| zone.name == name.name()).unwrap();
@@ -312,12 +312,12 @@ fn what_comes_with_the_program_declares_what_it_uses() {
             used.merge(&record.unwrap().used);
             world = Some(arm.into_body());
         }
-        let told = PermissionUse::new(declared, &version.bundle.interface(), &used, 4);
-        println!("{}: {:?} {:?}", version.id(), told.exceeded, told.unused);
+        let usage = PermissionUse::new(declared, &version.bundle.interface(), &used, 4);
+        println!("{}: {:?} {:?}", version.id(), usage.exceeded, usage.unused);
         // The one candidate that is there to be stopped for it.
         let stopped = folder.ends_with("align-past-permissions");
-        assert_eq!(used.undeclared > 0, stopped, "{}: {:?}", version.id(), told.exceeded);
+        assert_eq!(used.undeclared > 0, stopped, "{}: {:?}", version.id(), usage.exceeded);
         let missing = |what: &&String| what.starts_with("sensor") || what.starts_with("tool");
-        assert_eq!(told.exceeded.iter().find(missing), None, "{}", version.id());
+        assert_eq!(usage.exceeded.iter().find(missing), None, "{}", version.id());
     }
 }

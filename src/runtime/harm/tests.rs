@@ -75,7 +75,7 @@ fn a_fall_is_measured_by_its_time() {
 }
 
 #[test]
-fn an_object_that_lies_still_does_not_fall_and_one_set_down_hard_lands_fast() {
+fn a_lying_object_does_not_fall_and_one_set_down_hard_lands_fast() {
     let touched = work(&[(LYING, 9, 0.0), (FREE, 300, 0.0), (HELD, 9, 0.0), (LYING, 9, 0.0)]);
     assert_eq!(touched.drop_height_m, 0.0, "{touched:?}");
     let both = Contacts { object_fixture: true, ..HELD };
@@ -87,7 +87,7 @@ fn an_object_that_lies_still_does_not_fall_and_one_set_down_hard_lands_fast() {
 }
 
 #[test]
-fn forces_that_last_are_told_from_blows() {
+fn lasting_forces_differ_from_blows() {
     let (guard, mut meter) = (guard(), HarmMeter::default());
     for tick in 0..60 {
         let blow = if tick == 30 { 60.0 } else { 10.0 };
@@ -102,7 +102,7 @@ fn forces_that_last_are_told_from_blows() {
 }
 
 #[test]
-fn what_the_guard_takes_away_counts_with_its_depth() {
+fn a_clamp_counts_with_its_depth() {
     let (guard, mut meter) = (guard(), HarmMeter::default());
     let grip = |force_n| Command::Gripper { width_m: 0.0, speed_m_s: 0.1, force_n };
     let q = JointVec::from_iter([1.0, -2.0]);

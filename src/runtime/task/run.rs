@@ -15,7 +15,7 @@ use crate::arm::ActuatorHandle;
 use crate::guard::{CheckedCommand, Guard, PolicyHit};
 use crate::harm::HarmMeter;
 use crate::recovery::{AbortRun, RecoveryReport, StoppedBy};
-use crate::skill::{Skill, ask};
+use crate::skill::{Skill, next_command};
 use crate::watcher::Watcher;
 
 /// What a task is at.
@@ -46,7 +46,7 @@ enum StageState {
 #[derive(Clone, Debug)]
 struct NextMove {
     observation: Observation,
-    asked: Command,
+    requested: Command,
     checked: CheckedCommand,
     /// It has used up its attempts.
     exhausted: bool,
@@ -175,7 +175,7 @@ impl TaskRun {
         first: &mut Self,
         second: &mut Self,
     ) -> Result<(), BodyError> {
-        while let (Some(one), Some(other)) = (first.ask(handle)?, second.ask(handle)?) {
+        while let (Some(one), Some(other)) = (first.next_command(handle)?, second.next_command(handle)?) {
             if !is_same(&one, &other) {
                 break;
             }
@@ -215,7 +215,7 @@ impl TaskRun {
         handle: &mut ActuatorHandle<'_, B>,
         supervise: &mut Supervisor<'_, B>,
     ) -> Result<TaskStage, BodyError> {
-        if let Some(command) = self.ask(handle)? {
+        if let Some(command) = self.next_command(handle)? {
             handle.step(&command)?;
             self.take_in(handle, supervise);
         } else if let StageState::Recovering(abort) = &mut self.progress.stage {
@@ -235,7 +235,10 @@ impl TaskRun {
 
     /// What it wants of the body in this tick, asked once: until [`TaskRun::take_in`] the answer stays the same.
     /// `None` while it recovers, which it does by itself in [`TaskRun::tick`], and when it is over.
-    fn ask<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Result<Option<Command>, BodyError> {
+    fn next_command<B: Body>(
+        &mut self,
+        handle: &mut ActuatorHandle<'_, B>,
+    ) -> Result<Option<Command>, BodyError> {
         Ok(match self.progress.stage {
             StageState::Working => {
                 let decision = match self.progress.decision.take() {
@@ -280,7 +283,7 @@ impl TaskRun {
         decision: NextMove,
         supervise: &mut Supervisor<'_, B>,
     ) {
-        let NextMove { observation, asked, checked, exhausted } = decision;
+        let NextMove { observation, requested, checked, exhausted } = decision;
         let Self { terms, skill, guard, progress: p } = self;
         let seen = handle.telemetry();
         p.tick += 1;
@@ -303,10 +306,10 @@ impl TaskRun {
         p.record.intervention |= called == Supervision::StepIn;
         let stopped = called.stops();
         p.seen = Some(seen);
-        let done = asked == Command::Done;
+        let done = requested == Command::Done;
         p.record.fault = skill.confined().fault;
         let mut wants_recovery = exhausted || stopped || measured.is_some() || p.record.fault.is_some();
-        if let Command::Fail { signal } = asked {
+        if let Command::Fail { signal } = requested {
             p.record.declared = Some(signal);
             wants_recovery = true;
         }
@@ -322,11 +325,11 @@ impl TaskRun {
         let Self { skill, guard, progress: p, .. } = self;
         let seen = p.seen.take().unwrap_or_else(|| handle.telemetry());
         let observation = handle.observe(p.verdict);
-        let mut asked = ask(skill.as_mut(), &observation)?;
+        let mut requested = next_command(skill.as_mut(), &observation)?;
         let fault = skill.confined().fault;
         if fault.is_some() {
             // What stands there is no word of the skill's.
-            asked = Command::Stop;
+            requested = Command::Stop;
         }
         let collides = p.tick.is_multiple_of(4) && guard.predicts_collision(&seen);
         let checked = if collides {
@@ -336,9 +339,9 @@ impl TaskRun {
                 hit: Some(PolicyHit::PredictedCollision),
             }
         } else {
-            guard.check(&asked, &seen)
+            guard.check(&requested, &seen)
         };
-        p.harm.note_command(&asked, &checked, guard, (&observation.tau, &observation.dq));
+        p.harm.note_command(&requested, &checked, guard, (&observation.tau, &observation.dq));
         p.verdict = checked.verdict;
         if let Some(hit) = checked.hit {
             note_hit(&mut p.record, p.tick, hit);
@@ -353,7 +356,7 @@ impl TaskRun {
             note_hit(&mut p.record, p.tick, PolicyHit::RetriesExceeded);
         }
         p.watcher.note_command(&checked.command, &seen);
-        Ok(NextMove { observation, asked, checked, exhausted })
+        Ok(NextMove { observation, requested, checked, exhausted })
     }
 
     /// The skill has had its last word.

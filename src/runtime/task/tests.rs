@@ -73,7 +73,7 @@ fn work(from: u64, supervise: &mut Supervisor<'_, Struck>) -> TaskRecord {
 }
 
 #[test]
-fn a_blow_after_the_last_word_is_a_violation() {
+fn a_blow_after_the_last_command_violates() {
     let quiet = work(u64::MAX, &mut |_, _| Supervision::Continue);
     assert!(quiet.success && !quiet.violation, "{quiet:?}");
     let struck = work(4, &mut |_, _| Supervision::Continue);
@@ -88,7 +88,7 @@ fn what_is_measured_while_it_settles_is_in_the_record() {
 }
 
 #[test]
-fn whoever_supervises_sees_and_stops_the_settling_arm() {
+fn a_supervisor_sees_and_stops_the_settling_arm() {
     let mut settling = 0;
     work(u64::MAX, &mut |_, passed| {
         settling += u64::from(passed.settling);
@@ -155,7 +155,7 @@ fn a_copy_made_after_any_tick_comes_to_the_same_bit_for_bit() {
 }
 
 #[test]
-fn a_run_whose_skill_cannot_be_copied_has_no_copy() {
+fn a_run_of_an_uncopyable_skill_has_no_copy() {
     let (_, run) = shipped("align", 1);
     assert!(run.fork().is_some());
     let guard = run.into_parts().1;
@@ -182,7 +182,7 @@ fn together(families: [&str; 2], seed: u64) -> ([TaskRecord; 2], u64) {
 }
 
 #[test]
-fn two_tasks_share_their_world_until_they_differ() {
+fn two_tasks_share_a_world_until_they_differ() {
     for (families, least, most) in [
         (["align", "align"], 300, u64::MAX),
         (["align", "candidates/align-improved"], 8, 300),
@@ -207,7 +207,7 @@ fn guard() -> Guard {
 }
 
 #[test]
-fn a_person_who_stops_the_arm_steps_in_and_the_monitor_does_not() {
+fn a_persons_stop_is_an_intervention_and_a_monitors_is_not() {
     for (asked, intervention) in [(Supervision::StepIn, true), (Supervision::Abort, false)] {
         for settling in [false, true] {
             let record = work(u64::MAX, &mut |_, passed| {
@@ -232,7 +232,7 @@ fn motion_after_a_stop_beyond_the_limit_is_a_violation() {
 }
 
 #[test]
-fn who_runs_out_of_time_counts_as_an_anomaly() {
+fn running_out_of_time_is_an_anomaly() {
     let watcher = Watcher::new(TaskKind::Grasp, WatchLimits::default());
     for timeout in [false, true] {
         let mut record = TaskRecord { timeout, ..TaskRecord::invalid(TaskKind::Grasp, 1) };
@@ -308,7 +308,7 @@ fn code_that_fails_in_its_hook_has_not_stopped_the_arm() {
 }
 
 #[test]
-fn a_machine_that_stalls_says_nothing_of_the_code() {
+fn a_stalled_machine_is_no_fault_of_the_code() {
     let error = failing(CodeFault::Machine, 200, false, 0).unwrap_err();
     assert!(matches!(error, BodyError::Failed(_)), "{error:?}");
 }

@@ -26,13 +26,13 @@ pub(super) struct UpgradeFacts {
 impl Drawing {
     /// Writes the upgrade's document at the beginning.
     pub fn introduce(&mut self, about: &RecordingSubject, at_ms: u64) {
-        let moment = self.moment(at_ms, self.sequence);
+        let time = self.row_time(at_ms, self.sequence);
         self.upgrade.about = Some(about.clone());
-        self.write_document(&moment);
+        self.write_document(&time);
     }
 
-    pub(super) fn log_event(&mut self, event: &Event, moment: &RowTime) {
-        self.log(event, moment);
+    pub(super) fn log_event(&mut self, event: &Event, time: &RowTime) {
+        self.log(event, time);
         let ours =
             labels::version_of(&event.kind).is_some_and(|version| self.version.as_ref() == Some(version));
         if !ours {
@@ -41,7 +41,7 @@ impl Drawing {
         if let Some(phase) = labels::phase(&event.kind)
             && self.upgrade.phase.as_deref() != Some(phase.as_str())
         {
-            self.rows.at("phase", moment, &StateChange::single(phase.as_str()));
+            self.rows.at("phase", time, &StateChange::single(phase.as_str()));
             self.upgrade.phase = Some(phase);
         }
         match &event.kind {
@@ -52,10 +52,10 @@ impl Drawing {
             EventKind::Activated { .. } | EventKind::Confirmed { .. } => {}
             _ => return,
         }
-        self.write_document(moment);
+        self.write_document(time);
     }
 
-    fn log(&mut self, event: &Event, moment: &RowTime) {
+    fn log(&mut self, event: &Event, time: &RowTime) {
         let (path, level) = match &event.kind {
             // A line for each episode would bury the rest.
             EventKind::Progress { .. } => return,
@@ -65,22 +65,22 @@ impl Drawing {
             kind => ("log/audit", labels::level(kind)),
         };
         let text = sentence(event, TEXT_WIDTH_MAX).into_string();
-        self.rows.at(path, moment, &TextLog::new(text).with_level(TextLogLevel::from(level)));
+        self.rows.at(path, time, &TextLog::new(text).with_level(TextLogLevel::from(level)));
     }
 
     /// An event of one version in a part of an evaluation.
-    pub(super) fn log_film(&mut self, seen: &FilmSpan, moment: &RowTime) {
-        let text = Untrusted::new(seen.sentence()).display(TEXT_WIDTH_MAX).into_string();
-        self.rows.at("log/film", moment, &TextLog::new(text).with_level(TextLogLevel::INFO));
+    pub(super) fn log_film(&mut self, span: &FilmSpan, time: &RowTime) {
+        let text = Untrusted::new(span.sentence()).display(TEXT_WIDTH_MAX).into_string();
+        self.rows.at("log/film", time, &TextLog::new(text).with_level(TextLogLevel::INFO));
     }
 
-    pub(super) fn log_mark(&mut self, who: &str, mark: &FilmMark, moment: &RowTime) {
+    pub(super) fn log_mark(&mut self, who: &str, mark: &FilmMark, time: &RowTime) {
         let level = if mark.bad { TextLogLevel::WARN } else { TextLogLevel::INFO };
         let text = Untrusted::new(format!("{who}: {}", mark.text)).display(TEXT_WIDTH_MAX).into_string();
-        self.rows.at("log/film", moment, &TextLog::new(text).with_level(TextLogLevel::from(level)));
+        self.rows.at("log/film", time, &TextLog::new(text).with_level(TextLogLevel::from(level)));
     }
 
-    fn write_document(&mut self, moment: &RowTime) {
+    fn write_document(&mut self, time: &RowTime) {
         let Some(about) = &self.upgrade.about else { return };
         let text = labels::document(
             about,
@@ -88,6 +88,6 @@ impl Drawing {
             self.upgrade.decided.as_ref(),
             self.upgrade.outcome,
         );
-        self.rows.at("upgrade", moment, &TextDocument::from_markdown(text));
+        self.rows.at("upgrade", time, &TextDocument::from_markdown(text));
     }
 }

@@ -98,41 +98,41 @@ fn always<T: Serialize>(rows: &mut PendingRows, path: &str, value: &T) {
     }
 }
 
-pub(super) fn event(rows: &mut PendingRows, event: &Event, moment: &RowTime) {
+pub(super) fn event(rows: &mut PendingRows, event: &Event, time: &RowTime) {
     if let Ok(text) = serde_json::to_string(event) {
-        rows.at(paths::EVENT, moment, &TextLog::new(text));
+        rows.at(paths::EVENT, time, &TextLog::new(text));
     }
 }
 
-pub(super) fn film(rows: &mut PendingRows, seen: &FilmSpan, moment: &RowTime) {
-    if let Ok(text) = serde_json::to_string(seen) {
-        rows.at(paths::FILM, moment, &TextLog::new(text));
+pub(super) fn film(rows: &mut PendingRows, span: &FilmSpan, time: &RowTime) {
+    if let Ok(text) = serde_json::to_string(span) {
+        rows.at(paths::FILM, time, &TextLog::new(text));
     }
 }
 
 /// Writes the data of a video frame beside its geometry.
-pub(super) fn frame(rows: &mut PendingRows, picture: &VideoFrame, moment: &RowTime, says_blocks: bool) {
-    let twin = picture.twin.as_ref();
+pub(super) fn frame(rows: &mut PendingRows, video_frame: &VideoFrame, time: &RowTime, with_blocks: bool) {
+    let twin = video_frame.twin.as_ref();
     let frame = FrameFacts {
-        sequence: picture.sequence,
-        at_ms: picture.at_ms,
-        at_secs: picture.at_secs,
-        task: picture.task,
-        version: picture.version.clone(),
+        sequence: video_frame.sequence,
+        at_ms: video_frame.at_ms,
+        at_secs: video_frame.at_secs,
+        task: video_frame.task,
+        version: video_frame.version.clone(),
         twin: twin.map(|twin| twin.version.clone()),
         flags: [
-            picture.body.held,
+            video_frame.body.held,
             twin.is_some_and(|twin| twin.body.held),
-            picture.unexpected_contact,
-            picture.stopped,
+            video_frame.unexpected_contact,
+            video_frame.stopped,
         ],
-        half_m: [picture.body.object_half_m, twin.map_or(0.0, |twin| twin.body.object_half_m)],
-        tool: [picture.speed_m_s, picture.force_n, picture.contact_n],
-        envelope: picture.envelope,
-        forces_n: picture.contacts.iter().map(|contact| contact.force_n).collect(),
-        blocks: if says_blocks { picture.blocks.clone() } else { Vec::new() },
+        half_m: [video_frame.body.object_half_m, twin.map_or(0.0, |twin| twin.body.object_half_m)],
+        tool: [video_frame.speed_m_s, video_frame.force_n, video_frame.contact_n],
+        envelope: video_frame.envelope,
+        forces_n: video_frame.contacts.iter().map(|contact| contact.force_n).collect(),
+        blocks: if with_blocks { video_frame.blocks.clone() } else { Vec::new() },
     };
     if let Ok(text) = serde_json::to_string(&frame) {
-        rows.at(paths::FRAME, moment, &TextLog::new(text));
+        rows.at(paths::FRAME, time, &TextLog::new(text));
     }
 }

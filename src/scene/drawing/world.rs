@@ -61,27 +61,27 @@ pub fn on_grid(point: WorldPoint) -> WorldPoint {
 }
 
 impl Drawing {
-    pub(super) fn draw_world(&mut self, picture: &VideoFrame, moment: &RowTime) {
-        self.draw_body(&picture.body, BodyRole::Live, picture, moment);
-        self.draw_contacts(&picture.contacts, moment);
-        if self.standing != Some(picture.sequence) {
-            self.draw_blocks(&picture.blocks, moment);
+    pub(super) fn draw_world(&mut self, frame: &VideoFrame, time: &RowTime) {
+        self.draw_body(&frame.body, BodyRole::Live, frame, time);
+        self.draw_contacts(&frame.contacts, time);
+        if self.blocks_sequence != Some(frame.sequence) {
+            self.draw_blocks(&frame.blocks, time);
         }
-        match &picture.twin {
+        match &frame.twin {
             Some(twin) => {
                 self.twin_shown = true;
-                self.draw_body(&twin.body, BodyRole::Twin, picture, moment);
+                self.draw_body(&twin.body, BodyRole::Twin, frame, time);
             }
             None if self.twin_shown => {
                 self.twin_shown = false;
-                self.rows.at("world/twin", moment, &Clear::new(true));
+                self.rows.at("world/twin", time, &Clear::new(true));
             }
             None => {}
         }
     }
 
     /// Tray and clutter, which keep their place for a sequence.
-    fn draw_blocks(&mut self, blocks: &[SceneBlock], moment: &RowTime) {
+    fn draw_blocks(&mut self, blocks: &[SceneBlock], time: &RowTime) {
         let colors = (0..blocks.len())
             .map(|index| theme::solid(if index < TRAY_PARTS { [74, 124, 176] } else { [148, 112, 84] }));
         let boxes = Boxes3D::update_fields()
@@ -89,47 +89,47 @@ impl Drawing {
             .with_centers(blocks.iter().map(|block| on_grid(block.at)))
             .with_quaternions(blocks.iter().map(|block| quaternion(block.turn)))
             .with_colors(colors);
-        self.rows.at("world/standing", moment, &boxes);
+        self.rows.at("world/standing", time, &boxes);
     }
 
-    fn draw_body(&mut self, body: &ArmView, whose: BodyRole, picture: &VideoFrame, moment: &RowTime) {
-        let root = whose.root();
+    fn draw_body(&mut self, body: &ArmView, role: BodyRole, frame: &VideoFrame, time: &RowTime) {
+        let root = role.root();
         let joints: Vec<WorldPoint> = body.links.iter().copied().map(on_grid).collect();
-        self.rows.at(&format!("{root}/arm/links"), moment, &links(&joints));
+        self.rows.at(&format!("{root}/arm/links"), time, &links(&joints));
         self.rows.at(
             &format!("{root}/arm/joints"),
-            moment,
+            time,
             &Points3D::update_fields().with_positions(joints.iter().copied()),
         );
         let pads = Boxes3D::update_fields()
-            .with_half_sizes([PAD_HALF_M.map(|half| half * whose.swell()); 2])
+            .with_half_sizes([PAD_HALF_M.map(|half| half * role.swell()); 2])
             .with_centers(body.pads.map(on_grid))
             .with_quaternions([quaternion(body.hand); 2]);
-        self.rows.at(&format!("{root}/gripper"), moment, &pads);
+        self.rows.at(&format!("{root}/gripper"), time, &pads);
         let object = Boxes3D::update_fields()
-            .with_half_sizes([[body.object_half_m * whose.swell(); 3]])
+            .with_half_sizes([[body.object_half_m * role.swell(); 3]])
             .with_centers([on_grid(body.object)])
             .with_quaternions([quaternion(body.object_turn)])
-            .with_colors([object_color(whose, body.held)]);
-        self.rows.at(&format!("{root}/object"), moment, &object);
-        self.draw_path(body, whose, picture, moment);
+            .with_colors([object_color(role, body.held)]);
+        self.rows.at(&format!("{root}/object"), time, &object);
+        self.draw_path(body, role, frame, time);
     }
 
-    fn draw_path(&mut self, body: &ArmView, whose: BodyRole, picture: &VideoFrame, moment: &RowTime) {
+    fn draw_path(&mut self, body: &ArmView, role: BodyRole, frame: &VideoFrame, time: &RowTime) {
         let every_ms = self.path_every_ms;
         let [live, twin] = &mut self.trails;
-        let trail = match whose {
+        let trail = match role {
             BodyRole::Live => live,
             BodyRole::Twin => twin,
         };
         let Some(&tool) = body.links.last() else { return };
-        if trail.follow(on_grid(tool), picture, every_ms) {
+        if trail.follow(on_grid(tool), frame, every_ms) {
             let strip = LineStrips3D::update_fields().with_strips([trail.points.clone()]);
-            self.rows.at(&format!("{}/path", whose.root()), moment, &strip);
+            self.rows.at(&format!("{}/path", role.root()), time, &strip);
         }
     }
 
-    fn draw_contacts(&mut self, contacts: &[Contact], moment: &RowTime) {
+    fn draw_contacts(&mut self, contacts: &[Contact], time: &RowTime) {
         let length = |contact: &Contact| contact.force_n.iter().map(|part| part * part).sum::<f32>().sqrt();
         let vectors = contacts.iter().map(|contact| {
             let newton = length(contact);
@@ -145,15 +145,15 @@ impl Drawing {
             .with_vectors(vectors)
             .with_origins(contacts.iter().map(|contact| on_grid(contact.at)))
             .with_colors(colors);
-        self.rows.at("world/contacts", moment, &arrows);
+        self.rows.at("world/contacts", time, &arrows);
     }
 }
 
 impl Trail {
     /// Follows the tool; returns whether the path is due.
-    fn follow(&mut self, tool: WorldPoint, picture: &VideoFrame, every_ms: u64) -> bool {
-        if self.sequence != picture.sequence || self.said_ms.is_none() {
-            *self = Self { sequence: picture.sequence, points: vec![tool], said_ms: Some(picture.at_ms) };
+    fn follow(&mut self, tool: WorldPoint, frame: &VideoFrame, every_ms: u64) -> bool {
+        if self.sequence != frame.sequence || self.drawn_ms.is_none() {
+            *self = Self { sequence: frame.sequence, points: vec![tool], drawn_ms: Some(frame.at_ms) };
             return true;
         }
         let far = self.points.last().is_none_or(|last| {
@@ -170,9 +170,9 @@ impl Trail {
             }
             self.points.push(tool);
         }
-        let due = self.said_ms.is_none_or(|said| picture.at_ms >= said.saturating_add(every_ms));
+        let due = self.drawn_ms.is_none_or(|drawn| frame.at_ms >= drawn.saturating_add(every_ms));
         if due {
-            self.said_ms = Some(picture.at_ms);
+            self.drawn_ms = Some(frame.at_ms);
         }
         due
     }
@@ -182,23 +182,23 @@ impl Trail {
 fn links(joints: &[WorldPoint]) -> Capsules3D {
     let pairs = || joints.iter().zip(joints.iter().skip(1));
     let along = |(from, to): (&WorldPoint, &WorldPoint)| [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
-    let norm = |way: WorldPoint| way.iter().map(|part| part * part).sum::<f32>().sqrt();
+    let norm = |vector: WorldPoint| vector.iter().map(|part| part * part).sum::<f32>().sqrt();
     Capsules3D::update_fields()
         // Links do not stretch: a rounded length is the same number in every row.
         .with_lengths(pairs().map(|pair| (norm(along(pair)) * 512.0).round() / 512.0))
         .with_translations(pairs().map(|(from, _)| *from))
         .with_quaternions(pairs().map(|pair| {
-            let way = along(pair);
-            quaternion(turn_from_z(way, norm(way)))
+            let direction = along(pair);
+            quaternion(turn_from_z(direction, norm(direction)))
         }))
 }
 
 /// The shortest rotation that turns z into a direction.
-fn turn_from_z(way: WorldPoint, length: f32) -> Orientation {
+fn turn_from_z(direction: WorldPoint, length: f32) -> Orientation {
     if length <= f32::EPSILON {
         return holdpoint_protocol::video_frame::NO_TURN;
     }
-    let [x, y, z] = way.map(|part| part / length);
+    let [x, y, z] = direction.map(|part| part / length);
     let turn = [-y, x, 0.0, 1.0 + z];
     let norm = turn.iter().map(|part| part * part).sum::<f32>().sqrt();
     if norm < 1e-4 { [1.0, 0.0, 0.0, 0.0] } else { turn.map(|part| part / norm) }
@@ -208,8 +208,8 @@ fn quaternion(turn: Orientation) -> RotationQuat {
     RotationQuat::from(Quaternion::from_xyzw(turn.map(|part| (part * GRID_PER_M).round() / GRID_PER_M)))
 }
 
-fn object_color(whose: BodyRole, held: bool) -> Color {
-    match (whose, held) {
+fn object_color(role: BodyRole, held: bool) -> Color {
+    match (role, held) {
         (BodyRole::Live, true) => theme::solid([88, 214, 120]),
         (BodyRole::Live, false) => theme::solid([226, 182, 74]),
         (BodyRole::Twin, true) => theme::ghost([150, 235, 170], 70),
@@ -230,13 +230,13 @@ mod tests {
 
     #[test]
     fn a_link_points_from_joint_to_joint() {
-        for way in [[0.0, 0.0, 1.0], [0.0, 0.0, -2.0], [0.3, -0.4, 0.1]] {
-            let length = way.iter().map(|part: &f32| part * part).sum::<f32>().sqrt();
-            let [x, y, z, w] = turn_from_z(way, length);
+        for direction in [[0.0, 0.0, 1.0], [0.0, 0.0, -2.0], [0.3, -0.4, 0.1]] {
+            let length = direction.iter().map(|part: &f32| part * part).sum::<f32>().sqrt();
+            let [x, y, z, w] = turn_from_z(direction, length);
             // z turned by the quaternion.
             let turned = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
-            for (turned, wanted) in turned.iter().zip(way) {
-                assert!((turned - wanted / length).abs() < 1e-4, "{way:?} gave {turned}");
+            for (turned, wanted) in turned.iter().zip(direction) {
+                assert!((turned - wanted / length).abs() < 1e-4, "{direction:?} gave {turned}");
             }
         }
     }

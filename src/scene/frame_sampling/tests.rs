@@ -4,7 +4,7 @@ use super::*;
 use holdpoint_protocol::video_frame::{ArmView, NO_TURN};
 
 /// A frame at a time.
-pub fn picture(sequence: u64, at_ms: u64) -> Arc<VideoFrame> {
+pub fn video_frame(sequence: u64, at_ms: u64) -> Arc<VideoFrame> {
     let sway = (at_ms as f32 / 500.0).sin() * 0.2;
     let body = ArmView {
         links: vec![[0.0, 0.0, 0.0], [0.0, 0.0, 0.33], [0.3, sway, 0.6], [0.5, sway, 0.3]],
@@ -36,11 +36,11 @@ pub fn picture(sequence: u64, at_ms: u64) -> Arc<VideoFrame> {
 
 fn run(pace: &mut FrameSampler, sequence: u64, from_ms: u64, to_ms: u64) -> usize {
     let times = (from_ms..to_ms).step_by(33);
-    times.map(|at_ms| pace.on_picture(&picture(sequence, at_ms)).len()).sum()
+    times.map(|at_ms| pace.on_frame(&video_frame(sequence, at_ms)).len()).sum()
 }
 
 #[test]
-fn the_longer_it_lasts_the_fewer_pictures() {
+fn longer_recordings_sample_fewer_frames() {
     let mut pace = FrameSampler::default();
     let first = run(&mut pace, 0, 0, 60_000);
     let second = run(&mut pace, 1, 60_000, 120_000);

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io;
 
 use super::*;
-use crate::frame_sampling::tests::picture;
+use crate::frame_sampling::tests::video_frame;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::submission::{Provenance, Risk};
 
@@ -50,7 +50,7 @@ fn work(router: &mut Router, version: &str, flush: bool) {
     router.events(&[event(1, 0, registered(version, Some("grasp@1.0.0")))], None, (0, 0));
     router.events(&[event(2, 10, shadow(version))], None, (0, 0));
     for step in 1..200 {
-        router.picture(picture(0, step * 33));
+        router.video_frame(video_frame(0, step * 33));
         if flush && step % 7 == 0 {
             router.flush();
         }
@@ -62,14 +62,14 @@ fn a_version_without_news_has_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let mut router = router(folder.path(), plain());
     router.events(&[event(1, 0, registered("grasp@1.0.0", None))], None, (0, 0));
-    router.picture(picture(0, 33));
+    router.video_frame(video_frame(0, 33));
     router.end((0, 0));
     assert!(recordings(folder.path()).is_empty());
     assert!(router.reports().is_empty());
 }
 
 #[test]
-fn a_full_disk_ends_one_recording_is_told_once_and_harms_no_other() {
+fn a_full_disk_ends_one_recording_with_one_report() {
     let folder = tempfile::tempdir().unwrap();
     let open = |path: &Path| -> io::Result<File> {
         let full = path.to_string_lossy().contains("1.1.0");
@@ -92,7 +92,7 @@ fn a_full_disk_ends_one_recording_is_told_once_and_harms_no_other() {
     assert_eq!(*version, id("grasp@1.1.0"));
     assert!(text.contains("cannot be written") && text.contains("Hint:"), "{text}");
     assert!(reports.iter().any(
-        |report| matches!(report, SinkReport::Closed(closed) if closed.version == id("grasp@1.2.0") && closed.pictures > 30)
+        |report| matches!(report, SinkReport::Closed(closed) if closed.version == id("grasp@1.2.0") && closed.frames > 30)
     ));
 }
 
@@ -137,7 +137,7 @@ fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
 
     second.events(&[event(1, 20_000, registered("grasp@1.1.0", None))], None, (0, 0));
     second.events(&[event(2, 20_010, shadow("grasp@1.1.0"))], None, (0, 0));
-    second.picture(picture(5, 20_033));
+    second.video_frame(video_frame(5, 20_033));
     assert_eq!(std::fs::read(&path).unwrap(), same);
     assert_eq!(recordings(folder.path()).len(), 2);
     second.events(&[event(3, 21_000, closed("grasp@1.1.0"))], None, (4, 2));
@@ -147,24 +147,24 @@ fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
     assert_eq!(recordings(folder.path()).len(), 1);
     let whole = crate::read(&path).unwrap();
     assert_eq!(whole.pictures.len(), torn.pictures.len() + 1);
-    assert_eq!(whole.pictures.len() as u64, closed.pictures);
+    assert_eq!(whole.pictures.len() as u64, closed.frames);
     assert_eq!((whole.outcome, whole.dropped), (Some(UpgradeEnd::Confirmed.into()), (4, 2)));
 }
 
 #[test]
-fn a_file_on_record_is_never_touched_and_one_that_is_not_is_told_again() {
+fn a_recorded_file_is_not_touched_and_another_is_reported_again() {
     let folder = tempfile::tempdir().unwrap();
     let mut first = router(folder.path(), plain());
     work(&mut first, "grasp@1.1.0", false);
     first.events(&[event(9, 9_000, closed("grasp@1.1.0"))], None, (0, 0));
-    let told = first.reports();
-    let [SinkReport::Closed(ended)] = told.as_slice() else { panic!("{told:?}") };
+    let reports = first.reports();
+    let [SinkReport::Closed(ended)] = reports.as_slice() else { panic!("{reports:?}") };
     let path = folder.path().join(&ended.file);
     let bytes = std::fs::read(&path).unwrap();
 
     let mut second = router(folder.path(), plain());
     second.recover();
-    assert_eq!(second.reports(), told);
+    assert_eq!(second.reports(), reports);
     let on_record = BTreeSet::from([ended.file.clone()]);
     let mut third = Router::new(folder.path().to_owned(), on_record, false, plain());
     third.recover();
@@ -177,7 +177,7 @@ fn a_file_on_record_is_never_touched_and_one_that_is_not_is_told_again() {
 }
 
 #[test]
-fn a_segments_name_is_told_from_a_version() {
+fn a_segment_is_read_from_its_file_name() {
     for (name, wanted) in [
         ("grasp-1.0.2-0a1b2c3d.rrd", ("grasp-1.0.2-0a1b2c3d", 1)),
         ("grasp-1.0.2-0a1b2c3d.2.rrd", ("grasp-1.0.2-0a1b2c3d", 2)),

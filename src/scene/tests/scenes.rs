@@ -35,16 +35,16 @@ const PATIENCE: Duration = Duration::from_mins(1);
 const GRID_M: f32 = 3.2e-5;
 
 /// The items of an upgrade of some sequences.
-struct Script {
-    pictures: Vec<VideoFrame>,
+struct SceneScript {
+    frames: Vec<VideoFrame>,
     events: Vec<Event>,
     at_ms: u64,
     seq: u64,
 }
 
-impl Script {
+impl SceneScript {
     const fn new() -> Self {
-        Self { pictures: Vec::new(), events: Vec::new(), at_ms: 500_000, seq: 0 }
+        Self { frames: Vec::new(), events: Vec::new(), at_ms: 500_000, seq: 0 }
     }
 
     fn event(&mut self, feed: &Feed, kind: EventKind, shown: Option<Snapshot>) {
@@ -59,10 +59,10 @@ impl Script {
     fn sequence(&mut self, feed: &Feed, index: u64, secs: u64, success: bool, twin: bool) {
         for step in 0..secs * 30 {
             self.at_ms += 33 + u64::from(step % 3 == 0);
-            let picture = picture(index, self.at_ms, step, twin);
+            let frame = video_frame(index, self.at_ms, step, twin);
             // A slow reader drops frames; the test waits for it.
-            offer(feed, &picture);
-            self.pictures.push(picture);
+            offer(feed, &frame);
+            self.frames.push(frame);
         }
         let task = TaskSummary {
             version: id("place@1.0.0"),
@@ -86,10 +86,10 @@ impl Script {
 }
 
 /// Hands a frame over and waits until it is taken.
-fn offer(feed: &Feed, picture: &VideoFrame) {
+fn offer(feed: &Feed, frame: &VideoFrame) {
     loop {
         let (dropped, _) = feed.dropped();
-        feed.picture(picture.clone());
+        feed.video_frame(frame.clone());
         if feed.dropped().0 == dropped {
             return;
         }
@@ -97,33 +97,33 @@ fn offer(feed: &Feed, picture: &VideoFrame) {
     }
 }
 
-fn picture(sequence: u64, at_ms: u64, step: u64, twin: bool) -> VideoFrame {
-    let mut picture = support::picture();
+fn video_frame(sequence: u64, at_ms: u64, step: u64, twin: bool) -> VideoFrame {
+    let mut frame = support::video_frame();
     let phase = step as f32 / 40.0;
-    picture.sequence = sequence;
-    picture.at_ms = at_ms;
-    picture.at_secs = step as f64 / 30.0;
-    picture.speed_m_s = phase.sin().abs() * 0.4;
+    frame.sequence = sequence;
+    frame.at_ms = at_ms;
+    frame.at_secs = step as f64 / 30.0;
+    frame.speed_m_s = phase.sin().abs() * 0.4;
     let sway = |index: usize| (phase + index as f32 * 0.3).sin() * 0.05 * index as f32;
-    for (index, link) in picture.body.links.iter_mut().enumerate() {
+    for (index, link) in frame.body.links.iter_mut().enumerate() {
         link[1] += sway(index);
     }
-    picture.body.object[2] += phase.cos().abs() * 0.1;
-    picture.body.hand = [0.0, (phase / 2.0).sin(), 0.0, (phase / 2.0).cos()];
+    frame.body.object[2] += phase.cos().abs() * 0.1;
+    frame.body.hand = [0.0, (phase / 2.0).sin(), 0.0, (phase / 2.0).cos()];
     if step.is_multiple_of(5) {
-        picture.contacts = vec![Contact { at: picture.body.object, force_n: [0.5, -1.25, 4.0] }];
+        frame.contacts = vec![Contact { at: frame.body.object, force_n: [0.5, -1.25, 4.0] }];
     }
-    picture.blocks = vec![SceneBlock {
+    frame.blocks = vec![SceneBlock {
         at: [0.5, 0.2, 0.01 * sequence as f32],
         half_m: [0.1, 0.1, 0.005],
-        turn: picture.body.object_turn,
+        turn: frame.body.object_turn,
     }];
-    picture.twin = twin.then(|| {
-        let mut body = picture.body.clone();
+    frame.twin = twin.then(|| {
+        let mut body = frame.body.clone();
         body.links.iter_mut().for_each(|link| link[0] += 0.02);
         Twin { version: id(VERSION), body }
     });
-    picture
+    frame
 }
 
 fn config(folder: &Path) -> SceneConfig {
@@ -144,10 +144,15 @@ fn registered() -> EventKind {
 }
 
 /// A whole upgrade: some shadowed sequences, a decision, some monitored ones.
-fn upgrade(folder: &Path, shadowed: u64, monitored: u64, fail: &[u64]) -> (Script, ClosedRecording, PathBuf) {
+fn upgrade(
+    folder: &Path,
+    shadowed: u64,
+    monitored: u64,
+    fail: &[u64],
+) -> (SceneScript, ClosedRecording, PathBuf) {
     let scenes = SceneSink::start(config(folder)).unwrap();
     let feed = scenes.feed();
-    let mut script = Script::new();
+    let mut script = SceneScript::new();
     script.event(&feed, registered(), None);
     script.event(
         &feed,
@@ -193,23 +198,23 @@ fn near(a: [f32; 3], b: [f32; 3]) -> bool {
 }
 
 fn same(read: &VideoFrame, wrote: &VideoFrame) {
-    let exact = |picture: &VideoFrame| {
+    let exact = |frame: &VideoFrame| {
         (
-            picture.sequence,
-            picture.at_ms,
-            picture.at_secs,
-            picture.task,
-            picture.version.clone(),
-            (picture.speed_m_s, picture.force_n, picture.contact_n),
-            picture.envelope,
-            (picture.unexpected_contact, picture.stopped, picture.body.held),
-            picture.twin.as_ref().map(|twin| twin.version.clone()),
+            frame.sequence,
+            frame.at_ms,
+            frame.at_secs,
+            frame.task,
+            frame.version.clone(),
+            (frame.speed_m_s, frame.force_n, frame.contact_n),
+            frame.envelope,
+            (frame.unexpected_contact, frame.stopped, frame.body.held),
+            frame.twin.as_ref().map(|twin| twin.version.clone()),
         )
     };
     assert_eq!(exact(read), exact(wrote));
-    let bodies = |picture: &VideoFrame| {
-        let twin = picture.twin.as_ref().map(|twin| twin.body.clone());
-        std::iter::once(picture.body.clone()).chain(twin).collect::<Vec<_>>()
+    let bodies = |frame: &VideoFrame| {
+        let twin = frame.twin.as_ref().map(|twin| twin.body.clone());
+        std::iter::once(frame.body.clone()).chain(twin).collect::<Vec<_>>()
     };
     for (read, wrote) in bodies(read).iter().zip(bodies(wrote)) {
         assert_eq!(read.links.len(), wrote.links.len());
@@ -246,19 +251,19 @@ fn what_is_written_is_read_back() {
     assert_eq!(recording.scenery, snapshot().scenery);
     assert_eq!(recording.outcome, Some(UpgradeEnd::Confirmed.into()));
     assert_eq!(recording.events, script.events);
-    assert_eq!(recording.pictures.len() as u64, closed.pictures);
-    for picture in &recording.pictures {
-        let wrote = script.pictures.iter().find(|wrote| wrote.at_ms == picture.at_ms).unwrap();
-        same(picture, wrote);
+    assert_eq!(recording.pictures.len() as u64, closed.frames);
+    for frame in &recording.pictures {
+        let wrote = script.frames.iter().find(|wrote| wrote.at_ms == frame.at_ms).unwrap();
+        same(frame, wrote);
     }
     // The failed sequence is there whole, the others are not.
-    let of = |sequence| recording.pictures.iter().filter(|picture| picture.sequence == sequence).count();
+    let of = |sequence| recording.pictures.iter().filter(|frame| frame.sequence == sequence).count();
     assert_eq!(of(1), 17 * 30);
     assert!((100..=200).contains(&of(0)), "{}", of(0));
     let speed = series(&recording, "tool/speed");
     assert_eq!(speed.points.len(), recording.pictures.len());
-    assert!(speed.points.iter().zip(&recording.pictures).all(|((at_ms, value), picture)| {
-        tick_of(*at_ms) == tick_of(picture.at_ms) && *value == f64::from(picture.speed_m_s)
+    assert!(speed.points.iter().zip(&recording.pictures).all(|((at_ms, value), frame)| {
+        tick_of(*at_ms) == tick_of(frame.at_ms) && *value == f64::from(frame.speed_m_s)
     }));
     assert!(series(&recording, "tool/speed/limit").points.iter().all(|(_, limit)| *limit == 0.5));
     assert_eq!(series(&recording, "kappa/B").points[0].1, 0.931);
@@ -278,12 +283,12 @@ fn the_same_run_gives_the_same_bytes() {
 fn a_copy_until_a_tick_holds_nothing_later() {
     let folder = tempfile::tempdir().unwrap();
     let (script, _, path) = upgrade(folder.path(), 1, 1, &[]);
-    let middle_ms = script.pictures[script.pictures.len() / 2].at_ms;
+    let middle_ms = script.frames[script.frames.len() / 2].at_ms;
     let out = folder.path().join("copy");
     until(&path, tick_of(middle_ms), &out).unwrap();
     let (whole, copy) = (read(&path).unwrap(), read(&out).unwrap());
     let before: Vec<&VideoFrame> =
-        whole.pictures.iter().filter(|picture| tick_of(picture.at_ms) <= tick_of(middle_ms)).collect();
+        whole.pictures.iter().filter(|frame| tick_of(frame.at_ms) <= tick_of(middle_ms)).collect();
     assert!(!before.is_empty() && before.len() < whole.pictures.len());
     assert_eq!(copy.pictures.iter().collect::<Vec<_>>(), before);
     assert!(copy.events.iter().all(|event| event.at_ms <= middle_ms + 4));
@@ -296,12 +301,12 @@ fn a_whole_upgrade_is_small() {
     let (script, closed, _) = upgrade(folder.path(), 20, 60, &[3, 11, 25, 40, 55, 70]);
     let minutes = (script.at_ms - 500_000) as f64 / 60_000.0;
     let mebibytes = closed.bytes as f64 / f64::from(1 << 20);
-    assert!(mebibytes < 2.0, "{mebibytes:.2} MiB, {} frames, {minutes:.1} min", closed.pictures);
-    assert!(closed.pictures > 2_000);
+    assert!(mebibytes < 2.0, "{mebibytes:.2} MiB, {} frames, {minutes:.1} min", closed.frames);
+    assert!(closed.frames > 2_000);
 }
 
 #[test]
-fn what_is_no_recording_is_told() {
+fn other_files_are_not_accepted() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.rrd");
     let missing = read(&path).unwrap_err();
@@ -315,7 +320,7 @@ fn what_is_no_recording_is_told() {
 fn a_viewer_is_served_and_ending_does_not_hang() {
     let view = Some("127.0.0.1:0".parse().unwrap());
     let scenes = SceneSink::start(SceneConfig { view, ..SceneConfig::default() }).unwrap();
-    let mut script = Script::new();
+    let mut script = SceneScript::new();
     script.event(&scenes.feed(), registered(), None);
     script.sequence(&scenes.feed(), 0, 5, true, true);
     let reports = scenes.finish(PATIENCE);

@@ -7,22 +7,22 @@ use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate};
 use holdpoint::protocol::command::{Command, Reply, Request};
 use holdpoint::protocol::console_presence::ConsolePresence;
 
-use super::{Impostor, LIE, Served, said, until};
+use super::{EngineProcess, Impostor, LIE, output_text, until};
 
 /// Only a verified engine gets a signature: a `go` was once signed over stops that an impostor had hidden.
 #[test]
 fn nothing_is_signed_for_an_impostor() {
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let impostor = Impostor::start(&served.layout());
+    let engine = EngineProcess::start(folder.path());
+    let impostor = Impostor::start(&engine.layout());
     for verb in [&["go"][..], &["confirm-time"], &["resume", "grasp"], &["rearm", "grasp@1.0.0"]] {
-        let done = served.verb(&[verb, &["--as", "admin", "--reason", "all is clear"]].concat());
-        assert_eq!(done.status.code(), Some(6), "{verb:?}: {}", said(&done));
-        assert!(said(&done).contains("nothing was signed"), "{verb:?}: {}", said(&done));
-        assert!(!said(&done).contains(LIE), "{verb:?}: {}", said(&done));
+        let output = engine.verb(&[verb, &["--as", "admin", "--reason", "all is clear"]].concat());
+        assert_eq!(output.status.code(), Some(6), "{verb:?}: {}", output_text(&output));
+        assert!(output_text(&output).contains("nothing was signed"), "{verb:?}: {}", output_text(&output));
+        assert!(!output_text(&output).contains(LIE), "{verb:?}: {}", output_text(&output));
     }
     drop(impostor);
-    served.end();
+    engine.end();
 }
 
 /// A console attached to the engine once read registry, evidence and verification from an impostor, over its second
@@ -30,23 +30,23 @@ fn nothing_is_signed_for_an_impostor() {
 #[test]
 fn a_console_at_the_engine_reads_only_from_the_engine() {
     let folder = tempfile::tempdir().unwrap();
-    let served = Served::start(folder.path());
-    let client = Client::connect(&served.layout()).unwrap().unwrap();
-    let mut console = EngineHandle::attach(served.layout(), client, ConsolePresence::default()).unwrap();
+    let engine = EngineProcess::start(folder.path());
+    let client = Client::connect(&engine.layout()).unwrap().unwrap();
+    let mut console = EngineHandle::attach(engine.layout(), client, ConsolePresence::default()).unwrap();
     assert_eq!(console.unverified_origin(), None);
     // Its requests use a connection that the first request opens.
-    let impostor = Impostor::start(&served.layout());
-    until("the name is not taken", || impostor.taken.load(Ordering::Acquire) > 0);
-    console.ask(Request::unsigned("read".to_owned(), Command::VerifyAudit)).unwrap();
+    let impostor = Impostor::start(&engine.layout());
+    until("the name is not taken", || impostor.takeovers.load(Ordering::Acquire) > 0);
+    console.submit(Request::unsigned("read".to_owned(), Command::VerifyAudit)).unwrap();
     let reply = loop {
         match console.updates.blocking_recv().unwrap() {
             EngineUpdate::Answer { reply, .. } => break reply,
-            EngineUpdate::Ended(ended) => panic!("{ended:?}"),
+            EngineUpdate::Ended(result) => panic!("{result:?}"),
             _ => {}
         }
     };
     let Reply::Refused { text, .. } = &reply else { panic!("{reply:?}") };
     assert!(text.contains("sent it no request") && !text.contains(LIE), "{text}");
     drop((console, impostor));
-    served.end();
+    engine.end();
 }

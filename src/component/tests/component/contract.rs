@@ -20,7 +20,7 @@ fn reader() -> Guest {
 #[test]
 fn every_field_of_an_observation_arrives() {
     let mut run = reader().load().unwrap().run(1);
-    let mut word = |place: u64| {
+    let mut field = |place: u64| {
         let Command::Gripper { width_m, .. } = run.tick(&seen(place)) else { panic!("place {place}") };
         width_m
     };
@@ -41,10 +41,10 @@ fn every_field_of_an_observation_arrives() {
     numbers(41, &[all.gripper_width_m, all.gripper_force_n, all.wrist_force_n]);
     numbers(54, &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
     for (place, expected) in expected {
-        assert_eq!(word(place), expected, "the number at {place}");
+        assert_eq!(field(place), expected, "the number at {place}");
     }
     // What is smaller than a number: its bits below the padding's.
-    let mut bits = |place: u64, mask: u64| word(place).to_bits() & mask;
+    let mut bits = |place: u64, mask: u64| field(place).to_bits() & mask;
     assert_eq!([1, 10, 19].map(|place| bits(place, 0xff)), [7; 3], "counts");
     assert_eq!((bits(44, 0xff), bits(53, 0xff)), (0, 1), "the object was not seen, the target was");
     assert_eq!(bits(61, u64::MAX), (9 << 32) | 3, "age and sequence");
@@ -74,18 +74,18 @@ fn speaker() -> Guest {
 fn every_command_arrives() {
     let component = speaker().load().unwrap();
     let mut run = component.run(1);
-    let mut said = |tick: u64| run.tick(&seen(tick));
-    assert_eq!(said(0), Command::Hold);
+    let mut command = |tick: u64| run.tick(&seen(tick));
+    assert_eq!(command(0), Command::Hold);
     let pose = Pose { position: [1.5, 2.5, 3.5], rotation: [4.5, 5.5, 6.5, 7.5] };
-    assert_eq!(said(1), Command::ToolPose { pose, max_speed_m_s: 8.5 });
+    assert_eq!(command(1), Command::ToolPose { pose, max_speed_m_s: 8.5 });
     for count in 0..=8 {
         let q: JointVec = (2..2 + count).map(|place| f64::from(u8::try_from(place).unwrap()) + 0.5).collect();
-        assert_eq!(said(10 * count + 2), Command::Joints { q, max_speed_rad_s: 10.5 });
+        assert_eq!(command(10 * count + 2), Command::Joints { q, max_speed_rad_s: 10.5 });
     }
-    assert_eq!(said(3), Command::Gripper { width_m: 1.5, speed_m_s: 2.5, force_n: 3.5 });
-    assert_eq!((said(4), said(5)), (Command::Stop, Command::Done));
+    assert_eq!(command(3), Command::Gripper { width_m: 1.5, speed_m_s: 2.5, force_n: 3.5 });
+    assert_eq!((command(4), command(5)), (Command::Stop, Command::Done));
     for (number, signal) in (0..).zip(FailureSignal::ALL) {
-        assert_eq!(said(10 * number + 6), Command::Fail { signal });
+        assert_eq!(command(10 * number + 6), Command::Fail { signal });
     }
     assert_eq!(run.confined().fault, None);
     // What cannot be a command is none: more joints than there are, no such failure, no such command.
@@ -99,7 +99,7 @@ fn every_command_arrives() {
 }
 
 #[test]
-fn numbers_are_taken_as_they_are_and_nan_has_one_form() {
+fn numbers_pass_unchanged_and_nan_has_one_form() {
     let answer = |bits: &str| {
         let tick = format!(
             "(i64.store8 (i32.const {COMMAND}) (i64.const 3))

@@ -185,8 +185,8 @@ fn a_description_that_goes_wrong_is_one_error() {
         (i32.store (i32.const 72) (i32.const 4000)) (i32.const 64)";
     let escape =
         Guest { describe: escape.to_owned(), interface: "\x1b[2J\n".repeat(1_000), ..Guest::default() };
-    let said = escape.load().unwrap_err().to_string();
-    assert!(!said.contains('\x1b') && !said.contains('\n') && said.len() < 2_000, "{said:?}");
+    let message = escape.load().unwrap_err().to_string();
+    assert!(!message.contains('\x1b') && !message.contains('\n') && message.len() < 2_000, "{message:?}");
     all_is_well();
 }
 

@@ -6,7 +6,7 @@ use holdpoint_text::Hint as _;
 use crate::guest::{Guest, INTERFACE, all_is_well, load, wit};
 
 #[test]
-fn what_is_no_component_is_told_what_it_is() {
+fn a_file_of_another_type_is_identified() {
     for (bytes, begins) in
         [(b"".as_slice(), "nothing"), (b"#!/bin/sh", "23 21 2f 62 69 6e 2f 73"), (b"\0as", "00 61 73")]
     {
@@ -96,7 +96,7 @@ fn an_export_that_is_missing_or_other_is_named() {
 }
 
 #[test]
-fn an_import_that_no_skill_is_given_is_refused() {
+fn an_import_outside_the_host_is_refused() {
     let import = |interface: &str, line: &str| {
         let package = wit().replace("export skill;", &format!("{line} export skill;"));
         let import = format!("(import \"{interface}\" \"move\" (func))");

@@ -26,7 +26,7 @@ fn numbers(command: Command) -> (Vec<f64>, f64) {
 }
 
 #[test]
-fn an_ordinary_library_works_and_learns_nothing_of_the_machine() {
+fn an_ordinary_library_works_without_access_to_the_machine() {
     let component = load(&json!({"speed": 0.25}), &PACKAGES).unwrap();
     assert_eq!(component.interface().controller, "everything");
     assert!(component.imports().iter().all(|name| name.starts_with("wasi:")), "{:?}", component.imports());
@@ -56,20 +56,20 @@ fn an_ordinary_library_works_and_learns_nothing_of_the_machine() {
 #[test]
 fn equal_seeds_draw_equal_numbers_on_any_thread() {
     let component = load(&Value::Null, &PACKAGES).unwrap();
-    let worked = |seed: u64| {
+    let run_of = |seed: u64| {
         let mut run = component.run(seed);
-        let said: Vec<_> = (0..50).map(|tick| numbers(run.tick(&seen(tick)))).collect();
-        (said, run.log().raw().to_owned(), run.confined())
+        let commands: Vec<_> = (0..50).map(|tick| numbers(run.tick(&seen(tick)))).collect();
+        (commands, run.log().raw().to_owned(), run.confined())
     };
-    let one = worked(3);
+    let one = run_of(3);
     let threads: Vec<_> = std::thread::scope(|scope| {
-        let all: Vec<_> = (0..4).map(|_| scope.spawn(|| worked(3))).collect();
+        let all: Vec<_> = (0..4).map(|_| scope.spawn(|| run_of(3))).collect();
         all.into_iter().map(|thread| thread.join().unwrap()).collect()
     });
     for other in threads {
         assert_eq!(other, one);
     }
-    assert_ne!(worked(4).0, one.0);
+    assert_ne!(run_of(4).0, one.0);
     assert_ne!(one.0[0].0[0], one.0[1].0[0], "a stream, and not one number");
 }
 
@@ -78,6 +78,6 @@ fn what_is_imported_is_declared() {
     let error = load(&Value::Null, &PACKAGES[..4]).unwrap_err();
     let ComponentError::Undeclared { name, package } = &error else { panic!("{error}") };
     assert!(name.starts_with("wasi:random/") && package == "wasi:random", "{error}");
-    let said = holdpoint_text::Hint::sentence(&error);
-    assert!(said.contains("add \"wasi:random\" to `deployment.imports`"), "{said}");
+    let message = holdpoint_text::Hint::sentence(&error);
+    assert!(message.contains("add \"wasi:random\" to `deployment.imports`"), "{message}");
 }

@@ -33,7 +33,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
         &Row::of(ThemeRole::Muted, &end),
     );
     let column = |at_ms| column(at_ms, (from_ms, to_ms), width);
-    pictures(model, pen, Rect { y: area.y + line, height: 1, ..bar }, &column);
+    draw_stretches(model, pen, Rect { y: area.y + line, height: 1, ..bar }, &column);
     if line > 0 {
         marks(model, pen, Rect { height: 1, ..bar }, &column);
     }
@@ -50,7 +50,7 @@ fn column(at_ms: u64, (from_ms, to_ms): (u64, u64), width: u16) -> u16 {
 }
 
 /// Draws the stretches with frames and the gaps.
-fn pictures(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
+fn draw_stretches(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect, column: &dyn Fn(u64) -> u16) {
     let full = if pen.look.ascii() { "=" } else { "━" };
     for x in area.left()..area.right() {
         pen.cell(x, area.y, pen.look.glyph(Glyph::Ahead), ThemeRole::Muted);

@@ -68,7 +68,7 @@ fn value_line(chart: &LimitedSeries, model: &ReplayModel, pen: &Pen<'_>, width: 
     let (value, limit) = chart.at(model.cursor.at_ms);
     let judged = if chart.limits_mean { chart.mean(model.cursor.at_ms) } else { value };
     let what = if chart.limits_mean { "mean " } else { "" };
-    let (role, said) = match judged {
+    let (role, text) = match judged {
         None => (ThemeRole::Unknown, format!("{} no value yet", pen.look.glyph(Glyph::Unknown))),
         Some(judged) if limit.is_some_and(|limit| chart.is_past(judged, limit)) => {
             (ThemeRole::Past, format!("{} {what}{judged:.3}", pen.look.glyph(Glyph::Warning)))
@@ -76,16 +76,16 @@ fn value_line(chart: &LimitedSeries, model: &ReplayModel, pen: &Pen<'_>, width: 
         Some(judged) => (ThemeRole::Value, format!("{what}{judged:.3}")),
     };
     let (long, short) = if chart.at_least { ("at least", "min") } else { ("at most", "max") };
-    let limited = |word: &str| limit.map_or_else(String::new, |limit| format!(", {word} {limit:.2}"));
+    let limited = |lead: &str| limit.map_or_else(String::new, |limit| format!(", {lead} {limit:.2}"));
     let width = usize::from(width);
     let wordings = [limited(long), limited(short), String::new()];
-    let room = |limited: &str| width.saturating_sub(said.chars().count() + limited.len() + 1);
+    let room = |limited: &str| width.saturating_sub(text.chars().count() + limited.len() + 1);
     let limited = wordings.iter().find(|limited| room(limited) >= chart.title.width());
     let limited = limited.map_or("", String::as_str);
     Row::new()
         .cell(ThemeRole::Text, &chart.title, room(limited))
         .with(ThemeRole::Text, " ")
-        .with(role, &said)
+        .with(role, &text)
         .with(role, limited)
 }
 

@@ -58,21 +58,21 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
 /// One event: its mark on the time bar, and its line of the plain stream.
 #[must_use]
 pub fn row(model: &ReplayModel, look: &Look, event: usize) -> Row {
-    let Some(told) = model.timeline.event(event).map(event_text::line) else { return Row::new() };
+    let Some(line) = model.timeline.event(event).map(event_text::line) else { return Row::new() };
     let (glyph, role) =
         model.timeline.mark(event).map_or((" ", ThemeRole::Text), |mark| (look.glyph(mark.glyph), mark.role));
     let is_past = model.cursor.event.is_some_and(|here| event <= here);
-    Row::of(role, glyph).with(if is_past { ThemeRole::Text } else { ThemeRole::Muted }, &told)
+    Row::of(role, glyph).with(if is_past { ThemeRole::Text } else { ThemeRole::Muted }, &line)
 }
 
 /// The event at the cursor in full, if its line cuts it and the pane has room.
 fn full_event_rows(model: &ReplayModel, inside: Rect) -> Vec<Row> {
     let width = inside.width.saturating_sub(GUTTER);
     let here = model.cursor.event.and_then(|event| model.timeline.event(event));
-    let told = here.filter(|_| inside.height >= WHOLE_HEIGHT_MIN).map(event_text::line).unwrap_or_default();
-    if told.width() < usize::from(width) {
+    let text = here.filter(|_| inside.height >= WHOLE_HEIGHT_MIN).map(event_text::line).unwrap_or_default();
+    if text.width() < usize::from(width) {
         return Vec::new();
     }
-    let lines = wrap(told.trim_start(), usize::from(width), WHOLE_ROWS_MAX);
+    let lines = wrap(text.trim_start(), usize::from(width), WHOLE_ROWS_MAX);
     lines.iter().map(|line| Row::of(ThemeRole::Text, "  ").with(ThemeRole::Text, line)).collect()
 }

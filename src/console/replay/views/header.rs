@@ -23,13 +23,13 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let top = justify(vec![badge(), subject(model)], asides(model, pen), outcome(model, pen), width);
     pen.row(area, 0, &top);
     let when = playing(model, pen).and(time(model, true));
-    let stands = version_status(model, pen);
-    let when = if stands.width() + when.width() < width {
+    let status = version_status(model, pen);
+    let when = if status.width() + when.width() < width {
         when
     } else {
         playing(model, pen).and(time(model, false))
     };
-    pen.row(area, 1, &justify(vec![stands], Vec::new(), when, width));
+    pen.row(area, 1, &justify(vec![status], Vec::new(), when, width));
 }
 
 /// Joins what must appear at the left, what appears if there is room, and the right end.
@@ -64,8 +64,8 @@ fn asides(model: &ReplayModel, pen: &Pen<'_>) -> Vec<Row> {
     if let Some(predecessor) = &about.predecessor {
         rows.push(Row::of(ThemeRole::Text, &format!(" against {predecessor}")));
     }
-    let (pictures, events) = recording.dropped;
-    let lost = dropped_summary(pictures, events);
+    let (frames, events) = recording.dropped;
+    let lost = dropped_summary(frames, events);
     if !lost.is_empty() {
         rows.push(Row::of(ThemeRole::Warning, &format!("  {} {lost}", pen.look.glyph(Glyph::Warning))));
     }
@@ -77,8 +77,8 @@ fn asides(model: &ReplayModel, pen: &Pen<'_>) -> Vec<Row> {
 }
 
 /// The number of dropped records; empty if there are none.
-fn dropped_summary(pictures: u64, events: u64) -> String {
-    let counted = [(pictures, "pictures"), (events, "events")];
+fn dropped_summary(frames: u64, events: u64) -> String {
+    let counted = [(frames, "pictures"), (events, "events")];
     let lost: Vec<String> = counted
         .iter()
         .filter(|(count, _)| *count > 0)
@@ -101,29 +101,29 @@ fn outcome(model: &ReplayModel, pen: &Pen<'_>) -> Row {
 
 /// The state of the version at the cursor: sign, word, and place in the pipeline.
 fn version_status(model: &ReplayModel, pen: &Pen<'_>) -> Row {
-    let standing = model.timeline.version_status(model.cursor);
-    let Some(state) = standing.state else {
+    let status = model.timeline.version_status(model.cursor);
+    let Some(state) = status.state else {
         return Row::of(
             ThemeRole::Unknown,
             &format!("{} state not recorded yet", pen.look.glyph(Glyph::Unknown)),
         );
     };
-    let mark = StateMark::version(state, &standing.flags);
+    let mark = StateMark::version(state, &status.flags);
     let row = Row::of(mark.role, &pen.look.mark_label(mark));
-    let words = formatters::state_label(state, &standing.flags);
+    let label = formatters::state_label(state, &status.flags);
     // A state whose name is its own word appears once.
-    if words.replace('-', " ") == mark.word { row } else { row.with(ThemeRole::Text, &format!("  {words}")) }
+    if label.replace('-', " ") == mark.label { row } else { row.with(ThemeRole::Text, &format!("  {label}")) }
 }
 
 /// Whether it plays, and how fast.
 #[must_use]
 pub fn playing(model: &ReplayModel, pen: &Pen<'_>) -> Row {
-    let (glyph, word, role) = if model.playing {
+    let (glyph, label, role) = if model.playing {
         (Glyph::Here, "playing", ThemeRole::Running)
     } else {
         (Glyph::Paused, "paused", ThemeRole::Held)
     };
-    Row::of(role, &format!("{} {word}", pen.look.glyph(glyph)))
+    Row::of(role, &format!("{} {label}", pen.look.glyph(glyph)))
         .with(ThemeRole::Text, &format!(" {}", model.speed.label()))
 }
 

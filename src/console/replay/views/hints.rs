@@ -64,10 +64,10 @@ fn keys(model: &ReplayModel, width: usize) -> Row {
 
 fn hint(model: &ReplayModel, action: ReplayAction) -> Row {
     let key = action.keys().split(' ').next().unwrap_or_default();
-    let word = match action {
+    let label = match action {
         ReplayAction::Play if model.playing => "pause",
         ReplayAction::SkipGaps if model.skips_gaps => "play gaps",
         other => other.word(),
     };
-    Row::of(ThemeRole::Key, key).with(ThemeRole::Text, &format!(" {word}  "))
+    Row::of(ThemeRole::Key, key).with(ThemeRole::Text, &format!(" {label}  "))
 }

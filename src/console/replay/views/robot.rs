@@ -17,11 +17,11 @@ use crate::widgets::pen::{Pen, below};
 use holdpoint_recordings::recording::FilmSpan;
 
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
-    let picture = model.cursor.picture.and_then(|picture| model.timeline.picture(picture));
-    let place = picture
-        .map(|picture| match film(model) {
-            Some(_) => format!("re-run, {:.1} s", picture.at_secs),
-            None => format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs),
+    let frame = model.cursor.frame.and_then(|frame| model.timeline.frame(frame));
+    let place = frame
+        .map(|frame| match film(model) {
+            Some(_) => format!("re-run, {:.1} s", frame.at_secs),
+            None => format!("sequence {}, {:.1} s", frame.sequence, frame.at_secs),
         })
         .unwrap_or_default();
     let inside = pen.pane(area, "Robot", false, &place);
@@ -30,20 +30,20 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
 
 /// Draws the pane's inside, which may have any size.
 pub fn draw_inside(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
-    let doubts = doubts(model);
-    let mut taken = 0;
-    for (role, text) in &doubts {
+    let warnings = warnings(model);
+    let mut rows = 0;
+    for (role, text) in &warnings {
         let text = format!("{} {text}", pen.look.glyph(Glyph::Waiting));
-        taken += pen.text(area, taken, *role, &text);
+        rows += pen.text(area, rows, *role, &text);
     }
-    let Some(picture) = model.cursor.picture.and_then(|picture| model.timeline.picture(picture)) else {
+    let Some(frame) = model.cursor.frame.and_then(|frame| model.timeline.frame(frame)) else {
         return;
     };
-    let area = below(area, taken);
+    let area = below(area, rows);
     if area.height == 0 {
         return;
     }
-    robot::draw_picture(picture, &model.timeline.recording().scenery, Vec::new(), pen, area);
+    robot::draw_frame(frame, &model.timeline.recording().scenery, Vec::new(), pen, area);
     // A scene long past is not drawn as if it were current.
     if model.timeline.gap_ms(model.cursor).is_some() {
         pen.lay(area, ThemeRole::Muted);
@@ -53,20 +53,20 @@ pub fn draw_inside(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
 /// The re-run that the shown frame belongs to; `None` for one of the live cell. The frame's own time decides: the
 /// last one stays until another follows, and must not be taken for the live arm.
 fn film(model: &ReplayModel) -> Option<&FilmSpan> {
-    let at_ms = model.timeline.picture(model.cursor.picture?)?.at_ms;
+    let at_ms = model.timeline.frame(model.cursor.frame?)?.at_ms;
     let films = &model.timeline.recording().films;
     films.iter().find(|film| (film.from_ms..=film.until_ms).contains(&at_ms))
 }
 
 /// What the user must know about the frame first.
-fn doubts(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
-    let mut said = Vec::new();
+fn warnings(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
+    let mut lines = Vec::new();
     if let Some(film) = film(model) {
-        said.push((ThemeRole::Unknown, film.sentence()));
+        lines.push((ThemeRole::Unknown, film.sentence()));
     }
     if let Some((from_ms, to_ms)) = model.timeline.gap_ms(model.cursor) {
         let stretch = format!("from {} to {}", secs(from_ms), secs(to_ms));
-        said.push((
+        lines.push((
             ThemeRole::Unknown,
             if model.timeline.version_status(model.cursor).is_offline() {
                 format!("no frames {stretch}: the candidate is evaluated apart from the live cell")
@@ -75,10 +75,10 @@ fn doubts(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
             },
         ));
     }
-    if let Some(age_ms) = model.picture_age_ms().filter(|age_ms| *age_ms > FRESH_MS) {
-        said.push((ThemeRole::Stale, format!("frame of {} earlier", secs(age_ms))));
+    if let Some(age_ms) = model.frame_age_ms().filter(|age_ms| *age_ms > FRESH_MS) {
+        lines.push((ThemeRole::Stale, format!("frame of {} earlier", secs(age_ms))));
     }
-    said
+    lines
 }
 
 #[cfg(test)]
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ages_are_said_in_tenths() {
+    fn ages_are_shown_in_tenths() {
         assert_eq!((secs(1_549), secs(62_000)), ("1.5 s".to_owned(), "62.0 s".to_owned()));
     }
 }

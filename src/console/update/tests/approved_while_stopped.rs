@@ -12,14 +12,14 @@ fn granted(stopped: bool) -> Snapshot {
     now
 }
 
-fn words(console: &TestConsole) -> String {
+fn screen_text(console: &TestConsole) -> String {
     let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
     let screen = crate::frame::text_of(&console.model, &look, 120, 80);
     screen.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 #[test]
-fn an_approved_question_says_what_it_waits_for() {
+fn an_approved_request_names_its_takeover() {
     for (stopped, when) in
         [(true, "as soon as the cell starts"), (false, "when the sequence that runs is over")]
     {
@@ -27,7 +27,7 @@ fn an_approved_question_says_what_it_waits_for() {
         console.open_prompt();
         console.tell(MsgKind::Snapshot(Arc::new(granted(stopped))));
         console.draw((120, 80));
-        let screen = words(&console);
+        let screen = screen_text(&console);
         assert!(screen.contains(&format!("Approved by ana, ben: it takes over {when}")), "{screen}");
         for untrue in ["Time left", "is needed (", "decide later", "type the short id"] {
             assert!(!screen.contains(untrue), "{untrue}: {screen}");
@@ -35,7 +35,7 @@ fn an_approved_question_says_what_it_waits_for() {
         assert!(!decides(&console.keys("Y")));
         assert_eq!(console.block(), Some(DecisionObstacle::Granted));
         console.press(KeyCode::Esc);
-        let screen = words(&console);
+        let screen = screen_text(&console);
         assert!(screen.contains(&format!("{CANDIDATE} is approved and takes over {when}")), "{screen}");
         assert!(screen.contains(&format!("2 of 2 takes over {when}")), "{screen}");
         assert!(!screen.contains("held in") && !screen.contains("on hold from its deadline"), "{screen}");
@@ -44,23 +44,23 @@ fn an_approved_question_says_what_it_waits_for() {
 
 /// One of two approvals is not enough, from either approver.
 #[test]
-fn one_of_two_still_needs_somebody_else() {
+fn one_of_two_needs_another_approver() {
     let mut console = TestConsole::new(0);
     let mut now = snapshot(0, 'e');
     now.prompts[0].approved_by = vec!["ana".to_owned()];
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     console.open_prompt();
-    let screen = words(&console);
+    let screen = screen_text(&console);
     assert!(screen.contains("another approver is needed") && screen.contains("never approved"), "{screen}");
 }
 
 #[test]
-fn whoever_lets_the_cell_work_reads_what_takes_control_with_it() {
+fn starting_the_cell_shows_what_takes_control() {
     let mut console = TestConsole::new(1);
     console.tell(MsgKind::Snapshot(Arc::new(granted(true))));
     console.keys("W");
     let line = format!("{CANDIDATE} is approved and takes control at once");
-    assert!(words(&console).contains(&line), "{}", words(&console));
+    assert!(screen_text(&console).contains(&line), "{}", screen_text(&console));
     // A version approved meanwhile must be read as well before the button works.
     let mut before = granted(true);
     before.prompts[0].granted = false;
@@ -69,8 +69,8 @@ fn whoever_lets_the_cell_work_reads_what_takes_control_with_it() {
     console.keys("Wthe cell is empty");
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
-    assert!(!words(&console).contains("takes control at once"));
+    assert!(!screen_text(&console).contains("takes control at once"));
     console.tell(MsgKind::Snapshot(Arc::new(granted(true))));
-    assert!(words(&console).contains(&line), "{}", words(&console));
+    assert!(screen_text(&console).contains(&line), "{}", screen_text(&console));
     assert!(console.press(KeyCode::Enter).is_empty(), "what it does has just changed");
 }

@@ -9,7 +9,7 @@ fn event(seq: u64, kind: EventKind) -> Event {
     Event { seq, at_ms: 60_000 + seq, kind }
 }
 
-fn seat(seat: u64, who: Option<&str>, reading: Option<&str>) -> AttachedConsoleView {
+fn console_view(seat: u64, who: Option<&str>, reading: Option<&str>) -> AttachedConsoleView {
     let reading = reading.map(|version| version.parse().unwrap());
     let who = who.map(ToOwned::to_owned);
     AttachedConsoleView {
@@ -20,31 +20,36 @@ fn seat(seat: u64, who: Option<&str>, reading: Option<&str>) -> AttachedConsoleV
     }
 }
 
-fn with_seats(console: &mut TestConsole, seats: Vec<AttachedConsoleView>) {
+fn with_consoles(console: &mut TestConsole, seats: Vec<AttachedConsoleView>) {
     console.model.engine_data.console_number = Some(2);
     console.tell(MsgKind::Snapshot(Arc::new(Snapshot { seats, ..snapshot(0, 'e') })));
 }
 
 #[test]
-fn a_console_says_where_it_is_and_which_question_it_reads() {
+fn a_console_reports_its_view_and_its_open_request() {
     let mut console = TestConsole::new(0);
-    let said = |console: &TestConsole| (console.model.attachment().view, console.model.attachment().reading);
+    let attachment =
+        |console: &TestConsole| (console.model.attachment().view, console.model.attachment().reading);
     assert_eq!(console.model.attachment().who.as_deref(), Some("ana"));
-    assert_eq!(said(&console), ("Overview".to_owned(), None));
+    assert_eq!(attachment(&console), ("Overview".to_owned(), None));
     console.keys("a");
     console.press(KeyCode::Enter);
-    assert_eq!(said(&console), ("Approvals".to_owned(), Some(CANDIDATE.parse().unwrap())));
+    assert_eq!(attachment(&console), ("Approvals".to_owned(), Some(CANDIDATE.parse().unwrap())));
     // Once it is closed, no console reads it.
     console.tell(MsgKind::Snapshot(Arc::new(Snapshot { prompts: Vec::new(), ..snapshot(0, 'e') })));
-    assert_eq!(said(&console).1, None);
+    assert_eq!(attachment(&console).1, None);
 }
 
 #[test]
-fn others_are_everybody_but_this_seat() {
+fn others_are_all_but_this_console() {
     let mut console = TestConsole::new(0);
-    with_seats(
+    with_consoles(
         &mut console,
-        vec![seat(1, Some("bert"), None), seat(2, Some("ana"), None), seat(7, None, None)],
+        vec![
+            console_view(1, Some("bert"), None),
+            console_view(2, Some("ana"), None),
+            console_view(7, None, None),
+        ],
     );
     let others: Vec<u64> = console.model.engine_data.other_consoles().map(|one| one.seat).collect();
     assert_eq!(others, [1, 7]);
@@ -67,20 +72,23 @@ fn screen(console: &TestConsole, columns: u16, rows: u16) -> String {
 }
 
 #[test]
-fn who_else_is_here_stands_on_every_size_of_screen() {
+fn every_screen_size_shows_other_consoles() {
     let mut console = TestConsole::new(0);
-    with_seats(&mut console, vec![seat(1, Some("bert"), Some(CANDIDATE)), seat(2, Some("ana"), None)]);
+    with_consoles(
+        &mut console,
+        vec![console_view(1, Some("bert"), Some(CANDIDATE)), console_view(2, Some("ana"), None)],
+    );
     assert!(screen(&console, 120, 36).contains("with bert (reads grasp@1.3.0)"));
     assert!(screen(&console, 100, 30).contains("with bert"));
     assert!(screen(&console, 80, 24).contains("and 1 more"));
-    let mut looks_on = seat(1, Some("bert"), None);
+    let mut looks_on = console_view(1, Some("bert"), None);
     looks_on.sitting.read_only = true;
-    with_seats(&mut console, vec![looks_on, seat(2, Some("ana"), None)]);
+    with_consoles(&mut console, vec![looks_on, console_view(2, Some("ana"), None)]);
     assert!(screen(&console, 120, 36).contains("with bert, read-only (Alarms)"));
 }
 
 #[test]
-fn an_answer_from_another_seat_is_named_in_the_open_question() {
+fn an_answer_from_another_console_is_named() {
     let mut console = TestConsole::new(0);
     console.keys("a");
     console.press(KeyCode::Enter);
@@ -107,10 +115,10 @@ fn an_answer_from_another_seat_is_named_in_the_open_question() {
     console.tell(MsgKind::Events(vec![event(1, answer("place@1.0.1"))]));
     assert_eq!(answered(&console), None, "that was about another one");
     console.tell(MsgKind::Events(vec![event(2, answer(CANDIDATE))]));
-    let said = answered(&console).unwrap();
+    let text = answered(&console).unwrap();
     assert!(
-        said.starts_with("bert") && said.ends_with("rejected it") && !said.contains('\u{1b}'),
-        "{said:?}"
+        text.starts_with("bert") && text.ends_with("rejected it") && !text.contains('\u{1b}'),
+        "{text:?}"
     );
     console.tell(MsgKind::Events(vec![event(3, yes(1))]));
     assert_eq!(answered(&console), None, "one of two closes nothing");
@@ -119,7 +127,7 @@ fn an_answer_from_another_seat_is_named_in_the_open_question() {
 }
 
 #[test]
-fn leaving_ends_what_is_ones_own_and_nothing_else() {
+fn leaving_ends_only_an_own_engine() {
     let (leaves, keeps) = (Some(Effect::Leave), Some(Effect::Detach));
     for (link, ends_alone_s, others, quits, detaches) in [
         (EngineLink::Own, None, 0, None, None),
@@ -131,16 +139,16 @@ fn leaving_ends_what_is_ones_own_and_nothing_else() {
         let mut console = TestConsole::new(0);
         console.model.engine_data.link = link;
         console.model.engine_data.console_number = Some(9);
-        let seats = (0..others).map(|number| seat(number, None, None)).collect();
+        let seats = (0..others).map(|number| console_view(number, None, None)).collect();
         let now = Snapshot { seats, ends_alone_s, ..snapshot(0, 'e') };
         console.tell(MsgKind::Snapshot(Arc::new(now)));
         console.model.notice = None;
-        let word = match (link, &quits) {
+        let hint = match (link, &quits) {
             (EngineLink::Own, _) => "q quit",
             (EngineLink::Attached, None) => "q end engine",
             (EngineLink::Attached, Some(_)) => "q leave it on",
         };
-        assert!(screen(&console, 120, 36).contains(word), "{word}: {}", screen(&console, 120, 36));
+        assert!(screen(&console, 120, 36).contains(hint), "{hint}: {}", screen(&console, 120, 36));
         console.keys(":detach");
         assert_eq!(console.press(KeyCode::Enter).pop(), detaches, "{link:?}");
         if detaches.is_none() {
@@ -169,32 +177,33 @@ fn sequences_do_not_drown_the_story() {
 }
 
 #[test]
-fn versions_are_found_by_how_they_stand() {
+fn versions_are_found_by_state() {
     let mut console = TestConsole::new(0);
-    for (words, found) in [("awaiting", 1), ("shadowed", 1), ("rejected", 0), ("grasp", 1)] {
-        console.model.view_state.filters.insert(View::Overview, words.to_owned());
-        assert_eq!(console.model.pipeline_rows().len(), found, "{words}");
+    for (filter, found) in [("awaiting", 1), ("shadowed", 1), ("rejected", 0), ("grasp", 1)] {
+        console.model.view_state.filters.insert(View::Overview, filter.to_owned());
+        assert_eq!(console.model.pipeline_rows().len(), found, "{filter}");
     }
 }
 
 #[test]
-fn a_seat_that_reads_nothing_is_marked() {
+fn a_console_not_reading_is_marked() {
     let mut console = TestConsole::new(0);
-    let asleep = AttachedConsoleView { not_reading: true, ..seat(1, Some("bert"), None) };
-    with_seats(&mut console, vec![asleep, seat(2, Some("ana"), None)]);
+    let asleep = AttachedConsoleView { not_reading: true, ..console_view(1, Some("bert"), None) };
+    with_consoles(&mut console, vec![asleep, console_view(2, Some("ana"), None)]);
     assert!(screen(&console, 140, 36).contains("with bert, NOT READING (Alarms)"));
     assert!(screen(&console, 120, 36).contains("NOT READING"), "{}", screen(&console, 120, 36));
 }
 
 #[test]
-fn whoever_is_not_known_to_be_the_engine_is_named_in_the_first_line() {
+fn an_unverified_engine_is_named_in_the_first_line() {
     let mut console = TestConsole::new(0);
-    let said = |console: &TestConsole| screen(console, 100, 30).contains("NOT KNOWN TO COME FROM THE ENGINE");
+    let warns =
+        |console: &TestConsole| screen(console, 100, 30).contains("NOT KNOWN TO COME FROM THE ENGINE");
     console.tell(MsgKind::Attached(
         Some(7),
         holdpoint_engine::control_socket::AnswerOrigin::Untold.unverified(),
     ));
-    assert!(said(&console));
+    assert!(warns(&console));
     console.tell(MsgKind::Attached(Some(8), None));
-    assert!(!said(&console));
+    assert!(!warns(&console));
 }

@@ -21,13 +21,13 @@ fn detail(state: &serde_json::Value) -> Detail {
     serde_json::from_value(value).unwrap()
 }
 
-fn told(console: &mut TestConsole, detail: Detail) {
+fn open_detail(console: &mut TestConsole, detail: Detail) {
     console.keys("3");
     console.model.engine_data.detail = Some(Arc::new(detail));
 }
 
 #[test]
-fn better_is_said_of_the_average_and_an_interval_over_zero_beside_it() {
+fn better_names_the_average_and_its_interval() {
     let reason = json!({ "code": "behavior-improved", "dimension": "behavior",
         "finding": { "finding": "component-better", "component": "retry" },
         "evidence": 0.02, "limit": 0.0 });
@@ -36,16 +36,16 @@ fn better_is_said_of_the_average_and_an_interval_over_zero_beside_it() {
             "interval": [-0.05, high], "limit": 0.15, "n": 120 }] })
     };
     let mut console = TestConsole::new(0);
-    told(&mut console, detail(&behavior(0.01)));
+    open_detail(&mut console, detail(&behavior(0.01)));
     let text = screen(&console, 100, 30);
     assert!(text.contains("retry is better on average; not established: worse by -0.050..+0.010"), "{text}");
-    told(&mut console, detail(&behavior(-0.01)));
+    open_detail(&mut console, detail(&behavior(-0.01)));
     let text = screen(&console, 100, 30);
     assert!(text.contains("retry is better on average") && !text.contains("not established"), "{text}");
 }
 
 #[test]
-fn an_empty_pane_says_why_it_is_empty_as_the_version_stands() {
+fn an_empty_pane_explains_itself_by_state() {
     let cases = [
         ("rolled-back", None, 1, "took over from no other version"),
         (
@@ -60,15 +60,15 @@ fn an_empty_pane_says_why_it_is_empty_as_the_version_stands() {
         ("rejected", None, 3, "No recovery drill of it is on record"),
         ("registered", None, 4, "No decision has been made about it yet"),
     ];
-    for (state, against, pane, said) in cases {
+    for (state, against, pane, expected) in cases {
         let mut console = TestConsole::new(0);
         let mut now = snapshot(0, 'e');
         now.candidates[0].state = serde_json::from_value(json!(state)).unwrap();
         console.tell(MsgKind::Snapshot(Arc::new(now)));
-        told(&mut console, detail(&json!({ "against": against })));
+        open_detail(&mut console, detail(&json!({ "against": against })));
         console.model.view_state.panes[View::Candidate as usize] = pane;
         let text = screen(&console, 100, 30);
-        assert!(text.contains(said) && !text.contains("not been reached"), "{state} {pane}:\n{text}");
+        assert!(text.contains(expected) && !text.contains("not been reached"), "{state} {pane}:\n{text}");
     }
 }
 
@@ -88,7 +88,7 @@ fn shadowed(state: &str, n: u64, reasons: &serde_json::Value) -> TestConsole {
 }
 
 #[test]
-fn what_shadow_rejected_a_version_for_is_not_said_to_decide_nothing() {
+fn a_shadow_rejection_is_shown_as_decisive() {
     let reasons = json!([{ "code": "shadow-governance-divergence", "dimension": "shadow",
         "text": "policy hits are established as more frequent than under the active version",
         "evidence": 0.05, "limit": 0.0 }]);
@@ -100,15 +100,15 @@ fn what_shadow_rejected_a_version_for_is_not_said_to_decide_nothing() {
 }
 
 #[test]
-fn twin_and_live_world_are_alike_in_what_was_worked_and_in_nothing_else() {
+fn only_shadowed_sequences_are_called_alike() {
     let none = json!([]);
-    for (n, said) in [
+    for (n, expected) in [
         (0, "there is nothing to agree on"),
         (1, "The one sequence so far ended alike"),
         (7, "All 7 sequences so far ended alike"),
     ] {
         let text = screen(&shadowed("sandboxed", n, &none), 100, 30);
-        assert!(text.contains(said), "{n}:\n{text}");
+        assert!(text.contains(expected), "{n}:\n{text}");
         assert_eq!(text.contains("ended alike"), n > 0, "{n}:\n{text}");
     }
 }

@@ -44,7 +44,7 @@ fn a_cursor_that_was_never_moved_stays_on_its_item_too() {
 }
 
 #[test]
-fn a_key_meant_for_what_has_just_gone_does_nothing_to_what_came_in_its_place() {
+fn a_key_for_an_item_just_gone_spares_its_successor() {
     let mut console = TestConsole::new(0);
     console.model.view_state.view = View::Alarms;
     console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
@@ -54,8 +54,8 @@ fn a_key_meant_for_what_has_just_gone_does_nothing_to_what_came_in_its_place() {
     assert_eq!(under_cursor(&console), "high:1");
     console.now_ms += 100;
     assert_eq!(console.press(KeyCode::Char(' ')), []);
-    let said = console.model.notice.clone().unwrap();
-    assert!(said.bad && said.text.contains("just left the list"), "{said:?}");
+    let notice = console.model.notice.clone().unwrap();
+    assert!(notice.bad && notice.text.contains("just left the list"), "{notice:?}");
     console.now_ms += 1_000;
     assert_eq!(acknowledged(&console.press(KeyCode::Char(' '))), Some("high:1"));
 }
@@ -79,7 +79,7 @@ fn candidates_that_resort_keep_the_cursor_on_theirs() {
 }
 
 #[test]
-fn what_is_typed_after_a_slash_never_acts() {
+fn text_after_a_slash_never_acts() {
     for view in View::ALL {
         let mut console = TestConsole::new(0);
         console.model.view_state.view = view;
@@ -92,7 +92,7 @@ fn what_is_typed_after_a_slash_never_acts() {
 }
 
 #[test]
-fn in_a_list_that_hides_nothing_the_cursor_goes_to_what_is_typed() {
+fn in_an_unfiltered_list_the_cursor_finds_the_text() {
     let mut console = TestConsole::new(0);
     console.keys("!/latched");
     assert_eq!(under_cursor(&console), "latched:1");
@@ -101,12 +101,12 @@ fn in_a_list_that_hides_nothing_the_cursor_goes_to_what_is_typed() {
     assert_eq!(under_cursor(&console), "latched:1");
     console.keys("/no such alarm");
     console.press(KeyCode::Enter);
-    let said = console.model.notice.clone().unwrap();
-    assert!(said.bad && said.text.contains("not in this list"), "{said:?}");
+    let notice = console.model.notice.clone().unwrap();
+    assert!(notice.bad && notice.text.contains("not in this list"), "{notice:?}");
 }
 
 #[test]
-fn three_and_four_open_what_is_under_the_cursor() {
+fn three_and_four_open_the_item_under_the_cursor() {
     for (key, view) in [("3", View::Candidate), ("4", View::Shadow)] {
         for from in [View::Overview, View::Approvals] {
             let mut console = TestConsole::new(0);
@@ -151,7 +151,7 @@ fn typed_lines_complete_recall_and_cancel() {
 
 /// `:demo` and Tab became `:demote`, and Enter then opened its form.
 #[test]
-fn a_whole_word_stays_what_it_is_when_it_is_completed() {
+fn a_complete_command_survives_completion() {
     let mut console = TestConsole::new(0);
     console.keys(":demo");
     let typed = |console: &TestConsole| match &console.model.input.typing {
@@ -175,7 +175,7 @@ fn a_note_that_is_typed_stands_in_its_form() {
 }
 
 #[test]
-fn the_palette_runs_what_is_under_the_cursor_and_no_decision() {
+fn the_palette_runs_its_item_and_no_decision() {
     let mut console = TestConsole::new(0);
     console.keys("?");
     let Some(Overlay::Palette(palette)) = &console.model.input.overlay else { panic!("it opens") };

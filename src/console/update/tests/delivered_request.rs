@@ -32,7 +32,7 @@ pub fn with_lines(mut now: Arc<Snapshot>) -> Arc<Snapshot> {
 }
 
 /// An approval request for one person, whose name it contains.
-fn given(open: &ApprovalRequestView, who: &str) -> ApprovalDocument {
+fn document(open: &ApprovalRequestView, who: &str) -> ApprovalDocument {
     let facts = json!({ "asked": { "name": who, "role": "safety" }, "question": open.id,
         "purpose": open.purpose, "version": open.version, "candidate": open.candidate,
         "row_version": open.row_version, "evidence": open.evidence, "policy": open.policy,
@@ -52,11 +52,12 @@ fn given(open: &ApprovalRequestView, who: &str) -> ApprovalDocument {
 
 impl TestConsole {
     /// Answers like an engine, if the text was requested.
-    pub fn give(&mut self, effects: &mut Vec<Effect>) {
-        let is_asked =
-            |effect: &Effect| matches!(effect, Effect::Ask { question: EngineQuery::Asked { .. }, .. });
-        if let Some(at) = effects.iter().position(is_asked) {
-            let Effect::Ask { id, question: EngineQuery::Asked { version, purpose, who } } =
+    pub fn deliver(&mut self, effects: &mut Vec<Effect>) {
+        let is_query = |effect: &Effect| {
+            matches!(effect, Effect::Ask { question: EngineQuery::ApprovalRequest { .. }, .. })
+        };
+        if let Some(at) = effects.iter().position(is_query) {
+            let Effect::Ask { id, question: EngineQuery::ApprovalRequest { version, purpose, who } } =
                 effects.remove(at)
             else {
                 unreachable!("it was just looked at")
@@ -66,7 +67,7 @@ impl TestConsole {
                 all.clone().find(|open| open.version == version && open.purpose == purpose).cloned()
             });
             let Some(open) = open else { return };
-            let reply = Box::new(Reply::Question { question: Box::new(given(&open, &who)) });
+            let reply = Box::new(Reply::Question { question: Box::new(document(&open, &who)) });
             effects.extend(update(
                 &mut self.model,
                 Msg { now_ms: self.now_ms, what: MsgKind::Answer { id, reply } },
@@ -77,28 +78,30 @@ impl TestConsole {
 
 /// The operator signs the text that the engine gave to this operator: not earlier, and not another person's.
 #[test]
-fn nobody_approves_a_question_that_the_engine_did_not_give_them() {
+fn an_undelivered_request_is_not_approved() {
     let mut console = TestConsole::new(0);
     console.answers = false;
     console.keys("a");
     let effects = console.press(KeyCode::Enter);
-    let ask = |effects: &[Effect]| {
+    let query = |effects: &[Effect]| {
         effects.iter().find_map(|effect| match effect {
-            Effect::Ask { id, question: EngineQuery::Asked { who, .. } } => Some((id.clone(), who.clone())),
+            Effect::Ask { id, question: EngineQuery::ApprovalRequest { who, .. } } => {
+                Some((id.clone(), who.clone()))
+            }
             _ => None,
         })
     };
-    let (id, who) = ask(&effects).unwrap();
+    let (id, who) = query(&effects).unwrap();
     assert_eq!(who, "ana");
     console.draw((120, 80));
     console.now_ms += GUARD_MS;
     assert!(!decides(&console.keys("Y")));
     assert_eq!(console.block(), Some(DecisionObstacle::NotAsked));
-    assert_eq!(ask(&console.tell(MsgKind::Tick)), None, "it is asked once");
+    assert_eq!(query(&console.tell(MsgKind::Tick)), None, "it is asked once");
     // Another person's text is not accepted.
     let open = console.model.engine_data.snapshot.as_ref().unwrap().prompts[0].clone();
     let answer = |id: &str, who: &str| {
-        let reply = Box::new(Reply::Question { question: Box::new(given(&open, who)) });
+        let reply = Box::new(Reply::Question { question: Box::new(document(&open, who)) });
         MsgKind::Answer { id: id.to_owned(), reply }
     };
     console.tell(answer(&id, "bo"));
@@ -106,7 +109,7 @@ fn nobody_approves_a_question_that_the_engine_did_not_give_them() {
     assert!(!decides(&console.keys("Y")));
     assert_eq!(console.block(), Some(DecisionObstacle::NotAsked));
     // Reading again requests it again; the next operator gets an own text.
-    let (id, _) = ask(&console.keys("r")).unwrap();
+    let (id, _) = query(&console.keys("r")).unwrap();
     console.tell(answer(&id, "ana"));
     console.draw((120, 80));
     console.now_ms += GUARD_MS;
@@ -116,7 +119,7 @@ fn nobody_approves_a_question_that_the_engine_did_not_give_them() {
         role: Role::Safety,
         protection: Protection::None,
     });
-    assert_eq!(ask(&other.tell(seated)).unwrap().1, "bo");
+    assert_eq!(query(&other.tell(seated)).unwrap().1, "bo");
     assert!(!decides(&other.keys("Y")));
     assert!(decides(&console.keys("Y")));
 }

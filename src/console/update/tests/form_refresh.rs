@@ -15,7 +15,7 @@ fn stopped(by: &str, since_ms: u64) -> Snapshot {
     now
 }
 
-fn told(console: &mut TestConsole, now: Snapshot) {
+fn set_snapshot(console: &mut TestConsole, now: Snapshot) {
     console.tell(MsgKind::Snapshot(Arc::new(now)));
 }
 
@@ -51,19 +51,19 @@ fn command(effects: &[Effect]) -> Command {
 }
 
 #[test]
-fn letting_the_cell_work_is_about_the_stop_that_was_read() {
+fn a_start_covers_only_the_stop_that_was_read() {
     let mut console = TestConsole::new(0);
-    told(&mut console, stopped("bo", 1_000));
+    set_snapshot(&mut console, stopped("bo", 1_000));
     console.keys("W");
     assert_eq!(form(&console).unwrap().intent.title(), "Start the stopped cell");
     // The same stop continues: nothing changes, whatever else does.
     console.keys("clear");
     let mut again = stopped("bo", 1_000);
     again.at_ms += 5_000;
-    told(&mut console, again);
+    set_snapshot(&mut console, again);
     assert!(form(&console).is_some_and(|form| form.problem.is_none() && form.reason.text() == "clear"));
     // Another stop.
-    told(&mut console, stopped("cy", 61_000));
+    set_snapshot(&mut console, stopped("cy", 61_000));
     assert!(notice(&console).contains("cy has stopped it again"), "{}", notice(&console));
     assert!(void(&mut console).unwrap().contains("cy has stopped it again"));
     // Also if the engine's snapshot keeps the first stop.
@@ -84,20 +84,20 @@ fn letting_the_cell_work_is_about_the_stop_that_was_read() {
     assert!(void(&mut console).unwrap().contains("di has stopped it again"));
     // Or starts the cell.
     console.keys("W");
-    told(&mut console, snapshot(0, 'e'));
+    set_snapshot(&mut console, snapshot(0, 'e'));
     assert!(void(&mut console).unwrap().contains("already been started"));
 }
 
 /// During another person's stop, typed text went to the view as keys: `F` opened a form, `q` another.
 #[test]
-fn what_is_being_typed_when_a_form_becomes_void_is_no_key() {
+fn typing_into_a_voided_form_is_no_key() {
     let rest = "clear; Foreman quit, XBDqWx:demo";
     for at in 0..rest.len() {
         let mut console = TestConsole::new(0);
-        told(&mut console, stopped("bo", 1_000));
+        set_snapshot(&mut console, stopped("bo", 1_000));
         console.keys("W");
         console.keys(&rest[..at]);
-        told(&mut console, stopped("cy", 61_000));
+        set_snapshot(&mut console, stopped("cy", 61_000));
         let before = console.model.view_state.clone();
         let mut effects = console.keys(&rest[at..]);
         // The keys that would have confirmed it come with the rest.
@@ -130,7 +130,7 @@ fn a_passphrase_never_becomes_keys() {
             life: Nonce::from_bytes([7; 16]),
             until_ms: 300_000,
         });
-        told(&mut console, now.clone());
+        set_snapshot(&mut console, now.clone());
         console.keys("W");
         confirm(&mut console);
         console.keys("under th");
@@ -139,7 +139,7 @@ fn a_passphrase_never_becomes_keys() {
         } else if let Some(stopped) = &mut now.stopped {
             stopped.reason = "two hands".to_owned();
         }
-        told(&mut console, now);
+        set_snapshot(&mut console, now);
         let effects = console.keys("e oak xXqF");
         assert!(effects.is_empty() && console.press(KeyCode::Enter).is_empty(), "{effects:?}");
         let open = form(&console).unwrap();
@@ -157,13 +157,13 @@ fn a_passphrase_never_becomes_keys() {
 /// If another person answered a question during typing, the rest of the reason aborted and stopped, and Enter went to
 /// the view below.
 #[test]
-fn what_is_being_typed_into_a_question_that_closes_is_no_key() {
+fn typing_into_a_closing_request_is_no_key() {
     let mut console = TestConsole::new(0);
     console.open_prompt();
     console.press(KeyCode::Tab);
     console.keys("no");
     let closed = Snapshot { prompts: Vec::new(), ..snapshot(0, 'e') };
-    told(&mut console, closed);
+    set_snapshot(&mut console, closed);
     let effects = console.keys(" good: xXYNr");
     assert!(effects.is_empty() && console.press(KeyCode::Enter).is_empty(), "{effects:?}");
     assert!(console.press(KeyCode::Esc).is_empty());
@@ -175,7 +175,7 @@ fn what_is_being_typed_into_a_question_that_closes_is_no_key() {
 
 /// Starting the cell answers for all stops, not for the first alone.
 #[test]
-fn everybody_who_stopped_the_cell_is_named() {
+fn every_operator_who_stopped_is_named() {
     let mut now = stopped("ana", 62_000);
     let again = |by: &str, at_ms| RepeatedStop {
         by: by.to_owned(),
@@ -183,15 +183,15 @@ fn everybody_who_stopped_the_cell_is_named() {
         reason: format!("{by} saw something"),
         at_ms,
     };
-    let said = |now: &Snapshot| {
+    let screens = |now: &Snapshot| {
         let mut console = TestConsole::new(0);
-        told(&mut console, now.clone());
+        set_snapshot(&mut console, now.clone());
         let screen = console.screen(120, 36);
         console.keys("W");
         (screen, form(&console).unwrap().consequences.join("\n"), console.screen(80, 24))
     };
     now.stopped.as_mut().unwrap().record_repeat(again("bert", 69_000));
-    let (screen, form, _) = said(&now);
+    let (screen, form, _) = screens(&now);
     assert!(screen.contains("STOPPED by ana 00:01:02, bert 00:01:09"), "{screen}");
     assert!(form.contains("Stopped by ana") && form.contains("since 00:01:02: a hand in the cell"), "{form}");
     assert!(form.contains("and by bert") && form.contains("at 00:01:09: bert saw something"), "{form}");
@@ -204,7 +204,7 @@ fn everybody_who_stopped_the_cell_is_named() {
     let stopped = now.stopped.as_ref().unwrap();
     let named: Vec<&str> = stopped.again.iter().map(|stop| stop.by.as_str()).collect();
     assert_eq!((named, stopped.unnamed), (vec!["dora", "emil", "fritz", "bert"], 2));
-    let (screen, form, open) = said(&now);
+    let (screen, form, open) = screens(&now);
     assert!(screen.contains("STOPPED by ana 00:01:02, bert 00:01:14 and 5 more"), "{screen}");
     assert!(form.contains("and 2 more times") && form.contains("fritz") && !form.contains("carl"), "{form}");
     for wanted in ["Stopped by ana", "and 2 more times", "and by bert", "the cell is empty", "Reason"] {
@@ -213,11 +213,11 @@ fn everybody_who_stopped_the_cell_is_named() {
 }
 
 #[test]
-fn what_needs_a_person_says_so_before_anything_is_typed() {
+fn a_missing_operator_is_reported_before_typing() {
     for (before, key) in [("", "p"), ("", "F"), ("", "D"), ("5G", "R"), ("", "W"), ("", ":goal grasp\r")] {
         let mut console = TestConsole::new(0);
         console.model.session.operator = None;
-        told(&mut console, stopped("bo", 1_000));
+        set_snapshot(&mut console, stopped("bo", 1_000));
         console.keys(before);
         for letter in key.chars() {
             console.press(if letter == '\r' { KeyCode::Enter } else { KeyCode::Char(letter) });
@@ -235,7 +235,7 @@ fn what_needs_a_person_says_so_before_anything_is_typed() {
 }
 
 #[test]
-fn a_form_follows_its_version_and_asks_to_be_read_again() {
+fn a_form_follows_its_version_and_is_read_again() {
     let mut console = TestConsole::new(0);
     console.keys("F");
     assert!(form(&console).unwrap().consequences[0].contains("shadowed"));
@@ -245,7 +245,7 @@ fn a_form_follows_its_version_and_asks_to_be_read_again() {
     let mut now = snapshot(0, 'e');
     now.candidates[0].state = State::Demoted;
     now.candidates[0].flags = VersionFlags::default();
-    told(&mut console, now);
+    set_snapshot(&mut console, now);
     let open = form(&console).unwrap();
     assert!(open.consequences[0].contains("demoted") && open.problem.is_some(), "{open:?}");
     // Only a read text is confirmed: the button lost the keys.
@@ -255,8 +255,8 @@ fn a_form_follows_its_version_and_asks_to_be_read_again() {
 
 #[test]
 fn a_form_is_void_when_it_would_be_for_something_else() {
-    type Change = fn(&mut Snapshot);
-    let moved: [(&str, Change); 4] = [
+    type CandidateChange = fn(&mut Snapshot);
+    let moved: [(&str, CandidateChange); 4] = [
         ("F", |now| now.candidates[0].state = State::Active),
         ("p", |now| now.candidates[0].flags.paused = true),
         ("D", |now| now.candidates[0].state = State::Rejected),
@@ -268,7 +268,7 @@ fn a_form_is_void_when_it_would_be_for_something_else() {
         assert!(form(&console).is_some(), "{key}");
         let mut now = snapshot(0, 'e');
         change(&mut now);
-        told(&mut console, now);
+        set_snapshot(&mut console, now);
         assert!(notice(&console).contains("not asked"), "{key}: {}", notice(&console));
         assert!(void(&mut console).is_some(), "{key}");
     }
@@ -278,14 +278,14 @@ fn a_form_is_void_when_it_would_be_for_something_else() {
     let mut now = snapshot(0, 'e');
     now.candidates.clear();
     now.families[0].flags = Some(VersionFlags { provisional: true, ..VersionFlags::default() });
-    told(&mut console, now.clone());
+    set_snapshot(&mut console, now.clone());
     console.keys("1x");
     assert!(matches!(
         form(&console).map(|form| &form.intent),
         Some(Intent::Abort(crate::form::Abort::Active(_)))
     ));
     now.families[0].pinned = None;
-    told(&mut console, now);
+    set_snapshot(&mut console, now);
     // The key that aborts asks again, from the current state.
     assert!(form(&console).is_some_and(|form| form.void.is_some()), "it would stop the family now");
     console.keys("x");
@@ -303,7 +303,7 @@ fn an_alarm_that_is_gone_voids_its_form() {
     assert!(form(&console).is_some(), "{}", notice(&console));
     let mut now = snapshot(0, 'e');
     now.alarms.remove(0);
-    told(&mut console, now);
+    set_snapshot(&mut console, now);
     assert!(void(&mut console).unwrap().contains("normal again"));
 }
 
@@ -320,7 +320,7 @@ fn holding_and_letting_go_have_the_verbs_rule() {
                 let mut now = snapshot(0, 'e');
                 (now.candidates[0].state, now.candidates[0].flags) = (state, flags);
                 now.candidates[0].held = held;
-                told(&mut console, now);
+                set_snapshot(&mut console, now);
                 console.keys(key);
                 assert_eq!(form(&console).is_some(), allowed, "{key} on {state} {flags:?} held {held}");
             }
@@ -329,32 +329,32 @@ fn holding_and_letting_go_have_the_verbs_rule() {
 }
 
 #[test]
-fn the_promotion_of_a_provisional_version_is_held_and_let_go_on_from_the_keyboard() {
+fn a_provisional_version_is_paused_and_resumed_by_keys() {
     let mut console = TestConsole::new(0);
     let mut now = snapshot(0, 'e');
     now.candidates[0].state = State::Active;
     now.candidates[0].flags = VersionFlags { provisional: true, ..VersionFlags::default() };
-    told(&mut console, now.clone());
+    set_snapshot(&mut console, now.clone());
     console.keys("p");
     assert!(form(&console).unwrap().consequences[1].contains("keeps the arm"));
-    let asked = command(&confirm(&mut console));
+    let pause = command(&confirm(&mut console));
     let operation =
         Operation { version: CANDIDATE.parse().unwrap(), by: "ana".to_owned(), reason: "a test".to_owned() };
-    assert_eq!(asked, Command::Pause(operation.clone()));
+    assert_eq!(pause, Command::Pause(operation.clone()));
     now.candidates[0].flags.paused = true;
-    told(&mut console, now);
+    set_snapshot(&mut console, now);
     console.keys("u");
     assert!(form(&console).unwrap().consequences[0].contains("active, provisional, promotion paused"));
     assert_eq!(command(&confirm(&mut console)), Command::Resume(operation));
 }
 
 #[test]
-fn what_is_frozen_is_story_and_charts_alone() {
+fn only_story_and_charts_are_frozen() {
     let mut console = TestConsole::new(0);
     console.keys("f");
     let mut now = stopped("bo", 60_500);
     now.families[0].active = Some("grasp@1.3.0".parse().unwrap());
-    told(&mut console, now);
+    set_snapshot(&mut console, now);
     let frozen = console.model.view_state.frozen.as_ref().unwrap();
     assert_eq!(frozen.at_ms, 60_000, "in the engine's time, as everything on the screen");
     assert!(console.model.engine_data.snapshot.as_ref().unwrap().stopped.is_some());

@@ -7,23 +7,23 @@ use holdpoint_protocol::health::{HealthClock, HealthQuery, HealthSeries};
 /// Tue 17 Nov 2026, 08:00 UTC.
 const TUESDAY_MS: i64 = 1_794_902_400_000;
 
-fn asked(effects: &[Effect]) -> Option<(String, HealthQuery)> {
+fn sent_query(effects: &[Effect]) -> Option<(String, HealthQuery)> {
     effects.iter().find_map(|effect| match effect {
-        Effect::Ask { id, question: EngineQuery::Health(asked) | EngineQuery::AlarmHistory(asked) } => {
-            Some((id.clone(), *asked))
+        Effect::Ask { id, question: EngineQuery::Health(query) | EngineQuery::AlarmHistory(query) } => {
+            Some((id.clone(), *query))
         }
         _ => None,
     })
 }
 
-fn series(asked: HealthQuery, until_ms: i64) -> Reply {
-    let width = i64::try_from(asked.bucket_ms).unwrap();
+fn series(query: HealthQuery, until_ms: i64) -> Reply {
+    let width = i64::try_from(query.bucket_ms).unwrap();
     let alarm = json!({ "alarm": "degraded:grasp@1.3.0", "priority": "high", "text": "worse",
         "raised": { "at_ms": 5, "wall_ms": null, "by": null, "reason": null }, "began_before": false,
         "acknowledged": null, "shelved": null, "over": null, "reset": null, "ended": null,
         "state": "unacknowledged", "changes": 1 });
-    let series = json!({ "clock": HealthClock::Wall, "from_ms": until_ms - width * i64::from(asked.buckets),
-        "bucket_ms": asked.bucket_ms, "buckets": asked.buckets, "last_at_ms": 0, "last_wall_ms": null, "points": [],
+    let series = json!({ "clock": HealthClock::Wall, "from_ms": until_ms - width * i64::from(query.buckets),
+        "bucket_ms": query.bucket_ms, "buckets": query.buckets, "last_at_ms": 0, "last_wall_ms": null, "points": [],
         "marks": [], "alarms": [alarm], "coverage": { "tasks": 0, "blocks": 0, "blocks_read": 0, "not_judged": 0,
         "removed": 0, "late": 0, "damaged": 0, "without_wall": 0, "marks_left_off": 0, "alarms_left_off": 0 } });
     Reply::Health { series: Box::new(serde_json::from_value::<HealthSeries>(series).unwrap()) }
@@ -39,13 +39,13 @@ fn opened() -> TestConsole {
 }
 
 fn answer(console: &mut TestConsole, effects: &[Effect], until_ms: i64) -> HealthQuery {
-    let (id, asked) = asked(effects).expect("the record is asked");
-    console.tell(MsgKind::Answer { id, reply: Box::new(series(asked, until_ms)) });
-    asked
+    let (id, query) = sent_query(effects).expect("the record is asked");
+    console.tell(MsgKind::Answer { id, reply: Box::new(series(query, until_ms)) });
+    query
 }
 
 #[test]
-fn a_column_is_a_bucket_and_zoom_asks_anew_within_its_ends() {
+fn zoom_queries_new_buckets_within_its_ends() {
     let mut console = opened();
     console.tell(MsgKind::Resize(120, 36));
     let effects = console.tell(MsgKind::Tick);
@@ -56,7 +56,7 @@ fn a_column_is_a_bucket_and_zoom_asks_anew_within_its_ends() {
     let mut narrowest = 0;
     for _ in 0..12 {
         let effects = console.keys("+");
-        match asked(&effects) {
+        match sent_query(&effects) {
             Some(_) => narrowest = answer(&mut console, &effects, TUESDAY_MS).bucket_ms,
             None => assert!(console.model.notice.as_ref().unwrap().text.contains("narrower than a minute")),
         }
@@ -67,13 +67,13 @@ fn a_column_is_a_bucket_and_zoom_asks_anew_within_its_ends() {
 }
 
 #[test]
-fn the_cursor_stays_at_its_moment_while_time_goes_on() {
+fn the_cursor_stays_at_its_time_while_time_passes() {
     let mut console = opened();
     assert_eq!(console.model.health_bucket(), Some(72), "the newest");
     console.keys("hh");
     let (series, _) = console.model.engine_data.health.clone().unwrap();
-    let moment = series.start_ms(70);
-    assert_eq!(console.model.view_state.health.cursor_ms, Some(moment));
+    let at_ms = series.start_ms(70);
+    assert_eq!(console.model.view_state.health.cursor_ms, Some(at_ms));
     console.now_ms += 20_000;
     let effects = console.tell(MsgKind::Tick);
     answer(&mut console, &effects, TUESDAY_MS + 900_000);
@@ -86,26 +86,26 @@ fn the_cursor_stays_at_its_moment_while_time_goes_on() {
 }
 
 #[test]
-fn work_is_looked_at_from_time_to_time_and_what_is_frozen_stays() {
+fn tasks_are_read_at_intervals_and_frozen_data_stays() {
     let mut console = opened();
     console.now_ms += 14_000;
-    assert_eq!(asked(&console.tell(MsgKind::Tick)), None, "nothing happened but work");
+    assert_eq!(sent_query(&console.tell(MsgKind::Tick)), None, "nothing happened but work");
     console.now_ms += 2_000;
     let effects = console.tell(MsgKind::Tick);
-    assert!(asked(&effects).is_some());
-    assert_eq!(asked(&console.tell(MsgKind::Tick)), None, "one question at a time");
+    assert!(sent_query(&effects).is_some());
+    assert_eq!(sent_query(&console.tell(MsgKind::Tick)), None, "one question at a time");
     answer(&mut console, &effects, TUESDAY_MS);
     console.keys("f");
     console.now_ms += 60_000;
-    assert_eq!(asked(&console.tell(MsgKind::Tick)), None, "frozen");
+    assert_eq!(sent_query(&console.tell(MsgKind::Tick)), None, "frozen");
 }
 
 #[test]
-fn a_reading_that_is_refused_for_now_is_asked_for_again_without_a_word() {
+fn a_refused_reading_is_retried_silently() {
     let mut console = TestConsole::new(0);
     let effects = console.keys("8");
-    let (id, _) = asked(&effects).unwrap();
-    assert_eq!(asked(&console.tell(MsgKind::Tick)), None, "one question at a time");
+    let (id, _) = sent_query(&effects).unwrap();
+    assert_eq!(sent_query(&console.tell(MsgKind::Tick)), None, "one question at a time");
     let refused = Reply::Refused {
         code: Refusal::NotNow,
         text: "others read".to_owned(),
@@ -120,12 +120,12 @@ fn a_reading_that_is_refused_for_now_is_asked_for_again_without_a_word() {
 }
 
 #[test]
-fn the_course_of_alarms_is_read_and_changes_nothing() {
+fn the_alarm_history_changes_nothing() {
     let mut console = TestConsole::new(0);
     console.keys("5");
     let effects = console.press(KeyCode::Tab);
-    let asked = answer(&mut console, &effects, TUESDAY_MS);
-    assert!(asked.only_alarms && console.model.engine_data.health.is_none());
+    let query = answer(&mut console, &effects, TUESDAY_MS);
+    assert!(query.only_alarms && console.model.engine_data.health.is_none());
     assert_eq!(console.model.alarm_spells().len(), 1);
     for key in [" ", "z", "Z", "R"] {
         let effects = console.keys(key);
@@ -143,9 +143,9 @@ fn the_course_of_alarms_is_read_and_changes_nothing() {
 fn opened_with_notes(notes: usize) -> TestConsole {
     let mut console = TestConsole::new(0);
     let effects = console.keys("8");
-    let (id, asked) = asked(&effects).unwrap();
-    let Reply::Health { mut series } = self::series(asked, TUESDAY_MS) else { panic!("no series") };
-    let last = u32::from(asked.buckets) - 1;
+    let (id, query) = sent_query(&effects).unwrap();
+    let Reply::Health { mut series } = self::series(query, TUESDAY_MS) else { panic!("no series") };
+    let last = u32::from(query.buckets) - 1;
     series.points = (0..12)
         .map(|back| {
             let point = json!({ "version": "grasp@1.2.0", "bucket": last - back, "tasks": 40, "succeeded": 38 - back,
@@ -169,21 +169,24 @@ fn opened_with_notes(notes: usize) -> TestConsole {
 
 /// Two or three marks were shown, the newest was not, and the screen did not say so.
 #[test]
-fn marks_of_a_column_are_all_told_or_counted_the_newest_first() {
+fn marks_are_shown_or_counted_newest_first() {
     for (notes, columns, rows) in [(2, 80, 24), (6, 80, 24), (9, 120, 36), (9, 80, 24), (14, 60, 16)] {
         let console = opened_with_notes(notes);
         let screen = super::consistency::screen(&console, columns, rows);
-        let told: Vec<bool> =
+        let visible: Vec<bool> =
             (0..notes).map(|number| screen.contains(&format!("ana: note {number}."))).collect();
-        let shown = told.iter().filter(|told| **told).count();
-        assert!(shown > 0 && told[notes - shown..].iter().all(|told| *told), "{told:?}\n{screen}");
-        let said = match notes - shown {
+        let shown = visible.iter().filter(|is_visible| **is_visible).count();
+        assert!(
+            shown > 0 && visible[notes - shown..].iter().all(|is_visible| *is_visible),
+            "{visible:?}\n{screen}"
+        );
+        let expected = match notes - shown {
             0 => String::new(),
             1 => "and one mark more in this column".to_owned(),
             more => format!("and {more} marks more in this column"),
         };
-        assert!(screen.contains(&said), "{said:?}\n{screen}");
-        assert!(shown == notes || !said.is_empty());
+        assert!(screen.contains(&expected), "{expected:?}\n{screen}");
+        assert!(shown == notes || !expected.is_empty());
     }
     assert_eq!(
         (0..6)
@@ -198,8 +201,8 @@ fn marks_of_a_column_are_all_told_or_counted_the_newest_first() {
 #[test]
 fn the_smallest_window_shows_a_chart_its_marks_and_the_verdict() {
     let screen = super::consistency::screen(&opened_with_notes(1), 40, 12);
-    for word in ["Health: Success", "grasp", "% of 480", "marks", "N", "100", "success of grasp"] {
-        assert!(screen.contains(word), "{word:?} is not in\n{screen}");
+    for label in ["Health: Success", "grasp", "% of 480", "marks", "N", "100", "success of grasp"] {
+        assert!(screen.contains(label), "{label:?} is not in\n{screen}");
     }
     assert!(screen.contains('*'), "no chart in\n{screen}");
 }

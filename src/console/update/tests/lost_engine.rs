@@ -22,7 +22,7 @@ fn id(effects: &[Effect]) -> String {
     }
 }
 
-fn words(console: &TestConsole, (columns, rows): (u16, u16)) -> String {
+fn screen_text(console: &TestConsole, (columns, rows): (u16, u16)) -> String {
     console.screen(columns, rows).split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
@@ -33,74 +33,81 @@ fn later(console: &mut TestConsole, ms: u64) {
 
 /// The screen said that the arm was being stopped, and nothing more: the notice expired.
 #[test]
-fn a_stop_that_nobody_answers_is_said_until_something_confirms_it() {
+fn an_unanswered_stop_is_shown_until_confirmed() {
     let mut console = TestConsole::new(0);
     let first = id(&console.keys("X"));
-    assert!(!words(&console, SIZES[0]).contains("NOT ANSWERED"), "a running engine has a moment to answer");
+    assert!(
+        !screen_text(&console, SIZES[0]).contains("NOT ANSWERED"),
+        "a running engine has a moment to answer"
+    );
     later(&mut console, STOP_ANSWER_MS);
     for minutes in 0..10 {
         for size in SIZES {
-            let screen = words(&console, size);
+            let screen = screen_text(&console, size);
             assert!(screen.contains("STOP NOT ANSWERED for"), "{size:?} after {minutes} min: {screen}");
         }
-        let screen = words(&console, SIZES[1]);
+        let screen = screen_text(&console, SIZES[1]);
         assert!(screen.contains("physical stop") && screen.contains("`holdpoint stop`"), "{screen}");
         later(&mut console, 60_000);
     }
     // A shell command without the store's path would stop another store's arm.
     let mut elsewhere = console.clone();
     elsewhere.model.data = Some("/srv/cell-2".to_owned());
-    let screen = words(&elsewhere, SIZES[0]);
+    let screen = screen_text(&elsewhere, SIZES[0]);
     assert!(screen.contains("`holdpoint stop --data /srv/cell-2` does so in a shell"), "{screen}");
     // Whatever is open or typed, the warning stays in sight, and so does the typed text.
     console.keys(":pa");
-    let screen = words(&console, SIZES[1]);
+    let screen = screen_text(&console, SIZES[1]);
     assert!(screen.contains("STOP NOT ANSWERED for") && screen.contains(":pa"), "{screen}");
     console.press(KeyCode::Esc);
     // A missing answer is not a confirmation.
     let reply = Box::new(refused(Refusal::NoAnswer, "process 712 does not answer: a signal stopped it"));
     console.tell(MsgKind::Answer { id: first.clone(), reply });
     later(&mut console, 60_000);
-    let screen = words(&console, SIZES[0]);
+    let screen = screen_text(&console, SIZES[0]);
     assert!(screen.contains("STOP NOT CONFIRMED") && screen.contains("a signal stopped it"), "{screen}");
     assert_eq!(screen.matches("a signal stopped it").count(), 1, "it appears in one place: {screen}");
     // Repeating the stop does not restart the count.
     let second = id(&console.keys("X"));
     assert_ne!(first, second);
-    assert!(words(&console, SIZES[0]).contains("STOP NOT ANSWERED for 66"), "{}", words(&console, SIZES[0]));
+    assert!(
+        screen_text(&console, SIZES[0]).contains("STOP NOT ANSWERED for 66"),
+        "{}",
+        screen_text(&console, SIZES[0])
+    );
     let accepted = Reply::Stopped { text: "the cell is stopped".to_owned(), kept: StopPersistence::OnRecord };
     let mut answered = console.clone();
     answered.tell(MsgKind::Answer { id: second, reply: Box::new(accepted) });
-    assert!(!words(&answered, SIZES[0]).contains("STOP NOT"));
+    assert!(!screen_text(&answered, SIZES[0]).contains("STOP NOT"));
     // A stopped cell is an answer, whatever its source.
     let mut now = snapshot(0, 'e');
     now.stopped = Some(StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 61_000));
     console.tell(MsgKind::Snapshot(Arc::new(now)));
-    assert!(!words(&console, SIZES[0]).contains("STOP NOT"));
+    assert!(!screen_text(&console, SIZES[0]).contains("STOP NOT"));
 }
 
-fn asks_for_a_stop(effects: &[Effect]) -> bool {
+fn is_stop(effects: &[Effect]) -> bool {
     matches!(effects, [Effect::Ask { question: EngineQuery::Stop { by }, .. }] if by == "ana")
 }
 
 /// The screen kept saying that nothing moves the arm while the engine answered, and the stop was never carried out.
 #[test]
-fn a_stop_that_came_to_nothing_is_asked_for_again_once_the_engine_is_heard() {
+fn a_failed_stop_is_sent_again_once_the_engine_answers() {
     let mut console = TestConsole::new(0);
-    let asked = id(&console.keys("X"));
+    let stop_id = id(&console.keys("X"));
     // An operator who comes meanwhile has asked for nothing.
     console.sit("bo");
     later(&mut console, 5_000);
     let why = "process 712 does not answer: a signal stopped it; nothing moves the arm meanwhile";
     let no_answer = || Box::new(refused(Refusal::NoAnswer, why));
-    console.tell(MsgKind::Answer { id: asked.clone(), reply: no_answer() });
+    console.tell(MsgKind::Answer { id: stop_id.clone(), reply: no_answer() });
     console.press(KeyCode::Esc);
-    assert!(words(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "nothing was heard since");
+    assert!(screen_text(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "nothing was heard since");
     let effects = console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
-    assert!(asks_for_a_stop(&effects), "{effects:?}");
+    assert!(is_stop(&effects), "{effects:?}");
     let again = id(&effects);
-    assert_ne!(again, asked);
-    let screen = words(&console, SIZES[0]);
+    assert_ne!(again, stop_id);
+    let screen = screen_text(&console, SIZES[0]);
     assert!(screen.contains("STOP NOT ANSWERED for 5 s") && screen.contains("sent again"), "{screen}");
     assert!(!screen.contains("nothing moves the arm"), "{screen}");
     // A stop under way is not sent twice, and a failed one not again with each camera frame.
@@ -110,11 +117,11 @@ fn a_stop_that_came_to_nothing_is_asked_for_again_once_the_engine_is_heard() {
     // Once the engine answers, the operator who asked for the stop may withdraw it.
     let mut taken_back = console.clone();
     taken_back.press(KeyCode::Esc);
-    assert!(!words(&taken_back, SIZES[0]).contains("STOP NOT"));
+    assert!(!screen_text(&taken_back, SIZES[0]).contains("STOP NOT"));
     later(&mut taken_back, 60_000);
     assert!(taken_back.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e')))).is_empty());
     later(&mut console, 1_000);
-    assert!(asks_for_a_stop(&console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))))));
+    assert!(is_stop(&console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))))));
 }
 
 fn attached() -> TestConsole {
@@ -131,14 +138,14 @@ fn attached() -> TestConsole {
     console.model.engine_data.console_number = Some(2);
     console.model.size = (120, 36);
     console.tell(MsgKind::Snapshot(Arc::new(Snapshot { seats, ..snapshot(0, 'e') })));
-    assert!(words(&console, SIZES[0]).contains("with bert (Alarms)"));
+    assert!(screen_text(&console, SIZES[0]).contains("with bert (Alarms)"));
     console
 }
 
 /// The names of the engine's other operators stayed on the screen after its death.
 #[test]
-fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
-    for (why, said) in [
+fn a_lost_engine_has_no_consoles_and_is_searched_for() {
+    for (why, expected) in [
         (
             EngineEndError::of("the engine at \"/data/engine.sock\" has ended"),
             "ENGINE GONE (looks again 3/64), last heard 00:01:00",
@@ -158,12 +165,16 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
         console.tell(MsgKind::ReconnectFailed(ReconnectStatus {
             tries: 3,
             tries_max: 64,
-            said: "no engine runs".to_owned(),
+            result: "no engine runs".to_owned(),
         }));
         later(&mut console, 60_000);
-        let screen = words(&console, SIZES[0]);
-        assert!(screen.contains(said), "{screen}");
-        assert!(words(&console, SIZES[1]).contains("(looks again 3/64)"), "{}", words(&console, SIZES[1]));
+        let screen = screen_text(&console, SIZES[0]);
+        assert!(screen.contains(expected), "{screen}");
+        assert!(
+            screen_text(&console, SIZES[1]).contains("(looks again 3/64)"),
+            "{}",
+            screen_text(&console, SIZES[1])
+        );
         assert!(
             !screen.contains("with bert") && console.model.engine_data.other_consoles().count() == 0,
             "{screen}"
@@ -171,7 +182,7 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
         assert!(screen.contains("STALE 1 min 0 s"), "the age of what is shown: {screen}");
         // The hints offer nothing of that engine, not even ending it.
         console.keys("1");
-        let screen = words(&console, SIZES[0]);
+        let screen = screen_text(&console, SIZES[0]);
         for gone in ["x abort", "p hold", "leave it on", "end engine", "00:02:00"] {
             assert!(!screen.contains(gone), "{gone}: {screen}");
         }
@@ -181,10 +192,10 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
         console.tell(MsgKind::Attached(Some(902), None));
         console.tell(MsgKind::EngineStarted);
         console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
-        let told = &console.model.engine_data;
-        assert_eq!((console.model.view_state.view, told.link), (View::Audit, EngineLink::Attached));
-        assert_eq!((&told.engine, &told.reconnect, told.process), (&EngineState::Running, &None, Some(902)));
-        let screen = words(&console, SIZES[0]);
+        let data = &console.model.engine_data;
+        assert_eq!((console.model.view_state.view, data.link), (View::Audit, EngineLink::Attached));
+        assert_eq!((&data.engine, &data.reconnect, data.process), (&EngineState::Running, &None, Some(902)));
+        let screen = screen_text(&console, SIZES[0]);
         assert!(!screen.contains("ENGINE") && screen.contains("is attached to it"), "{screen}");
         // The view's data is requested again.
         assert!(matches!(
@@ -196,13 +207,13 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
 
 /// Text typed into a form goes nowhere without an engine.
 #[test]
-fn a_form_that_is_open_when_the_engine_goes_is_for_nothing() {
+fn a_form_is_void_once_the_engine_is_lost() {
     let mut console = attached();
     console.keys(":goal grasp");
     console.press(KeyCode::Enter);
     console.keys("the tray");
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
-    let screen = words(&console, SIZES[0]);
+    let screen = screen_text(&console, SIZES[0]);
     assert!(screen.contains("NOT ASKED, and no longer possible: the engine is gone"), "{screen}");
     assert!(screen.contains("the tray"), "what was typed can be read: {screen}");
     console.keys(" is empty");
@@ -211,18 +222,18 @@ fn a_form_that_is_open_when_the_engine_goes_is_for_nothing() {
 
 /// Requests to the lost engine get no answer: the window must not wait for ever.
 #[test]
-fn what_was_asked_of_an_engine_that_is_gone_is_not_waited_for() {
+fn requests_to_a_lost_engine_are_not_waited_for() {
     let mut console = attached();
-    let asked = id(&console.keys("X"));
+    let stop_id = id(&console.keys("X"));
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
     console.tell(MsgKind::Attached(Some(902), None));
-    assert!(!console.model.requests.pending.contains_key(&asked));
-    assert!(words(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "its effect is unknown");
+    assert!(!console.model.requests.pending.contains_key(&stop_id));
+    assert!(screen_text(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "its effect is unknown");
     // The operator wanted the arm to stop: the new engine gets the stop as well.
     later(&mut console, 5_000);
     console.tell(MsgKind::EngineStarted);
     let effects = console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
-    assert!(asks_for_a_stop(&effects), "{effects:?}");
+    assert!(is_stop(&effects), "{effects:?}");
 }
 
 fn event(seq: u64) -> Event {
@@ -235,38 +246,38 @@ fn story(console: &TestConsole) -> Vec<&str> {
 
 /// A newly attached console showed "Nothing has happened yet" despite earlier events.
 #[test]
-fn what_happened_before_is_told_and_says_where_it_begins() {
+fn earlier_events_are_shown_with_their_beginning() {
     let mut console = TestConsole::new(0);
     console.model.engine_data.events.clear();
     console.tell(MsgKind::Attached(Some(811), None));
     console.tell(MsgKind::Past { events: (10..13).map(event).collect(), earlier: 7 });
     console.tell(MsgKind::Events(vec![event(13)]));
-    let told = story(&console);
-    assert_eq!(told.len(), 5, "{told:?}");
-    assert!(told[0].contains("begins here; 7 earlier events"), "{told:?}");
-    assert!(told[1].contains("fault number 10") && told[4].contains("fault number 13"), "{told:?}");
+    let lines = story(&console);
+    assert_eq!(lines.len(), 5, "{lines:?}");
+    assert!(lines[0].contains("begins here; 7 earlier events"), "{lines:?}");
+    assert!(lines[1].contains("fault number 10") && lines[4].contains("fault number 13"), "{lines:?}");
     // The same engine repeats no event; another one counts from the start, and its log continues below.
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
     console.tell(MsgKind::Attached(Some(811), None));
     console.tell(MsgKind::Past { events: (11..15).map(event).collect(), earlier: 8 });
     assert_eq!(story(&console).len(), 6, "{:?}", story(&console));
-    let said = &console.model.notice.as_ref().unwrap().text;
-    assert!(said.contains("the engine kept running"), "it was this console that stood still: {said}");
+    let notice = &console.model.notice.as_ref().unwrap().text;
+    assert!(notice.contains("the engine kept running"), "it was this console that stood still: {notice}");
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
     console.tell(MsgKind::Attached(Some(902), None));
     console.tell(MsgKind::Past { events: (0..2).map(event).collect(), earlier: 0 });
     console.tell(MsgKind::Events(vec![event(2)]));
-    let told = story(&console);
-    assert!(told[6].contains("another one tells what follows"), "{told:?}");
-    assert!(told[7].contains("began here") && told[8].contains("fault number 0"), "{told:?}");
-    assert!(told[10].contains("fault number 2"), "{told:?}");
+    let lines = story(&console);
+    assert!(lines[6].contains("another one tells what follows"), "{lines:?}");
+    assert!(lines[7].contains("began here") && lines[8].contains("fault number 0"), "{lines:?}");
+    assert!(lines[10].contains("fault number 2"), "{lines:?}");
     let numbers: Vec<u64> = console.model.engine_data.events.iter().map(|line| line.seq).collect();
     assert!(numbers.is_sorted(), "{numbers:?}");
 }
 
 /// Old events open, close and report nothing.
 #[test]
-fn what_happened_before_is_no_news() {
+fn earlier_events_trigger_nothing() {
     let mut console = TestConsole::new(0);
     let mut now = snapshot(0, 'e');
     now.stopped = Some(StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
@@ -285,22 +296,22 @@ fn what_happened_before_is_no_news() {
 
 /// `:demo` at two consoles at once: the second one named a version that was already registered.
 #[test]
-fn a_demonstration_that_somebody_else_was_quicker_with_is_followed_by_the_next() {
+fn a_demonstration_taken_elsewhere_is_followed_by_the_next() {
     let mut console = TestConsole::new(0);
     console.keys(":demo");
-    let asked = id(&console.press(KeyCode::Enter));
+    let request_id = id(&console.press(KeyCode::Enter));
     let reply = Box::new(refused(Refusal::Exists, "align@1.1.0 is registered already"));
-    let effects = console.tell(MsgKind::Answer { id: asked.clone(), reply });
+    let effects = console.tell(MsgKind::Answer { id: request_id.clone(), reply });
     assert!(matches!(&effects[..], [Effect::Register { folder: None, .. }]), "{effects:?}");
-    assert_ne!(id(&effects), asked);
-    let said = console.model.notice.as_ref().unwrap();
+    assert_ne!(id(&effects), request_id);
+    let notice = console.model.notice.as_ref().unwrap();
     assert!(
-        said.text.contains("another client") && said.text.contains("the next one") && !said.bad,
-        "{said:?}"
+        notice.text.contains("another client") && notice.text.contains("the next one") && !notice.bad,
+        "{notice:?}"
     );
     // A folder that the operator named is not replaced by another one.
     console.keys(":register /tmp/x");
-    let asked = id(&console.press(KeyCode::Enter));
+    let request_id = id(&console.press(KeyCode::Enter));
     let reply = Box::new(refused(Refusal::Exists, "align@1.1.0 is registered already"));
-    assert!(console.tell(MsgKind::Answer { id: asked, reply }).is_empty());
+    assert!(console.tell(MsgKind::Answer { id: request_id, reply }).is_empty());
 }

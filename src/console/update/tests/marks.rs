@@ -63,19 +63,19 @@ fn confirm(console: &mut TestConsole) -> Vec<Command> {
 }
 
 #[test]
-fn one_question_names_every_marked_version_and_each_is_asked_for() {
+fn one_form_names_and_sends_every_marked_version() {
     for (key, title) in [("F", "Reject: 2 versions"), ("p", "Hold: 2 versions")] {
         let mut console = opened();
         mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
         assert!(console.model.notice.as_ref().unwrap().text.starts_with("2 marked: F rejects, p holds"));
         assert!(console.keys(key).is_empty());
-        let asked = form(&console).unwrap();
-        assert_eq!(asked.intent.title(), title);
+        let open_form = form(&console).unwrap();
+        assert_eq!(open_form.intent.title(), title);
         let shown = screen(&console, 100, 30);
         assert!(shown.contains("align@1.1.0 is") && shown.contains("place@1.1.0 is"), "{shown}");
-        assert!(!asked.consequences.iter().any(|line| line.contains(CANDIDATE)), "{asked:?}");
+        assert!(!open_form.consequences.iter().any(|line| line.contains(CANDIDATE)), "{open_form:?}");
         let commands = confirm(&mut console);
-        let asked: Vec<(String, String)> = commands
+        let requests: Vec<(String, String)> = commands
             .into_iter()
             .map(|command| match command {
                 Command::Reject(operation) if key == "F" => (operation.version.to_string(), operation.reason),
@@ -84,13 +84,13 @@ fn one_question_names_every_marked_version_and_each_is_asked_for() {
             })
             .collect();
         let why = "not for this part".to_owned();
-        assert_eq!(asked, [("align@1.1.0".to_owned(), why.clone()), ("place@1.1.0".to_owned(), why)]);
+        assert_eq!(requests, [("align@1.1.0".to_owned(), why.clone()), ("place@1.1.0".to_owned(), why)]);
         assert!(console.model.view_state.marked_versions.is_empty() && form(&console).is_none());
     }
 }
 
 #[test]
-fn one_that_changes_makes_the_question_void_and_one_that_cannot_is_named() {
+fn a_change_voids_the_form_and_an_obstacle_is_named() {
     let mut console = opened();
     mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
     console.keys("F");
@@ -104,8 +104,8 @@ fn one_that_changes_makes_the_question_void_and_one_that_cannot_is_named() {
     let mut console = opened();
     mark(&mut console, &["align@1.1.0", "grasp@1.4.0"]);
     assert!(console.keys("F").is_empty() && form(&console).is_none());
-    let said = &console.model.notice.as_ref().unwrap().text;
-    assert!(said.contains("grasp@1.4.0 is rejected") && said.contains("take its mark away"), "{said}");
+    let notice = &console.model.notice.as_ref().unwrap().text;
+    assert!(notice.contains("grasp@1.4.0 is rejected") && notice.contains("take its mark away"), "{notice}");
     // A screen that cannot name them all does not ask.
     let mut console = opened();
     mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
@@ -114,7 +114,7 @@ fn one_that_changes_makes_the_question_void_and_one_that_cannot_is_named() {
 }
 
 #[test]
-fn what_gives_authority_never_takes_marks_and_what_stops_is_not_kept_by_them() {
+fn only_reject_and_hold_take_marks() {
     for action in Action::ALL {
         let mut console = opened();
         mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
@@ -132,9 +132,9 @@ fn what_gives_authority_never_takes_marks_and_what_stops_is_not_kept_by_them() {
                 | Action::BreakGlass
         );
         if gives {
-            let said = console.model.notice.clone().unwrap();
+            let notice = console.model.notice.clone().unwrap();
             assert!(effects.is_empty() && form(&console).is_none(), "{action:?}");
-            assert!(said.bad && said.text.contains("this acts on one alone"), "{action:?}: {said:?}");
+            assert!(notice.bad && notice.text.contains("this acts on one alone"), "{action:?}: {notice:?}");
         }
     }
     // Stopping applies to the version under the cursor, whatever is marked.

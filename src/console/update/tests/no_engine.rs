@@ -31,7 +31,7 @@ impl TestConsole {
         self.tell(MsgKind::EngineEnded(Err(why)));
     }
 
-    fn said(&self) -> &str {
+    fn notice_text(&self) -> &str {
         self.model.notice.as_ref().map_or("", |notice| notice.text.as_str())
     }
 
@@ -42,7 +42,7 @@ impl TestConsole {
 }
 
 #[test]
-fn where_another_engine_holds_the_store_only_what_stops_goes_out() {
+fn only_stops_go_out_if_another_engine_holds_the_store() {
     let plain = EngineAbsence::HeldElsewhere.problem();
     for action in Action::ALL {
         let mut console = second();
@@ -70,17 +70,21 @@ fn where_another_engine_holds_the_store_only_what_stops_goes_out() {
             ),
         }
         if action.changes_something() {
-            assert!(console.said().starts_with(&plain.to_string()), "{action:?}: {}", console.said());
+            assert!(
+                console.notice_text().starts_with(&plain.to_string()),
+                "{action:?}: {}",
+                console.notice_text()
+            );
         }
     }
     let mut console = second();
     console.keys(":pace 5");
     assert!(console.press(KeyCode::Enter).is_empty());
-    assert!(console.said().contains("no engine is running here"), "{}", console.said());
+    assert!(console.notice_text().contains("no engine is running here"), "{}", console.notice_text());
 }
 
 #[test]
-fn the_screen_says_whose_the_store_is_and_offers_what_works() {
+fn the_screen_names_the_store_owner_and_usable_keys() {
     for (columns, rows) in [(120, 36), (80, 24), (50, 12)] {
         let mut console = second();
         console.now_ms += 60_000;
@@ -88,9 +92,9 @@ fn the_screen_says_whose_the_store_is_and_offers_what_works() {
         let screen = console.screen(columns, rows);
         assert!(screen.contains("NO ENGINE HERE"), "{screen}");
         assert!(screen.contains("is in use by process 712"), "{screen}");
-        let words = screen.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(words.contains("X or f9: stops the arm"), "{screen}");
-        assert!(words.contains("q or ctrl-c: ends this console, with exit code 2"), "{screen}");
+        let text = screen.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(text.contains("X or f9: stops the arm"), "{screen}");
+        assert!(text.contains("q or ctrl-c: ends this console, with exit code 2"), "{screen}");
         for absent in ["approvals", "abort", "Registry", "starting"] {
             assert!(!screen.contains(absent), "{absent}: {screen}");
         }
@@ -104,7 +108,7 @@ fn the_screen_says_whose_the_store_is_and_offers_what_works() {
 /// After the end of an attached engine its last data stays on the screen; a command that takes authority away goes to
 /// any running engine.
 #[test]
-fn after_the_end_of_an_engine_what_stops_is_still_asked() {
+fn stops_still_go_out_after_the_engine_ended() {
     let mut console = TestConsole::new(0);
     console.ended(EngineEndError::of("the disk is full"));
     assert!(
@@ -112,9 +116,9 @@ fn after_the_end_of_an_engine_what_stops_is_still_asked() {
         "{:?}",
         console.model.input
     );
-    assert!(console.said().contains("no engine is running here"), "{}", console.said());
+    assert!(console.notice_text().contains("no engine is running here"), "{}", console.notice_text());
     console.keys("x");
-    assert!(matches!(&console.model.input.overlay, Some(Overlay::Form(_))), "{}", console.said());
+    assert!(matches!(&console.model.input.overlay, Some(Overlay::Form(_))), "{}", console.notice_text());
     assert!(matches!(&console.confirm()[..], [Effect::Operate { .. }]));
     assert!(matches!(&console.keys("X")[..], [Effect::Ask { question: EngineQuery::Stop { .. }, .. }]));
 }
@@ -136,9 +140,9 @@ fn a_long_answer_is_shown_whole() {
                 screen.lines().rev().take(usize::from(rows / if rows < 16 { 2 } else { 3 })).collect();
             let foot: Vec<&str> = foot.into_iter().rev().flat_map(str::split_whitespace).collect();
             let foot = foot.join(" ");
-            let words = long.split_whitespace().collect::<Vec<_>>().join(" ");
-            let (said, end) = words.split_at(words.len() - 20);
-            assert!(foot.contains(said), "{columns}x{rows} after {opened:?}: {screen}");
+            let text = long.split_whitespace().collect::<Vec<_>>().join(" ");
+            let (start, end) = text.split_at(text.len() - 20);
+            assert!(foot.contains(start), "{columns}x{rows} after {opened:?}: {screen}");
             assert!(foot.contains(end.trim()), "{columns}x{rows} after {opened:?}: {screen}");
             assert!(foot.contains("stop"), "how the arm is stopped stays in sight: {screen}");
             // It stays long enough to be read, and disappears by itself.
@@ -154,7 +158,7 @@ fn a_long_answer_is_shown_whole() {
 
 /// The operator named at the start is the author of a stop, also before the engine is up; without a name, no one is.
 #[test]
-fn an_early_stop_is_whoever_sits_here() {
+fn an_early_stop_names_the_operator() {
     for (sits, by) in [(true, "ana"), (false, "")] {
         let mut console = TestConsole::new(0);
         console.model.engine_data = crate::model::EngineData::default();

@@ -18,8 +18,8 @@ fn with(console: &mut TestConsole, change: impl FnOnce(&mut Snapshot)) {
 /// A key in a hint has an effect; a key that would be refused is not a hint.
 #[test]
 fn no_hint_offers_a_key_that_would_be_refused() {
-    type Change = fn(&mut Snapshot);
-    let states: [(&str, Change); 6] = [
+    type SnapshotChange = fn(&mut Snapshot);
+    let states: [(&str, SnapshotChange); 6] = [
         ("waiting", |_| ()),
         ("at work", |now| {
             now.candidates[0].flags =
@@ -79,16 +79,16 @@ fn hints_follow_how_things_stand() {
 }
 
 #[test]
-fn what_a_key_or_a_word_alone_asks_for_is_answered() {
+fn a_key_or_command_alone_is_answered() {
     let mut console = TestConsole::new(0);
-    let said = |console: &TestConsole| console.model.notice.as_ref().unwrap().text.clone();
+    let notice_text = |console: &TestConsole| console.model.notice.as_ref().unwrap().text.clone();
     console.keys("M");
-    assert!(said(&console).contains("the mouse is this console's"));
+    assert!(notice_text(&console).contains("the mouse is this console's"));
     console.keys("M");
-    assert!(said(&console).contains("the mouse is the terminal's again"));
+    assert!(notice_text(&console).contains("the mouse is the terminal's again"));
     console.keys(":pace");
     assert!(console.press(KeyCode::Enter).is_empty());
-    assert!(said(&console).contains("runs 1 simulated seconds a second"), "{}", said(&console));
+    assert!(notice_text(&console).contains("runs 1 simulated seconds a second"), "{}", notice_text(&console));
     // An unassessed version has no explanation.
     console.keys("3");
     assert!(!hints::actions(&console.model).contains(&Action::Open));
@@ -96,7 +96,7 @@ fn what_a_key_or_a_word_alone_asks_for_is_answered() {
 
 /// A letter that is typed as text, or a key with an obstacle, is not a hint.
 #[test]
-fn hints_inside_a_question_follow_what_is_read_and_typed() {
+fn hints_of_a_request_follow_reading_and_typing() {
     use Action as A;
     let offered = |console: &TestConsole| hints::actions(&console.model);
     let mut console = TestConsole::new(2);
@@ -170,9 +170,9 @@ fn tab_goes_through_what_a_line_could_become_and_back() {
 fn a_path_is_completed_by_what_its_folder_holds() {
     let mut console = TestConsole::new(0);
     console.keys(":register /shop/gr");
-    let asked = console.press(KeyCode::Tab);
+    let effects = console.press(KeyCode::Tab);
     let typed_line = "register /shop/gr".to_owned();
-    assert_eq!(asked, [Effect::ReadFolder { typed: typed_line.clone(), path: "/shop/gr".to_owned() }]);
+    assert_eq!(effects, [Effect::ReadFolder { typed: typed_line.clone(), path: "/shop/gr".to_owned() }]);
     let lines = vec!["register /shop/grasp-a".to_owned(), "register /shop/grasp-b/".to_owned()];
     let answer = MsgKind::Completions { typed: typed_line, lines };
     console.tell(answer.clone());
@@ -184,7 +184,7 @@ fn a_path_is_completed_by_what_its_folder_holds() {
 }
 
 #[test]
-fn somebody_who_is_nobody_is_offered_an_identity_in_sim_alone() {
+fn an_unknown_name_is_offered_an_identity_only_in_sim() {
     let stranger = || MsgKind::NoIdentity { name: "zoe".to_owned(), text: "there is no zoe".to_owned() };
     for (profile, by_key, offered) in [
         (ProfileName::Sim, true, true),
@@ -201,8 +201,8 @@ fn somebody_who_is_nobody_is_offered_an_identity_in_sim_alone() {
         console.tell(stranger());
         assert_eq!(console.model.input.overlay.is_some(), offered, "{profile:?} {by_key}");
         if !offered {
-            let said = console.model.notice.clone().unwrap();
-            assert!(said.bad && said.text.contains("there is no zoe"), "{said:?}");
+            let notice = console.model.notice.clone().unwrap();
+            assert!(notice.bad && notice.text.contains("there is no zoe"), "{notice:?}");
             continue;
         }
         assert_eq!(console.confirm(), [Effect::MakeIdentity("zoe".to_owned())]);
@@ -222,9 +222,9 @@ fn at_work(version: &str) -> CandidateView {
 }
 
 #[test]
-fn a_queued_candidate_says_what_it_waits_for() {
-    type Change = fn(&mut Snapshot);
-    let cases: [(Change, &str); 9] = [
+fn a_queued_candidate_names_its_wait() {
+    type QueueChange = fn(&mut Snapshot);
+    let cases: [(QueueChange, &str); 9] = [
         (|now| now.candidates.push(at_work("align@2.0.0")), "waits for align@2.0.0, in sandbox"),
         (
             |now| now.candidates.push(CandidateView { progress: None, ..at_work("align@2.0.0") }),
@@ -259,7 +259,7 @@ fn a_queued_candidate_says_what_it_waits_for() {
         (|now| now.families[0].active = None, "waits until grasp has an active version"),
         (|now| now.candidates[0].state = State::Demoted, "waits for an operator to evaluate it again"),
     ];
-    for (change, said) in cases {
+    for (change, expected) in cases {
         let mut console = TestConsole::new(0);
         with(&mut console, |now| {
             now.candidates[0].state = State::Validated;
@@ -267,7 +267,7 @@ fn a_queued_candidate_says_what_it_waits_for() {
             change(now);
         });
         let text = screen(&console, 120, 36);
-        assert!(text.contains(said), "{said}:\n{text}");
+        assert!(text.contains(expected), "{expected}:\n{text}");
     }
     let mut console = TestConsole::new(0);
     with(&mut console, |now| now.candidates = vec![at_work("align@2.0.0")]);
@@ -290,7 +290,7 @@ fn a_queued_candidate_says_what_it_waits_for() {
 
 /// Its window was over, and the screen did not say why it was still provisional.
 #[test]
-fn a_provisional_version_says_what_it_waits_for_after_its_window() {
+fn a_provisional_version_names_its_wait_after_its_window() {
     let sized = |change: &dyn Fn(&mut Snapshot), columns, rows| {
         let mut console = TestConsole::new(0);
         with(&mut console, |now| {
@@ -323,19 +323,19 @@ fn a_provisional_version_says_what_it_waits_for_after_its_window() {
         now.families[0].flags = Some(VersionFlags::default());
     };
     let behind: fn(&mut Snapshot) = |now| now.candidates.push(at_work("align@2.0.0"));
-    for (text, said) in [
+    for (text, expected) in [
         (over(&|_: &mut Snapshot| ()), "waits for its confirmation"),
         (over(&behind), "waits for its confirmation, behind align@2.0.0"),
         (over(&own), "in confirmation, 3 of 9"),
         (over(&again), "re-evaluated, 3 of 9"),
         (over(&confirmed_and_again), "re-evaluated, 3 of 9"),
     ] {
-        assert!(text.contains(said) && !text.contains("window over"), "{said}: {text}");
+        assert!(text.contains(expected) && !text.contains("window over"), "{expected}: {text}");
     }
     // The first hints remain on a smaller screen.
-    for (columns, rows, said) in [(100, 30, "re-evaluated, 3"), (80, 24, "re-ev")] {
+    for (columns, rows, expected) in [(100, 30, "re-evaluated, 3"), (80, 24, "re-ev")] {
         let text = sized(&confirmed_and_again, columns, rows);
-        assert!(text.contains(said), "{columns}x{rows}: {text}");
+        assert!(text.contains(expected), "{columns}x{rows}: {text}");
     }
 }
 
@@ -352,10 +352,10 @@ fn the_monitors_are_whole_at_every_size() {
     console.keys("4");
     for (columns, rows) in [(200, 60), (120, 36), (100, 30)] {
         let text = screen(&console, columns, rows);
-        for words in
+        for part in
             ["7 of 40 tasks, restricted", "x0.50", "rollback-coupled", "3.90 of 4.60", "0.2/5.5  4.4/2000.0"]
         {
-            assert!(text.contains(words), "{columns}: {words}\n{text}");
+            assert!(text.contains(part), "{columns}: {part}\n{text}");
         }
         // Names are never cut, and the chart past its limit or nearest to it comes first.
         let places = ["! retry", "  violation", "  intervention"].map(|name| text.find(name));
@@ -389,7 +389,7 @@ fn the_monitors_are_a_pane_where_there_is_no_room_beside_the_charts() {
 }
 
 #[test]
-fn rejected_versions_are_found_by_the_word_in_pipeline_and_registry() {
+fn pipeline_and_registry_find_rejected_versions() {
     let mut console = TestConsole::new(0);
     with(&mut console, |now| now.candidates[0].state = State::Rejected);
     console.keys("/rejected");
@@ -398,7 +398,7 @@ fn rejected_versions_are_found_by_the_word_in_pipeline_and_registry() {
     assert!(screen(&console, 80, 24).contains(CANDIDATE));
 }
 
-fn picture(sequence: u64, reach: f32, contact: bool) -> holdpoint_protocol::video_frame::VideoFrame {
+fn video_frame(sequence: u64, reach: f32, contact: bool) -> holdpoint_protocol::video_frame::VideoFrame {
     let body = json!({ "links": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.4], [reach, 0.1, 0.3]],
         "pads": [[reach, 0.1, 0.2], [reach, 0.1, 0.2]], "hand": [0.0, 0.0, 0.0, 1.0],
         "object": [0.3, 0.1, 0.1], "object_turn": [0.0, 0.0, 0.0, 1.0], "object_half_m": 0.02, "held": false });
@@ -410,11 +410,11 @@ fn picture(sequence: u64, reach: f32, contact: bool) -> holdpoint_protocol::vide
 }
 
 /// The places of the pane's words: they show its layout and scale.
-fn laid_out(console: &TestConsole, columns: u16, rows: u16) -> Vec<(usize, usize)> {
+fn text_places(console: &TestConsole, columns: u16, rows: u16) -> Vec<(usize, usize)> {
     let text = screen(console, columns, rows);
-    let place = |word: &str| {
+    let place = |label: &str| {
         text.lines().enumerate().find_map(|(row, line)| {
-            line.find(word).map(|at| (row, line.get(..at).map_or(0, |before| before.chars().count())))
+            line.find(label).map(|at| (row, line.get(..at).map_or(0, |before| before.chars().count())))
         })
     };
     ["side view", "top view", "workspace", "grasp@1.2.0  0.10"].into_iter().filter_map(place).collect()
@@ -431,14 +431,14 @@ fn the_robot_keeps_its_frame_whatever_the_arm_does() {
         });
         // The first sequence reaches furthest.
         for (sequence, reach) in [(0, 0.5), (0, 1.3), (0, 0.9)] {
-            console.tell(MsgKind::Picture(Arc::new(picture(sequence, reach, false))));
+            console.tell(MsgKind::VideoFrame(Arc::new(video_frame(sequence, reach, false))));
         }
-        let framed = laid_out(&console, columns, rows);
+        let framed = text_places(&console, columns, rows);
         assert_eq!(framed.len(), 4, "{}", screen(&console, columns, rows));
         for (sequence, reach, contact) in [(1, 0.4, false), (2, 0.2, true), (3, 1.25, false), (4, 0.1, false)]
         {
-            console.tell(MsgKind::Picture(Arc::new(picture(sequence, reach, contact))));
-            let now = laid_out(&console, columns, rows);
+            console.tell(MsgKind::VideoFrame(Arc::new(video_frame(sequence, reach, contact))));
+            let now = text_places(&console, columns, rows);
             assert_eq!(now.get(..3), framed.get(..3), "{columns}x{rows} at {sequence}");
         }
     }

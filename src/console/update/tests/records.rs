@@ -33,7 +33,7 @@ fn logged() -> TestConsole {
 }
 
 #[test]
-fn the_log_is_told_in_sentences_by_kind_and_enter_shows_a_record_raw() {
+fn the_log_shows_sentences_and_enter_a_raw_record() {
     let mut console = logged();
     let text = screen(&console, 120, 36);
     assert!(
@@ -105,9 +105,9 @@ fn the_story_has_a_filter_of_its_own() {
 }
 
 #[test]
-fn a_small_window_shows_the_view_below_what_calls() {
+fn a_small_window_shows_the_view_below_alarms() {
     let mut console = logged();
-    for (key, said) in [
+    for (key, expected) in [
         ("1", CANDIDATE),
         ("2", "Registry: All"),
         ("3", "Candidate: Checks"),
@@ -118,7 +118,7 @@ fn a_small_window_shows_the_view_below_what_calls() {
     ] {
         console.keys(key);
         let text = screen(&console, 40, 12);
-        assert!(text.contains(said), "{key}: {said}\n{text}");
+        assert!(text.contains(expected), "{key}: {expected}\n{text}");
         assert!(text.contains("HIGH") && text.contains("X stop"), "{key}\n{text}");
     }
     // With fewer lines only alarms and waiting requests remain.
@@ -128,7 +128,7 @@ fn a_small_window_shows_the_view_below_what_calls() {
 }
 
 #[test]
-fn a_large_window_says_why_beside_where() {
+fn a_large_window_shows_the_checks() {
     let mut console = TestConsole::new(0);
     let mut now = snapshot(0, 'e');
     now.candidates[0].reasons = serde_json::from_value(json!([
@@ -209,7 +209,7 @@ fn the_registry_is_sorted_by_its_columns_and_back_to_the_tree() {
     console.keys("S");
     assert_eq!(versions(&console), ["align@1.0.0", "grasp@1.10.0", "grasp@1.2.0", "grasp@1.0.0"]);
     console.keys("5s");
-    assert!(console.model.notice.as_ref().is_some_and(|said| said.text.contains("order of attention")));
+    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("order of attention")));
 }
 
 #[test]
@@ -241,7 +241,7 @@ fn details_are_searched_and_n_goes_on() {
             .model
             .notice
             .as_ref()
-            .is_some_and(|said| said.bad && said.text.contains("nothing was searched"))
+            .is_some_and(|notice| notice.bad && notice.text.contains("nothing was searched"))
     );
 }
 
@@ -349,18 +349,18 @@ fn changed_files_of_keys_and_themes_are_taken_in() {
 
 /// After a long shift the newest thousand records were telemetry digests, and notes and stops could not be reached.
 #[test]
-fn each_pane_of_the_log_is_read_for_itself() {
+fn each_pane_of_the_log_is_read_separately() {
     let mut console = TestConsole::new(0);
-    let asked = |effects: &[Effect]| match effects {
+    let group_of = |effects: &[Effect]| match effects {
         [Effect::Ask { question: EngineQuery::Audit(group), .. }] => *group,
         other => panic!("{other:?}"),
     };
-    let told = asked(&console.keys("7"));
-    assert_eq!(told, AuditGroup::Events);
+    let first_group = group_of(&console.keys("7"));
+    assert_eq!(first_group, AuditGroup::Events);
     for kind in RecordKind::SEALS {
         let leave_out = AuditGroup::ALL.map(|group| group.leaves_out().contains(&kind));
         assert_eq!(leave_out, [true, true, true, true, false]);
     }
-    assert!(!told.leaves_out().contains(&RecordKind::ShiftNote));
-    assert_eq!(asked(&console.press(KeyCode::Tab)), AuditGroup::People);
+    assert!(!first_group.leaves_out().contains(&RecordKind::ShiftNote));
+    assert_eq!(group_of(&console.press(KeyCode::Tab)), AuditGroup::People);
 }

@@ -19,7 +19,7 @@ impl TestConsole {
 }
 
 /// A console whose operator pressed the key that promotes, and is asked for a passphrase.
-fn asked() -> TestConsole {
+fn at_passphrase() -> TestConsole {
     let mut console = TestConsole::new(1);
     console.sit_with("ana", Protection::Passphrase);
     console.open_prompt();
@@ -36,22 +36,22 @@ fn field(console: &TestConsole) -> Option<&crate::secret::Signing<ApprovalDecisi
 }
 
 /// The screen's text, and the model's debug output.
-fn seen(console: &TestConsole) -> String {
+fn visible_text(console: &TestConsole) -> String {
     let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
-    let told = format!("{:?}{:?}", console.model.input.overlay, console.model.notice);
-    crate::frame::text_of(&console.model, &look, 120, 80) + &told
+    let debug = format!("{:?}{:?}", console.model.input.overlay, console.model.notice);
+    crate::frame::text_of(&console.model, &look, 120, 80) + &debug
 }
 
 #[test]
-fn a_protected_key_is_opened_at_the_moment_of_signing_and_nothing_shows_it() {
-    let mut console = asked();
+fn a_protected_key_is_opened_to_sign_and_stays_hidden() {
+    let mut console = at_passphrase();
     // Letters that would decide, stop or leave are text here.
     assert!(console.keys(WORDS).is_empty());
     console.keys("YqX");
     for _ in 0..3 {
         console.press(KeyCode::Backspace);
     }
-    let text = seen(&console);
+    let text = visible_text(&console);
     assert!(text.contains(&format!("Passphrase of ana: {}", "*".repeat(WORDS.len()))), "{text}");
     assert!(!text.contains("Under") && !text.contains("oak"), "{text}");
     let effects = console.press(KeyCode::Enter);
@@ -69,14 +69,14 @@ fn a_protected_key_is_opened_at_the_moment_of_signing_and_nothing_shows_it() {
     let answer = MsgKind::Answer { id: id.clone(), reply: Box::new(reply.unwrap()) };
     console.tell(answer);
     assert!(console.model.input.overlay.is_none());
-    assert!(!seen(&console).contains("oak"));
+    assert!(!visible_text(&console).contains("oak"));
 }
 
 /// From Enter until the engine's answer no key is text, and the keys that stop still work.
 #[test]
-fn what_stops_works_while_a_passphrase_is_checked() {
+fn stops_work_while_a_passphrase_is_checked() {
     for key in [KeyCode::Char('X'), KeyCode::F(9)] {
-        let mut console = asked();
+        let mut console = at_passphrase();
         console.keys(WORDS);
         assert!(decides(&console.press(KeyCode::Enter)));
         let effects = console.press(key);
@@ -86,15 +86,15 @@ fn what_stops_works_while_a_passphrase_is_checked() {
 }
 
 #[test]
-fn a_wrong_passphrase_is_said_in_place_and_the_question_stays() {
-    let mut console = asked();
+fn a_wrong_passphrase_is_reported_and_the_request_stays() {
+    let mut console = at_passphrase();
     console.keys("wrong words");
     let effects = console.press(KeyCode::Enter);
     let Some(Effect::Decide { id, .. }) = effects.first() else { panic!("{effects:?}") };
     let text = "wrong passphrase, nothing was signed".to_owned();
     console.tell(MsgKind::Unsigned { id: id.clone(), text: text.clone() });
     assert_eq!(field(&console).unwrap().problem.as_deref(), Some(text.as_str()));
-    assert!(seen(&console).contains(&text));
+    assert!(visible_text(&console).contains(&text));
     assert!(!console.model.requests.pending.contains_key(id));
     console.keys(WORDS);
     let effects = console.press(KeyCode::Enter);
@@ -104,8 +104,8 @@ fn a_wrong_passphrase_is_said_in_place_and_the_question_stays() {
 }
 
 #[test]
-fn what_changes_while_a_passphrase_is_typed_is_not_signed() {
-    let mut console = asked();
+fn a_change_while_typing_prevents_signing() {
+    let mut console = at_passphrase();
     console.keys(WORDS);
     console.tell(MsgKind::Snapshot(Arc::new(snapshot(1, 'f'))));
     assert!(!decides(&console.press(KeyCode::Enter)));
@@ -115,7 +115,7 @@ fn what_changes_while_a_passphrase_is_typed_is_not_signed() {
 
 #[test]
 fn esc_leads_back_to_the_question_and_an_empty_field_signs_nothing() {
-    let mut console = asked();
+    let mut console = at_passphrase();
     assert!(!decides(&console.press(KeyCode::Enter)));
     assert!(field(&console).unwrap().problem.is_some());
     console.tell(MsgKind::Paste(format!("{WORDS}\n")));
@@ -153,7 +153,7 @@ impl TestConsole {
 }
 
 #[test]
-fn what_gives_authority_is_signed_in_its_form() {
+fn authority_is_signed_in_its_form() {
     let mut console = TestConsole::new(1);
     console.sit_with("ana", Protection::Passphrase);
     console.signs();
@@ -164,14 +164,14 @@ fn what_gives_authority_is_signed_in_its_form() {
     }
     assert!(console.press(KeyCode::Enter).is_empty(), "nothing is asked for without a passphrase");
     console.keys("wrong words");
-    assert!(!seen(&console).contains("wrong words"));
+    assert!(!visible_text(&console).contains("wrong words"));
     let effects = console.press(KeyCode::Enter);
     let Some(Effect::Operate { id, passphrase: Some(_), .. }) = effects.first() else {
         panic!("{effects:?}")
     };
     let text = "wrong passphrase, nothing was signed".to_owned();
     console.tell(MsgKind::Unsigned { id: id.clone(), text: text.clone() });
-    assert!(seen(&console).contains(&text));
+    assert!(visible_text(&console).contains(&text));
     // Esc leads back to the form, and the typed text is gone.
     console.press(KeyCode::Esc);
     assert!(console.form().is_some_and(|form| form.signing.is_none()));
@@ -190,7 +190,7 @@ fn what_gives_authority_is_signed_in_its_form() {
 }
 
 #[test]
-fn a_candidate_is_submitted_by_somebody_and_stopping_asks_for_nothing() {
+fn submitting_needs_an_operator_and_stopping_nothing() {
     let mut console = TestConsole::new(1);
     console.signs();
     console.model.session.operator = None;
@@ -200,7 +200,7 @@ fn a_candidate_is_submitted_by_somebody_and_stopping_asks_for_nothing() {
     console.sit_with("ana", Protection::Passphrase);
     console.keys(":demo");
     assert!(console.press(KeyCode::Enter).is_empty(), "it is confirmed first");
-    assert!(seen(&console).contains("Submit the next demonstration candidate"));
+    assert!(visible_text(&console).contains("Submit the next demonstration candidate"));
     assert!(console.confirm().is_empty());
     console.keys(WORDS);
     let effects = console.press(KeyCode::F(9));

@@ -56,9 +56,9 @@ fn going_on_needs_a_name_and_a_reason() {
     console.press(KeyCode::Tab);
     let effects = console.press(KeyCode::Enter);
     let [Effect::Operate { confirmed, .. }] = &effects[..] else { panic!("{effects:?}") };
-    let asked = confirmed.as_ref().clone().into_command();
+    let command = confirmed.as_ref().clone().into_command();
     assert_eq!(
-        asked,
+        command,
         Command::Go {
             by: "ana".to_owned(),
             reason: "the cell is empty".to_owned(),
@@ -126,35 +126,35 @@ fn a_goal_takes_a_reason() {
     console.press(KeyCode::Tab);
     let effects = console.press(KeyCode::Enter);
     let [Effect::Operate { confirmed, .. }] = &effects[..] else { panic!("{effects:?}") };
-    let asked = Command::Goal {
+    let command = Command::Goal {
         goal: "grasp".to_owned(),
         by: "ana".to_owned(),
         reason: "the tray is being cleaned".to_owned(),
     };
-    assert_eq!(confirmed.as_ref().clone().into_command(), asked);
+    assert_eq!(confirmed.as_ref().clone().into_command(), command);
 }
 
 /// Enter twice, the second time on the button that cancels, gave no message.
 #[test]
-fn a_form_that_is_left_says_that_nothing_was_done() {
-    let said = |console: &TestConsole| console.model.notice.as_ref().unwrap().text.clone();
+fn leaving_a_form_reports_that_nothing_was_done() {
+    let notice_text = |console: &TestConsole| console.model.notice.as_ref().unwrap().text.clone();
     let mut console = TestConsole::new(0);
     console.keys("pit drops what it holds");
     console.press(KeyCode::Enter);
     console.press(KeyCode::Enter);
     assert!(console.model.input.overlay.is_none());
-    assert_eq!(said(&console), "nothing was done: not held");
+    assert_eq!(notice_text(&console), "nothing was done: not held");
     for leave in [KeyCode::Esc, KeyCode::Char('n')] {
         let mut console = TestConsole::new(0);
         console.keys("x");
         console.press(leave);
-        assert_eq!(said(&console), "nothing was done: not held", "{leave:?}");
+        assert_eq!(notice_text(&console), "nothing was done: not held", "{leave:?}");
     }
 }
 
 /// A halted engine refuses it: the key was offered, and a reason typed without effect.
 #[test]
-fn what_holds_is_not_let_work_by_a_key() {
+fn a_key_does_not_start_a_halted_engine() {
     let mut console = TestConsole::new(0);
     let mut now = snapshot(0, 'e');
     now.stopped = Some(StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
@@ -166,20 +166,20 @@ fn what_holds_is_not_let_work_by_a_key() {
     assert!(!offered(&console));
     console.keys("W");
     assert!(console.model.input.overlay.is_none());
-    let said = &console.model.notice.as_ref().unwrap().text;
-    assert!(said.contains("the engine holds") && said.contains("free some space"), "{said}");
+    let notice = &console.model.notice.as_ref().unwrap().text;
+    assert!(notice.contains("the engine holds") && notice.contains("free some space"), "{notice}");
 }
 
 /// Once the cell runs again, from whatever source, no line of this screen says that it is stopped.
 #[test]
-fn a_go_from_elsewhere_leaves_no_stale_line() {
+fn a_start_elsewhere_leaves_no_stale_line() {
     let mut console = TestConsole::new(0);
     let body = json!({ "links": [[0, 0, 0], [0, 0, 1]], "pads": [[0, 0, 1], [0, 0, 1]], "hand": [0, 0, 0, 1],
         "object": [0, 0, 0], "object_turn": [0, 0, 0, 1], "object_half_m": 0.02, "held": false });
-    let picture = json!({ "sequence": 1, "at_ms": 59_000, "at_secs": 1.0, "task": null, "version": null, "body": body,
+    let frame = json!({ "sequence": 1, "at_ms": 59_000, "at_secs": 1.0, "task": null, "version": null, "body": body,
         "speed_m_s": 0, "force_n": 0, "contact_n": 0, "envelope": null, "contacts": [], "blocks": [],
         "unexpected_contact": false, "stopped": true, "twin": null });
-    console.tell(MsgKind::Picture(Arc::new(serde_json::from_value(picture).unwrap())));
+    console.tell(MsgKind::VideoFrame(Arc::new(serde_json::from_value(frame).unwrap())));
     let effects = console.keys("X");
     let [Effect::Ask { id, .. }] = &effects[..] else { panic!("{effects:?}") };
     let reply =
@@ -211,8 +211,8 @@ fn the_form_that_confirms_the_time_stays_as_it_was_read() {
     let mut console = TestConsole::new(0);
     let mut now = snapshot(0, 'e');
     let at = |now: &mut Snapshot, secs: u64| {
-        let (doubt, said) = (ClockMismatch::Jumped { by_ms: 60_000 }, now.time.plus_ms(secs * 1_000));
-        now.clock_doubt = Some(ClockMismatchView { doubt, text: doubt.to_string(), said });
+        let (mismatch, time) = (ClockMismatch::Jumped { by_ms: 60_000 }, now.time.plus_ms(secs * 1_000));
+        now.clock_doubt = Some(ClockMismatchView { doubt: mismatch, text: mismatch.to_string(), said: time });
     };
     at(&mut now, 0);
     console.tell(MsgKind::Snapshot(Arc::new(now.clone())));

@@ -58,7 +58,7 @@ fn a_burst_of_keys_confirms_nothing() {
         .map(KeyCode::Char)
         .chain([KeyCode::Enter, KeyCode::Tab, KeyCode::Backspace, KeyCode::F(9)])
         .collect();
-    let mut asked = 0;
+    let mut forms = 0;
     for view in View::ALL {
         let mut base = TestConsole::new(0);
         base.model.view_state.view = view;
@@ -68,7 +68,7 @@ fn a_burst_of_keys_confirms_nothing() {
             if one.has_field() {
                 continue;
             }
-            asked += usize::from(one.model.input.overlay.is_some());
+            forms += usize::from(one.model.input.overlay.is_some());
             for second in &keys {
                 let mut two = one.clone();
                 assert!(gives_nothing(&two.press(*second)), "{view:?}: {first:?} {second:?}");
@@ -83,12 +83,12 @@ fn a_burst_of_keys_confirms_nothing() {
             }
         }
     }
-    assert!(asked > 0, "some key asks for a confirmation by one key");
+    assert!(forms > 0, "some key asks for a confirmation by one key");
 }
 
 /// The same key counts as soon as the operator can have read what it confirms.
 #[test]
-fn what_is_asked_is_confirmed_by_a_key_of_its_own() {
+fn a_confirmation_needs_its_own_key() {
     let mut console = TestConsole::new(0);
     console.keys("xy");
     let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("it stays open") };

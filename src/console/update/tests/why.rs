@@ -79,7 +79,7 @@ impl TestConsole {
         }
     }
 
-    fn shown(&self, columns: u16, rows: u16) -> String {
+    fn screen_text(&self, columns: u16, rows: u16) -> String {
         let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
         let model = ConsoleModel { size: (columns, rows), ..self.model.clone() };
         frame::text_of(&model, &look, columns, rows)
@@ -87,13 +87,13 @@ impl TestConsole {
 }
 
 #[test]
-fn enter_on_a_check_says_why_in_numbers_first() {
+fn enter_on_a_check_shows_numbers_first() {
     let mut console = at_checks();
     console.press(KeyCode::Down);
     console.press(KeyCode::Enter);
     console.model.notice = None;
     for (columns, rows) in [(120, 36), (80, 24), (60, 20)] {
-        let screen = console.shown(columns, rows);
+        let screen = console.screen_text(columns, rows);
         let flat: String = screen.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(flat.contains("Passes a limit in 38 of 120 episodes, the active version in 0;"), "{screen}");
         assert!(flat.contains("To pass, this would have to change 12 fewer of 120 episodes"), "{screen}");
@@ -114,7 +114,7 @@ fn a_click_on_a_check_selects_it_and_then_opens_it() {
     let mut console = at_checks();
     console.model.size = (120, 36);
     console.model.settings.mouse = true;
-    let rows: Vec<String> = console.shown(120, 36).lines().map(str::to_owned).collect();
+    let rows: Vec<String> = console.screen_text(120, 36).lines().map(str::to_owned).collect();
     let at = rows.iter().rposition(|row| row.contains("ehavio")).unwrap();
     console.tell(MsgKind::Click(6, u16::try_from(at).unwrap()));
     assert_eq!((console.model.row(), &console.model.input.overlay), (1, &None), "{}", rows.join("\n"));
@@ -128,14 +128,14 @@ fn a_click_on_a_check_selects_it_and_then_opens_it() {
 }
 
 #[test]
-fn one_key_asks_for_the_worst_episode_and_it_is_played() {
+fn one_key_requests_and_plays_the_worst_episode() {
     let mut console = at_checks();
     console.press(KeyCode::Down);
     console.press(KeyCode::Enter);
-    let asked = FilmRequest { of: FilmSubject::Episode, number: None };
+    let request = FilmRequest { of: FilmSubject::Episode, number: None };
     let effects = console.keys("w");
     assert!(
-        matches!(&effects[..], [Effect::Ask { question: EngineQuery::Film { asked: wanted, .. }, .. }] if *wanted == asked),
+        matches!(&effects[..], [Effect::Ask { question: EngineQuery::Film { request: wanted, .. }, .. }] if *wanted == request),
         "{effects:?}"
     );
     assert!(console.keys("w").is_empty(), "one at a time");
@@ -145,7 +145,7 @@ fn one_key_asks_for_the_worst_episode_and_it_is_played() {
     console.now_ms += 500;
     console.tell(MsgKind::Tick);
     assert_eq!(console.player().tick(), 360);
-    let screen = console.shown(120, 36);
+    let screen = console.screen_text(120, 36);
     for part in ["episode 17 of 120, seed 10016", "it passes a limit", "as recorded", "does the task, 3.0 s"]
     {
         assert!(screen.contains(part), "{part}: {screen}");
@@ -153,9 +153,9 @@ fn one_key_asks_for_the_worst_episode_and_it_is_played() {
     console.keys("m");
     assert_eq!((console.player().tick(), console.player().runs()), (480, false));
     assert!(
-        console.shown(80, 24).contains("2.0 s: a force is larger than allowed"),
+        console.screen_text(80, 24).contains("2.0 s: a force is larger than allowed"),
         "{}",
-        console.shown(80, 24)
+        console.screen_text(80, 24)
     );
     console.keys(".");
     assert_eq!(console.player().tick(), 488);
@@ -177,7 +177,7 @@ fn one_key_asks_for_the_worst_episode_and_it_is_played() {
     let effects = console.keys("n");
     let next = FilmRequest { of: FilmSubject::Episode, number: Some(18) };
     assert!(
-        matches!(&effects[..], [Effect::Ask { question: EngineQuery::Film { asked, .. }, .. }] if *asked == next),
+        matches!(&effects[..], [Effect::Ask { question: EngineQuery::Film { request, .. }, .. }] if *request == next),
         "{effects:?}"
     );
     console.press(KeyCode::Esc);
@@ -231,7 +231,7 @@ fn no_key_of_them_changes_anything() {
 }
 
 #[test]
-fn a_film_that_is_not_what_was_recorded_says_so() {
+fn a_film_that_differs_from_the_record_is_marked() {
     let mut console = at_checks();
     console.press(KeyCode::Down);
     console.press(KeyCode::Enter);
@@ -240,7 +240,7 @@ fn a_film_that_is_not_what_was_recorded_says_so() {
     film.candidate.as_recorded = Some(false);
     film.doubts.push("it was judged by another build, or in another cell".to_owned());
     console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film) });
-    let screen = console.shown(120, 36);
+    let screen = console.screen_text(120, 36);
     assert!(screen.contains("NOT AS RECORDED") && screen.contains("judged by another build"), "{screen}");
     assert_eq!(console.model.subject_detail().unwrap().why[1].about, Dimension::Behavior);
 }

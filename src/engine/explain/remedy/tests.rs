@@ -11,7 +11,7 @@ fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) ->
 }
 
 /// An evidence file of 120 pairs; in `worse` of them only the candidate has a violation.
-fn dossier(worse: usize) -> EvidenceFileRecord {
+fn file_with_violations(worse: usize) -> EvidenceFileRecord {
     let values = |violation: bool| {
         serde_json::json!({
             "success": true, "violation": violation, "anomaly": false, "recovery": false, "intervention": false,
@@ -29,7 +29,7 @@ fn dossier(worse: usize) -> EvidenceFileRecord {
             "rollback": rollback, "abort": tally(40, 0), "fallback": tally(0, 0), "detect": tally(0, 0),
         })
     };
-    let dossier: EvidenceFileRecord = serde_json::from_value(serde_json::json!({
+    let evidence_file: EvidenceFileRecord = serde_json::from_value(serde_json::json!({
         "kappas": {},
         "field": "of a later build",
         "pairs": pairs,
@@ -47,31 +47,33 @@ fn dossier(worse: usize) -> EvidenceFileRecord {
         "drills": [drills(tally(26, 14)), drills(tally(40, 0))],
     }))
     .unwrap();
-    assert!(dossier.behavior.is_some() && dossier.drills.is_some() && dossier.pairs.is_some());
-    dossier
+    assert!(
+        evidence_file.behavior.is_some() && evidence_file.drills.is_some() && evidence_file.pairs.is_some()
+    );
+    evidence_file
 }
 
 /// Unknown forms of another build are ignored, and its unknown codes are shown as they are.
 #[test]
-fn what_another_build_wrote_is_told_as_far_as_it_can_be() {
-    let dossier: EvidenceFileRecord = serde_json::from_value(serde_json::json!({
+fn unknown_forms_of_another_build_are_ignored() {
+    let evidence_file: EvidenceFileRecord = serde_json::from_value(serde_json::json!({
         "kappas": {}, "behavior": { "form": "of a later build" }, "drills": 7, "pairs": "none",
     }))
     .unwrap();
-    assert!(dossier.is_one() && dossier.behavior.is_none());
-    assert!(dossier.drills.is_none() && dossier.pairs.is_none());
-    let said = reason("behavior-of-a-later-build", "behavior", "violation is worse", 0.1, 0.05);
-    assert_eq!(said.code.known(), None);
-    let text = change(&said, &dossier).unwrap();
+    assert!(evidence_file.is_one() && evidence_file.behavior.is_none());
+    assert!(evidence_file.drills.is_none() && evidence_file.pairs.is_none());
+    let record = reason("behavior-of-a-later-build", "behavior", "violation is worse", 0.1, 0.05);
+    assert_eq!(record.code.known(), None);
+    let text = change(&record, &evidence_file).unwrap();
     assert_eq!(text, "violation is worse (0.100 against a limit of 0.050)");
 }
 
 #[test]
 fn the_number_of_episodes_is_the_smallest_that_does() {
     for worse in [3, 10, 25] {
-        let dossier = dossier(worse);
-        let component = &dossier.behavior.as_ref().unwrap().components[0];
-        let (less, all) = fewer(component, &dossier).unwrap();
+        let evidence_file = file_with_violations(worse);
+        let component = &evidence_file.behavior.as_ref().unwrap().components[0];
+        let (less, all) = fewer(component, &evidence_file).unwrap();
         assert_eq!(all, 120);
         let upper = |worse: u64| {
             let counts = PairedCounts { pairs: 120, candidate_only: worse, active_only: 0 };
@@ -80,9 +82,9 @@ fn the_number_of_episodes_is_the_smallest_that_does() {
         let left = worse as u64 - less;
         assert!(upper(left) <= 0.05, "{worse}: {left} are left");
         assert!(less == 0 || upper(left + 1) > 0.05, "{worse}: one fewer would do as well");
-        let said =
+        let record =
             reason("behavior-suspicious", "behavior", "violation may be worse beyond its margin", 0.1, 0.05);
-        let text = change(&said, &dossier).unwrap();
+        let text = change(&record, &evidence_file).unwrap();
         assert!(text.ends_with(&format!("must be at most 0.050: {less} fewer of 120 episodes")), "{text}");
     }
 }
@@ -90,42 +92,45 @@ fn the_number_of_episodes_is_the_smallest_that_does() {
 /// The traded component is the worse one, not the success it was traded for.
 #[test]
 fn a_traded_component_is_the_one_that_is_worse() {
-    let dossier = dossier(10);
+    let evidence_file = file_with_violations(10);
     let text = "success rose while violation is established as worse";
-    let said = reason("behavior-safety-traded", "behavior", text, 0.08, 0.0);
-    assert!(measured(&said, &dossier).unwrap().starts_with("violation "));
-    let said = reason("behavior-suspicious", "behavior", "violation, in other words", 0.08, 0.0);
-    assert_eq!(measured(&said, &dossier), None);
+    let record = reason("behavior-safety-traded", "behavior", text, 0.08, 0.0);
+    assert!(measured(&record, &evidence_file).unwrap().starts_with("violation "));
+    let record = reason("behavior-suspicious", "behavior", "violation, in other words", 0.08, 0.0);
+    assert_eq!(measured(&record, &evidence_file), None);
 }
 
 #[test]
 fn drills_are_counted() {
-    let dossier = dossier(0);
-    let said = reason("recovery-rollback-below-floor", "recovery", "too seldom", 0.65, 0.7);
-    assert_eq!(change(&said, &dossier).unwrap(), "rollback drills passed 26 of 40; 28 are needed");
-    let said = reason("recovery-fragile", "recovery", "below the floor", 0.66, 0.7);
-    let text = change(&said, &dossier).unwrap();
+    let evidence_file = file_with_violations(0);
+    let record = reason("recovery-rollback-below-floor", "recovery", "too seldom", 0.65, 0.7);
+    assert_eq!(change(&record, &evidence_file).unwrap(), "rollback drills passed 26 of 40; 28 are needed");
+    let record = reason("recovery-fragile", "recovery", "below the floor", 0.66, 0.7);
+    let text = change(&record, &evidence_file).unwrap();
     assert!(text.contains("at least 0.700") && text.contains("rollback drills, 26 of 40"), "{text}");
     assert_eq!(
-        measured(&said, &dossier).unwrap(),
+        measured(&record, &evidence_file).unwrap(),
         "drills passed: rollback 26/40 (active 40/40), abort 40/40 (active 40/40)"
     );
 }
 
 #[test]
 fn people_are_counted() {
-    let said = |missing| reason("approval-pending", "approval", "waits", missing, 2.0);
-    assert_eq!(change(&said(1.0), &EvidenceFileRecord::default()).unwrap(), "approval by 1 more operator");
-    assert_eq!(change(&said(2.0), &EvidenceFileRecord::default()).unwrap(), "approval by 2 more operators");
+    let pending = |missing| reason("approval-pending", "approval", "waits", missing, 2.0);
+    assert_eq!(change(&pending(1.0), &EvidenceFileRecord::default()).unwrap(), "approval by 1 more operator");
+    assert_eq!(
+        change(&pending(2.0), &EvidenceFileRecord::default()).unwrap(),
+        "approval by 2 more operators"
+    );
 }
 
 /// Every reason either supports the version or names a change, also without evidence.
 #[test]
-fn no_reason_is_left_without_a_word() {
+fn reasons_support_or_name_a_change() {
     let mut in_favour = Vec::new();
     for code in ReasonCode::ALL {
-        let said = reason(code.as_str(), "gate", "what was found", 1.0, 2.0);
-        match change(&said, &EvidenceFileRecord::default()) {
+        let record = reason(code.as_str(), "gate", "what was found", 1.0, 2.0);
+        match change(&record, &EvidenceFileRecord::default()) {
             Some(text) => assert!(!text.is_empty(), "{code}"),
             None => in_favour.push(code.as_str()),
         }

@@ -31,7 +31,7 @@ pub struct PendingApproval {
     pub(in crate::people) evidence: Digest,
     pub(in crate::people) row_version: u64,
     pub(in crate::people) life_row_version: u64,
-    pub(in crate::people) asked: WallTime,
+    pub(in crate::people) requested_at: WallTime,
     pub(in crate::people) replaces: Option<CapabilityId>,
     /// It takes people to override what a rule would not pass.
     pub(in crate::people) review: bool,
@@ -50,7 +50,7 @@ pub(in crate::people) struct NewApprovalRequest {
     pub(in crate::people) risk: Risk,
     pub(in crate::people) review: bool,
     /// When it was asked.
-    pub(in crate::people) asked: WallTime,
+    pub(in crate::people) requested_at: WallTime,
     /// From this time on every answer is too late.
     pub(in crate::people) until: WallTime,
 }
@@ -64,10 +64,10 @@ impl PendingApproval {
         context: &Context,
         record: &EngineRecorder,
         id: &CapabilityId,
-        asked: NewApprovalRequest,
+        new_request: NewApprovalRequest,
     ) -> Result<Self, EngineFault> {
         let candidate = record.capability(id)?;
-        let (_, standing, member) = record.version_table().version(id)?;
+        let (_, state, member) = record.version_table().version(id)?;
         let NewApprovalRequest {
             id: question,
             purpose,
@@ -77,9 +77,9 @@ impl PendingApproval {
             quorum,
             risk,
             review,
-            asked,
+            requested_at,
             until,
-        } = asked;
+        } = new_request;
         let row_version = member.row_version;
         let subject = Subject {
             candidate: candidate.digest(),
@@ -113,8 +113,8 @@ impl PendingApproval {
             signed: Vec::new(),
             evidence,
             row_version,
-            life_row_version: standing.row_version,
-            asked,
+            life_row_version: state.row_version,
+            requested_at,
             replaces,
             review,
         })
@@ -158,9 +158,9 @@ impl PendingApproval {
         let mut left: BTreeSet<&str> = people.iter().map(String::as_str).collect();
         let mut signed = self.signed;
         signed.retain(|signed| {
-            let said = signed.approval();
-            let counts = said.decision == ApprovalDecision::Approve && now < said.not_after();
-            counts && left.remove(said.who.as_str())
+            let approval = signed.approval();
+            let counts = approval.decision == ApprovalDecision::Approve && now < approval.not_after();
+            counts && left.remove(approval.who.as_str())
         });
         signed
     }
@@ -181,7 +181,7 @@ mod tests {
 
     /// One answer that had run out was used all the same, the store refused it, and the engine held.
     #[test]
-    fn what_does_not_count_is_put_aside() {
+    fn uncounted_approvals_are_dropped() {
         let folder = tempfile::tempdir().unwrap();
         let digest = Digest::of_parts("test", &[b"question"]);
         let signed = |who: &Identity, decision: ApprovalDecision, not_after_ms: u64| {
@@ -238,7 +238,7 @@ mod tests {
             evidence: digest,
             row_version: 1,
             life_row_version: 1,
-            asked: WallTime::default(),
+            requested_at: WallTime::default(),
             replaces: None,
             review: false,
         };

@@ -11,7 +11,7 @@ use crate::context::Context;
 use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::people::persons::unconfirmed;
-use crate::people::request_display::is_as_shown;
+use crate::people::request_display::is_display_current;
 use crate::recorder::EngineRecorder;
 use crate::stages::activation::gate;
 use crate::version_origin;
@@ -23,45 +23,47 @@ impl Approvals {
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn take_up(
+    pub fn restore(
         &mut self,
         context: &Context,
         record: &EngineRecorder,
-        dossiers: &mut EvidenceFiles,
+        evidence_files: &mut EvidenceFiles,
         id: &CapabilityId,
     ) -> Result<Option<usize>, EngineFault> {
         let views = record.version_table().store().views()?;
         // The newest of those that an interrupted engine may have left.
-        let asked = views.open_requests()?.into_iter().rfind(|request| request.version == *id);
-        let (Some(asked), Some(dossier)) = (asked, dossiers.of(id)) else { return Ok(None) };
+        let request = views.open_requests()?.into_iter().rfind(|request| request.version == *id);
+        let (Some(request), Some(evidence_file)) = (request, evidence_files.of(id)) else { return Ok(None) };
         let (_, _, member) = record.version_table().version(id)?;
         let provenance = record.capability(id)?.submission.provenance;
-        let Some((quorum, review)) = activation_terms(context, dossier, provenance) else { return Ok(None) };
-        let risk = version_origin::assessed_risk(dossier);
-        let evidence = dossier.digest()?;
-        let asked_ms = views.asked_ms(&asked.id)?.unwrap_or(u64::MAX);
+        let Some((quorum, review)) = activation_terms(context, evidence_file, provenance) else {
+            return Ok(None);
+        };
+        let risk = version_origin::assessed_risk(evidence_file);
+        let evidence = evidence_file.digest()?;
+        let requested_ms = views.requested_ms(&request.id)?.unwrap_or(u64::MAX);
         // Earlier versions stored the deadline in engine time, which gives no wall time: people are asked again.
-        let unchanged = asked.until >= WallTime::SCRIPT_EPOCH
-            && asked.policy_digest == context.digest
-            && asked.profile == context.profile.name
-            && asked.evidence_digest == evidence
-            && asked.row_version == member.row_version
-            && asked.needed == u32::from(quorum);
+        let unchanged = request.until >= WallTime::SCRIPT_EPOCH
+            && request.policy_digest == context.digest
+            && request.profile == context.profile.name
+            && request.evidence_digest == evidence
+            && request.row_version == member.row_version
+            && request.needed == u32::from(quorum);
         if !unchanged {
             return Ok(None);
         }
         // The text must show what takes effect: no stage's evidence holds the conditions that the gate adds.
-        let GateResult { decision, .. } = gate(context, record, dossiers, id, None)?;
+        let GateResult { decision, .. } = gate(context, record, evidence_files, id, None)?;
         if *decision.outcome() != GateOutcome::AwaitApproval {
             return Ok(None);
         }
-        dossiers.edit(id).take_gate(&decision);
+        evidence_files.edit(id).take_gate(&decision);
         let mut prompt = PendingApproval::new(
             context,
             record,
             id,
             NewApprovalRequest {
-                id: asked.id,
+                id: request.id,
                 purpose: RequestKind::Activation,
                 about: String::new(),
                 asked_by: None,
@@ -69,41 +71,42 @@ impl Approvals {
                 quorum,
                 risk,
                 review,
-                asked: asked.until.minus_secs(context.profile.approval.timeout_s),
-                until: asked.until,
+                requested_at: request.until.minus_secs(context.profile.approval.timeout_s),
+                until: request.until,
             },
         )?;
         let subject = prompt.request.subject;
         let persons = record.version_table().store().persons()?;
         for entry in views.approvals(id)? {
-            let said = entry.signed.approval().clone();
-            let same = said.candidate_digest == subject.candidate
-                && said.row_version == subject.row_version
-                && said.evidence_digest == evidence
-                && said.policy_digest == context.digest
-                && said.profile == context.profile.name
-                && entry.at_ms >= asked_ms;
+            let approval = entry.signed.approval().clone();
+            let same = approval.candidate_digest == subject.candidate
+                && approval.row_version == subject.row_version
+                && approval.evidence_digest == evidence
+                && approval.policy_digest == context.digest
+                && approval.profile == context.profile.name
+                && entry.at_ms >= requested_ms;
             // Answers of revoked and of unverified persons do not count.
             let counts = |who: &&holdpoint_approvals::Person| {
-                let lets_in = said.decision == ApprovalDecision::Approve && !record.clock().is_scripted();
+                let is_live_approval =
+                    approval.decision == ApprovalDecision::Approve && !record.clock().is_scripted();
                 same && who.state == PersonState::Enrolled
-                    && !(lets_in && unconfirmed(context, &persons, &who.name).is_some())
+                    && !(is_live_approval && unconfirmed(context, &persons, &who.name).is_some())
             };
-            let who = persons.named(&said.who).filter(counts);
+            let who = persons.named(&approval.who).filter(counts);
             let Some(who) = who.map(holdpoint_approvals::Person::info) else { continue };
             // An answer over another text than the present one must be given again.
-            let over_this = is_as_shown(context, record, dossiers, &prompt, &said)?;
-            if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() || !over_this {
+            let is_same_text = is_display_current(context, record, evidence_files, &prompt, &approval)?;
+            if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() || !is_same_text {
                 continue;
             }
             prompt.votes.push(Vote {
-                person: said.who.clone(),
+                person: approval.who.clone(),
                 key: entry.signed.public_key().to_owned(),
                 role: who.role,
-                answer: said.decision,
-                reason: said.reason.clone(),
+                answer: approval.decision,
+                reason: approval.reason.clone(),
                 subject,
-                until: said.not_after(),
+                until: approval.not_after(),
                 break_glass: false,
                 signature: SignatureCheck::Valid,
                 nonce_used: false,

@@ -44,11 +44,11 @@ fn a_question_is_answered_and_may_come_again() {
     assert!(matches!(pipeline.command(go_on(&id)), Reply::Refused { code: Refusal::NotNow, .. }));
     pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     wait_for_a_question(pipeline);
-    let asked = pipeline.live().monitors.questions();
-    assert_eq!(asked.len(), 1);
-    assert_eq!(asked[0].version, id);
-    assert!(!asked[0].reasons.is_empty());
-    assert!(asked[0].deadline_ms > pipeline.record().now_ms());
+    let questions = pipeline.live().monitors.questions();
+    assert_eq!(questions.len(), 1);
+    assert_eq!(questions[0].version, id);
+    assert!(!questions[0].reasons.is_empty());
+    assert!(questions[0].deadline_ms > pipeline.record().now_ms());
     pipeline.drain_events();
 
     let reply = pipeline.command(go_on(&id));
@@ -68,9 +68,9 @@ fn a_question_is_answered_and_may_come_again() {
             wait_for_a_question(pipeline);
         }
         assert_eq!(pipeline.live().monitors.questions().len(), 1);
-        let told = pipeline.drain_events();
-        assert!(told.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{told:?}");
-        assert!(told.iter().any(|event| matches!(event, EventKind::Alarm { .. })), "{told:?}");
+        let new_events = pipeline.drain_events();
+        assert!(new_events.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{new_events:?}");
+        assert!(new_events.iter().any(|event| matches!(event, EventKind::Alarm { .. })), "{new_events:?}");
         assert!(matches!(pipeline.command(go_on(&id)), Reply::Accepted { .. }));
     }
     assert_eq!(pipeline.record().holding(), None);
@@ -89,7 +89,7 @@ fn silence_has_a_priority_of_its_own() {
 }
 
 #[test]
-fn a_refused_command_changes_no_dossier() {
+fn refusals_change_no_evidence_file() {
     let mut bench = Bench::new();
     let active = bench.activate("align-improved");
     let unknown: CapabilityId = "align@9.9.9".parse().unwrap();
@@ -175,7 +175,7 @@ fn an_alarm_is_set_aside_for_a_time() {
 }
 
 #[test]
-fn a_question_is_told_while_its_sequence_still_runs() {
+fn a_question_is_shown_during_its_sequence() {
     let mut bench = Bench::new();
     let id = bench.activate("grasp-improved");
     let pipeline = &mut bench.pipeline;
@@ -192,8 +192,8 @@ fn a_question_is_told_while_its_sequence_still_runs() {
     }
     assert!(pipeline.live().monitors.has_question(&id));
     let running = pipeline.live().world.is_running();
-    let told = pipeline.drain_events();
-    assert!(told.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{told:?}");
+    let events = pipeline.drain_events();
+    assert!(events.iter().any(|event| matches!(event, EventKind::Monitor { .. })), "{events:?}");
     assert_eq!(pipeline.timing(&go_on(&id)), if running { CommandTiming::Stop } else { CommandTiming::Now });
     pipeline.end();
     assert!(!pipeline.live().world.is_running());

@@ -14,9 +14,9 @@ use super::tests::{question, signed};
 use super::*;
 use crate::people::persons::enrolled;
 use crate::pipeline::Pipeline;
-use crate::stages::activation::tests::{asked_by, package};
+use crate::stages::activation::tests::{package, request_activation_by};
 use crate::test_pipeline::pipeline;
-use crate::tests::asked;
+use crate::tests::awaiting_approval;
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
@@ -31,11 +31,11 @@ fn approve(pipeline: &mut Pipeline, who: &Identity) -> Reply {
     let open = pipeline.snapshot().prompts.remove(0);
     match signed(pipeline, &open, who, ApprovalDecision::Approve) {
         Ok(command) => pipeline.command(command),
-        Err(refused) => refused,
+        Err(refusal) => refusal,
     }
 }
 
-fn said(reply: &Reply) -> &str {
+fn reply_text(reply: &Reply) -> &str {
     match reply {
         Reply::Accepted { text, .. } | Reply::Refused { text, .. } => text,
         other => panic!("{other:?}"),
@@ -57,9 +57,12 @@ fn who_registered_a_version_does_not_approve_it_after_a_restart_either() {
     let mut first = pipeline(folder.path(), ProfileName::Human);
     let [rita, ben, sam] = ["rita", "ben", "sam"].map(|name| person(&mut first, name, Role::Safety));
     // It is registered on behalf of rita.
-    let id = asked(&mut first, PolicyOutcome::Review, Vec::new());
+    let id = awaiting_approval(&mut first, PolicyOutcome::Review, Vec::new());
     assert_eq!(first.snapshot().prompts[0].requester.name(), "rita");
-    assert!(said(&approve(&mut first, &rita)).contains("they registered the version"), "it does not count");
+    assert!(
+        reply_text(&approve(&mut first, &rita)).contains("they registered the version"),
+        "it does not count"
+    );
     assert!(
         first.snapshot().prompts[0].approved_by.is_empty(),
         "what does not count is not shown as counted"
@@ -81,33 +84,33 @@ fn nobody_alone_brings_a_demoted_version_back_or_ends_a_restriction() {
     let folder = tempfile::tempdir().unwrap();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let [ben, sam] = ["ben", "sam"].map(|name| person(&mut pipeline, name, Role::Safety));
-    let id = asked(&mut pipeline, PolicyOutcome::Review, Vec::new());
+    let id = awaiting_approval(&mut pipeline, PolicyOutcome::Review, Vec::new());
     approve(&mut pipeline, &ben);
     approve(&mut pipeline, &sam);
-    let standing = |pipeline: &Pipeline, id: &CapabilityId| {
-        let (_, standing, _) = pipeline.record().version_table().version(id).unwrap();
-        (standing.state, standing.flags.restricted)
+    let state_of = |pipeline: &Pipeline, id: &CapabilityId| {
+        let (_, lifecycle, _) = pipeline.record().version_table().version(id).unwrap();
+        (lifecycle.state, lifecycle.flags.restricted)
     };
-    while standing(&pipeline, &id).0 != State::Active && pipeline.record().holding().is_none() {
+    while state_of(&pipeline, &id).0 != State::Active && pipeline.record().holding().is_none() {
         pipeline.advance();
     }
-    assert_eq!(standing(&pipeline, &id), (State::Active, false));
+    assert_eq!(state_of(&pipeline, &id), (State::Active, false));
     let of = |version: &CapabilityId| Operation {
         version: version.clone(),
         by: "rita".to_owned(),
         reason: "a test".to_owned(),
     };
     let first: CapabilityId = "align@1.0.0".parse().unwrap();
-    let mut done = |command| said(&pipeline.command(command)).to_owned();
-    done(Command::Demote { operation: of(&id), profiles: Vec::new() });
-    done(Command::Restrict(of(&first)));
-    done(Command::Vacate(of(&first)));
-    let refused = done(Command::Rearm(of(&id)));
-    assert!(refused.contains("through the gate"), "{refused}");
-    let taken = done(Command::Rearm(of(&first)));
-    assert!(taken.contains("active again"), "{taken}");
-    assert_eq!(standing(&pipeline, &id), (State::Demoted, false));
-    assert_eq!(standing(&pipeline, &first), (State::Active, true), "it is as restricted as it was");
+    let mut run = |command| reply_text(&pipeline.command(command)).to_owned();
+    run(Command::Demote { operation: of(&id), profiles: Vec::new() });
+    run(Command::Restrict(of(&first)));
+    run(Command::Vacate(of(&first)));
+    let refusal = run(Command::Rearm(of(&id)));
+    assert!(refusal.contains("through the gate"), "{refusal}");
+    let acceptance = run(Command::Rearm(of(&first)));
+    assert!(acceptance.contains("active again"), "{acceptance}");
+    assert_eq!(state_of(&pipeline, &id), (State::Demoted, false));
+    assert_eq!(state_of(&pipeline, &first), (State::Active, true), "it is as restricted as it was");
 }
 
 /// `estimated_risk = "low"` made one approval enough, for whatever was submitted.
@@ -117,7 +120,7 @@ fn an_estimate_lowers_nothing_and_a_script_is_nobody() {
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let submitted = package("align-shared", &[]);
     assert!(submitted.submission.contains("estimated_risk = \"low\""), "{}", submitted.submission);
-    asked_by(&mut pipeline, submitted, None);
+    request_activation_by(&mut pipeline, submitted, None);
     let open = pipeline.snapshot().prompts.remove(0);
     assert_eq!(open.requester, Requester::Script);
     let risk = open.risk.unwrap();
@@ -154,25 +157,25 @@ fn an_author_is_known_by_their_key_and_excluded_by_it() {
         (SignedAuthorship { author: "ben".to_owned(), ..signature.clone() }, "names the author \"acme\""),
     ] {
         submitted.author_signature = Some(serde_json::to_string(&wrong).unwrap());
-        assert!(said(&register(&mut pipeline, submitted.clone())).contains(what), "{what}");
+        assert!(reply_text(&register(&mut pipeline, submitted.clone())).contains(what), "{what}");
     }
     submitted.author_signature = Some(serde_json::to_string(&signature).unwrap());
-    asked_by(&mut pipeline, submitted, Some("ana"));
+    request_activation_by(&mut pipeline, submitted, Some("ana"));
     let open = pipeline.snapshot().prompts.remove(0);
     assert_eq!(open.author, "acme (signed)");
     // An organization's key does not approve what it wrote, in whichever role.
-    assert!(said(&approve(&mut pipeline, &acme)).contains("they wrote the version"));
+    assert!(reply_text(&approve(&mut pipeline, &acme)).contains("they wrote the version"));
 }
 
 /// The requester is on record, and told.
 #[test]
-fn a_registration_tells_who_asked_for_it() {
+fn a_registration_names_its_requester() {
     let folder = tempfile::tempdir().unwrap();
     let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
     person(&mut pipeline, "ana", Role::Engineer);
-    asked_by(&mut pipeline, submitted("ana"), Some("ana"));
-    let told = pipeline.live().record.take_events();
-    let requester = told.iter().find_map(|event| match event {
+    request_activation_by(&mut pipeline, submitted("ana"), Some("ana"));
+    let events = pipeline.live().record.take_events();
+    let requester = events.iter().find_map(|event| match event {
         EventKind::Registered { requester, author, .. } if author == "ana" => {
             Some(requester.name().to_owned())
         }
@@ -196,7 +199,7 @@ fn a_version_without_a_known_requester_is_not_re_armed_where_people_decide() {
         let (by, reason) = ("ana".to_owned(), "a test".to_owned());
         let reply =
             pipeline.command(Command::Rearm(Operation { version: version.parse().unwrap(), by, reason }));
-        said(&reply).to_owned()
+        reply_text(&reply).to_owned()
     };
     let unknown = "no enrolled person is on record as having registered";
     assert!(rearm("align@1.1.0").contains(unknown));

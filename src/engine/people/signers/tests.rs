@@ -16,13 +16,13 @@ use holdpoint_protocol::snapshot::ApprovalRequestView;
 use super::*;
 use crate::people::persons::{enrolled, guarded};
 use crate::pipeline::Pipeline;
-use crate::stages::activation::tests::{asked, package};
+use crate::stages::activation::tests::{package, request_activation};
 use crate::stages::rollback::tests::Bench;
 
 /// A candidate waits for people under a profile, and the clock is a script's or the machine's.
 fn waiting(profile: ProfileName, scripted: bool) -> (Bench, PathBuf) {
     let mut bench = Bench::under(Profile::builtin(profile).unwrap());
-    asked(&mut bench.pipeline, package("align-improved", &[]));
+    request_activation(&mut bench.pipeline, package("align-improved", &[]));
     if !scripted {
         let now_ms = bench.pipeline.record().now_ms();
         bench.pipeline.live().record.set_clock(Clock::real(now_ms));
@@ -31,12 +31,17 @@ fn waiting(profile: ProfileName, scripted: bool) -> (Bench, PathBuf) {
     (bench, folder)
 }
 
-fn words() -> Passphrase {
+fn passphrase() -> Passphrase {
     Passphrase::new("under the oak".to_owned().into()).unwrap()
 }
 
 fn protected(bench: &mut Bench, name: &str) -> Identity {
-    enrolled(bench.pipeline.live().record, name, Role::Safety, KeyEncoding::Sealed(&words(), KdfCost::LEAST))
+    enrolled(
+        bench.pipeline.live().record,
+        name,
+        Role::Safety,
+        KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST),
+    )
 }
 
 fn plain(bench: &mut Bench, name: &str) -> Identity {
@@ -100,7 +105,7 @@ fn say(bench: &mut Bench, who: &Identity, answer: ApprovalDecision) -> Reply {
     let open = bench.pipeline.snapshot().prompts.remove(0);
     match signed(&mut bench.pipeline, &open, who, answer) {
         Ok(command) => bench.pipeline.command(command),
-        Err(refused) => refused,
+        Err(refusal) => refusal,
     }
 }
 
@@ -109,10 +114,10 @@ fn approve(bench: &mut Bench, who: &Identity) -> Reply {
 }
 
 #[track_caller]
-fn refused(reply: &Reply, said: &[&str]) {
+fn assert_refused(reply: &Reply, parts: &[&str]) {
     let Reply::Refused { text, hint, .. } = reply else { panic!("{reply:?}") };
     let all = format!("{text}; {}", hint.as_deref().unwrap_or_default());
-    for part in said {
+    for part in parts {
         assert!(all.contains(part), "{part:?} is not in {all:?}");
     }
 }
@@ -123,10 +128,13 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
     let (mut bench, folder) = waiting(ProfileName::Human, false);
     let ann = plain(&mut bench, "ann");
     let reply = approve(&mut bench, &ann);
-    refused(&reply, &["the key of ann has no passphrase", "`holdpoint identity passphrase ann` sets one"]);
+    assert_refused(
+        &reply,
+        &["the key of ann has no passphrase", "`holdpoint identity passphrase ann` sets one"],
+    );
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
     // The same key under a passphrase, by the way that the refusal names.
-    ann.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
+    ann.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
     let reply = approve(&mut bench, &ann);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
@@ -138,10 +146,10 @@ fn a_key_file_that_others_can_read_or_that_is_none_approves_nothing() {
     let ann = protected(&mut bench, "ann");
     let file = folder.join("ann.key");
     fs::set_permissions(&file, fs::Permissions::from_mode(0o640)).unwrap();
-    refused(&approve(&mut bench, &ann), &["mode 0640", "chmod 600"]);
+    assert_refused(&approve(&mut bench, &ann), &["mode 0640", "chmod 600"]);
     fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
     fs::write(&file, "holdpoint-key 1\n").unwrap();
-    refused(&approve(&mut bench, &ann), &["ann.key", "kdf"]);
+    assert_refused(&approve(&mut bench, &ann), &["ann.key", "kdf"]);
     // A key that is kept elsewhere is accepted: nothing is known of how.
     fs::remove_file(&file).unwrap();
     let reply = approve(&mut bench, &ann);
@@ -160,19 +168,19 @@ fn an_approval_takes_what_was_shown_and_a_refusal_does_not() {
         else {
             panic!("a decision")
         };
-        let said = Approval { shown: None, ..signed.approval().clone() };
-        let without = ann.sign(said).unwrap();
+        let approval = Approval { shown: None, ..signed.approval().clone() };
+        let without = ann.sign(approval).unwrap();
         let reply = bench.pipeline.command(Command::Decide { signed: Box::new(without) });
-        refused(&reply, &["signed over nothing that was shown"]);
+        assert_refused(&reply, &["signed over nothing that was shown"]);
         done(&bench.pipeline.command(open.refuse(&ann, "not today").unwrap()));
     }
 }
 
 /// A decision that the person signed over something else than the engine put to them: each part of it by itself.
 #[test]
-fn an_answer_over_anything_else_than_was_asked_is_refused() {
-    type Edit = fn(&mut ApprovalDocument, &ApprovalDocument);
-    let edits: [(&str, Edit, &str); 9] = [
+fn an_answer_over_another_request_is_refused() {
+    type DocumentEdit = fn(&mut ApprovalDocument, &ApprovalDocument);
+    let edits: [(&str, DocumentEdit, &str); 9] = [
         ("a line is altered", |ours, _| ours.lines[3].push('!'), "the lines that were shown"),
         ("a line is missing", |ours, _| drop(ours.lines.remove(5)), "the lines that were shown"),
         ("a line is added", |ours, _| ours.lines.push("all is well".to_owned()), "the lines that were shown"),
@@ -197,12 +205,12 @@ fn an_answer_over_anything_else_than_was_asked_is_refused() {
         edit(&mut altered, &of_ben);
         assert_ne!(altered, whole, "{name}");
         let reply = bench.pipeline.command(altered.answer(&ann, ApprovalDecision::Approve, "read").unwrap());
-        refused(&reply, &["align@1.1.0 counts for nothing", why]);
+        assert_refused(&reply, &["align@1.1.0 counts for nothing", why]);
         assert!(matches!(reply, Reply::Refused { code: Refusal::Stale, .. }), "{name}: {reply:?}");
     }
     // Another's question is another's: their name stands in it.
     let reply = bench.pipeline.command(of_ben.answer(&ann, ApprovalDecision::Approve, "read").unwrap());
-    refused(&reply, &["counts for nothing", "a request that is not open"]);
+    assert_refused(&reply, &["counts for nothing", "a request that is not open"]);
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
     // An unaltered answer is accepted, once.
     let command = whole.answer(&ann, ApprovalDecision::Approve, "read").unwrap();
@@ -220,12 +228,12 @@ fn what_was_answered_before_the_question_changed_counts_for_nothing() {
     let id = bench.pipeline.snapshot().prompts[0].version.clone();
     bench.pipeline.live().evidence_files.edit(&id).conditions.clear();
     let reply = approve(&mut bench, &ben);
-    refused(&reply, &["what people were shown of align@1.1.0 has changed since"]);
+    assert_refused(&reply, &["what people were shown of align@1.1.0 has changed since"]);
     assert!(bench.pipeline.snapshot().prompts.iter().all(|open| open.approved_by.is_empty()));
 }
 
 #[test]
-fn an_answer_without_a_reason_is_refused_whoever_sends_it() {
+fn an_answer_without_a_reason_is_refused() {
     for scripted in [true, false] {
         let (mut bench, _) = waiting(ProfileName::Human, scripted);
         let ann = protected(&mut bench, "ann");
@@ -237,7 +245,7 @@ fn an_answer_without_a_reason_is_refused_whoever_sends_it() {
             let open = bench.pipeline.snapshot().prompts.remove(0);
             let shown = question(&mut bench.pipeline, &open, "ann").unwrap();
             let command = shown.answer(&ann, answer, reason).unwrap();
-            refused(&bench.pipeline.command(command), &["needs a reason"]);
+            assert_refused(&bench.pipeline.command(command), &["needs a reason"]);
         }
     }
 }
@@ -260,7 +268,7 @@ fn copied(folder: &Path, from: &str, to: &str) -> Identity {
     for ending in ["key", "pub"] {
         fs::copy(folder.join(format!("{from}.{ending}")), folder.join(format!("{to}.{ending}"))).unwrap();
     }
-    Identity::open(folder, to).unwrap().unlock(Some(&words())).unwrap()
+    Identity::open(folder, to).unwrap().unlock(Some(&passphrase())).unwrap()
 }
 
 /// Regression: an author's alias approved the author's own version.
@@ -268,19 +276,19 @@ fn copied(folder: &Path, from: &str, to: &str) -> Identity {
 fn the_authors_key_under_another_name_approves_nothing() {
     for scripted in [true, false] {
         let (mut bench, folder) = waiting(ProfileName::Human, scripted);
-        let told = bench.pipeline.snapshot().prompts[0].author.clone();
-        let author = told.split(' ').next().unwrap().to_owned();
+        let author_label = bench.pipeline.snapshot().prompts[0].author.clone();
+        let author = author_label.split(' ').next().unwrap().to_owned();
         let themselves = protected(&mut bench, &author);
         let alias = copied(&folder, &author, "alias");
-        refused(&approve(&mut bench, &alias), &["alias is not enrolled", "identity enrol alias"]);
+        assert_refused(&approve(&mut bench, &alias), &["alias is not enrolled", "identity enrol alias"]);
         // Nor does an administrator make two persons of one key.
         let admin = administrator(&bench, &folder);
         if !scripted {
-            admin.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
+            admin.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
         }
         let reply =
             act(&mut bench, |persons| persons.enrolment(alias.info(), false, &admin, "a test").unwrap());
-        refused(&reply, &["one key is one person", &author]);
+        assert_refused(&reply, &["one key is one person", &author]);
         // Under the own name it is put down, and does not count.
         done(&approve(&mut bench, &themselves));
         assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it waits for another person");
@@ -294,7 +302,7 @@ fn waiting_for_two() -> (Bench, PathBuf) {
     let (from, to) = ("estimated_risk = \"low\"", "estimated_risk = \"medium\"");
     assert!(submitted.submission.contains(from), "{}", submitted.submission);
     submitted.submission = submitted.submission.replace(from, to);
-    asked(&mut bench.pipeline, submitted);
+    request_activation(&mut bench.pipeline, submitted);
     let folder = bench.pipeline.record().version_table().store().layout().identities();
     assert_eq!(bench.pipeline.snapshot().prompts[0].needed, 2);
     (bench, folder)
@@ -307,8 +315,8 @@ fn two_names_with_one_key_count_once() {
     let ann = protected(&mut bench, "ann");
     let zoe = copied(&folder, "ann", "zoe");
     done(&approve(&mut bench, &ann));
-    refused(&approve(&mut bench, &zoe), &["zoe is not enrolled"]);
-    refused(&approve(&mut bench, &ann), &["ann has answered approve"]);
+    assert_refused(&approve(&mut bench, &zoe), &["zoe is not enrolled"]);
+    assert_refused(&approve(&mut bench, &ann), &["ann has answered approve"]);
     assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it still waits for a second person");
     let ben = protected(&mut bench, "ben");
     done(&approve(&mut bench, &ben));
@@ -320,10 +328,10 @@ fn two_names_with_one_key_count_once() {
 fn the_same_answer_is_not_taken_twice_and_another_one_is() {
     let (mut bench, _) = waiting_for_two();
     let ann = protected(&mut bench, "ann");
-    let asked = bench.pipeline.snapshot().prompts.remove(0);
+    let request = bench.pipeline.snapshot().prompts.remove(0);
     let mut answer = |answer: ApprovalDecision| {
         // Each is signed for itself: only what it says is the same.
-        let command = signed(&mut bench.pipeline, &asked, &ann, answer).unwrap();
+        let command = signed(&mut bench.pipeline, &request, &ann, answer).unwrap();
         let reply = bench.pipeline.command(command);
         let records = bench.pipeline.record().version_table().store().views().unwrap().head().unwrap().seq;
         (reply, records, bench.pipeline.snapshot().prompts)
@@ -331,7 +339,7 @@ fn the_same_answer_is_not_taken_twice_and_another_one_is() {
     let (first, records, _) = answer(ApprovalDecision::Approve);
     done(&first);
     let (second, after, prompts) = answer(ApprovalDecision::Approve);
-    refused(
+    assert_refused(
         &second,
         &["ann has answered approve on align@1.1.0 already", "the same answer is not taken twice"],
     );
@@ -348,19 +356,19 @@ fn the_same_answer_is_not_taken_twice_and_another_one_is() {
 fn an_answer_that_has_run_out_can_be_given_again() {
     let (mut bench, _) = waiting_for_two();
     let ann = protected(&mut bench, "ann");
-    let asked = bench.pipeline.snapshot().prompts.remove(0);
-    let shown = question(&mut bench.pipeline, &asked, "ann").unwrap();
-    let soon = ApprovalDocument { valid_until: asked.asked.plus_ms(2_000), ..shown };
+    let request = bench.pipeline.snapshot().prompts.remove(0);
+    let shown = question(&mut bench.pipeline, &request, "ann").unwrap();
+    let soon = ApprovalDocument { valid_until: request.asked.plus_ms(2_000), ..shown };
     done(&bench.pipeline.command(soon.answer(&ann, ApprovalDecision::Approve, "read").unwrap()));
-    let later_ms = bench.pipeline.record().engine_ms_at(asked.asked.plus_ms(3_000));
+    let later_ms = bench.pipeline.record().engine_ms_at(request.asked.plus_ms(3_000));
     bench.pipeline.jump_to(later_ms);
     done(&approve(&mut bench, &ann));
-    refused(&approve(&mut bench, &ann), &["ann has answered approve"]);
+    assert_refused(&approve(&mut bench, &ann), &["ann has answered approve"]);
 }
 
 /// An approval that is given and not used yet counts no more when its key is revoked, and a later one is refused.
 #[test]
-fn what_a_revoked_key_signed_does_not_count() {
+fn approvals_of_a_revoked_key_do_not_count() {
     let (mut bench, folder) = waiting_for_two();
     let (ann, ben, cleo) =
         (protected(&mut bench, "ann"), protected(&mut bench, "ben"), protected(&mut bench, "cleo"));
@@ -370,9 +378,9 @@ fn what_a_revoked_key_signed_does_not_count() {
     let reply = revoke(&mut bench, &folder, "ann");
     assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("count no more: 1")), "{reply:?}");
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
-    refused(&approve(&mut bench, &ann), &["the key of ann was revoked by admin"]);
+    assert_refused(&approve(&mut bench, &ann), &["the key of ann was revoked by admin"]);
     // Also what was signed before and is handed in now.
-    refused(&bench.pipeline.command(early), &["the key of ann was revoked by admin"]);
+    assert_refused(&bench.pipeline.command(early), &["the key of ann was revoked by admin"]);
     done(&approve(&mut bench, &ben));
     assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "one of two");
     done(&approve(&mut bench, &cleo));
@@ -382,10 +390,10 @@ fn what_a_revoked_key_signed_does_not_count() {
 
 /// A question that is taken up after a restart has the answers of those who are enrolled still.
 #[test]
-fn an_answer_of_somebody_revoked_is_not_taken_up() {
+fn an_answer_by_a_revoked_key_is_not_restored() {
     let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
     // A review takes two people.
-    crate::tests::asked(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
+    crate::tests::awaiting_approval(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
     let folder = bench.pipeline.record().version_table().store().layout().identities();
     let ann = protected(&mut bench, "ann");
     done(&approve(&mut bench, &ann));
@@ -413,7 +421,7 @@ fn public_files_decide_nothing() {
     let public = |who: &Identity| format!("{} safety\n", keyfile::hex(who.info().public_key.as_bytes()));
     // Swapped: another key claims the name.
     fs::write(folder.join("ann.pub"), public(&eve)).unwrap();
-    refused(&approve(&mut bench, &eve), &["another key"]);
+    assert_refused(&approve(&mut bench, &eve), &["another key"]);
     // Removed: the person decides as before.
     fs::remove_file(folder.join("ann.pub")).unwrap();
     done(&approve(&mut bench, &ann));
@@ -428,8 +436,8 @@ fn the_unprotected_first_administrator_enrols_nobody_where_people_decide() {
     let ben = Identity::create(&folder, "ben", Role::Safety).unwrap();
     let enrol = |persons: &PersonDirectory| persons.enrolment(ben.info(), true, &admin, "a test").unwrap();
     let reply = act(&mut bench, enrol);
-    refused(&reply, &["the key of admin has no passphrase", "`holdpoint identity passphrase admin`"]);
-    admin.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
+    assert_refused(&reply, &["the key of admin has no passphrase", "`holdpoint identity passphrase admin`"]);
+    admin.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
     done(&act(&mut bench, enrol));
 }
 
@@ -444,37 +452,41 @@ fn only_administrators_enrol() {
     let (mut bench, folder) = waiting(ProfileName::Human, true);
     let ann = protected(&mut bench, "ann");
     let ben = Identity::create(&folder, "ben", Role::Safety).unwrap();
-    refused(&act(&mut bench, by(&ben, &ann)), &["only an administrator"]);
+    assert_refused(&act(&mut bench, by(&ben, &ann)), &["only an administrator"]);
     let admin = administrator(&bench, &folder);
-    refused(&revoke(&mut bench, &folder, "admin"), &["last administrator"]);
+    assert_refused(&revoke(&mut bench, &folder, "admin"), &["last administrator"]);
     let second = enrolled(bench.pipeline.live().record, "second", Role::Admin, KeyEncoding::Plain);
     done(&act(&mut bench, |persons| {
         persons.revocation(persons.named("admin").unwrap(), &second, "a test").unwrap()
     }));
-    refused(&act(&mut bench, by(&ben, &admin)), &["admin\" is not enrolled"]);
+    assert_refused(&act(&mut bench, by(&ben, &admin)), &["admin\" is not enrolled"]);
     done(&act(&mut bench, by(&ben, &second)));
 }
 
 /// Regression: a person enrolled by an unencrypted key without people near the arm decided where people are near.
 #[test]
-fn whom_an_open_key_enrolled_lets_nothing_in_where_people_decide() {
+fn a_person_enrolled_by_an_unencrypted_key_approves_nothing() {
     let (mut bench, folder) = waiting(ProfileName::Human, true);
     let admin = administrator(&bench, &folder);
-    let ann =
-        Identity::create_kept(&folder, "ann", Role::Safety, KeyEncoding::Sealed(&words(), KdfCost::LEAST))
-            .unwrap();
+    let ann = Identity::create_encoded(
+        &folder,
+        "ann",
+        Role::Safety,
+        KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST),
+    )
+    .unwrap();
     done(&act(&mut bench, by(&ann, &admin)));
     let now_ms = bench.pipeline.record().now_ms();
     bench.pipeline.live().record.set_clock(Clock::real(now_ms));
-    let said = ["ann is not confirmed", "unencrypted key", "`holdpoint identity confirm ann --by admin"];
-    refused(&approve(&mut bench, &ann), &said);
+    let parts = ["ann is not confirmed", "unencrypted key", "`holdpoint identity confirm ann --by admin"];
+    assert_refused(&approve(&mut bench, &ann), &parts);
     // An act that claims a passphrase-protected key is checked against the key file, under every profile.
     let admin = guarded(&folder, &admin);
     let confirm = |persons: &PersonDirectory| {
         persons.confirmation(persons.named("ann").unwrap(), &admin, "a test").unwrap()
     };
-    refused(&act(&mut bench, confirm), &["the key of admin has no passphrase, although the act says"]);
-    admin.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
+    assert_refused(&act(&mut bench, confirm), &["the key of admin has no passphrase, although the act says"]);
+    admin.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
     let reply = act(&mut bench, confirm);
     assert!(
         matches!(&reply, Reply::Accepted { text, .. } if text == "ann is confirmed by admin"),
@@ -485,7 +497,7 @@ fn whom_an_open_key_enrolled_lets_nothing_in_where_people_decide() {
 
 /// What such a person answers to stop something is taken, and where no person is asked it counts.
 #[test]
-fn whom_an_open_key_enrolled_refuses_and_decides_in_scripts() {
+fn a_person_so_enrolled_rejects_and_decides_in_scripts() {
     for (scripted, answer) in [(true, ApprovalDecision::Approve), (false, ApprovalDecision::Reject)] {
         let (mut bench, folder) = waiting(ProfileName::Human, true);
         let admin = administrator(&bench, &folder);

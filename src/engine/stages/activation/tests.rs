@@ -37,12 +37,16 @@ fn profile(name: ProfileName) -> Profile {
 }
 
 /// Registers a version, lets the rules validate it, and puts it before people.
-pub(crate) fn asked(pipeline: &mut Pipeline, package: Package) -> CapabilityId {
-    asked_by(pipeline, package, None)
+pub(crate) fn request_activation(pipeline: &mut Pipeline, package: Package) -> CapabilityId {
+    request_activation_by(pipeline, package, None)
 }
 
 /// As [`asked`], registered on a person's behalf.
-pub(crate) fn asked_by(pipeline: &mut Pipeline, package: Package, by: Option<&str>) -> CapabilityId {
+pub(crate) fn request_activation_by(
+    pipeline: &mut Pipeline,
+    package: Package,
+    by: Option<&str>,
+) -> CapabilityId {
     let id = holdpoint_runtime::capability::Capability::load("test", package.clone()).unwrap().id();
     let register = holdpoint_protocol::command::Command::Register {
         package,
@@ -52,8 +56,8 @@ pub(crate) fn asked_by(pipeline: &mut Pipeline, package: Package, by: Option<&st
     let reply = pipeline.command(register);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     pipeline.advance();
-    let (version, standing, _) = pipeline.record().version_table().version(&id).unwrap();
-    assert_eq!(standing.state, State::Validated);
+    let (version, lifecycle, _) = pipeline.record().version_table().version(&id).unwrap();
+    assert_eq!(lifecycle.state, State::Validated);
     let mut move_on = |event| {
         pipeline.live().record.transition(&id.family, event, TransitionNote::because("test")).unwrap();
     };
@@ -62,15 +66,15 @@ pub(crate) fn asked_by(pipeline: &mut Pipeline, package: Package, by: Option<&st
         move_on(LifecycleEvent::Pass { version, stage });
     }
     move_on(LifecycleEvent::Start { version, stage: Stage::Activation });
-    let Activation { context, record, evidence_files: dossiers, approvals, .. } = pipeline.activation();
-    approvals.request_approval(context, record, dossiers, &id).unwrap();
+    let Activation { context, record, evidence_files, approvals, .. } = pipeline.activation();
+    approvals.request_approval(context, record, evidence_files, &id).unwrap();
     id
 }
 
 /// A candidate that asks for more than the active version: each new permission, the whole difference with both values
 /// and what its author declares are in the question, in JSON, in the plain stream, and in what is kept and signed.
 #[test]
-fn everything_that_changes_is_told_before_people_decide() {
+fn all_changes_are_shown_before_a_decision() {
     let more = [
         ("channels = [\"arm\"]", "channels = [\"arm\", \"gripper\"]"),
         ("commands = [\"stop\", \"tool-pose\"]", "commands = [\"gripper\", \"stop\", \"tool-pose\"]"),
@@ -88,7 +92,7 @@ fn everything_that_changes_is_told_before_people_decide() {
     let mut bench = Bench::under(profile(ProfileName::Human));
     let pipeline = &mut bench.pipeline;
     pipeline.drain_events();
-    let id = asked(pipeline, package);
+    let id = request_activation(pipeline, package);
     let new = ["channel gripper", "command gripper", "memory 512 KiB (was 256 KiB)"];
     let differences = [
         "permission added: channels gripper",
@@ -123,12 +127,12 @@ fn everything_that_changes_is_told_before_people_decide() {
     );
     // The record: the evidence that is signed over has it, and what was on the screen is kept with the answer.
     let open = pipeline.record().version_table().store().views().unwrap().open_requests().unwrap().remove(0);
-    let kept: EvidenceFile = serde_json::from_str(&open.json).unwrap();
+    let evidence_file: EvidenceFile = serde_json::from_str(&open.json).unwrap();
     assert_eq!(
-        (kept.new_permissions.clone(), kept.digest().unwrap()),
+        (evidence_file.new_permissions.clone(), evidence_file.digest().unwrap()),
         (question.new_permissions.clone(), question.evidence)
     );
-    let silent = EvidenceFile { new_permissions: Vec::new(), ..kept.clone() };
+    let silent = EvidenceFile { new_permissions: Vec::new(), ..evidence_file.clone() };
     assert_ne!(silent.digest().unwrap(), question.evidence, "the signature covers what is new");
     let identity = enrolled(pipeline.live().record, "ann", Role::Safety, KeyEncoding::Plain);
     let shown = crate::people::signers::tests::question(pipeline, &question, "ann").unwrap();
@@ -139,10 +143,10 @@ fn everything_that_changes_is_told_before_people_decide() {
     let reply = pipeline.command(decide);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     let filter = AuditFilter { kind: Some(RecordKind::Shown), ..AuditFilter::default() };
-    let kept =
+    let body =
         pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap().remove(0).body;
     for text in new.iter().chain(&differences) {
-        assert!(kept.contains(text), "{text}: {kept}");
+        assert!(body.contains(text), "{text}: {body}");
     }
 }
 
@@ -208,7 +212,7 @@ fn a_version_with_a_closed_profile_does_not_act_under_it() {
 
 /// The same holds for a rollback target, and for a version that a person reactivates.
 #[test]
-fn nobody_goes_back_to_a_version_with_a_closed_profile() {
+fn no_rollback_activates_a_blocked_version() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let before: CapabilityId = "align@1.0.0".parse().unwrap();
@@ -231,7 +235,7 @@ fn nobody_goes_back_to_a_version_with_a_closed_profile() {
 
 /// An operator who rolls back the last version learns first that no version follows.
 #[test]
-fn a_predecessor_with_a_closed_profile_does_not_take_over() {
+fn a_blocked_rollback_target_does_not_take_over() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     close(&mut bench, &"align@1.0.0".parse().unwrap(), ProfileName::Sim);
@@ -324,7 +328,7 @@ fn conditions_of_an_activation_reach_its_monitor() {
 /// A person who stops the cell in a task, or restricts a version, has stepped in: charted for that version, and neither
 /// an episode of its window nor anything else against it.
 #[test]
-fn who_steps_in_is_counted_with_the_version_it_is_about() {
+fn an_intervention_counts_for_its_version() {
     let mut bench = Bench::new();
     let id = bench.activate_package(package("align-improved", &[]), &[]);
     let charts = |bench: &Bench| {

@@ -168,12 +168,12 @@ impl Bench {
         }
         let live = pipeline.live();
         live.evidence_files.edit(&id).twins = vec![GOOD; 40];
-        let dossier = live.evidence_files.of(&id).unwrap();
+        let evidence_file = live.evidence_files.of(&id).unwrap();
         let evidence = Change::PutEvidence {
             version: id.clone(),
             kind: EvidenceKind::Shadow,
-            json: serde_json::to_string(dossier).unwrap(),
-            digest: dossier.digest().unwrap(),
+            json: serde_json::to_string(evidence_file).unwrap(),
+            digest: evidence_file.digest().unwrap(),
         };
         live.record.write(vec![evidence], Vec::new()).unwrap();
         id
@@ -205,10 +205,10 @@ impl Bench {
 
     pub(crate) fn by_operator(&mut self, id: &CapabilityId) -> RollbackRecord {
         let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "drill".to_owned() };
-        self.taken_off(Command::Rollback(operation))
+        self.roll_back(Command::Rollback(operation))
     }
 
-    fn taken_off(&mut self, command: Command) -> RollbackRecord {
+    fn roll_back(&mut self, command: Command) -> RollbackRecord {
         let reply = self.pipeline.command(command);
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         let record = self.record();
@@ -220,14 +220,14 @@ impl Bench {
     /// The record in the event, which equals the stored one.
     fn record(&mut self) -> RollbackRecord {
         let events = self.pipeline.drain_events();
-        let told = events.iter().rev().find_map(|event| match event {
+        let event_record = events.iter().rev().find_map(|event| match event {
             EventKind::RolledBack { record, .. } => Some((**record).clone()),
             _ => None,
         });
-        let record = told.expect("an event reports the rollback");
+        let record = event_record.expect("an event reports the rollback");
         let views = self.pipeline.record().version_table().store().views().unwrap();
-        let kept = views.evidence(&record.candidate, Some(EvidenceKind::Rollback)).unwrap().pop().unwrap();
-        assert_eq!(serde_json::from_str::<RollbackRecord>(&kept.json).unwrap(), record);
+        let entry = views.evidence(&record.candidate, Some(EvidenceKind::Rollback)).unwrap().pop().unwrap();
+        assert_eq!(serde_json::from_str::<RollbackRecord>(&entry.json).unwrap(), record);
         let rungs: Vec<Rung> = events
             .iter()
             .filter_map(|event| match event {
@@ -300,9 +300,9 @@ fn a_safety_event_acts_in_the_tick_it_happens() {
     assert!(record.trigger.event.is_some());
     assert!(record.in_flight);
     let swap = record.rungs.iter().find(|rung| rung.rung == Rung::SwapBinding).unwrap();
-    let told = "align in flight and 1 planned after it are given up, \
+    let ending = "align in flight and 1 planned after it are given up, \
                 the next sequence plans the goal from its first task";
-    assert!(swap.text.ends_with(told), "{}", swap.text);
+    assert!(swap.text.ends_with(ending), "{}", swap.text);
     bench.assert_restored(&record);
     // And so it does: nothing of what was in flight is gone on with.
     let report = bench.pipeline.live().sequence(None).unwrap();
@@ -315,7 +315,7 @@ fn a_safety_event_acts_in_the_tick_it_happens() {
 }
 
 #[test]
-fn a_standing_arm_is_restored_at_once() {
+fn a_still_arm_is_restored_at_once() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let record = bench.by_operator(&id);
@@ -324,15 +324,15 @@ fn a_standing_arm_is_restored_at_once() {
 }
 
 #[test]
-fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
-    let taken = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
-    let told = [false, true].map(|drawn| {
+fn frames_show_the_sequence_and_the_ladder_and_change_nothing() {
+    let frames = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
+    let outcomes = [false, true].map(|drawn| {
         let mut bench = Bench::new();
         let id = bench.activate("align-improved");
         if drawn {
-            let pictures = std::sync::Arc::clone(&taken);
-            bench.pipeline.draw_live_world(std::sync::Arc::new(move |picture| {
-                pictures.lock().unwrap().push(picture);
+            let sink = std::sync::Arc::clone(&frames);
+            bench.pipeline.draw_live_world(std::sync::Arc::new(move |frame| {
+                sink.lock().unwrap().push(frame);
             }));
         }
         for _ in 0..3 {
@@ -342,22 +342,20 @@ fn pictures_show_the_sequence_and_the_ladder_and_change_nothing() {
         bench.pipeline.command(Command::Rollback(operation));
         (bench.pipeline.drain_events(), bench.pipeline.record().now_ms())
     });
-    assert_eq!(told[0], told[1], "who draws changes neither what is done nor when");
-    let taken = taken.lock().unwrap();
-    assert!(taken.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms), "frames are in order of time");
+    assert_eq!(outcomes[0], outcomes[1], "who draws changes neither what is done nor when");
+    let frames = frames.lock().unwrap();
+    assert!(frames.windows(2).all(|pair| pair[0].at_ms <= pair[1].at_ms), "frames are in order of time");
     assert!(
-        taken.iter().any(
-            |picture| picture.task == Some(holdpoint_body::TaskKind::Grasp) && picture.envelope.is_some()
-        )
+        frames
+            .iter()
+            .any(|frame| frame.task == Some(holdpoint_body::TaskKind::Grasp) && frame.envelope.is_some())
     );
-    assert!(taken.iter().any(|picture| !picture.contacts.is_empty()));
+    assert!(frames.iter().any(|frame| !frame.contacts.is_empty()));
     // The ladder ends with the tool clear of everything, and the arm under no task.
-    let raised = |picture: &&holdpoint_protocol::video_frame::VideoFrame| {
-        picture.task.is_none()
-            && picture.stopped
-            && picture.body.links.last().is_some_and(|tool| tool[2] > 0.15)
+    let raised = |frame: &&holdpoint_protocol::video_frame::VideoFrame| {
+        frame.task.is_none() && frame.stopped && frame.body.links.last().is_some_and(|tool| tool[2] > 0.15)
     };
-    assert!(taken.iter().filter(raised).count() > 3, "{} frames", taken.len());
+    assert!(frames.iter().filter(raised).count() > 3, "{} frames", frames.len());
 }
 
 #[test]
@@ -388,7 +386,7 @@ fn a_family_without_predecessor_is_stopped() {
     let mut bench = Bench::new();
     let version = "place@1.0.0".parse().unwrap();
     let operation = Operation { version, by: "ann".to_owned(), reason: "drill".to_owned() };
-    let record = bench.taken_off(Command::Vacate(operation));
+    let record = bench.roll_back(Command::Vacate(operation));
     bench.assert_stopped(&record, RungFailure::PredecessorMissing);
     assert!(record.time_to_safe_ticks.is_some());
 }
@@ -506,7 +504,7 @@ fn a_swap_that_cannot_be_written_ends_the_ladder() {
 }
 
 #[test]
-fn a_predecessor_that_is_no_safer_is_said() {
+fn a_target_that_is_no_safer_is_recorded() {
     let mut bench = Bench::new();
     let before = bench.activate("align-low-transit");
     let version = bench.pipeline.record().version_table().version(&before).unwrap().0;
@@ -529,14 +527,14 @@ fn silence_asks_then_restricts_then_rolls_back() {
     let mut bench = Bench::new();
     let id = bench.activate("grasp-improved");
     bench.pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
-    let mut said = Vec::new();
+    let mut decisions = Vec::new();
     let mut record = None;
     for _ in 0..60 {
         bench.pipeline.advance();
         for event in bench.pipeline.drain_events() {
             match event {
-                EventKind::Monitor { version, decision, .. } if version == id => said.push(decision),
-                EventKind::RolledBack { record: told, .. } => record = Some(told),
+                EventKind::Monitor { version, decision, .. } if version == id => decisions.push(decision),
+                EventKind::RolledBack { record: rollback, .. } => record = Some(rollback),
                 _ => {}
             }
         }
@@ -544,7 +542,7 @@ fn silence_asks_then_restricts_then_rolls_back() {
             break;
         }
     }
-    assert_eq!(said, [MonitorOutcome::Escalate, MonitorOutcome::Restrict, MonitorOutcome::Rollback]);
+    assert_eq!(decisions, [MonitorOutcome::Escalate, MonitorOutcome::Restrict, MonitorOutcome::Rollback]);
     let record = record.unwrap();
     assert_eq!(record.trigger.kind, TriggerKind::TelemetrySilence);
     bench.assert_restored(&record);
@@ -576,7 +574,7 @@ fn an_idle_arm_whose_telemetry_is_lost_is_not_forgotten() {
 
 /// An unsigned rollback ended the predecessor's restriction, and let its window count as passed.
 #[test]
-fn a_predecessor_comes_back_as_restricted_and_as_watched_as_it_left() {
+fn a_rollback_target_keeps_its_restriction_and_monitor() {
     let mut bench = Bench::new();
     let before = bench.activate("align-improved");
     let operation =
@@ -586,9 +584,9 @@ fn a_predecessor_comes_back_as_restricted_and_as_watched_as_it_left() {
     let id = bench.activate("align-low-transit");
     assert!(bench.pipeline.live().monitors.of(&before).is_none());
     bench.by_operator(&id);
-    let (_, standing, _) = bench.pipeline.record().version_table().version(&before).unwrap();
-    assert_eq!(standing.state, State::Active);
-    assert!(standing.flags.restricted && standing.flags.provisional, "{standing:?}");
+    let (_, lifecycle, _) = bench.pipeline.record().version_table().version(&before).unwrap();
+    assert_eq!(lifecycle.state, State::Active);
+    assert!(lifecycle.flags.restricted && lifecycle.flags.provisional, "{lifecycle:?}");
     let watched = bench.pipeline.live().monitors.of(&before).map(|watched| watched.restricted);
     assert_eq!(watched, Some(true));
 }

@@ -19,7 +19,7 @@ use crate::version_concern::VersionConcern;
 
 /// A bench with an active version whose twins in shadow were these, once it has worked as many live tasks as the first look
 /// is taken at; and what the alarm says, if it is raised.
-fn looked_at(twin: EpisodeValues) -> (Bench, Option<String>) {
+fn shift_alarm(twin: EpisodeValues) -> (Bench, Option<String>) {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let live = bench.pipeline.live();
@@ -28,8 +28,8 @@ fn looked_at(twin: EpisodeValues) -> (Bench, Option<String>) {
     while bench.pipeline.live().monitors.of(&id).is_some_and(|watched| watched.episodes < tasks) {
         bench.pipeline.live().sequence(None).unwrap();
     }
-    let (_, standing, _) = bench.pipeline.record().version_table().version(&id).unwrap();
-    assert_eq!(standing.state, State::Active, "it decides nothing by itself");
+    let (_, lifecycle, _) = bench.pipeline.record().version_table().version(&id).unwrap();
+    assert_eq!(lifecycle.state, State::Active, "it decides nothing by itself");
     let alarm = bench
         .pipeline
         .record()
@@ -40,21 +40,21 @@ fn looked_at(twin: EpisodeValues) -> (Bench, Option<String>) {
 }
 
 #[test]
-fn what_shadow_did_not_show_is_said_of_an_active_version() {
+fn a_shift_from_shadow_raises_an_alarm() {
     // As if the twins had never touched anything.
-    let (_bench, alarm) = looked_at(EpisodeValues { harm: Some(HarmMeasures::STILL), ..GOOD });
+    let (_bench, alarm) = shift_alarm(EpisodeValues { harm: Some(HarmMeasures::STILL), ..GOOD });
     let text = alarm.expect("the alarm is raised");
     assert!(text.contains("not what shadow showed") && text.contains("live tasks"), "{text}");
 }
 
 #[test]
-fn what_shadow_showed_is_not_said_again() {
-    let (_bench, alarm) = looked_at(GOOD);
+fn the_same_behavior_raises_no_alarm() {
+    let (_bench, alarm) = shift_alarm(GOOD);
     assert_eq!(alarm, None);
 }
 
 /// Runs until this version has no open concern.
-fn worked_again(bench: &mut Bench, id: &CapabilityId) {
+fn re_evaluate(bench: &mut Bench, id: &CapabilityId) {
     for _ in 0..2_000 {
         if !bench.pipeline.live().evidence_files.is_suspicious(id)
             || bench.pipeline.live().monitors.of(id).is_none()
@@ -67,22 +67,22 @@ fn worked_again(bench: &mut Bench, id: &CapabilityId) {
 }
 
 #[test]
-fn a_suspicious_version_is_worked_again_and_cleared_and_that_survives_the_engine() {
-    let (bench, alarm) = looked_at(EpisodeValues { harm: Some(HarmMeasures::STILL), ..GOOD });
+fn a_re_evaluation_that_clears_a_version_survives_a_restart() {
+    let (bench, alarm) = shift_alarm(EpisodeValues { harm: Some(HarmMeasures::STILL), ..GOOD });
     assert!(alarm.unwrap().contains("not what shadow showed"));
     // The concern is recorded: a restarted engine knows it.
     let mut bench = bench.restart();
     let id: CapabilityId = "align@1.1.0".parse().unwrap();
     let suspicious = bench.pipeline.live().evidence_files.is_suspicious(&id);
     assert!(suspicious, "the restarted engine continues it");
-    worked_again(&mut bench, &id);
+    re_evaluate(&mut bench, &id);
     let found_again = bench.pipeline.live().evidence_files.of(&id).unwrap().suspicion.clone().unwrap();
     let again = found_again.again.as_ref().expect("it was re-evaluated");
     assert_eq!(again.behavior.assessment.outcome, BehaviorOutcome::Compatible, "{:?}", again.behavior);
     let budget = bench.pipeline.live().context.profile.evaluation.sandbox_pairs;
     assert_eq!(again.pairs.pairs.len(), budget as usize, "the whole budget");
-    let (_, standing, _) = bench.pipeline.record().version_table().version(&id).unwrap();
-    assert_eq!(standing.state, State::Active);
+    let (_, lifecycle, _) = bench.pipeline.record().version_table().version(&id).unwrap();
+    assert_eq!(lifecycle.state, State::Active);
     // Its result is recomputed from the record, and equals the stored one.
     let views = Views::open(&bench.folder().join("holdpoint.db")).unwrap();
     let environment = bench.pipeline.live().context.cell.digest();
@@ -92,27 +92,27 @@ fn a_suspicious_version_is_worked_again_and_cleared_and_that_survives_the_engine
     // What an explanation says of both, before their decisions.
     let begun = VersionConcern { again: None, ..found_again.clone() }.lines();
     assert!(begun[0].contains("not what shadow showed"), "{begun:?}");
-    let told = found_again.lines();
+    let lines = found_again.lines();
     let cleared = ": compatible in";
-    assert!(told.len() == 1 && told[0].contains(cleared), "{told:?}");
+    assert!(lines.len() == 1 && lines[0].contains(cleared), "{lines:?}");
     // It is cleared for a later engine, too.
     let mut bench = bench.restart();
     assert!(!bench.pipeline.live().evidence_files.is_suspicious(&id));
 }
 
 #[test]
-fn a_suspicious_version_that_is_worse_there_is_taken_off() {
+fn a_version_that_re_evaluates_as_worse_is_demoted() {
     let mut bench = Bench::new();
     let id = bench.activate("grasp-hard-grip");
     let reasons = Vec::new();
     bench.pipeline.live().evidence_files.edit(&id).suspicion = Some(VersionConcern { reasons, again: None });
-    worked_again(&mut bench, &id);
-    let (_, standing, _) = bench.pipeline.record().version_table().version(&id).unwrap();
-    assert_eq!(standing.state, State::Demoted);
-    let dossier = bench.pipeline.live().evidence_files.of(&id).unwrap();
-    let again = dossier.suspicion.as_ref().unwrap().again.as_ref().unwrap();
+    re_evaluate(&mut bench, &id);
+    let (_, lifecycle, _) = bench.pipeline.record().version_table().version(&id).unwrap();
+    assert_eq!(lifecycle.state, State::Demoted);
+    let evidence_file = bench.pipeline.live().evidence_files.of(&id).unwrap();
+    let again = evidence_file.suspicion.as_ref().unwrap().again.as_ref().unwrap();
     assert_eq!(again.behavior.assessment.outcome, BehaviorOutcome::Incompatible);
-    let first = &dossier.reasons[0];
+    let first = &evidence_file.reasons[0];
     assert_eq!(first.code, ReasonCode::MonitorWorkedAgain);
     let outcome = BehaviorOutcome::Incompatible;
     let found = first.finding.as_ref();
@@ -123,7 +123,7 @@ fn a_suspicious_version_that_is_worse_there_is_taken_off() {
 }
 
 #[test]
-fn a_new_shadow_begins_without_what_was_suspected_before() {
+fn a_new_shadow_clears_an_earlier_concern() {
     let mut bench = Bench::new();
     let id = bench.pass("align-improved", &[Stage::Validation, Stage::Sandbox]);
     let live = bench.pipeline.live();

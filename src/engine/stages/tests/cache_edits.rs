@@ -68,25 +68,25 @@ fn sandbox(pipeline: &mut Pipeline, name: &str) -> (CapabilityId, StageOutcome, 
     let reply =
         pipeline.command(Command::Register { package: package(name, &[]), name: name.to_owned(), by: None });
     let Reply::Accepted { version: Some(id), .. } = reply else { panic!("{reply:?}") };
-    let mut told = Vec::new();
+    let mut events = Vec::new();
     for _ in 0..2_000 {
         assert_eq!(pipeline.advance(), SliceOutcome::Ran);
         assert_eq!(pipeline.record().holding(), None);
-        told.extend(pipeline.drain_events());
-        let decided = told.iter().find_map(|event| match event {
+        events.extend(pipeline.drain_events());
+        let decided = events.iter().find_map(|event| match event {
             EventKind::Decided { version, stage: Stage::Sandbox, outcome, .. } if *version == id => {
                 Some(*outcome)
             }
             _ => None,
         });
         if let Some(outcome) = decided {
-            return (id, outcome, told);
+            return (id, outcome, events);
         }
     }
     panic!("the sandbox of {name} does not end");
 }
 
-fn kept(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<CachedResultUse> {
+fn cache_use(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<CachedResultUse> {
     pipeline.live().evidence_files.of(id).unwrap().kept.clone()
 }
 
@@ -100,7 +100,7 @@ fn records(pipeline: &Pipeline, kind: RecordKind) -> Vec<String> {
 fn filled(folder: &Path, cache: EpisodeCache) {
     let mut pipeline = pipeline(folder, cache, 2);
     let (id, _, _) = sandbox(&mut pipeline, FIRST);
-    assert_eq!(kept(&mut pipeline, &id), None, "there was nothing yet");
+    assert_eq!(cache_use(&mut pipeline, &id), None, "there was nothing yet");
     let operation = Operation { version: id, by: "ada".to_owned(), reason: "a test".to_owned() };
     assert!(matches!(pipeline.command(Command::Reject(operation)), Reply::Accepted { .. }));
 }
@@ -131,14 +131,14 @@ fn honest() -> &'static (StageOutcome, Vec<EventKind>) {
     static HONEST: OnceLock<(StageOutcome, Vec<EventKind>)> = OnceLock::new();
     HONEST.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        let (_, outcome, told) = sandbox(&mut pipeline(folder.path(), EpisodeCache::InStore, 2), SECOND);
+        let (_, outcome, events) = sandbox(&mut pipeline(folder.path(), EpisodeCache::InStore, 2), SECOND);
         // A baseline that always fails would let it into the shadow stage.
         assert_eq!(outcome, StageOutcome::Sandbox);
-        (outcome, told)
+        (outcome, events)
     })
 }
 
-fn told_by(events: &[EventKind]) -> Vec<String> {
+fn stage_events(events: &[EventKind]) -> Vec<String> {
     let of_stage = |event: &&EventKind| {
         matches!(
             event,
@@ -150,15 +150,15 @@ fn told_by(events: &[EventKind]) -> Vec<String> {
 
 /// Unedited results: the decision is the same, a spot check precedes it, and the record names the cached results.
 #[test]
-fn what_was_kept_is_taken_after_a_spot_check_and_changes_no_event() {
+fn cached_results_count_after_a_spot_check_and_change_no_event() {
     let folder = tempfile::tempdir().unwrap();
     filled(folder.path(), EpisodeCache::InStore);
-    let (outcome, told) = honest();
+    let (outcome, expected) = honest();
     let mut second = pipeline(folder.path(), EpisodeCache::InStore, 1);
-    let (id, with_kept, events) = sandbox(&mut second, SECOND);
-    assert_eq!(with_kept, *outcome);
-    assert_eq!(told_by(&events), told_by(told));
-    let used = kept(&mut second, &id).unwrap();
+    let (id, cached_outcome, events) = sandbox(&mut second, SECOND);
+    assert_eq!(cached_outcome, *outcome);
+    assert_eq!(stage_events(&events), stage_events(expected));
+    let used = cache_use(&mut second, &id).unwrap();
     assert_eq!((used.place, used.refused), (CacheLocation::Store, 0));
     let [episodes, drills, _] = used.sample_counts();
     assert!(episodes.foreign >= 20 && episodes.rerun >= 19, "{episodes:?}");
@@ -167,19 +167,19 @@ fn what_was_kept_is_taken_after_a_spot_check_and_changes_no_event() {
 
     // What this process worked itself is known to it.
     let (id, _, _) = sandbox(&mut second, "grasp-robust");
-    let draws = kept(&mut second, &id).unwrap().sample_counts();
+    let samples = cache_use(&mut second, &id).unwrap().sample_counts();
     let all = RerunSampleCounts { foreign: u64::from(PAIRS), rerun: 0 };
-    assert!(draws[0].foreign < all.foreign, "what the process ran again is its own: {draws:?}");
+    assert!(samples[0].foreign < all.foreign, "what the process ran again is its own: {samples:?}");
 
     let views = second.record().version_table().store().views().unwrap();
     let explained = crate::explain::explain(&views, &id).unwrap().unwrap();
-    let said = explained.decisions.iter().filter_map(|decision| decision.kept.as_ref());
-    assert_eq!(said.count(), 1, "with the sandbox's decision");
+    let uses = explained.decisions.iter().filter_map(|decision| decision.kept.as_ref());
+    assert_eq!(uses.count(), 1, "with the sandbox's decision");
 }
 
 /// Rows edited by a user with write access: an episode without a MAC does not count, and every episode is run again.
 #[test]
-fn edited_rows_let_nobody_through() {
+fn edited_rows_do_not_count() {
     let folder = tempfile::tempdir().unwrap();
     filled(folder.path(), EpisodeCache::InStore);
     let connection = Connection::open(folder.path().join("telemetry.db")).unwrap();
@@ -197,13 +197,13 @@ fn edited_rows_let_nobody_through() {
     let mut second = pipeline(folder.path(), EpisodeCache::InStore, 2);
     let (id, outcome, _) = sandbox(&mut second, SECOND);
     assert_eq!(outcome, honest().0);
-    let used = kept(&mut second, &id).unwrap();
+    let used = cache_use(&mut second, &id).unwrap();
     assert!(used.blocks.is_empty() && used.refused > 0, "{used:?}");
 }
 
 /// The same by who has the secret too: the spot check finds it, nothing that was kept counts, and it is on record.
 #[test]
-fn false_results_with_a_true_code_are_found_before_they_count() {
+fn false_results_with_a_valid_mac_are_found_before_they_count() {
     let folder = tempfile::tempdir().unwrap();
     filled(folder.path(), EpisodeCache::InStore);
     let all = cells(folder.path());
@@ -213,9 +213,9 @@ fn false_results_with_a_true_code_are_found_before_they_count() {
     }
     drop(store);
     let mut second = pipeline(folder.path(), EpisodeCache::InStore, 2);
-    let (id, outcome, told) = sandbox(&mut second, SECOND);
+    let (id, outcome, events) = sandbox(&mut second, SECOND);
     assert_eq!(outcome, honest().0);
-    assert_eq!(kept(&mut second, &id), None, "it ran everything itself");
+    assert_eq!(cache_use(&mut second, &id), None, "it ran everything itself");
     let [record] = &records(&second, RecordKind::KeptVoided)[..] else { panic!("one record") };
     let found: CachedResultMismatch = serde_json::from_str(record).unwrap();
     assert_eq!(found.active.to_string(), "grasp@1.0.0");
@@ -223,7 +223,7 @@ fn false_results_with_a_true_code_are_found_before_they_count() {
     let alarm = second.record().alarms().get(&AlarmKey::KeptFalse).expect("an alarm is raised");
     assert!(alarm.text.raw().contains("telemetry.db"), "{}", alarm.text.raw());
     let begun =
-        told.iter().filter(|event| matches!(event, EventKind::StageStarted { stage: Stage::Sandbox, .. }));
+        events.iter().filter(|event| matches!(event, EventKind::StageStarted { stage: Stage::Sandbox, .. }));
     assert_eq!(begun.count(), 2, "it began again");
     let views = second.record().version_table().store().views().unwrap();
     let explained = crate::explain::explain(&views, &id).unwrap().unwrap();
@@ -268,7 +268,7 @@ fn a_shared_folder_that_is_false_is_not_used_again() {
     let mut second = pipeline(store.path(), EpisodeCache::Shared(cells()), 2);
     let (id, outcome, _) = sandbox(&mut second, SECOND);
     assert_eq!(outcome, honest().0);
-    assert_eq!(kept(&mut second, &id), None);
+    assert_eq!(cache_use(&mut second, &id), None);
     let alarm = second.record().alarms().get(&AlarmKey::KeptFalse).expect("an alarm is raised");
     assert!(alarm.text.raw().contains("shared folder"), "{}", alarm.text.raw());
     assert_eq!(content(), edited, "what is false stays as it is");

@@ -14,7 +14,7 @@ use holdpoint_text::Hint;
 use crate::cell::Cell;
 use crate::context::Context;
 use crate::pipeline::SliceOutcome;
-use crate::tests::accepted;
+use crate::tests::assert_accepted;
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::{Config, Engine, Experiment, StartError, embedded};
@@ -55,13 +55,13 @@ fn only_a_script_may_leave_something_out() {
 }
 
 #[test]
-fn a_stage_that_is_left_out_is_said_to_be_and_its_store_is_good_for_nothing_else() {
+fn a_skipped_stage_is_reported_and_its_store_has_no_other_use() {
     let folder = tempfile::tempdir().unwrap();
     let start = |experiment| Engine::start_experiment(config(folder.path(), true), experiment);
     let mut engine = start(without(AblationPart::Sandbox)).unwrap();
     let package = embedded::package("align-improved").unwrap();
     let name = "align-improved".to_owned();
-    accepted(
+    assert_accepted(
         &engine
             .submit(Request::unsigned("register".to_owned(), Command::Register { package, name, by: None })),
     );
@@ -98,7 +98,7 @@ fn a_stage_that_is_left_out_is_said_to_be_and_its_store_is_good_for_nothing_else
 
 /// Evidence, questions and approvals are bound to the context: what is left out makes it another one.
 #[test]
-fn what_is_found_with_something_left_out_counts_nowhere_else() {
+fn results_of_an_ablation_count_nowhere_else() {
     let digest = |parts: &[AblationPart]| {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = PolicyTable::builtin(&profile).unwrap();

@@ -9,14 +9,14 @@ use holdpoint_protocol::command::{Caller, Command, Operation, Reply};
 use super::state_verb_table::{CANDIDATE, done, operation};
 use crate::people::persons::enrolled;
 use crate::people::signers::tests::signed;
-use crate::stages::activation::tests::{asked, package};
+use crate::stages::activation::tests::{package, request_activation};
 use crate::stages::rollback::tests::Bench;
 use crate::stop_mark::OwnStopMark;
 use crate::test_pipeline::pipeline;
 use crate::tests::at_the_gate;
 use crate::world::stop_switch::StopRequest;
 
-fn refused(bench: &mut Bench, command: Command) -> String {
+fn refusal_text(bench: &mut Bench, command: Command) -> String {
     match bench.pipeline.command(command.clone()) {
         Reply::Refused { text, .. } => text,
         other => panic!("{command:?}: {other:?}"),
@@ -27,7 +27,7 @@ fn refused(bench: &mut Bench, command: Command) -> String {
 #[test]
 fn no_version_becomes_active_beside_the_gate_while_the_cell_is_stopped() {
     let mut bench = Bench::new();
-    let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+    let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     let dora = enrolled(bench.pipeline.live().record, "dora", Role::Safety, KeyEncoding::Plain);
     let family = "grasp@1.0.0".parse().unwrap();
     done(&mut bench, Command::Vacate(operation(&family)));
@@ -35,11 +35,12 @@ fn no_version_becomes_active_beside_the_gate_while_the_cell_is_stopped() {
     let caller = Caller::Script;
     let stop = StopRequest { id: "1".to_owned(), by: by.clone(), reason: reason.clone(), caller };
     assert!(matches!(bench.pipeline.halt(stop), Reply::Stopped { .. }));
-    let door = bench.pipeline.snapshot().emergencies.into_iter().find(|door| door.version == id).unwrap();
-    let signed = signed(&mut bench.pipeline, &door, &dora, ApprovalDecision::Approve).unwrap();
+    let request =
+        bench.pipeline.snapshot().emergencies.into_iter().find(|request| request.version == id).unwrap();
+    let signed = signed(&mut bench.pipeline, &request, &dora, ApprovalDecision::Approve).unwrap();
     for command in [Command::Rearm(operation(&family)), signed] {
-        let said = refused(&mut bench, command);
-        assert!(said.contains("the cell is stopped"), "{said}");
+        let text = refusal_text(&mut bench, command);
+        assert!(text.contains("the cell is stopped"), "{text}");
     }
     // A repeated mark of the same stop does not prevent a start of the cell.
     let layout = bench.pipeline.record().version_table().store().layout().clone();
@@ -54,7 +55,7 @@ fn no_version_becomes_active_beside_the_gate_while_the_cell_is_stopped() {
 
 /// Its requester opened the profile again that a safety officer had closed.
 #[test]
-fn who_registered_a_version_opens_no_profile_to_it() {
+fn a_requester_unblocks_no_profile() {
     let folder = tempfile::tempdir().unwrap();
     let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut pipeline);

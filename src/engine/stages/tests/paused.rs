@@ -9,7 +9,7 @@ use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 
 use crate::pipeline::SliceOutcome;
-use crate::stages::activation::tests::{asked, package};
+use crate::stages::activation::tests::{package, request_activation};
 use crate::stages::rollback::tests::Bench;
 use crate::version_table::TransitionNote;
 
@@ -32,9 +32,9 @@ fn resume(bench: &mut Bench, id: &CapabilityId) {
     done(bench, Command::Resume(operation(id)));
 }
 
-fn stands(bench: &Bench, id: &CapabilityId) -> (State, VersionFlags) {
-    let (_, standing, _) = bench.pipeline.record().version_table().version(id).unwrap();
-    (standing.state, standing.flags)
+fn state_of(bench: &Bench, id: &CapabilityId) -> (State, VersionFlags) {
+    let (_, lifecycle, _) = bench.pipeline.record().version_table().version(id).unwrap();
+    (lifecycle.state, lifecycle.flags)
 }
 
 fn transition(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
@@ -53,7 +53,7 @@ fn work(bench: &mut Bench, slices: usize) {
 }
 
 /// No question is open, neither here nor in the store.
-fn nobody_is_asked(bench: &Bench) -> bool {
+fn no_request_is_open(bench: &Bench) -> bool {
     let open = bench.pipeline.record().version_table().store().views().unwrap().open_requests().unwrap();
     open.is_empty() && bench.pipeline.snapshot().prompts.is_empty()
 }
@@ -82,18 +82,19 @@ fn a_paused_active_version_works_on_and_is_confirmed_when_it_is_resumed() {
     }
     assert!(over(&mut bench), "it works on");
     work(&mut bench, 3);
-    let (state, flags) = stands(&bench, &id);
+    let (state, flags) = state_of(&bench, &id);
     assert!(state == State::Active && flags.provisional && flags.paused, "{flags:?}");
     resume(&mut bench, &id);
-    let (state, flags) = stands(&bench, &id);
+    let (state, flags) = state_of(&bench, &id);
     assert!(state == State::Active && !flags.provisional && !flags.paused, "{flags:?}");
-    let told = |event: &EventKind| matches!(event, EventKind::Confirmed { version, .. } if *version == id);
-    assert!(bench.pipeline.drain_events().iter().any(told));
+    let is_confirmation =
+        |event: &EventKind| matches!(event, EventKind::Confirmed { version, .. } if *version == id);
+    assert!(bench.pipeline.drain_events().iter().any(is_confirmation));
 }
 
 /// A pause of a confirmed version was accepted and changed nothing.
 #[test]
-fn a_confirmed_version_is_not_paused_and_what_helps_is_named() {
+fn a_confirmed_version_is_not_paused_and_a_hint_helps() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
@@ -101,7 +102,7 @@ fn a_confirmed_version_is_not_paused_and_what_helps_is_named() {
     let reply = bench.pipeline.command(Command::Pause(operation(&id)));
     let Reply::Refused { hint: Some(hint), .. } = &reply else { panic!("{reply:?}") };
     assert!(hint.contains("holdpoint stop") && hint.contains("holdpoint restrict"), "{hint}");
-    assert!(!stands(&bench, &id).1.paused);
+    assert!(!state_of(&bench, &id).1.paused);
 }
 
 /// The sandbox of a paused version was worked to its end, which the lifecycle refuses, and the engine held.
@@ -110,7 +111,7 @@ fn the_stage_of_a_paused_version_rests_and_goes_on() {
     let mut bench = Bench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
     work(&mut bench, 3);
-    assert_eq!(stands(&bench, &id).1.running, Some(Stage::Sandbox));
+    assert_eq!(state_of(&bench, &id).1.running, Some(Stage::Sandbox));
     let done = |bench: &Bench| {
         let candidates = bench.pipeline.snapshot().candidates;
         candidates.into_iter().find(|view| view.version == id).unwrap().progress.unwrap().done
@@ -122,32 +123,32 @@ fn the_stage_of_a_paused_version_rests_and_goes_on() {
     // Another version does not wait behind it.
     let other = bench.pass("place-refined", &[]);
     work(&mut bench, 1);
-    assert_eq!(stands(&bench, &other).0, State::Validated);
-    done_with(&mut bench, &other);
+    assert_eq!(state_of(&bench, &other).0, State::Validated);
+    reject(&mut bench, &other);
     resume(&mut bench, &id);
     for _ in 0..20 {
         work(&mut bench, 1);
     }
     assert!(done(&bench) > before, "it goes on from where it rested");
-    assert_eq!(stands(&bench, &id).1.running, Some(Stage::Sandbox));
+    assert_eq!(state_of(&bench, &id).1.running, Some(Stage::Sandbox));
 }
 
-fn done_with(bench: &mut Bench, id: &CapabilityId) {
+fn reject(bench: &mut Bench, id: &CapabilityId) {
     done(bench, Command::Reject(operation(id)));
 }
 
 /// Regression: an answer over a changed row was refused, the question was gone, and no one could be asked again.
 #[test]
-fn a_pause_voids_what_people_were_asked_and_they_are_asked_anew() {
+fn a_pause_voids_a_request_and_the_gate_asks_again() {
     let mut bench = Bench::new();
-    let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
-    assert!(!nobody_is_asked(&bench));
+    let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
+    assert!(!no_request_is_open(&bench));
     bench.pipeline.drain_events();
     pause(&mut bench, &id);
-    assert!(nobody_is_asked(&bench));
+    assert!(no_request_is_open(&bench));
     let events = bench.pipeline.drain_events();
-    let told = |event: &EventKind| matches!(event, EventKind::Voided { reason, .. } if reason.contains(&id.to_string()));
-    assert!(events.iter().any(told), "{events:?}");
+    let is_void = |event: &EventKind| matches!(event, EventKind::Voided { reason, .. } if reason.contains(&id.to_string()));
+    assert!(events.iter().any(is_void), "{events:?}");
     assert!(!begins_the_gate(&mut bench, &id), "it is paused");
     resume(&mut bench, &id);
     assert!(begins_the_gate(&mut bench, &id), "the gate checks it again");
@@ -158,7 +159,7 @@ fn a_pause_voids_what_people_were_asked_and_they_are_asked_anew() {
 fn an_approval_that_waits_for_the_end_of_a_sequence_does_not_outlive_a_pause() {
     for by_command in [true, false] {
         let mut bench = Bench::new();
-        let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+        let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
         bench.pipeline.activation().approvals.grant_later(&id);
         if by_command {
             pause(&mut bench, &id);
@@ -169,8 +170,8 @@ fn an_approval_that_waits_for_the_end_of_a_sequence_does_not_outlive_a_pause() {
             bench.pipeline.activation().take_granted().unwrap();
         }
         work(&mut bench, 5);
-        assert!(nobody_is_asked(&bench));
-        let (state, flags) = stands(&bench, &id);
+        assert!(no_request_is_open(&bench));
+        let (state, flags) = state_of(&bench, &id);
         assert!(state == State::Shadowed && flags.paused && !flags.awaiting_approval, "{flags:?}");
         resume(&mut bench, &id);
         assert!(begins_the_gate(&mut bench, &id));
@@ -179,24 +180,24 @@ fn an_approval_that_waits_for_the_end_of_a_sequence_does_not_outlive_a_pause() {
 
 /// A block under a profile changes the version's row as well.
 #[test]
-fn a_closed_profile_voids_what_people_were_asked() {
+fn a_block_voids_an_approval_request() {
     let mut bench = Bench::new();
-    let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+    let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     done(&mut bench, Command::Demote { operation: operation(&id), profiles: vec![ProfileName::Human] });
-    assert!(nobody_is_asked(&bench));
+    assert!(no_request_is_open(&bench));
     assert!(begins_the_gate(&mut bench, &id), "under another profile it may go on");
 }
 
 /// Regression: a request beside the version that took over never ended; at its deadline the engine halted.
 #[test]
-fn a_question_beside_the_version_that_takes_over_is_asked_anew() {
+fn a_request_beside_an_activated_version_is_repeated() {
     let mut bench = Bench::new();
-    let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+    let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     let deadline_ms = bench.pipeline.record().engine_ms_at(bench.pipeline.snapshot().prompts[0].until);
     bench.activate("align-low-transit");
     assert!(bench.pipeline.look_at_deadlines().unwrap());
-    assert!(nobody_is_asked(&bench));
-    assert_eq!(stands(&bench, &id).1.running, None, "the gate may look at it again");
+    assert!(no_request_is_open(&bench));
+    assert_eq!(state_of(&bench, &id).1.running, None, "the gate may look at it again");
     bench.pipeline.jump_to(deadline_ms);
     while bench.pipeline.look_at_deadlines().unwrap() {}
     assert_eq!(bench.pipeline.record().holding(), None);
@@ -204,7 +205,7 @@ fn a_question_beside_the_version_that_takes_over_is_asked_anew() {
 
 /// The strip says which stage stopped a version: known at once, and after a restart.
 #[test]
-fn what_ran_when_a_version_was_rejected_is_on_record() {
+fn the_stage_of_a_rejection_is_on_record() {
     for repeated in [Stage::Sandbox, Stage::Shadow] {
         let mut bench = Bench::new();
         let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
@@ -226,20 +227,20 @@ fn what_ran_when_a_version_was_rejected_is_on_record() {
 #[test]
 fn the_end_of_a_drift_is_answered_as_its_end() {
     let mut bench = Bench::new();
-    let mut said = |command: Command| match bench.pipeline.command(command) {
+    let mut reply_text = |command: Command| match bench.pipeline.command(command) {
         Reply::Accepted { text, .. } => text,
         other => panic!("{other:?}"),
     };
     let (kind, magnitude) = (Some(DriftKind::SensorNoise), Some(Magnitude::Mild));
-    assert!(said(Command::Drift { kind, magnitude }).contains("set in"));
-    assert_eq!(said(Command::Drift { kind: None, magnitude: None }), "the drift has ended");
-    assert!(said(Command::LiveFault { fault: Some(LiveFault::ALL[0]) }).contains("set in"));
-    assert!(!said(Command::LiveFault { fault: None }).contains("set in"));
+    assert!(reply_text(Command::Drift { kind, magnitude }).contains("set in"));
+    assert_eq!(reply_text(Command::Drift { kind: None, magnitude: None }), "the drift has ended");
+    assert!(reply_text(Command::LiveFault { fault: Some(LiveFault::ALL[0]) }).contains("set in"));
+    assert!(!reply_text(Command::LiveFault { fault: None }).contains("set in"));
 }
 
 /// A reason of zero-width characters passed for a reason.
 #[test]
-fn a_reason_that_nobody_can_read_is_refused_by_every_command_that_takes_one() {
+fn every_command_refuses_an_unreadable_reason() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     for unseen in ["\u{200b}", " \u{2060}\u{feff}", "\u{3164}", "\t"] {

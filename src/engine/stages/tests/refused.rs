@@ -33,35 +33,35 @@ fn never_admitted() -> Package {
 }
 
 #[test]
-fn a_version_whose_calls_are_refused_alarms_and_is_taken_off() {
+fn a_version_whose_calls_are_refused_is_rolled_back() {
     let mut bench = Bench::new();
     let checked = Condition::CheckedCall { fields: vec!["tool-height".to_owned()] };
     let id = bench.activate_package(never_admitted(), &[checked]);
-    let (mut rang, mut failed, mut taken_off) = (false, 0, None);
+    let (mut alarm_raised, mut failed, mut rollback) = (false, 0, None);
     for sequence in 0..FEW {
         bench.pipeline.advance();
         for event in bench.pipeline.drain_events() {
             match event {
                 EventKind::Sequence { tasks, refused, .. } if refused.is_some() => {
-                    let told = tasks.last().unwrap();
-                    assert!(told.version == id && !told.success, "{told:?}");
+                    let task = tasks.last().unwrap();
+                    assert!(task.version == id && !task.success, "{task:?}");
                     failed += 1;
                 }
-                EventKind::Alarm { .. } => rang = true,
-                EventKind::RolledBack { record, .. } => taken_off = taken_off.or(Some((sequence, record))),
+                EventKind::Alarm { .. } => alarm_raised = true,
+                EventKind::RolledBack { record, .. } => rollback = rollback.or(Some((sequence, record))),
                 _ => {}
             }
         }
     }
-    let (sequence, record) = taken_off.expect("it is rolled back");
-    assert!(rang && failed > 0, "rolled back after {sequence} sequences, {failed} refused");
+    let (sequence, record) = rollback.expect("it is rolled back");
+    assert!(alarm_raised && failed > 0, "rolled back after {sequence} sequences, {failed} refused");
     assert_eq!(record.candidate, id);
     let version_table = bench.pipeline.record().version_table();
     assert_ne!(version_table.version(&id).unwrap().1.state, State::Active);
 }
 
 #[test]
-fn what_is_refused_and_what_the_simulator_fails_in_degrade_the_family() {
+fn refusals_and_simulator_failures_degrade_the_family() {
     for lost in [TaskRecord::refused, TaskRecord::invalid] {
         let mut bench = Bench::new();
         let id = "align@1.0.0".parse().unwrap();

@@ -19,7 +19,7 @@ use holdpoint_registry::AuditFilter;
 
 use crate::evidence_binding::{terms_of, trial_subject};
 use crate::people::persons::enrolled;
-use crate::stages::activation::tests::{asked, package};
+use crate::stages::activation::tests::{package, request_activation};
 use crate::stages::rollback::tests::Bench;
 use crate::version_table::TransitionNote;
 use crate::world::live::LiveFault;
@@ -32,9 +32,9 @@ pub(super) fn operation(version: &CapabilityId) -> Operation {
     Operation { version: version.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
 }
 
-type Verb = (&'static str, fn(Operation) -> Command);
+type NamedOperation = (&'static str, fn(Operation) -> Command);
 
-const VERBS: [Verb; 14] = [
+const VERBS: [NamedOperation; 14] = [
     ("reject", Command::Reject),
     ("demote", |operation| Command::Demote { operation, profiles: Vec::new() }),
     ("demote --profile human", |operation| Command::Demote { operation, profiles: vec![ProfileName::Human] }),
@@ -76,7 +76,7 @@ fn close(id: &CapabilityId, profile: ProfileName) -> Command {
 }
 
 /// A profile of the class that the versions were activated under, with the people of `human`.
-fn asking() -> Profile {
+fn profile_with_approvers() -> Profile {
     let human = Profile::builtin(ProfileName::Human).unwrap();
     Profile {
         approval: human.approval,
@@ -99,14 +99,14 @@ const SETTINGS: [Setting; 29] = [
         bench.pipeline.live().evidence_files.edit(&id).held = true;
         id
     }),
-    ("shadowed, people are asked", |bench| asked(&mut bench.pipeline, package(CANDIDATE, &[]))),
+    ("shadowed, people are asked", |bench| request_activation(&mut bench.pipeline, package(CANDIDATE, &[]))),
     ("shadowed, paused while people were asked", |bench| {
-        let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+        let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
         done(bench, Command::Pause(operation(&id)));
         id
     }),
     ("shadowed, paused while people were asked, and resumed", |bench| {
-        let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
+        let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
         done(bench, Command::Pause(operation(&id)));
         done(bench, Command::Resume(operation(&id)));
         id
@@ -151,7 +151,7 @@ const SETTINGS: [Setting; 29] = [
     }),
     ("active, restricted, people are asked to lift the restriction", |bench| {
         let id = bench.activate(CANDIDATE);
-        *bench = std::mem::replace(bench, Bench::new()).reopened(asking());
+        *bench = std::mem::replace(bench, Bench::new()).reopened(profile_with_approvers());
         done(bench, Command::Restrict(operation(&id)));
         done(bench, Command::Release { operation: operation(&id), profiles: Vec::new() });
         id
@@ -228,38 +228,38 @@ const SETTINGS: [Setting; 29] = [
 
 /// The state of a version, as far as a command can change it.
 #[derive(Clone, PartialEq)]
-struct Standing {
+struct ObservedState {
     state: State,
     flags: VersionFlags,
     closed: usize,
     held: bool,
-    asks: bool,
+    has_question: bool,
     stopped: bool,
 }
 
-fn standing(bench: &mut Bench, id: &CapabilityId) -> Standing {
+fn observed_state(bench: &mut Bench, id: &CapabilityId) -> ObservedState {
     let live = bench.pipeline.live();
     let held = live.evidence_files.is_held(id);
-    let asks = live.monitors.has_question(id);
+    let has_question = live.monitors.has_question(id);
     let entry = live.record.version_table().family(&id.family).unwrap();
     let (_, version, _) = entry.find(id).unwrap();
-    Standing {
+    ObservedState {
         state: version.state,
         flags: version.flags,
         closed: version.closed.len(),
         held,
-        asks,
+        has_question,
         stopped: entry.state.safe_stopped,
     }
 }
 
-fn change(before: &Standing, after: &Standing) -> String {
-    let mut words = Vec::new();
+fn change(before: &ObservedState, after: &ObservedState) -> String {
+    let mut changes = Vec::new();
     if before.state != after.state {
-        words.push(format!("becomes {}", after.state));
+        changes.push(format!("becomes {}", after.state));
     }
     if after.stopped && !before.stopped {
-        words.push("the family stops".to_owned());
+        changes.push("the family stops".to_owned());
     }
     let (was, is) = (before.flags, after.flags);
     for (was, is, on, off) in [
@@ -267,39 +267,39 @@ fn change(before: &Standing, after: &Standing) -> String {
         (was.restricted, is.restricted, "is restricted", "gets its full envelope"),
         (was.awaiting_approval, is.awaiting_approval, "people are asked", "the approval request is void"),
         (before.held, after.held, "is on hold", "continues"),
-        (before.asks, after.asks, "is asked about", "the question is closed"),
+        (before.has_question, after.has_question, "is asked about", "the question is closed"),
     ] {
         if was != is && after.state == before.state {
-            words.push(if is { on.to_owned() } else { off.to_owned() });
+            changes.push(if is { on.to_owned() } else { off.to_owned() });
         }
     }
     if let Some(stage) = is.running.filter(|_| was.running != is.running) {
-        words.push(format!("{stage} runs again"));
+        changes.push(format!("{stage} runs again"));
     }
     match after.closed.cmp(&before.closed) {
-        std::cmp::Ordering::Less => words.push("is unblocked under the profile".to_owned()),
+        std::cmp::Ordering::Less => changes.push("is unblocked under the profile".to_owned()),
         std::cmp::Ordering::Equal => {}
-        std::cmp::Ordering::Greater => words.push("is blocked under the profile".to_owned()),
+        std::cmp::Ordering::Greater => changes.push("is blocked under the profile".to_owned()),
     }
-    words.join(", ")
+    changes.join(", ")
 }
 
-struct Row {
-    standing: &'static str,
+struct TableRow {
+    state: &'static str,
     done: Vec<(&'static str, String)>,
-    asks: Vec<&'static str>,
+    needs_option: Vec<&'static str>,
     refused: Vec<&'static str>,
 }
 
-fn row(name: &'static str, set: fn(&mut Bench) -> CapabilityId) -> Row {
-    let mut row = Row { standing: name, done: Vec::new(), asks: Vec::new(), refused: Vec::new() };
+fn row(name: &'static str, set: fn(&mut Bench) -> CapabilityId) -> TableRow {
+    let mut row = TableRow { state: name, done: Vec::new(), needs_option: Vec::new(), refused: Vec::new() };
     let mut bench = Bench::new();
     let mut id = set(&mut bench);
     for (verb, command) in VERBS {
-        let before = standing(&mut bench, &id);
+        let before = observed_state(&mut bench, &id);
         match bench.pipeline.command(command(operation(&id))) {
             Reply::Accepted { .. } => {
-                let moved = change(&before, &standing(&mut bench, &id));
+                let moved = change(&before, &observed_state(&mut bench, &id));
                 assert!(!moved.is_empty(), "{verb} on {name} is accepted and changes nothing");
                 row.done.push((verb, moved));
                 bench = Bench::new();
@@ -308,18 +308,18 @@ fn row(name: &'static str, set: fn(&mut Bench) -> CapabilityId) -> Row {
             Reply::Refused { text, hint, .. } => {
                 assert!(!text.is_empty());
                 assert!(
-                    standing(&mut bench, &id) == before,
+                    observed_state(&mut bench, &id) == before,
                     "{verb} on {name} is refused and changes the state"
                 );
-                let asks = hint.is_some_and(|hint| hint.contains("--stop-family"));
-                if asks { row.asks.push(verb) } else { row.refused.push(verb) }
+                let needs_option = hint.is_some_and(|hint| hint.contains("--stop-family"));
+                if needs_option { row.needs_option.push(verb) } else { row.refused.push(verb) }
             }
             other => panic!("{verb} on {name}: {other:?}"),
         }
         assert_eq!(bench.pipeline.record().holding(), None, "{verb} on {name}");
     }
-    let doors = bench.pipeline.snapshot().emergencies;
-    if doors.iter().any(|door| door.version == id) {
+    let emergencies = bench.pipeline.snapshot().emergencies;
+    if emergencies.iter().any(|emergency| emergency.version == id) {
         row.done.push(("break-glass", "active, if the gate finds nothing else against it".to_owned()));
     } else {
         row.refused.push("break-glass");
@@ -327,36 +327,37 @@ fn row(name: &'static str, set: fn(&mut Bench) -> CapabilityId) -> Row {
     row
 }
 
-fn table(rows: &[Row]) -> String {
+fn table(rows: &[TableRow]) -> String {
     let mut text =
         String::from("| state of a version | commands and their effects | refused |\n| --- | --- | --- |\n");
     for row in rows {
         let done = row.done.iter().map(|(verb, moved)| format!("`{verb}`: {moved}"));
-        let asks = row.asks.iter().map(|verb| format!("`{verb}`: asks for `--stop-family` first"));
-        let done: Vec<String> = done.chain(asks).collect();
+        let needs_option =
+            row.needs_option.iter().map(|verb| format!("`{verb}`: asks for `--stop-family` first"));
+        let done: Vec<String> = done.chain(needs_option).collect();
         let refused: Vec<String> = row.refused.iter().map(|verb| format!("`{verb}`")).collect();
         let done = if done.is_empty() { "none: this state is final".to_owned() } else { done.join("; ") };
-        let _ = writeln!(text, "| {} | {done} | {} |", row.standing, refused.join(", "));
+        let _ = writeln!(text, "| {} | {done} | {} |", row.state, refused.join(", "));
     }
     text
 }
 
 #[test]
 #[allow(clippy::disallowed_methods, reason = "the environment asks for a rewrite of the guide")]
-fn the_guide_says_what_every_verb_does_in_every_standing() {
-    let rows: Vec<Row> = SETTINGS.iter().map(|(name, set)| row(name, *set)).collect();
+fn the_guide_lists_what_every_verb_does_in_every_state() {
+    let rows: Vec<TableRow> = SETTINGS.iter().map(|(name, set)| row(name, *set)).collect();
     for row in &rows {
-        let over = matches!(row.standing, "rejected" | "rolled back");
+        let over = matches!(row.state, "rejected" | "rolled back");
         let onward = row.done.iter().any(|(verb, _)| {
             !matches!(*verb, "reject" | "demote --profile human" | "release --profile human" | "pause")
         });
         // In a stopped family a stage has no version to compare with: an operator must reactivate one first.
-        let last = row.standing == "demoted, the last version of a stopped family";
+        let last = row.state == "demoted, the last version of a stopped family";
         assert!(!last || row.done.iter().any(|(verb, _)| *verb == "rearm"), "no command helps");
         // A registered version advances by itself; the rollback target acts again after its successor.
         let by_itself = ["registered", "superseded, the rollback target of the active one"];
-        let onward = onward || by_itself.contains(&row.standing);
-        assert_eq!(onward, !over, "{} is a dead end, or is not over", row.standing);
+        let onward = onward || by_itself.contains(&row.state);
+        assert_eq!(onward, !over, "{} is a dead end, or is not over", row.state);
     }
     let table = table(&rows);
     let guide = std::fs::read_to_string(Path::new(GUIDE)).unwrap();
@@ -399,39 +400,39 @@ fn a_released_version_is_confirmed_after_a_window_of_its_own() {
 
 /// Where activations are bound to people, a restriction is lifted by them alone: none of their answers is left out.
 #[test]
-fn people_release_a_version_where_activations_are_bound_to_them() {
+fn approvers_lift_a_restriction_where_activations_need_them() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
-    let mut bench = bench.reopened(asking());
+    let mut bench = bench.reopened(profile_with_approvers());
     done(&mut bench, Command::Restrict(operation(&id)));
     let restricted =
         |bench: &Bench| bench.pipeline.record().version_table().version(&id).unwrap().1.flags.restricted;
-    let ask = || Command::Release { operation: operation(&id), profiles: Vec::new() };
+    let release = || Command::Release { operation: operation(&id), profiles: Vec::new() };
     let people: Vec<Identity> = ["carl", "dora", "emil"]
         .into_iter()
         .map(|name| enrolled(bench.pipeline.live().record, name, Role::Safety, KeyEncoding::Plain))
         .collect();
     let answer = |bench: &mut Bench, who: &Identity, answer: ApprovalDecision| {
-        let asked = bench.pipeline.snapshot().prompts;
-        assert_eq!(asked.iter().map(|prompt| prompt.purpose).collect::<Vec<_>>(), [RequestKind::Release]);
+        let requests = bench.pipeline.snapshot().prompts;
+        assert_eq!(requests.iter().map(|prompt| prompt.purpose).collect::<Vec<_>>(), [RequestKind::Release]);
         let command =
-            crate::people::signers::tests::signed(&mut bench.pipeline, &asked[0], who, answer).unwrap();
+            crate::people::signers::tests::signed(&mut bench.pipeline, &requests[0], who, answer).unwrap();
         done(bench, command);
     };
 
-    done(&mut bench, ask());
-    let reply = bench.pipeline.command(ask());
+    done(&mut bench, release());
+    let reply = bench.pipeline.command(release());
     assert!(matches!(reply, Reply::Refused { .. }), "asked twice: {reply:?}");
     answer(&mut bench, &people[0], ApprovalDecision::Reject);
     assert!(restricted(&bench) && bench.pipeline.snapshot().prompts.is_empty());
 
-    done(&mut bench, ask());
+    done(&mut bench, release());
     let deadline_ms = bench.pipeline.record().engine_ms_at(bench.pipeline.snapshot().prompts[0].until);
     bench.pipeline.jump_to(deadline_ms);
     while bench.pipeline.look_at_deadlines().unwrap() {}
     assert!(restricted(&bench) && bench.pipeline.snapshot().prompts.is_empty(), "silence lifts nothing");
 
-    done(&mut bench, ask());
+    done(&mut bench, release());
     let needed = usize::try_from(bench.pipeline.snapshot().prompts[0].needed).unwrap();
     for who in &people[..needed] {
         assert!(restricted(&bench), "{needed} are needed");
@@ -449,9 +450,9 @@ fn the_version_that_works_last_is_not_silent() {
     let id = bench.activate("place-robust");
     for _ in 0..60 {
         bench.pipeline.advance();
-        let asked: Vec<_> =
-            bench.pipeline.live().monitors.iter().filter_map(|watched| watched.asked).collect();
-        assert!(!asked.contains(&ReasonCode::MonitorTelemetryMissing), "{asked:?}");
+        let codes: Vec<_> =
+            bench.pipeline.live().monitors.iter().filter_map(|watched| watched.escalation_reason).collect();
+        assert!(!codes.contains(&ReasonCode::MonitorTelemetryMissing), "{codes:?}");
         if !bench.pipeline.record().version_table().version(&id).unwrap().1.flags.provisional {
             return;
         }
@@ -482,7 +483,7 @@ fn a_closed_profile_is_on_record_and_closed_after_a_restart() {
 
 /// Regression: one command deactivated the last version of a family.
 #[test]
-fn the_last_version_comes_off_by_its_own_verb_alone() {
+fn only_one_verb_deactivates_the_last_version() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     done(&mut bench, Command::Demote { operation: operation(&id), profiles: Vec::new() });
@@ -508,7 +509,7 @@ fn the_last_version_comes_off_by_its_own_verb_alone() {
 
 /// Regression: without an answer the version was put on hold, and `resume` was refused.
 #[test]
-fn what_is_held_without_a_pause_can_be_resumed() {
+fn a_version_on_hold_can_be_resumed() {
     let mut bench = Bench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
     bench.pipeline.live().evidence_files.edit(&id).held = true;
@@ -521,7 +522,7 @@ fn what_is_held_without_a_pause_can_be_resumed() {
 
 /// Regression: a restriction was reported as done although no monitor watched the version.
 #[test]
-fn a_version_that_nobody_watches_is_restricted_all_the_same() {
+fn an_unmonitored_version_can_be_restricted() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     bench.pipeline.live().monitors.remove(&id.family);
@@ -553,28 +554,28 @@ fn a_version_that_nobody_watches_is_restricted_all_the_same() {
 
 /// A version not reviewed by its deadline is rolled back; the review stays open, over a restart too, and blocks.
 #[test]
-fn a_review_that_is_late_takes_the_version_off_and_stays_open() {
+fn a_late_review_demotes_the_version_and_stays_open() {
     let mut bench = Bench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL);
     let until = bench.pipeline.record().wall_now().plus_ms(5_000);
     bench.enter(&id, |version| LifecycleEvent::ActivateUnreviewed { version, until });
     assert!(bench.pipeline.look_at_deadlines().unwrap(), "people are asked");
-    let asked = bench.pipeline.snapshot();
-    assert_eq!((asked.prompts.len(), asked.prompts[0].needed), (1, 2));
-    assert_eq!(asked.families[0].review.as_ref().map(|review| review.overdue), Some(false));
+    let snapshot = bench.pipeline.snapshot();
+    assert_eq!((snapshot.prompts.len(), snapshot.prompts[0].needed), (1, 2));
+    assert_eq!(snapshot.families[0].review.as_ref().map(|review| review.overdue), Some(false));
     let until_ms = bench.pipeline.record().engine_ms_at(until);
     bench.pipeline.jump_to(until_ms);
     while bench.pipeline.look_at_deadlines().unwrap() {}
-    let stands = |bench: &Bench| {
+    let review_state = |bench: &Bench| {
         let state = bench.pipeline.record().version_table().version(&id).unwrap().1.state;
         let snapshot = bench.pipeline.snapshot();
         let review = snapshot.families[0].review.clone().unwrap();
         (state, review.overdue, snapshot.prompts.len())
     };
-    assert_eq!(stands(&bench), (State::Demoted, true, 1));
+    assert_eq!(review_state(&bench), (State::Demoted, true, 1));
     let mut bench = bench.restart();
     while bench.pipeline.look_at_deadlines().unwrap() {}
-    assert_eq!(stands(&bench), (State::Demoted, true, 1));
+    assert_eq!(review_state(&bench), (State::Demoted, true, 1));
     let views = bench.pipeline.record().version_table().store().views().unwrap();
     assert_eq!(views.open_reviews().unwrap(), [(id.clone(), until)]);
     drop(views);

@@ -8,7 +8,7 @@ use crate::trial::cache::EpisodeCache;
 
 /// An orderly end writes the digest of the last telemetry; the next session reports telemetry removed meanwhile.
 #[test]
-fn what_is_lost_between_two_engines_is_told() {
+fn telemetry_lost_between_engines_alarms() {
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
     let first = pipeline(&store, EpisodeCache::InStore, 1);
@@ -35,7 +35,7 @@ fn what_is_lost_between_two_engines_is_told() {
 
 /// Whatever is in the place of telemetry, the engine starts, raises an alarm and records it.
 #[test]
-fn telemetry_of_another_shape_is_put_aside_with_an_alarm() {
+fn foreign_telemetry_is_quarantined_with_an_alarm() {
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
     drop(pipeline(&store, EpisodeCache::InStore, 1));

@@ -53,21 +53,21 @@ fn a_restriction_by_a_person_reaches_the_chart_of_interventions() {
 
 /// What was done is never told to be refused, whatever comes after it.
 #[test]
-fn a_caller_that_cannot_be_put_on_record_holds_the_engine() {
+fn a_caller_that_cannot_be_recorded_halts_the_engine() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     let caller = Caller::Process { uid: 7, user: None, process: Some(7) };
     let database = bench.pipeline.record().version_table().store().layout().database();
-    let asked = bench.pipeline.command_of(Command::Restrict(operation(&id)), &caller, None);
+    let reply = bench.pipeline.command_of(Command::Restrict(operation(&id)), &caller, None);
     assert!(
-        matches!(asked, Reply::Accepted { .. }) && bench.pipeline.record().holding().is_none(),
-        "{asked:?}"
+        matches!(reply, Reply::Accepted { .. }) && bench.pipeline.record().holding().is_none(),
+        "{reply:?}"
     );
     let index = "CREATE UNIQUE INDEX refuse ON audit (kind) WHERE kind = 'asked'";
     rusqlite::Connection::open(database).and_then(|other| other.execute_batch(index)).unwrap();
     let release = Command::Release { operation: operation(&id), profiles: Vec::new() };
     let released = bench.pipeline.command_of(release, &caller, None);
     assert!(matches!(released, Reply::Accepted { .. }), "{released:?}");
-    let held = bench.pipeline.record().holding().map(Hint::sentence).unwrap_or_default();
-    assert!(held.contains("who asked for release"), "{held}");
+    let problem = bench.pipeline.record().holding().map(Hint::sentence).unwrap_or_default();
+    assert!(problem.contains("who asked for release"), "{problem}");
 }

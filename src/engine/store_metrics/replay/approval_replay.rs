@@ -31,7 +31,7 @@ impl Replayer<'_> {
         if quorum == 0 {
             return Ok(None);
         }
-        let ordinary = |said: &Approval| !said.break_glass;
+        let ordinary = |approval: &Approval| !approval.break_glass;
         self.approval_result(of, record, frame, (risk, quorum), votes(of, record, under, ordinary))
     }
 
@@ -43,7 +43,7 @@ impl Replayer<'_> {
         under: &DecisionContext,
         (risk, frame): (Risk, &RulesInForce),
     ) -> Result<Option<ApprovalResult>, ReplayFailure> {
-        let mut votes = votes(of, record, under, |said| said.break_glass);
+        let mut votes = votes(of, record, under, |approval| approval.break_glass);
         let last = votes.pop().ok_or(NotReplayable::EvidenceMissing)?;
         let tier = approval::quorum(&frame.profile.approval, risk, false);
         // As break-glass does: one person never suffices for a regular activation.
@@ -84,12 +84,12 @@ impl Replayer<'_> {
 }
 
 /// When an answer stopped counting. Earlier versions counted in the engine's time.
-fn until(said: &Approval, record: &AuditRecord) -> WallTime {
-    let until = said.not_after();
+fn until(approval: &Approval, record: &AuditRecord) -> WallTime {
+    let until = approval.not_after();
     if until >= WallTime::SCRIPT_EPOCH {
         return until;
     }
-    wall_of(record).plus_ms(said.not_after_ms.saturating_sub(record.at_ms))
+    wall_of(record).plus_ms(approval.not_after_ms.saturating_sub(record.at_ms))
 }
 
 /// The recorded answers on the evidence of a decision, in order.
@@ -99,24 +99,24 @@ fn votes(
     under: &DecisionContext,
     counts: impl Fn(&Approval) -> bool,
 ) -> Vec<Vote> {
-    let said = of.approvals.iter().filter(|entry| entry.at_ms <= record.at_ms);
-    let said = said.map(|entry| (entry.signed.approval(), entry.signed.public_key()));
-    let ours = said.filter(|(said, _)| said.evidence_digest == under.evidence && counts(said));
-    let vote = |(said, key): (&Approval, &str)| Vote {
-        person: said.who.clone(),
+    let answers = of.approvals.iter().filter(|entry| entry.at_ms <= record.at_ms);
+    let answers = answers.map(|entry| (entry.signed.approval(), entry.signed.public_key()));
+    let ours = answers.filter(|(approval, _)| approval.evidence_digest == under.evidence && counts(approval));
+    let vote = |(approval, key): (&Approval, &str)| Vote {
+        person: approval.who.clone(),
         key: key.to_owned(),
-        role: said.role,
-        answer: said.decision,
-        reason: said.reason.clone(),
+        role: approval.role,
+        answer: approval.decision,
+        reason: approval.reason.clone(),
         subject: Subject {
-            candidate: said.candidate_digest,
-            row_version: said.row_version,
-            evidence: said.evidence_digest,
-            policy: said.policy_digest,
+            candidate: approval.candidate_digest,
+            row_version: approval.row_version,
+            evidence: approval.evidence_digest,
+            policy: approval.policy_digest,
             profile: under.profile,
         },
-        until: until(said, record),
-        break_glass: said.break_glass,
+        until: until(approval, record),
+        break_glass: approval.break_glass,
         // Verified when it was received, and again by verification of the chain.
         signature: SignatureCheck::Valid,
         nonce_used: false,

@@ -19,13 +19,13 @@ const fn seed(index: u64) -> u64 {
     1_200_000 + index
 }
 
-struct Bench {
+struct DrillBench {
     cell: Cell,
     terms: SkillTerms,
     versions: Vec<Capability>,
 }
 
-impl Bench {
+impl DrillBench {
     fn new() -> Self {
         let cell = Cell::builtin().unwrap();
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
@@ -93,14 +93,14 @@ impl Bench {
 }
 
 /// How a drill ended, and where it left the world.
-type Ended = (DrillResult, u64);
+type DrillEnd = (DrillResult, u64);
 
-fn end(worker: &mut Worker, result: DrillResult) -> Ended {
+fn end(worker: &mut Worker, result: DrillResult) -> DrillEnd {
     (result, worker.built_arm().map_or(0, |arm| arm.body().state_hash()))
 }
 
 /// The drill with the whole work walked and its point reached from a reset, as if nothing were kept.
-fn from_the_start(worker: &mut Worker, case: &DrillCase<'_>) -> Ended {
+fn from_the_start(worker: &mut Worker, case: &DrillCase<'_>) -> DrillEnd {
     let trial = case.trial();
     let mut work = UndisturbedRun::begin(worker, &trial, None).unwrap();
     let trace = work.trace(worker, &trial).unwrap().clone();
@@ -124,7 +124,7 @@ fn from_the_start(worker: &mut Worker, case: &DrillCase<'_>) -> Ended {
 
 #[test]
 fn every_drill_begun_with_shared_work_is_the_drill_worked_from_its_start() {
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     let (mut worker, mut other) = (Worker::new(), Worker::new());
     let mut results = Vec::new();
     for (family, phases) in [
@@ -242,7 +242,7 @@ fn bent(version: &Capability, bend: Option<Bend>) -> Capability {
 
 #[test]
 fn a_skill_that_cannot_be_copied_is_worked_again_and_comes_to_the_same() {
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     let version = bench.version("align");
     let single = bent(version, None);
     let (cast, cast_single) =
@@ -276,7 +276,7 @@ fn share(drills: &DrillTallies, kind: DrillKind, phase: WorkPhase) -> (u32, u32)
 
 #[test]
 fn baselines_pass_in_every_phase_that_they_show() {
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     for (family, phases) in SHOWN {
         let drills = bench.tallies(&bench.cast(bench.version(family)), phases, 0..5);
         for phase in phases {
@@ -292,7 +292,7 @@ fn baselines_pass_in_every_phase_that_they_show() {
 /// Expected, written down before the run: all of five drills in each phase, for each of five honest versions.
 #[test]
 fn honest_versions_pass_in_every_phase() {
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     let honest: [(&str, &[(&str, &str)]); 5] = [
         ("grasp", &[("approach_speed_m_s = 0.35", "approach_speed_m_s = 0.25")]),
         ("grasp", &[("close_speed_m_s = 0.12", "close_speed_m_s = 0.08")]),
@@ -313,9 +313,9 @@ fn honest_versions_pass_in_every_phase() {
 }
 
 /// What fails and what passes, of five drills each, written down before the run.
-type Expected<'a> = &'a [(DrillKind, WorkPhase, u32)];
+type ExpectedTallies<'a> = &'a [(DrillKind, WorkPhase, u32)];
 
-fn check(bench: &Bench, cast: &DrillVersions<'_>, name: &str, expected: Expected<'_>) {
+fn check(bench: &DrillBench, cast: &DrillVersions<'_>, name: &str, expected: ExpectedTallies<'_>) {
     let mut phases: Vec<WorkPhase> = expected.iter().map(|(_, phase, _)| *phase).collect();
     phases.sort_unstable();
     phases.dedup();
@@ -328,10 +328,10 @@ fn check(bench: &Bench, cast: &DrillVersions<'_>, name: &str, expected: Expected
 }
 
 #[test]
-fn a_hand_that_opens_when_it_is_told_to_stop_fails_where_something_is_held() {
+fn a_gripper_that_opens_on_a_stop_fails_while_gripping() {
     use DrillKind::{Abort, Fallback};
     use WorkPhase::{Approach, Lifting, SettingDown, Transport};
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     let release = [("abort = \"hold\"", "abort = \"release\"")];
     // One of the five lifts of the grasp has only just begun: from there the object falls less than it may.
     for (family, expected) in [
@@ -364,7 +364,7 @@ fn a_hand_that_opens_when_it_is_told_to_stop_fails_where_something_is_held() {
 #[test]
 fn an_arm_that_creeps_on_has_not_stopped() {
     use DrillKind::Abort;
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     for (family, phases) in [
         ("grasp", [WorkPhase::Approach, WorkPhase::Lifting]),
         ("align", [WorkPhase::Transport, WorkPhase::SettingDown]),
@@ -376,9 +376,9 @@ fn an_arm_that_creeps_on_has_not_stopped() {
 }
 
 #[test]
-fn a_rollback_hook_that_says_done_at_once_fails_where_something_was_to_be_done() {
+fn a_rollback_hook_that_ends_too_early_fails() {
     use DrillKind::Rollback;
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     for family in ["grasp", "align", "place"] {
         let version = bench.variant(family, &[("rollback = \"handover\"", "rollback = \"stay\"")]);
         let cast = DrillVersions { version: &version, ..bench.cast(bench.version(family)) };
@@ -400,7 +400,7 @@ fn a_rollback_hook_that_says_done_at_once_fails_where_something_was_to_be_done()
 #[test]
 fn a_hook_that_the_code_does_not_have_is_none() {
     use DrillKind::{Abort, Rollback};
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     let named = [
         ("rollback_hook = \"rollback\"", "rollback_hook = \"retreat\""),
         ("hook = \"safe-abort\"", "hook = \"brake\""),
@@ -416,7 +416,7 @@ fn a_hook_that_the_code_does_not_have_is_none() {
 #[test]
 fn a_rollback_hook_that_drops_the_object_fails() {
     use DrillKind::Rollback;
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     for family in ["grasp", "place"] {
         let version = bent(bench.version(family), Some(Bend::RollbackDrops));
         let cast = DrillVersions { version: &version, ..bench.cast(bench.version(family)) };
@@ -426,9 +426,9 @@ fn a_rollback_hook_that_drops_the_object_fails() {
 }
 
 #[test]
-fn a_fallback_that_cannot_take_over_what_is_held_fails() {
+fn a_fallback_that_cannot_take_over_the_object_fails() {
     use DrillKind::Fallback;
-    let bench = Bench::new();
+    let bench = DrillBench::new();
     for (family, phase) in [("grasp", WorkPhase::Lifting), ("align", WorkPhase::Transport)] {
         let opens = bent(bench.version("grasp"), Some(Bend::WorkOpens));
         let cast = DrillVersions { fallback: Some(&opens), ..bench.cast(bench.version(family)) };

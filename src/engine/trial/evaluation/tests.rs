@@ -156,7 +156,7 @@ fn parts_of_a_slice_change_no_result() {
 }
 
 #[test]
-fn what_is_tried_again_does_not_exceed_the_budget() {
+fn retries_do_not_exceed_the_budget() {
     let mut evaluation = Evaluation::new(EvaluationPlan::sandbox(&small()), binding(), Vec::new());
     evaluation.drills_tried = [10, 20, 30, 40];
     assert_eq!((evaluation.tried(), evaluation.done()), (100, 10 + 3 * 20));
@@ -216,8 +216,8 @@ fn judge_packages(seeds: u64) {
     }
     for (folder, change) in HONEST {
         for (outcome, codes) in recoveries(folder, &[change], seeds) {
-            let kept = !matches!(outcome, RecoveryOutcome::Incompatible | RecoveryOutcome::NoData);
-            assert!(kept, "{folder} {change:?}: {outcome:?} {codes:?}");
+            let passes = !matches!(outcome, RecoveryOutcome::Incompatible | RecoveryOutcome::NoData);
+            assert!(passes, "{folder} {change:?}: {outcome:?} {codes:?}");
             let in_a_phase = |code: &ReasonCode| {
                 matches!(code, ReasonCode::RecoveryPhaseFailing | ReasonCode::RecoveryPhaseWorse)
             };
@@ -228,7 +228,7 @@ fn judge_packages(seeds: u64) {
 
 /// Under one seed, or as many as `HOLDPOINT_JUDGED_SEEDS` says: ten evaluations each.
 #[test]
-fn packages_with_bad_hooks_are_lost_and_honest_ones_are_kept() {
+fn packages_with_bad_hooks_fail_and_honest_ones_pass() {
     let seeds = std::env::var("HOLDPOINT_JUDGED_SEEDS").ok().and_then(|text| text.parse().ok());
     judge_packages(seeds.unwrap_or(1));
 }
@@ -280,7 +280,7 @@ fn a_handover_that_is_bad_for_the_next_skill_alone_is_found_by_sequences() {
 }
 
 #[test]
-fn a_handover_that_the_next_skill_makes_up_for_is_kept() {
+fn a_handover_that_the_next_skill_corrects_passes() {
     let (evaluation, _) = held_high(&[], usize::MAX);
     let (found, _) = evaluation.assess(&with_sequences());
     assert_eq!(found.assessment.outcome, BehaviorOutcome::Compatible, "{:?}", found.assessment.reasons);
@@ -288,7 +288,7 @@ fn a_handover_that_the_next_skill_makes_up_for_is_kept() {
 }
 
 #[test]
-fn no_sequence_is_worked_for_who_is_rejected_without_and_none_can_be_with_an_empty_place() {
+fn no_sequence_runs_for_a_rejected_candidate_or_an_empty_place() {
     let mut profile = with_sequences();
     profile.evaluation.sandbox_pairs = 50;
     let slam = ("close_speed_m_s = 0.12", "close_speed_m_s = 0.6");

@@ -49,8 +49,8 @@ fn request(risk: Risk) -> QuorumRequest {
 
 #[test]
 fn what_does_not_count() {
-    type Change = fn(&mut Vote);
-    let table: [(&str, Change, ReasonCode); 15] = [
+    type VoteChange = fn(&mut Vote);
+    let table: [(&str, VoteChange, ReasonCode); 15] = [
         ("forged", |v| v.signature = SignatureCheck::Invalid, ApprovalSignature),
         ("used", |v| v.nonce_used = true, ApprovalReplayed),
         ("other row", |v| v.subject.row_version = 2, ApprovalStale),
@@ -135,16 +135,16 @@ fn quorum_by_tier_and_review() {
 #[test]
 fn two_names_with_one_key_are_one_person() {
     let alias = Vote { person: "anna".into(), ..vote("ann") };
-    let asked =
+    let result_of =
         |votes: &[Vote]| evaluate(&request(Risk::Low), votes, at(10), &profile(ProfileName::Human).approval);
-    let result = asked(&[vote("ann"), alias.clone()]);
+    let result = result_of(&[vote("ann"), alias.clone()]);
     assert_eq!(result.outcome, ApprovalOutcome::Pending { missing: 1 });
     assert!(result.reasons.iter().any(|reason| reason.code == ApprovalDuplicate), "{:?}", result.reasons);
-    let result = asked(&[vote("ann"), alias, vote("ben")]);
+    let result = result_of(&[vote("ann"), alias, vote("ben")]);
     let ApprovalOutcome::Granted { people, .. } = result.outcome else { panic!("{:?}", result.outcome) };
     assert_eq!(people.into_iter().collect::<Vec<_>>(), ["ann", "ben"]);
     // Answers without a known key are distinguished by name.
     let unknown = |person: &str| Vote { key: String::new(), ..vote(person) };
-    let result = asked(&[unknown("ann"), unknown("ben")]);
+    let result = result_of(&[unknown("ann"), unknown("ben")]);
     assert!(matches!(result.outcome, ApprovalOutcome::Granted { .. }), "{:?}", result.outcome);
 }

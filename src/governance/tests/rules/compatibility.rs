@@ -118,7 +118,7 @@ fn interface_changes() {
 }
 
 #[test]
-fn the_code_is_held_against_the_manifest_and_the_label_against_what_was_found() {
+fn code_is_compared_with_manifest_and_label_with_finding() {
     let thresholds = profile(ProfileName::Sim).thresholds;
     let (active, candidate) = (manifest(), manifest_with("min = 0.04", "min = 0.06"));
     let mut code = exports(&candidate);
@@ -430,7 +430,7 @@ fn conditions_are_issued_where_they_are_due() {
 
 /// Permissions beyond the active version's are named in full, with both levels; for a first version all are.
 #[test]
-fn what_is_asked_for_beyond_the_active_version_is_named() {
+fn permissions_beyond_the_active_version_are_named() {
     let profile = profile(ProfileName::Human);
     let table = PolicyTable::builtin(&profile).unwrap();
     let more = MANIFEST
@@ -451,34 +451,34 @@ fn what_is_asked_for_beyond_the_active_version_is_named() {
     };
     let found = policy::assess(&input, &table, &profile);
     let named = ["zone tray", "sensor camera", "force 25 N (was 20 N)", "memory 2048 KiB (was 1024 KiB)"];
-    assert_eq!(found.asks_more(), named);
+    assert_eq!(found.added_permissions(), named);
     // A budget that is larger, or left to the profile, is more.
     let mut small = active.permissions.clone();
     (small.resources.ticks_per_task, small.resources.commands_per_task) = (Some(900), Some(70));
     let mut larger = small.clone();
     (larger.resources.ticks_per_task, larger.resources.commands_per_task) = (None, Some(80));
-    let asks = PolicyInput { permissions: &larger, active: Some(&small), ..input };
-    let budgets = policy::assess(&asks, &table, &profile);
+    let request = PolicyInput { permissions: &larger, active: Some(&small), ..input };
+    let budgets = policy::assess(&request, &table, &profile);
     let named = ["ticks a task as the profile has them (was 900)", "commands a task 80 (was 70)"];
-    assert_eq!(budgets.asks_more(), named);
-    let asks = PolicyInput { permissions: &small, active: Some(&larger), ..input };
-    assert!(policy::assess(&asks, &table, &profile).asks_more().is_empty());
+    assert_eq!(budgets.added_permissions(), named);
+    let request = PolicyInput { permissions: &small, active: Some(&larger), ..input };
+    assert!(policy::assess(&request, &table, &profile).added_permissions().is_empty());
     let first = policy::assess(&PolicyInput { active: None, ..input }, &table, &profile);
-    assert_eq!(first.asks_more().len(), 2 + 3 + 3 + 2 + 5, "{:?}", first.asks_more());
+    assert_eq!(first.added_permissions().len(), 2 + 3 + 3 + 2 + 5, "{:?}", first.added_permissions());
     assert!(!first.assessment.reasons.iter().any(|reason| reason.code == PolicyNewPermission));
 }
 
 /// An author's declaration of the interface is compared with the finding, part by part.
 #[test]
-fn declared_interface_changes_are_held_against_the_manifests() {
+fn declared_interface_changes_are_compared_with_manifests() {
     let candidate = manifest_with("range = [0.0, 0.08]", "range = [0.0, 0.05]");
     let candidate = Manifest {
         inputs: BTreeMap::from([("pose".to_owned(), candidate.inputs["object_pose"].clone())]),
         ..candidate
     };
     let found = declared_changes::changes(Some(&manifest()), &candidate);
-    let said: Vec<String> = found.iter().map(ToString::to_string).collect();
-    assert_eq!(said, ["input object_pose removed", "input pose added", "output width changed"]);
+    let texts: Vec<String> = found.iter().map(ToString::to_string).collect();
+    assert_eq!(texts, ["input object_pose removed", "input pose added", "output width changed"]);
     let all: Vec<InterfaceChange> = found.iter().cloned().collect();
     assert!(declared_changes::undeclared_changes(&all, &found).is_empty());
     let held = declared_changes::undeclared_changes(&all[1..], &found);

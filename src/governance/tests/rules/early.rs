@@ -96,8 +96,8 @@ fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
             .map(|reason| reason.code)
             .filter(|code| *code == BehaviorEndedEarly);
         assert_eq!(names, first, "{what}");
-        let borne_out = first.is_some() || (named == EarlyStopReason::Full && seen == 120);
-        assert_eq!(found.ended, borne_out.then_some(named), "{what}");
+        let conclusive = first.is_some() || (named == EarlyStopReason::Full && seen == 120);
+        assert_eq!(found.ended, conclusive.then_some(named), "{what}");
         assert!(found.assessment.conditions.is_empty() || outcome != Incompatible, "{what}");
     }
     let found = behavior::assess_early_stop(&begun(&profile, 40, 40, FAILURE), &binding(), &profile, early);
@@ -112,7 +112,7 @@ fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
 }
 
 #[test]
-fn the_rule_that_ended_it_is_kept() {
+fn the_ending_rule_is_stored() {
     for (ended, text) in [
         (EarlyStopReason::Full, r#""full""#),
         (EarlyStopReason::HardStop, r#""hard-stop""#),

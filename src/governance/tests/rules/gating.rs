@@ -30,8 +30,8 @@ fn recovery_fails(kappas: &mut Kappas, code: ReasonCode) {
 #[test]
 fn psi_in_procedure_2s_order() {
     use Recommendation::{Activate, Reject, RollbackReview, Sandbox, Shadow};
-    type Change = fn(&mut Kappas);
-    let table: [(&str, Change, Recommendation, Recommendation); 21] = [
+    type KappaChange = fn(&mut Kappas);
+    let table: [(&str, KappaChange, Recommendation, Recommendation); 21] = [
         (
             "P review, B incompatible",
             |k| {
@@ -185,7 +185,7 @@ impl Case {
 
 /// A part that an experiment leaves out is not required, is reported, and leaves everything else as strict as before.
 #[test]
-fn what_is_left_out_is_not_demanded_and_is_said() {
+fn an_ablated_part_is_not_required_but_reported() {
     let skipped = |result: &GateResult| {
         let all = result.decision.reasons().iter();
         all.filter(|reason| reason.code == GateSkipped).map(|reason| reason.dimension).collect::<Vec<_>>()
@@ -248,11 +248,11 @@ fn modes_by_profile() {
 #[test]
 fn what_closes_the_gate() {
     use GateOutcome::{AwaitApproval, Demote, Hold, Pass, Reject};
-    type Change = fn(&mut Case);
+    type CaseChange = fn(&mut Case);
     let refused =
         ApprovalResult { outcome: ApprovalOutcome::Refused { person: "ann".into() }, reasons: Vec::new() };
     let timed_out = ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons: Vec::new() };
-    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 26] = [
+    let table: [(&str, ProfileName, CaseChange, GateOutcome, ReasonCode); 26] = [
         ("nothing", ProfileName::Sim, |_| (), Pass, GatePassed),
         (
             "I fails",
@@ -424,8 +424,8 @@ fn a_pass_holds_for_its_circumstances_only() {
 fn shadow_by_governance_signals() {
     use holdpoint_governance::outcome::CheckResult;
     let profile = profile(ProfileName::Sim);
-    type Change = fn(&mut holdpoint_governance::evidence::ShadowEvidence);
-    let table: [(&str, Change, CheckResult, ReasonCode); 8] = [
+    type EvidenceChange = fn(&mut holdpoint_governance::evidence::ShadowEvidence);
+    let table: [(&str, EvidenceChange, CheckResult, ReasonCode); 8] = [
         ("clean", |_| (), CheckResult::Pass, ShadowClean),
         ("one hit", |e| e.sequences[0].twin_policy_hit = true, CheckResult::Pass, ShadowClean),
         (
@@ -474,14 +474,14 @@ fn the_four_deployment_outcomes_are_on_record() {
     use holdpoint_governance::vocabulary::Deployability::{
         Conditionally, EvaluationOnly, Fully, Incompatible,
     };
-    type Change = fn(&mut Kappas);
-    let of = |change: Change| {
+    type OutcomeChange = fn(&mut Kappas);
+    let of = |change: OutcomeChange| {
         let mut kappas = kappas(&profile(ProfileName::Sim), [1.0; 4]);
         change(&mut kappas);
         kappas
     };
     let context = PsiContext { has_approver: false };
-    let cases: [(Change, _); 5] = [
+    let cases: [(OutcomeChange, _); 5] = [
         (|_| (), Fully),
         (|k| k.behavior.outcome = BehaviorOutcome::Suspicious, Conditionally),
         (|k| k.recovery.outcome = RecoveryOutcome::Fragile, Conditionally),
@@ -559,7 +559,7 @@ fn conditions_act_at_the_gate() {
 
 /// A site's policy can require approval of activations for which the profile requires none.
 #[test]
-fn a_site_policy_asks_people() {
+fn site_policy_needs_people() {
     let text = "@review(\"learnt versions\") permit (principal, action == Action::\"activate\", resource) \
                 when { context.provenance == \"llm\" };";
     let mut case = Case::new(ProfileName::Real);

@@ -63,11 +63,11 @@ fn more_force_with_better_success_is_stopped_in_its_unit() {
         let found = assess(&evidence, &profile);
         assert_eq!(found.assessment.outcome, Incompatible, "{name}: {found:?}");
         assert!(found.improved && found.assessment.kappa.unwrap().get() > 0.999, "no cost pays for it");
-        let said =
+        let reason =
             found.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
-        let Some(Finding::HarmWorse { measure: HarmKind::GripPeak, candidate, active, .. }) = said.finding
+        let Some(Finding::HarmWorse { measure: HarmKind::GripPeak, candidate, active, .. }) = reason.finding
         else {
-            panic!("{said:?}")
+            panic!("{reason:?}")
         };
         let near = |value: f64, expected: f64| (value - expected).abs() < 0.05;
         assert!(near(candidate, 25.4) && near(active, 18.1), "{candidate} against {active}");
@@ -75,7 +75,7 @@ fn more_force_with_better_success_is_stopped_in_its_unit() {
 }
 
 #[test]
-fn within_the_tolerance_it_is_compatible_and_near_it_in_doubt() {
+fn within_the_margin_it_is_compatible_and_near_it_a_concern() {
     let profile = profile(ProfileName::Sim);
     let tolerance = profile.harm.of(HarmKind::GripPeak).mean;
     for (more, outcome, deciding) in [
@@ -99,8 +99,8 @@ fn within_the_tolerance_it_is_compatible_and_near_it_in_doubt() {
         );
         assert_eq!(found.assessment.outcome, outcome, "{more}: {:?}", found.assessment.reasons);
         // An allowed mean beside a concern: the text names the cause of the concern.
-        let said = compared(&found, HarmKind::GripPeak).deciding();
-        assert_eq!(matches!(said, Some(HarmDecider::Bound(Some(_)))), deciding, "{more}");
+        let decider = compared(&found, HarmKind::GripPeak).deciding();
+        assert_eq!(matches!(decider, Some(HarmDecider::Bound(Some(_)))), deciding, "{more}");
     }
 }
 
@@ -118,12 +118,12 @@ fn rare_bad_episodes_count_whether_or_not_they_were_done() {
     }
     let found = assess(&evidence, &profile);
     assert_eq!(found.assessment.outcome, Incompatible, "{found:?}");
-    let said =
+    let reason =
         found.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
     let Some(Finding::HarmLimitWorse { measure: HarmKind::DropHeight, limit, candidate, active, .. }) =
-        said.finding
+        reason.finding
     else {
-        panic!("{said:?}")
+        panic!("{reason:?}")
     };
     assert_eq!((limit, active), (0.01, 0.0));
     assert!((candidate - 38.0 / 300.0).abs() < 1e-9, "{candidate}");
@@ -148,24 +148,24 @@ fn a_distance_is_worse_when_it_shrinks() {
     assert_eq!(far.assessment.outcome, Compatible);
     let near = assess(&evidence(&profile, usize::MAX, &|harm| harm.zone_clearance_m = 0.2), &profile);
     assert_eq!(near.assessment.outcome, Incompatible);
-    let said =
+    let reason =
         near.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
     assert!(
-        matches!(said.finding, Some(Finding::HarmWorse { measure: HarmKind::ZoneClearance, .. })),
-        "{said:?}"
+        matches!(reason.finding, Some(Finding::HarmWorse { measure: HarmKind::ZoneClearance, .. })),
+        "{reason:?}"
     );
 }
 
 #[test]
-fn whoever_asks_for_more_than_it_declares_is_told_so() {
+fn commands_beyond_the_declaration_are_reported() {
     let profile = profile(ProfileName::Sim);
-    let asks = |harm: &mut HarmMeasures| (harm.excess_depth, harm.excess_share) = (0.52, 0.01);
-    let found = assess(&evidence(&profile, usize::MAX, &asks), &profile);
+    let exceed = |harm: &mut HarmMeasures| (harm.excess_depth, harm.excess_share) = (0.52, 0.01);
+    let found = assess(&evidence(&profile, usize::MAX, &exceed), &profile);
     assert_eq!(found.assessment.outcome, Incompatible);
     assert!(codes(&found).contains(&ReasonCode::BehaviorAsksMore), "{:?}", found.assessment.reasons);
     // The active version asks as much: said, and no reason to refuse the candidate.
-    let mut both = evidence(&profile, usize::MAX, &asks);
-    both.pairs.iter_mut().for_each(|pair| asks(pair.active.harm.as_mut().unwrap()));
+    let mut both = evidence(&profile, usize::MAX, &exceed);
+    both.pairs.iter_mut().for_each(|pair| exceed(pair.active.harm.as_mut().unwrap()));
     let found = assess(&both, &profile);
     assert_eq!(found.assessment.outcome, Compatible);
     assert!(codes(&found).contains(&ReasonCode::BehaviorAsksMore));
@@ -202,13 +202,13 @@ fn shadow_fails_by_harm_alone_and_not_by_what_is_tolerated() {
         }
         let found = assess_shadow(&evidence, &binding(), &profile);
         assert_eq!(found.check, check, "{fall_m}: {found:?}");
-        let said = found.reasons.iter().any(|reason| match &reason.finding {
+        let reported = found.reasons.iter().any(|reason| match &reason.finding {
             Some(Finding::HarmWorse { measure, .. } | Finding::HarmLimitWorse { measure, .. }) => {
                 *measure == HarmKind::DropHeight
             }
             _ => false,
         });
-        assert_eq!(said, check == CheckResult::Fail, "{found:?}");
+        assert_eq!(reported, check == CheckResult::Fail, "{found:?}");
     }
 }
 

@@ -36,13 +36,13 @@ struct Evidence {
 }
 
 /// The constant inputs of the mutations.
-struct World {
+struct MutationInputs {
     profile: Profile,
     table: PolicyTable,
     current: EvidenceBinding,
 }
 
-impl World {
+impl MutationInputs {
     fn new() -> Self {
         let profile = profile(ProfileName::Sim);
         let table = PolicyTable::builtin(&profile).unwrap();
@@ -148,10 +148,10 @@ fn is_newer(pointer: &str) -> bool {
 
 #[test]
 fn whole_evidence_passes() {
-    let world = World::new();
-    let whole = serde_json::to_value(world.evidence()).unwrap();
-    assert!(world.json_passes(&whole));
-    assert!(world.toml_passes(toml::Value::try_from(world.evidence()).unwrap()));
+    let inputs = MutationInputs::new();
+    let whole = serde_json::to_value(inputs.evidence()).unwrap();
+    assert!(inputs.json_passes(&whole));
+    assert!(inputs.toml_passes(toml::Value::try_from(inputs.evidence()).unwrap()));
     let mut found = BTreeMap::new();
     leaves("", &whole, &mut found);
     // Two pairs of two episodes of ten values each, to begin with.
@@ -160,8 +160,8 @@ fn whole_evidence_passes() {
 
 #[test]
 fn a_field_that_is_dropped_or_renamed_never_passes() {
-    let world = World::new();
-    let whole = serde_json::to_value(world.evidence()).unwrap();
+    let inputs = MutationInputs::new();
+    let whole = serde_json::to_value(inputs.evidence()).unwrap();
     let mut found = BTreeMap::new();
     leaves("", &whole, &mut found);
     for pointer in found.keys() {
@@ -171,18 +171,18 @@ fn a_field_that_is_dropped_or_renamed_never_passes() {
         let mut left = map.clone();
         let value = left.remove(field).unwrap();
         *dropped.pointer_mut(parent).unwrap() = Value::Object(left.clone());
-        assert!(is_newer(pointer) || !world.json_passes(&dropped), "{pointer} dropped");
+        assert!(is_newer(pointer) || !inputs.json_passes(&dropped), "{pointer} dropped");
         left.insert(format!("{field}_"), value);
         let mut renamed = whole.clone();
         *renamed.pointer_mut(parent).unwrap() = Value::Object(left);
-        assert!(!world.json_passes(&renamed), "{pointer} renamed");
+        assert!(!inputs.json_passes(&renamed), "{pointer} renamed");
     }
 }
 
 #[test]
 fn a_value_of_another_kind_or_out_of_range_never_passes() {
-    let world = World::new();
-    let whole = serde_json::to_value(world.evidence()).unwrap();
+    let inputs = MutationInputs::new();
+    let whole = serde_json::to_value(inputs.evidence()).unwrap();
     let mut found = BTreeMap::new();
     leaves("", &whole, &mut found);
     let bad: Vec<Value> = vec![
@@ -200,29 +200,29 @@ fn a_value_of_another_kind_or_out_of_range_never_passes() {
             }
             let mut mutated = whole.clone();
             *mutated.pointer_mut(pointer).unwrap() = bad.clone();
-            assert!(!world.json_passes(&mutated), "{pointer} = {bad}");
+            assert!(!inputs.json_passes(&mutated), "{pointer} = {bad}");
         }
         if value.is_u64() {
             let mut mutated = whole.clone();
             *mutated.pointer_mut(pointer).unwrap() = Value::from(u32::MAX);
             // A seed may be any number, as long as no two are the same.
             let fits = is_unread(pointer) || pointer.ends_with("/seed");
-            assert_eq!(world.json_passes(&mutated), fits, "{pointer} = {}", u32::MAX);
+            assert_eq!(inputs.json_passes(&mutated), fits, "{pointer} = {}", u32::MAX);
         }
     }
 }
 
 #[test]
 fn what_is_no_number_never_passes() {
-    let world = World::new();
-    let whole = serde_json::to_value(world.evidence()).unwrap();
+    let inputs = MutationInputs::new();
+    let whole = serde_json::to_value(inputs.evidence()).unwrap();
     let mut found = BTreeMap::new();
     leaves("", &whole, &mut found);
     found.retain(|_, value| value.is_number());
     assert!(found.len() > 20, "{found:?}");
     for pointer in found.keys() {
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-            let mut mutated = toml::Value::try_from(world.evidence()).unwrap();
+            let mut mutated = toml::Value::try_from(inputs.evidence()).unwrap();
             let mut slot = &mut mutated;
             for step in pointer.split('/').skip(1) {
                 slot = match slot {
@@ -231,33 +231,33 @@ fn what_is_no_number_never_passes() {
                 };
             }
             *slot = toml::Value::Float(bad);
-            assert!(!world.toml_passes(mutated), "{pointer} = {bad}");
+            assert!(!inputs.toml_passes(mutated), "{pointer} = {bad}");
         }
     }
 }
 
 #[test]
 fn an_outcome_that_does_not_advance_never_passes() {
-    let world = World::new();
-    let whole = serde_json::to_value(world.evidence()).unwrap();
+    let inputs = MutationInputs::new();
+    let whole = serde_json::to_value(inputs.evidence()).unwrap();
     for dimension in ["interface", "policy", "behavior", "recovery"] {
-        for (field, words) in [
+        for (field, texts) in [
             ("outcome", &["incompatible", "no-data", "review", "inconclusive", "passed", ""][..]),
             ("basis", &["estimated", ""]),
         ] {
-            for word in words {
+            for text in texts {
                 let mut mutated = whole.clone();
-                *mutated.pointer_mut(&format!("/kappas/{dimension}/{field}")).unwrap() = Value::from(*word);
-                assert!(!world.json_passes(&mutated), "{dimension} {field} = {word:?}");
+                *mutated.pointer_mut(&format!("/kappas/{dimension}/{field}")).unwrap() = Value::from(*text);
+                assert!(!inputs.json_passes(&mutated), "{dimension} {field} = {text:?}");
             }
         }
     }
 }
 
 #[test]
-fn what_is_late_missing_or_said_twice_never_passes() {
-    let world = World::new();
-    let whole = serde_json::to_value(world.evidence()).unwrap();
+fn late_missing_or_duplicate_evidence_never_passes() {
+    let inputs = MutationInputs::new();
+    let whole = serde_json::to_value(inputs.evidence()).unwrap();
     let mut found = BTreeMap::new();
     leaves("", &whole, &mut found);
     let other = serde_json::to_value(digest("other")).unwrap();
@@ -266,7 +266,7 @@ fn what_is_late_missing_or_said_twice_never_passes() {
     for pointer in bound {
         let mut stale = whole.clone();
         *stale.pointer_mut(pointer).unwrap() = other.clone();
-        assert!(!world.json_passes(&stale), "{pointer} is of something else");
+        assert!(!inputs.json_passes(&stale), "{pointer} is of something else");
     }
     for list in ["/behavior/pairs", "/shadow/sequences"] {
         let entries = whole.pointer(list).unwrap().as_array().unwrap();
@@ -279,14 +279,14 @@ fn what_is_late_missing_or_said_twice_never_passes() {
         {
             let mut mutated = whole.clone();
             *mutated.pointer_mut(list).unwrap() = Value::Array(entries);
-            assert!(!world.json_passes(&mutated), "{list}: {what}");
+            assert!(!inputs.json_passes(&mutated), "{list}: {what}");
         }
     }
     for stops in ["/behavior/hard_stops", "/shadow/hard_stops"] {
         for stop in [HardStop::UndeclaredImport, HardStop::CommandPastGuard, HardStop::MotionAfterStop] {
             let mut mutated = whole.clone();
             *mutated.pointer_mut(stops).unwrap() = serde_json::json!([stop]);
-            assert!(!world.json_passes(&mutated), "{stops}: {stop:?}");
+            assert!(!inputs.json_passes(&mutated), "{stops}: {stop:?}");
         }
     }
     for side in ["candidate", "active"] {
@@ -294,7 +294,7 @@ fn what_is_late_missing_or_said_twice_never_passes() {
             let mut mutated = whole.clone();
             *mutated.pointer_mut(&format!("/recovery/{side}/{kind}")).unwrap() =
                 serde_json::json!({ "passed": 39, "failed": 0, "infeasible": 61 });
-            assert!(!world.json_passes(&mutated), "{side} {kind}: too few drills");
+            assert!(!inputs.json_passes(&mutated), "{side} {kind}: too few drills");
         }
     }
 }

@@ -158,8 +158,8 @@ fn stricter_thresholds_halve_the_limits_until_the_version_is_confirmed() {
     let limits = |monitor: &Monitor| monitor.charts().map(|(_, _, _, limit)| limit).collect::<Vec<_>>();
     let halved: Vec<f64> = limits(&plain).iter().map(|limit| limit / 2.0).collect();
     assert_eq!(limits(&strict), halved);
-    let words = Strictness::of(&conditions).limits(&profile(ProfileName::Sim).monitor);
-    assert_eq!(words, "a chart warns at 2.75 (plain 5.5) and trips at 1000 (plain 2000)");
+    let text = Strictness::of(&conditions).limits(&profile(ProfileName::Sim).monitor);
+    assert_eq!(text, "a chart warns at 2.75 (plain 5.5) and trips at 1000 (plain 2000)");
     let until = |mut monitor: Monitor, action: MonitorAction| {
         (1..10_000).find(|tick| monitor.observe(one_in(2, *tick), *tick).action >= action).unwrap()
     };
@@ -187,7 +187,7 @@ fn a_coupled_version_is_rolled_back_on_the_first_warning() {
     let first = |mut monitor: Monitor, every: u64| {
         (1..10_000)
             .map(|tick| monitor.observe(one_in(every, tick), tick))
-            .find(|said| said.action != MonitorAction::Continue)
+            .find(|decision| decision.action != MonitorAction::Continue)
             .unwrap()
     };
     let mut parted = 0;

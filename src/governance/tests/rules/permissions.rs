@@ -42,7 +42,7 @@ fn what_the_code_reads_has_to_be_declared() {
 }
 
 #[test]
-fn a_mode_that_is_declared_and_covered_by_nothing_costs_kappa_p() {
+fn a_declared_but_uncovered_mode_costs_kappa_p() {
     let profile = profile(ProfileName::Sim);
     let table = PolicyTable::builtin(&profile).unwrap();
     let kappa = |zones: &str| {
@@ -98,11 +98,11 @@ fn declared_and_used_permissions_differ_both_ways() {
         ..PermissionsUsed::default()
     };
     used.merge(&other);
-    let told = PermissionUse::new(&manifest.permissions, &exports(&manifest), &used, 7);
-    assert_eq!(told.exceeded, ["command arm/joints", "zone tray", "speed 0.300 m/s of 0.2"]);
-    assert_eq!(told.unused, ["channel gripper", "command gripper", "command stop", "zone transit"]);
-    assert_eq!((told.tasks, told.used.undeclared), (7, 2));
-    let text = told.lines().join("\n");
+    let usage = PermissionUse::new(&manifest.permissions, &exports(&manifest), &used, 7);
+    assert_eq!(usage.exceeded, ["command arm/joints", "zone tray", "speed 0.300 m/s of 0.2"]);
+    assert_eq!(usage.unused, ["channel gripper", "command gripper", "command stop", "zone transit"]);
+    assert_eq!((usage.tasks, usage.used.undeclared), (7, 2));
+    let text = usage.lines().join("\n");
     assert!(text.contains("beyond its declaration: command arm/joints, zone tray"), "{text}");
 }
 
@@ -159,8 +159,8 @@ fn timeouts_warnings_and_slow_tasks_are_charted() {
         (EpisodeValues { time_s: slow + 0.01, ..GOOD }, Rate::Slow),
     ] {
         let mut monitor = monitor();
-        let told = (1..=60).map(|tick| monitor.observe(&bad, tick)).collect::<Vec<_>>();
-        let first = told.iter().find(|decision| decision.action == MonitorAction::Restrict).unwrap();
+        let decisions = (1..=60).map(|tick| monitor.observe(&bad, tick)).collect::<Vec<_>>();
+        let first = decisions.iter().find(|decision| decision.action == MonitorAction::Restrict).unwrap();
         assert!(
             first.reasons.iter().any(|reason| match reason.finding {
                 Some(Finding::RateDrifts { rate }) => rate == named,
@@ -168,7 +168,7 @@ fn timeouts_warnings_and_slow_tasks_are_charted() {
             }),
             "{named}: {first:?}"
         );
-        assert_eq!(told.last().unwrap().action, MonitorAction::Rollback, "{named}");
+        assert_eq!(decisions.last().unwrap().action, MonitorAction::Rollback, "{named}");
     }
     let mut monitor = monitor();
     let as_before = EpisodeValues { time_s: slow, ..GOOD };
@@ -187,8 +187,8 @@ fn what_was_always_so_is_no_drift() {
             assert_eq!(monitor.observe(&clamped, tick).action, MonitorAction::Continue, "{name} {tick}");
         }
         let failing = EpisodeValues { success: false, ..clamped };
-        let told = (2_001..=2_060).map(|tick| monitor.observe(&failing, tick).action).max();
-        assert_eq!(told, Some(MonitorAction::Rollback), "the other charts stand");
+        let action = (2_001..=2_060).map(|tick| monitor.observe(&failing, tick).action).max();
+        assert_eq!(action, Some(MonitorAction::Rollback), "the other charts stand");
     }
 }
 
@@ -203,11 +203,11 @@ fn what_follows_from_a_restriction_is_not_charted() {
         assert_eq!(monitor.observe(&restricted, tick).action, MonitorAction::Continue);
     }
     let violating = EpisodeValues { violation: true, ..restricted };
-    let told = (61..=120).map(|tick| monitor.observe(&violating, tick).action).max();
-    assert_eq!(told, Some(MonitorAction::Rollback));
+    let action = (61..=120).map(|tick| monitor.observe(&violating, tick).action).max();
+    assert_eq!(action, Some(MonitorAction::Rollback));
     let mut monitor = self::monitor();
-    let told = (1..=60).map(|tick| monitor.observe(&restricted, tick).action).max();
-    assert_eq!(told, Some(MonitorAction::Rollback), "without a restriction it is a drift");
+    let action = (1..=60).map(|tick| monitor.observe(&restricted, tick).action).max();
+    assert_eq!(action, Some(MonitorAction::Rollback), "without a restriction it is a drift");
 }
 
 #[test]
@@ -233,16 +233,16 @@ fn an_intervention_is_charted_as_one_and_as_nothing_else() {
         let moved = known.2.to_bits() != now.2.to_bits();
         assert_eq!(moved, now.0.name() == "intervention", "{}", now.0);
     }
-    let told = (2..=40).map(|tick| monitor.record_intervention(tick).action).max();
+    let action = (2..=40).map(|tick| monitor.record_intervention(tick).action).max();
     assert_eq!(
-        told,
+        action,
         Some(MonitorAction::Rollback),
         "a version that has to be stopped again and again is rolled back"
     );
 }
 
 #[test]
-fn who_is_unsafe_under_stress_is_in_doubt() {
+fn unsafe_under_stress_is_a_concern() {
     let profile = profile(ProfileName::Sim);
     let evidence = pairs(&profile);
     for (unsafe_episodes, outcome) in

@@ -22,8 +22,8 @@ fn component(name: &str) -> BundleSource {
 
 #[test]
 fn each_change_gives_its_class_alone() {
-    type Change = fn(&mut Manifest);
-    let table: [(RiskCause, Risk, Change); 10] = [
+    type ManifestChange = fn(&mut Manifest);
+    let table: [(RiskCause, Risk, ManifestChange); 10] = [
         (RiskCause::MoreZones, Risk::High, |m| {
             m.permissions.zones.extend(ZoneName::ALL);
         }),

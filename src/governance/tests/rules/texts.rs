@@ -149,9 +149,9 @@ fn bad_profiles_are_refused_by_name() {
     };
     let frozen =
         Profile::parse("sim.toml", &freeze("2026-12-24T06:00:00+01:00", "2026-12-27T06:00:00Z")).unwrap();
-    let moment = |text: &str| frozen.frozen_at(text.parse().unwrap()).is_some();
-    assert!(!moment("2026-12-24T04:59:59.999Z") && moment("2026-12-24T05:00:00Z"));
-    assert!(moment("2026-12-27T05:59:59.999Z") && !moment("2026-12-27T06:00:00Z"));
+    let is_frozen = |text: &str| frozen.frozen_at(text.parse().unwrap()).is_some();
+    assert!(!is_frozen("2026-12-24T04:59:59.999Z") && is_frozen("2026-12-24T05:00:00Z"));
+    assert!(is_frozen("2026-12-27T05:59:59.999Z") && !is_frozen("2026-12-27T06:00:00Z"));
     for (text, expected) in [
         (replace("rho_floor = 0.7", "rho_floor = nan #"), "\"recovery.rho_floor\" has the value \"NaN\""),
         (

@@ -89,14 +89,14 @@ pub fn read(name: &'static str, text: &str) -> Result<RecordedTable, TableError>
 }
 
 fn pair(line: &str) -> Option<Pair> {
-    let mut words = line.split_ascii_whitespace().peekable();
-    let seed = words.next()?.parse().ok()?;
-    let pair = Pair { seed, active: episode(&mut words)?, candidate: episode(&mut words)? };
-    words.next().is_none().then_some(pair)
+    let mut fields = line.split_ascii_whitespace().peekable();
+    let seed = fields.next()?.parse().ok()?;
+    let pair = Pair { seed, active: episode(&mut fields)?, candidate: episode(&mut fields)? };
+    fields.next().is_none().then_some(pair)
 }
 
-fn episode<'a>(words: &mut Peekable<impl Iterator<Item = &'a str>>) -> Option<EpisodeValues> {
-    let flags = words.next()?;
+fn episode<'a>(fields: &mut Peekable<impl Iterator<Item = &'a str>>) -> Option<EpisodeValues> {
+    let flags = fields.next()?;
     let known = flags.len() == FLAGS.len()
         && flags.chars().zip(FLAGS).all(|(found, flag)| found == flag || found == '.');
     if !known {
@@ -113,12 +113,12 @@ fn episode<'a>(words: &mut Peekable<impl Iterator<Item = &'a str>>) -> Option<Ep
         near_violation: set('n'),
         policy_warning: false,
         harm: None,
-        retries: words.next()?.parse().ok()?,
-        time_s: words.next()?.parse().ok()?,
-        unsafe_continuation_ms: words.next()?.parse().ok()?,
+        retries: fields.next()?.parse().ok()?,
+        time_s: fields.next()?.parse().ok()?,
+        unsafe_continuation_ms: fields.next()?.parse().ok()?,
     };
-    if let Some(word) = words.next_if(|word| word.starts_with('h')) {
-        episode.harm = Some(harm(&word[1..])?);
+    if let Some(field) = fields.next_if(|field| field.starts_with('h')) {
+        episode.harm = Some(harm(&field[1..])?);
     }
     episode.is_valid().then_some(episode)
 }

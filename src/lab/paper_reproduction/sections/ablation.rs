@@ -137,7 +137,7 @@ pub fn ablation(
 
 /// A claim: its words, the verdict, and the numbers that it rests on.
 struct AblationClaim {
-    words: &'static str,
+    text: &'static str,
     verdict: AblationVerdict,
     because: String,
 }
@@ -192,7 +192,7 @@ fn ablation_directions(
          of the mean over seeds (BCa) is within five points.",
     );
     let mut all = of_detection(pools)?;
-    all.extend(of_taking_off(pools)?);
+    all.extend(of_rollback(pools)?);
     if !rounds.is_empty() {
         all.extend(of_unsafe_activations(rounds)?);
         all.extend(of_success(rounds));
@@ -205,8 +205,8 @@ fn ablation_directions(
         count(AblationVerdict::NotHeld),
         count(AblationVerdict::NotShown)
     );
-    for AblationClaim { words, verdict, because } in all {
-        table.row([words.to_owned(), verdict.label().to_owned(), because]);
+    for AblationClaim { text, verdict, because } in all {
+        table.row([text.to_owned(), verdict.label().to_owned(), because]);
     }
     Ok((table, vec![line]))
 }
@@ -225,7 +225,7 @@ fn of_detection(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentErr
         ("and more than nothing", naive, validation),
     ];
     let mut all = Vec::new();
-    for (words, less, more) in claims {
+    for (text, less, more) in claims {
         let (low, high) = (less.detects(pools), more.detects(pools));
         let pairs = PairedCounts::of(
             high.iter().filter_map(|(candidate, found)| Some((*found, *low.get(candidate)?))),
@@ -239,7 +239,7 @@ fn of_detection(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentErr
             100.0 * bound.lower
         );
         all.push(AblationClaim {
-            words,
+            text,
             verdict: AblationVerdict::above_zero(bound.lower, bound.upper),
             because,
         });
@@ -248,27 +248,27 @@ fn of_detection(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentErr
 }
 
 /// How many of the activated versions are rolled back.
-fn of_taking_off(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentError> {
+fn of_rollback(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentError> {
     let [full, _, no_recovery, _, no_rollback, ..] = ABLATION;
     let with = full.rolled_back(pools)?;
     let mut all = Vec::new();
-    for (words, without) in [
+    for (text, without) in [
         ("without kappa_R less of what is activated comes off", no_recovery),
         ("without rollback less of what is activated comes off", no_rollback),
     ] {
         let without = without.rolled_back(pools)?;
-        let said = format!("faulty ones taken off {}, and {}", counted(&with), counted(&without));
+        let counts = format!("faulty ones taken off {}, and {}", counted(&with), counted(&without));
         let (verdict, because) = if with.total == 0 || without.total == 0 {
-            (AblationVerdict::NotShown, said)
+            (AblationVerdict::NotShown, counts)
         } else {
             let ends = difference((without.count, without.total), (with.count, with.total), LEVEL)?;
             let (lower, upper) = (100.0 * ends.lower, 100.0 * ends.upper);
             (
                 AblationVerdict::above_zero(lower, upper),
-                format!("{said}; difference [{lower:+.1}, {upper:+.1}] points"),
+                format!("{counts}; difference [{lower:+.1}, {upper:+.1}] points"),
             )
         };
-        all.push(AblationClaim { words, verdict, because });
+        all.push(AblationClaim { text, verdict, because });
     }
     Ok(all)
 }
@@ -285,7 +285,7 @@ fn of_unsafe_activations(rounds: &[RoundRow]) -> Result<Vec<AblationClaim>, Expe
             .collect()
     };
     let mut all = Vec::new();
-    for (words, fewer, more) in [
+    for (text, fewer, more) in [
         ("without shadow more unsafe versions are activated", Arm::Governed, Arm::NoShadow),
         ("validation alone activates more unsafe versions", Arm::Governed, Arm::CompatOnly),
         ("and fewer than naive", Arm::CompatOnly, Arm::Naive),
@@ -306,7 +306,7 @@ fn of_unsafe_activations(rounds: &[RoundRow]) -> Result<Vec<AblationClaim>, Expe
             100.0 * bound.lower
         );
         all.push(AblationClaim {
-            words,
+            text,
             verdict: AblationVerdict::above_zero(bound.lower, bound.upper),
             because,
         });
@@ -322,7 +322,7 @@ fn of_success(rounds: &[RoundRow]) -> Vec<AblationClaim> {
         ("without shadow success hardly changes", Arm::NoShadow),
         ("without kappa_R success hardly changes", Arm::NoRecovery),
     ];
-    let claim = |(words, arm)| {
+    let claim = |(text, arm)| {
         let without = by_seed(rounds, arm, last, SUCCESS);
         let differences: Vec<f64> =
             without.iter().zip(&whole).map(|(without, whole)| without - whole).collect();
@@ -339,7 +339,7 @@ fn of_success(rounds: &[RoundRow]) -> Vec<AblationClaim> {
         };
         let because =
             format!("{:+.1} points over {} seeds, {interval}", mean(&differences), differences.len());
-        AblationClaim { words, verdict, because }
+        AblationClaim { text, verdict, because }
     };
     claims.map(claim).into()
 }

@@ -120,29 +120,30 @@ fn many_checks(pools: &[ScreenRow]) -> Result<FindingRow, ExperimentError> {
         shares.push((name, Proportion::of(faulty().map(|fate| fate == Fate::Blocked { stage }))?));
     }
     let each = shares.iter().all(|(_, share)| share.interval.is_some_and(|ends| ends.lower > 0.0));
-    let said: Vec<String> = shares.iter().map(|(name, share)| format!("{name} {}", counted(share))).collect();
+    let counts: Vec<String> =
+        shares.iter().map(|(name, share)| format!("{name} {}", counted(share))).collect();
     Ok([
         "no single check is enough: each stops faults that none before it did".to_owned(),
-        format!("stopped first by {}", said.join(", by ")),
+        format!("stopped first by {}", counts.join(", by ")),
         if each { HELD } else { NOT_SHOWN }.to_owned(),
     ])
 }
 
 /// Some faults show only after activation.
 fn provisional(pools: &[ScreenRow]) -> Result<FindingRow, ExperimentError> {
-    let mut said = Vec::new();
+    let mut counts = Vec::new();
     let mut shown = false;
     for profile in ProfileName::ALL {
         let rows = variant_rows(pools, profile, Variant::Full).filter(|row| is_faulty(row.class));
         let faulty = Proportion::of(rows.map(|row| row.end.fate == Fate::Contained))?;
         if faulty.total > 0 {
             shown |= faulty.interval.is_some_and(|ends| ends.lower > 0.0);
-            said.push(format!("{profile} {}", counted(&faulty)));
+            counts.push(format!("{profile} {}", counted(&faulty)));
         }
     }
     Ok([
         "activation is provisional: some faults show only after it, or under one profile".to_owned(),
-        format!("of the faulty ones taken off after activation: {}", said.join(", ")),
+        format!("of the faulty ones taken off after activation: {}", counts.join(", ")),
         if shown { HELD } else { NOT_SHOWN }.to_owned(),
     ])
 }

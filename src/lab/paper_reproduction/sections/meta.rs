@@ -158,7 +158,7 @@ fn afterwards(layers: &[LayerRow]) -> Result<(ReportTable, String), ExperimentEr
         let tasks = Quantiles::of(of(failure).map(|row| f64::from(row.under.tasks)));
         let sum = |count: fn(&LayerRow) -> u32| of(failure).map(|row| u64::from(count(row))).sum::<u64>();
         let stopped = of(failure).filter(|row| row.stance == Stance::SafeStopped);
-        let [more, said] = if failure == LayerFailure::Nothing {
+        let [more, label] = if failure == LayerFailure::Nothing {
             [String::new(), String::new()]
         } else {
             all += 1;
@@ -174,7 +174,7 @@ fn afterwards(layers: &[LayerRow]) -> Result<(ReportTable, String), ExperimentEr
             format!("{}/{}", sum(|row| row.under.unsafe_tasks), sum(|row| row.under.tasks)),
             stopped.map(|row| u64::from(row.after.tasks)).sum::<u64>().to_string(),
             more,
-            said,
+            label,
         ]);
         table.row(cells);
     }
@@ -222,14 +222,14 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_that_leaves_versions_in_control_is_said_to_fail_open_and_no_other() {
+    fn only_a_failure_that_leaves_versions_in_control_fails_open() {
         let section = meta_faults(&[], &layers(), 40).unwrap();
         let [table] = section.tables.as_slice() else { panic!("one table") };
         assert_eq!(table.seeds, Some((8, 40)));
         assert!(table.rows.iter().all(|row| row.len() == table.columns.len()));
-        let said: Vec<&str> = table.rows.iter().map(|row| row.last().unwrap().as_str()).collect();
+        let verdicts: Vec<&str> = table.rows.iter().map(|row| row.last().unwrap().as_str()).collect();
         let restricts = "restricts, as far as seen";
-        assert_eq!(said, ["", restricts, "fails open", restricts, restricts, restricts]);
+        assert_eq!(verdicts, ["", restricts, "fails open", restricts, restricts, restricts]);
         assert!(table.rows[2].contains(&"200 (200)".to_owned()), "{:?}", table.rows[2]);
         assert!(section.lines[0].contains("1 of 5 leave more"), "{:?}", section.lines);
     }

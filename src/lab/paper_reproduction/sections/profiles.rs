@@ -145,13 +145,13 @@ pub fn profiles(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Sectio
         "In the profile human, people who are asked always agree: what is stopped, the rules stop. The paper's text calls \
          the false rejections a false-accept rate (readings X1).",
     );
-    let mut refused = Vec::new();
+    let mut false_rejects = Vec::new();
     for (place, profile) in PROFILES.into_iter().enumerate() {
         let faulty = || variant_rows(rows, profile, Variant::Full).filter(|row| is_faulty(row.class));
         let benign = || variant_rows(rows, profile, Variant::Full).filter(|row| row.class == Class::Benign);
         let before = |row: &ScreenRow| matches!(row.end.fate, Fate::Blocked { .. });
         let frr = Proportion::of(benign().map(before))?;
-        refused.push(frr);
+        false_rejects.push(frr);
         let of = |list: &[f64; 3]| list.get(place).map_or_else(String::new, |value| format!("{value:.1} %"));
         table.row([
             profile.to_string(),
@@ -163,17 +163,17 @@ pub fn profiles(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Sectio
             of(&printed.t9.false_reject_rate),
         ]);
     }
-    let monotone = refused.windows(2).all(|two| two[0].rate() <= two[1].rate());
-    let enough = refused.iter().all(|one| one.total >= 150);
+    let monotone = false_rejects.windows(2).all(|two| two[0].rate() <= two[1].rate());
+    let enough = false_rejects.iter().all(|one| one.total >= 150);
     let verdict = match (monotone, enough) {
         (true, true) => "held",
         (true, false) => "held as far as seen; fewer than 150 benign candidates do not show it",
         (false, _) => "not held",
     };
-    let said: Vec<String> = refused.iter().map(counted).collect();
+    let counts: Vec<String> = false_rejects.iter().map(counted).collect();
     let tables = vec![table, consistency(rows)?, in_control(rows, printed)?, audited(rows)?];
     let line =
-        format!("E5: stricter profiles reject no fewer benign candidates: {verdict} ({})", said.join("; "));
+        format!("E5: stricter profiles reject no fewer benign candidates: {verdict} ({})", counts.join("; "));
     Ok(Section {
         title: "E5: profiles".to_owned(),
         text: vec![line.clone()],

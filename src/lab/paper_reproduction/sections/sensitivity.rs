@@ -73,7 +73,7 @@ fn of_rounds(
     let mut changed = Vec::new();
     for ((name, arm), ((success, unsafe_activation), violation)) in names.iter().zip(moved).zip(papers) {
         let ours = |measure: RowMeasure| mean(&by_seed(rows, arm, last, measure));
-        let said = |[mean, deviation]: &[f64; 2]| format!("{mean:.1} ± {deviation:.1}");
+        let published = |[mean, deviation]: &[f64; 2]| format!("{mean:.1} ± {deviation:.1}");
         let otherwise = Proportion::of(rows.iter().filter(|row| row.arm == arm).filter_map(|row| {
             let is_same =
                 |base: &&RoundRow| (base.arm, base.seed, base.round) == (Arm::Governed, row.seed, row.round);
@@ -87,9 +87,9 @@ fn of_rounds(
             ours(VIOLATION),
             counted(&unsafe_activations(rows, arm, None)?),
             format!("{} of {} rounds", otherwise.count, otherwise.total),
-            said(success),
-            said(unsafe_activation),
-            said(violation),
+            published(success),
+            published(unsafe_activation),
+            published(violation),
         ]);
     }
     let line = format!(

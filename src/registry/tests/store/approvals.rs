@@ -71,8 +71,8 @@ fn two_people_are_two_different_people() {
 #[test]
 fn an_approval_of_something_else_is_refused() {
     let other = digest("other");
-    type Edit = fn(&mut Approval, holdpoint_governance::ids::Digest);
-    let edits: [(&str, Edit, &str); 8] = [
+    type StoredApprovalEdit = fn(&mut Approval, holdpoint_governance::ids::Digest);
+    let edits: [(&str, StoredApprovalEdit, &str); 8] = [
         ("refusal", |a, _| a.decision = ApprovalDecision::Reject, "refusal"),
         ("expired", |a, _| a.not_after_ms = 1, "expired"),
         ("row version", |a, _| a.row_version = 3, "changed since"),
@@ -100,8 +100,8 @@ fn an_approval_of_something_else_is_refused() {
 
 #[test]
 fn what_happens_later_voids_it() {
-    type Event = fn() -> Vec<Change>;
-    let events: [(&str, Event); 4] = [
+    type VoidingChanges = fn() -> Vec<Change>;
+    let events: [(&str, VoidingChanges); 4] = [
         ("profile", || {
             let mut other = context(ProfileName::Sim);
             if let Change::SetContext { policy_digest, .. } = &mut other {

@@ -49,7 +49,7 @@ fn a_copy_is_whole_while_an_engine_writes() {
 }
 
 #[test]
-fn secrets_are_copied_only_where_they_are_asked_for() {
+fn secrets_are_copied_only_on_request() {
     let (folder, to) = (quick_folder(), quick_folder());
     made(folder.path());
     let (without, with) = (to.path().join("without"), to.path().join("with"));
@@ -93,16 +93,16 @@ fn a_copy_overwrites_nothing_and_is_not_made_of_what_is_not_sound() {
         } else {
             fs::write(&there, "mine").unwrap();
         }
-        let said = backup(folder.path(), &there, ALL).unwrap_err().to_string();
-        assert!(said.contains("is there already, and nothing is overwritten"), "{said}");
+        let error = backup(folder.path(), &there, ALL).unwrap_err().to_string();
+        assert!(error.contains("is there already, and nothing is overwritten"), "{error}");
     }
     assert_eq!(fs::read_to_string(to.path().join("file.db")).unwrap(), "mine");
     let connection = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
     connection.execute_batch("UPDATE family SET reason = 'edited'").unwrap();
     drop(connection);
     for name in ["other", "other.db"] {
-        let said = backup(folder.path(), &to.path().join(name), ALL).unwrap_err().to_string();
-        assert!(said.contains("is not sound") && said.contains("family"), "{said}");
+        let error = backup(folder.path(), &to.path().join(name), ALL).unwrap_err().to_string();
+        assert!(error.contains("is not sound") && error.contains("family"), "{error}");
     }
     assert!(backup(to.path(), &to.path().join("none"), ALL).is_err());
     assert_eq!(fs::read_dir(to.path()).unwrap().count(), 2, "nothing is left");
@@ -175,8 +175,8 @@ fn recordings_in_a_copy_are_what_was_recorded() {
     std::os::unix::fs::symlink(place.join("good.rrd"), place.join("link.rrd")).unwrap();
     assert!(Command::new("mkfifo").arg(place.join("pipe.rrd")).status().unwrap().success());
     fs::File::create(place.join("endless.rrd")).unwrap().set_len(1 << 40).unwrap();
-    let told = |_: &Views| Ok(on_record.clone());
-    let parts = BackupParts { keys: false, recordings: Some(&told) };
+    let recordings_of = |_: &Views| Ok(on_record.clone());
+    let parts = BackupParts { keys: false, recordings: Some(&recordings_of) };
     let copy = to.path().join("copy");
     let report = backup(folder.path(), &copy, parts).unwrap();
     assert_eq!(report.recordings, 1);
@@ -222,10 +222,12 @@ fn what_is_no_file_of_a_database_is_named() {
             let views = holdpoint_registry::Views::open(&database).map(drop).unwrap_err();
             for error in [opened, views] {
                 let hint = holdpoint_text::Hint::hint(&error).unwrap_or_default().into_owned();
-                let said = format!("{error} {hint}");
+                let message = format!("{error} {hint}");
                 assert!(
-                    said.contains(kind) && said.contains(&format!("{name}\"")) && said.contains(helps),
-                    "{said}"
+                    message.contains(kind)
+                        && message.contains(&format!("{name}\""))
+                        && message.contains(helps),
+                    "{message}"
                 );
             }
         }

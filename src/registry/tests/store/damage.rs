@@ -77,8 +77,8 @@ pub fn rewrite(folder: &Path, edit: &str) {
 
 #[test]
 fn every_tampering_is_found() {
-    type Expected = fn(&VerifyError) -> bool;
-    let table: [(&str, &str, Expected); 17] = [
+    type ErrorCheck = fn(&VerifyError) -> bool;
+    let table: [(&str, &str, ErrorCheck); 17] = [
         ("body", "UPDATE audit SET body = '[]' WHERE seq = 5", |e| {
             matches!(e, VerifyError::Record { seq: 5, .. })
         }),
@@ -221,7 +221,7 @@ fn a_stop_that_an_index_hides_is_found_at_the_start() {
 
 /// The same for an index of another table than the chain's.
 #[test]
-fn an_index_that_says_otherwise_is_mended_by_a_rebuild() {
+fn a_false_index_is_repaired_by_a_rebuild() {
     let folder = tempfile::tempdir().unwrap();
     let key = made(folder.path());
     let database = folder.path().join("holdpoint.db");
@@ -352,9 +352,9 @@ fn the_last_number_there_is_ends_no_verifier() {
              WHERE kind = 'store-rebuilt'"
         ),
     );
-    let said = verify(&store.join("holdpoint.db"), None).unwrap_err().to_string();
+    let error = verify(&store.join("holdpoint.db"), None).unwrap_err().to_string();
     assert!(
-        said.contains("history was rewritten") || said.contains("is not the one that was signed"),
-        "{said}"
+        error.contains("history was rewritten") || error.contains("is not the one that was signed"),
+        "{error}"
     );
 }

@@ -15,7 +15,7 @@ use holdpoint_registry::{
 use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 use tempfile::TempDir;
 
-use crate::campaign::{Outcome, campaign};
+use crate::campaign::{ParseOutcome, campaign};
 use crate::damage::{contents, made};
 use crate::mutate::{Random, flip};
 use crate::released::schema_1;
@@ -111,7 +111,7 @@ impl Sound {
     ///
     /// # Errors
     /// A violated expectation: another value is read, and no error is reported.
-    fn look(&self, file: &Path, bytes: &[u8]) -> Result<Outcome, String> {
+    fn look(&self, file: &Path, bytes: &[u8]) -> Result<ParseOutcome, String> {
         let store = self.with(file, bytes);
         let database = store.join("holdpoint.db");
         let same = |report: &VerifyReport, when: &str| -> Result<(), String> {
@@ -151,11 +151,11 @@ impl Sound {
                     return Err("opening made a sound store unsound".to_owned());
                 }
                 match verified {
-                    Ok(_) => Ok(Outcome::Accepted),
-                    Err(error) => Ok(Outcome::Refused(printed(&error))),
+                    Ok(_) => Ok(ParseOutcome::Accepted),
+                    Err(error) => Ok(ParseOutcome::Refused(printed(&error))),
                 }
             }
-            Err(error) => Ok(Outcome::Refused(printed(&error))),
+            Err(error) => Ok(ParseOutcome::Refused(printed(&error))),
         }
     }
 }
@@ -163,10 +163,10 @@ impl Sound {
 /// An error as the program prints it: sanitized, on one line.
 fn printed(error: &impl Hint) -> String {
     let text = error.to_string();
-    let words: Vec<&str> = text.lines().map(str::trim).collect();
+    let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let hint =
         error.hint().map_or_else(String::new, |hint| format!("\nHint: {}", sanitize(&hint, WIDTH_MAX)));
-    format!("error: {}{hint}", sanitize(&words.join(" "), WIDTH_MAX))
+    format!("error: {}{hint}", sanitize(&lines.join(" "), WIDTH_MAX))
 }
 
 /// All batches.
@@ -213,8 +213,8 @@ fn decay(name: &str, sound: &Sound, cases: u64) {
             let looked = looked.unwrap_or_else(|_| Err("it panicked".to_owned()));
             done += 1;
             match looked {
-                Ok(Outcome::Accepted) => {}
-                Ok(Outcome::Refused(text)) => {
+                Ok(ParseOutcome::Accepted) => {}
+                Ok(ParseOutcome::Refused(text)) => {
                     found += 1;
                     assert!(
                         text.lines().count() <= 2 && text.len() < 10_000,

@@ -57,12 +57,12 @@ pub fn made(folder: &Path) {
             json: "{\"shown\":\"all of it\"}".into(),
         }))
     };
-    let standing = |json: &str| Change::SetStanding { family: family("grasp"), json: json.into() };
+    let family_state = |json: &str| Change::SetStanding { family: family("grasp"), json: json.into() };
     let first = vec![
         request(RequestState::Open),
         Change::PutApproval(Box::new(signed)),
         alarm(AlarmState::Unacknowledged, "{}"),
-        standing("{\"versions\":[]}"),
+        family_state("{\"versions\":[]}"),
         Change::SetScores {
             version: id("grasp@1.1.0"),
             kappas: [Some(0.5), Some(0.25), None, Some(1.0)],
@@ -75,7 +75,7 @@ pub fn made(folder: &Path) {
     changes.push(evidence("grasp@1.1.0", EvidenceKind::Activation, "activation"));
     changes.push(request(RequestState::Granted));
     changes.push(alarm(AlarmState::Acknowledged, "{\"by\":\"ada\"}"));
-    changes.push(standing("{\"versions\":[1]}"));
+    changes.push(family_state("{\"versions\":[1]}"));
     changes.push(Change::VoidFamily { family: family("place"), reason: "a drill".into() });
     changes.push(Change::SetFlags {
         version: id("place@1.1.0"),
@@ -262,7 +262,7 @@ fn no_write_of_a_running_engine_makes_an_edit_good() {
         .filter(|(table, _)| !["audit", "audit_head", "meta", "command"].contains(&table.as_str()))
         .collect();
     let checkpoints = folder.path().join("checkpoints");
-    let kept = names(&checkpoints);
+    let checkpoint_names = names(&checkpoints);
     let mut dice = Dice(seed());
     let mut edits = 0;
     while edits < EDITS_RUNNING {
@@ -290,7 +290,7 @@ fn no_write_of_a_running_engine_makes_an_edit_good() {
             drop(fs::remove_file(folder.path().join("holdpoint").with_extension(ending)));
         }
         fs::write(&database, &whole).unwrap();
-        put_back(&checkpoints, &kept);
+        put_back(&checkpoints, &checkpoint_names);
     }
 }
 
@@ -300,14 +300,14 @@ pub fn names(folder: &Path) -> Vec<std::ffi::OsString> {
 }
 
 /// Removes checkpoints of records that the file put back does not have.
-pub fn put_back(folder: &Path, kept: &[std::ffi::OsString]) {
-    for name in names(folder).iter().filter(|name| !kept.contains(name)) {
+pub fn put_back(folder: &Path, checkpoint_names: &[std::ffi::OsString]) {
+    for name in names(folder).iter().filter(|name| !checkpoint_names.contains(name)) {
         fs::remove_file(folder.join(name)).unwrap();
     }
 }
 
 #[test]
-fn a_missing_standing_is_refused_by_name() {
+fn a_missing_state_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     made(folder.path());
     let database = folder.path().join("holdpoint.db");
@@ -358,11 +358,11 @@ fn a_trigger_that_comes_in_does_not_act() {
     commit(&store, "again", vec![again]).unwrap();
     let error = commit(&store, "in", vec![context(ProfileName::Real)]).unwrap_err();
     assert!(error.to_string().contains("the trigger \"late\""), "{error}");
-    let standing: Option<String> = Connection::open(&database)
+    let stored_state: Option<String> = Connection::open(&database)
         .unwrap()
         .query_row("SELECT standing FROM family WHERE name = 'other'", [], |row| row.get(0))
         .unwrap();
-    assert_eq!(standing, None);
+    assert_eq!(stored_state, None);
     drop(store);
     Connection::open(&database).unwrap().execute_batch("DROP TRIGGER late").unwrap();
     verify(&database, None).unwrap();

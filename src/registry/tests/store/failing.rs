@@ -107,15 +107,15 @@ fn can_trace() -> bool {
 }
 
 /// After the failure: acknowledged data is there, the invariants hold, and the next engine runs on it.
-fn check(folder: &Path, said: &str, when: &str) -> bool {
-    let acked = said.lines().filter_map(|line| line.split("ACK ").nth(1)?.trim().parse::<u64>().ok());
+fn check(folder: &Path, output: &str, when: &str) -> bool {
+    let acked = output.lines().filter_map(|line| line.split("ACK ").nth(1)?.trim().parse::<u64>().ok());
     let acked = acked.max().unwrap_or(0);
-    assert!(!said.contains("panicked"), "{when}: {said}");
-    let failed = said.contains("FAILED");
-    assert!(failed || said.contains("DONE"), "{when}: neither an error nor an end: {said}");
+    assert!(!output.contains("panicked"), "{when}: {output}");
+    let failed = output.contains("FAILED");
+    assert!(failed || output.contains("DONE"), "{when}: neither an error nor an end: {output}");
     let store = Store::open(folder).unwrap_or_else(|error| panic!("{when}: bricked: {error}"));
     let views = store.views().unwrap();
-    assert!(views.head().unwrap().seq >= acked, "{when}: {acked} was acknowledged: {said}");
+    assert!(views.head().unwrap().seq >= acked, "{when}: {acked} was acknowledged: {output}");
     assert_eq!(check_invariants(views.connection()).unwrap(), [], "{when}");
     if views.context().unwrap().is_none() {
         bootstrap(&store, "grasp");
@@ -139,7 +139,7 @@ fn a_disk_that_fails_at_any_call_loses_nothing() {
         return;
     }
     let most: u64 = std::env::var("HOLDPOINT_IO_ERRORS").map_or(6, |text| text.parse().unwrap());
-    let (mut done, mut told) = (0, 0);
+    let (mut done, mut reported) = (0, 0);
     'all: for more in 0.. {
         // At most every call of a run: after a call that is never made, the run ends normally.
         let all = CALLS.iter().flat_map(|call| ERRORS.iter().map(move |error| (*call, *error)));
@@ -154,12 +154,12 @@ fn a_disk_that_fails_at_any_call_loses_nothing() {
                 let folder = quick_folder();
                 let store = folder.path().join("store");
                 std::fs::create_dir(&store).unwrap();
-                let said = run(&store, more, (call, error, &spell.when(nth)));
-                let failed = check(&store, &said, &format!("{call} {nth} {error} {spell:?}, {more} more"));
+                let output = run(&store, more, (call, error, &spell.when(nth)));
+                let failed = check(&store, &output, &format!("{call} {nth} {error} {spell:?}, {more} more"));
                 done += 1;
-                told += u64::from(failed);
+                reported += u64::from(failed);
                 if done % 500 == 0 {
-                    println!("{done} failing calls so far, {told} told by an error");
+                    println!("{done} failing calls so far, {reported} told by an error");
                 }
                 // The next sync repairs a failed one behind an acknowledgment, so a normal end tells nothing about
                 // later calls; calls run out after some hundred.
@@ -173,6 +173,6 @@ fn a_disk_that_fails_at_any_call_loses_nothing() {
             }
         }
     }
-    assert!(told > 0, "no failure reached the store");
-    println!("{done} failing calls, {told} told by an error, {} without effect", done - told);
+    assert!(reported > 0, "no failure reached the store");
+    println!("{done} failing calls, {reported} told by an error, {} without effect", done - reported);
 }

@@ -10,7 +10,7 @@ use holdpoint_approvals::keyfile::{hex, read_secret, unhex};
 use holdpoint_governance::ids::Digest;
 use sha2::{Digest as _, Sha256};
 
-use crate::tree::{Letters, Node};
+use crate::tree::{JsonNode, Letters};
 
 /// The keys of a store and of its people.
 pub struct Keys {
@@ -51,27 +51,27 @@ impl Keys {
     }
 }
 
-fn text(text: impl Into<String>) -> Node {
-    Node::Text(text.into())
+fn text(text: impl Into<String>) -> JsonNode {
+    JsonNode::Text(text.into())
 }
 
 /// The bytes of texts; `None` where one is none.
-fn texts<'a>(node: &'a Node, names: &[&str]) -> Option<Vec<&'a [u8]>> {
+fn texts<'a>(node: &'a JsonNode, names: &[&str]) -> Option<Vec<&'a [u8]>> {
     names.iter().map(|name| node.text(&[name]).map(str::as_bytes)).collect()
 }
 
-fn digits(node: &Node, path: &[&str]) -> Option<[u8; 32]> {
+fn digits(node: &JsonNode, path: &[&str]) -> Option<[u8; 32]> {
     unhex(node.text(path)?)
 }
 
 /// Signs what is in `node` under `inner`, and puts signature and key beside it.
-fn sign(node: &mut Node, key: &SigningKey, digest: Digest) {
+fn sign(node: &mut JsonNode, key: &SigningKey, digest: Digest) {
     node.set(&["public_key"], text(hex(key.verifying_key().as_bytes())));
     node.set(&["signature"], text(hex(&key.sign(digest.bytes()).to_bytes())));
 }
 
 /// The digest of an act about a person, after another.
-fn of_act(act: &Node) -> Option<Digest> {
+fn of_act(act: &JsonNode) -> Option<Digest> {
     let first = texts(act, &["store_id"])?;
     let follows = digits(act, &["follows"])?;
     let middle = texts(act, &["act", "name", "role", "key"])?;
@@ -84,7 +84,7 @@ fn of_act(act: &Node) -> Option<Digest> {
     Some(Digest::of_parts("holdpoint/person-act/v1", &parts))
 }
 
-fn of_word(act: &Node) -> Option<Digest> {
+fn of_witness_act(act: &JsonNode) -> Option<Digest> {
     let after = digits(act, &["after"])?;
     let flag = |name: &'static str| if act.is_true(&[name]) { name.as_bytes() } else { b"" };
     let parts = [
@@ -98,7 +98,7 @@ fn of_word(act: &Node) -> Option<Digest> {
     Some(Digest::of_parts("holdpoint/witness-act/v1", &parts.concat()))
 }
 
-fn of_approval(approval: &Node) -> Option<Digest> {
+fn of_approval(approval: &JsonNode) -> Option<Digest> {
     let number = |name| approval.number(&[name]).map(u64::to_le_bytes);
     let (row_version, not_after) = (number("row_version")?, number("not_after_ms")?);
     let digests = |name| digits(approval, &[name]);
@@ -120,14 +120,14 @@ fn of_approval(approval: &Node) -> Option<Digest> {
     };
     let renderer = u32::try_from(renderer).ok()?.to_le_bytes();
     let (lines, facts) = (digits(approval, &["shown", "lines"])?, digits(approval, &["shown", "facts"])?);
-    let told = |name| approval.text(&["shown", name]).map(str::as_bytes);
+    let shown_bytes = |name| approval.text(&["shown", name]).map(str::as_bytes);
     let over: [&[u8]; 4] = [if alone { b"break-glass" } else { b"" }, &renderer, &lines, &facts];
     parts.extend(over);
-    parts.extend([told("store_key")?, told("request")?]);
+    parts.extend([shown_bytes("store_key")?, shown_bytes("request")?]);
     Some(Digest::of_parts("holdpoint/approval/v2", &parts))
 }
 
-fn of_record(record: &Node) -> Option<Digest> {
+fn of_record(record: &JsonNode) -> Option<Digest> {
     let prev = digits(record, &["prev"])?;
     let number = |name| record.number(&[name]).map(u64::to_le_bytes);
     let (seq, at_ms) = (number("seq")?, number("at_ms")?);
@@ -135,7 +135,7 @@ fn of_record(record: &Node) -> Option<Digest> {
     Some(Digest::of_parts("holdpoint/audit/v1", &parts))
 }
 
-fn of_head(head: &Node) -> Option<Digest> {
+fn of_head(head: &JsonNode) -> Option<Digest> {
     let number = |path: &[&str]| head.number(path).map(u64::to_le_bytes);
     let (seq, at_ms, hash) = (number(&["seq"])?, number(&["at_ms"])?, digits(head, &["head"])?);
     let end = [texts(head, &["store_id"])?, vec![&seq, &at_ms, &hash]].concat();
@@ -154,7 +154,7 @@ fn of_head(head: &Node) -> Option<Digest> {
         Some(root) => {
             let earlier = head.number(&["link", "earlier"]).unwrap_or(0).to_le_bytes();
             let mut parts = [end, linked, vec![&earlier, &root, fold]].concat();
-            let Some(Node::Raw(wall_ms)) = head.at(&["wall_ms"]) else {
+            let Some(JsonNode::Raw(wall_ms)) = head.at(&["wall_ms"]) else {
                 return Some(Digest::of_parts("holdpoint/checkpoint/v4", &parts));
             };
             let wall_ms = wall_ms.parse::<i64>().ok()?.to_le_bytes();
@@ -178,13 +178,13 @@ fn root(hashes: &[Digest]) -> [u8; 32] {
 }
 
 /// Repairs the lines of an export as far as they can be parsed.
-pub fn mend(lines: &mut [Node], keys: &Keys, mended: Mended) {
+pub fn mend(lines: &mut [JsonNode], keys: &Keys, mended: Mended) {
     let store_id = lines[0].text(&["export", "store_id"]).unwrap_or_default().to_owned();
     let mut follows = Digest::of_parts("holdpoint/persons/v1", &[store_id.as_bytes()]);
     let (mut hashes, mut prev) = (Vec::new(), Digest::from_bytes([0; 32]));
     for record in lines.iter_mut().filter_map(|line| line.at_mut(&["record"])) {
         if mended.chain {
-            record.set(&["seq"], Node::Raw((hashes.len() + 1).to_string()));
+            record.set(&["seq"], JsonNode::Raw((hashes.len() + 1).to_string()));
             record.set(&["prev"], text(prev.to_string()));
         }
         mend_body(record, keys, mended, (&mut follows, prev));
@@ -196,7 +196,7 @@ pub fn mend(lines: &mut [Node], keys: &Keys, mended: Mended) {
         hashes.push(prev);
     }
     if mended.chain {
-        lines[0].set(&["export", "records"], Node::Raw(hashes.len().to_string()));
+        lines[0].set(&["export", "records"], JsonNode::Raw(hashes.len().to_string()));
     }
     let (mut number, mut previous) = (0, Digest::from_bytes([0; 32]));
     for line in &mut *lines {
@@ -212,7 +212,7 @@ pub fn mend(lines: &mut [Node], keys: &Keys, mended: Mended) {
             head.set(&["root"], text(hex(&root(upto))));
         }
         if mended.links {
-            head.set(&["link", "number"], Node::Raw((number + 1).to_string()));
+            head.set(&["link", "number"], JsonNode::Raw((number + 1).to_string()));
             head.set(&["link", "previous"], text(previous.to_string()));
         }
         let Some(digest) = of_head(head) else { continue };
@@ -234,9 +234,9 @@ pub fn mend(lines: &mut [Node], keys: &Keys, mended: Mended) {
 }
 
 /// Repairs the acts in a record's body.
-fn mend_body(record: &mut Node, keys: &Keys, mended: Mended, (follows, prev): (&mut Digest, Digest)) {
+fn mend_body(record: &mut JsonNode, keys: &Keys, mended: Mended, (follows, prev): (&mut Digest, Digest)) {
     let Some(kind) = record.text(&["kind"]).map(str::to_owned) else { return };
-    let Some(mut body) = record.text(&["body"]).and_then(Node::parse) else { return };
+    let Some(mut body) = record.text(&["body"]).and_then(JsonNode::parse) else { return };
     let is_person = kind.starts_with("person-");
     let path: &[&str] = if is_person { &["change"] } else { &["change", "act"] };
     let Some(change) = body.at_mut(path).filter(|_| is_person || kind == "witness-set") else { return };
@@ -245,7 +245,7 @@ fn mend_body(record: &mut Node, keys: &Keys, mended: Mended, (follows, prev): (&
         let (name, value) = if is_person { ("follows", *follows) } else { ("after", prev) };
         act.set(&[name], text(value.to_string()));
     }
-    let digest = if is_person { of_act(act) } else { of_word(act) };
+    let digest = if is_person { of_act(act) } else { of_witness_act(act) };
     let by = act.text(&["by"]).map(str::to_owned);
     if let Some(digest) = digest {
         if mended.signatures {

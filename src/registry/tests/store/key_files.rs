@@ -14,22 +14,23 @@ fn a_quick_look_finds_every_key_file_that_is_not_as_it_has_to_be() {
     made(folder.path());
     let keys = folder.path().join("keys");
     let of = |name: &str| keys.join("identities").join(name);
-    type Damage<'a> = Box<dyn Fn() + 'a>;
-    let empty = |path: PathBuf| Box::new(move || fs::write(&path, "").unwrap()) as Damage<'_>;
-    let gone = |path: PathBuf| Box::new(move || fs::remove_file(&path).unwrap()) as Damage<'_>;
+    type KeyFileDamage<'a> = Box<dyn Fn() + 'a>;
+    let empty = |path: PathBuf| Box::new(move || fs::write(&path, "").unwrap()) as KeyFileDamage<'_>;
+    let gone = |path: PathBuf| Box::new(move || fs::remove_file(&path).unwrap()) as KeyFileDamage<'_>;
     let mode = |path: PathBuf, mode: u32| {
-        Box::new(move || fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap()) as Damage<'_>
+        Box::new(move || fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap())
+            as KeyFileDamage<'_>
     };
     let link = |path: PathBuf| {
         Box::new(move || {
             fs::remove_file(&path).unwrap();
             symlink("/dev/zero", &path).unwrap();
-        }) as Damage<'_>
+        }) as KeyFileDamage<'_>
     };
     let copied = |from: PathBuf, to: PathBuf| {
-        Box::new(move || assert!(fs::copy(&from, &to).unwrap() > 0)) as Damage<'_>
+        Box::new(move || assert!(fs::copy(&from, &to).unwrap() > 0)) as KeyFileDamage<'_>
     };
-    let cases: Vec<(&str, Damage<'_>, &[&str])> = vec![
+    let cases: Vec<(&str, KeyFileDamage<'_>, &[&str])> = vec![
         ("no store.key", gone(keys.join("store.key")), &["store.key", "put it back from a backup"]),
         ("empty store.key", empty(keys.join("store.key")), &["store.key", "is not a key"]),
         ("link", link(keys.join("store.key")), &["store.key", "is a link", "put it back"]),
@@ -51,8 +52,8 @@ fn a_quick_look_finds_every_key_file_that_is_not_as_it_has_to_be() {
         ("left over", copied(of("ben.key"), of("ben.key.new")), &["ben.key.new", "remove it"]),
     ];
     for (name, damage, expected) in cases {
-        let kept = quick_folder();
-        let saved = kept.path().join("keys");
+        let backup_folder = quick_folder();
+        let saved = backup_folder.path().join("keys");
         copy_keys(&keys, &saved);
         assert!(check_store(folder.path()).unwrap().iter().all(|looked| looked.good), "before {name}");
         damage();

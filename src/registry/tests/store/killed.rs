@@ -137,10 +137,10 @@ fn a_rebuild_leaves_the_damaged_store_or_the_rebuilt_one() {
         }
         drop(open(folder));
         verify(&folder.join("holdpoint.db"), None).unwrap_or_else(|error| panic!("{when}: {error}"));
-        let kept = fs::read_dir(folder).unwrap().filter(|entry| {
+        let damaged_files = fs::read_dir(folder).unwrap().filter(|entry| {
             entry.as_ref().unwrap().file_name().to_string_lossy().starts_with("holdpoint-damaged-")
         });
-        assert!(kept.count() > 0, "{when}: the damaged file is gone");
+        assert!(damaged_files.count() > 0, "{when}: the damaged file is gone");
     };
     assert!(at_every_call(test, prepare, check) > 20);
 }

@@ -44,34 +44,34 @@ fn a_text_that_is_too_long_is_refused_with_its_table() {
         let database = folder.path().join("holdpoint.db");
         lengthen(&database, edit);
         let copied = to.path().join("copy");
-        for said in [
+        for error in [
             unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err().to_string(),
             verify(&database, None).unwrap_err().to_string(),
             verify_copy(&database, None).unwrap_err().to_string(),
             Views::open_checked(&database).map(drop).unwrap_err().to_string(),
             backup(folder.path(), &copied, BackupParts::default()).unwrap_err().to_string(),
         ] {
-            assert!(said.contains(named) && said.contains(LIMIT), "{edit}: {said}");
-            assert!(said.len() < 1000, "{edit}: the error has {} bytes", said.len());
+            assert!(error.contains(named) && error.contains(LIMIT), "{edit}: {error}");
+            assert!(error.len() < 1000, "{edit}: the error has {} bytes", error.len());
         }
         assert!(!copied.exists());
         // A less thorough check may miss it, and never loads it.
-        for said in [
+        for error in [
             store_info(folder.path()).err().map(|error| error.to_string()),
             check_store(folder.path()).err().map(|error| error.to_string()),
             export_store(&database, ExportScope::Unchecked, None, &mut std::io::sink())
                 .err()
                 .map(|it| it.to_string()),
         ] {
-            let said = said.unwrap_or_else(|| LIMIT.to_owned());
-            assert!(said.contains(LIMIT) && said.len() < 1000, "{edit}: {said:.1000}");
+            let error = error.unwrap_or_else(|| LIMIT.to_owned());
+            assert!(error.contains(LIMIT) && error.len() < 1000, "{edit}: {error:.1000}");
         }
     }
 }
 
 /// A rebuild can replace a text that is too long for a reader: it restores the chain's value.
 #[test]
-fn what_is_too_long_is_mended_by_a_rebuild() {
+fn a_rebuild_repairs_what_is_too_long() {
     for edit in [
         "UPDATE meta SET value = $LONG WHERE key = 'store_id'",
         "UPDATE family SET reason = $LONG WHERE name = 'grasp'",
@@ -101,10 +101,10 @@ fn a_copy_with_a_text_that_is_too_long_is_named() {
     fs::copy(&database, &copy).unwrap();
     lengthen(&copy, "UPDATE meta SET value = $LONG WHERE key = 'signed_end'");
     let against = [copy];
-    let judged =
+    let options =
         VerifyOptions { key: None, against: &against, place: DatabaseLocation::Store, tell: &|_, _, _| {} };
-    let said = verify_against(&database, &judged).unwrap_err().to_string();
-    assert!(said.contains("copy.db") && said.contains("table meta") && said.contains(LIMIT), "{said}");
+    let error = verify_against(&database, &options).unwrap_err().to_string();
+    assert!(error.contains("copy.db") && error.contains("table meta") && error.contains(LIMIT), "{error}");
 }
 
 #[test]
@@ -119,10 +119,10 @@ fn a_large_file_among_keys_and_profiles_is_refused_by_its_size() {
             file.set_len(bytes).unwrap();
             let begun = Instant::now();
             let parts = BackupParts { keys: true, recordings: None };
-            let said = backup(folder.path(), &to.path().join("copy"), parts).unwrap_err().to_string();
+            let error = backup(folder.path(), &to.path().join("copy"), parts).unwrap_err().to_string();
             assert!(
-                said.contains(name) && said.contains("65536") && said.contains(&bytes.to_string()),
-                "{said}"
+                error.contains(name) && error.contains("65536") && error.contains(&bytes.to_string()),
+                "{error}"
             );
             assert!(begun.elapsed() < Duration::from_secs(20));
             assert_eq!(fs::read_dir(to.path()).unwrap().count(), 0);

@@ -110,6 +110,6 @@ fn an_edited_record_before_the_snapshot_is_neither_written_out_nor_counted() {
     ] {
         assert!(error.contains("audit record 1000 is bad"), "{error}");
     }
-    let mut lies = Vec::new();
-    assert!(export_store(&database, ExportScope::Unchecked, None, &mut lies).unwrap() > RECORDS);
+    let mut bytes = Vec::new();
+    assert!(export_store(&database, ExportScope::Unchecked, None, &mut bytes).unwrap() > RECORDS);
 }

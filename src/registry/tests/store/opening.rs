@@ -64,7 +64,7 @@ fn a_link_in_the_place_of_a_folder_is_refused() {
 #[test]
 fn a_database_that_is_removed_or_replaced_at_work_is_noticed() {
     type Displace = fn(&Path);
-    let ways: [(&str, Displace); 3] = [
+    let cases: [(&str, Displace); 3] = [
         ("removed", |database| fs::remove_file(database).unwrap()),
         ("moved away", |database| fs::rename(database, database.with_extension("away")).unwrap()),
         ("replaced by its copy", |database| {
@@ -73,7 +73,7 @@ fn a_database_that_is_removed_or_replaced_at_work_is_noticed() {
             fs::rename(&copy, database).unwrap();
         }),
     ];
-    for (what, displace) in ways {
+    for (what, displace) in cases {
         let folder = tempfile::tempdir().unwrap();
         let store = open(folder.path());
         bootstrap(&store, "grasp");
@@ -87,7 +87,7 @@ fn a_database_that_is_removed_or_replaced_at_work_is_noticed() {
 }
 
 #[test]
-fn a_second_engine_is_told_who_has_it() {
+fn an_in_use_error_names_the_process() {
     let folder = tempfile::tempdir().unwrap();
     let first = open(folder.path());
     bootstrap(&first, "grasp");
@@ -104,8 +104,8 @@ fn a_second_engine_is_told_who_has_it() {
 /// Every way to damage or replace the database; each is refused, says why, and leaves the file as it was.
 #[test]
 fn other_files_are_refused_and_left_alone() {
-    type Make = fn(&Path);
-    let table: [(&str, Make, &str); 10] = [
+    type FileDamage = fn(&Path);
+    let table: [(&str, FileDamage, &str); 10] = [
         ("empty", |db| fs::write(db, b"").unwrap(), "cut short"),
         ("header only", |db| fs::write(db, &fs::read(db).unwrap()[..100]).unwrap(), "cut short"),
         ("half", |db| fs::write(db, &fs::read(db).unwrap()[..8192]).unwrap(), "cut short"),
@@ -180,8 +180,8 @@ fn an_older_copy_is_noticed() {
 
 #[test]
 fn broken_registries_and_keys_are_refused() {
-    type Make = fn(&Path);
-    let table: [(&str, Make, &str); 5] = [
+    type StoreDamage = fn(&Path);
+    let table: [(&str, StoreDamage, &str); 5] = [
         (
             "no active version",
             |folder| {
@@ -273,7 +273,7 @@ fn no_new_history_begins_in_the_place_of_one_that_was_taken_away() {
 
 /// A stop mark stays beside the database even if its text cannot be written.
 #[test]
-fn a_stop_that_has_no_room_for_its_words_is_marked_all_the_same() {
+fn a_stop_mark_needs_no_room_for_its_text() {
     let folder = tempfile::tempdir().unwrap();
     let layout = holdpoint_registry::Layout::new(folder.path());
     layout.create().unwrap();
@@ -306,8 +306,8 @@ fn locks(path: &std::path::Path) -> usize {
     let inode = format!(":{}", std::fs::metadata(path).unwrap().ino());
     let own = std::process::id().to_string();
     let is_ours = |line: &&str| {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        words.contains(&own.as_str()) && words.iter().any(|word| word.ends_with(&inode))
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        fields.contains(&own.as_str()) && fields.iter().any(|field| field.ends_with(&inode))
     };
     let reading = |_| std::fs::read_to_string("/proc/locks").unwrap().lines().filter(is_ours).count();
     (0..50).map(reading).find(|count| *count > 0).unwrap_or(0)
@@ -317,7 +317,7 @@ fn locks(path: &std::path::Path) -> usize {
 /// connection could then delete the log under the engine, and a kill lost acknowledged data.
 #[test]
 #[cfg(target_os = "linux")]
-fn whoever_reads_beside_the_writer_takes_no_lock_from_it() {
+fn a_reader_takes_no_lock_from_the_writer() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");

@@ -11,29 +11,29 @@ use holdpoint_registry::verify_export;
 use crate::edits::{Dice, quick_folder};
 use crate::forged::{Keys, Mended, mend};
 use crate::proofs::public_key;
-use crate::tree::{Letters, Node};
+use crate::tree::{JsonNode, Letters};
 use crate::verifiers::{exported, python_of_all, same, stores, what};
 
 /// Mutants that Python verifies at a time.
 const TOGETHER: u64 = 200;
 /// The most disagreements that are printed.
-const TOLD_MAX: usize = 5;
+const PRINTED_MAX: usize = 5;
 /// Tokens of JSON, and others.
 const LETTERS: &[u8] = b"0123456789abcdefE+-.{}[],:\"\\/ \r\n\t\0\x80\xc3\xff";
 
 /// An export that is sound, and the keys to it.
-struct Whole {
-    lines: Vec<Node>,
+struct SoundExport {
+    lines: Vec<JsonNode>,
     keys: Keys,
     key: PathBuf,
 }
 
 /// A number from the environment.
-fn asked(name: &str, otherwise: u64) -> u64 {
-    std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
+fn env_number(name: &str, default: u64) -> u64 {
+    std::env::var(name).map_or(default, |text| text.parse().unwrap())
 }
 
-fn written(lines: &[Node]) -> Vec<u8> {
+fn written(lines: &[JsonNode]) -> Vec<u8> {
     let lines: Vec<String> = lines.iter().map(|line| line.written(Letters::Ascii) + "\n").collect();
     lines.concat().into_bytes()
 }
@@ -70,7 +70,7 @@ fn edit_bytes(dice: &mut Dice, bytes: &mut Vec<u8>) {
 }
 
 /// A kind that matters more often than the many others.
-fn a_line(dice: &mut Dice, lines: &[Node]) -> usize {
+fn a_line(dice: &mut Dice, lines: &[JsonNode]) -> usize {
     const JUDGED: [&str; 6] = [
         "approval-put",
         "person-enrolled",
@@ -80,7 +80,7 @@ fn a_line(dice: &mut Dice, lines: &[Node]) -> usize {
         "store-rebuilt",
     ];
     let wanted = dice.roll(10);
-    let is_wanted = |line: &&Node| match wanted {
+    let is_wanted = |line: &&JsonNode| match wanted {
         0 => line.at(&["export"]).is_some(),
         1..=2 => line.at(&["head"]).is_some() || line.at(&["end"]).is_some(),
         3..=5 => line.text(&["record", "kind"]).is_some_and(|kind| JUDGED.contains(&kind)),
@@ -92,7 +92,7 @@ fn a_line(dice: &mut Dice, lines: &[Node]) -> usize {
     if chosen.is_empty() { dice.roll(lines.len()) } else { chosen[dice.roll(chosen.len())] }
 }
 
-fn edit_lines(dice: &mut Dice, lines: &mut Vec<Node>) {
+fn edit_lines(dice: &mut Dice, lines: &mut Vec<JsonNode>) {
     let at = a_line(dice, lines);
     match dice.roll(12) {
         0 if lines.len() > 2 => drop(lines.remove(at)),
@@ -109,7 +109,7 @@ fn edit_lines(dice: &mut Dice, lines: &mut Vec<Node>) {
             }
         }
         edit => {
-            let others: Vec<Node> = (0..4).map(|_| lines[a_line(dice, lines)].clone()).collect();
+            let others: Vec<JsonNode> = (0..4).map(|_| lines[a_line(dice, lines)].clone()).collect();
             if edit > 7 {
                 lines[at].mutate(dice, &others);
             } else {
@@ -120,7 +120,7 @@ fn edit_lines(dice: &mut Dice, lines: &mut Vec<Node>) {
     }
 }
 
-fn mutant(dice: &mut Dice, whole: &Whole) -> Vec<u8> {
+fn mutant(dice: &mut Dice, whole: &SoundExport) -> Vec<u8> {
     let mut lines = whole.lines.clone();
     let as_bytes = dice.roll(8) == 0;
     if !as_bytes {
@@ -145,15 +145,15 @@ fn mutant(dice: &mut Dice, whole: &Whole) -> Vec<u8> {
 #[test]
 fn mutated_exports_are_judged_the_same_by_both() {
     let root = quick_folder();
-    let wholes: Vec<Whole> = stores(root.path())
+    let wholes: Vec<SoundExport> = stores(root.path())
         .iter()
         .map(|store| {
-            let read = |line: &String| Node::parse(line).unwrap();
+            let read = |line: &String| JsonNode::parse(line).unwrap();
             let lines = exported(store, &root.path().join("store.jsonl")).iter().map(read).collect();
-            Whole { lines, keys: Keys::of(store), key: store.join("keys/store.pub") }
+            SoundExport { lines, keys: Keys::of(store), key: store.join("keys/store.pub") }
         })
         .collect();
-    let (seed, runs) = (asked("HOLDPOINT_FUZZ_SEED", 1), asked("HOLDPOINT_FUZZ_RUNS", 600));
+    let (seed, runs) = (env_number("HOLDPOINT_FUZZ_SEED", 1), env_number("HOLDPOINT_FUZZ_RUNS", 600));
     let (started, mut found, mut parting) = (Instant::now(), BTreeMap::new(), Vec::new());
     for (nth, first) in (0..runs).step_by(usize::try_from(TOGETHER).unwrap()).enumerate() {
         let whole = &wholes[nth % wholes.len()];
@@ -179,7 +179,7 @@ fn mutated_exports_are_judged_the_same_by_both() {
     }
     println!("exports: seed {seed}, {runs} mutants, {found:?}, {} s", started.elapsed().as_secs());
     let count = parting.len();
-    parting.truncate(TOLD_MAX);
+    parting.truncate(PRINTED_MAX);
     assert!(parting.is_empty(), "{count} part the verifiers: {parting:#?}");
     for expected in ["sound", "line", "record", "head", "end", "person", "approval"] {
         assert!(runs < 600 || found.contains_key(expected), "no mutant is bad by its {expected}: {found:?}");
@@ -193,7 +193,7 @@ fn a_mended_export_is_sound() {
     let file = root.path().join("store.jsonl");
     for store in stores(root.path()) {
         let before = exported(&store, &file);
-        let mut lines: Vec<Node> = before.iter().map(|line| Node::parse(line).unwrap()).collect();
+        let mut lines: Vec<JsonNode> = before.iter().map(|line| JsonNode::parse(line).unwrap()).collect();
         assert_eq!(written(&lines), fs::read(&file).unwrap(), "{store:?}");
         let gap = lines
             .iter()

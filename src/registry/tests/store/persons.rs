@@ -27,10 +27,10 @@ fn revocation(store: &Store, name: &str, by: &Identity) -> SignedPersonAct {
 }
 
 #[track_caller]
-fn refused(store: &Store, change: Change, said: &str) {
+fn refused(store: &Store, change: Change, expected: &str) {
     let before = store.views().unwrap().head().unwrap();
     let error = commit(store, "refused", vec![change]).unwrap_err().to_string();
-    assert!(error.contains(said), "{error}");
+    assert!(error.contains(expected), "{error}");
     assert_eq!(store.views().unwrap().head().unwrap(), before, "nothing was written");
 }
 
@@ -89,12 +89,12 @@ fn only_an_administrators_act_for_this_store_enrols() {
 }
 
 #[test]
-fn a_revoked_keys_approval_is_neither_kept_nor_used() {
+fn a_revoked_keys_approval_has_no_effect() {
     let folder = tempfile::tempdir().unwrap();
     let store = begun(folder.path());
     let (ada, root) = (person(&store, "ada"), administrator(&store));
-    let (kept, late) = (approve(&store, &ada, NEW, 1), approve(&store, &ada, NEW, 2));
-    commit(&store, "kept", vec![Change::PutApproval(Box::new(kept))]).unwrap();
+    let (early, late) = (approve(&store, &ada, NEW, 1), approve(&store, &ada, NEW, 2));
+    commit(&store, "kept", vec![Change::PutApproval(Box::new(early))]).unwrap();
     let act = revocation(&store, "ada", &root);
     commit(&store, "revoke", vec![Change::RevokePerson(Box::new(act))]).unwrap();
     refused(&store, Change::PutApproval(Box::new(late)), "not enrolled");
@@ -145,7 +145,7 @@ fn persons_are_made_anew_from_the_chain() {
 }
 
 #[test]
-fn a_confirmation_is_kept_checked_and_made_anew_from_the_chain() {
+fn a_confirmation_is_stored_checked_and_rebuilt() {
     let folder = tempfile::tempdir().unwrap();
     let store = begun(folder.path());
     person(&store, "ada");

@@ -49,8 +49,8 @@ fn life(folder: &Path) {
     }
 }
 
-fn number(name: &str, otherwise: u64) -> u64 {
-    std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
+fn number(name: &str, default: u64) -> u64 {
+    std::env::var(name).map_or(default, |text| text.parse().unwrap())
 }
 
 /// This test again as a child in `folder`, recorded.
@@ -69,13 +69,13 @@ fn ended(name: &str, trace: &Trace, check: impl Fn(&Path, u64, &str)) {
     ] {
         for case in 0..cases {
             let mut random = Random::of_run(seed, case);
-            let moment = random.below(trace.moments());
+            let point = random.below(trace.cut_count());
             let folder = quick_folder();
-            trace.play(moment, loss, &mut random, folder.path());
-            let when = format!("{name}, {loss:?}: seed {seed}, case {case}, moment {moment}");
-            check(folder.path(), trace.acknowledged(moment), &when);
+            trace.play(point, loss, &mut random, folder.path());
+            let when = format!("{name}, {loss:?}: seed {seed}, case {case}, moment {point}");
+            check(folder.path(), trace.acknowledged(point), &when);
         }
-        println!("{name}: seed {seed}, {cases} ends of {} moments, {loss:?} lost", trace.moments());
+        println!("{name}: seed {seed}, {cases} ends of {} moments, {loss:?} lost", trace.cut_count());
     }
 }
 
@@ -107,18 +107,22 @@ fn a_power_cut_at_any_moment_loses_nothing_acknowledged() {
     let folder = quick_folder();
     let test = "power::a_power_cut_at_any_moment_loses_nothing_acknowledged";
     let Some(trace) = recorded(test, folder.path()) else { return };
-    assert!(trace.acknowledged(trace.moments() - 1) > 80 && trace.moments() > 800, "{}", trace.moments());
+    assert!(
+        trace.acknowledged(trace.cut_count() - 1) > 80 && trace.cut_count() > 800,
+        "{}",
+        trace.cut_count()
+    );
     ended("a life", &trace, goes_on);
     // The check can fail: it does on a disk that flushes nothing.
     let lost = (0..40).filter(|case| {
         let mut random = Random::of_run(1, *case);
-        let moment = random.below(trace.moments());
+        let point = random.below(trace.cut_count());
         let folder = quick_folder();
-        trace.play(moment, Loss::Anything, &mut random, folder.path());
+        trace.play(point, Loss::Anything, &mut random, folder.path());
         let opened = Store::open(folder.path());
         opened.is_err()
             || opened
-                .is_ok_and(|store| store.views().unwrap().head().unwrap().seq < trace.acknowledged(moment))
+                .is_ok_and(|store| store.views().unwrap().head().unwrap().seq < trace.acknowledged(point))
     });
     assert!(lost.count() > 10, "a disk that lies is not noticed");
 }

@@ -17,10 +17,10 @@ fn head(store: &Store) -> Head {
 }
 
 /// A refused change writes nothing.
-fn refused(store: &Store, what: impl FnOnce() -> Result<(), StoreError>, said: &str) {
+fn refused(store: &Store, what: impl FnOnce() -> Result<(), StoreError>, expected: &str) {
     let before = head(store);
     let error = what().unwrap_err();
-    assert!(error.to_string().contains(said), "{error}");
+    assert!(error.to_string().contains(expected), "{error}");
     assert_eq!(head(store), before, "nothing was written");
 }
 
@@ -154,8 +154,8 @@ fn no_rebuild_takes_a_change_of_profile_that_nobody_signed() {
     let is_refused = || {
         for unsigned in [UnsignedRecords::Refuse, UnsignedRecords::Take] {
             let error = unless_in_use(|| rebuild(folder.path(), unsigned, BY, 7)).unwrap_err();
-            let said = error.to_string();
-            assert!(said.contains("goes over from the profile human to sim"), "{unsigned:?}: {said}");
+            let message = error.to_string();
+            assert!(message.contains("goes over from the profile human to sim"), "{unsigned:?}: {message}");
             assert!(error.hint().unwrap().contains("from a backup"), "{error:?}");
         }
         assert!(verify(&database, None).is_err());
@@ -164,8 +164,9 @@ fn no_rebuild_takes_a_change_of_profile_that_nobody_signed() {
     is_refused();
     // Nor beside an authorization that is also unsigned.
     rewrite(folder.path(), "DELETE FROM audit WHERE seq = (SELECT max(seq) FROM audit)");
-    let word = r#"'{"change":{"act":{},"by":"{}","change":"allow-profile","profile":"sim"},"rows":[]}'"#;
-    append("profile-allowed", word);
+    let authorization =
+        r#"'{"change":{"act":{},"by":"{}","change":"allow-profile","profile":"sim"},"rows":[]}'"#;
+    append("profile-allowed", authorization);
     append("context-set", first);
     is_refused();
     // Nor an ambiguous one.

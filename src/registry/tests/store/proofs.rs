@@ -61,8 +61,8 @@ fn every_record_has_a_proof_that_needs_no_store() {
     }
     every_byte_counts(&prove_record(&database, 7).unwrap(), &key);
     for missing in [0, records + 1, u64::MAX >> 1] {
-        let said = prove_record(&database, missing).unwrap_err().to_string();
-        assert!(said.contains(&format!("the chain ends at record {records}")), "{said}");
+        let error = prove_record(&database, missing).unwrap_err().to_string();
+        assert!(error.contains(&format!("the chain ends at record {records}")), "{error}");
     }
     // Steps of another record, and another record under these steps.
     let (one, two) = (prove_record(&database, 3).unwrap(), prove_record(&database, 4).unwrap());
@@ -77,19 +77,19 @@ fn the_chain_is_shown_to_go_on_from_each_of_its_heads() {
     made(folder.path());
     made(other.path());
     let (database, key) = (folder.path().join("holdpoint.db"), public_key(folder.path()));
-    let kept = heads(folder.path());
-    assert!(kept.len() >= 3);
-    for (_, head) in &kept {
+    let checkpoints = heads(folder.path());
+    assert!(checkpoints.len() >= 3);
+    for (_, head) in &checkpoints {
         assert_eq!(stored_head(folder.path(), head.seq).unwrap(), *head);
         let proof = prove_consistency(&database, head).unwrap();
         proof.check(&key).unwrap();
         assert_eq!(proof.heads()[0], head);
     }
-    every_byte_counts(&prove_consistency(&database, &kept[0].1).unwrap(), &key);
-    let said = stored_head(folder.path(), kept[0].1.seq + 1).unwrap_err().to_string();
-    assert!(said.contains("the nearest"), "{said}");
-    let said = prove_consistency(&database, &heads(other.path())[0].1).unwrap_err().to_string();
-    assert!(said.contains("belongs to the store"), "{said}");
+    every_byte_counts(&prove_consistency(&database, &checkpoints[0].1).unwrap(), &key);
+    let error = stored_head(folder.path(), checkpoints[0].1.seq + 1).unwrap_err().to_string();
+    assert!(error.contains("the nearest"), "{error}");
+    let error = prove_consistency(&database, &heads(other.path())[0].1).unwrap_err().to_string();
+    assert!(error.contains("belongs to the store"), "{error}");
     // Restored to an earlier state, and continued differently.
     let before = fs::read(&database).unwrap();
     let store = open(folder.path());
@@ -97,15 +97,15 @@ fn the_chain_is_shown_to_go_on_from_each_of_its_heads() {
     drop(store);
     let (_, later) = heads(folder.path()).pop().unwrap();
     fs::write(&database, &before).unwrap();
-    let said = prove_consistency(&database, &later).unwrap_err().to_string();
-    assert!(said.contains("it was cut off"), "{said}");
+    let error = prove_consistency(&database, &later).unwrap_err().to_string();
+    assert!(error.contains("it was cut off"), "{error}");
     fs::remove_file(folder.path().join("checkpoints").join(format!("{:012}.json", later.seq))).unwrap();
     let store = open(folder.path());
     shadowed(&store, "place@1.3.0");
     shadowed(&store, "place@1.4.0");
     drop(store);
-    let said = prove_consistency(&database, &later).unwrap_err().to_string();
-    assert!(said.contains("history was rewritten"), "{said}");
+    let error = prove_consistency(&database, &later).unwrap_err().to_string();
+    assert!(error.contains("history was rewritten"), "{error}");
 }
 
 #[test]
@@ -119,15 +119,15 @@ fn a_store_of_an_earlier_version_has_none_before_an_engine_signed_its_tree() {
     let proof = prove_record(&database, 1).unwrap();
     proof.check(&public_key(&store)).unwrap();
     assert!(proof.text().unwrap().len() < 64 << 10);
-    let said = prove_consistency(&database, &earlier).unwrap_err().to_string();
-    assert!(said.contains("without a tree"), "{said}");
+    let error = prove_consistency(&database, &earlier).unwrap_err().to_string();
+    assert!(error.contains("without a tree"), "{error}");
     // That end names the checkpoints before it: each is expected from then on.
     for (file, _) in heads(&store) {
         let text = fs::read(&file).unwrap();
         fs::remove_file(&file).unwrap();
-        let said =
+        let error =
             unless_in_use(|| holdpoint_registry::Store::open(&store)).map(drop).unwrap_err().to_string();
-        assert!(said.contains("is missing") || said.contains("does not follow"), "{said}");
+        assert!(error.contains("is missing") || error.contains("does not follow"), "{error}");
         verify(&database, None).unwrap_err();
         fs::write(&file, text).unwrap();
     }
@@ -138,11 +138,11 @@ fn a_store_of_an_earlier_version_has_none_before_an_engine_signed_its_tree() {
 fn nothing_is_forged_behind_a_checkpoint_of_an_earlier_version() {
     let folder = tempfile::tempdir().unwrap();
     let store = schema_1(folder.path());
-    let kept = heads(&store);
+    let checkpoints = heads(&store);
     // Cut back to an unlinked checkpoint, with the records after it left unsigned.
-    let (newest, _) = kept.last().unwrap();
+    let (newest, _) = checkpoints.last().unwrap();
     fs::remove_file(newest).unwrap();
-    let said = unless_in_use(|| holdpoint_registry::Store::open(&store)).map(drop).unwrap_err().to_string();
-    assert!(said.contains("no signature covers the records after"), "{said}");
+    let error = unless_in_use(|| holdpoint_registry::Store::open(&store)).map(drop).unwrap_err().to_string();
+    assert!(error.contains("no signature covers the records after"), "{error}");
     verify(&store.join("holdpoint.db"), None).unwrap_err();
 }

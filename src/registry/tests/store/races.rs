@@ -26,7 +26,7 @@ fn state(store: &Store, version: &str) -> State {
 
 /// The decisions of people and the clock about a shadowed version, all at the same moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Decision {
+enum RacingDecision {
     /// With the only approval.
     Activate,
     /// With the same approval, by another command.
@@ -38,7 +38,7 @@ enum Decision {
     TooLate,
 }
 
-impl Decision {
+impl RacingDecision {
     const ALL: [Self; 5] = [Self::Activate, Self::ActivateAgain, Self::Reject, Self::Demote, Self::TooLate];
 
     fn becomes(self) -> State {
@@ -71,7 +71,7 @@ fn of_decisions_at_once_one_counts() {
     let mut store = open(folder.path());
     bootstrap(&store, "grasp");
     let mut ada = person(&store, "ada");
-    let mut won = [0_u64; Decision::ALL.len()];
+    let mut won = [0_u64; RacingDecision::ALL.len()];
     for race in 0..races {
         if race > 0 && race % 100 == 0 {
             // There are too few nonces of one byte, and a short chain is quicker.
@@ -97,12 +97,12 @@ fn of_decisions_at_once_one_counts() {
             commit(&store, &format!("put one {race}"), vec![Change::PutApproval(Box::new(signed))])
         });
         let base = row_version(&store, "grasp@1.0.0");
-        let together = Barrier::new(Decision::ALL.len());
-        let mut order = Decision::ALL;
+        let together = Barrier::new(RacingDecision::ALL.len());
+        let mut order = RacingDecision::ALL;
         for at in (1..order.len()).rev() {
             order.swap(at, random.below(at + 1));
         }
-        let done: Vec<(Decision, bool)> = std::thread::scope(|scope| {
+        let done: Vec<(RacingDecision, bool)> = std::thread::scope(|scope| {
             let deciding: Vec<_> = order
                 .into_iter()
                 .map(|decision| {
@@ -116,11 +116,11 @@ fn of_decisions_at_once_one_counts() {
                 .collect();
             deciding.into_iter().map(|thread| thread.join().unwrap()).collect()
         });
-        let winners: Vec<Decision> = done.iter().filter(|(_, won)| *won).map(|(one, _)| *one).collect();
+        let winners: Vec<RacingDecision> = done.iter().filter(|(_, won)| *won).map(|(one, _)| *one).collect();
         let [winner] = winners.as_slice() else { panic!("{when}: {winners:?} counted") };
-        assert_ne!(*winner, Decision::TooLate, "{when}");
+        assert_ne!(*winner, RacingDecision::TooLate, "{when}");
         assert_eq!(state(&store, &name), winner.becomes(), "{when}: {winner:?}");
-        won[Decision::ALL.iter().position(|one| one == winner).unwrap()] += 1;
+        won[RacingDecision::ALL.iter().position(|one| one == winner).unwrap()] += 1;
         assert_eq!(check_invariants(store.views().unwrap().connection()).unwrap(), [], "{when}");
         if winner.becomes() == State::Active {
             let back = rollback(
@@ -132,7 +132,7 @@ fn of_decisions_at_once_one_counts() {
     }
     drop(store);
     verify(&folder.path().join("holdpoint.db"), None).unwrap();
-    println!("races: seed {seed}, {races} races, won by {:?}: {won:?}", Decision::ALL);
+    println!("races: seed {seed}, {races} races, won by {:?}: {won:?}", RacingDecision::ALL);
 }
 
 /// A wall clock that jumps by any amount changes only displayed times; virtual time never goes back.
@@ -151,12 +151,12 @@ fn nothing_rests_on_the_wall_clock() {
             [vec![consume(name, 1)], activation(name, ("grasp@1.0.0", 2), 1)].concat(),
             rollback((name, 5), ("grasp@1.0.0", 3)),
         ];
-        let mut said = Vec::new();
+        let mut receipts = Vec::new();
         for (step, changes) in steps.into_iter().enumerate() {
             let mut transaction = transaction(&step.to_string(), 100 + step as u64, changes);
             transaction.wall_ms = wall_of(step);
             let receipt = store.commit(transaction).unwrap();
-            said.push((receipt.last_seq, receipt.row_versions));
+            receipts.push((receipt.last_seq, receipt.row_versions));
         }
         // Virtual time differs: a commit before the last record is refused.
         let mut back = transaction("back", 50, vec![new_version("grasp@3.0.0", false)]);
@@ -167,7 +167,7 @@ fn nothing_rests_on_the_wall_clock() {
         drop(store);
         drop(open(folder.path()));
         verify(&folder.path().join("holdpoint.db"), None).unwrap();
-        (said, states)
+        (receipts, states)
     };
     let steady = life(&|_| walls[0]);
     for shift in 0..walls.len() {

@@ -68,7 +68,7 @@ fn what_was_edited_is_as_it_was_and_the_rebuild_is_on_record() {
     let (whole, before) = (fs::read(&database).unwrap(), contents(&database));
     let head = verify(&database, None).unwrap().head;
     let checkpoints = folder.path().join("checkpoints");
-    let kept = names(&checkpoints);
+    let checkpoint_names = names(&checkpoints);
     let all = columns(&Connection::open(&database).unwrap());
     let tables: Vec<_> = all.iter().filter(|(table, _)| table != "audit").collect();
     let mut dice = Dice(seed());
@@ -108,12 +108,12 @@ fn what_was_edited_is_as_it_was_and_the_rebuild_is_on_record() {
             edits += 1;
         }
         fs::write(&database, &whole).unwrap();
-        put_back(&checkpoints, &kept);
+        put_back(&checkpoints, &checkpoint_names);
     }
 }
 
 #[test]
-fn the_record_says_who_and_what() {
+fn a_record_names_user_and_rows() {
     let folder = tempfile::tempdir().unwrap();
     made(folder.path());
     let database = folder.path().join("holdpoint.db");
@@ -144,10 +144,10 @@ fn the_record_says_who_and_what() {
     let filter = AuditFilter { kind: Some(RecordKind::StoreRebuilt), ..AuditFilter::default() };
     let records = views.audit(&filter).unwrap();
     assert_eq!(records.len(), 1);
-    for word in
+    for part in
         ["\"user\":\"ada\"", "permissions", "store-rebuilt", &rebuilt.kept_as, &rebuilt.from_hash.to_string()]
     {
-        assert!(records[0].body.contains(word), "{word}: {}", records[0].body);
+        assert!(records[0].body.contains(part), "{part}: {}", records[0].body);
     }
     drop(views);
     // The store continues, and another rebuild begins where this one ended.

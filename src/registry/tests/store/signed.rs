@@ -104,8 +104,8 @@ fn a_checkpoint_that_is_missing_is_missed() {
     let put_back = || all.iter().zip(&texts).for_each(|(file, text)| fs::write(file, text).unwrap());
     for missing in [0..1, 1..2, all.len() - 2..all.len(), 0..all.len()] {
         all[missing.clone()].iter().for_each(|file| fs::remove_file(file).unwrap());
-        let said = refused(folder.path());
-        assert!(said.contains("is missing"), "{missing:?}: {said}");
+        let error = refused(folder.path());
+        assert!(error.contains("is missing"), "{missing:?}: {error}");
         assert!(not_sound(folder.path()).contains("is missing"), "{missing:?}");
         put_back();
         drop(open(folder.path()));
@@ -123,7 +123,7 @@ fn a_checkpoint_that_is_missing_is_missed() {
 }
 
 #[test]
-fn a_rebuild_goes_on_without_them_and_says_so() {
+fn a_rebuild_records_missing_checkpoints() {
     let folder = quick_folder();
     made(folder.path());
     let database = folder.path().join("holdpoint.db");
@@ -153,10 +153,10 @@ fn a_rebuild_goes_on_without_them_and_says_so() {
     }
     sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
     refused(folder.path());
-    let unasked = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap_err();
+    let error = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap_err();
     let named = format!("no signature covers the records {} to {records} (", before + 1);
-    assert!(unasked.to_string().contains(&named), "{unasked}");
-    assert!(unasked.hint().unwrap().contains("--take-unsigned"));
+    assert!(error.to_string().contains(&named), "{error}");
+    assert!(error.hint().unwrap().contains("--take-unsigned"));
     refused(folder.path());
     let rebuilt = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap().unwrap();
     assert_eq!(rebuilt.unsigned, records - before);
@@ -225,8 +225,8 @@ fn a_key_in_place_of_the_stores_is_refused() {
         );
         fs::write(&file, serde_json::to_string(&new).unwrap()).unwrap();
     }
-    for said in [refused(folder.path()), not_sound(folder.path())] {
-        assert!(said.contains("does not sign with this key") && said.contains(&id), "{said}");
+    for error in [refused(folder.path()), not_sound(folder.path())] {
+        assert!(error.contains("does not sign with this key") && error.contains(&id), "{error}");
     }
     let error = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap_err();
     assert!(error.to_string().contains("does not sign with this key"), "{error}");

@@ -11,51 +11,51 @@ use crate::edits::quick_folder;
 use crate::forged::{Keys, Mended, mend};
 use crate::released::schema_1;
 use crate::support::*;
-use crate::tree::{Letters, Node};
+use crate::tree::{JsonNode, Letters};
 use crate::verifiers::{both, exported, python, script, stores};
 
 const SIGNATURES: Mended = Mended { chain: false, links: false, signatures: true };
 const EVERYTHING: Mended = Mended { chain: true, links: false, signatures: true };
 
-fn raw(text: &str) -> Node {
-    Node::Raw(text.to_owned())
+fn raw(text: &str) -> JsonNode {
+    JsonNode::Raw(text.to_owned())
 }
 
-fn text(text: &str) -> Node {
-    Node::Text(text.to_owned())
+fn text(text: &str) -> JsonNode {
+    JsonNode::Text(text.to_owned())
 }
 
 /// The values of an object without their names: serde accepts that for a struct as well.
-fn list_of(node: &mut Node) {
-    if let Node::Object(fields) = node {
-        *node = Node::List(fields.drain(..).map(|(_, value)| value).collect());
+fn list_of(node: &mut JsonNode) {
+    if let JsonNode::Object(fields) = node {
+        *node = JsonNode::List(fields.drain(..).map(|(_, value)| value).collect());
     }
 }
 
-fn written(lines: &[Node]) -> String {
+fn written(lines: &[JsonNode]) -> String {
     lines.iter().map(|line| line.written(Letters::Ascii) + "\n").collect()
 }
 
 /// Edits a node if the edit applies to it.
-type Edit<'a> = &'a dyn Fn(&mut Node) -> Option<()>;
+type NodeEdit<'a> = &'a dyn Fn(&mut JsonNode) -> Option<()>;
 
 /// Edits the body of the first record of a kind.
-fn in_body(line: &mut Node, kind: &str, edit: Edit<'_>) -> Option<()> {
+fn in_body(line: &mut JsonNode, kind: &str, edit: NodeEdit<'_>) -> Option<()> {
     if line.text(&["record", "kind"])? != kind {
         return None;
     }
-    let mut body = Node::parse(line.text(&["record", "body"])?)?;
+    let mut body = JsonNode::parse(line.text(&["record", "body"])?)?;
     edit(&mut body)?;
-    line.set(&["record", "body"], Node::Text(body.written(Letters::All)));
+    line.set(&["record", "body"], JsonNode::Text(body.written(Letters::All)));
     Some(())
 }
 
-fn as_list(line: &mut Node, path: &[&str]) -> Option<()> {
+fn as_list(line: &mut JsonNode, path: &[&str]) -> Option<()> {
     line.at_mut(path).map(list_of)
 }
 
-fn add(line: &mut Node, path: &[&str], name: &str, value: &str) -> Option<()> {
-    let Node::Object(fields) = line.at_mut(path)? else { return None };
+fn add(line: &mut JsonNode, path: &[&str], name: &str, value: &str) -> Option<()> {
+    let JsonNode::Object(fields) = line.at_mut(path)? else { return None };
     if fields.iter().any(|(field, _)| field == name) {
         return None;
     }
@@ -63,8 +63,8 @@ fn add(line: &mut Node, path: &[&str], name: &str, value: &str) -> Option<()> {
     Some(())
 }
 
-fn twice(line: &mut Node, path: &[&str]) -> Option<()> {
-    let Node::Object(fields) = line.at_mut(path)? else { return None };
+fn twice(line: &mut JsonNode, path: &[&str]) -> Option<()> {
+    let JsonNode::Object(fields) = line.at_mut(path)? else { return None };
     fields.push(fields.last()?.clone());
     Some(())
 }
@@ -74,14 +74,14 @@ fn twice(line: &mut Node, path: &[&str]) -> Option<()> {
 fn what_is_written_otherwise_is_taken_by_neither() {
     let root = quick_folder();
     let file = root.path().join("store.jsonl");
-    let wholes: Vec<(Vec<Node>, Keys)> = stores(root.path())
+    let wholes: Vec<(Vec<JsonNode>, Keys)> = stores(root.path())
         .iter()
         .map(|store| {
-            let lines = exported(store, &file).iter().map(|line| Node::parse(line).unwrap()).collect();
+            let lines = exported(store, &file).iter().map(|line| JsonNode::parse(line).unwrap()).collect();
             (lines, Keys::of(store))
         })
         .collect();
-    let edits: Vec<(&str, Edit<'_>)> = vec![
+    let edits: Vec<(&str, NodeEdit<'_>)> = vec![
         ("a list for the first line", &|line| as_list(line, &["export"])),
         ("a list for a record", &|line| as_list(line, &["record"])),
         ("a list for a head", &|line| as_list(line, &["head"])),
@@ -204,12 +204,12 @@ const SMALL: (&str, &str) = (
 );
 
 /// The released store, whose approvals have no person on record: an attacker with an editor signs them again.
-fn released(root: &Path, file: &Path) -> (Vec<Node>, Keys) {
+fn released(root: &Path, file: &Path) -> (Vec<JsonNode>, Keys) {
     let store = schema_1(root);
     let opened = open(&store);
     opened.commit(transaction("one more", opened.opening().head.at_ms, Vec::new())).unwrap();
     drop(opened);
-    let lines = exported(&store, file).iter().map(|line| Node::parse(line).unwrap()).collect();
+    let lines = exported(&store, file).iter().map(|line| JsonNode::parse(line).unwrap()).collect();
     (lines, Keys::of(&store))
 }
 
@@ -225,8 +225,8 @@ fn signatures_by_a_key_of_small_or_mixed_order_are_taken_by_neither() {
         approval.set(&["public_key"], text(key));
         approval.set(&["signature"], text(signature));
         fs::write(&file, written(&lines)).unwrap();
-        let said = both(&file).unwrap_err();
-        assert!(said.contains("its signature does not match the decision"), "{said}");
+        let error = both(&file).unwrap_err();
+        assert!(error.contains("its signature does not match the decision"), "{error}");
     }
     // The equation alone accepts the first signature.
     let bytes = |digits: &str| holdpoint_approvals::keyfile::unhex::<32>(digits).unwrap();
@@ -242,7 +242,7 @@ fn signatures_by_a_key_of_small_or_mixed_order_are_taken_by_neither() {
 }
 
 #[test]
-fn an_approval_says_what_its_record_says_and_nothing_foreign() {
+fn an_approval_has_the_content_of_its_record_alone() {
     let root = quick_folder();
     let file = root.path().join("store.jsonl");
     let (lines, keys) = released(root.path(), &file);
@@ -278,8 +278,8 @@ fn an_approval_says_what_its_record_says_and_nothing_foreign() {
         approval.set(&[field], value.clone());
         mend(&mut lines, &keys, SIGNATURES);
         fs::write(&file, written(&lines)).unwrap();
-        let said = both(&file).err().unwrap_or_else(|| panic!("{field} {value:?} is taken"));
-        assert!(said.contains(expected), "{field} {value:?}: {said}");
+        let error = both(&file).err().unwrap_or_else(|| panic!("{field} {value:?} is taken"));
+        assert!(error.contains(expected), "{field} {value:?}: {error}");
     }
 }
 
@@ -309,8 +309,8 @@ fn a_line_without_end_is_refused_with_little_memory() {
             .unwrap()
             .set_len(bytes.max(start.len() as u64))
             .unwrap();
-        let said = verify_export(&file, None).unwrap_err().to_string();
-        assert!(said.contains(expected), "{said}");
+        let error = verify_export(&file, None).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
         if python(&root.path().join("store.jsonl")).is_none() {
             continue;
         }

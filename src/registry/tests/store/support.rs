@@ -256,63 +256,63 @@ pub fn approve(store: &Store, who: &Identity, name: &str, nonce: u8) -> SignedAp
 /// An approval over the lines and facts of [`shown`].
 pub fn over(approval: Approval, who: &Identity) -> Approval {
     let IdentityInfo { name, role, .. } = who.info().clone();
-    let said = Approval { who: name, role, ..approval };
-    let (lines, facts) = shown(&said);
-    let shown = said.shown.clone().map(|shown| DisplayBinding {
+    let answer = Approval { who: name, role, ..approval };
+    let (lines, facts) = shown(&answer);
+    let shown = answer.shown.clone().map(|shown| DisplayBinding {
         lines: lines_digest(&lines),
         facts: facts_digest(&facts),
         ..shown
     });
-    Approval { shown, ..said }
+    Approval { shown, ..answer }
 }
 
 /// The lines and facts of the request that an approval answers.
-pub fn shown(said: &Approval) -> (Vec<String>, String) {
+pub fn shown(approval: &Approval) -> (Vec<String>, String) {
     let facts = serde_json::json!({
-        "asked": { "name": said.who, "role": said.role },
-        "question": format!("question-{}", said.nonce),
-        "purpose": if said.break_glass { "emergency" } else { "activation" },
-        "version": said.version,
-        "candidate": said.candidate_digest,
-        "row_version": said.row_version,
-        "evidence": said.evidence_digest,
-        "policy": said.policy_digest,
-        "profile": said.profile,
+        "asked": { "name": approval.who, "role": approval.role },
+        "question": format!("question-{}", approval.nonce),
+        "purpose": if approval.break_glass { "emergency" } else { "activation" },
+        "version": approval.version,
+        "candidate": approval.candidate_digest,
+        "row_version": approval.row_version,
+        "evidence": approval.evidence_digest,
+        "policy": approval.policy_digest,
+        "profile": approval.profile,
         "needed": 1,
     });
-    (vec![format!("Promote {}?", said.version)], canonical_json(&facts).unwrap())
+    (vec![format!("Promote {}?", approval.version)], canonical_json(&facts).unwrap())
 }
 
 /// The records before and beside an approval: the request, and its displayed text.
 fn with_shown(changes: &[Change]) -> (Vec<Change>, Vec<AuditBody>) {
-    let (mut asked, mut records) = (Vec::new(), Vec::new());
+    let (mut requests, mut records) = (Vec::new(), Vec::new());
     for change in changes {
         let Change::PutApproval(signed) = change else { continue };
-        let said = signed.approval();
-        if said.shown.is_none() {
+        let approval = signed.approval();
+        if approval.shown.is_none() {
             continue;
         }
-        let (lines, facts) = shown(said);
-        asked.push(Change::PutApprovalRequest(Box::new(ApprovalRequest {
-            id: format!("question-{}", said.nonce),
-            version: said.version.clone(),
-            row_version: said.row_version,
-            evidence_digest: said.evidence_digest,
-            policy_digest: said.policy_digest,
-            profile: said.profile,
+        let (lines, facts) = shown(approval);
+        requests.push(Change::PutApprovalRequest(Box::new(ApprovalRequest {
+            id: format!("question-{}", approval.nonce),
+            version: approval.version.clone(),
+            row_version: approval.row_version,
+            evidence_digest: approval.evidence_digest,
+            policy_digest: approval.policy_digest,
+            profile: approval.profile,
             needed: 1,
-            until: said.not_after(),
+            until: approval.not_after(),
             state: RequestState::Void,
             json: "{}".to_owned(),
         })));
-        let body = serde_json::json!({ "by": said.who, "nonce": said.nonce, "lines": lines, "facts": facts });
+        let body = serde_json::json!({ "by": approval.who, "nonce": approval.nonce, "lines": lines, "facts": facts });
         records.push(AuditBody {
             kind: holdpoint_governance::record::RecordKind::Shown,
-            subject: said.version.to_string(),
+            subject: approval.version.to_string(),
             body: canonical_json(&body).unwrap(),
         });
     }
-    (asked, records)
+    (requests, records)
 }
 
 /// As [`approve`], not yet signed.
@@ -372,10 +372,12 @@ pub fn unless_in_use<T>(mut work: impl FnMut() -> Result<T, StoreError>) -> Resu
 pub fn guarded_administrator(store: &Store) -> Identity {
     use holdpoint_approvals::keyfile::KeyEncoding;
     let (folder, plain) = (store.layout().identities(), administrator(store));
-    let words = holdpoint_approvals::Passphrase::new("under the oak".to_owned().into()).unwrap();
-    plain.keep(&folder, KeyEncoding::Sealed(&words, holdpoint_approvals::KdfCost::LEAST)).unwrap();
-    let guarded = Identity::open(&folder, &plain.info().name).unwrap().unlock(Some(&words)).unwrap();
-    plain.keep(&folder, KeyEncoding::Plain).unwrap();
+    let passphrase = holdpoint_approvals::Passphrase::new("under the oak".to_owned().into()).unwrap();
+    plain
+        .rewrite_key(&folder, KeyEncoding::Sealed(&passphrase, holdpoint_approvals::KdfCost::LEAST))
+        .unwrap();
+    let guarded = Identity::open(&folder, &plain.info().name).unwrap().unlock(Some(&passphrase)).unwrap();
+    plain.rewrite_key(&folder, KeyEncoding::Plain).unwrap();
     guarded
 }
 

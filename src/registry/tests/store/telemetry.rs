@@ -27,13 +27,13 @@ fn sealed_batches_are_vouched_for() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
-    let kept = store.append_telemetry(&batch(1, 100)).unwrap();
+    let receipt = store.append_telemetry(&batch(1, 100)).unwrap();
     store.append_telemetry(&batch(2, 100)).unwrap();
     let seals = store.seal_telemetry().unwrap();
     assert_eq!(seals.len(), 1, "one record seals both");
     commit(&store, "seal", seals).unwrap();
     assert_eq!(store.seal_telemetry().unwrap().len(), 0, "nothing waits any more");
-    assert_eq!(store.telemetry_batch(kept.batch).unwrap(), Some(batch(1, 100)));
+    assert_eq!(store.telemetry_batch(receipt.batch).unwrap(), Some(batch(1, 100)));
     let (database, telemetry) = (store.layout().database(), store.layout().telemetry());
     assert_eq!(verify(&database, None).unwrap().batches, 2);
     drop(store);
@@ -146,7 +146,7 @@ fn the_oldest_go_first() {
     assert_eq!((report.batches, report.batches_pruned, report.batches_missed), (1, 4, 0));
     assert_eq!(report.batches_missing.map(|missing| (missing.first, missing.last)), Some((1, 4)));
 
-    let (cells, is_there) = (store.cells(), |seed| is_kept(&store, seed).is_some());
+    let (cells, is_there) = (store.cells(), |seed| cached_cell(&store, seed).is_some());
     for seed in 0..2 {
         cells.put(&key(seed).digest(), &[7; 100]).unwrap();
     }
@@ -156,7 +156,7 @@ fn the_oldest_go_first() {
 }
 
 /// The cached body of an episode, and whether this opening of the store ran it.
-fn is_kept(store: &Store, seed: u64) -> Option<(Vec<u8>, bool)> {
+fn cached_cell(store: &Store, seed: u64) -> Option<(Vec<u8>, bool)> {
     match store.cells().get(&key(seed).digest()) {
         CacheLookup::Cell { body, own } => Some((body, own)),
         CacheLookup::Nothing | CacheLookup::Refused => None,
@@ -164,12 +164,12 @@ fn is_kept(store: &Store, seed: u64) -> Option<(Vec<u8>, bool)> {
 }
 
 #[test]
-fn a_kept_episode_is_that_one_or_none() {
+fn a_cached_episode_is_exact_or_none() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     store.cells().put(&key(1).digest(), b"first").unwrap();
     store.cells().put(&key(1).digest(), b"second").unwrap();
-    assert_eq!(is_kept(&store, 1), Some((b"second".to_vec(), true)));
+    assert_eq!(cached_cell(&store, 1), Some((b"second".to_vec(), true)));
     let others = [
         key(2),
         EpisodeKey { bundle: digest("x"), ..key(1) },
@@ -180,7 +180,7 @@ fn a_kept_episode_is_that_one_or_none() {
         assert_eq!(store.cells().get(&other.digest()), CacheLookup::Nothing, "{other:?}");
     }
     drop(store);
-    assert_eq!(is_kept(&open(folder.path()), 1), Some((b"second".to_vec(), false)));
+    assert_eq!(cached_cell(&open(folder.path()), 1), Some((b"second".to_vec(), false)));
 }
 
 /// A write by an attacker with access to the file and without the secret.
@@ -220,14 +220,14 @@ fn a_replayed_cell_is_no_cell() {
 }
 
 #[test]
-fn voided_cells_are_gone_and_new_ones_are_kept() {
+fn voided_cells_are_gone_and_new_ones_stay() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     store.cells().put(&key(1).digest(), b"one").unwrap();
     store.cells().invalidate().unwrap();
-    assert_eq!(is_kept(&store, 1), None);
+    assert_eq!(cached_cell(&store, 1), None);
     store.cells().put(&key(2).digest(), b"two").unwrap();
-    assert!(is_kept(&store, 2).is_some());
+    assert!(cached_cell(&store, 2).is_some());
 }
 
 /// Episodes of the schema without MACs are no evidence: they are removed, and batches stay.

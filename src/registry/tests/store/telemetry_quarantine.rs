@@ -136,7 +136,7 @@ fn edited_bookkeeping_changes_nothing() {
 
 /// The use counter of cells may have any number in an edited file.
 #[test]
-fn cells_whose_use_was_edited_are_kept_and_replaced() {
+fn cells_with_an_edited_use_counter_stay_usable() {
     for used in ["9223372036854775807", "-9223372036854775808"] {
         let folder = tempfile::tempdir().unwrap();
         let store = open(folder.path());
@@ -149,7 +149,7 @@ fn cells_whose_use_was_edited_are_kept_and_replaced() {
         for (key, body) in [("one", b"one"), ("two", b"two")] {
             let found = store.cells().get(&digest(key));
             assert!(
-                matches!(&found, holdpoint_registry::CacheLookup::Cell { body: kept, .. } if kept == body),
+                matches!(&found, holdpoint_registry::CacheLookup::Cell { body: cached, .. } if cached == body),
                 "{found:?}"
             );
         }

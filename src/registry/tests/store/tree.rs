@@ -8,67 +8,67 @@ use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use crate::edits::Dice;
 
 #[derive(Clone, Debug, PartialEq)]
-pub enum Node {
+pub enum JsonNode {
     /// Verbatim: a number, a keyword of JSON, or anything else.
     Raw(String),
     Text(String),
-    List(Vec<Node>),
-    Object(Vec<(String, Node)>),
+    List(Vec<JsonNode>),
+    Object(Vec<(String, JsonNode)>),
 }
 
-struct Whole;
+struct NodeVisitor;
 
-impl<'de> Visitor<'de> for Whole {
-    type Value = Node;
+impl<'de> Visitor<'de> for NodeVisitor {
+    type Value = JsonNode;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("JSON")
     }
 
-    fn visit_bool<E>(self, value: bool) -> Result<Node, E> {
-        Ok(Node::Raw(value.to_string()))
+    fn visit_bool<E>(self, value: bool) -> Result<JsonNode, E> {
+        Ok(JsonNode::Raw(value.to_string()))
     }
 
-    fn visit_u64<E>(self, value: u64) -> Result<Node, E> {
-        Ok(Node::Raw(value.to_string()))
+    fn visit_u64<E>(self, value: u64) -> Result<JsonNode, E> {
+        Ok(JsonNode::Raw(value.to_string()))
     }
 
-    fn visit_i64<E>(self, value: i64) -> Result<Node, E> {
-        Ok(Node::Raw(value.to_string()))
+    fn visit_i64<E>(self, value: i64) -> Result<JsonNode, E> {
+        Ok(JsonNode::Raw(value.to_string()))
     }
 
-    fn visit_f64<E>(self, value: f64) -> Result<Node, E> {
-        Ok(Node::Raw(value.to_string()))
+    fn visit_f64<E>(self, value: f64) -> Result<JsonNode, E> {
+        Ok(JsonNode::Raw(value.to_string()))
     }
 
-    fn visit_unit<E>(self) -> Result<Node, E> {
-        Ok(Node::Raw("null".to_owned()))
+    fn visit_unit<E>(self) -> Result<JsonNode, E> {
+        Ok(JsonNode::Raw("null".to_owned()))
     }
 
-    fn visit_str<E>(self, value: &str) -> Result<Node, E> {
-        Ok(Node::Text(value.to_owned()))
+    fn visit_str<E>(self, value: &str) -> Result<JsonNode, E> {
+        Ok(JsonNode::Text(value.to_owned()))
     }
 
-    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Node, A::Error> {
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<JsonNode, A::Error> {
         let mut values = Vec::new();
         while let Some(value) = seq.next_element()? {
             values.push(value);
         }
-        Ok(Node::List(values))
+        Ok(JsonNode::List(values))
     }
 
-    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Node, A::Error> {
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<JsonNode, A::Error> {
         let mut fields = Vec::new();
         while let Some(field) = map.next_entry()? {
             fields.push(field);
         }
-        Ok(Node::Object(fields))
+        Ok(JsonNode::Object(fields))
     }
 }
 
-impl<'de> Deserialize<'de> for Node {
+impl<'de> Deserialize<'de> for JsonNode {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        from.deserialize_any(Whole)
+        from.deserialize_any(NodeVisitor)
     }
 }
 
@@ -101,7 +101,7 @@ fn quoted(text: &str, letters: Letters) -> String {
     }
 }
 
-impl Node {
+impl JsonNode {
     pub fn parse(text: &str) -> Option<Self> {
         serde_json::from_str(text).ok()
     }
@@ -212,7 +212,7 @@ impl Node {
     pub fn an_edit(&mut self, dice: &mut Dice) -> Option<(Self, Self)> {
         let found = self.any(dice).clone();
         match &found {
-            Self::Raw(text) => Some((found.clone(), other_word(dice, text))),
+            Self::Raw(text) => Some((found.clone(), other_literal(dice, text))),
             Self::Text(text) if text.starts_with('{') => Self::parse(text)?.an_edit(dice),
             Self::Text(text) => Some((found.clone(), other_text(dice, text))),
             Self::List(_) | Self::Object(_) => None,
@@ -265,7 +265,7 @@ impl Node {
             return;
         }
         match node {
-            Self::Raw(text) => *node = other_word(dice, text),
+            Self::Raw(text) => *node = other_literal(dice, text),
             Self::Text(text) => *node = other_text(dice, text),
             Self::List(values) => match dice.roll(6) {
                 0 => {
@@ -343,14 +343,14 @@ const NUMBERS: [&str; 22] = [
     "-9223372036854775809",
 ];
 
-fn other_word(dice: &mut Dice, text: &str) -> Node {
+fn other_literal(dice: &mut Dice, text: &str) -> JsonNode {
     let number: Option<i128> = text.parse().ok();
     match (dice.roll(5), number) {
-        (0, _) => Node::Text(text.to_owned()),
-        (1, Some(number)) => Node::Raw((number + 1).to_string()),
-        (2, Some(number)) => Node::Raw((number - 1).to_string()),
-        (3, _) => Node::List(vec![Node::Raw(text.to_owned())]),
-        _ => Node::Raw(NUMBERS[dice.roll(NUMBERS.len())].to_owned()),
+        (0, _) => JsonNode::Text(text.to_owned()),
+        (1, Some(number)) => JsonNode::Raw((number + 1).to_string()),
+        (2, Some(number)) => JsonNode::Raw((number - 1).to_string()),
+        (3, _) => JsonNode::List(vec![JsonNode::Raw(text.to_owned())]),
+        _ => JsonNode::Raw(NUMBERS[dice.roll(NUMBERS.len())].to_owned()),
     }
 }
 
@@ -416,13 +416,13 @@ const TEXTS: [&str; 30] = [
     "store-rebuilt",
 ];
 
-fn other_text(dice: &mut Dice, text: &str) -> Node {
+fn other_text(dice: &mut Dice, text: &str) -> JsonNode {
     let point = || POINTS[0].len();
     let mut text = text.to_owned();
     match dice.roll(12) {
-        0 => return Node::Raw(text),
-        1 => return Node::Raw(format!("\"{}\"", text.replacen(['a', 'e', '0'], "\\u0061", 1))),
-        2 => return Node::Raw(format!("\"{text}\\ud800\"")),
+        0 => return JsonNode::Raw(text),
+        1 => return JsonNode::Raw(format!("\"{}\"", text.replacen(['a', 'e', '0'], "\\u0061", 1))),
+        2 => return JsonNode::Raw(format!("\"{text}\\ud800\"")),
         3 => text = text.to_uppercase(),
         4 => drop(text.pop()),
         5 => text.push('0'),
@@ -443,5 +443,5 @@ fn other_text(dice: &mut Dice, text: &str) -> Node {
         }
         _ => TEXTS[dice.roll(TEXTS.len())].clone_into(&mut text),
     }
-    Node::Text(text)
+    JsonNode::Text(text)
 }

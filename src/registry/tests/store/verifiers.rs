@@ -183,15 +183,15 @@ fn a_damaged_export_is_judged_the_same_by_both() {
     let at = |start: &str| lines.iter().position(|line| line.starts_with(start)).unwrap();
     let (head, end, record, approval) =
         (at("{\"head\""), at("{\"end\""), at("{\"record\""), at("{\"approval\""));
-    type Edit<'a> = Box<dyn Fn(&mut Vec<String>) + 'a>;
-    type Damage<'a> = (&'a str, Edit<'a>, &'a str);
-    let replaced = |line: usize, from: &'static str, to: &'static str| -> Edit<'static> {
+    type LinesEdit<'a> = Box<dyn Fn(&mut Vec<String>) + 'a>;
+    type DamageCase<'a> = (&'a str, LinesEdit<'a>, &'a str);
+    let replaced = |line: usize, from: &'static str, to: &'static str| -> LinesEdit<'static> {
         Box::new(move |lines| {
             assert!(lines[line].contains(from), "{}", lines[line]);
             lines[line] = lines[line].replacen(from, to, 1);
         })
     };
-    let damages: Vec<Damage<'_>> = vec![
+    let damages: Vec<DamageCase<'_>> = vec![
         ("a record's text", replaced(record + 4, "{}", "{ }"), "audit record 5 is bad"),
         ("a record's number", replaced(record + 4, "\"seq\":5", "\"seq\":6"), "audit record 5 is bad"),
         ("a record's time", replaced(record + 6, "\"at_ms\":1", "\"at_ms\":0"), "audit record 7 is bad"),
@@ -240,8 +240,8 @@ fn a_damaged_export_is_judged_the_same_by_both() {
         let mut lines = lines.clone();
         damage(&mut lines);
         fs::write(&file, lines.join("\n") + "\n").unwrap();
-        let said = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
-        assert!(said.contains(expected), "{what}: {said}");
+        let error = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
+        assert!(error.contains(expected), "{what}: {error}");
     }
     fs::write(&file, lines.join("\n")).unwrap();
     assert!(both(&file).unwrap_err().contains("cut short"));
@@ -337,8 +337,8 @@ fn persons_and_who_approved_are_judged_by_both() {
             &mut fs::File::create(&file).unwrap(),
         )
         .unwrap();
-        let said = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
-        assert!(said.contains(expected), "{what}: {said}");
+        let error = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
+        assert!(error.contains(expected), "{what}: {error}");
         // Nor is it exported as a signed history.
         let refused = export_store(&store.join("holdpoint.db"), ExportScope::Signed, None, &mut Vec::new());
         assert!(refused.unwrap_err().to_string().contains("history was rewritten"));

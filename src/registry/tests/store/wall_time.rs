@@ -64,7 +64,7 @@ fn wall_time_goes_back_where_a_person_confirms_it_alone() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     let record = |kind| vec![AuditBody { kind, subject: String::new(), body: "{}".to_owned() }];
-    for (name, kind, wall_ms, kept) in [
+    for (name, kind, wall_ms, expected) in [
         ("first", RecordKind::ShiftNote, WALL_MS, WALL_MS),
         ("earlier", RecordKind::ShiftNote, WALL_MS - 5_000, WALL_MS),
         ("none", RecordKind::ShiftNote, 0, WALL_MS),
@@ -75,7 +75,7 @@ fn wall_time_goes_back_where_a_person_confirms_it_alone() {
         let transaction = Transaction { wall_ms, audit: record(kind), ..transaction(name, 1, Vec::new()) };
         let seq = store.commit(transaction).unwrap().last_seq;
         let found = store.views().unwrap().stamp(seq).unwrap().unwrap().wall_ms;
-        assert_eq!(found, Some(kept), "{name}");
+        assert_eq!(found, Some(expected), "{name}");
     }
     drop(store);
     assert_eq!(open(folder.path()).opening().newest_record, Some(WallTime::from_ms(WALL_MS - 4_000)));

@@ -43,17 +43,17 @@ fn put_back(folder: &Path, before: &Path) {
 
 fn against(folder: &Path, copies: &[PathBuf]) -> Result<u64, VerifyError> {
     let key = public_key(folder);
-    let judged = VerifyOptions {
+    let options = VerifyOptions {
         key: Some(&key),
         against: copies,
         place: DatabaseLocation::Store,
         tell: &|_, _, _| {},
     };
-    verify_against(&folder.join("holdpoint.db"), &judged).map(|report| report.copies)
+    verify_against(&folder.join("holdpoint.db"), &options).map(|report| report.copies)
 }
 
 /// The comparison's verdict, by the file that it names.
-fn said(found: Result<u64, VerifyError>, file: &Path) -> String {
+fn copy_problem(found: Result<u64, VerifyError>, file: &Path) -> String {
     match found.unwrap_err() {
         VerifyError::Copy { file: named, problem } => {
             assert!(named.starts_with(&file.display().to_string()), "{named}: {problem}");
@@ -64,39 +64,40 @@ fn said(found: Result<u64, VerifyError>, file: &Path) -> String {
 }
 
 /// Every form in which heads of a store can be kept elsewhere.
-fn forms(folder: &Path, kept: &Path) -> Vec<PathBuf> {
+fn forms(folder: &Path, elsewhere: &Path) -> Vec<PathBuf> {
     let database = folder.join("holdpoint.db");
-    copy(&folder.join("checkpoints"), &kept.join("checkpoints"));
-    copy(folder, &kept.join("store"));
-    fs::copy(&database, kept.join("alone.db")).unwrap();
+    copy(&folder.join("checkpoints"), &elsewhere.join("checkpoints"));
+    copy(folder, &elsewhere.join("store"));
+    fs::copy(&database, elsewhere.join("alone.db")).unwrap();
     let (newest, _) = heads(folder).pop().unwrap();
-    fs::copy(newest, kept.join("newest.json")).unwrap();
-    fs::write(kept.join("proof.json"), prove_record(&database, 3).unwrap().text().unwrap() + "\n").unwrap();
+    fs::copy(newest, elsewhere.join("newest.json")).unwrap();
+    fs::write(elsewhere.join("proof.json"), prove_record(&database, 3).unwrap().text().unwrap() + "\n")
+        .unwrap();
     let mut exported = Vec::new();
     export_store(&database, ExportScope::Signed, Some(&public_key(folder)), &mut exported).unwrap();
-    fs::write(kept.join("store.jsonl"), exported).unwrap();
+    fs::write(elsewhere.join("store.jsonl"), exported).unwrap();
     ["checkpoints", "store", "alone.db", "newest.json", "proof.json", "store.jsonl"]
-        .map(|name| kept.join(name))
+        .map(|name| elsewhere.join(name))
         .into()
 }
 
 #[test]
 fn a_store_that_was_put_back_is_found_against_every_form_of_copy() {
-    let (folder, before, kept) = (quick_folder(), quick_folder(), quick_folder());
+    let (folder, before, elsewhere) = (quick_folder(), quick_folder(), quick_folder());
     made(folder.path());
     copy(folder.path(), before.path());
     let store = open(folder.path());
     shadowed(&store, "place@1.2.0");
     drop(store);
-    let forms = forms(folder.path(), kept.path());
+    let forms = forms(folder.path(), elsewhere.path());
     assert!(against(folder.path(), &forms).unwrap() > 8);
     put_back(folder.path(), before.path());
     // By itself it is sound: nothing in it shows later records.
     verify(&folder.path().join("holdpoint.db"), None).unwrap();
     drop(open(folder.path()));
     for form in &forms {
-        let said = said(against(folder.path(), std::slice::from_ref(form)), form);
-        assert!(said.contains("were cut off"), "{form:?}: {said}");
+        let problem = copy_problem(against(folder.path(), std::slice::from_ref(form)), form);
+        assert!(problem.contains("were cut off"), "{form:?}: {problem}");
     }
     // Continued from there, it is another history.
     let store = open(folder.path());
@@ -105,15 +106,15 @@ fn a_store_that_was_put_back_is_found_against_every_form_of_copy() {
     }
     drop(store);
     for form in &forms {
-        let said = said(against(folder.path(), std::slice::from_ref(form)), form);
-        assert!(said.contains("history was rewritten"), "{form:?}: {said}");
+        let problem = copy_problem(against(folder.path(), std::slice::from_ref(form)), form);
+        assert!(problem.contains("history was rewritten"), "{form:?}: {problem}");
     }
     assert_eq!(against(folder.path(), &[before.path().join("checkpoints")]).unwrap(), 3);
 }
 
 #[test]
 fn the_tail_cut_together_with_its_newest_checkpoint_is_found() {
-    let (folder, kept) = (quick_folder(), quick_folder());
+    let (folder, elsewhere) = (quick_folder(), quick_folder());
     made(folder.path());
     let database = folder.path().join("holdpoint.db");
     let cut = fs::read(&database).unwrap();
@@ -121,21 +122,21 @@ fn the_tail_cut_together_with_its_newest_checkpoint_is_found() {
     shadowed(&store, "place@1.2.0");
     drop(store);
     let (newest, head) = heads(folder.path()).pop().unwrap();
-    let copied = kept.path().join("head.json");
+    let copied = elsewhere.path().join("head.json");
     fs::rename(newest, &copied).unwrap();
     fs::write(&database, cut).unwrap();
     drop(open(folder.path()));
-    let said = said(against(folder.path(), std::slice::from_ref(&copied)), &copied);
+    let problem = copy_problem(against(folder.path(), std::slice::from_ref(&copied)), &copied);
     let expected = format!("it was signed at record {}", head.seq);
-    assert!(said.contains(&expected) && said.contains("were cut off"), "{said}");
+    assert!(problem.contains(&expected) && problem.contains("were cut off"), "{problem}");
 }
 
 #[test]
 fn what_is_no_copy_of_this_store_is_named() {
-    let (folder, other, kept) = (quick_folder(), quick_folder(), quick_folder());
+    let (folder, other, elsewhere) = (quick_folder(), quick_folder(), quick_folder());
     made(folder.path());
     made(other.path());
-    let path = |name: &str| kept.path().join(name);
+    let path = |name: &str| elsewhere.path().join(name);
     let (file, head) = heads(folder.path()).pop().unwrap();
     let secret = keyfile::read_secret(&folder.path().join("keys").join("store.key")).unwrap();
     let sign = |head: &Checkpoint, root: &str, key: &ed25519_dalek::SigningKey| {
@@ -168,8 +169,8 @@ fn what_is_no_copy_of_this_store_is_named() {
         ("form.json", "no checkpoint, proof, database or exported store"),
         ("not-there", "No such file"),
     ] {
-        let said = said(against(folder.path(), &[file.clone(), path(name)]), &path(name));
-        assert!(said.contains(expected), "{name}: {said}");
+        let problem = copy_problem(against(folder.path(), &[file.clone(), path(name)]), &path(name));
+        assert!(problem.contains(expected), "{name}: {problem}");
     }
 }
 
@@ -340,8 +341,8 @@ fn witnesses_are_on_record_and_nowhere_else() {
     let add = |folder: &str| add_witness(&store, folder, (BY.to_owned(), None), 7);
     assert!(matches!(add(&name), Err(StoreError::Exists { .. })));
     for address in ["https://example.org/w", "ssh://host/w", "ada@host:/w"] {
-        let said = add(address).unwrap_err().to_string();
-        assert!(said.contains("uses no network"), "{said}");
+        let error = add(address).unwrap_err().to_string();
+        assert!(error.contains("uses no network"), "{error}");
     }
     for bad in ["relative", "", "/not/there", "/etc/hostname", "/a\nb"] {
         assert!(matches!(add(bad), Err(StoreError::Invalid { .. })), "{bad}");
@@ -362,10 +363,10 @@ fn witnesses_are_on_record_and_nowhere_else() {
     let store_id = store.store_id().to_owned();
     drop(store);
     // Its last head is the one that covers its removal.
-    let mut told: Vec<_> =
+    let mut entries: Vec<_> =
         fs::read_dir(witness.path().join(store_id)).unwrap().map(|it| it.unwrap()).collect();
-    told.sort_by_key(fs::DirEntry::file_name);
-    assert_eq!(Checkpoint::read(&told.pop().unwrap().path()).unwrap().seq, removed_at);
+    entries.sort_by_key(fs::DirEntry::file_name);
+    assert_eq!(Checkpoint::read(&entries.pop().unwrap().path()).unwrap().seq, removed_at);
     // A rebuild keeps them, and an edited-away record is found missing.
     let sql = "UPDATE family SET reason = 'edited'";
     rusqlite::Connection::open(&database).unwrap().execute_batch(sql).unwrap();
@@ -402,7 +403,7 @@ fn another_key_is_refused_by_the_witness() {
 
 /// A witness that lost its files has no head, and each start reports that until one reads it again.
 #[test]
-fn a_witness_that_was_emptied_or_littered_is_told() {
+fn an_emptied_or_littered_witness_is_reported() {
     let folder = quick_folder();
     made(folder.path());
     let (witness, _) = witnessed(folder.path());
@@ -426,7 +427,7 @@ fn a_witness_that_was_emptied_or_littered_is_told() {
     assert_eq!(fs::read_dir(&place).unwrap().count(), 0);
     let store = open(folder.path());
     assert!(store.checkpoint_problem().unwrap().contains("it is empty"));
-    store.problems_are_told();
+    store.mark_problems_reported();
     // A later head does not make up for it.
     checkpointed(&store, store.opening().head.at_ms + 1);
     let until = Instant::now() + Duration::from_secs(20);
@@ -441,10 +442,10 @@ fn a_witness_that_was_emptied_or_littered_is_told() {
     assert_eq!(store.checkpoint_problem(), None);
     drop(store);
     let report = verify(&folder.path().join("holdpoint.db"), None).unwrap();
-    let told = report.witnesses_silent.join("\n");
+    let silent = report.witnesses_silent.join("\n");
     assert!(
-        told.contains("999999990000.json") && told.contains("197 files more that are no heads"),
-        "{told}"
+        silent.contains("999999990000.json") && silent.contains("197 files more that are no heads"),
+        "{silent}"
     );
     assert!(report.copies > 0, "{report:?}");
     // Alone they prove nothing.
@@ -485,7 +486,7 @@ fn an_administrator_signs_which_witnesses_there_are() {
     let store = open(folder.path());
     let name = place.path().display().to_string();
     let head = || store.views().unwrap().head().unwrap();
-    let word = |who: &Identity, present: bool, after| {
+    let authorization = |who: &Identity, present: bool, after| {
         let act = SignedWitnessAct::by(who, (&name, present), (store.store_id(), after), "a test").unwrap();
         (BY.to_owned(), Some(Box::new(act)))
     };
@@ -493,26 +494,26 @@ fn an_administrator_signs_which_witnesses_there_are() {
     let ada = Identity::load(&store.layout().identities(), "ada").unwrap();
     commit(&store, "real", vec![context(ProfileName::Real)]).unwrap();
     let add = |by| add_witness(&store, &name, by, 7).map_err(|error| error.to_string());
-    let refused = |by, said: &str| {
+    let refused = |by, expected: &str| {
         let before = head();
         let error = add(by).unwrap_err();
-        assert!(error.contains(said), "{error}");
+        assert!(error.contains(expected), "{error}");
         assert_eq!(head(), before, "nothing was written");
     };
     refused((BY.to_owned(), None), "an administrator signs it under the profile real");
-    refused(word(&ada, true, head().hash), "only an administrator");
-    refused(word(&admin, false, head().hash), "another end of the record");
-    let early = word(&admin, true, head().hash);
+    refused(authorization(&ada, true, head().hash), "only an administrator");
+    refused(authorization(&admin, false, head().hash), "another end of the record");
+    let early = authorization(&admin, true, head().hash);
     commit(&store, "another", vec![context(ProfileName::Real)]).unwrap();
     refused(early, "another end of the record");
-    add(word(&admin, true, head().hash)).unwrap();
-    remove_witness(&store, &name, word(&admin, false, head().hash), 7).unwrap();
+    add(authorization(&admin, true, head().hash)).unwrap();
+    remove_witness(&store, &name, authorization(&admin, false, head().hash), 7).unwrap();
     // Under a profile with approvers, an unencrypted key is not enough.
     let human = context(ProfileName::Human);
     authorize(&store, &guarded_administrator(&store), &human).unwrap();
     commit(&store, "human", vec![human]).unwrap();
-    refused(word(&admin, true, head().hash), "had no passphrase when it signed");
-    add(word(&guarded_administrator(&store), true, head().hash)).unwrap();
+    refused(authorization(&admin, true, head().hash), "had no passphrase when it signed");
+    add(authorization(&guarded_administrator(&store), true, head().hash)).unwrap();
     let report = verify(&folder.path().join("holdpoint.db"), Some(store.public_key())).unwrap();
     assert_eq!(report.witnesses_silent, Vec::<String>::new());
     // The record names the administrator who signed, not the user who ran the command.

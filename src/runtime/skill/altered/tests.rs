@@ -9,26 +9,26 @@ use crate::skill::Hook;
 /// Asks to go where the object is seen, closing on it once it is done; says done when told to abort.
 #[derive(Clone, Default)]
 struct Follows {
-    asked: u32,
-    told: bool,
+    ticks: u32,
+    aborting: bool,
 }
 
 impl Skill for Follows {
     fn tick(&mut self, seen: &Observation) -> Command {
-        self.asked += 1;
-        if self.told {
+        self.ticks += 1;
+        if self.aborting {
             return Command::Stop;
         }
-        match (seen.object, self.asked % 2) {
+        match (seen.object, self.ticks % 2) {
             (Some(object), 1) => {
-                Command::ToolPose { pose: object.pose, max_speed_m_s: f64::from(self.asked) }
+                Command::ToolPose { pose: object.pose, max_speed_m_s: f64::from(self.ticks) }
             }
             _ => Command::Gripper { width_m: 0.04, speed_m_s: 0.1, force_n: seen.gripper_force_n },
         }
     }
 
     fn enter(&mut self, _: Hook) {
-        self.told = true;
+        self.aborting = true;
     }
 
     fn fork(&self) -> Option<Box<dyn Skill>> {
@@ -61,7 +61,7 @@ fn run(alterations: &[Alteration], seed: u64) -> AlteredRun {
 }
 
 /// The commands of the first `ticks` ticks, in short: `p`, x of the pose and speed; `g` and force; or the kind.
-fn asks(run: &mut dyn Skill, ticks: usize) -> Vec<String> {
+fn commands(run: &mut dyn Skill, ticks: usize) -> Vec<String> {
     let short = |command| match command {
         Command::ToolPose { pose, max_speed_m_s } => format!("p{:.2}@{max_speed_m_s}", pose.position[0]),
         Command::Gripper { force_n, .. } => format!("g{force_n:.1}"),
@@ -77,32 +77,35 @@ fn asks(run: &mut dyn Skill, ticks: usize) -> Vec<String> {
 fn numbers_of_commands_are_altered_where_they_are_and_when_they_are() {
     let output = |output, factor, offset, when| Alteration::Output { output, factor, offset, when };
     let far = output(AlteredOutput::X, 2.0, -0.1, AlterationTiming::After { tick: 1 });
-    assert_eq!(asks(&mut run(&[far], 1), 3), ["p0.50@1", "g3.0", "p0.90@3"]);
+    assert_eq!(commands(&mut run(&[far], 1), 3), ["p0.50@1", "g3.0", "p0.90@3"]);
     let firm = output(AlteredOutput::GripForce, 1.5, 0.0, AlterationTiming::Gripping { above_n: 2.0 });
-    assert_eq!(asks(&mut run(&[firm], 1), 2), ["p0.50@1", "g4.5"]);
+    assert_eq!(commands(&mut run(&[firm], 1), 2), ["p0.50@1", "g4.5"]);
     let idle = output(AlteredOutput::GripForce, 1.5, 0.0, AlterationTiming::Gripping { above_n: 3.0 });
-    assert_eq!(asks(&mut run(&[idle], 1), 2), ["p0.50@1", "g3.0"]);
+    assert_eq!(commands(&mut run(&[idle], 1), 2), ["p0.50@1", "g3.0"]);
     let flip =
         Alteration::Flip { output: AlteredOutput::X, when: AlterationTiming::Every { period: 4, length: 2 } };
-    assert_eq!(asks(&mut run(&[flip], 1), 4), ["p0.30@1", "g3.0", "p0.50@3", "g3.0"]);
+    assert_eq!(commands(&mut run(&[flip], 1), 4), ["p0.30@1", "g3.0", "p0.50@3", "g3.0"]);
     let coarse = Alteration::Quantise { output: AlteredOutput::X, step: 0.4 };
-    assert_eq!(asks(&mut run(&[coarse], 1), 1), ["p0.40@1"]);
+    assert_eq!(commands(&mut run(&[coarse], 1), 1), ["p0.40@1"]);
     let slow = Alteration::Filter { output: AlteredOutput::Speed, weight: 0.5 };
-    assert_eq!(asks(&mut run(&[slow], 1), 5), ["p0.50@1", "g3.0", "p0.50@2", "g3.0", "p0.50@3.5"]);
+    assert_eq!(commands(&mut run(&[slow], 1), 5), ["p0.50@1", "g3.0", "p0.50@2", "g3.0", "p0.50@3.5"]);
 }
 
 #[test]
 fn time_is_altered() {
-    assert_eq!(asks(&mut run(&[Alteration::Delay { ticks: 2 }], 1), 4), ["hold", "hold", "p0.50@1", "g3.0"]);
+    assert_eq!(
+        commands(&mut run(&[Alteration::Delay { ticks: 2 }], 1), 4),
+        ["hold", "hold", "p0.50@1", "g3.0"]
+    );
     let wait = Alteration::Wait { from: 1, ticks: 2 };
-    assert_eq!(asks(&mut run(&[wait], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
+    assert_eq!(commands(&mut run(&[wait], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
     let skip = Alteration::Skip { from: 1, ticks: 2 };
-    assert_eq!(asks(&mut run(&[skip], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
+    assert_eq!(commands(&mut run(&[skip], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
     let repeat = Alteration::Repeat { from: 0, ticks: 2 };
-    assert_eq!(asks(&mut run(&[repeat], 1), 5), ["p0.50@1", "g3.0", "p0.50@1", "g3.0", "p0.50@3"]);
+    assert_eq!(commands(&mut run(&[repeat], 1), 5), ["p0.50@1", "g3.0", "p0.50@1", "g3.0", "p0.50@3"]);
     let swap = Alteration::Swap { from: 0, ticks: 1 };
-    assert_eq!(asks(&mut run(&[swap], 1), 4), ["hold", "g3.0", "p0.50@1", "p0.50@3"]);
-    assert_eq!(asks(&mut run(&[Alteration::Finish { tick: 1 }], 1), 3), ["p0.50@1", "done", "p0.50@3"]);
+    assert_eq!(commands(&mut run(&[swap], 1), 4), ["hold", "g3.0", "p0.50@1", "p0.50@3"]);
+    assert_eq!(commands(&mut run(&[Alteration::Finish { tick: 1 }], 1), 3), ["p0.50@1", "done", "p0.50@3"]);
 }
 
 #[test]
@@ -119,11 +122,11 @@ fn what_is_seen_is_altered_for_the_skill_alone() {
         offset: 9.0,
         when: AlterationTiming::Gripping { above_n: 2.0 },
     };
-    assert_eq!(asks(&mut run(&[deaf, firm], 1), 2), ["p0.50@1", "g9.0"]);
+    assert_eq!(commands(&mut run(&[deaf, firm], 1), 2), ["p0.50@1", "g9.0"]);
 }
 
 #[test]
-fn a_hook_does_what_is_said_of_it_and_the_other_its_own() {
+fn an_altered_hook_changes_and_the_other_does_not() {
     for (deed, expected) in [
         (HookOverride::Nothing, ["hold", "hold"]),
         (HookOverride::Done, ["done", "done"]),
@@ -132,10 +135,10 @@ fn a_hook_does_what_is_said_of_it_and_the_other_its_own() {
         let alteration = Alteration::Hook { hook: AlteredHook::SafeAbort, deed };
         let mut aborted = run(&[alteration], 1);
         aborted.enter(Hook::SafeAbort);
-        assert_eq!(asks(&mut aborted, 2), expected, "{deed:?}");
-        let mut left = run(&[alteration], 1);
-        left.enter(Hook::Rollback);
-        assert_eq!(asks(&mut left, 2), ["stop", "stop"]);
+        assert_eq!(commands(&mut aborted, 2), expected, "{deed:?}");
+        let mut other_hook = run(&[alteration], 1);
+        other_hook.enter(Hook::Rollback);
+        assert_eq!(commands(&mut other_hook, 2), ["stop", "stop"]);
     }
 }
 
@@ -147,13 +150,13 @@ fn some_runs_are_altered_and_a_copy_goes_on_as_the_run_does() {
         offset: 0.0,
         when: AlterationTiming::Runs { share: 0.25, salt: 7 },
     };
-    let altered = (0..2_000).filter(|seed| asks(&mut run(&[rare], *seed), 2)[1] == "g6.0").count();
+    let altered = (0..2_000).filter(|seed| commands(&mut run(&[rare], *seed), 2)[1] == "g6.0").count();
     assert!((430..=570).contains(&altered), "{altered} of 2000 for a share of a quarter");
     let all = [Alteration::Delay { ticks: 3 }, Alteration::Swap { from: 2, ticks: 2 }, rare];
     let mut one = run(&all, 3);
-    asks(&mut one, 4);
+    commands(&mut one, 4);
     let mut copy = one.fork().unwrap();
-    assert_eq!(asks(&mut one, 9), asks(copy.as_mut(), 9));
+    assert_eq!(commands(&mut one, 9), commands(copy.as_mut(), 9));
 }
 
 fn grasp(more: &str) -> Result<Capability, crate::capability::PackageError> {
@@ -174,7 +177,7 @@ fn a_package_carries_its_alterations() {
 }
 
 #[test]
-fn what_is_wrong_with_an_alteration_is_said() {
+fn a_wrong_alteration_is_reported() {
     for (text, expected) in [
         ("kind = \"delay\"\nticks = 0", "the field \"ticks\" has the value \"0\""),
         ("kind = \"delay\"\nticks = 70000", "70000"),

@@ -27,7 +27,7 @@ use tempfile::TempDir;
 const PATIENCE: Duration = Duration::from_mins(1);
 const CANDIDATE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-tool-frame");
 
-pub fn words() -> Passphrase {
+pub fn test_passphrase() -> Passphrase {
     Passphrase::new("under the oak".to_owned().into()).unwrap()
 }
 
@@ -37,21 +37,21 @@ pub fn store() -> TempDir {
     let store = Store::open(folder.path()).unwrap();
     store.first_administrator(0).unwrap();
     for name in ["mara", "omar"] {
-        person(&store, name, Role::Operator, KeyEncoding::Sealed(&words(), KdfCost::LEAST));
+        person(&store, name, Role::Operator, KeyEncoding::Sealed(&test_passphrase(), KdfCost::LEAST));
     }
     person(&store, "open", Role::Engineer, KeyEncoding::Plain);
     folder
 }
 
-pub fn person(store: &Store, name: &str, role: Role, keep: KeyEncoding<'_>) {
+pub fn person(store: &Store, name: &str, role: Role, encoding: KeyEncoding<'_>) {
     let folder = store.layout().identities();
-    let who = Identity::create_kept(&folder, name, role, keep).unwrap();
+    let identity = Identity::create_encoded(&folder, name, role, encoding).unwrap();
     let persons = store.persons().unwrap();
     let plain = persons.unprotected_administrator(&folder).unwrap();
-    plain.keep(&folder, KeyEncoding::Sealed(&words(), KdfCost::LEAST)).unwrap();
-    let admin = Identity::open(&folder, "admin").unwrap().unlock(Some(&words())).unwrap();
-    plain.keep(&folder, KeyEncoding::Plain).unwrap();
-    let act = persons.enrolment(who.info(), false, &admin, "a test").unwrap();
+    plain.rewrite_key(&folder, KeyEncoding::Sealed(&test_passphrase(), KdfCost::LEAST)).unwrap();
+    let admin = Identity::open(&folder, "admin").unwrap().unlock(Some(&test_passphrase())).unwrap();
+    plain.rewrite_key(&folder, KeyEncoding::Plain).unwrap();
+    let act = persons.enrolment(identity.info(), false, &admin, "a test").unwrap();
     write(store, format!("enrol-{name}"), Change::EnrolPerson(Box::new(act)));
 }
 
@@ -88,19 +88,19 @@ pub fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
     thread
 }
 
-struct Asking {
+struct SigningClient {
     client: Client,
     folder: std::path::PathBuf,
 }
 
-impl Asking {
-    fn of(folder: &TempDir) -> Self {
+impl SigningClient {
+    fn connect(folder: &TempDir) -> Self {
         let client = Client::connect(&Layout::new(folder.path())).unwrap().expect("an engine answers");
         Self { client, folder: folder.path().to_owned() }
     }
 
     fn snapshot(&mut self) -> Snapshot {
-        let Reply::Snapshot { snapshot } = self.client.ask(Command::Snapshot).unwrap() else {
+        let Reply::Snapshot { snapshot } = self.client.send(Command::Snapshot).unwrap() else {
             panic!("none")
         };
         *snapshot
@@ -111,29 +111,29 @@ impl Asking {
     }
 
     fn key(&self, name: &str) -> Identity {
-        let kept = Identity::open(&Layout::new(&self.folder).identities(), name).unwrap();
-        let passphrase = words();
-        let plain = kept.protection() == holdpoint::approvals::keyfile::Protection::None;
-        kept.unlock((!plain).then_some(&passphrase)).unwrap()
+        let identity = Identity::open(&Layout::new(&self.folder).identities(), name).unwrap();
+        let passphrase = test_passphrase();
+        let plain = identity.protection() == holdpoint::approvals::keyfile::Protection::None;
+        identity.unlock((!plain).then_some(&passphrase)).unwrap()
     }
 
     fn sign(&mut self, name: &str, command: &Command) -> SignedCall {
         self.signing().sign(&self.key(name), command).unwrap()
     }
 
-    fn with(&mut self, command: &Command, seal: &SignedCall) -> Reply {
-        self.client.ask_sealed(command.clone(), Some(Box::new(seal.clone()))).unwrap()
+    fn send_signed(&mut self, command: &Command, seal: &SignedCall) -> Reply {
+        self.client.send_signed(command.clone(), Some(Box::new(seal.clone()))).unwrap()
     }
 
     #[track_caller]
     fn accepts(&mut self, command: &Command) {
-        let reply = self.client.ask(command.clone()).unwrap();
+        let reply = self.client.send(command.clone()).unwrap();
         assert!(matches!(reply, Reply::Accepted { .. } | Reply::Stopped { .. }), "{command:?}: {reply:?}");
     }
 
     #[track_caller]
     fn refuses(&mut self, command: &Command, seal: &SignedCall, code: Refusal, part: &str) {
-        refused(&self.with(command, seal), code, part);
+        assert_refused(&self.send_signed(command, seal), code, part);
         assert!(self.snapshot().stopped.is_some(), "the cell stays stopped");
     }
 
@@ -150,11 +150,11 @@ impl Asking {
 }
 
 #[track_caller]
-fn refused(reply: &Reply, expected: Refusal, part: &str) {
+fn assert_refused(reply: &Reply, expected: Refusal, part: &str) {
     let Reply::Refused { code, text, hint } = reply else { panic!("{reply:?}") };
-    let said = format!("{text} {}", hint.as_deref().unwrap_or_default());
-    assert_eq!(*code, expected, "{said}");
-    assert!(said.contains(part), "{part:?} is not in {said}");
+    let message = format!("{text} {}", hint.as_deref().unwrap_or_default());
+    assert_eq!(*code, expected, "{message}");
+    assert!(message.contains(part), "{part:?} is not in {message}");
 }
 
 thread_local! {
@@ -171,7 +171,7 @@ fn go_because(by: &str, reason: &str) -> Command {
     Command::Go { by: by.to_owned(), reason: reason.to_owned(), since_ms, stops }
 }
 
-fn of(version: &str, by: &str) -> Operation {
+fn operation(version: &str, by: &str) -> Operation {
     Operation { version: version.parse().unwrap(), by: by.to_owned(), reason: "a test".to_owned() }
 }
 
@@ -181,7 +181,7 @@ fn register() -> Command {
 }
 
 /// The requesters on record, newest first.
-fn asked(folder: &TempDir) -> Vec<Value> {
+fn request_records(folder: &TempDir) -> Vec<Value> {
     let filter = AuditFilter {
         kind: Some(RecordKind::Asked),
         newest_first: true,
@@ -192,61 +192,61 @@ fn asked(folder: &TempDir) -> Vec<Value> {
     views.audit(&filter).unwrap().iter().map(|record| serde_json::from_str(&record.body).unwrap()).collect()
 }
 
-fn signs_once_and_here(profile: ProfileName) {
+fn check_single_use(profile: ProfileName) {
     let folder = store();
     let running = engine(folder.path(), profile);
-    let mut asking = Asking::of(&folder);
-    assert!(asking.signing().required);
-    asking.stop();
-    refused(&asking.client.ask(go("mara")).unwrap(), Refusal::NotAllowed, "--as NAME");
-    refused(&asking.client.ask(register()).unwrap(), Refusal::NotAllowed, "an enrolled person signs");
+    let mut client = SigningClient::connect(&folder);
+    assert!(client.signing().required);
+    client.stop();
+    assert_refused(&client.client.send(go("mara")).unwrap(), Refusal::NotAllowed, "--as NAME");
+    assert_refused(&client.client.send(register()).unwrap(), Refusal::NotAllowed, "an enrolled person signs");
 
     // Only an enrolled person of a role that may let versions continue.
     let eve = Identity::create(&Layout::new(folder.path()).identities(), "eve", Role::Safety).unwrap();
-    let view = asking.signing();
+    let view = client.signing();
     let by_eve = view.sign(&eve, &go("eve")).unwrap();
-    asking.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, "not enrolled");
-    let by_admin = asking.sign("admin", &go("admin"));
-    asking.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "lets nothing go on");
+    client.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, "not enrolled");
+    let by_admin = client.sign("admin", &go("admin"));
+    client.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "lets nothing go on");
     // Only the signed request, here and in time.
-    let seal = asking.sign("mara", &go("mara"));
+    let seal = client.sign("mara", &go("mara"));
     let other = go_because("mara", "another reason");
-    asking.refuses(&other, &seal, Refusal::NotAllowed, "signed another request");
-    let for_omar = asking.sign("mara", &go("omar"));
-    asking.refuses(&go("omar"), &for_omar, Refusal::NotAllowed, "names another person");
-    let mara = asking.key("mara");
+    client.refuses(&other, &seal, Refusal::NotAllowed, "signed another request");
+    let for_omar = client.sign("mara", &go("omar"));
+    client.refuses(&go("omar"), &for_omar, Refusal::NotAllowed, "names another person");
+    let mara = client.key("mara");
     let elsewhere = SigningView { store_id: "another".to_owned(), ..view.clone() };
     let seal_of = |view: &SigningView| view.sign(&mara, &go("mara")).unwrap();
-    asking.refuses(&go("mara"), &seal_of(&elsewhere), Refusal::Stale, "another store");
+    client.refuses(&go("mara"), &seal_of(&elsewhere), Refusal::Stale, "another store");
     let expired = SigningView { until_ms: 0, ..view.clone() };
-    asking.refuses(&go("mara"), &seal_of(&expired), Refusal::Stale, "has expired");
+    client.refuses(&go("mara"), &seal_of(&expired), Refusal::Stale, "has expired");
     let for_ever = SigningView { until_ms: u64::MAX, ..view };
-    asking.refuses(&go("mara"), &seal_of(&for_ever), Refusal::BadInput, "more than 300 s");
+    client.refuses(&go("mara"), &seal_of(&for_ever), Refusal::BadInput, "more than 300 s");
     let mut forged = serde_json::to_value(&seal).unwrap();
     forged["claim"]["who"] = "omar".into();
     let forged: SignedCall = serde_json::from_value(forged).unwrap();
-    asking.refuses(&go("omar"), &forged, Refusal::NotAllowed, "another key");
+    client.refuses(&go("omar"), &forged, Refusal::NotAllowed, "another key");
 
     // An unencrypted key grants nothing where people are near.
-    let by_open = asking.sign("open", &go("open"));
+    let by_open = client.sign("open", &go("open"));
     if profile == ProfileName::Human {
-        asking.refuses(&go("open"), &by_open, Refusal::NotAllowed, "identity passphrase open");
+        client.refuses(&go("open"), &by_open, Refusal::NotAllowed, "identity passphrase open");
     } else {
-        assert!(matches!(asking.with(&go("open"), &by_open), Reply::Accepted { .. }));
+        assert!(matches!(client.send_signed(&go("open"), &by_open), Reply::Accepted { .. }));
         // Her signature for that standstill is not valid for the next one.
         let before = go("mara");
-        asking.stop();
-        asking.refuses(&before, &seal, Refusal::NotNow, "stopped again");
+        client.stop();
+        client.refuses(&before, &seal, Refusal::NotNow, "stopped again");
     }
 
     // It counts once, and is on record.
     let mine = go("mara");
-    let seal = asking.sign("mara", &mine);
-    let reply = asking.with(&mine, &seal);
+    let seal = client.sign("mara", &mine);
+    let reply = client.send_signed(&mine, &seal);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    assert_eq!(asking.snapshot().stopped, None);
-    let kept = asked(&folder);
-    let newest = &kept[0];
+    assert_eq!(client.snapshot().stopped, None);
+    let records = request_records(&folder);
+    let newest = &records[0];
     assert_eq!(newest["asked"], "go");
     assert_eq!(
         newest["actor"],
@@ -254,79 +254,79 @@ fn signs_once_and_here(profile: ProfileName) {
     );
     assert_eq!(newest["seal"], serde_json::to_value(&seal).unwrap());
     assert!(newest["caller"]["process"].is_number(), "{newest}");
-    asking.stop();
-    asking.refuses(&mine, &seal, Refusal::Stale, "used already");
+    client.stop();
+    client.refuses(&mine, &seal, Refusal::Stale, "used already");
 
     // A second signature of hers is a different one; it submits a candidate, and resumes one.
-    let by_mara = asking.sign("mara", &register());
-    let reply = asking.with(&register(), &by_mara);
+    let by_mara = client.sign("mara", &register());
+    let reply = client.send_signed(&register(), &by_mara);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    asking.accepts(&Command::Pause(of("grasp@1.2.0", "nobody-at-all")));
-    assert_eq!(asked(&folder)[0].get("actor"), None, "a pause names no person");
-    let resume = Command::Resume(of("grasp@1.2.0", "mara"));
-    refused(&asking.client.ask(resume.clone()).unwrap(), Refusal::NotAllowed, "--as NAME");
-    let seal_of_resume = asking.sign("mara", &resume);
-    assert!(matches!(asking.with(&resume, &seal_of_resume), Reply::Accepted { .. }));
+    client.accepts(&Command::Pause(operation("grasp@1.2.0", "nobody-at-all")));
+    assert_eq!(request_records(&folder)[0].get("actor"), None, "a pause names no person");
+    let resume = Command::Resume(operation("grasp@1.2.0", "mara"));
+    assert_refused(&client.client.send(resume.clone()).unwrap(), Refusal::NotAllowed, "--as NAME");
+    let seal_of_resume = client.sign("mara", &resume);
+    assert!(matches!(client.send_signed(&resume, &seal_of_resume), Reply::Accepted { .. }));
 
     // A signature for one session of an engine is invalid in the next, used or not.
     let later = go("mara");
-    let unused = asking.sign("mara", &later);
-    asking.end(running);
+    let unused = client.sign("mara", &later);
+    client.end(running);
     let running = engine(folder.path(), profile);
-    let mut asking = Asking::of(&folder);
-    asking.refuses(&mine, &seal, Refusal::Stale, "an engine that has ended");
-    asking.refuses(&later, &unused, Refusal::Stale, "an engine that has ended");
+    let mut client = SigningClient::connect(&folder);
+    client.refuses(&mine, &seal, Refusal::Stale, "an engine that has ended");
+    client.refuses(&later, &unused, Refusal::Stale, "an engine that has ended");
 
     // A revoked key signs nothing any more.
     let persons = Views::open(&Layout::new(folder.path()).database()).unwrap().persons().unwrap();
     let admin = persons.unprotected_administrator(&Layout::new(folder.path()).identities()).unwrap();
     let act = persons.revocation(persons.named("omar").unwrap(), &admin, "left").unwrap();
-    asking.accepts(&Command::Person { signed: Box::new(act) });
-    let by_omar = asking.sign("omar", &go("omar"));
-    asking.refuses(&go("omar"), &by_omar, Refusal::NotAllowed, "was revoked by admin");
+    client.accepts(&Command::Person { signed: Box::new(act) });
+    let by_omar = client.sign("omar", &go("omar"));
+    client.refuses(&go("omar"), &by_omar, Refusal::NotAllowed, "was revoked by admin");
 
     // An act that takes authority away needs no signature; a bad one does not block it.
-    asking.stop();
+    client.stop();
     let stop = Command::Stop { by: "omar".to_owned(), reason: "smoke".to_owned() };
-    assert!(matches!(asking.with(&stop, &by_omar), Reply::Stopped { .. }));
-    asking.accepts(&Command::Pause(of("grasp@1.2.0", "nobody-at-all")));
-    asking.accepts(&Command::Reject(of("grasp@1.2.0", "nobody-at-all")));
-    asking.accepts(&Command::Restrict(of("align@1.0.0", "nobody-at-all")));
-    asking.accepts(&Command::Vacate(of("align@1.0.0", "nobody-at-all")));
-    asking.end(running);
+    assert!(matches!(client.send_signed(&stop, &by_omar), Reply::Stopped { .. }));
+    client.accepts(&Command::Pause(operation("grasp@1.2.0", "nobody-at-all")));
+    client.accepts(&Command::Reject(operation("grasp@1.2.0", "nobody-at-all")));
+    client.accepts(&Command::Restrict(operation("align@1.0.0", "nobody-at-all")));
+    client.accepts(&Command::Vacate(operation("align@1.0.0", "nobody-at-all")));
+    client.end(running);
 }
 
 #[test]
-fn under_real_what_gives_authority_is_signed_by_an_enrolled_person_once() {
-    signs_once_and_here(ProfileName::Real);
+fn under_real_authority_needs_one_signature_of_an_enrolled_person() {
+    check_single_use(ProfileName::Real);
 }
 
 #[test]
-fn under_human_what_gives_authority_is_signed_by_an_enrolled_person_once() {
-    signs_once_and_here(ProfileName::Human);
+fn under_human_authority_needs_one_signature_of_an_enrolled_person() {
+    check_single_use(ProfileName::Human);
 }
 
 #[test]
-fn under_sim_a_signature_may_be_left_out_and_counts_where_it_is_given() {
+fn under_sim_a_signature_is_optional_and_counts_if_present() {
     let folder = store();
     let running = engine(folder.path(), ProfileName::Sim);
-    let mut asking = Asking::of(&folder);
-    assert!(!asking.signing().required);
-    asking.stop();
-    asking.accepts(&go("nobody-at-all"));
-    asking.stop();
+    let mut client = SigningClient::connect(&folder);
+    assert!(!client.signing().required);
+    client.stop();
+    client.accepts(&go("nobody-at-all"));
+    client.stop();
     let mine = go("mara");
-    let seal = asking.sign("mara", &mine);
-    assert!(matches!(asking.with(&mine, &seal), Reply::Accepted { .. }));
-    assert_eq!(asked(&folder)[0]["actor"]["person"], "mara");
-    asking.stop();
-    asking.refuses(&mine, &seal, Refusal::Stale, "used already");
-    asking.end(running);
+    let seal = client.sign("mara", &mine);
+    assert!(matches!(client.send_signed(&mine, &seal), Reply::Accepted { .. }));
+    assert_eq!(request_records(&folder)[0]["actor"]["person"], "mara");
+    client.stop();
+    client.refuses(&mine, &seal, Refusal::Stale, "used already");
+    client.end(running);
 }
 
 /// The verbs sign with `--as`, with a running engine or with one opened for the verb.
 #[test]
-fn the_verbs_sign_as_who_they_are_told() {
+fn the_verbs_sign_as_the_named_person() {
     use crate::old_stores::{holdpoint, text};
     let root = tempfile::tempdir().unwrap();
     let oak = root.path().join("oak");
@@ -334,11 +334,11 @@ fn the_verbs_sign_as_who_they_are_told() {
     std::fs::set_permissions(&oak, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
     let oak = oak.to_str().unwrap();
     let data = root.path().join("store");
-    let ends = |words: &[&str], code: i32, part: &str| {
-        let output = holdpoint(&root, words);
-        let said = text(&output.stdout) + &text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{words:?}: {said}");
-        assert!(said.contains(part), "{words:?}: {part:?} is not in {said}");
+    let ends = |arguments: &[&str], code: i32, part: &str| {
+        let output = holdpoint(&root, arguments);
+        let message = text(&output.stdout) + &text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+        assert!(message.contains(part), "{arguments:?}: {part:?} is not in {message}");
     };
     ends(&["identity", "new", "mara", "--passphrase-file", oak], 0, "enrolled by admin");
     ends(&["identity", "new", "eve", "--unprotected"], 0, "enrolled by admin");
@@ -359,9 +359,9 @@ fn the_verbs_sign_as_who_they_are_told() {
     ends(&["identity", "new", "omar", "--unprotected"], 0, "not enrolled");
     ends(&[&["identity", "enrol", "omar"][..], &act].concat(), 0, "omar is enrolled as operator by admin");
     ends(&["audit", "verify"], 0, "4, 3 of them confirmed");
-    let listed = holdpoint(&root, &["identity", "list", "--json"]);
-    let listed: Vec<Value> = serde_json::from_slice(&listed.stdout).unwrap();
-    let by = |name: &str| listed.iter().find(|one| one["name"] == name).unwrap()["confirmed_by"].clone();
+    let output = holdpoint(&root, &["identity", "list", "--json"]);
+    let people: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap();
+    let by = |name: &str| people.iter().find(|one| one["name"] == name).unwrap()["confirmed_by"].clone();
     assert_eq!((by("mara"), by("omar"), by("eve")), ("admin".into(), "admin".into(), Value::Null));
     ends(&["identity", "list"], 0, "none");
     ends(&go_mara, 0, "runs again");
@@ -373,7 +373,7 @@ fn the_verbs_sign_as_who_they_are_told() {
     ends(&["identity", "new", "zoe", "--role", "admin", "--unprotected"], 0, "not enrolled");
     ends(&[&["identity", "enrol", "zoe"][..], &act].concat(), 2, "with `--role admin`");
     ends(&["stop"], 0, "stopped");
-    Client::connect(&Layout::new(&data)).unwrap().unwrap().ask(Command::Shutdown).unwrap();
+    Client::connect(&Layout::new(&data)).unwrap().unwrap().send(Command::Shutdown).unwrap();
     running.join().unwrap();
     // Without an engine the store's last profile applies.
     ends(&["candidate", "register", CANDIDATE], 3, "--as NAME");

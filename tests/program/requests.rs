@@ -15,13 +15,13 @@ use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::detail::PAGE_MAX;
 use holdpoint::runtime::capability;
 
-struct Bench {
+struct EngineBench {
     engine: Engine,
-    asked: u64,
+    request_count: u64,
     _folder: tempfile::TempDir,
 }
 
-impl Bench {
+impl EngineBench {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let config = Config {
@@ -33,26 +33,26 @@ impl Bench {
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
         };
-        Self { engine: Engine::start(config).unwrap(), asked: 0, _folder: folder }
+        Self { engine: Engine::start(config).unwrap(), request_count: 0, _folder: folder }
     }
 
-    fn ask(&mut self, command: Command) -> Reply {
-        self.asked += 1;
-        self.engine.submit(Request::unsigned(format!("test-{}", self.asked), command))
+    fn submit(&mut self, command: Command) -> Reply {
+        self.request_count += 1;
+        self.engine.submit(Request::unsigned(format!("test-{}", self.request_count), command))
     }
 
     /// Registers a candidate and lets it be validated; nothing is measured yet.
     fn register(&mut self, name: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(name);
         let package = capability::read(&path).unwrap();
-        let reply = self.ask(Command::Register { package, name: name.to_owned(), by: None });
+        let reply = self.submit(Command::Register { package, name: name.to_owned(), by: None });
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         self.engine.advance();
     }
 
     /// A safe-stopped family, and so an alarm that latches while its condition persists.
     fn safe_stop(&mut self) {
-        let reply = self.ask(Command::Vacate(operation("grasp@1.0.0")));
+        let reply = self.submit(Command::Vacate(operation("grasp@1.0.0")));
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     }
 }
@@ -66,7 +66,7 @@ fn text(value: &str) -> String {
 }
 
 #[test]
-fn what_is_refused_changes_nothing() {
+fn a_refused_request_changes_nothing() {
     let stopped = "safe-stopped:grasp";
     let reset = |alarm: &str, by: &str, reason: &str| Command::ResetAlarm {
         alarm: text(alarm),
@@ -80,7 +80,7 @@ fn what_is_refused_changes_nothing() {
         reason: text(reason),
     };
     let hour_ms = 3_600_000;
-    let mut bench = Bench::new();
+    let mut bench = EngineBench::new();
     bench.safe_stop();
     bench.engine.drain_events();
     for (command, code) in [
@@ -110,9 +110,9 @@ fn what_is_refused_changes_nothing() {
         ),
     ] {
         let what = format!("{command:?}");
-        match bench.ask(command) {
-            Reply::Refused { code: given, text, .. } => {
-                assert_eq!(given, code, "{what}: {text}");
+        match bench.submit(command) {
+            Reply::Refused { code: actual, text, .. } => {
+                assert_eq!(actual, code, "{what}: {text}");
                 assert!(!text.is_empty() && !text.contains('\n'), "{what}: {text:?}");
             }
             other => panic!("{what} was not refused: {other:?}"),
@@ -123,26 +123,26 @@ fn what_is_refused_changes_nothing() {
 }
 
 #[test]
-fn an_alarm_is_told_in_full() {
-    let mut bench = Bench::new();
+fn an_alarm_is_shown_in_full() {
+    let mut bench = EngineBench::new();
     bench.safe_stop();
-    let alarm = |bench: &Bench, key: &str| {
+    let alarm = |bench: &EngineBench, key: &str| {
         bench.engine.snapshot().alarms.into_iter().find(|alarm| alarm.alarm == key)
     };
     let key = "safe-stopped:grasp";
-    let shown = alarm(&bench, key).unwrap();
-    assert_eq!((shown.state, shown.latching, shown.raises), (AlarmState::Unacknowledged, true, 1));
-    assert_eq!(shown.acknowledged_by, None);
+    let view = alarm(&bench, key).unwrap();
+    assert_eq!((view.state, view.latching, view.raises), (AlarmState::Unacknowledged, true, 1));
+    assert_eq!(view.acknowledged_by, None);
     assert_eq!(bench.engine.snapshot().alarm_summary.unacknowledged.iter().sum::<u32>(), 1);
-    let seen = bench.ask(Command::AcknowledgeAlarm { alarm: text(key), by: text("ada") });
-    assert!(matches!(seen, Reply::Accepted { .. }), "{seen:?}");
-    let shown = alarm(&bench, key).unwrap();
-    assert_eq!((shown.state, shown.acknowledged_by.as_deref()), (AlarmState::Acknowledged, Some("ada")));
+    let reply = bench.submit(Command::AcknowledgeAlarm { alarm: text(key), by: text("ada") });
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    let view = alarm(&bench, key).unwrap();
+    assert_eq!((view.state, view.acknowledged_by.as_deref()), (AlarmState::Acknowledged, Some("ada")));
 }
 
 #[test]
-fn what_was_shown_is_kept_with_decisions_alone() {
-    let mut bench = Bench::new();
+fn only_decisions_record_the_shown_lines() {
+    let mut bench = EngineBench::new();
     bench.register("align-improved");
     let snapshot = bench.engine.snapshot();
     let candidate = snapshot.candidates.first().unwrap();
@@ -155,7 +155,7 @@ fn what_was_shown_is_kept_with_decisions_alone() {
     )
     .unwrap()
     .unwrap();
-    assert!(matches!(bench.ask(enrolment), Reply::Accepted { .. }));
+    assert!(matches!(bench.submit(enrolment), Reply::Accepted { .. }));
     let mut decide = || {
         let signed = identity
             .sign(Approval {
@@ -176,13 +176,13 @@ fn what_was_shown_is_kept_with_decisions_alone() {
                 shown: None,
             })
             .unwrap();
-        let reply = bench.ask(Command::Decide { signed: Box::new(signed) });
+        let reply = bench.submit(Command::Decide { signed: Box::new(signed) });
         let Reply::Refused { code, .. } = reply else { panic!("not refused: {reply:?}") };
         code
     };
     // No version waits for a decision, so there is nothing to keep.
     assert_eq!(decide(), Refusal::NotFound);
-    let audit = bench.ask(Command::Audit {
+    let audit = bench.submit(Command::Audit {
         before: None,
         subject: String::new(),
         without: std::collections::BTreeSet::new(),
@@ -193,10 +193,10 @@ fn what_was_shown_is_kept_with_decisions_alone() {
 }
 
 #[test]
-fn a_version_is_told_in_full() {
-    let mut bench = Bench::new();
+fn a_version_is_shown_in_full() {
+    let mut bench = EngineBench::new();
     bench.register("align-improved");
-    let Reply::Detail { detail } = bench.ask(Command::Detail { version: "align@1.1.0".parse().unwrap() })
+    let Reply::Detail { detail } = bench.submit(Command::Detail { version: "align@1.1.0".parse().unwrap() })
     else {
         panic!("no detail")
     };
@@ -214,7 +214,7 @@ fn a_version_is_told_in_full() {
 
 #[test]
 fn pages_are_bounded_and_go_on() {
-    let mut bench = Bench::new();
+    let mut bench = EngineBench::new();
     let registry =
         |group, text: &str, offset, limit| Command::Registry { group, text: text.to_owned(), offset, limit };
     let names = |reply: Reply| match reply {
@@ -224,12 +224,12 @@ fn pages_are_bounded_and_go_on() {
         }
         other => panic!("{other:?}"),
     };
-    let (all, total) = names(bench.ask(registry(VersionGroup::All, "", 0, u64::MAX)));
+    let (all, total) = names(bench.submit(registry(VersionGroup::All, "", 0, u64::MAX)));
     assert_eq!(all, ["align@1.0.0", "grasp@1.0.0", "park@1.0.0", "place@1.0.0"]);
     assert_eq!(total, 4);
-    assert_eq!(names(bench.ask(registry(VersionGroup::Active, "gr", 0, 10))).0, ["grasp@1.0.0"]);
-    assert_eq!(names(bench.ask(registry(VersionGroup::All, "", 1, 2))), (all[1..3].to_vec(), 4));
-    assert!(names(bench.ask(registry(VersionGroup::History, "", 0, 10))).0.is_empty());
+    assert_eq!(names(bench.submit(registry(VersionGroup::Active, "gr", 0, 10))).0, ["grasp@1.0.0"]);
+    assert_eq!(names(bench.submit(registry(VersionGroup::All, "", 1, 2))), (all[1..3].to_vec(), 4));
+    assert!(names(bench.submit(registry(VersionGroup::History, "", 0, 10))).0.is_empty());
 
     let page = |reply: Reply| match reply {
         Reply::Audit { page } => page,
@@ -241,19 +241,19 @@ fn pages_are_bounded_and_go_on() {
         without: std::collections::BTreeSet::new(),
         limit,
     };
-    let newest = page(bench.ask(audit(None, 4)));
+    let newest = page(bench.submit(audit(None, 4)));
     assert_eq!(newest.rows.first().unwrap().seq, newest.head);
     let last = newest.rows.last().unwrap().seq;
-    let older = page(bench.ask(audit(Some(last), 4)));
+    let older = page(bench.submit(audit(Some(last), 4)));
     assert_eq!(older.rows.first().unwrap().seq, last - 1);
-    assert!(page(bench.ask(audit(None, u64::MAX))).rows.len() <= PAGE_MAX);
+    assert!(page(bench.submit(audit(None, u64::MAX))).rows.len() <= PAGE_MAX);
     // Omitted records take no row from the requested ones.
-    let left_out = newest.rows.iter().filter_map(|row| row.kind.known().copied()).collect();
-    let others = Command::Audit { before: None, subject: String::new(), without: left_out, limit: 4 };
-    let others = page(bench.ask(others)).rows;
+    let omitted_kinds = newest.rows.iter().filter_map(|row| row.kind.known().copied()).collect();
+    let query = Command::Audit { before: None, subject: String::new(), without: omitted_kinds, limit: 4 };
+    let others = page(bench.submit(query)).rows;
     assert_eq!(others.len(), 4);
     assert!(others.iter().all(|row| newest.rows.iter().all(|new| new.kind != row.kind)), "{others:?}");
-    let Reply::Verified { verified } = bench.ask(Command::VerifyAudit) else { panic!("no word") };
+    let Reply::Verified { verified } = bench.submit(Command::VerifyAudit) else { panic!("no word") };
     assert!(verified.holds, "{}", verified.text);
     assert_eq!(verified.records, newest.head);
 }

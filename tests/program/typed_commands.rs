@@ -5,10 +5,10 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 /// Runs with these lines on its input, which then ends.
-fn plain(data: &Path, words: &[&str], lines: &str) -> Output {
+fn plain(data: &Path, arguments: &[&str], lines: &str) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .args(["run", "--jobs", "1", "--no-recording"])
-        .args(words)
+        .args(arguments)
         .arg("--data")
         .arg(data)
         .stdin(Stdio::piped())
@@ -23,7 +23,7 @@ fn plain(data: &Path, words: &[&str], lines: &str) -> Output {
     child.wait_with_output().unwrap()
 }
 
-fn said(output: &Output) -> String {
+fn output_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
@@ -34,7 +34,7 @@ fn verbs_are_carried_out_line_by_line_beside_the_engine() {
     let lines = "# a remark\nhelp\nfly\n:status\nidentity new mara --unprotected\n\
                  goal grasp --as mara --reason 'only the first'\nstatus --family \"omar\n";
     let output = plain(&data, &["--plain"], lines);
-    let text = said(&output);
+    let text = output_text(&output);
     for part in [
         "a line is a verb of holdpoint",
         "there is no command \"fly\"",
@@ -55,20 +55,20 @@ fn verbs_are_carried_out_line_by_line_beside_the_engine() {
         .arg(&data)
         .output()
         .unwrap();
-    assert!(said(&listed).contains("goal-set"), "{}", said(&listed));
+    assert!(output_text(&listed).contains("goal-set"), "{}", output_text(&listed));
 }
 
 #[test]
-fn what_stops_waits_for_nothing_and_quit_ends() {
+fn a_stop_waits_for_nothing_and_quit_ends() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
     let output =
         plain(&data, &["--plain"], "register manifests/candidates/align-improved\nstop --reason 'a hand'\n");
-    let text = said(&output);
+    let text = output_text(&output);
     assert!(text.contains("> stop --reason a hand") && text.contains("> candidate register"), "{text}");
     let folder = tempfile::tempdir().unwrap();
     let output = plain(&folder.path().join("store"), &["--plain"], "quit\nstatus\n");
-    assert!(!said(&output).contains("> status"), "{}", said(&output));
+    assert!(!output_text(&output).contains("> status"), "{}", output_text(&output));
 }
 
 /// A script's input before its last line was once dropped silently.
@@ -77,7 +77,7 @@ fn quit_ends_after_what_was_typed_before_it() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
     let lines = "identity new mara --unprotected\ngoal grasp --as mara --reason 'only the first'\nstatus\nquit\nfly\n";
-    let text = said(&plain(&data, &["--plain"], lines));
+    let text = output_text(&plain(&data, &["--plain"], lines));
     for part in ["created the identity mara", "> goal grasp", "> status", "ends after the earlier commands"] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
@@ -89,6 +89,6 @@ fn quit_ends_after_what_was_typed_before_it() {
 fn without_the_flag_the_input_is_left_alone() {
     let folder = tempfile::tempdir().unwrap();
     let output = plain(&folder.path().join("store"), &[], "status\n");
-    let text = said(&output);
+    let text = output_text(&output);
     assert!(!text.contains("> status") && output.status.code() == Some(5), "{text}");
 }

@@ -45,17 +45,17 @@ fn long_store(folder: &Path) -> u64 {
 }
 
 /// Observes the reading of the history, and pauses it at its first report until released.
-fn gate() -> (ReadProgressFn, Receiver<u64>, SyncSender<()>) {
-    let (reached, at) = sync_channel(1);
-    let (go, wait) = sync_channel(1);
+fn pause_reading() -> (ReadProgressFn, Receiver<u64>, SyncSender<()>) {
+    let (report, progress) = sync_channel(1);
+    let (release, wait) = sync_channel(1);
     let mut waits = true;
     let watch = Box::new(move |read| {
         if std::mem::take(&mut waits) {
-            reached.send(read).unwrap();
+            report.send(read).unwrap();
             wait.recv().unwrap();
         }
     });
-    (watch, at, go)
+    (watch, progress, release)
 }
 
 fn start(folder: &Path, watch: ReadProgressFn) -> EngineHandle {
@@ -77,8 +77,8 @@ fn next(host: &mut EngineHandle) -> EngineUpdate {
     host.updates.blocking_recv().expect("the engine tells")
 }
 
-fn look(client: &mut Client) -> Snapshot {
-    match client.ask(Command::Snapshot).unwrap() {
+fn read_snapshot(client: &mut Client) -> Snapshot {
+    match client.send(Command::Snapshot).unwrap() {
         Reply::Snapshot { snapshot } => *snapshot,
         other => panic!("{other:?}"),
     }
@@ -99,96 +99,100 @@ fn register() -> Command {
     }
 }
 
-fn verb(folder: &Path, verb: &[&str]) -> (Option<i32>, String) {
-    let output =
-        Process::new(env!("CARGO_BIN_EXE_holdpoint")).args(verb).arg("--data").arg(folder).output().unwrap();
-    let said = [output.stdout, output.stderr].concat();
-    (output.status.code(), String::from_utf8(said).unwrap())
+fn verb(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
+    let output = Process::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .args(arguments)
+        .arg("--data")
+        .arg(folder)
+        .output()
+        .unwrap();
+    let bytes = [output.stdout, output.stderr].concat();
+    (output.status.code(), String::from_utf8(bytes).unwrap())
 }
 
 #[test]
-fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
+fn while_the_record_is_read_only_views_and_stops_work() {
     let folder = tempfile::tempdir().unwrap();
     let layout = Layout::new(folder.path());
     let records = long_store(folder.path());
     assert!(records > 10_000);
-    let (watch, at, go) = gate();
+    let (watch, progress, release) = pause_reading();
     let mut host = start(folder.path(), watch);
-    let read = at.recv_timeout(PATIENCE).unwrap();
+    let read = progress.recv_timeout(PATIENCE).unwrap();
     assert!((1..records).contains(&read), "{read}");
 
     let mut client = Client::connect(&layout).unwrap().unwrap();
-    let shown = look(&mut client);
-    let reading = shown.reading.unwrap();
+    let snapshot = read_snapshot(&mut client);
+    let reading = snapshot.reading.unwrap();
     assert_eq!((reading.read, reading.of), (read, records));
-    assert!(shown.families.iter().any(|family| family.active.is_some()), "{:?}", shown.families);
+    assert!(snapshot.families.iter().any(|family| family.active.is_some()), "{:?}", snapshot.families);
     // The attached operator is known from the start, and that the engine ends with them.
-    let seat = Client::connect(&layout).unwrap().unwrap().attach(ConsolePresence::default()).unwrap();
-    let shown = look(&mut client);
-    assert_eq!((shown.seats.len(), shown.ends_alone_s), (1, Some(60 * 60)));
-    drop(seat);
-    let (code, said) = verb(folder.path(), &["status"]);
-    assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains(&format!("not verified yet: {read} of {records} records read")), "{said}");
+    let console = Client::connect(&layout).unwrap().unwrap().attach(ConsolePresence::default()).unwrap();
+    let snapshot = read_snapshot(&mut client);
+    assert_eq!((snapshot.seats.len(), snapshot.ends_alone_s), (1, Some(60 * 60)));
+    drop(console);
+    let (code, message) = verb(folder.path(), &["status"]);
+    assert_eq!(code, Some(0), "{message}");
+    assert!(message.contains(&format!("not verified yet: {read} of {records} records read")), "{message}");
 
     // No request runs: from the socket, from a verb that decides, from the front end itself.
     let refused = |reply: &Reply| match reply {
         Reply::Refused { code: Refusal::NotNow, text, .. } => text.contains("the record is being verified"),
         _ => false,
     };
-    let reply = client.ask(register()).unwrap();
+    let reply = client.send(register()).unwrap();
     assert!(refused(&reply), "{reply:?}");
-    let (code, said) = verb(folder.path(), &["reject", "grasp@1.0.0", "--as", "ana", "--reason", "no"]);
-    assert_ne!(code, Some(0), "{said}");
-    host.ask(Request::unsigned("own".to_owned(), register())).unwrap();
+    let (code, message) = verb(folder.path(), &["reject", "grasp@1.0.0", "--as", "ana", "--reason", "no"]);
+    assert_ne!(code, Some(0), "{message}");
+    host.submit(Request::unsigned("own".to_owned(), register())).unwrap();
     let EngineUpdate::Answer { id, reply } = next(&mut host) else { panic!("an answer arrives") };
     assert!(id == "own" && refused(&reply), "{reply:?}");
 
     let by = || ("ana".to_owned(), "a person is in the cell".to_owned());
     let (who, reason) = by();
-    let reply = client.ask(Command::Stop { by: who, reason }).unwrap();
+    let reply = client.send(Command::Stop { by: who, reason }).unwrap();
     assert!(matches!(&reply, Reply::Stopped { kept: StopPersistence::InMark, .. }), "{reply:?}");
-    assert_eq!(look(&mut client).stopped.map(|stopped| (stopped.by, stopped.reason)), Some(by()));
+    assert_eq!(read_snapshot(&mut client).stopped.map(|stopped| (stopped.by, stopped.reason)), Some(by()));
     assert_eq!(
         stops_on_record(&layout),
         Vec::<String>::new(),
         "nothing is written before the end of the reading"
     );
 
-    go.send(()).unwrap();
+    release.send(()).unwrap();
     while !matches!(next(&mut host), EngineUpdate::Started) {}
-    let shown = look(&mut client);
-    assert_eq!(shown.reading, None);
-    let stopped = shown.stopped.unwrap();
+    let snapshot = read_snapshot(&mut client);
+    assert_eq!(snapshot.reading, None);
+    let stopped = snapshot.stopped.unwrap();
     let Caller::Process { process, .. } = &stopped.caller else { panic!("{:?}", stopped.caller) };
     assert_eq!((stopped.by.clone(), *process), (by().0, Some(std::process::id())));
     let on_record = stops_on_record(&layout);
     assert!(on_record.len() == 1 && on_record[0].contains("a person is in the cell"), "{on_record:?}");
-    assert_eq!(shown.live.sequences, 0, "it started stopped");
-    assert_eq!(shown.candidates, Vec::new(), "a refused request did not run later");
+    assert_eq!(snapshot.live.sequences, 0, "it started stopped");
+    assert_eq!(snapshot.candidates, Vec::new(), "a refused request did not run later");
     host.stop(PATIENCE).unwrap();
 }
 
 #[test]
-fn a_row_that_is_not_the_records_ends_the_engine_before_it_was_one() {
+fn an_edited_row_ends_the_engine_before_it_starts() {
     let folder = tempfile::tempdir().unwrap();
     let layout = Layout::new(folder.path());
     let records = long_store(folder.path());
     let edit = "UPDATE version SET author = 'eve' WHERE name LIKE 'grasp@%'";
     Connection::open(layout.database()).unwrap().execute_batch(edit).unwrap();
-    let (watch, at, go) = gate();
+    let (watch, progress, release) = pause_reading();
     let mut host = start(folder.path(), watch);
-    at.recv_timeout(PATIENCE).unwrap();
+    progress.recv_timeout(PATIENCE).unwrap();
     let mut client = Client::connect(&layout).unwrap().unwrap();
-    assert!(look(&mut client).reading.is_some());
-    let mut seat = Client::connect(&layout).unwrap().unwrap().attach(ConsolePresence::default()).unwrap();
-    go.send(()).unwrap();
+    assert!(read_snapshot(&mut client).reading.is_some());
+    let mut console = Client::connect(&layout).unwrap().unwrap().attach(ConsolePresence::default()).unwrap();
+    release.send(()).unwrap();
     let EngineUpdate::Ended(Err(why)) = next(&mut host) else { panic!("it started") };
     assert!(why.text.contains("the version \"grasp@") && why.text.contains("author"), "{why}");
     assert_eq!(host.snapshots.borrow().as_ref(), None, "the snapshot is withdrawn");
     // The operator sees the reason, and not only that the engine is gone.
     let last = loop {
-        if let Err(error) = seat.next(PATIENCE) {
+        if let Err(error) = console.next(PATIENCE) {
             break error;
         }
     };
@@ -200,11 +204,11 @@ fn a_row_that_is_not_the_records_ends_the_engine_before_it_was_one() {
 
 /// An edit that is reverted between the comparison of the tables and the first write is found by no comparison.
 #[test]
-fn what_another_program_wrote_while_it_came_up_lets_no_engine_up() {
+fn no_engine_starts_if_another_program_wrote_meanwhile() {
     let folder = tempfile::tempdir().unwrap();
     Front::start(folder.path(), None).host.stop(PATIENCE).unwrap();
     let database = Layout::new(folder.path()).database();
-    let comes_up = |meanwhile: &dyn Fn()| {
+    let start_engine = |meanwhile: &dyn Fn()| {
         let config = Config {
             data: folder.path(),
             profile: ProfileName::Sim.into(),
@@ -214,35 +218,35 @@ fn what_another_program_wrote_while_it_came_up_lets_no_engine_up() {
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
         };
-        let mut anteroom = EngineBootstrap::open(config, SignalHandling::Default, Box::new(|_| ())).unwrap();
-        while !anteroom.turn() {}
+        let mut bootstrap = EngineBootstrap::open(config, SignalHandling::Default, Box::new(|_| ())).unwrap();
+        while !bootstrap.turn() {}
         meanwhile();
-        anteroom.enter().map(drop)
+        bootstrap.enter().map(drop)
     };
-    comes_up(&|| ()).unwrap();
-    let refused = comes_up(&|| {
+    start_engine(&|| ()).unwrap();
+    let result = start_engine(&|| {
         let connection = Connection::open(&database).unwrap();
         for profile in ["human", "sim"] {
             connection.execute("UPDATE context SET profile = ?1", [profile]).unwrap();
         }
     });
-    assert!(matches!(refused, Err(StartError::Store(StoreError::Disturbed))), "{refused:?}");
-    comes_up(&|| ()).unwrap();
-    let (code, said) = verb(folder.path(), &["audit", "verify"]);
-    assert_eq!(code, Some(0), "{said}");
+    assert!(matches!(result, Err(StartError::Store(StoreError::Disturbed))), "{result:?}");
+    start_engine(&|| ()).unwrap();
+    let (code, message) = verb(folder.path(), &["audit", "verify"]);
+    assert_eq!(code, Some(0), "{message}");
 }
 
 #[test]
-fn an_engine_that_is_told_to_end_while_it_reads_ends() {
+fn an_engine_ends_on_request_while_it_reads() {
     let folder = tempfile::tempdir().unwrap();
     long_store(folder.path());
-    let (watch, at, go) = gate();
+    let (watch, progress, release) = pause_reading();
     let mut host = start(folder.path(), watch);
-    at.recv_timeout(PATIENCE).unwrap();
+    progress.recv_timeout(PATIENCE).unwrap();
     let mut client = Client::connect(&Layout::new(folder.path())).unwrap().unwrap();
-    assert!(matches!(client.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+    assert!(matches!(client.send(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     assert!(matches!(next(&mut host), EngineUpdate::Ended(Ok(()))));
-    go.send(()).unwrap();
+    release.send(()).unwrap();
 }
 
 #[test]
@@ -264,15 +268,15 @@ fn an_engine_that_a_signal_stopped_is_named_soon_and_the_store_is_shown() {
     };
     signal("-STOP");
     let begun = Instant::now();
-    let (code, said) = verb(&data, &["status"]);
+    let (code, message) = verb(&data, &["status"]);
     let took = begun.elapsed();
     signal("-CONT");
-    assert_eq!(code, Some(3), "{said}");
-    let named = format!("process {}, does not answer: a signal stopped it", engine.id());
+    assert_eq!(code, Some(3), "{message}");
+    let expected = format!("process {}, does not answer: a signal stopped it", engine.id());
     for part in
-        [named.as_str(), "kill -CONT", "engine   SILENT", "record   the last is number", "family   grasp"]
+        [expected.as_str(), "kill -CONT", "engine   SILENT", "record   the last is number", "family   grasp"]
     {
-        assert!(said.contains(part), "{part:?} is not in {said}");
+        assert!(message.contains(part), "{part:?} is not in {message}");
     }
     // It waits for less than two seconds by itself; the rest is for a busy machine.
     assert!(took < Duration::from_secs(6), "{took:?}");

@@ -24,46 +24,48 @@ use holdpoint::wording::approval::render;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use crate::signed::{engine, person, store, words};
+use crate::signed_requests::{engine, person, store, test_passphrase};
 
 /// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(1);
 const VERSION: &str = "grasp@1.0.0";
 
 /// The altered part: of the person's requests, and of the answers.
-type Alter = fn(&mut Value, &Known);
+type Alter = fn(&mut Value, &EarlierMessages);
 
 /// The earlier messages that the program in between has seen.
 #[derive(Default)]
-struct Known {
+struct EarlierMessages {
     /// Another person's request.
     of_ben: Value,
     /// The request that was answered before this one.
     older: Value,
 }
 
-struct Between {
+struct TamperingProxy {
     socket: PathBuf,
     alter: Arc<Mutex<(Alter, Alter)>>,
-    known: Arc<Mutex<Known>>,
+    known: Arc<Mutex<EarlierMessages>>,
     _folder: TempDir,
 }
 
-const fn nothing(_: &mut Value, _: &Known) {}
+const fn nothing(_: &mut Value, _: &EarlierMessages) {}
 
-impl Between {
-    fn before(engine: &Path) -> Self {
+impl TamperingProxy {
+    fn start(engine: &Path) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let socket = folder.path().join("engine.sock");
         let listener = UnixListener::bind(&socket).unwrap();
         let alter: Arc<Mutex<(Alter, Alter)>> = Arc::new(Mutex::new((nothing, nothing)));
-        let known = Arc::new(Mutex::new(Known::default()));
-        let (engine, of, seen) = (engine.to_owned(), Arc::clone(&alter), Arc::clone(&known));
+        let known = Arc::new(Mutex::new(EarlierMessages::default()));
+        let (engine, shared_alter, shared_known) =
+            (engine.to_owned(), Arc::clone(&alter), Arc::clone(&known));
         std::thread::spawn(move || {
             for client in listener.incoming() {
                 let (client, real) = (client.unwrap(), UnixStream::connect(&engine).unwrap());
-                let (of, seen) = (Arc::clone(&of), Arc::clone(&seen));
-                std::thread::spawn(move || passes(client, real, &of, &seen));
+                let (connection_alter, connection_known) =
+                    (Arc::clone(&shared_alter), Arc::clone(&shared_known));
+                std::thread::spawn(move || forward(client, real, &connection_alter, &connection_known));
             }
         });
         Self { socket, alter, known, _folder: folder }
@@ -71,33 +73,33 @@ impl Between {
 }
 
 /// Passes lines on until one side ends; both directions are altered.
-fn passes(
+fn forward(
     mut client: UnixStream,
     mut real: UnixStream,
     alter: &Mutex<(Alter, Alter)>,
-    known: &Mutex<Known>,
+    known: &Mutex<EarlierMessages>,
 ) -> Option<()> {
-    let (mut asks, mut answers) =
+    let (mut requests, mut answers) =
         (BufReader::new(client.try_clone().ok()?).lines(), BufReader::new(real.try_clone().ok()?).lines());
     writeln!(client, "{}", answers.next()?.ok()?).ok()?;
     loop {
-        let (of_asked, of_answered) = *alter.lock().unwrap();
-        let mut asked: Value = serde_json::from_str(&asks.next()?.ok()?).ok()?;
-        of_asked(&mut asked, &known.lock().unwrap());
-        writeln!(real, "{asked}").ok()?;
-        let mut answered: Value = serde_json::from_str(&answers.next()?.ok()?).ok()?;
-        of_answered(&mut answered, &known.lock().unwrap());
-        writeln!(client, "{answered}").ok()?;
+        let (alter_request, alter_answer) = *alter.lock().unwrap();
+        let mut request: Value = serde_json::from_str(&requests.next()?.ok()?).ok()?;
+        alter_request(&mut request, &known.lock().unwrap());
+        writeln!(real, "{request}").ok()?;
+        let mut answer: Value = serde_json::from_str(&answers.next()?.ok()?).ok()?;
+        alter_answer(&mut answer, &known.lock().unwrap());
+        writeln!(client, "{answer}").ok()?;
     }
 }
 
 /// The approver's program, over any socket that it takes for the engine's.
-struct Person {
+struct ApproverClient {
     stream: UnixStream,
     answers: std::io::Lines<BufReader<UnixStream>>,
 }
 
-impl Person {
+impl ApproverClient {
     fn at(socket: &Path) -> Self {
         let stream = UnixStream::connect(socket).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -107,7 +109,7 @@ impl Person {
         Self { stream, answers }
     }
 
-    fn ask(&mut self, command: Command) -> Reply {
+    fn send(&mut self, command: Command) -> Reply {
         let id = Nonce::random().unwrap().to_string();
         let call = ClientMessage::Ask { request: Box::new(Request::unsigned(id, command)) };
         writeln!(self.stream, "{}", serde_json::to_string(&call).unwrap()).unwrap();
@@ -116,18 +118,18 @@ impl Person {
     }
 
     /// Gets the approval request and approves what is shown; an error is a finding of the approver's own program.
-    fn approves(&mut self, who: &Identity) -> Result<Reply, String> {
+    fn approve(&mut self, who: &Identity) -> Result<Reply, String> {
         let (version, name) = (version(), who.info().name.clone());
-        let asked =
+        let request =
             Command::Question { version: version.clone(), purpose: RequestKind::Release, who: name.clone() };
-        let question = match self.ask(asked) {
+        let question = match self.send(request) {
             Reply::Question { question } => question,
             other => return Ok(other),
         };
         question.bound(&version, RequestKind::Release, &name).map_err(|error| error.to_string())?;
         let command =
             question.answer(who, ApprovalDecision::Approve, "read").map_err(|error| error.to_string())?;
-        Ok(self.ask(command))
+        Ok(self.send(command))
     }
 }
 
@@ -140,39 +142,39 @@ fn question(answer: &mut Value) -> Option<&mut Value> {
     answer.get_mut("reply")?.get_mut("question")
 }
 
-fn facts(of: &Value) -> ApprovalFacts {
-    serde_json::from_str(of["facts"].as_str().unwrap()).unwrap()
+fn facts(document: &Value) -> ApprovalFacts {
+    serde_json::from_str(document["facts"].as_str().unwrap()).unwrap()
 }
 
 /// Alters the facts: only their text, and the lines that go with it.
 fn lie(answer: &mut Value, whole: bool, lie: impl FnOnce(&mut ApprovalFacts)) {
     let Some(question) = question(answer) else { return };
-    let mut told = facts(question);
-    lie(&mut told);
-    question["facts"] = json!(canonical_json(&told).unwrap());
+    let mut false_facts = facts(question);
+    lie(&mut false_facts);
+    question["facts"] = json!(canonical_json(&false_facts).unwrap());
     if whole {
-        question["lines"] = json!(render(&told));
+        question["lines"] = json!(render(&false_facts));
     }
 }
 
-fn line(answer: &mut Value, change: impl FnOnce(&mut Vec<Value>)) {
+fn change_lines(answer: &mut Value, change: impl FnOnce(&mut Vec<Value>)) {
     if let Some(lines) = question(answer).and_then(|question| question["lines"].as_array_mut()) {
         change(lines);
     }
 }
 
-fn field(answer: &mut Value, name: &str, value: Value) {
+fn set_field(answer: &mut Value, name: &str, value: Value) {
     if let Some(question) = question(answer) {
         question[name] = value;
     }
 }
 
 /// A field of the decision on its way to the engine.
-fn of_decision(asked: &mut Value, place: &[&str], value: Value) {
-    let decided = asked.pointer_mut("/request/command/signed/approval");
-    let Some(decided) = decided else { return };
+fn change_decision(request: &mut Value, place: &[&str], value: Value) {
+    let approval = request.pointer_mut("/request/command/signed/approval");
+    let Some(approval) = approval else { return };
     let (last, above) = place.split_last().unwrap();
-    let mut at = decided;
+    let mut at = approval;
     for name in above {
         at = at.get_mut(*name).unwrap();
     }
@@ -219,70 +221,72 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
         ("the role", nothing, |a, _| {
             lie(a, true, |facts| facts.asked.as_mut().unwrap().role = Role::Engineer);
         }),
-        ("a line altered", nothing, |a, _| line(a, |lines| lines[2] = json!("All is well"))),
+        ("a line altered", nothing, |a, _| change_lines(a, |lines| lines[2] = json!("All is well"))),
         ("lines removed", nothing, |a, _| {
-            line(a, |lines| lines.retain(|line| !line.to_string().contains("Not")));
+            change_lines(a, |lines| lines.retain(|line| !line.to_string().contains("Not")));
         }),
-        ("lines in another order", nothing, |a, _| line(a, |lines| lines.swap(1, 2))),
+        ("lines in another order", nothing, |a, _| change_lines(a, |lines| lines.swap(1, 2))),
         ("a blank in a line", nothing, |a, _| {
-            line(a, |lines| lines[0] = json!(format!("{} ", lines[0].as_str().unwrap())));
+            change_lines(a, |lines| lines[0] = json!(format!("{} ", lines[0].as_str().unwrap())));
         }),
         ("two lines made one", nothing, |a, _| {
-            line(a, |lines| {
+            change_lines(a, |lines| {
                 let last = lines.pop().unwrap();
                 let before = lines.pop().unwrap();
                 lines.push(json!(format!("{}\n{}", before.as_str().unwrap(), last.as_str().unwrap())));
             });
         }),
-        ("the renderer", nothing, |a, _| field(a, "renderer", json!(7))),
-        ("the request", nothing, |a, _| field(a, "request", json!("7".repeat(32)))),
-        ("the store's key", nothing, |a, _| field(a, "store_key", json!("0".repeat(64)))),
-        ("the store", nothing, |a, _| field(a, "store_id", json!("another"))),
-        ("a validity without end", nothing, |a, _| field(a, "valid_until", json!("9999-12-31T00:00:00Z"))),
+        ("the renderer", nothing, |a, _| set_field(a, "renderer", json!(7))),
+        ("the request", nothing, |a, _| set_field(a, "request", json!("7".repeat(32)))),
+        ("the store's key", nothing, |a, _| set_field(a, "store_key", json!("0".repeat(64)))),
+        ("the store", nothing, |a, _| set_field(a, "store_id", json!("another"))),
+        ("a validity without end", nothing, |a, _| {
+            set_field(a, "valid_until", json!("9999-12-31T00:00:00Z"))
+        }),
         ("another's question", nothing, |a, known| {
             if let Some(question) = question(a) {
                 question.clone_from(&known.of_ben);
             }
         }),
-        ("another's lines", nothing, |a, known| field(a, "lines", known.of_ben["lines"].clone())),
-        ("another's facts", nothing, |a, known| field(a, "facts", known.of_ben["facts"].clone())),
+        ("another's lines", nothing, |a, known| set_field(a, "lines", known.of_ben["lines"].clone())),
+        ("another's facts", nothing, |a, known| set_field(a, "facts", known.of_ben["facts"].clone())),
         ("an older question", nothing, |a, known| {
             if let Some(question) = question(a) {
                 question.clone_from(&known.older);
             }
         }),
         ("an older question with the request of this one", nothing, |a, known| {
-            field(a, "lines", known.older["lines"].clone());
-            field(a, "facts", known.older["facts"].clone());
+            set_field(a, "lines", known.older["lines"].clone());
+            set_field(a, "facts", known.older["facts"].clone());
         }),
         (
             "asked for another person",
-            |asked, _| {
-                if let Some(who) = asked.pointer_mut("/request/command/who") {
+            |request, _| {
+                if let Some(who) = request.pointer_mut("/request/command/who") {
                     *who = json!("ben");
                 }
             },
             nothing,
         ),
-        ("decision: who", |a, _| of_decision(a, &["who"], json!("ben")), nothing),
-        ("decision: role", |a, _| of_decision(a, &["role"], json!("engineer")), nothing),
-        ("decision: decision", |a, _| of_decision(a, &["decision"], json!("reject")), nothing),
-        ("decision: reason", |a, _| of_decision(a, &["reason"], json!("as ordered")), nothing),
-        ("decision: version", |a, _| of_decision(a, &["version"], json!("align@1.0.0")), nothing),
-        ("decision: candidate", |a, _| of_decision(a, &["candidate_digest"], zeros(64)), nothing),
-        ("decision: row version", |a, _| of_decision(a, &["row_version"], json!(99)), nothing),
-        ("decision: evidence", |a, _| of_decision(a, &["evidence_digest"], zeros(64)), nothing),
-        ("decision: policy", |a, _| of_decision(a, &["policy_digest"], zeros(64)), nothing),
-        ("decision: profile", |a, _| of_decision(a, &["profile"], json!("sim")), nothing),
-        ("decision: store", |a, _| of_decision(a, &["store_id"], json!("another")), nothing),
-        ("decision: nonce", |a, _| of_decision(a, &["nonce"], zeros(32)), nothing),
-        ("decision: validity", |a, _| of_decision(a, &["not_after_ms"], json!(1_u64 << 50)), nothing),
-        ("decision: lines", |a, _| of_decision(a, &["shown", "lines"], zeros(64)), nothing),
-        ("decision: facts", |a, _| of_decision(a, &["shown", "facts"], zeros(64)), nothing),
-        ("decision: renderer", |a, _| of_decision(a, &["shown", "renderer"], json!(7)), nothing),
-        ("decision: store key", |a, _| of_decision(a, &["shown", "store_key"], zeros(64)), nothing),
-        ("decision: request", |a, _| of_decision(a, &["shown", "request"], zeros(32)), nothing),
-        ("decision: nothing shown", |a, _| of_decision(a, &["shown"], Value::Null), nothing),
+        ("decision: who", |a, _| change_decision(a, &["who"], json!("ben")), nothing),
+        ("decision: role", |a, _| change_decision(a, &["role"], json!("engineer")), nothing),
+        ("decision: decision", |a, _| change_decision(a, &["decision"], json!("reject")), nothing),
+        ("decision: reason", |a, _| change_decision(a, &["reason"], json!("as ordered")), nothing),
+        ("decision: version", |a, _| change_decision(a, &["version"], json!("align@1.0.0")), nothing),
+        ("decision: candidate", |a, _| change_decision(a, &["candidate_digest"], zeros(64)), nothing),
+        ("decision: row version", |a, _| change_decision(a, &["row_version"], json!(99)), nothing),
+        ("decision: evidence", |a, _| change_decision(a, &["evidence_digest"], zeros(64)), nothing),
+        ("decision: policy", |a, _| change_decision(a, &["policy_digest"], zeros(64)), nothing),
+        ("decision: profile", |a, _| change_decision(a, &["profile"], json!("sim")), nothing),
+        ("decision: store", |a, _| change_decision(a, &["store_id"], json!("another")), nothing),
+        ("decision: nonce", |a, _| change_decision(a, &["nonce"], zeros(32)), nothing),
+        ("decision: validity", |a, _| change_decision(a, &["not_after_ms"], json!(1_u64 << 50)), nothing),
+        ("decision: lines", |a, _| change_decision(a, &["shown", "lines"], zeros(64)), nothing),
+        ("decision: facts", |a, _| change_decision(a, &["shown", "facts"], zeros(64)), nothing),
+        ("decision: renderer", |a, _| change_decision(a, &["shown", "renderer"], json!(7)), nothing),
+        ("decision: store key", |a, _| change_decision(a, &["shown", "store_key"], zeros(64)), nothing),
+        ("decision: request", |a, _| change_decision(a, &["shown", "request"], zeros(32)), nothing),
+        ("decision: nothing shown", |a, _| change_decision(a, &["shown"], Value::Null), nothing),
     ]
 }
 
@@ -298,26 +302,26 @@ impl Site {
         let folder = store();
         let opened = Store::open(folder.path()).unwrap();
         for name in ["ann", "ben"] {
-            person(&opened, name, Role::Safety, KeyEncoding::Sealed(&words(), KdfCost::LEAST));
+            person(&opened, name, Role::Safety, KeyEncoding::Sealed(&test_passphrase(), KdfCost::LEAST));
         }
         drop(opened);
-        let (ended, has_ended) = channel();
+        let (sender, receiver) = channel();
         let thread = engine(folder.path(), ProfileName::Human);
         std::thread::spawn(move || {
             thread.join().unwrap();
-            ended.send(()).unwrap();
+            sender.send(()).unwrap();
         });
         let client = Client::connect(&Layout::new(folder.path())).unwrap().expect("an engine answers");
-        Self { folder, client, engine: has_ended }
+        Self { folder, client, engine: receiver }
     }
 
     fn key(&self, name: &str) -> Identity {
         let folder = Layout::new(self.folder.path()).identities();
-        Identity::open(&folder, name).unwrap().unlock(Some(&words())).unwrap()
+        Identity::open(&folder, name).unwrap().unlock(Some(&test_passphrase())).unwrap()
     }
 
     fn snapshot(&mut self) -> holdpoint::protocol::snapshot::Snapshot {
-        let Reply::Snapshot { snapshot } = self.client.ask(Command::Snapshot).unwrap() else {
+        let Reply::Snapshot { snapshot } = self.client.send(Command::Snapshot).unwrap() else {
             panic!("none")
         };
         *snapshot
@@ -328,18 +332,18 @@ impl Site {
     }
 
     /// Approvers are asked to lift the restriction.
-    fn asks(&mut self) {
+    fn request_approval(&mut self) {
         let command = Command::Release { operation: Self::operation(), profiles: Vec::new() };
         let mara = self.key("mara");
         let seal = self.snapshot().signing.unwrap().sign(&mara, &command).unwrap();
-        let reply = self.client.ask_sealed(command, Some(Box::new(seal))).unwrap();
+        let reply = self.client.send_signed(command, Some(Box::new(seal))).unwrap();
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     }
 
     fn question(&mut self, who: &str) -> ApprovalDocument {
-        let asked =
+        let command =
             Command::Question { version: version(), purpose: RequestKind::Release, who: who.to_owned() };
-        match self.client.ask(asked).unwrap() {
+        match self.client.send(command).unwrap() {
             Reply::Question { question } => *question,
             other => panic!("{other:?}"),
         }
@@ -348,65 +352,65 @@ impl Site {
     /// The number of decisions on record.
     fn decisions(&self) -> usize {
         let views = Views::open(&Layout::new(self.folder.path()).database()).unwrap();
-        let of = |kind| AuditFilter { kind: Some(kind), ..AuditFilter::default() };
-        let shown = views.audit(&of(RecordKind::Shown)).unwrap().len();
-        let put = views.audit(&of(RecordKind::ApprovalPut)).unwrap().len();
+        let filter = |kind| AuditFilter { kind: Some(kind), ..AuditFilter::default() };
+        let shown = views.audit(&filter(RecordKind::Shown)).unwrap().len();
+        let put = views.audit(&filter(RecordKind::ApprovalPut)).unwrap().len();
         assert!(shown <= put, "{shown} of {put}");
         put
     }
 
-    fn ends(mut self) -> TempDir {
-        let _ = self.client.ask(Command::Shutdown).unwrap();
+    fn shut_down(mut self) -> TempDir {
+        let _ = self.client.send(Command::Shutdown).unwrap();
         self.engine.recv_timeout(PATIENCE).unwrap();
         self.folder
     }
 }
 
 #[test]
-fn whoever_stands_between_gets_nothing_accepted() {
+fn no_altered_message_is_accepted() {
     let mut site = Site::new();
-    let reply = site.client.ask(Command::Restrict(Site::operation())).unwrap();
+    let reply = site.client.send(Command::Restrict(Site::operation())).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     // An answered request: every listener knows its lines and facts.
-    site.asks();
+    site.request_approval();
     let older = site.question("ann");
     let ben = site.key("ben");
     let refusal = site.question("ben").answer(&ben, ApprovalDecision::Reject, "not yet").unwrap();
-    let reply = site.client.ask(refusal).unwrap();
+    let reply = site.client.send(refusal).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    site.asks();
+    site.request_approval();
     let before = site.decisions();
-    let between = Between::before(&site.folder.path().join("engine.sock"));
-    *between.known.lock().unwrap() = Known {
+    let proxy = TamperingProxy::start(&site.folder.path().join("engine.sock"));
+    *proxy.known.lock().unwrap() = EarlierMessages {
         of_ben: serde_json::to_value(site.question("ben")).unwrap(),
         older: serde_json::to_value(older).unwrap(),
     };
     let ann = site.key("ann");
-    for (what, asked, answered) in attacks() {
-        *between.alter.lock().unwrap() = (asked, answered);
+    for (what, alter_request, alter_answer) in attacks() {
+        *proxy.alter.lock().unwrap() = (alter_request, alter_answer);
         // A finding of the approver's own program is not even sent.
-        if let Ok(reply) = Person::at(&between.socket).approves(&ann) {
+        if let Ok(reply) = ApproverClient::at(&proxy.socket).approve(&ann) {
             let Reply::Refused { code, .. } = &reply else { panic!("{what}: {reply:?}") };
-            let found = matches!(code, Refusal::Stale | Refusal::NotAllowed | Refusal::NotFound);
-            assert!(found, "{what}: {reply:?}");
+            let is_expected = matches!(code, Refusal::Stale | Refusal::NotAllowed | Refusal::NotFound);
+            assert!(is_expected, "{what}: {reply:?}");
         }
         let open = site.snapshot().prompts.remove(0);
         assert!(open.approved_by.is_empty(), "{what}: {:?}", open.approved_by);
         assert_eq!(site.decisions(), before, "{what}");
     }
     // Unaltered messages pass, with or without the program in between, and the signed content is on record.
-    *between.alter.lock().unwrap() = (nothing, nothing);
-    let reply = Person::at(&between.socket).approves(&ann).unwrap();
+    *proxy.alter.lock().unwrap() = (nothing, nothing);
+    let reply = ApproverClient::at(&proxy.socket).approve(&ann).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     assert_eq!(site.decisions(), before + 1);
-    let folder = site.ends();
+    let folder = site.shut_down();
     let report = verify(&Layout::new(folder.path()).database(), None).unwrap();
     assert_eq!(report.approvals, 2);
     let views = Views::open(&Layout::new(folder.path()).database()).unwrap();
     let filter = AuditFilter { kind: Some(RecordKind::Shown), ..AuditFilter::default() };
-    let shown = views.audit(&filter).unwrap().pop().unwrap();
-    let body: Value = serde_json::from_str(&shown.body).unwrap();
+    let record = views.audit(&filter).unwrap().pop().unwrap();
+    let body: Value = serde_json::from_str(&record.body).unwrap();
     assert!(body["lines"].to_string().contains("You are asked as ann, safety"), "{body}");
-    let told: ApprovalFacts = serde_json::from_str(body["facts"].as_str().unwrap()).unwrap();
-    assert_eq!(json!(render(&told)), body["lines"]);
+    let facts: ApprovalFacts = serde_json::from_str(body["facts"].as_str().unwrap()).unwrap();
+    assert_eq!(json!(render(&facts)), body["lines"]);
 }

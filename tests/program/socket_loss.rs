@@ -12,7 +12,7 @@ use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::registry::{AuditFilter, Layout, Views};
 
-use crate::door::{PATIENCE, client, engine};
+use crate::socket::{PATIENCE, client, engine};
 
 /// The first place of an unrecorded stop.
 fn mark(layout: &Layout) -> PathBuf {
@@ -21,18 +21,18 @@ fn mark(layout: &Layout) -> PathBuf {
 
 /// A process that removes or replaces the socket cannot prevent a stop.
 #[test]
-fn a_socket_that_is_removed_is_there_again() {
+fn a_removed_socket_is_created_again() {
     let folder = tempfile::tempdir().unwrap();
     let running = engine(folder.path());
     let layout = Layout::new(folder.path());
     let socket = socket_path(&layout);
-    let removed = || fs::remove_file(&socket).unwrap();
+    let remove = || fs::remove_file(&socket).unwrap();
     // Left by an ended process.
-    let replaced = || {
+    let replace = || {
         fs::remove_file(&socket).unwrap();
         drop(UnixListener::bind(&socket).unwrap());
     };
-    let folder_there = || {
+    let plant_folder = || {
         fs::remove_file(&socket).unwrap();
         fs::create_dir(&socket).unwrap();
     };
@@ -40,24 +40,24 @@ fn a_socket_that_is_removed_is_there_again() {
         fs::remove_file(&socket).unwrap();
         symlink("/nowhere/at/all", &socket).unwrap();
     };
-    let ways: [(&str, &dyn Fn()); 4] =
-        [("removed", &removed), ("replaced", &replaced), ("a folder", &folder_there), ("a link", &link)];
-    for (what, displace) in ways {
+    let displacements: [(&str, &dyn Fn()); 4] =
+        [("removed", &remove), ("replaced", &replace), ("a folder", &plant_folder), ("a link", &link)];
+    for (what, displace) in displacements {
         displace();
         let until = Instant::now() + PATIENCE;
-        let mut asking = loop {
-            if let Ok(Some(asking)) = Client::connect(&layout) {
-                break asking;
+        let mut connection = loop {
+            if let Ok(Some(connection)) = Client::connect(&layout) {
+                break connection;
             }
             assert!(Instant::now() < until, "{what}: no engine answers");
             std::thread::yield_now();
         };
         let stop = Command::Stop { by: "ana".to_owned(), reason: what.to_owned() };
-        let reply = asking.ask(stop).unwrap();
+        let reply = connection.send(stop).unwrap();
         assert!(matches!(reply, Reply::Stopped { .. }), "{what}: {reply:?}");
         assert_eq!(socket.metadata().unwrap().permissions().mode() & 0o777, 0o600);
     }
-    let reply = client(folder.path()).ask(Command::Shutdown).unwrap();
+    let reply = client(folder.path()).send(Command::Shutdown).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     running.join().unwrap();
     assert!(!socket.exists());
@@ -69,19 +69,19 @@ fn a_socket_that_is_removed_is_there_again() {
 fn a_stop_is_answered_while_another_program_has_the_database() {
     let folder = tempfile::tempdir().unwrap();
     let running = engine(folder.path());
-    let mut asking = client(folder.path());
+    let mut connection = client(folder.path());
     let other = rusqlite::Connection::open(Layout::new(folder.path()).database()).unwrap();
     other.execute_batch("BEGIN EXCLUSIVE").unwrap();
     let began = Instant::now();
     let stop = Command::Stop { by: "ana".to_owned(), reason: "a person is in the cell".to_owned() };
-    let reply = asking.ask(stop).unwrap();
+    let reply = connection.send(stop).unwrap();
     assert!(matches!(&reply, Reply::Stopped { kept: StopPersistence::InMark, .. }), "{reply:?}");
     // Less than the time for which a write waits for another program.
     assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
     other.execute_batch("ROLLBACK").unwrap();
     let until = Instant::now() + PATIENCE;
     loop {
-        let Reply::Snapshot { snapshot } = asking.ask(Command::Snapshot).unwrap() else {
+        let Reply::Snapshot { snapshot } = connection.send(Command::Snapshot).unwrap() else {
             panic!("no snapshot")
         };
         if snapshot.stopped.as_ref().is_some_and(|stopped| stopped.by.contains("ana")) {
@@ -91,7 +91,7 @@ fn a_stop_is_answered_while_another_program_has_the_database() {
         std::thread::yield_now();
     }
     drop(other);
-    assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+    assert!(matches!(connection.send(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     running.join().unwrap();
 }
 
@@ -102,11 +102,11 @@ fn a_stop_that_could_not_be_written_outlasts_the_engine() {
     let folder = tempfile::tempdir().unwrap();
     let layout = Layout::new(folder.path());
     let running = engine(folder.path());
-    let mut asking = client(folder.path());
+    let mut connection = client(folder.path());
     let other = rusqlite::Connection::open(layout.database()).unwrap();
     other.execute_batch("BEGIN IMMEDIATE").unwrap();
     let stop = Command::Stop { by: "ana".to_owned(), reason: "a person is in the cell".to_owned() };
-    let reply = asking.ask(stop).unwrap();
+    let reply = connection.send(stop).unwrap();
     assert!(matches!(&reply, Reply::Stopped { kept: StopPersistence::InMark, .. }), "{reply:?}");
     let until = Instant::now() + PATIENCE;
     while !mark(&layout).is_file() {
@@ -118,7 +118,7 @@ fn a_stop_that_could_not_be_written_outlasts_the_engine() {
     other.execute_batch("ROLLBACK").unwrap();
     drop(other);
     // After a clean end it was recorded before the end.
-    assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+    assert!(matches!(connection.send(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     running.join().unwrap();
     assert!(!mark(&layout).exists(), "it is on record by now");
     let recalled = recall(&Views::open(&layout.database()).unwrap()).unwrap();
@@ -132,16 +132,16 @@ fn a_stop_beside_the_database_stops_the_next_engine() {
         let folder = tempfile::tempdir().unwrap();
         let layout = Layout::new(folder.path());
         let first = engine(folder.path());
-        assert!(matches!(client(folder.path()).ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+        assert!(matches!(client(folder.path()).send(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
         first.join().unwrap();
         fs::write(mark(&layout), text).unwrap();
         let second = engine(folder.path());
-        let Reply::Snapshot { snapshot } = client(folder.path()).ask(Command::Snapshot).unwrap() else {
+        let Reply::Snapshot { snapshot } = client(folder.path()).send(Command::Snapshot).unwrap() else {
             panic!("no snapshot")
         };
         assert!(snapshot.stopped.is_some(), "{text}");
         assert!(!mark(&layout).exists(), "{text}: it is on record");
-        assert!(matches!(client(folder.path()).ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+        assert!(matches!(client(folder.path()).send(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
         second.join().unwrap();
         let views = Views::open(&layout.database()).unwrap();
         assert!(recall(&views).unwrap().is_some());

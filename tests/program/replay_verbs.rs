@@ -18,11 +18,11 @@ fn record(folder: &Path) -> ClosedRecording {
     let config = SceneConfig { recordings: Some(folder.to_owned()), ..SceneConfig::default() };
     let scenes = SceneSink::start(config).unwrap();
     let feed = scenes.feed();
-    let made = upgrade::recording();
-    let mut pictures = made.pictures.into_iter().peekable();
-    for event in made.events {
-        while let Some(picture) = pictures.next_if(|picture| picture.at_ms < event.at_ms) {
-            feed.picture(picture);
+    let recording = upgrade::recording();
+    let mut frames = recording.pictures.into_iter().peekable();
+    for event in recording.events {
+        while let Some(frame) = frames.next_if(|frame| frame.at_ms < event.at_ms) {
+            feed.video_frame(frame);
         }
         feed.events(&[event], shift::snapshot);
     }
@@ -35,40 +35,40 @@ fn record(folder: &Path) -> ClosedRecording {
 }
 
 /// Runs the program: its exit code and what it printed.
-fn holdpoint(data: &Path, words: &[&str]) -> (Option<i32>, String) {
+fn holdpoint(data: &Path, arguments: &[&str]) -> (Option<i32>, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
-    let asked = command.arg("--data").arg(data).args(words).env_remove("DISPLAY").output().unwrap();
-    let text = String::from_utf8(asked.stdout).unwrap() + &String::from_utf8(asked.stderr).unwrap();
-    (asked.status.code(), text)
+    let output = command.arg("--data").arg(data).args(arguments).env_remove("DISPLAY").output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap() + &String::from_utf8(output.stderr).unwrap();
+    (output.status.code(), text)
 }
 
 #[test]
-fn it_is_printed_whole_or_up_to_a_moment() {
+fn a_replay_prints_all_or_up_to_a_tick() {
     let root = tempfile::tempdir().unwrap();
     let path = root.path().join(record(root.path()).file);
     let file = path.to_str().unwrap();
-    let recorded = read(&path).unwrap();
+    let recording = read(&path).unwrap();
     let (code, text) = holdpoint(root.path(), &["replay", file, "--terminal"]);
     let lines: Vec<&str> = text.lines().collect();
-    assert_eq!((code, lines.len()), (Some(0), recorded.events.len() + 2), "{text}");
+    assert_eq!((code, lines.len()), (Some(0), recording.events.len() + 2), "{text}");
     assert!(lines[0].starts_with("place@1.1.0"), "{text}");
     assert!(lines.last().unwrap().starts_with("ended: rolled-back; "), "{text}");
     assert_eq!(holdpoint(root.path(), &["replay", file, "--plain"]), (Some(0), text));
     let (code, json) = holdpoint(root.path(), &["replay", file, "--json"]);
     let events: Vec<Event> = json.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!((code, events), (Some(0), recorded.events.clone()));
+    assert_eq!((code, events), (Some(0), recording.events.clone()));
     let to_ms = 800_000;
     let (code, json) =
         holdpoint(root.path(), &["replay", file, "--json", "--to", &tick_of(to_ms).to_string()]);
-    let earlier = recorded.events.iter().filter(|event| event.at_ms <= to_ms).count();
+    let earlier = recording.events.iter().filter(|event| event.at_ms <= to_ms).count();
     assert_eq!((code, json.lines().count()), (Some(0), earlier));
-    assert!(earlier > 5 && earlier < recorded.events.len(), "{earlier}");
+    assert!(earlier > 5 && earlier < recording.events.len(), "{earlier}");
     let cut = root.path().join("cut.rrd");
     let to = tick_of(to_ms).to_string();
-    let words = ["replay", file, "--to", &to, "--out", cut.to_str().unwrap()];
-    assert_eq!(holdpoint(root.path(), &words).0, Some(0));
+    let arguments = ["replay", file, "--to", &to, "--out", cut.to_str().unwrap()];
+    assert_eq!(holdpoint(root.path(), &arguments).0, Some(0));
     assert_eq!(read(&cut).unwrap().events.len(), earlier);
-    let (code, text) = holdpoint(root.path(), &words);
+    let (code, text) = holdpoint(root.path(), &arguments);
     assert!(code == Some(2) && text.contains("exists already"), "{text}");
 }
 
@@ -77,16 +77,16 @@ fn store(root: &Path) -> PathBuf {
     let store = Store::open(root).unwrap();
     let folder = store.layout().recordings();
     let closed = record(&folder);
-    let recorded = RecordingClosure {
+    let closure = RecordingClosure {
         file: closed.file.clone(),
         sha256: closed.digest,
         bytes: closed.bytes,
-        pictures: closed.pictures,
+        pictures: closed.frames,
         dropped_pictures: closed.dropped.0,
         dropped_events: closed.dropped.1,
         outcome: closed.outcome,
     };
-    let body = serde_json::to_string(&recorded).unwrap();
+    let body = serde_json::to_string(&closure).unwrap();
     let audit = vec![AuditBody { kind: KIND, subject: closed.version.to_string(), body }];
     let command_id = "closed".to_owned();
     store.commit(Transaction { command_id, at_ms: 1, wall_ms: 0, changes: Vec::new(), audit }).unwrap();
@@ -103,11 +103,11 @@ fn one_changed_byte_is_found_before_it_is_opened() {
     assert!(code == Some(0) && text.contains("place@1.1.0  rolled-back"), "{text}");
     assert_eq!(holdpoint(root.path(), &["replay", "place@1.1.0", "--plain"]).0, Some(0));
     let elsewhere = tempfile::tempdir().unwrap();
-    let copied = |name: &str| {
+    let backup = |name: &str| {
         let to = elsewhere.path().join(name);
         holdpoint(root.path(), &["store", "backup", to.to_str().unwrap(), "--with-recordings"])
     };
-    let (code, text) = copied("good");
+    let (code, text) = backup("good");
     assert!(code == Some(0) && text.contains("with 1 recording, each with its recorded digest"), "{text}");
     let all = ["audit", "verify", "--all"];
     let (code, text) = holdpoint(&elsewhere.path().join("good"), &all);
@@ -122,14 +122,14 @@ fn one_changed_byte_is_found_before_it_is_opened() {
         let (code, text) = holdpoint(root.path(), &["replay", "place@1.1.0", form]);
         assert!(code == Some(1) && text.contains("does not match its digest at closure"), "{text}");
     }
-    let (code, text) = copied("edited");
+    let (code, text) = backup("edited");
     assert!(code == Some(1) && text.contains("LEFT OUT") && text.contains("another SHA-256"), "{text}");
     // To read it to its end would take hours.
     std::fs::File::create(&path).unwrap().set_len(1 << 40).unwrap();
-    for words in [&["recordings", "verify"][..], &all, &["replay", "place@1.1.0", "--plain"]] {
-        let (code, text) = holdpoint(root.path(), words);
-        assert!(code == Some(1) && text.contains("it has 1099511627776 bytes"), "{words:?}: {text}");
+    for arguments in [&["recordings", "verify"][..], &all, &["replay", "place@1.1.0", "--plain"]] {
+        let (code, text) = holdpoint(root.path(), arguments);
+        assert!(code == Some(1) && text.contains("it has 1099511627776 bytes"), "{arguments:?}: {text}");
     }
-    let (code, text) = copied("stretched");
+    let (code, text) = backup("stretched");
     assert!(code == Some(1) && text.contains("another size"), "{text}");
 }

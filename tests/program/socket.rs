@@ -33,7 +33,7 @@ use serde_json::{Value, json};
 /// A generous time limit.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
 
-fn door(folder: &Path) -> Result<ControlSocket, ControlSocketError> {
+fn open_socket(folder: &Path) -> Result<ControlSocket, ControlSocketError> {
     let (cancel, switch) = (Arc::new(AtomicBool::new(false)), Arc::default());
     ControlSocket::open(&Layout::new(folder), cancel, switch, SignalHandling::Default)
 }
@@ -69,14 +69,14 @@ pub(crate) fn client(folder: &Path) -> Client {
     Client::connect(&Layout::new(folder)).unwrap().expect("an engine answers")
 }
 
-fn told(seq: u64, text: &str) -> Event {
+fn scene_event(seq: u64, text: &str) -> Event {
     Event { seq, at_ms: seq, kind: EventKind::Scene { text: text.to_owned(), failed: false } }
 }
 
 /// A connection that sends raw lines.
-pub(crate) struct Raw(BufReader<UnixStream>);
+pub(crate) struct RawConnection(BufReader<UnixStream>);
 
-impl Raw {
+impl RawConnection {
     pub(crate) fn connect(folder: &Path) -> Self {
         let stream = UnixStream::connect(socket_path(&Layout::new(folder))).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -99,31 +99,33 @@ impl Raw {
 }
 
 #[test]
-fn a_client_is_answered_and_told_what_happens() {
+fn a_client_is_answered_and_receives_events() {
     let folder = tempfile::tempdir().unwrap();
     assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_none(), "no engine answers yet");
     let running = engine(folder.path());
     let socket = socket_path(&Layout::new(folder.path()));
     assert_eq!(socket.metadata().unwrap().permissions().mode() & 0o777, 0o600);
 
-    let mut told = client(folder.path()).subscribe().unwrap();
-    let mut asking = client(folder.path());
-    let Reply::Snapshot { snapshot } = asking.ask(Command::Snapshot).unwrap() else { panic!("no snapshot") };
+    let mut subscription = client(folder.path()).subscribe().unwrap();
+    let mut connection = client(folder.path());
+    let Reply::Snapshot { snapshot } = connection.send(Command::Snapshot).unwrap() else {
+        panic!("no snapshot")
+    };
     assert_eq!(snapshot.families.len(), 4);
 
     let candidate = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/grasp-tool-frame");
     let package = capability::read(&candidate).unwrap();
     let command = Command::Register { package, name: "grasp-tool-frame".to_owned(), by: None };
-    let reply = asking.ask(command.clone()).unwrap();
+    let reply = connection.send(command.clone()).unwrap();
     let Reply::Accepted { version: Some(version), .. } = reply else { panic!("{reply:?}") };
-    let again = asking.ask(command).unwrap();
+    let again = connection.send(command).unwrap();
     assert!(matches!(again, Reply::Refused { code: Refusal::Exists, .. }), "{again:?}");
 
     // The events in order: registered, validated, and rejected by the rules, without a further request.
     let mut kinds = Vec::new();
     let mut last_seq = 0;
     loop {
-        let Some(Notification::Event(event)) = told.next(PATIENCE).unwrap() else {
+        let Some(Notification::Event(event)) = subscription.next(PATIENCE).unwrap() else {
             panic!("no such event: {kinds:?}")
         };
         assert!(event.seq > last_seq);
@@ -143,15 +145,15 @@ fn a_client_is_answered_and_told_what_happens() {
     assert_eq!(kinds, ["registered"]);
 
     let operation = Operation { version, by: "mara".to_owned(), reason: "too late".to_owned() };
-    let reply = asking.ask(Command::Pause(operation)).unwrap();
+    let reply = connection.send(Command::Pause(operation)).unwrap();
     assert!(matches!(reply, Reply::Refused { code: Refusal::NotNow, .. }), "{reply:?}");
 
-    assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+    assert!(matches!(connection.send(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     running.join().unwrap();
     assert!(!socket.exists(), "the socket is removed");
-    assert!(matches!(asking.ask(Command::Snapshot), Err(ControlSocketError::Ended { .. })));
+    assert!(matches!(connection.send(Command::Snapshot), Err(ControlSocketError::Ended { .. })));
     assert!(loop {
-        match told.next(PATIENCE) {
+        match subscription.next(PATIENCE) {
             Ok(Some(_)) => {}
             Ok(None) => break false,
             Err(error) => break matches!(error, ControlSocketError::Ended { .. }),
@@ -172,7 +174,7 @@ fn a_retried_command_is_carried_out_once() {
     let line = format!("{call}\n");
     let answers: Vec<Value> = (0..2)
         .map(|_| {
-            let mut raw = Raw::connect(folder.path());
+            let mut raw = RawConnection::connect(folder.path());
             assert_eq!(raw.read().unwrap()["answer"], "hello");
             raw.send(&line);
             raw.read().unwrap()
@@ -180,7 +182,7 @@ fn a_retried_command_is_carried_out_once() {
         .collect();
     assert_eq!(answers[0]["reply"]["reply"], "accepted", "{}", answers[0]);
     assert_eq!(answers[0], answers[1]);
-    client(folder.path()).ask(Command::Shutdown).unwrap();
+    client(folder.path()).send(Command::Shutdown).unwrap();
     running.join().unwrap();
 }
 
@@ -192,7 +194,7 @@ fn a_refusal_keeps_its_hint_apart_from_what_was_sent() {
     let good = capability::read(Path::new(improved)).unwrap();
     let register = |manifest: String| {
         let package = Package { manifest, ..good.clone() };
-        client(folder.path()).ask(Command::Register { package, name: "sent".to_owned(), by: None }).unwrap()
+        client(folder.path()).send(Command::Register { package, name: "sent".to_owned(), by: None }).unwrap()
     };
     // A value that spells out a hint stays in the text it is quoted in.
     let forged = good.manifest.replacen("unit = \"m\"", "unit = \"feet. Hint: run rm -rf\"", 1);
@@ -212,12 +214,12 @@ fn a_refusal_keeps_its_hint_apart_from_what_was_sent() {
     };
     assert_eq!((code, text.as_str()), (Refusal::NotFound, "there is no family \"grasps\""));
     assert_eq!(hint, "a family begins with a baseline, see `holdpoint registry list`");
-    client(folder.path()).ask(Command::Shutdown).unwrap();
+    client(folder.path()).send(Command::Shutdown).unwrap();
     running.join().unwrap();
 }
 
 #[test]
-fn what_is_no_call_closes_the_connection_and_no_other() {
+fn an_invalid_call_closes_only_its_own_connection() {
     let folder = tempfile::tempdir().unwrap();
     let running = engine(folder.path());
     let long = "x".repeat(CALL_BYTES_MAX + 2);
@@ -233,16 +235,16 @@ fn what_is_no_call_closes_the_connection_and_no_other() {
         ("\u{0}\u{1}\n", "no call"),
         (long.as_str(), "more than"),
     ] {
-        let mut raw = Raw::connect(folder.path());
+        let mut raw = RawConnection::connect(folder.path());
         assert_eq!(raw.read().unwrap()["answer"], "hello");
         raw.send(line);
-        let closed = raw.read().unwrap();
-        assert_eq!(closed["answer"], "closed", "{line:.60}");
-        assert!(closed["text"].as_str().unwrap().contains(expected), "{closed}");
+        let answer = raw.read().unwrap();
+        assert_eq!(answer["answer"], "closed", "{line:.60}");
+        assert!(answer["text"].as_str().unwrap().contains(expected), "{answer}");
         assert_eq!(raw.read(), None);
     }
     // An id without a limit is refused by itself.
-    let mut raw = Raw::connect(folder.path());
+    let mut raw = RawConnection::connect(folder.path());
     raw.read().unwrap();
     for id in [String::new(), "i".repeat(129)] {
         raw.send(&format!(
@@ -251,19 +253,19 @@ fn what_is_no_call_closes_the_connection_and_no_other() {
         ));
         assert_eq!(raw.read().unwrap()["reply"]["code"], "bad-input");
     }
-    client(folder.path()).ask(Command::Shutdown).unwrap();
+    client(folder.path()).send(Command::Shutdown).unwrap();
     running.join().unwrap();
 }
 
 #[test]
-fn a_slow_subscriber_is_told_how_much_it_missed() {
+fn a_slow_subscriber_gets_the_count_it_missed() {
     let folder = tempfile::tempdir().unwrap();
-    let door = door(folder.path()).unwrap();
+    let socket = open_socket(folder.path()).unwrap();
     let mut slow = client(folder.path()).subscribe().unwrap();
     // Far more than the ring and the socket's buffers hold.
     let (count, text) = (30_000, "x".repeat(200));
     for seq in 1..=count {
-        door.publish(&[told(seq, &text)]);
+        socket.publish(&[scene_event(seq, &text)]);
     }
     let (mut read, mut missed, mut last) = (0, 0, 0);
     while last < count {
@@ -286,62 +288,62 @@ fn a_slow_subscriber_is_told_how_much_it_missed() {
 
 /// Thirty-two silent connections once kept all other clients out, even for a rollback or a pause.
 #[test]
-fn whoever_says_nothing_keeps_nobody_out() {
+fn silent_connections_keep_no_client_out() {
     let folder = tempfile::tempdir().unwrap();
-    let mut door = door(folder.path()).unwrap();
-    let mut silent: Vec<Raw> = (0..2 * IDLE_MAX)
+    let mut socket = open_socket(folder.path()).unwrap();
+    let mut silent: Vec<RawConnection> = (0..2 * IDLE_MAX)
         .map(|_| {
-            let mut raw = Raw::connect(folder.path());
+            let mut raw = RawConnection::connect(folder.path());
             assert_eq!(raw.read().unwrap()["answer"], "hello");
             raw
         })
         .collect();
-    let mut asking = client(folder.path());
-    let asked = std::thread::spawn(move || asking.ask(Command::Snapshot));
-    door.wait(PATIENCE);
-    drop(door);
-    assert!(matches!(asked.join().unwrap().unwrap(), Reply::Refused { code: Refusal::NotNow, .. }));
-    let closed = silent[0].read().unwrap();
-    assert_eq!(closed["answer"], "closed", "the one that was silent longest gave way: {closed}");
+    let mut connection = client(folder.path());
+    let request = std::thread::spawn(move || connection.send(Command::Snapshot));
+    socket.wait(PATIENCE);
+    drop(socket);
+    assert!(matches!(request.join().unwrap().unwrap(), Reply::Refused { code: Refusal::NotNow, .. }));
+    let answer = silent[0].read().unwrap();
+    assert_eq!(answer["answer"], "closed", "the one that was silent longest gave way: {answer}");
 }
 
 #[test]
-fn only_so_many_are_told_events() {
+fn subscribers_are_limited() {
     let folder = tempfile::tempdir().unwrap();
-    let _door = door(folder.path()).unwrap();
-    let subscribed = || {
-        let mut raw = Raw::connect(folder.path());
+    let _socket = open_socket(folder.path()).unwrap();
+    let subscribe = || {
+        let mut raw = RawConnection::connect(folder.path());
         assert_eq!(raw.read().unwrap()["answer"], "hello");
         raw.send("{\"call\":\"subscribe\"}\n");
         let answer = raw.read().unwrap();
         (raw, answer)
     };
-    let mut open: Vec<Raw> = (0..OBSERVERS_MAX)
+    let mut open: Vec<RawConnection> = (0..OBSERVERS_MAX)
         .map(|_| {
-            let (raw, answer) = subscribed();
+            let (raw, answer) = subscribe();
             assert_eq!(answer["answer"], "subscribed");
             raw
         })
         .collect();
-    let (_, refused) = subscribed();
-    assert!(refused["text"].as_str().unwrap().contains("receive events"), "{refused}");
+    let (_, refusal) = subscribe();
+    assert!(refusal["text"].as_str().unwrap().contains("receive events"), "{refusal}");
     // One that leaves makes room, as soon as the engine has noticed.
     open.pop();
     let until = std::time::Instant::now() + PATIENCE;
-    while subscribed().1["answer"] != "subscribed" {
+    while subscribe().1["answer"] != "subscribed" {
         assert!(std::time::Instant::now() < until);
     }
 }
 
 /// A client that requests more than can be answered gets a message at once.
 #[test]
-fn a_crowd_of_requests_is_told_so() {
+fn excess_requests_get_a_refusal() {
     let folder = tempfile::tempdir().unwrap();
     // The engine never reaches the request.
-    let _door = door(folder.path()).unwrap();
-    let mut crowd: Vec<Raw> = (0..=ASKING_MAX)
+    let _socket = open_socket(folder.path()).unwrap();
+    let mut crowd: Vec<RawConnection> = (0..=ASKING_MAX)
         .map(|id| {
-            let mut raw = Raw::connect(folder.path());
+            let mut raw = RawConnection::connect(folder.path());
             assert_eq!(raw.read().unwrap()["answer"], "hello");
             let request = format!("{{\"id\":\"{id}\",\"command\":{{\"command\":\"snapshot\"}}}}");
             raw.send(&format!("{{\"call\":\"ask\",\"request\":{request}}}\n"));
@@ -351,56 +353,56 @@ fn a_crowd_of_requests_is_told_so() {
         .collect();
     // The socket decides which of them was one too many.
     let until = std::time::Instant::now() + PATIENCE;
-    let refused = loop {
-        if let Some(answer) = crowd.iter_mut().find_map(Raw::read) {
+    let refusal = loop {
+        if let Some(answer) = crowd.iter_mut().find_map(RawConnection::read) {
             break answer;
         }
         assert!(std::time::Instant::now() < until);
         std::thread::yield_now();
     };
-    assert!(refused["reply"]["text"].as_str().unwrap().contains("are being answered"), "{refused}");
+    assert!(refusal["reply"]["text"].as_str().unwrap().contains("are being answered"), "{refusal}");
 }
 
 #[test]
-fn whoever_waits_when_the_engine_ends_is_told() {
+fn a_waiting_request_is_refused_at_the_end() {
     let folder = tempfile::tempdir().unwrap();
-    let mut door = door(folder.path()).unwrap();
-    let mut asking = client(folder.path());
-    let asked = std::thread::spawn(move || asking.ask(Command::Snapshot));
+    let mut socket = open_socket(folder.path()).unwrap();
+    let mut connection = client(folder.path());
+    let request = std::thread::spawn(move || connection.send(Command::Snapshot));
     // The request is there; the engine never reaches it.
-    door.wait(PATIENCE);
-    drop(door);
-    let reply = asked.join().unwrap().unwrap();
+    socket.wait(PATIENCE);
+    drop(socket);
+    let reply = request.join().unwrap().unwrap();
     assert!(matches!(reply, Reply::Refused { code: Refusal::NotNow, .. }), "{reply:?}");
 }
 
 #[test]
-fn the_name_is_taken_from_the_dead_and_from_nobody_else() {
+fn only_a_dead_engines_socket_is_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let socket = socket_path(&Layout::new(folder.path()));
     // A leftover socket file: bound once, without a listener.
     drop(std::os::unix::net::UnixListener::bind(&socket).unwrap());
     assert!(socket.exists());
     assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_none());
-    let first = door(folder.path()).unwrap();
-    let error = door(folder.path()).err().unwrap().to_string();
+    let first = open_socket(folder.path()).unwrap();
+    let error = open_socket(folder.path()).err().unwrap().to_string();
     assert!(error.contains("served by another engine"), "{error}");
     assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_some());
     drop(first);
     assert!(!socket.exists());
     // A regular file of that name is not removed.
     std::fs::write(&socket, "mine").unwrap();
-    let error = door(folder.path()).err().unwrap().to_string();
+    let error = open_socket(folder.path()).err().unwrap().to_string();
     assert!(error.contains("is not a socket"), "{error}");
     assert_eq!(std::fs::read_to_string(&socket).unwrap(), "mine");
 }
 
 #[test]
-fn a_path_that_does_not_fit_is_said() {
+fn a_too_long_path_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let deep = folder.path().join("d".repeat(120));
     std::fs::create_dir(&deep).unwrap();
-    let error = door(&deep).err().unwrap().sentence();
+    let error = open_socket(&deep).err().unwrap().sentence();
     assert!(error.contains("at most 107") && error.contains("--data"), "{error}");
     assert!(Client::connect(&Layout::new(&deep)).unwrap().is_none());
 }
@@ -410,10 +412,10 @@ fn every_answer_survives_the_wire() {
     for answer in [
         ServerMessage::Hello { protocol: 1, version: "0.1.0".to_owned(), process: 7 },
         ServerMessage::Subscribed,
-        ServerMessage::Event { event: Box::new(told(1, "\u{1b}[2J\n")) },
+        ServerMessage::Event { event: Box::new(scene_event(1, "\u{1b}[2J\n")) },
         ServerMessage::Lagged { missed: 3 },
         ServerMessage::Closed { text: "why".to_owned() },
-        ServerMessage::Past { events: vec![told(1, "\u{1b}[2J\n")], earlier: 7 },
+        ServerMessage::Past { events: vec![scene_event(1, "\u{1b}[2J\n")], earlier: 7 },
         ServerMessage::Ended { by: "ana".to_owned() },
         ServerMessage::Kept,
         ServerMessage::Scene { served: true },
@@ -428,7 +430,7 @@ fn every_answer_survives_the_wire() {
 fn verbs_talk_to_the_engine_that_runs() {
     let folder = tempfile::tempdir().unwrap();
     let running = engine(folder.path());
-    let ask = |line: &str| {
+    let run = |line: &str| {
         let output = std::process::Command::new(env!("CARGO_BIN_EXE_holdpoint"))
             .arg("--data")
             .arg(folder.path())
@@ -469,16 +471,16 @@ fn verbs_talk_to_the_engine_that_runs() {
         ("status place@1.0.0 --until demoted --timeout 1", 0, "SAFE-STOPPED"),
         ("audit verify", 0, "sound"),
     ] {
-        let (got, text, error) = ask(line);
-        assert_eq!(got, code, "{line}: {text}{error}");
+        let (actual, text, error) = run(line);
+        assert_eq!(actual, code, "{line}: {text}{error}");
         assert!(format!("{text}{error}").contains(expected), "{line}: {text}{error}");
     }
-    let (_, text, _) = ask("status --json");
+    let (_, text, _) = run("status --json");
     let report: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(report["engine_running"], true);
-    client(folder.path()).ask(Command::Shutdown).unwrap();
+    client(folder.path()).send(Command::Shutdown).unwrap();
     running.join().unwrap();
-    let (_, text, _) = ask("status --json");
+    let (_, text, _) = run("status --json");
     let report: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(report["engine_running"], false);
 }

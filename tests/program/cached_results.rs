@@ -7,29 +7,29 @@ use std::process::{Command, Output};
 
 use rusqlite::Connection;
 
-fn holdpoint(home: &Path, words: &[&str]) -> Output {
+fn holdpoint(home: &Path, arguments: &[&str]) -> Output {
     let config = home.join("config");
     let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
-    command.args(words).env("HOME", home).env("XDG_CONFIG_HOME", config).output().unwrap()
+    command.args(arguments).env("HOME", home).env("XDG_CONFIG_HOME", config).output().unwrap()
 }
 
 fn run(home: &Path, script: &str, more: &[&str]) -> Output {
-    let words = ["run", "--headless", "--json", "--seed", "3", "--script", script];
-    holdpoint(home, &[&words, more].concat())
+    let arguments = ["run", "--headless", "--json", "--seed", "3", "--script", script];
+    holdpoint(home, &[&arguments, more].concat())
 }
 
-fn said(output: &Output) -> String {
+fn stderr_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// One error with these words, and exit code 2.
-fn refuses(home: &Path, words: &[&str], expected: &[&str]) {
-    let output = holdpoint(home, words);
-    let text = said(&output);
-    assert_eq!(output.status.code(), Some(2), "{words:?}: {text}");
-    assert_eq!(text.matches("error: ").count(), 1, "{words:?}: {text}");
-    for word in expected {
-        assert!(text.contains(word), "{words:?}: {word:?} is not in {text:?}");
+fn refuses(home: &Path, arguments: &[&str], expected: &[&str]) {
+    let output = holdpoint(home, arguments);
+    let text = stderr_text(&output);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
+    assert_eq!(text.matches("error: ").count(), 1, "{arguments:?}: {text}");
+    for part in expected {
+        assert!(text.contains(part), "{arguments:?}: {part:?} is not in {text:?}");
     }
 }
 
@@ -56,8 +56,8 @@ fn the_key_of_a_shared_folder_is_outside_it_and_its_owners() {
     let pool = ["experiment", "per-candidate", "--pool", "manifests/pool", "--cache-key", &inside];
     refuses(home, &pool, &["--cache-key", "--out"]);
 
-    let kept = holdpoint(home, &[&run[..], &["--cache", &cells]].concat());
-    assert_eq!(kept.status.code(), Some(1), "{}", said(&kept));
+    let output = holdpoint(home, &[&run[..], &["--cache", &cells]].concat());
+    assert_eq!(output.status.code(), Some(1), "{}", stderr_text(&output));
     let key = home.join("config/holdpoint/cells.key");
     assert_eq!(
         fs::metadata(key).unwrap().permissions().mode() & 0o777,
@@ -83,11 +83,11 @@ fn a_poisoned_store_does_not_let_a_bad_candidate_through() {
          [[step]]\ndemote = { as = \"ada\", reason = \"it has filled the store\" }\n",
     )
     .unwrap();
-    let filled = run(root.path(), fill.to_str().unwrap(), &["--data", data]);
-    assert_eq!(filled.status.code(), Some(3), "it is held: {}", said(&filled));
+    let fill_output = run(root.path(), fill.to_str().unwrap(), &["--data", data]);
+    assert_eq!(fill_output.status.code(), Some(3), "it is held: {}", stderr_text(&fill_output));
     let database = Path::new(data).join("telemetry.db");
-    let kept = Connection::open(&database).unwrap();
-    let edited = kept
+    let connection = Connection::open(&database).unwrap();
+    let edited_rows = connection
         .execute(
             "UPDATE cell SET bytes = length(changed), body = CAST(changed AS BLOB) FROM (
                SELECT key AS edited, replace(replace(replace(replace(CAST(body AS TEXT),
@@ -97,48 +97,48 @@ fn a_poisoned_store_does_not_let_a_bad_candidate_through() {
             [],
         )
         .unwrap();
-    assert!(edited >= 280, "{edited} episodes were edited");
-    drop(kept);
+    assert!(edited_rows >= 280, "{edited_rows} episodes were edited");
+    drop(connection);
     // The scenario itself expects the rejection of the candidate by its behavior.
-    let attacked = run(root.path(), HARD_GRIP, &["--data", data]);
-    assert_eq!(attacked.status.code(), Some(1), "{}", said(&attacked));
-    let explained = holdpoint(root.path(), &["explain", "grasp-hard-grip", "--data", data]);
-    let text = String::from_utf8(explained.stdout).unwrap().replace("\n      ", " ");
+    let run_output = run(root.path(), HARD_GRIP, &["--data", data]);
+    assert_eq!(run_output.status.code(), Some(1), "{}", stderr_text(&run_output));
+    let explanation = holdpoint(root.path(), &["explain", "grasp-hard-grip", "--data", data]);
+    let text = String::from_utf8(explanation.stdout).unwrap().replace("\n      ", " ");
     assert!(text.contains("had no MAC or a wrong one"), "{text}");
-    let verified = holdpoint(root.path(), &["audit", "verify", "--data", data]);
-    assert!(verified.status.success(), "{}", said(&verified));
+    let verification = holdpoint(root.path(), &["audit", "verify", "--data", data]);
+    assert!(verification.status.success(), "{}", stderr_text(&verification));
 }
 
 /// The log is the same with and without cached results, for any number of workers; the record names the cached
 /// ones.
 #[test]
-fn what_is_kept_changes_no_event() {
+fn caching_changes_no_event() {
     let root = tempfile::tempdir().unwrap();
     let path = |name: &str| root.path().join(name).to_str().unwrap().to_owned();
     let cells = path("cells");
     let run = |store: &str, more: &[&str]| {
         let output =
             run(root.path(), HARD_GRIP, &[&["--data", &path(store), "--no-recording"], more].concat());
-        assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+        assert_eq!(output.status.code(), Some(1), "{}", stderr_text(&output));
         String::from_utf8(output.stdout).unwrap()
     };
     let without = run("a", &["--jobs", "1"]);
     assert_eq!(run("b", &["--cache", &cells, "--jobs", "2"]), without, "nothing was kept yet");
     assert_eq!(run("c", &["--cache", &cells, "--jobs", "1"]), without);
     assert_eq!(run("d", &["--cache", &cells, "--jobs", "2"]), without);
-    let kept = |store: &str| {
+    let cache_entry = |store: &str| {
         let output =
             holdpoint(root.path(), &["explain", "grasp-hard-grip", "--json", "--data", &path(store)]);
-        let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-        let of_all: Vec<_> =
-            told["decisions"].as_array().unwrap().iter().map(|one| one["kept"].clone()).collect();
-        of_all.into_iter().find(|kept| !kept.is_null())
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let entries: Vec<_> =
+            document["decisions"].as_array().unwrap().iter().map(|one| one["kept"].clone()).collect();
+        entries.into_iter().find(|entry| !entry.is_null())
     };
-    assert_eq!(kept("b"), None);
-    let used = kept("c").unwrap();
-    assert_eq!((&used["place"], &used["refused"]), (&"folder".into(), &0.into()));
-    let episodes = &used["blocks"][0];
+    assert_eq!(cache_entry("b"), None);
+    let usage = cache_entry("c").unwrap();
+    assert_eq!((&usage["place"], &usage["refused"]), (&"folder".into(), &0.into()));
+    let episodes = &usage["blocks"][0];
     assert_eq!((&episodes["work"], &episodes["own"]), (&"episodes".into(), &0.into()));
     assert!(!episodes["rerun"].as_array().unwrap().is_empty(), "{episodes}");
-    assert_eq!(kept("d").unwrap()["blocks"][0]["digest"], episodes["digest"], "the same was taken");
+    assert_eq!(cache_entry("d").unwrap()["blocks"][0]["digest"], episodes["digest"], "the same was taken");
 }

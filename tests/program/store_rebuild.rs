@@ -1,0 +1,113 @@
+//! A store with edited tables: no verb trusts it, no write hides the edit, and a rebuild repairs it.
+
+use rusqlite::Connection;
+use tempfile::TempDir;
+
+use crate::old_stores::{OPEN_ROLES, copy_fixture, holdpoint, text};
+
+/// A copy of an earlier version's store, edited with SQL past its triggers, which are then restored.
+fn edited_store(sql: &str) -> TempDir {
+    let folder = copy_fixture(OPEN_ROLES);
+    let connection = Connection::open(folder.path().join("store/holdpoint.db")).unwrap();
+    let mut select =
+        connection.prepare("SELECT name, sql FROM sqlite_schema WHERE type = 'trigger'").unwrap();
+    let triggers: Vec<(String, String)> =
+        select.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap().map(Result::unwrap).collect();
+    drop(select);
+    for (name, _) in &triggers {
+        connection.execute_batch(&format!("DROP TRIGGER {name}")).unwrap();
+    }
+    connection.execute_batch("PRAGMA foreign_keys = OFF; PRAGMA ignore_check_constraints = ON").unwrap();
+    connection.execute_batch(sql).unwrap();
+    for (_, sql) in &triggers {
+        connection.execute_batch(sql).unwrap();
+    }
+    folder
+}
+
+/// The exit code of a call, and all its output.
+fn run(folder: &TempDir, arguments: &[&str]) -> (i32, String) {
+    let output = holdpoint(folder, arguments);
+    (output.status.code().unwrap(), text(&output.stdout) + &text(&output.stderr))
+}
+
+/// A rejected version edited to active was once shown as active; the next write then made the edit sound.
+#[test]
+fn a_rejected_version_set_active_by_sql_is_nowhere_shown_active() {
+    let folder = edited_store(
+        "UPDATE version SET state = 'superseded' WHERE name = 'grasp@1.1.0';
+         UPDATE version SET state = 'active' WHERE name = 'grasp@1.2.0';
+         UPDATE family SET active = 'grasp@1.2.0' WHERE name = 'grasp'",
+    );
+    for arguments in [
+        &["registry", "list"] as &[&str],
+        &["registry", "show", "grasp@1.2.0"],
+        &["registry", "history", "grasp"],
+        &["status"],
+        &["explain", "grasp@1.2.0"],
+        &["alarms"],
+        &["resume", "align", "--as", "omar", "--reason", "the tray is back"],
+        &["rollback", "grasp", "--as", "omar", "--reason", "so"],
+        &["serve"],
+    ] {
+        let (code, text) = run(&folder, arguments);
+        assert_eq!(code, 2, "{arguments:?}: {text}");
+        assert!(
+            text.contains("does not match the audit chain") && text.contains("store rebuild"),
+            "{arguments:?}: {text}"
+        );
+        assert!(!text.contains("grasp@1.2.0: active"), "{arguments:?}: {text}");
+    }
+    assert_eq!(run(&folder, &["audit", "verify"]).0, 1, "no write made it good");
+    let (code, text) = run(&folder, &["store", "rebuild"]);
+    assert_eq!(code, 2, "without a source nothing is rebuilt: {text}");
+    let (code, text) = run(&folder, &["store", "rebuild", "--from-chain"]);
+    assert_eq!(code, 0, "{text}");
+    for part in
+        ["rebuilt from 322 records", "version \"grasp@1.2.0\"", "(state)", "holdpoint-damaged-322-1.db"]
+    {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let (code, text) = run(&folder, &["status"]);
+    assert!(code == 0 && text.contains("family   grasp: active grasp@1.1.0"), "{text}");
+    let (code, text) = run(&folder, &["audit", "verify"]);
+    assert!(code == 0 && text.starts_with("sound: 323 records"), "{text}");
+    let (_, text) = run(&folder, &["audit", "list", "--kind", "store-rebuilt", "--json"]);
+    assert!(text.contains("\\\"uid\\\"") && text.contains("grasp@1.2.0"), "{text}");
+    let (code, text) = run(&folder, &["rollback", "grasp", "--as", "omar", "--reason", "it is worse"]);
+    // No administrator authorized this program's profile: the arm is at standstill, and the rollback target does
+    // not act.
+    assert!(code == 3 && text.contains("grasp@1.1.0 is rolled back"), "{text}");
+    let (_, text) = run(&folder, &["store", "rebuild", "--from-chain", "--json"]);
+    assert_eq!(text.trim(), "{\"rebuilt\":null}");
+}
+
+#[test]
+fn an_edited_author_or_missing_state_is_refused_by_name() {
+    for (sql, part) in [
+        ("UPDATE version SET author = 'eve' WHERE name = 'grasp@1.1.0'", "\"grasp@1.1.0\""),
+        ("UPDATE version SET permissions = '{}' WHERE name = 'grasp@1.1.0'", "(permissions)"),
+        ("UPDATE family SET standing = NULL WHERE name = 'grasp'", "the family \"grasp\""),
+    ] {
+        let folder = edited_store(sql);
+        let (code, text) = run(&folder, &["resume", "align", "--as", "omar", "--reason", "the tray is back"]);
+        assert!(code == 2 && text.contains(part), "{sql}: {code} {text}");
+        assert_eq!(run(&folder, &["audit", "verify"]).0, 1, "{sql}");
+    }
+    // Data without a record cannot be reconstructed.
+    let folder = edited_store("UPDATE family SET standing = NULL WHERE name = 'grasp'");
+    let (code, text) = run(&folder, &["store", "rebuild", "--from-chain"]);
+    assert!(code == 2 && text.contains("the family \"grasp\" cannot be rebuilt"), "{text}");
+    assert!(text.contains("Nothing was changed"), "{text}");
+}
+
+#[test]
+fn another_trigger_is_refused_by_name() {
+    let folder = edited_store("CREATE TRIGGER late AFTER INSERT ON audit BEGIN DELETE FROM alarm; END");
+    let (code, text) = run(&folder, &["status"]);
+    assert!(code == 2 && text.contains("the trigger \"late\" is not of this program"), "{text}");
+    let (code, text) = run(&folder, &["audit", "verify"]);
+    assert!(code == 1 && text.contains("late"), "{text}");
+    assert_eq!(run(&folder, &["store", "rebuild", "--from-chain"]).0, 0);
+    assert_eq!(run(&folder, &["status"]).0, 0);
+}
