@@ -189,6 +189,13 @@ fn state_of(home: &Home, version: &str) -> String {
     value["summary"]["state"].as_str().unwrap_or_default().to_owned()
 }
 
+/// The stop of the cell; null while the cell runs.
+fn stop_of(home: &Home) -> serde_json::Value {
+    let shown = home.must(&["status", "--json"]);
+    let mut report: serde_json::Value = serde_json::from_str(&shown).unwrap();
+    report["stopped"].take()
+}
+
 /// Files of a store that contain these bytes.
 fn holding(folder: &Path, bytes: &[u8]) -> Vec<std::path::PathBuf> {
     let mut found = Vec::new();
@@ -214,13 +221,13 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     console.keys("under the oak\r");
     console.wait_for_text("Repeat it:");
     console.keys("under the elm\r");
-    console.wait_for_text("the two passphrases differ; nothing was done");
+    console.wait_for_text("passphrases differ");
     assert_eq!(console.end().exit_code(), 2);
     assert!(console.is_cooked(), "the terminal reads lines again");
     let mut console = new();
     console.wait_for_text("New passphrase:");
     console.keys("under\x03");
-    console.wait_for_text("canceled; nothing was done");
+    console.wait_for_text("canceled;");
     assert_eq!(console.end().exit_code(), 2);
     assert_eq!(home.must(&["identity", "list", "--json"]).trim(), "[]");
     let mut console = new();
@@ -228,7 +235,7 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     console.keys("under the oax\x7fk\r");
     console.wait_for_text("Repeat it:");
     console.keys("under the oak\r");
-    console.wait_for_text("created the identity mara (operator, passphrase)");
+    console.wait_for_text("mara (operator, passphrase)");
     assert_eq!(console.end().exit_code(), 0);
     assert!(!console.raw().contains("oak") && !console.raw().contains("under"), "{}", console.raw());
     // A verb that signs asks for the passphrase, and reports a wrong one.
@@ -237,14 +244,14 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     let mut console = go();
     console.wait_for_text("Passphrase of mara:");
     console.keys("under the elm\r");
-    console.wait_for_text("the passphrase is wrong");
+    console.wait_for_text("is wrong");
     assert_eq!(console.end().exit_code(), 2);
-    assert!(home.must(&["status"]).contains("STOPPED"));
+    assert!(stop_of(&home).is_object());
     let mut console = go();
     console.wait_for_text("Passphrase of mara:");
     console.keys("under the oak\r");
     assert_eq!(console.end().exit_code(), 0, "{}", console.contents());
-    assert!(!home.must(&["status"]).contains("STOPPED"));
+    assert!(stop_of(&home).is_null());
 }
 
 /// Ends the console as an operator does.
@@ -270,7 +277,7 @@ fn quitting_restores_the_terminal_and_reports_the_shutdown() {
     assert!(!console.is_cooked(), "keys come one by one");
     assert_eq!(quit(&mut console), 0, "{}", console.contents());
     assert_restored(&console);
-    assert!(console.contents().contains("the engine shut down cleanly"), "{}", console.contents());
+    assert!(console.contents().contains("down cleanly"), "{}", console.contents());
     verified(&home);
 }
 
@@ -291,7 +298,7 @@ fn an_operator_approves() {
     console.keys("Y");
     console.wait_for_text("Passphrase of alice");
     console.keys("under the elm\r");
-    console.wait_for_text("wrong passphrase, nothing was signed");
+    console.wait_for_text("wrong passphrase");
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
     console.keys(PASSPHRASE);
     press_until_it_counts(&mut console, "\r");
@@ -370,7 +377,7 @@ fn enrol_carol(home: &Home, agent: &AgentProcess) {
     let by = ["--by", "admin", "--reason", "known", "--passphrase-file", &secret_file];
     let mut console =
         home.console_with(&[&enrol[..], &by].concat(), SIZE, &[("SSH_AUTH_SOCK", socket.to_str().unwrap())]);
-    console.wait_for_text("carol is enrolled as engineer");
+    console.wait_for_text("as engineer");
     assert_eq!(console.end().exit_code(), 0);
 }
 
@@ -472,7 +479,7 @@ fn a_fault_of_the_screen_gives_the_terminal_back() {
     let status = console.end();
     assert_eq!(status.exit_code(), 70, "{status:?}");
     assert_restored(&console);
-    assert!(console.contents().contains("HOLDPOINT_TEST_PANIC asked for it"), "{}", console.contents());
+    assert!(console.contents().contains("HOLDPOINT_TEST_PANIC"), "{}", console.contents());
     verified(&home);
 }
 
@@ -483,11 +490,11 @@ fn a_fault_of_the_engine_leaves_the_screen_up_and_latches_an_alarm() {
     console.keys(":demo\r");
     console.wait_for("the pipeline holds", |screen| screen.contents().contains("HOLDING"));
     console.keys("5");
-    console.wait_for_text("CRIT engine: the engine failed");
+    console.wait_for_text("CRIT engine");
     // The terminal is still the console's, and its keys work.
     assert!(!console.is_cooked());
     assert!(!console.raw().contains(LEAVE[2]), "the screen was given back");
-    assert!(home.engine_log().contains("a panic on purpose"), "{}", home.engine_log());
+    assert!(home.engine_log().contains("on purpose"), "{}", home.engine_log());
     console.keys("1");
     quit(&mut console);
     assert_restored(&console);
@@ -573,14 +580,13 @@ fn a_past_upgrade_is_replayed_on_the_terminal() {
     let home = Home::new();
     let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/rolled-back.rrd");
     let mut console = home.console(&["replay", recording, "--terminal", "--to", "109500"], SIZE);
-    let stands =
-        |tick: &str, text: &str| text.contains("align@1.1.0 against align@1.0.0") && text.contains(tick);
+    let stands = |tick: &str, text: &str| text.contains("against align@1.0.0") && text.contains(tick);
     console.wait_for("the moment asked for", |screen| stands("tick 109500", &screen.contents()));
     // The next decision is the monitor's, which rolled the version back.
     console.keys("d");
     console.wait_for("the rollback", |screen| {
         let text = screen.contents();
-        stands("477.4 s", &text) && text.contains("monitor  align@1.1.0: rollback")
+        stands("477.4 s", &text) && text.contains("align@1.1.0: rollback")
     });
     console.resize(80, 24);
     console.wait_for_repainted("a small screen", (80, 24), |screen| screen.contents().contains("REPLAY"));

@@ -426,7 +426,7 @@ mod tests {
         let mut many = 1001_u32.to_be_bytes().to_vec();
         many.extend([0; 64]);
         let (agent, thread) = fake_agent(folder.path(), vec![framed(IDENTITIES_ANSWER, &many)]);
-        assert!(agent.keys().unwrap_err().to_string().contains("more than 1000 keys"));
+        assert!(agent.keys().unwrap_err().to_string().contains("1000 keys"));
         thread.join().unwrap();
         std::fs::remove_file(folder.path().join("agent")).unwrap();
         assert!(matches!(agent.keys(), Err(AgentError::Io { .. })));
@@ -507,6 +507,7 @@ mod tests {
         let output =
             Command::new("ssh-add").env(SOCKET_VARIABLE, &socket).arg("-q").arg("-D").output().unwrap();
         assert!(output.status.success());
-        assert!(ada.sign_call(claim).unwrap_err().to_string().contains("refused to sign"));
+        let refused = ada.sign_call(claim).unwrap_err();
+        assert!(matches!(refused, crate::ApprovalError::Agent(AgentError::Refused(_))), "{refused}");
     }
 }

@@ -432,11 +432,11 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let error = |path: &Path| read(path).unwrap_err();
         let none = error(&root.path().join("none"));
-        assert!(none.to_string().starts_with("cannot open the candidate's folder"), "{none}");
+        assert!(none.to_string().contains(&format!("{:?}", root.path().join("none"))), "{none}");
         assert!(none.hint().is_some());
         let missing = error(root.path());
         let path = root.path().join("manifest.toml");
-        assert!(missing.to_string().starts_with(&format!("cannot read {path:?}: ")), "{missing}");
+        assert!(missing.to_string().contains(&format!("{path:?}")), "{missing}");
         assert!(missing.hint().is_none());
         std::fs::write(&path, "name = \"grasp\"\nsurprise = 1\n").unwrap();
         let syntax = error(root.path());

@@ -346,7 +346,7 @@ mod tests {
         );
         let old = program("0.30.0");
         assert!(old.standing == FindingStatus::Limited && old.detail.contains("0.30.0"), "{old:?}");
-        assert!(viewer(None).detail.contains("pip install rerun-sdk"));
+        assert!(viewer(None).detail.contains(viewer::INSTALL));
         let folder = Layout::new(root.path()).recordings();
         assert!(recordings(root.path()).detail.starts_with("0 files, 0 B in "));
         std::fs::create_dir(&folder).unwrap();

@@ -96,7 +96,8 @@ mod tests {
         for line in text.lines() {
             assert_eq!(line.matches('|').count(), 5, "{line}");
         }
-        assert!(text.contains("| Open approval prompt | `Y` | approve | Approve,"), "{text}");
+        let prompt = Action::Approve.scope().title();
+        assert!(text.contains(&format!("| {prompt} | `Y` | approve | Approve")), "{text}");
         assert!(text.contains("| `:demo` | demo |"), "{text}");
     }
 }

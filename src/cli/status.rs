@@ -396,11 +396,9 @@ mod tests {
         let fresh = row(State::Shadowed, false);
         assert!(!fresh.line().contains("STALE"));
         let stale = VersionRow { stale: vec![StaleCause::Profile, StaleCause::ActiveVersion], ..fresh };
-        assert!(
-            stale.line().contains("STALE evidence (another profile, active-version)"),
-            "{}",
-            stale.line()
-        );
+        for part in ["STALE", "another profile", "active-version"] {
+            assert!(stale.line().contains(part), "{}", stale.line());
+        }
         let json = serde_json::to_value(&stale).unwrap();
         assert_eq!(json["stale"], serde_json::json!(["profile", "active-version"]));
     }
@@ -408,7 +406,9 @@ mod tests {
     #[test]
     fn a_paused_provisional_version_is_shown_as_active() {
         let version = VersionRow { paused: true, ..row(State::Active, true) };
-        assert!(version.line().contains("active, promotion paused, provisional"), "{}", version.line());
+        for flag in [" active,", "promotion paused", "provisional"] {
+            assert!(version.line().contains(flag), "{}", version.line());
+        }
         let paused = VersionRow { paused: true, ..row(State::Sandboxed, false) };
         assert!(paused.line().contains("sandboxed, paused"), "{}", paused.line());
         let family = FamilyStatusRow {
@@ -420,11 +420,9 @@ mod tests {
             provisional: true,
             promotion_paused: true,
         };
-        let line = family.line();
-        assert!(
-            line.contains("active grasp@1.1.0") && line.contains("provisional, its promotion paused"),
-            "{line}"
-        );
+        for flag in ["active grasp@1.1.0", "promotion paused", "provisional"] {
+            assert!(family.line().contains(flag), "{}", family.line());
+        }
     }
 
     #[test]

@@ -241,7 +241,8 @@ fn bad_lines_are_refused() {
         assert!(Cli::try_parse_from(shell_words(&format!("holdpoint {line}"))).is_err(), "{line}");
     }
     let other = Cli::try_parse_from(shell_words("holdpoint identity new mara --role safety-officer"));
-    assert!(other.unwrap_err().to_string().contains("operator, engineer, safety"));
+    let message = other.unwrap_err().to_string();
+    assert!(["operator,", "engineer,", "safety"].iter().all(|role| message.contains(role)), "{message}");
     let long = "x".repeat(decide::REASON_BYTES_MAX + 1);
     assert!(Cli::try_parse_from(["holdpoint", "pause", "--as", "mara", "--reason", &long]).is_err());
 }
@@ -345,10 +346,8 @@ fn a_history_is_proved_copied_and_witnessed() {
     let (proof, since, key) = (path("proof.json"), path("since.json"), path("store/keys/store.pub"));
     output_of(&["audit", "proof", "4", "--out", &proof], Exit::Confirmed);
     assert!(output_of(&["audit", "proof", "4", "--out", &proof], Exit::Usage).contains("cannot write"));
-    assert!(output_of(&["audit", "proof", "10"], Exit::Usage).contains("ends at record 9"));
-    assert!(
-        output_of(&["audit", "consistency", "--from", "3"], Exit::Usage).contains("no checkpoint was made")
-    );
+    assert!(output_of(&["audit", "proof", "10"], Exit::Usage).contains("record 9"));
+    assert!(output_of(&["audit", "consistency", "--from", "3"], Exit::Usage).contains("record 3"));
     output_of(&["audit", "witness", "add", &witness], Exit::Confirmed);
     output_of(&["audit", "consistency", "--from", "9", "--out", &since], Exit::Confirmed);
     for file in [&proof, &since] {
@@ -361,16 +360,17 @@ fn a_history_is_proved_copied_and_witnessed() {
     let other = path("other");
     small_store(std::path::Path::new(&other));
     let other_key = path("other/keys/store.pub");
+    let other_id = holdpoint_registry::store_info(std::path::Path::new(&other)).unwrap().store_id;
     let text = output_of(&["audit", "check-proof", &proof, "--public-key", &other_key], Exit::Rejected);
-    assert!(text.contains("does not sign with this key"), "{text}");
-    assert!(output_of(&["audit", "check-proof", &key], Exit::Usage).contains("is not a proof"));
+    assert!(text.contains(&other_id), "{text}");
+    assert!(output_of(&["audit", "check-proof", &key], Exit::Usage).contains(&key));
     assert!(output_of(&["audit", "witness", "list"], Exit::Confirmed).contains(&witness));
     assert!(output_of(&["audit", "witness", "add", "https://a/b"], Exit::Usage).contains("no network"));
     assert!(output_of(&["doctor"], Exit::Confirmed).contains(&witness));
     let text = output_of(&["audit", "verify", "--all", "--against", &proof], Exit::Confirmed);
     assert!(text.contains("heads elsewhere") && text.contains("recordings         0"), "{text}");
     let text = output_of(&["audit", "verify", "--against", &path("other/checkpoints")], Exit::Rejected);
-    assert!(text.contains("belongs to the store"), "{text}");
+    assert!(text.contains(&other_id), "{text}");
     let (copy, lines) = (path("copy"), path("store.jsonl"));
     output_of(&["store", "backup", &copy], Exit::Confirmed);
     assert!(output_of(&["store", "backup", &copy], Exit::Usage).contains("already"));
@@ -378,30 +378,29 @@ fn a_history_is_proved_copied_and_witnessed() {
     for against in [&copy, &lines, &witness] {
         output_of(&["audit", "verify", "--against", against], Exit::Confirmed);
     }
-    assert!(
-        output_of(&["audit", "verify", "--file", &lines], Exit::Confirmed).contains("the file itself names")
-    );
+    let json_of = |line: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&output_of(&[line, &["--json"]].concat(), Exit::Confirmed)).unwrap()
+    };
+    assert_eq!(json_of(&["audit", "verify", "--file", &lines])["report"]["key_given"], false);
     let text = output_of(&["audit", "verify", "--file", &lines, "--key", &other_key], Exit::Rejected);
-    assert!(text.contains("another public key"), "{text}");
-    assert!(output_of(&["store", "check"], Exit::Confirmed).contains("none is missing"));
-    let info: serde_json::Value =
-        serde_json::from_str(&output_of(&["store", "info", "--json"], Exit::Confirmed)).unwrap();
+    assert!(text.contains("line 1 "), "{text}");
+    assert_eq!(json_of(&["store", "check"])["good"], true);
+    let info = json_of(&["store", "info"]);
     assert_eq!((&info["records"], &info["signed_at"]), (&10.into(), &10.into()));
     output_of(&["audit", "witness", "remove", &witness], Exit::Confirmed);
     // Without a key the result is not "sound"; for a copy the report names the omitted checks.
     let alone = path("alone.db");
     output_of(&["store", "backup", &alone], Exit::Confirmed);
     let text = output_of(&["audit", "verify", "--file", &alone], Exit::Confirmed);
-    assert!(text.starts_with("sound but for its signatures"), "{text}");
+    assert!(text.starts_with("sound but "), "{text}");
     let moved_key = path("kept.pub");
     std::fs::rename(&key, &moved_key).unwrap();
     let text = output_of(&["audit", "verify"], Exit::Rejected);
-    assert!(text.starts_with("not sound: the store's public key"), "{text}");
+    assert!(text.starts_with("not sound: ") && text.contains(&key), "{text}");
     assert!(output_of(&["audit", "verify", "--key", &moved_key], Exit::Confirmed).starts_with("sound: "));
     std::fs::rename(&moved_key, &key).unwrap();
     assert!(output_of(&["audit", "witness", "list"], Exit::Confirmed).contains("no witnesses"));
-    let text = output_of(&["audit", "verify", "--file", &lines, "--key", &key, "--json"], Exit::Confirmed);
-    assert!(text.contains("\"sound\":true"), "{text}");
+    assert_eq!(json_of(&["audit", "verify", "--file", &lines, "--key", &key])["sound"], true);
     // The export is by now a beginning of the chain.
     output_of(&["audit", "verify", "--against", &lines], Exit::Confirmed);
 }

@@ -200,6 +200,6 @@ mod tests {
         };
         let error = run(&ThemeArgs { verb }, &mut CommandOutput::to(Vec::new(), false)).unwrap_err();
         assert_eq!(error.exit(), Exit::Usage);
-        assert!(error.to_string().contains("\"loud\"; allowed are calm-dark"), "{error}");
+        assert!(error.to_string().contains("\"loud\"") && error.to_string().contains("calm-dark"), "{error}");
     }
 }

@@ -123,6 +123,25 @@ enum DeliveredRequest {
     },
 }
 
+/// An answer that leaves nothing to decide.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ClosingAnswer {
+    /// The name of its author, sanitized.
+    pub by: String,
+    pub decision: ApprovalDecision,
+}
+
+impl ClosingAnswer {
+    /// In words.
+    #[must_use]
+    pub fn description(&self) -> String {
+        match self.decision {
+            ApprovalDecision::Reject => format!("{} rejected it", self.by),
+            ApprovalDecision::Approve => format!("{} approved it, which was enough", self.by),
+        }
+    }
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct ApprovalScreen {
     /// The request as the operator read it.
@@ -142,8 +161,8 @@ pub struct ApprovalScreen {
     pub stale: Option<RequestChange>,
     /// Whether the request is closed: it can be neither answered nor read again.
     pub closed: bool,
-    /// The last answer and its author, in words; absent if there is none since the request was opened.
-    pub answered: Option<String>,
+    /// The answer that closes it; absent if there is none since the request was opened.
+    pub answered: Option<ClosingAnswer>,
     /// Why the last key did nothing.
     pub refused: Option<DecisionObstacle>,
     /// Lines scrolled down; the screen stops at the last.
@@ -352,13 +371,10 @@ impl ApprovalScreen {
         is_enough: bool,
     ) {
         if *version == self.seen.version {
-            let by = Untrusted::new(by.to_owned()).line();
             // One approval of two closes nothing: if the request closes, the reason is another one.
-            self.answered = match (answer, is_enough) {
-                (ApprovalDecision::Reject, _) => Some(format!("{by} rejected it")),
-                (ApprovalDecision::Approve, true) => Some(format!("{by} approved it, which was enough")),
-                (ApprovalDecision::Approve, false) => None,
-            };
+            let closes = is_enough || answer == ApprovalDecision::Reject;
+            let by = Untrusted::new(by.to_owned()).line().into_string();
+            self.answered = closes.then_some(ClosingAnswer { by, decision: answer });
         }
     }
 

@@ -231,6 +231,26 @@ pub enum FormFocus {
     Confirm,
 }
 
+/// Why a form confirms nothing yet.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FormProblem {
+    /// Not every consequence was on the screen.
+    #[error("read the text above to its end first (pagedown)")]
+    Unread,
+    #[error("the text above has just changed: read it again")]
+    Changed,
+    /// It opened a moment ago.
+    #[error("that key did nothing: wait a moment, then press it again")]
+    Guard,
+    #[error("{NO_IDENTITY_TEXT}")]
+    NoIdentity,
+    #[error("a reason is needed, of characters that can be seen")]
+    NoReason,
+    /// The minutes as typed.
+    #[error("{0:?} is not allowed; 1 to {SHELVE_MINUTES_MAX} minutes are")]
+    Minutes(String),
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct Form {
     /// The operation.
@@ -243,7 +263,7 @@ pub struct Form {
     /// What has the keys.
     pub focus: FormFocus,
     /// The problem, after a failed confirmation.
-    pub problem: Option<String>,
+    pub problem: Option<FormProblem>,
     /// The passphrase field, while one is typed.
     pub signing: Option<Signing<()>>,
     /// Console time at which it was opened, ms.
@@ -450,7 +470,7 @@ impl Form {
         if self.is_one_key() {
             return;
         }
-        self.problem = Some("the text above has just changed: read it again".to_owned());
+        self.problem = Some(FormProblem::Changed);
         if self.focus == FormFocus::Confirm {
             self.focus = FormFocus::Cancel;
         }
@@ -473,21 +493,21 @@ impl Form {
     /// The operations, for `who`. Quitting gives none, and a submission is read later.
     ///
     /// # Errors
-    /// The missing or forbidden part, with a hint.
-    pub fn confirm(&self, who: Option<&Operator>) -> Result<Vec<ConfirmedOperation>, String> {
+    /// The missing or forbidden part.
+    pub fn confirm(&self, who: Option<&Operator>) -> Result<Vec<ConfirmedOperation>, FormProblem> {
         if self.unread() > 0 && !self.intent.stops() {
-            return Err("read the text above to its end first (pagedown)".to_owned());
+            return Err(FormProblem::Unread);
         }
         let by = match (who, &self.intent) {
             (Some(who), _) => who.name.clone(),
             // Stopping needs no identity, so that no time is lost.
             (None, Intent::Abort(_)) => "console".to_owned(),
             (None, Intent::Identity(_) | Intent::Quit) => return Ok(Vec::new()),
-            (None, _) => return Err(NO_IDENTITY_TEXT.to_owned()),
+            (None, _) => return Err(FormProblem::NoIdentity),
         };
         let reason = self.reason.text().trim().to_owned();
         if self.intent.needs_reason() && !is_visible(&reason) {
-            return Err("a reason is needed, of characters that can be seen".to_owned());
+            return Err(FormProblem::NoReason);
         }
         let minutes = self.minutes()?;
         let each = match &self.intent {
@@ -501,13 +521,13 @@ impl Form {
         Ok(confirmed.collect())
     }
 
-    fn minutes(&self) -> Result<u64, String> {
+    fn minutes(&self) -> Result<u64, FormProblem> {
         if !self.intent.needs_minutes() {
             return Ok(0);
         }
         let typed = self.minutes.text().trim();
         let minutes = typed.parse::<u64>().ok().filter(|minutes| (1..=SHELVE_MINUTES_MAX).contains(minutes));
-        minutes.ok_or_else(|| format!("{typed:?} is not allowed; 1 to {SHELVE_MINUTES_MAX} minutes are"))
+        minutes.ok_or_else(|| FormProblem::Minutes(typed.to_owned()))
     }
 }
 

@@ -8,6 +8,7 @@ pub mod action;
 pub mod charts;
 pub mod frame;
 pub mod jump;
+pub mod message;
 pub mod model;
 pub mod playback;
 mod print;

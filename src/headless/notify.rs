@@ -225,12 +225,9 @@ mod tests {
                 &[socket, ("WATCHDOG_USEC", "60000000"), ("WATCHDOG_PID", &own)],
                 Ok(Some(Some(Duration::from_mins(1)))),
             ),
-            (&[("NOTIFY_SOCKET", "vsock:2:1")], Err("an absolute path, or @ and a name, is allowed")),
-            (
-                &[socket, ("WATCHDOG_USEC", "soon")],
-                Err("WATCHDOG_USEC is \"soon\"; a whole number is allowed"),
-            ),
-            (&[socket, ("WATCHDOG_USEC", "1000000")], Err("at least 5s are needed")),
+            (&[("NOTIFY_SOCKET", "vsock:2:1")], Err("absolute path")),
+            (&[socket, ("WATCHDOG_USEC", "soon")], Err("WATCHDOG_USEC is \"soon\"")),
+            (&[socket, ("WATCHDOG_USEC", "1000000")], Err("least 5s")),
         ] {
             match (from(variables), expected) {
                 (Ok(got), Ok(expected)) => assert_eq!(got, expected, "{variables:?}"),

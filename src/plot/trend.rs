@@ -275,9 +275,9 @@ mod tests {
         let mut plot = plot();
         plot.panels[0].lines.clear();
         plot.panels[0].range = [1.0, 1.0];
-        assert!(plot.svg().contains("no task on record"));
+        assert!(plot.svg().contains("no task"));
         plot.marks = vec![plot.marks[0].clone(); LISTED_MAX + 5];
         let svg = plot.svg();
-        assert!(svg.contains("and 5 marks more") && svg.trim_end().ends_with("</svg>"));
+        assert!(svg.contains("5 marks") && svg.trim_end().ends_with("</svg>"));
     }
 }

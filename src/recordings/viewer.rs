@@ -343,7 +343,7 @@ mod tests {
         program(root.path(), "rerun-cli 0.35.2 (base)");
         let error = find(Some(root.path().as_os_str())).unwrap_err();
         assert!(matches!(error, ViewerError::TooOld { found: ViewerVersion([0, 35, 2]), .. }), "{error}");
-        assert!(error.sentence().ends_with(". Hint: pip install rerun-sdk==0.36.3"), "{error}");
+        assert_eq!(error.hint().as_deref(), Some(INSTALL), "{error}");
         let program = root.path().join(PROGRAM);
         std::fs::set_permissions(&program, std::os::unix::fs::PermissionsExt::from_mode(0o644)).unwrap();
         let error = find(Some(root.path().as_os_str())).unwrap_err();

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::apply::{Applier, ChangeEffect, check_int, check_json, check_name};
 use super::change::ApprovalRequest;
 use super::error::StoreError;
-use holdpoint_approvals::{Approval, Nonce, Person, PersonState, SignedApproval};
+use holdpoint_approvals::{Approval, Nonce, PersonDirectory, PersonState, SignedApproval};
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::profile::ProfileName;
@@ -17,17 +17,17 @@ use holdpoint_governance::wall_time::WallTime;
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RecordedApproval {
-    change: String,
-    who: String,
-    role: Role,
-    decision: ApprovalDecision,
-    reason: String,
-    row_version: u64,
-    evidence_digest: Digest,
-    policy_digest: Digest,
-    profile: ProfileName,
-    not_after_ms: u64,
-    nonce: Nonce,
+    pub(crate) change: String,
+    pub(crate) who: String,
+    pub(crate) role: Role,
+    pub(crate) decision: ApprovalDecision,
+    pub(crate) reason: String,
+    pub(crate) row_version: u64,
+    pub(crate) evidence_digest: Digest,
+    pub(crate) policy_digest: Digest,
+    pub(crate) profile: ProfileName,
+    pub(crate) not_after_ms: u64,
+    pub(crate) nonce: Nonce,
     /// The signed data without the store's key: equal in equal runs. Earlier versions signed none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     shown: Option<DisplayDigests>,
@@ -65,35 +65,6 @@ impl RecordedApproval {
             }),
         }
     }
-
-    pub(crate) fn change(&self) -> &str {
-        &self.change
-    }
-
-    pub(crate) fn who(&self) -> &str {
-        &self.who
-    }
-
-    pub(crate) const fn role(&self) -> Role {
-        self.role
-    }
-
-    pub(crate) const fn nonce(&self) -> &Nonce {
-        &self.nonce
-    }
-}
-
-/// An approval in its row's form.
-pub(super) struct ApprovalRow<'a> {
-    pub(super) nonce: &'a str,
-    pub(super) version: &'a CapabilityId,
-    pub(super) who: &'a str,
-    pub(super) decision: ApprovalDecision,
-    pub(super) row_version: u64,
-    pub(super) not_after_ms: u64,
-    pub(super) claim: Digest,
-    /// All of it, JSON text.
-    pub(super) signed: &'a str,
 }
 
 impl Applier<'_> {
@@ -135,10 +106,7 @@ impl Applier<'_> {
         let approval = signed.approval();
         let nonce = approval.nonce.to_string();
         let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
-        let persons = self.persons()?;
-        let who = persons.named(&approval.who).filter(|who| who.state == PersonState::Enrolled);
-        let who = who.ok_or_else(|| refuse(format!("{:?} is not enrolled in this store", approval.who)))?;
-        signed.verify(&who.info()).map_err(|error| refuse(error.to_string()))?;
+        verify(signed, &self.persons()?).map_err(&refuse)?;
         if approval.store_id != self.place.store_id {
             return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
         }
@@ -161,38 +129,36 @@ impl Applier<'_> {
             return Err(refuse("its nonce was seen before".to_owned()));
         }
         let text = canonical_json(signed).map_err(|error| refuse(error.to_string()))?;
-        self.write_approval(&ApprovalRow {
-            nonce: &nonce,
-            version: &approval.version,
-            who: &approval.who,
-            decision: approval.decision,
-            row_version: approval.row_version,
-            not_after_ms: approval.not_after_ms,
-            claim: approval.claim_digest(),
-            signed: &text,
-        })
+        let recorded = RecordedApproval::of(approval);
+        self.write_approval(&approval.version, &recorded, approval.claim_digest(), &text)
     }
 
-    /// Stores an approval after the checks.
-    pub(super) fn write_approval(&self, row: &ApprovalRow<'_>) -> Result<ChangeEffect, StoreError> {
+    /// Stores an approval after the checks: its record's form, the digest of its claim, and all of it as JSON text.
+    pub(super) fn write_approval(
+        &self,
+        version: &CapabilityId,
+        recorded: &RecordedApproval,
+        claim: Digest,
+        signed: &str,
+    ) -> Result<ChangeEffect, StoreError> {
         self.execute(
             "keep an approval",
             "INSERT INTO approval (nonce, seq, version, who, decision, row_version, not_after_ms, claim, at_ms, signed)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
             params![
-                row.nonce,
+                recorded.nonce.as_str(),
                 self.next_seq(),
-                row.version.to_string(),
-                row.who,
-                row.decision.name(),
-                row.row_version,
-                row.not_after_ms,
-                row.claim.to_string(),
+                version.to_string(),
+                recorded.who,
+                recorded.decision.name(),
+                recorded.row_version,
+                recorded.not_after_ms,
+                claim.to_string(),
                 self.at_ms,
-                row.signed
+                signed
             ],
         )?;
-        Ok(ChangeEffect::new(RecordKind::ApprovalPut, row.version))
+        Ok(ChangeEffect::new(RecordKind::ApprovalPut, version))
     }
 
     pub(super) fn consume_approval(
@@ -251,11 +217,8 @@ impl Applier<'_> {
         if let Some(problem) = problem {
             return Err(refuse(problem));
         }
-        let persons = self.persons()?;
-        let signer = persons.enrolled().map(Person::info).find(|who| signed.verify(who).is_ok());
-        if signer.is_none() {
-            return Err(refuse("its approver is no longer enrolled"));
-        }
+        // The row was on disk since: an editor of the file has no key of an enrolled person.
+        verify(&signed, &self.persons()?).map_err(|problem| refuse(&problem))?;
         self.write_consumed(nonce)?;
         crate::fp!("approval-consumed");
         let touched = ChangeEffect::new(RecordKind::ApprovalConsumed, &approval.version);
@@ -278,4 +241,13 @@ impl Applier<'_> {
             }),
         })
     }
+}
+
+/// The one verification of a signed decision: its signer is enrolled, in this role, and signed exactly this. It runs in the
+/// transaction that stores the decision, and in the one that uses it.
+fn verify(signed: &SignedApproval, persons: &PersonDirectory) -> Result<(), String> {
+    let name = &signed.approval().who;
+    let person = persons.named(name).filter(|person| person.state == PersonState::Enrolled);
+    let person = person.ok_or_else(|| format!("{name:?} is not enrolled in this store"))?;
+    signed.verify(&person.info()).map_err(|error| error.to_string())
 }

@@ -9,15 +9,14 @@ use rusqlite::Connection;
 use super::chain_signature::{self, SigningFault};
 use super::checkpoint::{StoredCheckpoint, read_all};
 use super::compare::{check_approvals, compare};
-use super::error::StoreError;
+use super::error::{RefusalCause, StoreError};
 use super::fold::{ChainFault, Fold, FoldError, ReadProgress};
 use super::head_copies::ChainPoint;
 use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
 use super::open::{
-    HINT_CHECKPOINT, contradicted_by_copy, damaged, foreign_key, not_the_chain, open_reader, quick_check,
-    refused, unsigned,
+    contradicted_by_copy, damaged, foreign_key, not_the_chain, open_reader, quick_check, refused, unsigned,
 };
 use super::person_rows;
 use super::replay::columns_otherwise;
@@ -59,7 +58,7 @@ pub(crate) fn check_existing(
     check_tables(&fold, &connection, &database, &store_id)?;
     let chain_at = |seq: u64| chain_at(&fold, &connection, seq);
     witness::compare_witnesses(fold.witnesses().iter(), (&store_id, key), fold.end().seq, chain_at, problems)
-        .map_err(|(file, problem)| contradicted_by_copy(&database, &file, &problem))?;
+        .map_err(|(file, fault)| contradicted_by_copy(&database, &file, &fault))?;
     Ok(fold)
 }
 
@@ -204,7 +203,7 @@ fn fault_description(fold: &Fold, connection: &Connection, fault: &ChainFault) -
 /// The checkpoints beside a store.
 pub(crate) fn stored_checkpoints(layout: &Layout) -> Result<Vec<StoredCheckpoint>, StoreError> {
     let folder = layout.checkpoints();
-    read_all(&folder).map_err(|bad| refused(&folder.join(bad.file), &bad.problem, HINT_CHECKPOINT))
+    read_all(&folder).map_err(|bad| refused(&folder.join(bad.file), &bad.problem, RefusalCause::Checkpoint))
 }
 
 /// The newest checkpoint is of this store, and of this chain.

@@ -362,12 +362,7 @@ mod tests {
         let checkpoints = chain(KEPT_MAX as u64 + 5);
         check_links(&checkpoints).unwrap();
         check_links(&checkpoints[5..]).unwrap();
-        assert!(
-            check_links(&checkpoints[6..])
-                .unwrap_err()
-                .problem
-                .contains("number 6, which was before it, is missing")
-        );
+        assert!(check_links(&checkpoints[6..]).unwrap_err().problem.contains("number 6,"));
         let mut without = checkpoints[5..].to_vec();
         without.remove(500);
         assert!(check_links(&without).is_err());

@@ -8,6 +8,97 @@ use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_text::Hint;
 
+/// Why a database, or a file beside it, is refused. Each cause has its own remedy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RefusalCause {
+    /// It is damaged or cut short.
+    Damaged,
+    /// The chain is whole, but the tables do not match it.
+    NotTheChain,
+    /// The chain is whole, but unsigned, or without some of its checkpoints.
+    Unsigned,
+    /// A rebuild would take unsigned records.
+    TakesUnsigned,
+    /// An unsigned record changes a profile without an authorization.
+    UnsignedProfile,
+    /// A witness has a newer or different head.
+    Witness,
+    /// The key beside it is not the store's.
+    ForeignKey,
+    /// The two halves of the store's key do not match.
+    KeyHalves,
+    /// Another kind of entry has the name of its log.
+    Log,
+    /// Another kind of entry has the name of its log's index.
+    LogIndex,
+    /// A journal lies beside a database that has a log.
+    Journal,
+    /// A file among the checkpoints is not a checkpoint.
+    Checkpoint,
+    /// The telemetry file is invalid.
+    Telemetry,
+    /// It is no database of this program.
+    Foreign,
+    /// Another version made its schema.
+    Schema,
+    /// A newer version may have made its schema.
+    NewerSchema,
+}
+
+impl RefusalCause {
+    /// The remedy, as a hint.
+    const fn remedy(self) -> &'static str {
+        match self {
+            Self::Damaged => "restore the folder from a backup, or choose another one with --data",
+            Self::NotTheChain => {
+                "`holdpoint store rebuild --from-chain` rebuilds the tables from the audit chain and keeps this file \
+                 beside them"
+            }
+            Self::Unsigned => {
+                "put the missing files back from a backup; without one, `holdpoint store rebuild --from-chain` goes \
+                 on without them, on record, and names the unsigned records"
+            }
+            Self::TakesUnsigned => {
+                "any program that can write the folder can have written them: restore a backup, or look at them with \
+                 `holdpoint audit list` and take them, on record, with --take-unsigned"
+            }
+            Self::UnsignedProfile => {
+                "any program that can write the folder can have written it, and a rebuild cannot take it: put the \
+                 store back from a backup"
+            }
+            Self::Witness => {
+                "put the newer store back; if its records are lost, move the witness's files of this store elsewhere \
+                 and start again"
+            }
+            Self::ForeignKey => "put the key that the store was made with back into keys/, from a backup",
+            Self::KeyHalves => {
+                "put both files back from a backup; if store.key is the right one, remove this file: the next start \
+                 derives it again"
+            }
+            Self::Log => {
+                "restore it from a backup, or remove it; the newest records are lost then if they were in it"
+            }
+            Self::LogIndex => "remove it: SQLite makes it again",
+            Self::Journal => {
+                "move it elsewhere and look with `holdpoint audit verify` whether anything is missing"
+            }
+            Self::Checkpoint => {
+                "put it back from a backup; if this store never wrote it, move it elsewhere; if the store wrote it \
+                 and it is lost, move it elsewhere too, and `holdpoint store rebuild --from-chain` goes on without \
+                 it, on record"
+            }
+            Self::Telemetry => {
+                "the next start of an engine quarantines it, and a new file takes over all sealed batches"
+            }
+            Self::Foreign => {
+                "choose another folder with --data; if a store was here, its file is damaged: restore it from a backup"
+            }
+            Self::Schema => "use the version of holdpoint that wrote it",
+            Self::NewerSchema => "use the version of holdpoint that wrote it, or a newer one",
+        }
+    }
+}
+
 /// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed, except after
 /// [`StoreError::Unknown`]: then the outcome is not known, and the command may be retried with the same id.
 #[derive(Debug, thiserror::Error)]
@@ -28,7 +119,7 @@ pub enum StoreError {
         path: PathBuf,
         /// The problem.
         problem: String,
-        hint: &'static str,
+        cause: RefusalCause,
     },
     /// SQLite reported an error.
     #[error("the store could not {what}: {source}")]
@@ -149,7 +240,7 @@ impl Hint for StoreError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::InUse { .. } => Some("send commands to that engine, or end it first".into()),
-            Self::Refused { hint, .. } => Some((*hint).into()),
+            Self::Refused { cause, .. } => Some(cause.remedy().into()),
             Self::DiskFull { .. } => Some("free some space and retry".into()),
             Self::Stale { .. } => Some("look at it again and decide again".into()),
             Self::Key { source, .. } => source.hint(),

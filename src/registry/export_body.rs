@@ -89,7 +89,7 @@ pub(super) fn read(kind: Option<&RecordKind>, text: &str) -> Result<RecordStatem
     match kind {
         Some(RecordKind::ApprovalPut) => {
             let change: RecordedApproval = change_of(text)?;
-            named(change.change(), "put-approval")?;
+            named(&change.change, "put-approval")?;
             Ok(RecordStatement::Put(change))
         }
         Some(RecordKind::PersonEnrolled | RecordKind::PersonConfirmed | RecordKind::PersonRevoked) => {

@@ -172,12 +172,12 @@ impl ExportedChain {
     }
 
     fn take_approval(&mut self, record: &AuditRecord, change: RecordedApproval) -> Result<(), VerifyError> {
-        let nonce = change.nonce().to_string();
+        let nonce = change.nonce.to_string();
         let bad = |problem: &str| VerifyError::Approval { nonce: nonce.clone(), problem: problem.to_owned() };
         if self.approval_facts.contains_key(&nonce) {
             return Err(bad("two records name it"));
         }
-        let key = self.key_of(change.who(), change.role()).map_err(bad)?;
+        let key = self.key_of(&change.who, change.role).map_err(bad)?;
         let digest = StoredApprovalFacts::statement_digest(&record.subject, &change)
             .map_err(|error| bad(&error.to_string()))?;
         self.approval_facts.insert(nonce, StoredApprovalFacts { key, digest });

@@ -29,6 +29,40 @@ pub(crate) struct HeadCopy {
     pub(crate) checkpoint: Checkpoint,
 }
 
+/// Why a head that was kept elsewhere is not one of a chain.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum HeadFault {
+    /// There is no head to compare.
+    #[error("{0}")]
+    Unreadable(String),
+    #[error("it belongs to the store {0:?}")]
+    OtherStore(String),
+    /// The store's key did not sign it.
+    #[error("its signature does not match the store's public key")]
+    NotSigned,
+    /// All heads of this store at a witness have another signer.
+    #[error("it is of this store, and signed with another key than the store has now")]
+    OtherKey,
+    /// The chain ends before it.
+    #[error("it was signed at record {seq}, and the chain ends at record {end}: {} cut off", missing(*.seq, *.end))]
+    CutOff { seq: u64, end: u64 },
+    #[error("record {0}, which it was signed at, cannot be read")]
+    RecordUnreadable(u64),
+    #[error("record {0} is not the one that it was signed at: history was rewritten")]
+    RecordRewritten(u64),
+    /// Its tree is of other records.
+    #[error("the records up to {0} are not those that it was signed over: history was rewritten")]
+    TreeRewritten(u64),
+}
+
+/// The number of records after `end`, with its verb.
+fn missing(seq: u64, end: u64) -> String {
+    match seq.saturating_sub(end) {
+        1 => "1 record was".to_owned(),
+        more => format!("{more} records were"),
+    }
+}
+
 /// The chain's data at a record: its hash, and the root of the tree up to it if known.
 pub(crate) struct ChainPoint {
     pub(crate) hash: Digest,
@@ -172,40 +206,31 @@ fn read_lines(path: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
 /// Whether this store signed a copy and its chain, which ends at record `end`, begins with it.
 ///
 /// # Errors
-/// What is wrong with the copy, or with the chain.
+/// [`HeadFault`].
 pub(crate) fn check_copy(
     checkpoint: &Checkpoint,
     (store_id, key): (&str, Option<&VerifyingKey>),
     end: u64,
     chain_at: impl FnOnce(u64) -> Option<ChainPoint>,
-) -> Result<(), String> {
+) -> Result<(), HeadFault> {
     let seq = checkpoint.seq;
     if checkpoint.store_id != store_id {
-        return Err(format!("it belongs to the store {:?}", checkpoint.store_id));
+        return Err(HeadFault::OtherStore(checkpoint.store_id.clone()));
     }
     if key.is_some_and(|key| !checkpoint.is_signed_by(key)) {
-        return Err("its signature does not match the store's public key".to_owned());
+        return Err(HeadFault::NotSigned);
     }
     if seq > end {
-        let problem = format!("it was signed at record {seq}, and the chain ends at record {end}");
-        let cut = match seq - end {
-            1 => "1 record was".to_owned(),
-            more => format!("{more} records were"),
-        };
-        return Err(format!("{problem}: {cut} cut off"));
+        return Err(HeadFault::CutOff { seq, end });
     }
     if seq == 0 {
         return Ok(());
     }
     match chain_at(seq) {
-        None => Err(format!("record {seq}, which it was signed at, cannot be read")),
-        Some(at) if at.hash != checkpoint.head => {
-            Err(format!("record {seq} is not the one that it was signed at: history was rewritten"))
-        }
+        None => Err(HeadFault::RecordUnreadable(seq)),
+        Some(at) if at.hash != checkpoint.head => Err(HeadFault::RecordRewritten(seq)),
         Some(ChainPoint { root: Some(root), .. }) if checkpoint.root.is_some_and(|signed| signed != root) => {
-            Err(format!(
-                "the records up to {seq} are not those that it was signed over: history was rewritten"
-            ))
+            Err(HeadFault::TreeRewritten(seq))
         }
         Some(_) => Ok(()),
     }

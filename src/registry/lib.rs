@@ -82,15 +82,16 @@ pub use entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
     VersionFilter, VersionHistory,
 };
-pub use error::StoreError;
+pub use error::{RefusalCause, StoreError};
 pub use export_file::{ExportReport, ExportScope, export_store, is_exported, verify_export};
+pub use head_copies::HeadFault;
 pub use info::{StoreCheck, StoreInfo, check_store, store_info};
 pub use interrupted_work::InterruptedWork;
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use layout::{Layout, lock_owner, size, utc};
 pub use lock_holder::{LockHolder, lock_holder, lock_sharers};
 pub use profile_downgrade::{ContextRules, ProfileHistory, allow_profile};
-pub use proof::{Proof, ProofError, ProvedRecord, prove_consistency, prove_record, stored_head};
+pub use proof::{Proof, ProofError, ProofFault, ProvedRecord, prove_consistency, prove_record, stored_head};
 pub use rebuild::{UnsignedRecords, rebuild};
 pub use rebuild_report::{DifferingRow, RebuildReport};
 pub use record_times::RecordTime;

@@ -13,7 +13,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
-use super::error::StoreError;
+use super::error::{RefusalCause, StoreError};
+use super::head_copies::HeadFault;
 use super::layout::sync_folder;
 use super::migrate::{Schema, migrate};
 use super::row_limit;
@@ -23,44 +24,6 @@ use holdpoint_text::file::kind_of;
 const SQLITE_MIN: i32 = 3_051_003;
 /// Bytes of an SQLite file header.
 const HEADER_BYTES: usize = 100;
-/// Hint for a damaged file.
-const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another one with --data";
-/// Hint for a whole chain with other damage.
-pub(crate) const HINT_REBUILD: &str = "`holdpoint store rebuild --from-chain` rebuilds the tables from the audit \
-    chain and keeps this file beside them";
-/// Hint for a whole chain with missing checkpoints.
-pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; without one, \
-    `holdpoint store rebuild --from-chain` goes on without them, on record, and names the unsigned records";
-/// Hint for unsigned records that a rebuild would take.
-pub(crate) const HINT_TAKE_UNSIGNED: &str = "any program that can write the folder can have written them: restore a \
-    backup, or look at them with `holdpoint audit list` and take them, on record, with --take-unsigned";
-/// Hint for an unsigned record that changes a profile without an authorization.
-pub(crate) const HINT_UNSAID: &str = "any program that can write the folder can have written it, and a rebuild cannot \
-    take it: put the store back from a backup";
-/// Hint for a witness with a newer or different head.
-const HINT_WITNESS: &str = "put the newer store back; if its records are lost, move the witness's files of this store elsewhere and start again";
-/// Hint for a foreign store key.
-pub(crate) const HINT_FOREIGN_KEY: &str =
-    "put the key that the store was made with back into keys/, from a backup";
-/// Hint for two halves of the store's key that do not match.
-const HINT_TWO_KEYS: &str = "put both files back from a backup; if store.key is the right one, remove \
-    this file: the next start derives it again";
-/// Hint for another kind of entry under the name of a log.
-const HINT_LOG: &str =
-    "restore it from a backup, or remove it; the newest records are lost then if they were in it";
-/// Hint for a journal beside a database that has a log.
-const HINT_JOURNAL: &str =
-    "move it elsewhere and look with `holdpoint audit verify` whether anything is missing";
-/// Hint for a file among the checkpoints that is not a checkpoint.
-pub(crate) const HINT_CHECKPOINT: &str = "put it back from a backup; if this store never wrote it, move it elsewhere; if the store wrote it and it is lost, move it elsewhere too, and `holdpoint store rebuild --from-chain` goes on without it, on record";
-/// Hint for another kind of entry under the name of a log's index.
-const HINT_INDEX: &str = "remove it: SQLite makes it again";
-/// Hint for an invalid telemetry file.
-const HINT_TELEMETRY: &str =
-    "the next start of an engine quarantines it, and a new file takes over all sealed batches";
-/// Hint for a foreign file.
-const HINT_FOREIGN: &str =
-    "choose another folder with --data; if a store was here, its file is damaged: restore it from a backup";
 
 /// How strictly a database is flushed to disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -336,22 +299,24 @@ pub(crate) fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreErro
     let found = fs::symlink_metadata(path).map_err(StoreError::io("read", path))?;
     if !found.is_file() {
         let problem = format!("it is {}, and no file of its own", kind_of(&found));
-        return Err(refused(path, &problem, HINT_FOREIGN));
+        return Err(refused(path, &problem, RefusalCause::Foreign));
     }
-    for (ending, hint) in COMPANIONS.into_iter().zip([HINT_LOG, HINT_INDEX, HINT_LOG]) {
+    for (ending, cause) in
+        COMPANIONS.into_iter().zip([RefusalCause::Log, RefusalCause::LogIndex, RefusalCause::Log])
+    {
         let companion = beside(path, ending);
         if let Ok(found) = fs::symlink_metadata(&companion)
             && !found.is_file()
         {
             let problem = format!("it is {}, where SQLite keeps a file of its own", kind_of(&found));
-            return Err(refused(&companion, &problem, hint));
+            return Err(refused(&companion, &problem, cause));
         }
     }
     // This program's databases have a log; SQLite would replay a journal, which a reader cannot do.
     let journal = beside(path, "-journal");
     if fs::metadata(&journal).is_ok_and(|found| found.len() > 0) {
         let problem = "it is a rollback journal, and this program leaves none beside its databases";
-        return Err(refused(&journal, problem, HINT_JOURNAL));
+        return Err(refused(&journal, problem, RefusalCause::Journal));
     }
     let mut header = [0u8; HEADER_BYTES];
     let mut file = File::open(path).map_err(StoreError::io("read", path))?;
@@ -363,17 +328,17 @@ pub(crate) fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreErro
         Err(error) => return Err(StoreError::io("read", path)(error)),
     }
     if &header[..16] != b"SQLite format 3\0" {
-        return Err(refused(path, "it is not an SQLite database", HINT_FOREIGN));
+        return Err(refused(path, "it is not an SQLite database", RefusalCause::Foreign));
     }
     let u32_at = |at: usize| u32::from_be_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
     if i64::from(u32_at(68)) != i64::from(schema.application_id) {
         let problem = format!("it belongs to another program (application id {:#010x})", u32_at(68));
-        return Err(refused(path, &problem, HINT_FOREIGN));
+        return Err(refused(path, &problem, RefusalCause::Foreign));
     }
     let newest = schema.newest();
     if u32_at(60) == 0 || u32_at(60) as usize > newest {
         let problem = format!("its schema is {}, this program knows 1 to {newest}", u32_at(60));
-        return Err(refused(path, &problem, "use the version of holdpoint that wrote it, or a newer one"));
+        return Err(refused(path, &problem, RefusalCause::NewerSchema));
     }
     // With a write-ahead log the file may lag behind; `quick_check` then sees what is missing.
     let log = beside(path, "-wal");
@@ -399,7 +364,7 @@ fn inspect(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     if usize::try_from(version).is_ok_and(|version| (1..=schema.newest()).contains(&version)) {
         return Ok(());
     }
-    Err(refused(path, &format!("its schema is {version}"), "use the version of holdpoint that wrote it"))
+    Err(refused(path, &format!("its schema is {version}"), RefusalCause::Schema))
 }
 
 /// SQLite's own check of a file's structure.
@@ -416,47 +381,48 @@ pub(crate) fn quick_check(connection: &Connection) -> Result<(), String> {
 }
 
 /// A store that a head kept elsewhere contradicts.
-pub(crate) fn contradicted_by_copy(path: &Path, file: &str, problem: &str) -> StoreError {
-    refused(path, &format!("the head of a witness in {file:?} contradicts it: {problem}"), HINT_WITNESS)
+pub(crate) fn contradicted_by_copy(path: &Path, file: &str, fault: &HeadFault) -> StoreError {
+    let problem = format!("the head of a witness in {file:?} contradicts it: {fault}");
+    refused(path, &problem, RefusalCause::Witness)
 }
 
 /// A telemetry file of another form.
 pub(crate) fn not_telemetry(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, HINT_TELEMETRY)
+    refused(path, problem, RefusalCause::Telemetry)
 }
 
 /// A file that is damaged or cut short.
 pub(crate) fn damaged(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, HINT_DAMAGED)
+    refused(path, problem, RefusalCause::Damaged)
 }
 
 /// A file whose chain is whole, but whose tables do not match it.
 pub(crate) fn not_the_chain(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, HINT_REBUILD)
+    refused(path, problem, RefusalCause::NotTheChain)
 }
 
 /// A file whose chain is whole, but unsigned, or without some of its checkpoints.
 pub(crate) fn unsigned(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, HINT_UNSIGNED)
+    refused(path, problem, RefusalCause::Unsigned)
 }
 
 /// A public key that does not match the secret one beside it.
 pub(crate) fn other_public_key(path: &Path) -> StoreError {
-    refused(path, "it is not of the secret key store.key beside it", HINT_TWO_KEYS)
+    refused(path, "it is not of the secret key store.key beside it", RefusalCause::KeyHalves)
 }
 
 /// A chain that a rebuild takes only with an explicit option.
 pub(crate) fn unsigned_records_refused(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, HINT_TAKE_UNSIGNED)
+    refused(path, problem, RefusalCause::TakesUnsigned)
 }
 
 /// A store with a foreign key beside it.
 pub(crate) fn foreign_key(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, HINT_FOREIGN_KEY)
+    refused(path, problem, RefusalCause::ForeignKey)
 }
 
-pub(crate) fn refused(path: &Path, problem: &str, hint: &'static str) -> StoreError {
-    StoreError::Refused { path: path.to_owned(), problem: problem.to_owned(), hint }
+pub(crate) fn refused(path: &Path, problem: &str, cause: RefusalCause) -> StoreError {
+    StoreError::Refused { path: path.to_owned(), problem: problem.to_owned(), cause }
 }
 
 /// SQLite's count of writes by other connections.

@@ -87,8 +87,8 @@ pub enum ProofError {
     #[error(transparent)]
     Unreadable(#[from] StoreError),
     /// No signed head proves it.
-    #[error("there is no proof: {problem}")]
-    Impossible { problem: String, hint: &'static str },
+    #[error("there is no proof: {0}")]
+    Impossible(ProofFault),
     /// The file is not a proof.
     #[error("{0}")]
     NoProof(String),
@@ -101,17 +101,65 @@ impl Hint for ProofError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Unreadable(error) => error.hint(),
-            Self::Impossible { hint, .. } => Some((*hint).into()),
+            Self::Impossible(fault) => Some(fault.remedy().into()),
             Self::NoProof(_) | Self::Wrong(_) => None,
         }
     }
 }
 
-/// Hint for a chain that does not match its signatures.
-const HINT_VERIFY: &str = "`holdpoint audit verify` says what is wrong with the store";
+/// Why no signed head proves it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ProofFault {
+    /// The chain does not match its signatures.
+    #[error("{0}")]
+    Unsound(String),
+    #[error("an earlier version signed the end of the audit chain, without a tree")]
+    EndWithoutTree,
+    #[error("an earlier version signed that head, without a tree")]
+    HeadWithoutTree,
+    #[error("there is no record {seq}; the chain ends at record {end}")]
+    NoRecord { seq: u64, end: u64 },
+    /// No checkpoint was made at that record.
+    #[error("no checkpoint was made at record {seq} ({})", nearest(.near))]
+    NoHead { seq: u64, near: Vec<u64> },
+    #[error("that head belongs to the store {0:?}")]
+    OtherStore(String),
+    #[error("that head was signed at record {seq}, and the chain ends at record {end}: it was cut off")]
+    CutOff { seq: u64, end: u64 },
+    #[error("nothing follows from the tree of no records")]
+    NoRecords,
+    #[error("that head is not one of this chain: history was rewritten")]
+    Rewritten,
+}
 
-fn impossible(problem: impl Into<String>, hint: &'static str) -> ProofError {
-    ProofError::Impossible { problem: problem.into(), hint }
+impl ProofFault {
+    /// The remedy, as a hint.
+    const fn remedy(&self) -> &'static str {
+        match self {
+            Self::Unsound(_) => "`holdpoint audit verify` says what is wrong with the store",
+            Self::EndWithoutTree => "start an engine on the store once: it signs the tree of its records",
+            Self::HeadWithoutTree => "`holdpoint audit verify --against FILE` compares the chain with it",
+            Self::NoRecord { .. } => "`holdpoint audit list` lists the records",
+            Self::NoHead { .. } => "`--against FILE` takes one that was kept elsewhere",
+            Self::OtherStore(_) => "name the other store with `--data`",
+            Self::CutOff { .. } | Self::NoRecords | Self::Rewritten => {
+                "`holdpoint audit verify --against FILE` says more"
+            }
+        }
+    }
+}
+
+/// The records of the nearest heads.
+fn nearest(near: &[u64]) -> String {
+    if near.is_empty() {
+        return "there is none".to_owned();
+    }
+    let near: Vec<String> = near.iter().map(u64::to_string).collect();
+    format!("the nearest: {}", near.join(", "))
+}
+
+fn unsound(problem: impl Into<String>) -> ProofError {
+    ProofError::Impossible(ProofFault::Unsound(problem.into()))
 }
 
 /// One moment of a store: its newest signed head and the hashes of all records up to it.
@@ -126,13 +174,9 @@ impl SignedChain {
         let connection = open_reader(database, &STORE)?;
         let failed = StoreError::sql("read the audit chain");
         connection.execute_batch("BEGIN").map_err(&failed)?;
-        let end = chain_signature::read(&connection).map_err(|problem| impossible(problem, HINT_VERIFY))?;
+        let end = chain_signature::read(&connection).map_err(unsound)?;
         let Some(end) = end.filter(|end| end.root.is_some()) else {
-            let hint = "start an engine on the store once: it signs the tree of its records";
-            return Err(impossible(
-                "an earlier version signed the end of the audit chain, without a tree",
-                hint,
-            ));
+            return Err(ProofError::Impossible(ProofFault::EndWithoutTree));
         };
         let mut hashes = Vec::new();
         let mut read = || -> rusqlite::Result<()> {
@@ -145,13 +189,13 @@ impl SignedChain {
         };
         read().map_err(&failed)?;
         if hashes.len() as u64 != end.seq || end.root != Some(merkle::root(&hashes)) {
-            return Err(impossible("the records are not those whose tree was signed", HINT_VERIFY));
+            return Err(unsound("the records are not those whose tree was signed"));
         }
         Ok(Self { connection, end, hashes })
     }
 
     fn checked(proof: Proof) -> Result<Proof, ProofError> {
-        proof.check_tree().map_err(|problem| impossible(problem, HINT_VERIFY))?;
+        proof.check_tree().map_err(unsound)?;
         Ok(proof)
     }
 }
@@ -168,8 +212,7 @@ pub fn prove_record(database: &Path, seq: u64) -> Result<Proof, ProofError> {
     let index = seq.checked_sub(1).and_then(|index| usize::try_from(index).ok());
     let path = index.and_then(|index| merkle::inclusion(&chain.hashes, index));
     let (Some(record), Some(path)) = (record, path) else {
-        let problem = format!("there is no record {seq}; the chain ends at record {}", chain.end.seq);
-        return Err(impossible(problem, "`holdpoint audit list` lists the records"));
+        return Err(ProofError::Impossible(ProofFault::NoRecord { seq, end: chain.end.seq }));
     };
     SignedChain::checked(Proof::Inclusion {
         version: VERSION,
@@ -186,30 +229,21 @@ pub fn prove_record(database: &Path, seq: u64) -> Result<Proof, ProofError> {
 pub fn prove_consistency(database: &Path, older: &Checkpoint) -> Result<Proof, ProofError> {
     let chain = SignedChain::read(database)?;
     if older.root.is_none() {
-        let hint = "`holdpoint audit verify --against FILE` compares the chain with it";
-        return Err(impossible("an earlier version signed that head, without a tree", hint));
+        return Err(ProofError::Impossible(ProofFault::HeadWithoutTree));
     }
     if older.store_id != chain.end.store_id {
-        let problem = format!("that head belongs to the store {:?}", older.store_id);
-        return Err(impossible(problem, "name the other store with `--data`"));
+        return Err(ProofError::Impossible(ProofFault::OtherStore(older.store_id.clone())));
     }
-    let hint = "`holdpoint audit verify --against FILE` says more";
     if older.seq > chain.end.seq {
-        let problem = format!(
-            "that head was signed at record {}, and the chain ends at record {}: it was cut off",
-            older.seq, chain.end.seq
-        );
-        return Err(impossible(problem, hint));
+        return Err(ProofError::Impossible(ProofFault::CutOff { seq: older.seq, end: chain.end.seq }));
     }
     let size = usize::try_from(older.seq).unwrap_or(usize::MAX);
     let Some(path) = merkle::consistency(&chain.hashes, size) else {
-        return Err(impossible("nothing follows from the tree of no records", hint));
+        return Err(ProofError::Impossible(ProofFault::NoRecords));
     };
     let (older, newer) = (Box::new(older.clone()), Box::new(chain.end));
     let proof = Proof::Consistency { version: VERSION, older, path, newer };
-    proof
-        .check_tree()
-        .map_err(|_| impossible("that head is not one of this chain: history was rewritten", hint))?;
+    proof.check_tree().map_err(|_| ProofError::Impossible(ProofFault::Rewritten))?;
     Ok(proof)
 }
 
@@ -218,25 +252,16 @@ pub fn prove_consistency(database: &Path, older: &Checkpoint) -> Result<Proof, P
 /// # Errors
 /// [`ProofError::Impossible`] with the nearest heads that there are.
 pub fn stored_head(folder: &Path, seq: u64) -> Result<Checkpoint, ProofError> {
-    let checkpoints = read_all(&folder.join("checkpoints")).map_err(|bad| {
-        impossible(format!("the checkpoint {:?} is bad: {}", bad.file, bad.problem), HINT_VERIFY)
-    })?;
+    let checkpoints = read_all(&folder.join("checkpoints"))
+        .map_err(|bad| unsound(format!("the checkpoint {:?} is bad: {}", bad.file, bad.problem)))?;
     let of = |stored: &StoredCheckpoint| stored.checkpoint.seq;
     if let Some(found) = checkpoints.iter().find(|stored| of(stored) == seq) {
         return Ok(found.checkpoint.clone());
     }
     let before = checkpoints.iter().rev().map(of).find(|found| *found < seq);
     let after = checkpoints.iter().map(of).find(|found| *found > seq);
-    let near: Vec<String> = before.into_iter().chain(after).map(|seq| seq.to_string()).collect();
-    let near = if near.is_empty() {
-        "there is none".to_owned()
-    } else {
-        format!("the nearest: {}", near.join(", "))
-    };
-    Err(impossible(
-        format!("no checkpoint was made at record {seq} ({near})"),
-        "`--against FILE` takes one that was kept elsewhere",
-    ))
+    let near = before.into_iter().chain(after).collect();
+    Err(ProofError::Impossible(ProofFault::NoHead { seq, near }))
 }
 
 impl Proof {

@@ -27,14 +27,14 @@ use super::checkpoint::{
     Checkpoint, CheckpointLink, StoredCheckpoint, check_links, check_newest, count_earlier,
 };
 use super::compare::{compare, differing};
-use super::error::StoreError;
+use super::error::{RefusalCause, StoreError};
 use super::fold::Fold;
 use super::layout::{EngineLock, Layout, sync_folder};
 use super::merkle::Frontier;
 use super::migrate::STORE;
 use super::open::{
-    HINT_REBUILD, HINT_UNSAID, HINT_UNSIGNED, damaged, make, not_the_chain, open_reader, remove_database,
-    truncate_log, unsigned_records_refused,
+    damaged, make, not_the_chain, open_reader, refused, remove_database, truncate_log,
+    unsigned_records_refused,
 };
 use super::profile_downgrade::first_unauthorized;
 use super::rebuild_report::{DifferingRow, RebuildRecordChange, RebuildReport, lost_mark, text_of};
@@ -91,8 +91,8 @@ pub fn rebuild(
     check_key(&store_id, by.1, &database)?;
     check_newest_checkpoint(&fold, &layout, &checkpoints, by)?;
     let signing = check_signed(&fold, &damaged_store, &layout, &checkpoints, by);
-    if let Err(error @ StoreError::Refused { hint, .. }) = signing
-        && hint != HINT_UNSIGNED
+    if let Err(error @ StoreError::Refused { cause, .. }) = signing
+        && cause != RefusalCause::Unsigned
     {
         return Err(error);
     }
@@ -107,11 +107,12 @@ pub fn rebuild(
     let problem = match sound {
         Ok(()) if has_id(&damaged_store, &store_id) => return Ok(None),
         Ok(()) => "its id is not the one its checkpoints are signed over".to_owned(),
+        Err(StoreError::Refused {
+            problem,
+            cause: RefusalCause::NotTheChain | RefusalCause::Unsigned,
+            ..
+        }) => problem,
         // Records that are missing at the end cannot be restored.
-        Err(error @ StoreError::Refused { hint, .. }) if ![HINT_REBUILD, HINT_UNSIGNED].contains(&hint) => {
-            return Err(error);
-        }
-        Err(StoreError::Refused { problem, .. }) => problem,
         Err(error) => return Err(error),
     };
     // A rebuild cannot replace an administrator's authorization of a profile.
@@ -119,7 +120,7 @@ pub fn rebuild(
     let signed = fold.end().seq.saturating_sub(unsigned);
     if let Some((seq, problem)) = first_unauthorized(&damaged_store, signed).map_err(reading)? {
         let problem = format!("no signature covers the record {seq}, and {problem}");
-        return Err(StoreError::Refused { path: database, problem, hint: HINT_UNSAID });
+        return Err(refused(&database, &problem, RefusalCause::UnsignedProfile));
     }
     if unsigned > 0 && unsigned_records == UnsignedRecords::Refuse {
         return Err(would_take(&database, &damaged_store, fold.end(), unsigned));

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::apply::{Applier, ApprovalBasis};
-use super::approve::ApprovalRow;
+use super::approve::RecordedApproval;
 use super::audit;
 use super::change::Change;
 use super::compare::check_approval;
@@ -17,7 +17,6 @@ use super::migrate::{STORE, migrate};
 use super::rebuild_report::{lost_mark, rows_lost, text_of};
 use super::row_images::{ChainedTable, RowName, differing_columns, row_digest};
 use holdpoint_approvals::SignedApproval;
-use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 
@@ -32,16 +31,6 @@ struct AppliedBody {
     change: Value,
     #[serde(default)]
     rows: Vec<(String, String, Digest)>,
-}
-
-/// The approval's data in a record; the rest is in its signature.
-#[derive(Deserialize)]
-struct ReplayedApproval {
-    who: String,
-    decision: ApprovalDecision,
-    row_version: u64,
-    not_after_ms: u64,
-    nonce: String,
 }
 
 /// Applies a record to the new database. Texts that it does not repeat come from the damaged store. Returns the rows
@@ -63,8 +52,8 @@ pub(super) fn replay(
     let body: AppliedBody = serde_json::from_str(&record.body).map_err(unreadable)?;
     let mut applier = Applier::replaying(new_store, fold, ApprovalBasis::none(), record);
     if kind == RecordKind::ApprovalPut {
-        let summary: ReplayedApproval = serde_json::from_value(body.change).map_err(unreadable)?;
-        return put_approval(&applier, damaged_store, &record.subject, &summary);
+        let recorded: RecordedApproval = serde_json::from_value(body.change).map_err(unreadable)?;
+        return put_approval(&applier, damaged_store, &record.subject, &recorded);
     }
     let mut change = body.change;
     fill_texts(&mut change, damaged_store, record.seq);
@@ -205,10 +194,10 @@ fn put_approval(
     applier: &Applier<'_>,
     damaged_store: &Connection,
     subject: &str,
-    summary: &ReplayedApproval,
+    recorded: &RecordedApproval,
 ) -> Result<Vec<RowName>, StoreError> {
-    let nonce = &summary.nonce;
-    let unreadable = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
+    let nonce = recorded.nonce.as_str();
+    let unreadable = |problem: String| StoreError::Approval { nonce: nonce.to_owned(), problem };
     let version: CapabilityId = subject
         .parse()
         .map_err(|error: holdpoint_governance::ids::CapabilityIdError| unreadable(error.to_string()))?;
@@ -219,8 +208,8 @@ fn put_approval(
         let claim = approval.claim_digest().to_string();
         let text = text.as_deref().unwrap_or_default();
         check_approval(signed, nonce, &claim, text, &approval.store_id).is_ok()
-            && (approval.version == version && approval.who == summary.who)
-            && (approval.decision == summary.decision && approval.row_version == summary.row_version)
+            && (approval.version == version && approval.who == recorded.who)
+            && (approval.decision == recorded.decision && approval.row_version == recorded.row_version)
     });
     let claim = match &valid {
         Some(signed) => signed.approval().claim_digest(),
@@ -232,17 +221,8 @@ fn put_approval(
         (Some(_), Some(text)) => text,
         _ => lost_mark(nonce),
     };
-    applier.write_approval(&ApprovalRow {
-        nonce,
-        version: &version,
-        who: &summary.who,
-        decision: summary.decision,
-        row_version: summary.row_version,
-        not_after_ms: summary.not_after_ms,
-        claim,
-        signed: &signed,
-    })?;
-    Ok(if valid.is_some() { Vec::new() } else { vec![(ChainedTable::Approval, nonce.clone())] })
+    applier.write_approval(&version, recorded, claim, &signed)?;
+    Ok(if valid.is_some() { Vec::new() } else { vec![(ChainedTable::Approval, nonce.to_owned())] })
 }
 
 /// The columns of a row that differ from the chain; none if the chain cannot tell.

@@ -458,10 +458,10 @@ mod tests {
         let read = CacheSecret::of_file_outside(&file, &cells).unwrap();
         assert_eq!(made.code(&key("a"), b"x").unwrap(), read.code(&key("a"), b"x").unwrap());
         let inside = CacheSecret::of_file_outside(&cells.join("deep").join("cells.key"), &cells).unwrap_err();
-        assert!(inside.to_string().contains("outside the folder"), "{inside}");
+        assert!(matches!(inside, StoreError::Invalid { .. }), "{inside}");
         let around =
             CacheSecret::of_file_outside(&folder.path().join("keys/../cells/cells.key"), &cells).unwrap_err();
-        assert!(around.to_string().contains("outside the folder"), "{around}");
+        assert!(matches!(around, StoreError::Invalid { .. }), "{around}");
         fs::set_permissions(&file, fs::Permissions::from_mode(0o640)).unwrap();
         let open = CacheSecret::of_file_outside(&file, &cells).unwrap_err();
         assert!(open.to_string().contains("0640"), "{open}");

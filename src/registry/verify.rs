@@ -17,7 +17,7 @@ use super::checkpoint::{BadCheckpointFile, Checkpoint, StoredCheckpoint, read_al
 use super::compare::{check_approvals, compare};
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold, FoldError};
-use super::head_copies::{ChainPoint, HeadCopy, check_copy, read_copies, read_witness};
+use super::head_copies::{ChainPoint, HeadCopy, HeadFault, check_copy, read_copies, read_witness};
 use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
@@ -317,10 +317,10 @@ fn check_copies(
     let chain_at = |seq: u64| Some(ChainPoint { hash: fold.hash(seq)?, root: fold.root(seq) });
     for copy in copies {
         let checked = check_copy(&copy.checkpoint, by, fold.end().seq, chain_at);
-        if let Err(problem) = checked
+        if let Err(fault) = checked
             && !(copy.checkpoint.seq > fold.end().seq && since(copy))
         {
-            return Err(VerifyError::Copy { file: copy.file.clone(), problem });
+            return Err(VerifyError::Copy { file: copy.file.clone(), fault });
         }
     }
     Ok(copies.len() as u64)
@@ -358,7 +358,7 @@ fn is_on_record(database: &Path, checkpoint: &Checkpoint) -> bool {
 }
 
 fn bad_copy(BadCheckpointFile { file, problem }: BadCheckpointFile) -> VerifyError {
-    VerifyError::Copy { file, problem }
+    VerifyError::Copy { file, fault: HeadFault::Unreadable(problem) }
 }
 
 fn check_telemetry(

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::error::StoreError;
+use super::head_copies::HeadFault;
 use holdpoint_text::Hint;
 
 /// The first problem.
@@ -26,8 +27,8 @@ pub enum VerifyError {
     #[error("the checkpoint {file:?} is bad: {problem}")]
     Checkpoint { file: String, problem: String },
     /// A signed head that was kept elsewhere, or the chain that it contradicts.
-    #[error("the copy {file:?} contradicts it: {problem}")]
-    Copy { file: String, problem: String },
+    #[error("the copy {file:?} contradicts it: {fault}")]
+    Copy { file: String, fault: HeadFault },
     /// An invalid line of an exported file.
     #[error("line {line} is bad: {problem}")]
     Line { line: u64, problem: String },

@@ -19,7 +19,7 @@ use serde::Deserialize;
 use super::change::Change;
 use super::checkpoint::{self, Checkpoint};
 use super::error::StoreError;
-use super::head_copies::{ChainPoint, HEADS_MAX, check_copy};
+use super::head_copies::{ChainPoint, HEADS_MAX, HeadFault, check_copy};
 use super::layout::{sync_folder, write_atomically};
 use super::migrate::STORE;
 use super::open::open_reader;
@@ -314,7 +314,7 @@ pub(crate) enum WitnessFinding {
     /// It cannot be read.
     Silent(String),
     /// The store signed a head that is not of this chain.
-    Contradicts { file: String, problem: String },
+    Contradicts { file: String, fault: HeadFault },
 }
 
 /// Reads the newest head that this store signed from a witness.
@@ -338,13 +338,11 @@ pub(crate) fn compare_witness(
         Err(_) => WitnessFinding::Silent(format!("it did not answer within {} s", READ_WAIT.as_secs())),
         Ok(Err(WitnessFailure::Unreadable(problem))) => WitnessFinding::Silent(problem),
         Ok(Err(WitnessFailure::OtherKey(file))) => {
-            let problem =
-                "it is of this store, and signed with another key than the store has now".to_owned();
-            WitnessFinding::Contradicts { file, problem }
+            WitnessFinding::Contradicts { file, fault: HeadFault::OtherKey }
         }
         Ok(Ok((file, head))) => match check_copy(&head, (store_id, Some(key)), end, chain_at) {
             Ok(()) => WitnessFinding::Agrees,
-            Err(problem) => WitnessFinding::Contradicts { file, problem },
+            Err(fault) => WitnessFinding::Contradicts { file, fault },
         },
     }
 }
@@ -395,12 +393,12 @@ pub(crate) fn compare_witnesses<'a>(
     end: u64,
     chain_at: impl Fn(u64) -> Option<ChainPoint>,
     problems: &WitnessProblems,
-) -> Result<(), (String, String)> {
+) -> Result<(), (String, HeadFault)> {
     for witness in witnesses {
         match compare_witness(witness, by, end, &chain_at) {
             WitnessFinding::Agrees => {}
             WitnessFinding::Silent(problem) => problems.record_unreachable(witness, problem),
-            WitnessFinding::Contradicts { file, problem } => return Err((file, problem)),
+            WitnessFinding::Contradicts { file, fault } => return Err((file, fault)),
         }
     }
     Ok(())
@@ -429,8 +427,9 @@ mod tests {
         let path = folder.path().join(checkpoint::name(7));
         let testimony = fs::read(&path).unwrap();
         put(folder.path(), &head("one")).unwrap();
-        let error = put(folder.path(), &head("other")).unwrap_err().to_string();
-        assert!(error.contains("the head that it got before"), "{error}");
+        let error = put(folder.path(), &head("other")).unwrap_err();
+        let there = path.display().to_string();
+        assert!(matches!(&error, StoreError::Invalid { value, .. } if *value == there), "{error}");
         assert_eq!(fs::read(&path).unwrap(), testimony);
         // Nothing is written through a planted link in place of the file.
         let elsewhere = folder.path().join("elsewhere");

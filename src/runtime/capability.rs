@@ -478,7 +478,7 @@ mod tests {
         let candidate = root.path().join("candidate");
         std::fs::create_dir(&candidate).unwrap();
         let manifest = candidate.join("manifest.toml");
-        assert!(error(&candidate).to_string().starts_with("cannot read manifest.toml: "));
+        assert!(matches!(error(&candidate), PackageError::Read { file, .. } if file == "manifest.toml"));
         // A link that leads out of the folder is not followed.
         std::fs::write(root.path().join("outside.toml"), "").unwrap();
         std::os::unix::fs::symlink("../outside.toml", &manifest).unwrap();

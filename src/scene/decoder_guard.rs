@@ -49,7 +49,7 @@ mod tests {
     #[test]
     fn a_panic_is_an_error_that_names_the_file() {
         let error = guarded::<()>(Path::new("torn.rrd"), || panic!("out of range")).unwrap_err();
-        assert_eq!(error.to_string(), "\"torn.rrd\" is no recording of an upgrade: its content is damaged");
+        assert!(matches!(&error, ReadError::Foreign { path, .. } if path == "torn.rrd"), "{error}");
         assert_eq!(guarded(Path::new("whole.rrd"), || Ok(7)).unwrap(), 7);
     }
 }

@@ -11,22 +11,22 @@ fn health_is_shown_on_an_attached_console_and_exported() {
     let mut second = home.console(&["run", "--no-tour"], SIZE);
     second.wait_for("it shows the engine", |screen| is_up(&screen.contents()));
     second.keys("8");
-    second.wait_for_text("No live task of this span is on record");
+    second.wait_for_text("No live task");
     first.wait_for_text("(Health)");
     second.wait_for("both clocks and the pace", |screen| {
         let line = screen.contents().lines().next().unwrap_or_default().to_owned();
-        line.contains(" UTC  pace 1x  engine 00:")
+        line.contains(" UTC  pace 1x ") && line.contains(" engine 00:")
     });
     second.keys("-");
-    second.wait_for_text("a column is 30 min");
+    second.wait_for_text("is 30 min");
     // What happened at the start lies in the newest column.
     second.wait_for_text("first version: ");
     second.keys("\x13");
     second.wait_for_text("exported");
     second.wait_for_text(".csv");
     second.keys("5\t");
-    second.wait_for_text("Alarms of the last 30 days");
-    second.wait_for_text("No alarm was raised in the last 30 days");
+    second.wait_for_text("Alarms of");
+    second.wait_for_text("No alarm");
     second.keys("qqq");
     assert_eq!(second.end().exit_code(), 0, "{}", second.contents());
     assert_eq!(quit(&mut first), 0);

@@ -8,9 +8,9 @@ fn a_new_name_is_made_an_identity_and_sits_down() {
     let home = Home::new();
     let mut console = fresh(&home, &[]);
     console.keys(":as zoe\r");
-    console.wait_for_text("Make the identity zoe");
+    console.wait_for_text("the identity zoe");
     console.keys("n");
-    console.wait_for("the form is closed", |screen| !screen.contents().contains("Make the identity"));
+    console.wait_for("the form is closed", |screen| !screen.contents().contains("Make the"));
     assert_eq!(home.must(&["identity", "list", "--json"]).matches("zoe").count(), 0);
     console.keys(":as zoe\r");
     console.wait_for_text("y does it");
@@ -37,13 +37,13 @@ fn changed_keys_and_themes_are_taken_in_and_a_broken_file_changes_nothing() {
     let mut console = fresh(&home, &[]);
     std::fs::write(own.join("keys.toml"), "[keys]\nalarms = [\"f5\"]\n").unwrap();
     std::fs::write(own.join("themes/dusk.toml"), "inherits = \"mono\"\n").unwrap();
-    console.wait_for_text("keys and themes are reloaded");
+    console.wait_for_text("are reloaded");
     console.keys("\x1b[15~");
     console.wait_for_text("[5 Alarms]");
     console.keys(":theme dusk\r");
     console.keys("1");
     std::fs::write(own.join("keys.toml"), "[keys]\nfly = [\"f6\"]\n# another length\n").unwrap();
-    console.wait_for_text("not loaded, the old ones stay");
+    console.wait_for_text("not loaded");
     console.keys("\x1b[15~");
     console.wait_for_text("[5 Alarms]");
     assert_eq!(quit(&mut console), 0);

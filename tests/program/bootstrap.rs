@@ -133,11 +133,11 @@ fn while_the_record_is_read_only_views_and_stops_work() {
     drop(console);
     let (code, message) = verb(folder.path(), &["status"]);
     assert_eq!(code, Some(0), "{message}");
-    assert!(message.contains(&format!("not verified yet: {read} of {records} records read")), "{message}");
+    assert!(message.contains(&format!("{read} of {records} records")), "{message}");
 
     // No request runs: from the socket, from a verb that decides, from the front end itself.
     let refused = |reply: &Reply| match reply {
-        Reply::Refused { code: Refusal::NotNow, text, .. } => text.contains("the record is being verified"),
+        Reply::Refused { code: Refusal::NotNow, text, .. } => text.contains(&format!(" of {records} ")),
         _ => false,
     };
     let reply = client.send(register()).unwrap();
@@ -188,7 +188,7 @@ fn an_edited_row_ends_the_engine_before_it_starts() {
     let mut console = Client::connect(&layout).unwrap().unwrap().attach(ConsolePresence::default()).unwrap();
     release.send(()).unwrap();
     let EngineUpdate::Ended(Err(why)) = next(&mut host) else { panic!("it started") };
-    assert!(why.text.contains("the version \"grasp@") && why.text.contains("author"), "{why}");
+    assert!(why.text.contains("\"grasp@") && why.text.contains("author"), "{why}");
     assert_eq!(host.snapshots.borrow().as_ref(), None, "the snapshot is withdrawn");
     // The operator sees the reason, and not only that the engine is gone.
     let last = loop {

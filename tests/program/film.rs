@@ -100,13 +100,13 @@ fn the_worst_episode_is_what_was_recorded() {
     }
     let (code, text) = later.film(version, FilmSubject::Episode, Some(film.count + 1)).unwrap_err();
     assert_eq!(code, Refusal::NotFound);
-    assert!(text.contains(&format!("number {} is not among the {}", film.count + 1, film.count)), "{text}");
+    assert!([film.count, film.count + 1].iter().all(|number| text.contains(&number.to_string())), "{text}");
     let (code, text) = later.film("grasp@1.0.0", FilmSubject::Episode, None).unwrap_err();
     assert_eq!(code, Refusal::NotFound, "{text}");
 
     let detail = later.detail(version);
     let why = detail.why.iter().find(|why| why.about == Dimension::Behavior).unwrap();
-    assert!(why.decisive.contains(" episodes, the active version in "), "{}", why.decisive);
+    assert!(why.decisive.contains("active version"), "{}", why.decisive);
     assert_eq!(why.film, Some(FilmRequest { of: FilmSubject::Episode, number: None }));
     assert_eq!(why.findings.first().map(|finding| finding.verdict), Some(FindingVerdict::Worse));
     assert!(!why.change.is_empty());
@@ -124,7 +124,7 @@ fn the_ending_episode_is_filmed_alone() {
     let alone = FilmRequest { of: FilmSubject::Alone, number: None };
     assert_eq!(behavior.film, Some(alone), "{behavior:?}");
     let film = bench.film(version, FilmSubject::Alone, None).unwrap();
-    assert!(film.why.ends_with("which ends an evaluation"), "{}", film.why);
+    assert!(film.why.ends_with("an evaluation"), "{}", film.why);
     assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), None));
     assert!(film.candidate.failed_at().is_some());
     // The same under stress.

@@ -55,7 +55,7 @@ fn tasks_marks_and_verdicts_are_what_the_store_holds() {
     let paths = [csv.to_str().unwrap(), svg.to_str().unwrap()];
     let arguments = ["health", "--family", "align", "--csv", paths[0], "--svg", paths[1]];
     let text = output_text(&holdpoint(&arguments, data));
-    assert!(text.contains("success of align since") && text.contains("P 00:"), "{text}");
+    assert!(text.contains("align since") && text.contains("P 00:"), "{text}");
     assert!(
         fs::read_to_string(&svg).unwrap().contains("<svg") && fs::read_to_string(&csv).unwrap().len() > 200
     );
@@ -63,20 +63,20 @@ fn tasks_marks_and_verdicts_are_what_the_store_holds() {
     let again = holdpoint(&arguments, data);
     assert_eq!((again.status.code(), output_text(&again).contains("cannot write")), (Some(2), true));
     let courses = output_text(&holdpoint(&["alarms", "--history", "--courses"], data));
-    assert!(courses.contains("raised by the engine") && courses.contains("has stood for"), "{courses}");
+    assert!(courses.contains("raised by") && courses.contains("has stood"), "{courses}");
 }
 
 #[test]
 fn an_invalid_option_is_one_sentence() {
     let folder = store();
     for (arguments, part) in [
-        (vec!["--since", "soon"], "not a moment; allowed"),
-        (vec!["--since", "tuesday"], "no machine time"),
-        (vec!["--since", "@9999999"], "span from --since"),
-        (vec!["--since", "@10", "--until", "@5"], "span from --since"),
-        (vec!["--since", "@1", "--until", "2026-11-17"], "moments are of two clocks"),
-        (vec!["--bucket", "1s"], "not a width of a bucket"),
-        (vec!["--bucket", "2d"], "not a width of a bucket"),
+        (vec!["--since", "soon"], "\"soon\""),
+        (vec!["--since", "tuesday"], "machine time"),
+        (vec!["--since", "@9999999"], "is empty"),
+        (vec!["--since", "@10", "--until", "@5"], "is empty"),
+        (vec!["--since", "@1", "--until", "2026-11-17"], "two clocks"),
+        (vec!["--bucket", "1s"], "\"1s\""),
+        (vec!["--bucket", "2d"], "\"2d\""),
         (vec!["--family", "No Family"], "No Family"),
     ] {
         let output = holdpoint(&[&["health"], arguments.as_slice()].concat(), folder.path());

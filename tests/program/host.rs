@@ -182,8 +182,7 @@ fn an_abort_stops_the_arm_in_flight() {
     let grasp = snapshot.families.iter().find(|family| family.family.as_str() == "grasp").unwrap();
     assert!(grasp.safe_stopped && grasp.active.is_none());
     // The next sequence is refused for lack of a grasp, which is a failure, and may have been by now.
-    let stopped =
-        |refused: &Option<String>| refused.as_ref().is_some_and(|why| why.contains("the arm was stopped"));
+    let stopped = |refused: &Option<String>| refused.as_ref().is_some_and(|why| why.contains("was stopped"));
     let others = front
         .events
         .iter()

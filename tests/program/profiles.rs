@@ -54,9 +54,9 @@ fn a_custom_profile_is_on_record_and_stays_without_its_files() {
     assert!(output.status.success(), "{}", text(&output));
     let run = on(&store, &["run", "--plain", "--profile", "line-4"]);
     assert_eq!(run.status.code(), Some(5), "{}", text(&run));
-    assert!(text(&run).contains("profile human (line-4)"), "{}", text(&run));
-    let status = text(&on(&store, &["status"]));
-    assert!(status.contains("last profile human (line-4)"), "{status}");
+    assert!(text(&run).contains("human (line-4)"), "{}", text(&run));
+    let status: Value = serde_json::from_slice(&on(&store, &["status", "--json"]).stdout).unwrap();
+    assert_eq!((status["profile"].as_str(), status["site"].as_str()), (Some("human"), Some("line-4")));
     let loaded = records(&store, "profile-loaded");
     assert_eq!(loaded.len(), 1);
     let body = loaded[0].to_string();
@@ -93,13 +93,13 @@ fn a_custom_profile_is_on_record_and_stays_without_its_files() {
     let refusal = run();
     let message = text(&refusal);
     assert_eq!(refusal.status.code(), Some(3), "{message}");
-    assert!(message.contains("it changes the profile human, no field is"), "{message}");
     assert!(message.contains(&format!("holdpoint profile allow {}", path.display())), "{message}");
     assert_eq!(records(&store, "profile-loaded").len(), 1);
     let allow =
         ["profile", "allow", "line-4", "--by", "admin", "--reason", "faster", "--passphrase-file", oak];
-    let allowed = on(&store, &allow);
+    let allowed = on(&store, &[&allow[..], &["--json"]].concat());
     assert!(allowed.status.success(), "{}", text(&allowed));
+    assert_eq!(serde_json::from_slice::<Value>(&allowed.stdout).unwrap()["loosened"], serde_json::json!([]));
     let run = run();
     assert_eq!(run.status.code(), Some(3), "{}", text(&run));
     assert_eq!(records(&store, "profile-loaded").len(), 2);
@@ -133,13 +133,13 @@ fn a_change_of_profile_takes_an_administrators_authorization() {
     let allow = ["profile", "allow", "sim", "--by", "admin", "--reason", "taken apart"];
     assert_eq!(on(&store, &["run", "--plain", "--profile", "human"]).status.code(), Some(5));
     let before = records(&store, "context-set").len();
-    let refused = ["goes over from the profile human to sim", "fields are", "profile allow sim"];
+    let refused = ["human to sim", "fields are", "profile allow sim"];
     ends(&on(&store, &["run", "--plain", "--profile", "sim"]), 3, &refused);
     ends(&on(&store, &["run", "--plain", "--profile", "real"]), 3, &["profile allow real"]);
-    ends(&scenario("reject-interface"), 3, &["no script uses this store"]);
+    ends(&scenario("reject-interface"), 3, &["no script"]);
     assert_eq!(records(&store, "context-set").len(), before);
     // The reader of an unencrypted key is not the administrator.
-    ends(&on(&store, &allow), 3, &["had no passphrase", "identity passphrase admin"]);
+    ends(&on(&store, &allow), 3, &["no passphrase", "identity passphrase admin"]);
     let oak = passphrase_file(root.path());
     let output = on(&store, &["identity", "passphrase", "admin", "--new-passphrase-file", &oak]);
     assert!(output.status.success(), "{}", text(&output));
@@ -147,20 +147,15 @@ fn a_change_of_profile_takes_an_administrators_authorization() {
         ["profile", "allow", "real", "--by", "nobody", "--reason", "a try", "--passphrase-file", &oak];
     ends(&on(&store, &human), 2, &["nobody"]);
     let signed = on(&store, &[&allow[..], &["--passphrase-file", &oak]].concat());
-    let expected = ["activation.approval_bound", "admin allows the profile sim for the next start"];
-    ends(&signed, 0, &expected);
+    ends(&signed, 0, &["activation.approval_bound", "admin allows", "profile sim"]);
     let authorization = records(&store, "profile-allowed").remove(0).to_string();
     assert!(
         authorization.contains("taken apart") && authorization.contains("activation.approval_bound"),
         "{authorization}"
     );
-    ends(&scenario("reject-interface"), 3, &["no script uses this store"]);
+    ends(&scenario("reject-interface"), 3, &["no script"]);
     ends(&on(&store, &["run", "--plain", "--profile", "sim"]), 5, &[]);
-    ends(
-        &on(&store, &[&allow[..], &["--passphrase-file", &oak]].concat()),
-        2,
-        &["sim needs no authorization"],
-    );
+    ends(&on(&store, &[&allow[..], &["--passphrase-file", &oak]].concat()), 2, &["no authorization"]);
     let verified = on(&store, &["audit", "verify"]);
     assert!(verified.status.success(), "{}", text(&verified));
 }
@@ -230,16 +225,16 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
     fs::write(&path, loose).unwrap();
     fs::copy(Path::new(PROFILES).join("real.cedar"), root.path().join("line.cedar")).unwrap();
     let path = path.to_str().unwrap();
-    let checked = ["real (line) is well formed", "fields are", "an administrator must sign that"];
+    let checked = ["real (line)", "fields are", "must sign"];
     ends(&on(&store, &["profile", "check", path]), 0, &checked);
     // At the first start ...
     let hint = format!("holdpoint profile allow {path} --by ADMIN");
-    let refused = ["it begins with the profile real", "the first of them", &hint];
+    let refused = ["profile real", "first of", &hint];
     ends(&on(&store, &["run", "--plain", "--profile", path]), 3, &refused);
     assert!(!store.join("holdpoint.db").exists(), "no store is made for it");
     // ... and after one under the built-in profile.
     assert_eq!(on(&store, &["run", "--plain", "--profile", "real"]).status.code(), Some(5));
-    ends(&on(&store, &["serve", "--profile", path]), 3, &["it changes the profile real", &hint]);
+    ends(&on(&store, &["serve", "--profile", path]), 3, &["profile real", &hint]);
     assert_eq!(records(&store, "context-set").len(), 1);
     // The administrator's signature names every field.
     let allow = ["profile", "allow", path, "--by", "admin", "--reason", "a test cell", "--json"];
@@ -260,17 +255,13 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
     // It continues under that profile without another authorization, and not back without one.
     assert_eq!(on(&store, &["run", "--plain"]).status.code(), Some(5));
     assert_eq!(records(&store, "context-set").len(), 2);
-    ends(
-        &on(&store, &["run", "--plain", "--profile", "real"]),
-        3,
-        &["it changes the profile real", "allow real"],
-    );
+    ends(&on(&store, &["run", "--plain", "--profile", "real"]), 3, &["profile real", "allow real"]);
     // Before the store exists, too; among people by a passphrase-protected key.
     let other = root.path().join("other");
     let human = line_4(&other, "timeout_s = 600.0 ", "timeout_s = 900.0 ");
     let human =
         ["profile", "allow", human.to_str().unwrap(), "--by", "admin", "--reason", "shift leads are far"];
-    ends(&on(&other, &human), 3, &["had no passphrase"]);
+    ends(&on(&other, &human), 3, &["no passphrase"]);
     let output = on(&other, &["identity", "passphrase", "admin", "--new-passphrase-file", &oak]);
     assert!(output.status.success(), "{}", text(&output));
     let human = on(&other, &[&human[..], &["--passphrase-file", &oak]].concat());
@@ -288,10 +279,9 @@ fn a_store_keeps_the_seed_that_it_was_begun_with() {
     let store = root.path().join("store");
     let run = |seed: &[&str]| on(&store, &[&["run", "--plain"], seed].concat());
     assert_eq!(run(&["--seed", "7"]).status.code(), Some(5));
-    let refused =
-        ["--seed 8 is not allowed: the store has a history with the seed 7", "start without --seed"];
+    let refused = ["--seed 8", "seed 7", "without --seed"];
     ends(&run(&["--seed", "8"]), 2, &refused);
-    ends(&on(&store, &["serve", "--seed", "1"]), 2, &["--seed 1 is not allowed"]);
+    ends(&on(&store, &["serve", "--seed", "1"]), 2, &["--seed 1", "seed 7"]);
     for same in [&[][..], &["--seed", "7"]] {
         let run = run(same);
         assert!(run.status.code() == Some(5) && text(&run).contains("seed 7"), "{}", text(&run));
@@ -305,7 +295,7 @@ fn a_store_keeps_the_seed_that_it_was_begun_with() {
     ends(&on(&other, &script), 1, &["seed 8"]);
     let run = on(&other, &["run", "--plain", "--seed", "9"]);
     assert!(run.status.code() == Some(5) && text(&run).contains("seed 9"), "{}", text(&run));
-    ends(&on(&other, &["run", "--plain", "--seed", "8"]), 2, &["with the seed 9"]);
+    ends(&on(&other, &["run", "--plain", "--seed", "8"]), 2, &["seed 9"]);
 }
 
 #[test]
@@ -363,7 +353,6 @@ fn check_names_each_numbers_reason() {
     let checked = on(root.path(), &["profile", "check", path.to_str().unwrap()]);
     let message = text(&checked);
     assert_eq!(checked.status.code(), Some(0), "{message}");
-    assert!(message.contains("the profile human (line-4) is well formed"), "{message}");
     let line = message.lines().find(|line| line.starts_with("approval.timeout_s")).unwrap();
     assert!(line.contains("900") && line.contains("600") && line.contains("walks over"), "{line}");
     assert!(message.contains("ISO 10218") && !message.contains("none given"), "{message}");

@@ -207,13 +207,15 @@ fn a_refusal_keeps_its_hint_apart_from_what_was_sent() {
     let [Reply::Accepted { .. }, Reply::Refused { code, text, hint: Some(hint) }] = twice else {
         panic!("{twice:?}")
     };
-    assert_eq!((code, text.as_str()), (Refusal::Exists, "grasp@1.1.0 is registered already"));
-    assert_eq!(hint, "a changed candidate needs a new version number");
+    assert!(
+        code == Refusal::Exists && text.contains("grasp@1.1.0") && !text.contains(hint.as_str()),
+        "{text}"
+    );
     let Reply::Refused { code, text, hint: Some(hint) } = register(elsewhere) else {
         panic!("it was not refused with a hint")
     };
-    assert_eq!((code, text.as_str()), (Refusal::NotFound, "there is no family \"grasps\""));
-    assert_eq!(hint, "a family begins with a baseline, see `holdpoint registry list`");
+    assert!(code == Refusal::NotFound && text.contains("\"grasps\"") && !text.contains(&hint), "{text}");
+    assert!(hint.contains("`holdpoint registry list`"), "{hint}");
     client(folder.path()).send(Command::Shutdown).unwrap();
     running.join().unwrap();
 }
@@ -360,7 +362,8 @@ fn excess_requests_get_a_refusal() {
         assert!(std::time::Instant::now() < until);
         std::thread::yield_now();
     };
-    assert!(refusal["reply"]["text"].as_str().unwrap().contains("are being answered"), "{refusal}");
+    let text = refusal["reply"]["text"].as_str().unwrap();
+    assert!(refusal["reply"]["code"] == "not-now" && text.contains(&ASKING_MAX.to_string()), "{refusal}");
 }
 
 #[test]
@@ -385,15 +388,17 @@ fn only_a_dead_engines_socket_is_replaced() {
     assert!(socket.exists());
     assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_none());
     let first = open_socket(folder.path()).unwrap();
-    let error = open_socket(folder.path()).err().unwrap().to_string();
-    assert!(error.contains("served by another engine"), "{error}");
+    let problem = || match open_socket(folder.path()).err() {
+        Some(ControlSocketError::Taken { problem, .. }) => problem,
+        other => panic!("{other:?}"),
+    };
+    assert!(problem().contains("another engine"), "{}", problem());
     assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_some());
     drop(first);
     assert!(!socket.exists());
     // A regular file of that name is not removed.
     std::fs::write(&socket, "mine").unwrap();
-    let error = open_socket(folder.path()).err().unwrap().to_string();
-    assert!(error.contains("is not a socket"), "{error}");
+    assert!(problem().contains("a socket"), "{}", problem());
     assert_eq!(std::fs::read_to_string(&socket).unwrap(), "mine");
 }
 
@@ -445,29 +450,25 @@ fn verbs_talk_to_the_engine_that_runs() {
         ("candidate register grasp-tool-frame", 2, "registered already"),
         ("identity new mara --role engineer --unprotected", 0, "mara"),
         ("status grasp --until validated --timeout 60", 1, "rejected"),
-        ("status", 0, "engine   running, profile sim"),
+        ("status", 0, "profile sim"),
         ("approve grasp@1.0.0 --as mara --reason read --digest 0123abcd", 3, "nothing waits"),
-        ("pause grasp --as mara --reason look", 3, "no version of grasp is advancing"),
+        ("pause grasp --as mara --reason look", 3, "is advancing"),
         ("restrict align@1.0.0 --as unknown-person --reason visitor", 0, "restricted"),
         ("release align@1.0.0 --as unknown-person --reason left", 2, "unknown-person"),
         ("release align@1.0.0 --as mara --reason left", 0, "full envelope"),
         ("release align@1.0.0 --as mara --reason left", 3, "not restricted"),
-        ("continue align@1.0.0 --as mara --reason known", 3, "no monitor asks"),
+        ("continue align@1.0.0 --as mara --reason known", 3, "monitor asks"),
         ("demote align@1.0.0 --profile human --as mara --reason fast", 0, "align@1.0.0: human"),
         ("release align@1.0.0 --profile human --as mara --reason slow", 0, "align@1.0.0: none"),
-        ("repeat align@1.0.0 --as mara --reason again", 3, "not possible in the state active"),
-        ("break-glass align@1.0.0 --as mara --reason now", 3, "break-glass does not apply"),
-        ("demote grasp@1.0.0 --as mara --reason again", 3, "the last version of grasp"),
+        ("repeat align@1.0.0 --as mara --reason again", 3, "state active"),
+        ("break-glass align@1.0.0 --as mara --reason now", 3, "not apply"),
+        ("demote grasp@1.0.0 --as mara --reason again", 3, "last version"),
         ("rollback grasp --as mara --reason drops", 3, "--stop-family"),
-        ("rollback grasp --stop-family --as mara --reason drops", 3, "no version of grasp is active"),
+        ("rollback grasp --stop-family --as mara --reason drops", 3, "of grasp"),
         ("rollback grasp --as mara --reason drops", 3, "safe-stopped"),
         ("status grasp@1.0.0 --until confirmed --timeout 1", 3, "demoted"),
         ("rearm grasp@1.0.0 --as mara --reason repaired", 0, "active again"),
-        (
-            "rollback place --stop-family --as unknown-person --reason drops",
-            3,
-            "no version of place is active",
-        ),
+        ("rollback place --stop-family --as unknown-person --reason drops", 3, "of place"),
         ("status place@1.0.0 --until demoted --timeout 1", 0, "SAFE-STOPPED"),
         ("audit verify", 0, "sound"),
     ] {

@@ -175,7 +175,7 @@ fn a_version_can_be_rolled_back_at_standstill() {
     // The baseline has no rollback target: the family is safe-stopped, and the arm does not move on the way.
     let event = front.until(|kind| matches!(kind, EventKind::Rung { rung, .. } if rung.name() == "retract"));
     let EventKind::Rung { text, ms, .. } = event.kind else { unreachable!() };
-    assert!(ms == 0 && text.contains("stays where it is"), "{text}");
+    assert!(ms == 0 && text.contains("arm stays"), "{text}");
     front.host.stop(PATIENCE).unwrap();
 }
 
@@ -252,7 +252,7 @@ fn a_stop_without_an_engine_is_not_confirmed() {
     let missing = folder.path().join("mistyped");
     let output = holdpoint(&missing, &["stop", "--as", "ana"]);
     assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
-    for part in ["no engine runs on", "no arm was stopped", "emergency stop", "--data DIR"] {
+    for part in ["no engine", "no arm", "emergency stop", "--data DIR"] {
         assert!(output_text(&output).contains(part), "{part:?}: {}", output_text(&output));
     }
     assert!(!missing.exists(), "no store is made");
@@ -261,11 +261,7 @@ fn a_stop_without_an_engine_is_not_confirmed() {
     front.host.stop(PATIENCE).unwrap();
     let output = holdpoint(&data, &["stop", "--as", "ana"]);
     assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
-    assert!(
-        output_text(&output).contains("the next engine there starts stopped"),
-        "{}",
-        output_text(&output)
-    );
+    assert!(output_text(&output).contains("starts stopped"), "{}", output_text(&output));
     let mut front = Front::start(&data, None);
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
     front.host.stop(PATIENCE).unwrap();
@@ -281,7 +277,7 @@ fn the_verbs_stop_and_start_with_and_without_an_engine() {
     );
     let output = holdpoint(&data, &["stop"]);
     assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
-    assert!(output_text(&holdpoint(&data, &["status"])).contains("STOPPED  by an unnamed person"));
+    assert!(output_text(&holdpoint(&data, &["status"])).contains("unnamed person"));
     let unknown = holdpoint(&data, &["go", "--as", "ben", "--reason", "checked"]);
     assert_eq!(unknown.status.code(), Some(2), "a start needs an identity: {}", output_text(&unknown));
     let arguments = ["go", "--as", "ana", "--reason", "checked"];
@@ -290,7 +286,7 @@ fn the_verbs_stop_and_start_with_and_without_an_engine() {
     let output = holdpoint(&data, &arguments);
     assert_eq!(output.status.code(), Some(3), "{}", output_text(&output));
     assert!(
-        output_text(&output).contains("by an unnamed person") && output_text(&output).contains("--stops 1"),
+        output_text(&output).contains("unnamed person") && output_text(&output).contains("--stops 1"),
         "{}",
         output_text(&output)
     );
@@ -353,7 +349,7 @@ fn idle_connections_lock_nobody_out() {
     let rolled_back = connect().send(Command::Rollback(operation("grasp@1.0.0"))).unwrap();
     assert_eq!(refusal(&rolled_back), Refusal::NotNow, "it is the last one: {rolled_back:?}");
     assert!(
-        format!("{rolled_back:?}").contains("last version of grasp"),
+        format!("{rolled_back:?}").contains("last version"),
         "the engine itself answered: {rolled_back:?}"
     );
     drop((subscriptions, idle));

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use holdpoint::approvals::keyfile::Protection;
 use holdpoint::console::action::Action;
 use holdpoint::console::approval_screen::{ApprovalScreen, RequestChange};
-use holdpoint::console::form::{Abort, Form, Intent};
+use holdpoint::console::form::{Abort, Form, FormProblem, Intent};
 use holdpoint::console::frame::{draw, text_of};
 use holdpoint::console::line::EditLine;
 use holdpoint::console::look::{ColorDepth, Glyphs, Look, Theme};
@@ -139,7 +139,7 @@ fn occasions() -> Vec<(&'static str, ConsoleModel)> {
     occasions.push(("palette", palette));
     let mut rollback = formed(Intent::Rollback(support::id("place@1.0.0")));
     if let Some(Overlay::Form(form)) = &mut rollback.input.overlay {
-        form.problem = Some("a reason is needed".to_owned());
+        form.problem = Some(FormProblem::NoReason);
     }
     occasions.push(("form_rollback", rollback));
     occasions.push(("form_abort", formed(Intent::Abort(Abort::Candidate(support::id("grasp@1.1.0"))))));
@@ -219,10 +219,7 @@ fn the_whole_decision_is_readable() {
         assert!(whole.contains("all of it"), "tier {tier}:\n{whole}");
         // A line shows that more follows, with the key that leads there.
         let small = shown(&prompted(tier), (80, 24));
-        assert!(
-            small.contains("all of it") || small.contains("more below: pagedown"),
-            "tier {tier}:\n{small}"
-        );
+        assert!(small.contains("all of it") || small.contains("below: pagedown"), "tier {tier}:\n{small}");
         let mut model = prompted(tier);
         let mut seen = String::new();
         for page in 0..20 {
@@ -242,7 +239,7 @@ fn the_whole_decision_is_readable() {
 
 #[test]
 fn stale_evidence_is_shown_where_the_candidate_is_decided_on() {
-    const STALE: &str = "STALE, measured under another profile, environment";
+    let names_causes = |text: &str| text.contains("STALE") && text.contains("profile, environment");
     let mut model = support::at(View::Candidate);
     assert!(!shown(&model, (100, 30)).contains("STALE"));
     let mut snapshot = support::snapshot();
@@ -253,11 +250,11 @@ fn stale_evidence_is_shown_where_the_candidate_is_decided_on() {
         stale: vec![StaleCause::Profile, StaleCause::Environment],
         ..support::facts(1, None)
     };
-    assert!(render(&stale).contains(&STALE.to_owned()), "{:#?}", render(&stale));
+    assert!(render(&stale).iter().any(|line| names_causes(line)), "{:#?}", render(&stale));
     model.engine_data.snapshot = Some(Arc::new(snapshot));
     for size in SIZES {
         let text = shown(&model, size);
-        assert!(text.contains(STALE), "{size:?}:\n{text}");
+        assert!(names_causes(&text), "{size:?}:\n{text}");
     }
 }
 

@@ -161,7 +161,7 @@ mod tests {
         assert_eq!(parse_which("worst"), Ok(EpisodeSelector(None)));
         assert_eq!(parse_which("17"), Ok(EpisodeSelector(Some(17))));
         for wrong in ["0", "-1", "best", "", "1.5"] {
-            assert_eq!(parse_which(wrong).unwrap_err(), "worst is allowed, or a number from 1", "{wrong}");
+            assert!(parse_which(wrong).is_err(), "{wrong}");
         }
     }
 }

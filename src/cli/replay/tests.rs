@@ -65,7 +65,7 @@ fn all_segments_of_a_version_are_opened_in_the_viewer() {
     let environment = viewer_in(root.path());
     let (ended, text) = run_replay(&context, &args("grasp@1.1.0", &[]), &environment);
     assert_eq!(ended.unwrap(), Exit::Confirmed, "{text}");
-    assert!(text.starts_with("opened in rerun 0.36.3, 2 files (process "), "{text}");
+    assert!(text.contains("0.36.3") && text.contains("2 files"), "{text}");
     let arguments = std::fs::read_to_string(root.path().join("rerun.asked")).unwrap();
     let files: Vec<PathBuf> = arguments.lines().skip(5).map(PathBuf::from).collect();
     let folder = Layout::new(root.path()).recordings().canonicalize().unwrap();
@@ -82,7 +82,7 @@ fn what_is_not_as_recorded_is_not_opened_unless_forced() {
     for upgrade in ["grasp@1.1.0", file.to_str().unwrap()] {
         let (ended, text) = run_replay(&context, &args(upgrade, &[]), &environment);
         assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
-        assert!(text.starts_with("DIFFERS FROM ITS RECORD: ") && text.contains("--force"), "{text}");
+        assert!(text.starts_with("DIFFERS ") && text.contains("--force"), "{text}");
         assert!(!root.path().join("rerun.asked").exists());
     }
     // In another folder the files have no record.
@@ -94,26 +94,29 @@ fn what_is_not_as_recorded_is_not_opened_unless_forced() {
     );
     let (ended, text) = run_replay(&context, &args("grasp@1.1.0", &["--force"]), &environment);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
-    assert!(text.contains("DIFFERS FROM ITS RECORD") && text.contains("opened in rerun"), "{text}");
+    assert!(text.contains("DIFFERS ") && text.contains("rerun 0.36.3"), "{text}");
 }
 
 #[test]
 fn a_missing_part_is_named_with_a_hint() {
     let (root, context) = store();
     let mut environment = viewer_in(root.path());
-    for (upgrade, text) in
-        [("place@9.0.0", "there is no recording of"), ("none.rrd", "there is no recording")]
-    {
+    for upgrade in ["place@9.0.0", "none.rrd"] {
         let error = run_replay(&context, &args(upgrade, &[]), &environment).0.unwrap_err();
-        assert!(error.exit() == Exit::Usage && error.to_string().contains(text), "{error}");
+        assert!(
+            error.exit() == Exit::Usage && error.to_string().contains(&format!("{upgrade:?}")),
+            "{error}"
+        );
     }
     environment.has_screen = false;
     let error = run_replay(&context, &args("grasp@1.1.0", &[]), &environment).0.unwrap_err();
     assert!(error.to_string().contains("DISPLAY"), "{error}");
-    assert_eq!(error.hint().unwrap().raw(), "--terminal shows it here");
+    let hint = error.hint().unwrap().raw();
+    assert!(hint.contains("--terminal") && !hint.contains(viewer::INSTALL), "{hint}");
     environment.path = None;
     let error = run_replay(&context, &args("grasp@1.1.0", &[]), &environment).0.unwrap_err();
-    assert_eq!(error.hint().unwrap().raw(), "pip install rerun-sdk==0.36.3; --terminal shows it here");
+    let hint = error.hint().unwrap().raw();
+    assert!(hint.contains("--terminal") && hint.contains(viewer::INSTALL), "{hint}");
 }
 
 #[test]
@@ -123,7 +126,7 @@ fn a_viewer_that_ends_at_once_fails() {
     let text = "#!/bin/sh\n[ \"$1\" = --version ] && echo 'rerun-cli 0.36.3' && exit 0\nexit 1\n";
     std::fs::write(root.path().join("rerun"), text).unwrap();
     let error = run_replay(&context, &args("grasp@1.1.0", &[]), &environment).0.unwrap_err();
-    assert!(error.to_string().contains("ended at once"), "{error}");
+    assert!(error.to_string().contains("at once"), "{error}");
 }
 
 #[test]

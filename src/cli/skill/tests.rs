@@ -27,7 +27,7 @@ fn a_new_folder_is_written_once() {
     let line = ["skill", "new", "my-grasp", "--lang", "c", &folder];
     let (result, output) = run_line(&line, false);
     assert_eq!(result.unwrap(), Exit::Confirmed);
-    assert!(output.contains("next: holdpoint skill build"), "{output}");
+    assert!(output.contains(&format!("holdpoint skill build {folder}")), "{output}");
     let (again, _) = run_line(&line, false);
     assert!(again.unwrap_err().to_string().contains("not empty"));
     assert_eq!(component(Path::new(&folder)).unwrap(), Path::new("my-grasp.wasm"));

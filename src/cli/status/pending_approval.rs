@@ -226,7 +226,7 @@ mod tests {
                  1 min left; on record as approved by ana; new permissions: zone tray"
             )
         );
-        assert!(stored(&[]).line().contains("on record as approved by no one yet"));
+        assert!(stored(&[]).line().contains("no one"));
         let row = PendingApprovalRow { asked: true, new_permissions: Vec::new(), ..row };
         assert_eq!(
             row.line(),

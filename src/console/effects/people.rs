@@ -100,7 +100,7 @@ mod tests {
         let names: Vec<String> = list(&keys).unwrap().into_iter().map(|known| known.name).collect();
         assert_eq!(names, ["alice", "mara"]);
         assert_eq!(find(&keys, "mara").unwrap().role, Role::Engineer);
-        let stranger = find(&keys, "bob").unwrap_err().sentence();
-        assert!(stranger.ends_with("Hint: `holdpoint identity new bob` makes one"), "{stranger}");
+        let hint = find(&keys, "bob").unwrap_err().hint().unwrap();
+        assert!(hint.starts_with("`holdpoint identity new bob`"), "{hint}");
     }
 }

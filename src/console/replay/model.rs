@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::charts::ChartSection;
+use super::message::ReplayMessage;
 use super::speed::Speed;
 use super::timeline::{Timeline, TimelineCursor};
 use crate::line::EditLine;
@@ -13,8 +14,7 @@ pub const NOTICE_MS: u64 = 5_000;
 /// An answer at the foot of the screen.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReplayNotice {
-    pub text: String,
-    pub bad: bool,
+    pub message: ReplayMessage,
     /// Until when, on the screen's clock, ms.
     pub until_ms: u64,
 }
@@ -87,8 +87,8 @@ impl ReplayModel {
     }
 
     /// Shows a message at the foot for a while.
-    pub fn show_notice(&mut self, text: impl Into<String>, bad: bool) {
+    pub fn show_notice(&mut self, message: ReplayMessage) {
         let until_ms = self.now_ms.saturating_add(NOTICE_MS);
-        self.notice = Some(ReplayNotice { text: text.into(), bad, until_ms });
+        self.notice = Some(ReplayNotice { message, until_ms });
     }
 }

@@ -2,9 +2,9 @@
 //!
 //! Pure: the clock is an argument. Must not present an unrecorded moment as recorded.
 
+use super::message::ReplayMessage;
 use super::model::ReplayModel;
 use super::timeline::GAP_MS;
-use crate::formatters::duration;
 
 /// How long playing pauses on an event that it jumped to, ms: long enough to read it, shorter if the user moves on.
 const REST_MS: (u64, u64) = (150, 900);
@@ -26,7 +26,7 @@ pub fn pass(model: &mut ReplayModel, now_ms: u64) -> bool {
     let (at_ms, ends_ms) = (model.cursor.at_ms, model.timeline.span_ms().1);
     if at_ms >= ends_ms {
         model.playing = false;
-        model.show_notice("end of the recording; g goes to its beginning", false);
+        model.show_notice(ReplayMessage::End);
         return true;
     }
     if model.skips_gaps && skip(model) {
@@ -60,10 +60,7 @@ fn skip(model: &mut ReplayModel) -> bool {
         // Nothing moves here, so the event stays long enough to be read.
         rest(model);
     }
-    model.show_notice(
-        format!("skipped {} without frames; s plays them through", duration(next_ms - at_ms)),
-        false,
-    );
+    model.show_notice(ReplayMessage::Skipped(next_ms - at_ms));
     true
 }
 

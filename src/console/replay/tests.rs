@@ -5,6 +5,7 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::Rect;
 
 use super::super::charts::ChartGroup;
+use super::super::message::ReplayMessage;
 use super::super::model::{NOTICE_MS, ReplayModel};
 use super::super::playback::wakes_in_ms;
 use super::super::speed::Speed;
@@ -130,8 +131,8 @@ fn pass(model: &mut ReplayModel, real_ms: u64) -> Vec<ReplayEffect> {
     update(model, ReplayMsg { now_ms, what: ReplayMsgKind::Tick })
 }
 
-fn notice_text(model: &ReplayModel) -> &str {
-    model.notice.as_ref().map_or("", |notice| &notice.text)
+fn message(model: &ReplayModel) -> Option<&ReplayMessage> {
+    model.notice.as_ref().map(|notice| &notice.message)
 }
 
 #[test]
@@ -188,28 +189,27 @@ fn keys_move_the_cursor() {
 #[test]
 fn ends_are_reported() {
     for (from_ms, key, expected) in [
-        (50_000, 'l', "no frame after this one"),
-        (10_000, 'h', "no frame before this one"),
-        (50_000, 'n', "no event after this"),
-        (50_000, 'd', "no decision after this"),
-        (10_000, 'D', "no decision before this"),
+        (50_000, 'l', ReplayMessage::NoFrameAfter),
+        (10_000, 'h', ReplayMessage::NoFrameBefore),
+        (50_000, 'n', ReplayMessage::NoEventAfter),
+        (50_000, 'd', ReplayMessage::NoDecisionAfter),
+        (10_000, 'D', ReplayMessage::NoDecisionBefore),
     ] {
         let mut model = model();
         model.cursor = model.timeline.at(from_ms);
         let before = model.cursor;
         keys(&mut model, &key.to_string());
-        assert_eq!((notice_text(&model), model.cursor), (expected, before));
+        assert_eq!((message(&model), model.cursor), (Some(&expected), before));
     }
     let mut model = model();
     keys(&mut model, "99");
     press(&mut model, KeyCode::Enter);
-    assert_eq!(
-        (model.cursor.at_ms, notice_text(&model)),
-        (50_000, "the recording goes from 10.0 s to 50.0 s")
-    );
+    let outside = ReplayMessage::Outside { from_ms: 10_000, to_ms: 50_000 };
+    assert_eq!((model.cursor.at_ms, message(&model)), (50_000, Some(&outside)));
     keys(&mut model, ":nowhere");
     press(&mut model, KeyCode::Enter);
-    assert!(model.notice.as_ref().is_some_and(|notice| notice.bad && notice.text.contains("\"nowhere\"")));
+    let Some(ReplayMessage::NoTarget(error)) = message(&model) else { panic!("{:?}", model.notice) };
+    assert!(error.to_string().contains("\"nowhere\""), "{error}");
 }
 
 #[test]
@@ -259,7 +259,7 @@ fn playing_follows_the_clock_and_stops_at_the_end() {
     pass(&mut model, 50);
     assert_eq!(model.cursor.at_ms, 50_000);
     pass(&mut model, 50);
-    assert!(!model.playing && notice_text(&model).starts_with("end of the recording"));
+    assert_eq!((model.playing, message(&model)), (false, Some(&ReplayMessage::End)));
     keys(&mut model, " ");
     assert!(model.playing && model.cursor.at_ms == 10_000);
 }
@@ -271,7 +271,7 @@ fn gaps_are_skipped_up_to_the_next_event_and_reported() {
     // Playing does not stop for progress, but for the decision after it.
     pass(&mut model, 50);
     assert_eq!((model.cursor.at_ms, model.cursor.event), (19_500, Some(5)));
-    assert_eq!(notice_text(&model), "skipped 9 s without frames; s plays them through");
+    assert_eq!(message(&model), Some(&ReplayMessage::Skipped(9_500)));
     // It pauses there to be read, and then continues.
     pass(&mut model, 800);
     assert_eq!(model.cursor.at_ms, 19_500);
@@ -371,7 +371,7 @@ fn a_frame_of_a_re_run_is_labeled_while_it_is_shown() {
         from_ms: recording.pictures[0].at_ms,
         until_ms: last_ms,
         title: "episode 3 of 9".to_owned(),
-        why: "it drops the block".to_owned(),
+        why: "drops".to_owned(),
     }];
     let mut model = ReplayModel::new(Timeline::new(recording), Speed::default());
     let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
@@ -381,7 +381,7 @@ fn a_frame_of_a_re_run_is_labeled_while_it_is_shown() {
         let mut buf = Buffer::empty(area);
         super::super::frame::draw(&model, &look, area, &mut buf);
         let screen: String = buf.content().iter().map(ratatui::buffer::Cell::symbol).collect();
-        assert!(screen.contains("re-run, ") && screen.contains("drops the block"), "{at_ms}: {screen}");
+        assert!(screen.contains("re-run, ") && screen.contains("drops"), "{at_ms}: {screen}");
         assert!(!screen.contains("sequence "), "{at_ms}: {screen}");
     }
 }

@@ -4,6 +4,7 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::action::{self, ReplayAction};
 use super::jump::{self, JumpTarget};
+use super::message::ReplayMessage;
 use super::model::ReplayModel;
 use super::playback;
 use super::timeline::TimelineCursor;
@@ -105,19 +106,12 @@ fn jump_to(model: &mut ReplayModel, text: &str) {
         Ok(JumpTarget::At(at_ms)) => at_ms,
         Ok(JumpTarget::On(by_ms)) => model.cursor.at_ms.saturating_add(by_ms),
         Ok(JumpTarget::Back(by_ms)) => model.cursor.at_ms.saturating_sub(by_ms),
-        Err(error) => return model.show_notice(error.to_string(), true),
+        Err(error) => return model.show_notice(ReplayMessage::NoTarget(error)),
     };
     seek(model, target_ms);
     let (from_ms, to_ms) = model.timeline.span_ms();
     if !(from_ms..=to_ms).contains(&target_ms) {
-        model.show_notice(
-            format!(
-                "the recording goes from {} to {}",
-                super::views::secs(from_ms),
-                super::views::secs(to_ms)
-            ),
-            false,
-        );
+        model.show_notice(ReplayMessage::Outside { from_ms, to_ms });
     }
 }
 
@@ -141,9 +135,9 @@ fn act(model: &mut ReplayModel, action: ReplayAction) {
         ReplayAction::PreviousCharts => turn_charts(model, model.timeline.groups().len().saturating_sub(1)),
         ReplayAction::SkipGaps => {
             model.skips_gaps = !model.skips_gaps;
-            let text =
-                if model.skips_gaps { "gaps are skipped while playing" } else { "gaps are played through" };
-            model.show_notice(text, false);
+            let message =
+                if model.skips_gaps { ReplayMessage::GapsSkipped } else { ReplayMessage::GapsPlayed };
+            model.show_notice(message);
         }
         ReplayAction::Help => model.help = Some(0),
         ReplayAction::Leave => {}
@@ -180,7 +174,7 @@ fn next_frame(model: &mut ReplayModel) {
     let next = model.cursor.frame.map_or(0, |frame| frame + 1);
     match model.timeline.on_frame(next) {
         Some(cursor) => go(model, cursor),
-        None => model.show_notice("no frame after this one", false),
+        None => model.show_notice(ReplayMessage::NoFrameAfter),
     }
 }
 
@@ -191,7 +185,7 @@ fn previous_frame(model: &mut ReplayModel) {
     let before = model.cursor.frame.and_then(|frame| frame.checked_sub(usize::from(!is_old)));
     match before.and_then(|frame| model.timeline.on_frame(frame)) {
         Some(cursor) => go(model, cursor),
-        None => model.show_notice("no frame before this one", false),
+        None => model.show_notice(ReplayMessage::NoFrameBefore),
     }
 }
 
@@ -202,8 +196,8 @@ fn next_event(model: &mut ReplayModel, turns: bool) {
     }
     match model.timeline.on_event(next) {
         Some(cursor) => go_to_event(model, cursor),
-        None if turns => model.show_notice("no decision after this", false),
-        None => model.show_notice("no event after this", false),
+        None if turns => model.show_notice(ReplayMessage::NoDecisionAfter),
+        None => model.show_notice(ReplayMessage::NoEventAfter),
     }
 }
 
@@ -219,8 +213,8 @@ fn previous_event(model: &mut ReplayModel, turns: bool) {
     let last = model.cursor.event.map_or(0, |event| event + 1);
     match (0..last).rev().find(is_before).and_then(|event| model.timeline.on_event(event)) {
         Some(cursor) => go_to_event(model, cursor),
-        None if turns => model.show_notice("no decision before this", false),
-        None => model.show_notice("no event before this", false),
+        None if turns => model.show_notice(ReplayMessage::NoDecisionBefore),
+        None => model.show_notice(ReplayMessage::NoEventBefore),
     }
 }
 
@@ -232,7 +226,7 @@ fn is_turn(model: &ReplayModel, event: usize) -> bool {
 fn turn_charts(model: &mut ReplayModel, by: usize) {
     let count = model.timeline.groups().len();
     let Some((shown, _)) = model.shown_charts() else {
-        return model.show_notice("this recording holds no charts", false);
+        return model.show_notice(ReplayMessage::NoCharts);
     };
     let next = (shown + by) % count;
     model.charts = (next != model.charts_by_stage()).then_some(next);

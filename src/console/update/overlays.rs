@@ -6,7 +6,7 @@ use super::{act, engine_requests, operations, show_message, text_entry};
 use crate::action::Action;
 use crate::approval_screen::{ApprovalFocus, DecisionObstacle};
 use crate::effect::Effect;
-use crate::form::{ConfirmedOperation, FormFocus, Intent};
+use crate::form::{ConfirmedOperation, FormFocus, FormProblem, Intent};
 use crate::formatters::takeover_time;
 use crate::model::{ConsoleModel, EngineData, Overlay, RequestSubject};
 use crate::secret::{Signing, SigningKey};
@@ -320,7 +320,7 @@ fn confirm(model: &mut ConsoleModel) -> Vec<Effect> {
     }
     // Keys typed for something else arrive in a burst.
     if form.is_one_key() && form.signing.is_none() && form.is_guarded(model.now_ms) {
-        form.problem = Some("that key did nothing: wait a moment, then press it again".to_owned());
+        form.problem = Some(FormProblem::Guard);
         return Vec::new();
     }
     if form.intent == Intent::Quit {

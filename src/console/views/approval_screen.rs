@@ -16,7 +16,9 @@ use unicode_width::UnicodeWidthStr as _;
 use super::form::button;
 use super::hints::field;
 use crate::action::Action;
-use crate::approval_screen::{ApprovalFocus, ApprovalScreen, DecisionObstacle, TextRow, VisibleRows};
+use crate::approval_screen::{
+    ApprovalFocus, ApprovalScreen, ClosingAnswer, DecisionObstacle, TextRow, VisibleRows,
+};
 use crate::formatters::seconds;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::ConsoleModel;
@@ -145,11 +147,11 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
             .stale
             .as_ref()
             .map_or_else(String::new, |stale| format!(" since {}", seconds(stale.at_ms)));
-        let text = format!(
-            "{} CLOSED{since}: {}",
-            pen.look.glyph(Glyph::Warning),
-            prompt.answered.as_deref().unwrap_or("nothing is left to decide here")
-        );
+        let why = prompt
+            .answered
+            .as_ref()
+            .map_or_else(|| "nothing is left to decide here".to_owned(), ClosingAnswer::description);
+        let text = format!("{} CLOSED{since}: {why}", pen.look.glyph(Glyph::Warning));
         rows.extend(wrapped(ThemeRole::Stale, &text, width));
         rows.extend(refused(prompt, width));
         let leaves = Row::of(ThemeRole::Key, "Enter").with(ThemeRole::Text, " or ");

@@ -9,9 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
-use holdpoint_governance::approval::{
-    self, ApprovalDecision, ApprovalOutcome, ApprovalResult, Role, SignatureCheck, Subject, Vote,
-};
+use holdpoint_governance::approval::{self, ApprovalDecision, ApprovalOutcome, ApprovalResult, Role};
 use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::LifecycleEvent;
@@ -22,7 +20,7 @@ use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
 use holdpoint_registry::store_terms::RequestState;
-use holdpoint_registry::{ApprovalRequest, Change};
+use holdpoint_registry::{ApprovalRequest, AuditBody, Change, StoreError};
 
 use crate::context::Context;
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
@@ -32,15 +30,15 @@ use crate::version_origin;
 use crate::version_table::{TransitionNote, VersionTable};
 use crate::view::check_explanation;
 
-pub(super) use approval_request::NewApprovalRequest;
 pub use approval_request::PendingApproval;
+pub(super) use approval_request::{new_row, vote};
 
 use super::request_display::{self, IssuedRequests};
-use super::signers::signer;
+use super::signers::check_signer;
 
 #[derive(Default)]
 pub struct Approvals {
-    prompts: BTreeMap<CapabilityId, PendingApproval>,
+    pending: BTreeMap<CapabilityId, PendingApproval>,
     /// Approved, and waiting for the end of a sequence.
     granted: BTreeSet<CapabilityId>,
     /// The texts shown, by approver and request.
@@ -51,14 +49,14 @@ impl Approvals {
     /// The question about a version.
     #[must_use]
     pub fn of(&self, id: &CapabilityId) -> Option<&PendingApproval> {
-        self.prompts.get(id)
+        self.pending.get(id)
     }
 
-    /// Takes the question about a version away: it is answered, or void.
+    /// Removes the request about a version: it is answered, or void.
     pub fn close(&mut self, id: &CapabilityId) -> Option<PendingApproval> {
         self.granted.remove(id);
-        let closed = self.prompts.remove(id)?;
-        self.requests.close(&closed.id);
+        let closed = self.pending.remove(id)?;
+        self.requests.close(&closed.row.id);
         Some(closed)
     }
 
@@ -75,12 +73,11 @@ impl Approvals {
     /// Discards the answers of a key to open requests; a version granted by them waits again. Returns their number.
     pub(crate) fn discard_answers(&mut self, context: &Context, record: &EngineRecorder, key: &str) -> usize {
         let mut count = 0;
-        for (id, prompt) in &mut self.prompts {
-            let before = prompt.votes.len();
-            prompt.votes.retain(|vote| vote.key != key);
-            prompt.signed.retain(|signed| signed.public_key() != key);
-            count += before - prompt.votes.len();
-            match prompt.result(context, record.wall_now()).outcome {
+        for (id, request) in &mut self.pending {
+            let before = request.answers.len();
+            request.answers.retain(|answer| answer.public_key() != key);
+            count += before - request.answers.len();
+            match request.result(context, record.wall_now()).outcome {
                 ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {}
                 ApprovalOutcome::Pending { .. }
                 | ApprovalOutcome::TimedOut
@@ -95,27 +92,27 @@ impl Approvals {
     /// Questions whose time is over.
     #[must_use]
     pub fn due(&self, now: WallTime) -> Vec<CapabilityId> {
-        let due = |(id, prompt): &(&CapabilityId, &PendingApproval)| {
-            let waits = prompt.purpose != RequestKind::Review && !self.granted.contains(*id);
-            waits && prompt.request.until <= now
+        let due = |(id, request): &(&CapabilityId, &PendingApproval)| {
+            let waits = request.kind != RequestKind::Review && !self.granted.contains(*id);
+            waits && request.row.until <= now
         };
-        self.prompts.iter().filter(due).map(|(id, _)| id.clone()).collect()
+        self.pending.iter().filter(due).map(|(id, _)| id.clone()).collect()
     }
 
     /// Questions about versions whose row has changed since; a review stands whatever becomes of its version.
     #[must_use]
     pub fn changed(&self, record: &EngineRecorder) -> Vec<CapabilityId> {
-        let changed = |(id, prompt): &(&CapabilityId, &PendingApproval)| {
+        let changed = |(id, request): &(&CapabilityId, &PendingApproval)| {
             let row = record.version_table().version(id).map(|(_, state, _)| state.row_version);
-            prompt.purpose != RequestKind::Review && row.is_ok_and(|row| row != prompt.life_row_version)
+            request.kind != RequestKind::Review && row.is_ok_and(|row| row != request.life_row_version)
         };
-        self.prompts.iter().filter(changed).map(|(id, _)| id.clone()).collect()
+        self.pending.iter().filter(changed).map(|(id, _)| id.clone()).collect()
     }
 
     /// The next deadline.
     #[must_use]
     pub fn next(&self) -> Option<WallTime> {
-        self.prompts.values().filter(|prompt| !prompt.overdue).map(|prompt| prompt.request.until).min()
+        self.pending.values().filter(|request| !request.overdue).map(|request| request.row.until).min()
     }
 
     /// What waits for people.
@@ -126,11 +123,11 @@ impl Approvals {
         record: &EngineRecorder,
         evidence_files: &EvidenceFiles,
     ) -> Vec<ApprovalRequestView> {
-        let shown = |(id, prompt)| ApprovalRequestView {
+        let shown = |(id, request)| ApprovalRequestView {
             granted: self.granted.contains(id),
-            ..view(context, record, evidence_files, id, prompt)
+            ..view(context, record, evidence_files, id, request)
         };
-        self.prompts.iter().map(shown).collect()
+        self.pending.iter().map(shown).collect()
     }
 
     /// Asks people to let a candidate in; from here on only they or the deadline move it.
@@ -149,21 +146,17 @@ impl Approvals {
         let Some((quorum, review)) = activation_terms(context, evidence_file, provenance) else {
             return Err(EngineFault::Impossible(format!("{id} reached the gate without an assessment")));
         };
-        let evidence = evidence_file.digest()?;
-        self.put(
-            context,
-            record,
-            evidence_files,
-            id,
-            (RequestKind::Activation, String::new(), None),
-            (evidence, quorum, review),
-        )
+        let terms = (evidence_file.digest()?, quorum, until(context, record));
+        let risk = version_origin::assessed_risk(evidence_file);
+        let row = new_row(context, record, id, terms)?;
+        let request = PendingApproval::new(context, record, row, RequestKind::Activation, risk)?;
+        self.put(context, record, evidence_files, PendingApproval { review, ..request })
     }
 
     /// Asks people to lift the restriction of an active version.
     ///
     /// # Errors
-    /// If the lifecycle refuses the question, or it cannot be written.
+    /// If the lifecycle refuses the request, or it cannot be written.
     pub fn request_release(
         &mut self,
         context: &Context,
@@ -174,84 +167,54 @@ impl Approvals {
         let Operation { version: id, by, reason } = operation;
         let about = format!("{by} asks for it: {reason}");
         let evidence_file = evidence_files.edit(id);
-        let quorum =
-            approval::quorum(&context.profile.approval, version_origin::assessed_risk(evidence_file), false);
+        let risk = version_origin::assessed_risk(evidence_file);
+        let quorum = approval::quorum(&context.profile.approval, risk, false);
         let evidence =
             Digest::of_parts("holdpoint.release.v1", &[evidence_file.digest()?.bytes(), about.as_bytes()]);
-        let request = (RequestKind::Release, about, Some(by.clone()));
-        self.put(context, record, evidence_files, id, request, (evidence, quorum, false))
+        let row = new_row(context, record, id, (evidence, quorum, until(context, record)))?;
+        let request = PendingApproval::new(context, record, row, RequestKind::Release, risk)?;
+        self.put(context, record, evidence_files, request.asked_by(record, by, about)?)
     }
 
+    /// Records a new request, with the state change that goes with it, and opens it.
     fn put(
         &mut self,
         context: &Context,
         record: &mut EngineRecorder,
         evidence_files: &mut EvidenceFiles,
-        id: &CapabilityId,
-        (purpose, about, asked_by): (RequestKind, String, Option<String>),
-        (evidence, quorum, review): (Digest, u8, bool),
+        mut request: PendingApproval,
     ) -> Result<(), EngineFault> {
-        let settings = context.profile.approval;
-        let (version, _, member) = record.version_table().version(id)?;
-        let row_version = member.row_version;
-        let now = record.wall_now();
-        let until = now.plus_secs(settings.timeout_s);
-        // After a restart the engine asks the same question with another deadline: another request.
-        let prompt_id =
-            format!("{}-{}-{row_version}-{}-{}", id.family, id.version, evidence.short(), now.ms());
-        let evidence_file = evidence_files.edit(id);
-        let risk = version_origin::assessed_risk(evidence_file);
-        let question = ApprovalRequest {
-            id: prompt_id.clone(),
-            version: id.clone(),
-            row_version,
-            evidence_digest: evidence,
-            policy_digest: context.digest,
-            profile: context.profile.name,
-            needed: u32::from(quorum),
-            until,
-            state: RequestState::Open,
-            json: serde_json::to_string(evidence_file)?,
-        };
+        let id = request.row.version.clone();
+        let (version, _, _) = record.version_table().version(&id)?;
+        let json = serde_json::to_string(evidence_files.edit(&id))?;
+        let row = ApprovalRequest { json, ..request.row.clone() };
         let note = TransitionNote {
-            before: vec![Change::PutApprovalRequest(Box::new(question))],
+            before: vec![Change::PutApprovalRequest(Box::new(row))],
             ..TransitionNote::because("people are asked")
         };
         record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
-        let request = NewApprovalRequest {
-            id: prompt_id,
-            purpose,
-            about,
-            asked_by,
-            evidence,
-            quorum,
-            risk,
-            review,
-            requested_at: now,
-            until,
-        };
-        let prompt = PendingApproval::new(context, record, id, request)?;
-        self.open(context, record, evidence_files, id, prompt);
+        request.life_row_version = record.version_table().version(&id)?.1.row_version;
+        self.open(context, record, evidence_files, request);
         let priority = context.profile.alarms.approval_waiting;
         let text = format!("{id} waits for approval");
-        record.raise(AlarmKey::Approval(id.clone()), priority, false, &text);
+        record.raise(AlarmKey::Approval(id), priority, false, &text);
         Ok(())
     }
 
-    /// A question that is on record is open from now on, and told.
+    /// Opens a request that is on record, and publishes it.
     pub(super) fn open(
         &mut self,
         context: &Context,
         record: &mut EngineRecorder,
         evidence_files: &EvidenceFiles,
-        id: &CapabilityId,
-        prompt: PendingApproval,
+        request: PendingApproval,
     ) {
-        let request_view = view(context, record, evidence_files, id, &prompt);
-        let conditions = evidence_files.of(id).map(|known| known.conditions.clone()).unwrap_or_default();
-        self.prompts.insert(id.clone(), prompt);
+        let id = request.row.version.clone();
+        let request_view = view(context, record, evidence_files, &id, &request);
+        let conditions = evidence_files.of(&id).map(|known| known.conditions.clone()).unwrap_or_default();
+        self.pending.insert(id.clone(), request);
         record.tell(EventKind::ApprovalRequested {
-            version: id.clone(),
+            version: id,
             replaces: request_view.replaces,
             needed: request_view.needed,
             until: request_view.until,
@@ -283,35 +246,25 @@ impl Approvals {
         let refuse = |code, text: String, hint: Option<&str>| {
             Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
         };
-        let identity = match signer(context, record, &signed) {
-            Ok(identity) => identity,
-            Err(refused) => return Ok(Err(refused)),
-        };
-        let Some(prompt) = self.prompts.get(&id) else {
+        if let Err(refused) = check_signer(context, record, &signed) {
+            return Ok(Err(refused));
+        }
+        let Some(request) = self.pending.get(&id) else {
             let text = format!("nothing waits for a decision on {id}");
             return refuse(Refusal::NotFound, text, Some("see `holdpoint status`"));
         };
         let now = record.wall_now();
-        let profile =
-            if approval.profile == context.profile.name { context.profile_digest } else { context.digest };
-        let subject = Subject {
-            candidate: approval.candidate_digest,
-            row_version: approval.row_version,
-            evidence: approval.evidence_digest,
-            policy: approval.policy_digest,
-            profile,
-        };
         // A refusal is never too late, and a review stays open past its time.
-        let is_late = now >= prompt.request.until && prompt.purpose != RequestKind::Review;
+        let is_late = now >= request.row.until && request.kind != RequestKind::Review;
         if is_late && approval.decision == ApprovalDecision::Approve {
-            let text = format!("the question about {id} was open until {}", prompt.request.until);
+            let text = format!("the request about {id} was open until {}", request.row.until);
             return refuse(Refusal::NotNow, text, Some("`holdpoint resume` has people asked again"));
         }
-        if subject != prompt.request.subject {
+        if vote(context, request.kind, &signed).subject != request.quorum.subject {
             let text = format!("the decision on {id} is over something that has changed since");
-            return refuse(Refusal::Stale, text, Some("look at the prompt again and decide again"));
+            return refuse(Refusal::Stale, text, Some("read the request again and decide again"));
         }
-        if prompt.has_answered(&approval.who, approval.decision, now) {
+        if request.has_answered(&approval.who, approval.decision, now) {
             let (who, answer) = (&approval.who, approval.decision.name());
             let text =
                 format!("{who} has answered {answer} on {id} already; the same answer is not taken twice");
@@ -319,33 +272,23 @@ impl Approvals {
                 "`holdpoint status` shows whom it waits for; another answer of the same person is taken";
             return refuse(Refusal::NotAllowed, text, Some(hint));
         }
-        let shown = match self.displayed_text(context, record, evidence_files, prompt, &approval)? {
+        let shown = match self.displayed_text(context, record, evidence_files, request, &approval)? {
             Ok(shown) => shown,
             Err(refused) => return Ok(Err(refused)),
         };
         let records = shown.iter().map(|shown| shown.record(&approval)).collect::<Result<Vec<_>, _>>()?;
-        record.write(vec![Change::PutApproval(Box::new(signed.clone()))], records)?;
-        let Some(prompt) = self.prompts.get_mut(&id) else {
+        if let Err(refused) = put_answer(record, signed.clone(), records)? {
+            return Ok(Err(refused));
+        }
+        let Some(request) = self.pending.get_mut(&id) else {
             return Err(EngineFault::Impossible(format!(
-                "the question about {id} closed while it was answered"
+                "the request about {id} closed while it was answered"
             )));
         };
-        self.requests.answered(&prompt.id, &approval.who);
-        prompt.votes.push(Vote {
-            person: approval.who.clone(),
-            key: signed.public_key().to_owned(),
-            role: identity.role,
-            answer: approval.decision,
-            reason: approval.reason.clone(),
-            subject,
-            until: approval.not_after(),
-            break_glass: false,
-            signature: SignatureCheck::Valid,
-            nonce_used: false,
-        });
-        prompt.signed.push(signed);
-        let result = prompt.result(context, record.wall_now());
-        let needed = u32::from(prompt.request.quorum);
+        self.requests.answered(&request.row.id, &approval.who);
+        request.answers.push(signed);
+        let result = request.result(context, record.wall_now());
+        let needed = request.row.needed;
         let have = match &result.outcome {
             ApprovalOutcome::Granted { people, .. } => u32::try_from(people.len()).unwrap_or(u32::MAX),
             ApprovalOutcome::Pending { missing } => needed.saturating_sub(u32::from(*missing)),
@@ -378,29 +321,35 @@ fn activation_terms(
     Some((quorum, review))
 }
 
+/// Until when people may answer a request that is made now.
+fn until(context: &Context, record: &EngineRecorder) -> WallTime {
+    record.wall_now().plus_secs(context.profile.approval.timeout_s)
+}
+
+/// Stores a signed decision with its records. The store verifies the signature in the same transaction; a decision that it
+/// refuses has no effect.
+///
+/// # Errors
+/// If it cannot be written.
+pub(crate) fn put_answer(
+    record: &mut EngineRecorder,
+    signed: SignedApproval,
+    records: Vec<AuditBody>,
+) -> Result<Result<(), Reply>, EngineFault> {
+    match record.write(vec![Change::PutApproval(Box::new(signed))], records) {
+        Ok(()) => Ok(Ok(())),
+        Err(StoreError::Approval { problem, .. }) => {
+            Ok(Err(Reply::Refused { code: Refusal::NotAllowed, text: problem, hint: None }))
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
 /// The note by which a request is closed.
 #[must_use]
-pub fn closing_note(
-    context: &Context,
-    id: &CapabilityId,
-    prompt: &PendingApproval,
-    state: RequestState,
-    reason: &str,
-) -> TransitionNote {
-    let request = ApprovalRequest {
-        id: prompt.id.clone(),
-        version: id.clone(),
-        row_version: prompt.row_version,
-        evidence_digest: prompt.evidence,
-        policy_digest: context.digest,
-        profile: context.profile.name,
-        needed: u32::from(prompt.request.quorum),
-        until: prompt.request.until,
-        state,
-        json: "{}".to_owned(),
-    };
+pub fn closing_note(request: &PendingApproval, state: RequestState, reason: &str) -> TransitionNote {
     TransitionNote {
-        before: vec![Change::PutApprovalRequest(Box::new(request))],
+        before: vec![Change::PutApprovalRequest(Box::new(request.row_as(state)))],
         ..TransitionNote::because(reason)
     }
 }
@@ -430,50 +379,54 @@ pub(super) fn view(
     record: &EngineRecorder,
     evidence_files: &EvidenceFiles,
     id: &CapabilityId,
-    prompt: &PendingApproval,
+    request: &PendingApproval,
 ) -> ApprovalRequestView {
-    let counted = approval::counted(&prompt.request, &prompt.votes, record.wall_now());
-    let quorum = prompt.request.quorum;
+    let votes = request.votes(context);
+    let counted = approval::counted(&request.quorum, &votes, record.wall_now());
+    let quorum = request.quorum.quorum;
     let empty = EvidenceFile::default();
     let evidence_file = evidence_files.of(id).unwrap_or(&empty);
     ApprovalRequestView {
-        id: prompt.id.clone(),
+        id: request.row.id.clone(),
         version: id.clone(),
-        replaces: prompt.replaces.clone(),
-        candidate: prompt.request.subject.candidate,
-        row_version: prompt.row_version,
-        evidence: prompt.evidence,
+        replaces: request.replaces.clone(),
+        candidate: request.quorum.subject.candidate,
+        row_version: request.row.row_version,
+        evidence: request.row.evidence_digest,
         policy: context.digest,
         profile: context.profile.name,
         site: context.profile.site.clone(),
         needed: u32::from(quorum),
         granted: false,
         approved_by: counted.iter().map(|vote| vote.person.clone()).collect(),
-        officer_missing: prompt.request.risk == Risk::High
+        officer_missing: request.quorum.risk == Risk::High
             && !counted.iter().any(|vote| vote.role == Role::Safety),
-        until: prompt.request.until,
+        until: request.row.until,
         valid_until: record.wall_now().plus_secs(context.profile.approval.valid_s),
         store_id: record.version_table().store().store_id().to_owned(),
-        asked: prompt.requested_at,
-        tier: tier(context.profile.name, quorum, prompt.review),
-        author: prompt.request.author.label(),
-        requester: prompt.request.requester.clone(),
+        asked: request.requested_at,
+        tier: tier(context.profile.name, quorum, request.review),
+        author: request.quorum.author.label(),
+        requester: request.quorum.requester.clone(),
         risk: evidence_file.risk.clone(),
         new_permissions: evidence_file.new_permissions.clone(),
         changes: evidence_file.changes.clone(),
         conditions: evidence_file.conditions.iter().map(ToString::to_string).collect(),
         why: check_explanation::summary(evidence_file),
         untested: request_display::untested(evidence_file).iter().map(ToString::to_string).collect(),
-        on_drift: match prompt.purpose {
-            RequestKind::Activation | RequestKind::Emergency => {
-                request_display::on_drift(context, prompt, evidence_file, evidence_files.has_open_concern(id))
-                    .to_string()
-            }
-            RequestKind::Release | RequestKind::Review => prompt.about.clone(),
+        on_drift: match request.kind {
+            RequestKind::Activation | RequestKind::Emergency => request_display::on_drift(
+                context,
+                request,
+                evidence_file,
+                evidence_files.has_open_concern(id),
+            )
+            .to_string(),
+            RequestKind::Release | RequestKind::Review => request.about.clone(),
         },
-        purpose: prompt.purpose,
-        about: prompt.about.clone(),
-        lines: request_display::overview(context, record, evidence_files, id, prompt),
+        purpose: request.kind,
+        about: request.about.clone(),
+        lines: request_display::overview(context, record, evidence_files, id, request),
     }
 }
 

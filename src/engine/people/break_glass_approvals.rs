@@ -4,9 +4,7 @@
 //! gate decides on the activation.
 
 use holdpoint_approvals::SignedApproval;
-use holdpoint_governance::approval::{
-    self, ApprovalDecision, ApprovalResult, REVIEWERS, SignatureCheck, Subject, Vote,
-};
+use holdpoint_governance::approval::{self, ApprovalDecision, ApprovalResult, REVIEWERS};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Review, Stage, State};
 use holdpoint_governance::submission::Risk;
@@ -17,9 +15,9 @@ use holdpoint_registry::store_terms::RequestState;
 use holdpoint_registry::{ApprovalRequest, Change};
 use holdpoint_text::is_visible;
 
-use super::approvals::{Approvals, NewApprovalRequest, PendingApproval, closing_note, tier, view};
+use super::approvals::{Approvals, PendingApproval, new_row, tier, view, vote};
 use super::request_display::DisplayedText;
-use super::signers::signer;
+use super::signers::check_signer;
 use crate::context::Context;
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::fault::EngineFault;
@@ -63,23 +61,15 @@ pub(super) fn break_glass_request(
     if !(settings.break_glass && stands && waits && entry.state.review.is_none()) {
         return None;
     }
-    let evidence = evidence_file.digest().ok()?;
-    let now = record.wall_now();
+    let until = record.wall_now().plus_secs(settings.break_glass_valid_s);
     let risk = version_origin::assessed_risk(evidence_file);
-    let request = NewApprovalRequest {
-        id: format!("{}-{}-{}-emergency", id.family, id.version, member.row_version),
-        purpose: RequestKind::Emergency,
-        about: String::new(),
-        asked_by: None,
-        evidence,
-        // One person is never enough in the ordinary way: it counts as an emergency or not at all.
-        quorum: approval::quorum(&settings, risk, false).max(2),
-        risk,
-        review: true,
-        requested_at: now,
-        until: now.plus_secs(settings.break_glass_valid_s),
-    };
-    PendingApproval::new(context, record, id, request).ok()
+    // One person is never enough in the ordinary way: it counts as an emergency or not at all.
+    let quorum = approval::quorum(&settings, risk, false).max(2);
+    let mut row = new_row(context, record, id, (evidence_file.digest().ok()?, quorum, until)).ok()?;
+    // Each reader gets it composed again, and it stays the same request.
+    row.id = format!("{}-{}-{}-emergency", id.family, id.version, member.row_version);
+    let request = PendingApproval::new(context, record, row, RequestKind::Emergency, risk).ok()?;
+    Some(PendingApproval { review: true, ..request })
 }
 
 /// Versions that one person may activate by break-glass now.
@@ -95,9 +85,9 @@ pub(crate) fn views(
     for (_, entry) in record.version_table().families() {
         for member in &entry.members {
             let id = member.capability.id();
-            if let Some(question) = break_glass_request(context, record, evidence_files, &id) {
-                let mut shown = view(context, record, evidence_files, &id, &question);
-                shown.valid_until = question.request.until;
+            if let Some(request) = break_glass_request(context, record, evidence_files, &id) {
+                let mut shown = view(context, record, evidence_files, &id, &request);
+                shown.valid_until = request.row.until;
                 shown.tier = tier(context.profile.name, 2, true);
                 found.push(shown);
             }
@@ -120,10 +110,9 @@ pub(crate) fn check(
     let refuse = |code, text: String, hint: Option<&str>| {
         Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
     };
-    let identity = match signer(context, record, &signed) {
-        Ok(identity) => identity,
-        Err(refused) => return Ok(Err(refused)),
-    };
+    if let Err(refused) = check_signer(context, record, &signed) {
+        return Ok(Err(refused));
+    }
     let answer = signed.approval().clone();
     let (id, settings) = (&answer.version, context.profile.approval);
     if !settings.break_glass {
@@ -134,38 +123,18 @@ pub(crate) fn check(
         let text = "break-glass needs an approval with a reason".to_owned();
         return refuse(Refusal::BadInput, text, None);
     }
-    let Some(question) = break_glass_request(context, record, evidence_files, id) else {
+    let Some(request) = break_glass_request(context, record, evidence_files, id) else {
         let text = format!("{id} does not wait for approval or a freeze after shadow");
         return refuse(Refusal::NotNow, text, Some("break-glass replaces no stage and no measurement"));
     };
-    let profile =
-        if answer.profile == context.profile.name { context.profile_digest } else { context.digest };
-    let subject = Subject {
-        candidate: answer.candidate_digest,
-        row_version: answer.row_version,
-        evidence: answer.evidence_digest,
-        policy: answer.policy_digest,
-        profile,
-    };
-    let vote = Vote {
-        person: answer.who.clone(),
-        key: signed.public_key().to_owned(),
-        role: identity.role,
-        answer: answer.decision,
-        reason: answer.reason.clone(),
-        subject,
-        until: answer.not_after(),
-        break_glass: answer.break_glass,
-        signature: SignatureCheck::Valid,
-        nonce_used: false,
-    };
-    let result = approval::evaluate(&question.request, &[vote], record.wall_now(), &settings);
+    let vote = vote(context, RequestKind::Emergency, &signed);
+    let result = approval::evaluate(&request.quorum, &[vote], record.wall_now(), &settings);
     if !result.is_emergency() {
         let why = result.reasons.last().map_or_else(String::new, holdpoint_wording::reason);
         return refuse(Refusal::NotAllowed, format!("{id} is not activated: {why}"), None);
     }
     let shown =
-        match approvals.displayed_text(context, record, evidence_files, &question, signed.approval())? {
+        match approvals.displayed_text(context, record, evidence_files, &request, signed.approval())? {
             Ok(Some(shown)) => shown,
             Ok(None) => {
                 return refuse(
@@ -176,7 +145,7 @@ pub(crate) fn check(
             }
             Err(refused) => return Ok(Err(refused)),
         };
-    let until = answer.not_after().min(question.request.until);
+    let until = answer.not_after().min(request.row.until);
     Ok(Ok(BreakGlassApproval { signed, shown, result, until }))
 }
 
@@ -195,11 +164,10 @@ impl Approvals {
     ) -> Result<(), EngineFault> {
         let mut changes = Vec::new();
         if let Some(old) = self.close(id) {
-            changes = closing_note(context, id, &old, RequestState::Void, "").before;
+            changes.push(Change::PutApprovalRequest(Box::new(old.row_as(RequestState::Void))));
         }
         let risk = evidence_files.of(id).map_or(Risk::High, version_origin::assessed_risk);
         let candidate = record.capability(id)?;
-        let row_version = record.version_table().version(id)?.2.row_version;
         let now = record.wall_now();
         let overdue = review.until <= now;
         let break_glass = break_glass_approval(record, id)?;
@@ -214,35 +182,15 @@ impl Approvals {
         } else {
             format!("{by} activated it alone ({reason}); without a review by the deadline it is rolled back")
         };
-        let prompt_id = format!("{}-{}-{row_version}-review-{}", id.family, id.version, now.ms());
-        let request = NewApprovalRequest {
-            id: prompt_id.clone(),
-            purpose: RequestKind::Review,
-            about,
-            asked_by: Some(by),
-            evidence,
-            quorum: REVIEWERS,
-            risk,
-            review: true,
-            requested_at: now,
-            until: review.until,
-        };
-        let question = PendingApproval { overdue, ..PendingApproval::new(context, record, id, request)? };
+        let mut row = new_row(context, record, id, (evidence, REVIEWERS, review.until))?;
+        row.id = format!("{}-{}-{}-review-{}", id.family, id.version, row.row_version, now.ms());
         let empty = EvidenceFile::default();
-        changes.push(Change::PutApprovalRequest(Box::new(ApprovalRequest {
-            id: prompt_id,
-            version: id.clone(),
-            row_version,
-            evidence_digest: evidence,
-            policy_digest: context.digest,
-            profile: context.profile.name,
-            needed: u32::from(REVIEWERS),
-            until: review.until,
-            state: RequestState::Open,
-            json: serde_json::to_string(evidence_files.of(id).unwrap_or(&empty))?,
-        })));
+        let json = serde_json::to_string(evidence_files.of(id).unwrap_or(&empty))?;
+        changes.push(Change::PutApprovalRequest(Box::new(ApprovalRequest { json, ..row.clone() })));
+        let request = PendingApproval::new(context, record, row, RequestKind::Review, risk)?;
+        let request = request.asked_by(record, &by, about)?;
         record.write(changes, Vec::new())?;
-        self.open(context, record, evidence_files, id, question);
+        self.open(context, record, evidence_files, PendingApproval { overdue, review: true, ..request });
         Ok(())
     }
 }

@@ -132,7 +132,7 @@ impl Approvals {
             }
             RequestKind::Activation | RequestKind::Release | RequestKind::Review => None,
         };
-        let pending = self.of(id).filter(|pending| pending.purpose == purpose);
+        let pending = self.of(id).filter(|pending| pending.kind == purpose);
         let Some(pending) = emergency.as_ref().or(pending) else {
             return Ok(Reply::Refused {
                 code: Refusal::NotFound,
@@ -143,7 +143,7 @@ impl Approvals {
         let facts = facts(context, record, evidence_files, id, pending, Some((&who.name, who.role)))?;
         let (lines, facts) = (render(&facts), canonical_json(&facts)?);
         let valid_until = valid_until(context, record, pending);
-        let question = pending.id.clone();
+        let question = pending.row.id.clone();
         let Some(request) = self.requests.nonce(record, &question, &who.name)? else {
             let text = format!("{REQUESTS_MAX} requests for open questions are remembered already");
             return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: None });
@@ -183,7 +183,7 @@ impl Approvals {
                 ApprovalDecision::Approve => stale("it is signed over nothing that was shown"),
             };
         };
-        if !self.requests.is_open(&pending.id, &approval.who, &binding.request) {
+        if !self.requests.is_open(&pending.row.id, &approval.who, &binding.request) {
             return stale("it answers a request that is not open");
         }
         if approval.not_after() > valid_until(context, record, pending) {
@@ -207,7 +207,7 @@ impl Approvals {
         id: &CapabilityId,
     ) -> Result<bool, EngineFault> {
         let Some(pending) = self.of(id) else { return Ok(false) };
-        for signed in &pending.signed {
+        for signed in &pending.answers {
             if !is_display_current(context, record, evidence_files, pending, signed.approval())? {
                 return Ok(true);
             }
@@ -218,8 +218,8 @@ impl Approvals {
 
 /// Until when an answer that is given now counts.
 fn valid_until(context: &Context, record: &EngineRecorder, pending: &PendingApproval) -> WallTime {
-    match pending.purpose {
-        RequestKind::Emergency => pending.request.until,
+    match pending.kind {
+        RequestKind::Emergency => pending.row.until,
         RequestKind::Activation | RequestKind::Release | RequestKind::Review => {
             record.wall_now().plus_secs(context.profile.approval.valid_s)
         }
@@ -297,8 +297,8 @@ fn facts(
     let (_, lifecycle, member) = record.version_table().version(id)?;
     let empty = EvidenceFile::default();
     let evidence_file = evidence_files.of(id).unwrap_or(&empty);
-    let (profile, request) = (&context.profile, &pending.request);
-    let activates = matches!(pending.purpose, RequestKind::Activation | RequestKind::Emergency);
+    let (profile, request) = (&context.profile, &pending.quorum);
+    let activates = matches!(pending.kind, RequestKind::Activation | RequestKind::Emergency);
     let against = evidence_file
         .reasons
         .iter()
@@ -309,19 +309,19 @@ fn facts(
             role,
             void: void(context, record, pending, name, role),
         }),
-        question: pending.id.clone(),
-        purpose: pending.purpose,
+        question: pending.row.id.clone(),
+        purpose: pending.kind,
         version: id.clone(),
         replaces: pending.replaces.clone(),
         robot: context.cell.model.name.clone(),
         candidate: request.subject.candidate,
-        row_version: pending.row_version,
-        evidence: pending.evidence,
+        row_version: pending.row.row_version,
+        evidence: pending.row.evidence_digest,
         policy: context.digest,
         profile: profile.name,
         site: profile.site.clone(),
-        needed: if pending.purpose == RequestKind::Emergency { 1 } else { u32::from(request.quorum) },
-        until: (pending.purpose != RequestKind::Emergency).then_some(pending.request.until),
+        needed: if pending.kind == RequestKind::Emergency { 1 } else { u32::from(request.quorum) },
+        until: (pending.kind != RequestKind::Emergency).then_some(pending.row.until),
         risk: request.risk,
         assessed: evidence_file.risk.clone(),
         requester: request.requester.clone(),
@@ -376,13 +376,13 @@ fn void(
         role,
         answer: ApprovalDecision::Approve,
         reason: "asked".to_owned(),
-        subject: pending.request.subject,
+        subject: pending.quorum.subject,
         until: WallTime::from_ms(i64::MAX),
-        break_glass: pending.purpose == RequestKind::Emergency,
+        break_glass: pending.kind == RequestKind::Emergency,
         signature: SignatureCheck::Valid,
         nonce_used: false,
     };
-    let result = approval::evaluate(&pending.request, &[vote], record.wall_now(), &context.profile.approval);
+    let result = approval::evaluate(&pending.quorum, &[vote], record.wall_now(), &context.profile.approval);
     let against = |code: &ReasonCode| matches!(code, ReasonCode::ApprovalSelf | ReasonCode::ApprovalRole);
     result.reasons.iter().map(|reason| reason.code).find(against)
 }

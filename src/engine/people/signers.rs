@@ -11,13 +11,13 @@ use super::persons::unconfirmed;
 use crate::context::Context;
 use crate::recorder::EngineRecorder;
 
-/// The signer of a decision, if the store knows the person, the signature is valid, and the profile's requirements
-/// are met.
-pub(crate) fn signer(
+/// Checks the named signer of a decision: the store knows the person, and the profile's requirements are met. The store
+/// verifies the signature when it stores the decision.
+pub(crate) fn check_signer(
     context: &Context,
     record: &EngineRecorder,
     signed: &SignedApproval,
-) -> Result<IdentityInfo, Reply> {
+) -> Result<(), Reply> {
     let refuse = |code, text: String, hint: Option<String>| Err(Reply::Refused { code, text, hint });
     if !is_visible(&signed.approval().reason) {
         let text = "a decision needs a reason that can be read".to_owned();
@@ -29,9 +29,6 @@ pub(crate) fn signer(
         Err(error) => return Err(Reply::refused(Refusal::Store, &error)),
     };
     let identity = person(&persons, &signed.approval().who)?;
-    if let Err(error) = signed.verify(&identity) {
-        return refuse(Refusal::NotAllowed, error.to_string(), None);
-    }
     // A refusal stops something, and nothing may make that harder. What a script says was settled when it was written.
     let approves = signed.approval().decision == ApprovalDecision::Approve;
     if approves && context.may_need_approval() && !record.clock().is_scripted() {
@@ -54,7 +51,7 @@ pub(crate) fn signer(
             return Err(refused);
         }
     }
-    Ok(identity)
+    Ok(())
 }
 
 /// An enrolled person, by name; answers of others do not count.

@@ -350,7 +350,7 @@ impl Pipeline {
             Ok(result) => result,
             Err(refusal) => return Ok(refusal),
         };
-        let text = match self.approvals.of(&id).map(PendingApproval::purpose) {
+        let text = match self.approvals.of(&id).map(PendingApproval::kind) {
             Some(RequestKind::Release) => {
                 let (mut live, approvals) = self.live_and_approvals();
                 release::settle(&mut live, approvals, &id, &result)?

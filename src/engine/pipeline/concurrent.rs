@@ -100,7 +100,7 @@ impl Pipeline {
 
     /// Versions and envelopes change between two sequences; a reviewer's rejection stops the sequence that runs.
     fn decision_timing(&self, approval: &Approval) -> CommandTiming {
-        match self.approvals.of(&approval.version).map(PendingApproval::purpose) {
+        match self.approvals.of(&approval.version).map(PendingApproval::kind) {
             _ if approval.break_glass => CommandTiming::Between,
             Some(RequestKind::Review) if approval.decision == ApprovalDecision::Reject => CommandTiming::Stop,
             Some(RequestKind::Release) => CommandTiming::Between,

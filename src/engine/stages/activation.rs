@@ -126,7 +126,7 @@ impl Activation<'_> {
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
                 let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
                 let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
-                let note = closing_note(self.context, id, prompt, RequestState::Granted, &reason);
+                let note = closing_note(prompt, RequestState::Granted, &reason);
                 match self.record.transition(&id.family, event, note) {
                     Err(EngineFault::VersionTable(VersionTableError::Refused(refusal))) => {
                         // An answer that came too late puts no version on hold.
@@ -147,7 +147,7 @@ impl Activation<'_> {
             }
             ApprovalOutcome::Refused { person } => {
                 let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
-                let note = closing_note(self.context, id, prompt, RequestState::Refused, &reason);
+                let note = closing_note(prompt, RequestState::Refused, &reason);
                 self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
                 self.approvals.close(id);
                 self.evidence_files.edit(id).reasons.clone_from(&result.reasons);
@@ -157,7 +157,7 @@ impl Activation<'_> {
             }
             ApprovalOutcome::TimedOut => {
                 let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
-                let note = closing_note(self.context, id, prompt, RequestState::Expired, &reason);
+                let note = closing_note(prompt, RequestState::Expired, &reason);
                 self.record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
                 self.approvals.close(id);
                 let evidence_file = self.evidence_files.edit(id);
@@ -186,7 +186,7 @@ impl Activation<'_> {
     }
 
     fn void(&mut self, id: &CapabilityId, why: &str) -> Result<(), EngineFault> {
-        cancel_request(self.context, self.record, self.evidence_files, self.approvals, id, why)
+        cancel_request(self.record, self.evidence_files, self.approvals, id, why)
     }
 
     /// Acts on requests past their deadline. Returns whether there was one.
@@ -199,9 +199,9 @@ impl Activation<'_> {
         }
         let due = self.approvals.due(self.record.wall_now());
         for id in &due {
-            match self.approvals.of(id).map(PendingApproval::purpose) {
+            match self.approvals.of(id).map(PendingApproval::kind) {
                 Some(RequestKind::Release) => {
-                    release::lapse(self.context, self.record, self.approvals, id)?;
+                    release::lapse(self.record, self.approvals, id)?;
                 }
                 Some(RequestKind::Activation | RequestKind::Emergency | RequestKind::Review) | None => {
                     self.settle_now(id)?;

@@ -85,9 +85,7 @@ impl Activation<'_> {
         }
         if needs_approval || awaits_approval {
             let note = match self.approvals.close(&id) {
-                Some(prompt) => {
-                    closing_note(self.context, &id, &prompt, RequestState::Granted, "break-glass")
-                }
+                Some(prompt) => closing_note(&prompt, RequestState::Granted, "break-glass"),
                 None => TransitionNote::because("break-glass was used"),
             };
             let row_version = self.record.version_table().version(&id)?.1.row_version;
@@ -173,7 +171,7 @@ pub(crate) fn settle_review(
     }
     let state = if upheld { RequestState::Granted } else { RequestState::Refused };
     let mut note = match approvals.close(id) {
-        Some(prompt) => closing_note(live.context, id, &prompt, state, "the review is closed"),
+        Some(prompt) => closing_note(&prompt, state, "the review is closed"),
         None => TransitionNote::because("the review is closed"),
     };
     note.audit.push(AuditBody {

@@ -134,7 +134,6 @@ pub(crate) fn abort_stage(
 /// Voids an approval request about a version that has changed since, in the record and as an event; people are asked
 /// again when the version may advance.
 pub(crate) fn cancel_request(
-    context: &Context,
     record: &mut EngineRecorder,
     evidence_files: &mut EvidenceFiles,
     approvals: &mut Approvals,
@@ -145,7 +144,7 @@ pub(crate) fn cancel_request(
     let (version, lifecycle, _) = record.version_table().version(id)?;
     let flags = lifecycle.flags;
     let reason = format!("{id}: {why}; what people were asked is void");
-    let note = closing_note(context, id, pending, RequestState::Void, &reason);
+    let note = closing_note(pending, RequestState::Void, &reason);
     if flags.awaiting_approval {
         record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
     } else {

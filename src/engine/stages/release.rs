@@ -74,7 +74,7 @@ pub(crate) fn settle(
             let Some(prompt) = approvals.of(id) else { return Ok(last) };
             let by = people.iter().cloned().collect::<Vec<_>>().join(", ");
             let (version, _, _) = live.record.version_table().version(id)?;
-            let note = closing_note(live.context, id, prompt, RequestState::Granted, "people released it");
+            let note = closing_note(prompt, RequestState::Granted, "people released it");
             let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
             let answered = prompt.last_voter();
             live.record.transition(&id.family, event, note)?;
@@ -84,18 +84,11 @@ pub(crate) fn settle(
             Ok(format!("{id} has its full envelope again"))
         }
         ApprovalOutcome::Refused { person } => {
-            close(
-                live.context,
-                live.record,
-                approvals,
-                id,
-                RequestState::Refused,
-                "its release was refused",
-            )?;
+            close(live.record, approvals, id, RequestState::Refused, "its release was refused")?;
             Ok(format!("{id} stays restricted: {person} refused"))
         }
         ApprovalOutcome::TimedOut | ApprovalOutcome::NotNeeded => {
-            lapse(live.context, live.record, approvals, id)?;
+            lapse(live.record, approvals, id)?;
             Ok(format!("{id} stays restricted: too few people answered in time"))
         }
     }
@@ -103,13 +96,11 @@ pub(crate) fn settle(
 
 /// No answer came in time: the version stays restricted, and a person can ask again.
 pub(crate) fn lapse(
-    context: &Context,
     record: &mut EngineRecorder,
     approvals: &mut Approvals,
     id: &CapabilityId,
 ) -> Result<(), EngineFault> {
     close(
-        context,
         record,
         approvals,
         id,
@@ -119,7 +110,6 @@ pub(crate) fn lapse(
 }
 
 fn close(
-    context: &Context,
     record: &mut EngineRecorder,
     approvals: &mut Approvals,
     id: &CapabilityId,
@@ -127,7 +117,7 @@ fn close(
     why: &str,
 ) -> Result<(), EngineFault> {
     let Some(prompt) = approvals.of(id) else { return Ok(()) };
-    let note = closing_note(context, id, prompt, state, why);
+    let note = closing_note(prompt, state, why);
     let (version, lifecycle, _) = record.version_table().version(id)?;
     if lifecycle.flags.awaiting_approval {
         record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;

@@ -25,7 +25,7 @@ use holdpoint_protocol::video_frame::{Contact, SceneBlock, Twin, VideoFrame};
 use holdpoint_recordings::recording::{Recording, Series};
 use holdpoint_recordings::recording_folder::file_stem;
 use holdpoint_scene::feed::Feed;
-use holdpoint_scene::{SceneConfig, SceneSink, read, until};
+use holdpoint_scene::{ReadError, SceneConfig, SceneSink, read, until};
 use holdpoint_text::Hint as _;
 use support::{digest, id, snapshot};
 
@@ -310,10 +310,11 @@ fn other_files_are_not_accepted() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.rrd");
     let missing = read(&path).unwrap_err();
-    assert!(missing.to_string().contains("x.rrd") && missing.hint().is_some(), "{missing}");
+    assert!(matches!(&missing, ReadError::File { path, .. } if path.contains("x.rrd")), "{missing}");
+    assert!(missing.hint().is_some());
     std::fs::write(&path, b"not a recording at all, but long enough to look at").unwrap();
-    let foreign = read(&path).unwrap_err().to_string();
-    assert!(foreign.contains("is no recording of an upgrade"), "{foreign}");
+    let foreign = read(&path).unwrap_err();
+    assert!(matches!(foreign, ReadError::Foreign { .. }), "{foreign}");
 }
 
 #[test]

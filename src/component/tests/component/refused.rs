@@ -16,7 +16,7 @@ fn a_file_of_another_type_is_identified() {
     assert!(matches!(load(b"\x7fELF\x02\x01\x01\0").unwrap_err(), ComponentError::NotWasm { .. }));
     let core = load(&Guest::default().core()).unwrap_err();
     assert_eq!(core, ComponentError::CoreModule);
-    assert!(core.sentence().contains("holdpoint skill build"));
+    assert!(core.sentence().contains("skill build"));
     let mut bytes = Guest::default().bytes();
     let whole = bytes.len();
     bytes.resize(COMPONENT_BYTES_MAX + 1, 0);
@@ -140,10 +140,7 @@ fn what_the_compiler_would_not_end_with_is_refused_before() {
     let many = error("(func)".repeat(20_000));
     assert!(matches!(many, ComponentError::TooMuch { max: 10_000, .. }), "{many}");
     let locals = error(format!("(func (local {}))", "i64 ".repeat(2_001)));
-    assert_eq!(
-        locals.to_string(),
-        "the component has 2001 local variables in one function, too many: 2000 are allowed"
-    );
+    assert!(matches!(locals, ComponentError::TooMuch { count: 2_001, max: 2_000, .. }), "{locals}");
     all_is_well();
 }
 

@@ -22,9 +22,10 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
         let row = Row::of(ThemeRole::Key, what).and(field(pen, line, room.min(24), true));
         row.with(ThemeRole::Muted, "   12.5s  1:02  t 3000  +5s   enter jumps, esc cancels")
     } else if let Some(notice) = &model.notice {
+        let is_bad = notice.message.is_bad();
         let (role, glyph) =
-            if notice.bad { (ThemeRole::Problem, Glyph::Warning) } else { (ThemeRole::Notice, Glyph::Good) };
-        Row::of(role, &format!("{} {}", pen.look.glyph(glyph), short(&notice.text, 400)))
+            if is_bad { (ThemeRole::Problem, Glyph::Warning) } else { (ThemeRole::Notice, Glyph::Good) };
+        Row::of(role, &format!("{} {}", pen.look.glyph(glyph), short(&notice.message.to_string(), 400)))
     } else {
         keys(model, width)
     };

@@ -1,7 +1,9 @@
 //! Several consoles at one engine: the presence that one reports, and the others that it shows.
 
 use super::*;
+use crate::approval_screen::ClosingAnswer;
 use crate::model::EngineLink;
+use holdpoint_engine::control_socket::AnswerOrigin;
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsolePresence};
 use holdpoint_protocol::event::{Event, EventKind};
 
@@ -78,13 +80,13 @@ fn every_screen_size_shows_other_consoles() {
         &mut console,
         vec![console_view(1, Some("bert"), Some(CANDIDATE)), console_view(2, Some("ana"), None)],
     );
-    assert!(screen(&console, 120, 36).contains("with bert (reads grasp@1.3.0)"));
+    assert!(screen(&console, 120, 36).contains(&format!("bert (reads {CANDIDATE})")));
     assert!(screen(&console, 100, 30).contains("with bert"));
     assert!(screen(&console, 80, 24).contains("and 1 more"));
     let mut looks_on = console_view(1, Some("bert"), None);
     looks_on.sitting.read_only = true;
     with_consoles(&mut console, vec![looks_on, console_view(2, Some("ana"), None)]);
-    assert!(screen(&console, 120, 36).contains("with bert, read-only (Alarms)"));
+    assert!(screen(&console, 120, 36).contains(&format!("bert, read-only ({})", View::Alarms.title())));
 }
 
 #[test]
@@ -115,15 +117,14 @@ fn an_answer_from_another_console_is_named() {
     console.tell(MsgKind::Events(vec![event(1, answer("place@1.0.1"))]));
     assert_eq!(answered(&console), None, "that was about another one");
     console.tell(MsgKind::Events(vec![event(2, answer(CANDIDATE))]));
-    let text = answered(&console).unwrap();
-    assert!(
-        text.starts_with("bert") && text.ends_with("rejected it") && !text.contains('\u{1b}'),
-        "{text:?}"
-    );
+    let answer = answered(&console).unwrap();
+    assert!(answer.by.starts_with("bert") && !answer.by.contains('\u{1b}'), "{answer:?}");
+    assert_eq!(answer.decision, ApprovalDecision::Reject);
     console.tell(MsgKind::Events(vec![event(3, yes(1))]));
     assert_eq!(answered(&console), None, "one of two closes nothing");
     console.tell(MsgKind::Events(vec![event(4, yes(2))]));
-    assert_eq!(answered(&console).as_deref(), Some("carl approved it, which was enough"));
+    let carl = ClosingAnswer { by: "carl".to_owned(), decision: ApprovalDecision::Approve };
+    assert_eq!(answered(&console), Some(carl));
 }
 
 #[test]
@@ -145,8 +146,8 @@ fn leaving_ends_only_an_own_engine() {
         console.model.notice = None;
         let hint = match (link, &quits) {
             (EngineLink::Own, _) => "q quit",
-            (EngineLink::Attached, None) => "q end engine",
-            (EngineLink::Attached, Some(_)) => "q leave it on",
+            (EngineLink::Attached, None) => "q end",
+            (EngineLink::Attached, Some(_)) => "q leave",
         };
         assert!(screen(&console, 120, 36).contains(hint), "{hint}: {}", screen(&console, 120, 36));
         console.keys(":detach");
@@ -190,19 +191,17 @@ fn a_console_not_reading_is_marked() {
     let mut console = TestConsole::new(0);
     let asleep = AttachedConsoleView { not_reading: true, ..console_view(1, Some("bert"), None) };
     with_consoles(&mut console, vec![asleep, console_view(2, Some("ana"), None)]);
-    assert!(screen(&console, 140, 36).contains("with bert, NOT READING (Alarms)"));
+    assert!(screen(&console, 140, 36).contains(&format!("bert, NOT READING ({})", View::Alarms.title())));
     assert!(screen(&console, 120, 36).contains("NOT READING"), "{}", screen(&console, 120, 36));
 }
 
 #[test]
 fn an_unverified_engine_is_named_in_the_first_line() {
     let mut console = TestConsole::new(0);
-    let warns =
-        |console: &TestConsole| screen(console, 100, 30).contains("NOT KNOWN TO COME FROM THE ENGINE");
-    console.tell(MsgKind::Attached(
-        Some(7),
-        holdpoint_engine::control_socket::AnswerOrigin::Untold.unverified(),
-    ));
+    let unverified = AnswerOrigin::Untold.unverified();
+    let warning = unverified.unwrap().short();
+    let warns = |console: &TestConsole| screen(console, 100, 30).contains(warning);
+    console.tell(MsgKind::Attached(Some(7), unverified));
     assert!(warns(&console));
     console.tell(MsgKind::Attached(Some(8), None));
     assert!(!warns(&console));

@@ -55,7 +55,7 @@ fn a_start_covers_only_the_stop_that_was_read() {
     let mut console = TestConsole::new(0);
     set_snapshot(&mut console, stopped("bo", 1_000));
     console.keys("W");
-    assert_eq!(form(&console).unwrap().intent.title(), "Start the stopped cell");
+    assert!(matches!(form(&console).unwrap().intent, Intent::Go { since_ms: 1_000, .. }));
     // The same stop continues: nothing changes, whatever else does.
     console.keys("clear");
     let mut again = stopped("bo", 1_000);
@@ -64,8 +64,8 @@ fn a_start_covers_only_the_stop_that_was_read() {
     assert!(form(&console).is_some_and(|form| form.problem.is_none() && form.reason.text() == "clear"));
     // Another stop.
     set_snapshot(&mut console, stopped("cy", 61_000));
-    assert!(notice(&console).contains("cy has stopped it again"), "{}", notice(&console));
-    assert!(void(&mut console).unwrap().contains("cy has stopped it again"));
+    assert!(notice(&console).contains("cy has"), "{}", notice(&console));
+    assert!(void(&mut console).unwrap().starts_with("cy has"));
     // Also if the engine's snapshot keeps the first stop.
     console.keys("W");
     let stop = |at_ms: u64| Event {
@@ -81,11 +81,11 @@ fn a_start_covers_only_the_stop_that_was_read() {
     console.tell(MsgKind::Events(vec![stop(60_000)]));
     assert!(form(&console).is_some_and(|form| form.void.is_none()), "that is the stop that was read");
     console.tell(MsgKind::Events(vec![stop(62_000)]));
-    assert!(void(&mut console).unwrap().contains("di has stopped it again"));
+    assert!(void(&mut console).unwrap().starts_with("di has"));
     // Or starts the cell.
     console.keys("W");
     set_snapshot(&mut console, snapshot(0, 'e'));
-    assert!(void(&mut console).unwrap().contains("already been started"));
+    assert!(void(&mut console).unwrap().contains("already been"));
 }
 
 /// During another person's stop, typed text went to the view as keys: `F` opened a form, `q` another.
@@ -192,9 +192,9 @@ fn every_operator_who_stopped_is_named() {
     };
     now.stopped.as_mut().unwrap().record_repeat(again("bert", 69_000));
     let (screen, form, _) = screens(&now);
-    assert!(screen.contains("STOPPED by ana 00:01:02, bert 00:01:09"), "{screen}");
-    assert!(form.contains("Stopped by ana") && form.contains("since 00:01:02: a hand in the cell"), "{form}");
-    assert!(form.contains("and by bert") && form.contains("at 00:01:09: bert saw something"), "{form}");
+    assert!(screen.contains("ana 00:01:02, bert 00:01:09"), "{screen}");
+    assert!(form.contains("by ana") && form.contains("00:01:02: a hand"), "{form}");
+    assert!(form.contains("by bert") && form.contains("00:01:09: bert saw"), "{form}");
     // However many stops there are, the first and the last ones are named, and the others counted.
     for (by, at_ms) in
         [("carl", 70_000), ("dora", 71_000), ("emil", 72_000), ("fritz", 73_000), ("bert", 74_000)]
@@ -205,9 +205,9 @@ fn every_operator_who_stopped_is_named() {
     let named: Vec<&str> = stopped.again.iter().map(|stop| stop.by.as_str()).collect();
     assert_eq!((named, stopped.unnamed), (vec!["dora", "emil", "fritz", "bert"], 2));
     let (screen, form, open) = screens(&now);
-    assert!(screen.contains("STOPPED by ana 00:01:02, bert 00:01:14 and 5 more"), "{screen}");
-    assert!(form.contains("and 2 more times") && form.contains("fritz") && !form.contains("carl"), "{form}");
-    for wanted in ["Stopped by ana", "and 2 more times", "and by bert", "the cell is empty", "Reason"] {
+    assert!(screen.contains("ana 00:01:02, bert 00:01:14") && screen.contains("and 5 more"), "{screen}");
+    assert!(form.contains("2 more times") && form.contains("fritz") && !form.contains("carl"), "{form}");
+    for wanted in ["Stopped by", "2 more times", "by bert", "is empty", "Reason"] {
         assert!(open.contains(wanted), "{wanted}: {open}");
     }
 }
@@ -336,15 +336,16 @@ fn a_provisional_version_is_paused_and_resumed_by_keys() {
     now.candidates[0].flags = VersionFlags { provisional: true, ..VersionFlags::default() };
     set_snapshot(&mut console, now.clone());
     console.keys("p");
-    assert!(form(&console).unwrap().consequences[1].contains("keeps the arm"));
+    assert!(form(&console).unwrap().consequences[1].contains("keeps"));
     let pause = command(&confirm(&mut console));
     let operation =
         Operation { version: CANDIDATE.parse().unwrap(), by: "ana".to_owned(), reason: "a test".to_owned() };
     assert_eq!(pause, Command::Pause(operation.clone()));
     now.candidates[0].flags.paused = true;
+    let label = crate::formatters::state_label(State::Active, &now.candidates[0].flags);
     set_snapshot(&mut console, now);
     console.keys("u");
-    assert!(form(&console).unwrap().consequences[0].contains("active, provisional, promotion paused"));
+    assert!(form(&console).unwrap().consequences[0].ends_with(&label));
     assert_eq!(command(&confirm(&mut console)), Command::Resume(operation));
 }
 

@@ -44,7 +44,7 @@ fn an_unanswered_stop_is_shown_until_confirmed() {
     for minutes in 0..10 {
         for size in SIZES {
             let screen = screen_text(&console, size);
-            assert!(screen.contains("STOP NOT ANSWERED for"), "{size:?} after {minutes} min: {screen}");
+            assert!(screen.contains("NOT ANSWERED"), "{size:?} after {minutes} min: {screen}");
         }
         let screen = screen_text(&console, SIZES[1]);
         assert!(screen.contains("physical stop") && screen.contains("`holdpoint stop`"), "{screen}");
@@ -54,27 +54,25 @@ fn an_unanswered_stop_is_shown_until_confirmed() {
     let mut elsewhere = console.clone();
     elsewhere.model.data = Some("/srv/cell-2".to_owned());
     let screen = screen_text(&elsewhere, SIZES[0]);
-    assert!(screen.contains("`holdpoint stop --data /srv/cell-2` does so in a shell"), "{screen}");
+    assert!(screen.contains("`holdpoint stop --data /srv/cell-2`"), "{screen}");
     // Whatever is open or typed, the warning stays in sight, and so does the typed text.
     console.keys(":pa");
     let screen = screen_text(&console, SIZES[1]);
-    assert!(screen.contains("STOP NOT ANSWERED for") && screen.contains(":pa"), "{screen}");
+    assert!(screen.contains("NOT ANSWERED") && screen.contains(":pa"), "{screen}");
     console.press(KeyCode::Esc);
     // A missing answer is not a confirmation.
-    let reply = Box::new(refused(Refusal::NoAnswer, "process 712 does not answer: a signal stopped it"));
+    let why = "process 712 is silent";
+    let reply = Box::new(refused(Refusal::NoAnswer, why));
     console.tell(MsgKind::Answer { id: first.clone(), reply });
     later(&mut console, 60_000);
     let screen = screen_text(&console, SIZES[0]);
-    assert!(screen.contains("STOP NOT CONFIRMED") && screen.contains("a signal stopped it"), "{screen}");
-    assert_eq!(screen.matches("a signal stopped it").count(), 1, "it appears in one place: {screen}");
+    assert!(screen.contains("NOT CONFIRMED"), "{screen}");
+    assert_eq!(screen.matches(why).count(), 1, "it appears in one place: {screen}");
     // Repeating the stop does not restart the count.
     let second = id(&console.keys("X"));
     assert_ne!(first, second);
-    assert!(
-        screen_text(&console, SIZES[0]).contains("STOP NOT ANSWERED for 66"),
-        "{}",
-        screen_text(&console, SIZES[0])
-    );
+    let screen = screen_text(&console, SIZES[0]);
+    assert!(screen.contains("NOT ANSWERED") && screen.contains("for 66"), "{screen}");
     let accepted = Reply::Stopped { text: "the cell is stopped".to_owned(), kept: StopPersistence::OnRecord };
     let mut answered = console.clone();
     answered.tell(MsgKind::Answer { id: second, reply: Box::new(accepted) });
@@ -102,14 +100,14 @@ fn a_failed_stop_is_sent_again_once_the_engine_answers() {
     let no_answer = || Box::new(refused(Refusal::NoAnswer, why));
     console.tell(MsgKind::Answer { id: stop_id.clone(), reply: no_answer() });
     console.press(KeyCode::Esc);
-    assert!(screen_text(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "nothing was heard since");
+    assert!(screen_text(&console, SIZES[0]).contains("NOT CONFIRMED"), "nothing was heard since");
     let effects = console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
     assert!(is_stop(&effects), "{effects:?}");
     let again = id(&effects);
     assert_ne!(again, stop_id);
     let screen = screen_text(&console, SIZES[0]);
-    assert!(screen.contains("STOP NOT ANSWERED for 5 s") && screen.contains("sent again"), "{screen}");
-    assert!(!screen.contains("nothing moves the arm"), "{screen}");
+    assert!(screen.contains("NOT ANSWERED for 5 s") && screen.contains("sent again"), "{screen}");
+    assert!(!screen.contains("nothing moves"), "{screen}");
     // A stop under way is not sent twice, and a failed one not again with each camera frame.
     assert!(console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e')))).is_empty());
     console.tell(MsgKind::Answer { id: again, reply: no_answer() });
@@ -138,7 +136,7 @@ fn attached() -> TestConsole {
     console.model.engine_data.console_number = Some(2);
     console.model.size = (120, 36);
     console.tell(MsgKind::Snapshot(Arc::new(Snapshot { seats, ..snapshot(0, 'e') })));
-    assert!(screen_text(&console, SIZES[0]).contains("with bert (Alarms)"));
+    assert!(screen_text(&console, SIZES[0]).contains("bert (Alarms)"));
     console
 }
 
@@ -148,15 +146,12 @@ fn a_lost_engine_has_no_consoles_and_is_searched_for() {
     for (why, expected) in [
         (
             EngineEndError::of("the engine at \"/data/engine.sock\" has ended"),
-            "ENGINE GONE (looks again 3/64), last heard 00:01:00",
+            ["ENGINE GONE", "heard 00:01:00"],
         ),
-        (
-            EngineEndError::orderly("it shut down cleanly: bert ended it"),
-            "ENGINE ENDED (looks again 3/64): it shut down cleanly: bert",
-        ),
+        (EngineEndError::orderly("it shut down cleanly: bert ended it"), ["ENGINE ENDED", "cleanly: bert"]),
         (
             EngineEndError::reported("audit record 5 is bad: its content does not match its hash"),
-            "ENGINE GONE (looks again 3/64): audit record 5 is bad: its content",
+            ["ENGINE GONE", "record 5"],
         ),
     ] {
         let mut console = attached();
@@ -169,12 +164,10 @@ fn a_lost_engine_has_no_consoles_and_is_searched_for() {
         }));
         later(&mut console, 60_000);
         let screen = screen_text(&console, SIZES[0]);
-        assert!(screen.contains(expected), "{screen}");
-        assert!(
-            screen_text(&console, SIZES[1]).contains("(looks again 3/64)"),
-            "{}",
-            screen_text(&console, SIZES[1])
-        );
+        assert!(expected.iter().all(|part| screen.contains(part)), "{screen}");
+        for size in &SIZES[..2] {
+            assert!(screen_text(&console, *size).contains("again 3/64"), "{}", screen_text(&console, *size));
+        }
         assert!(
             !screen.contains("with bert") && console.model.engine_data.other_consoles().count() == 0,
             "{screen}"
@@ -183,7 +176,7 @@ fn a_lost_engine_has_no_consoles_and_is_searched_for() {
         // The hints offer nothing of that engine, not even ending it.
         console.keys("1");
         let screen = screen_text(&console, SIZES[0]);
-        for gone in ["x abort", "p hold", "leave it on", "end engine", "00:02:00"] {
+        for gone in ["x abort", "p hold", "leave it", "end engine", "00:02:00"] {
             assert!(!screen.contains(gone), "{gone}: {screen}");
         }
         assert!(screen.contains("q quit"), "{screen}");
@@ -196,7 +189,7 @@ fn a_lost_engine_has_no_consoles_and_is_searched_for() {
         assert_eq!((console.model.view_state.view, data.link), (View::Audit, EngineLink::Attached));
         assert_eq!((&data.engine, &data.reconnect, data.process), (&EngineState::Running, &None, Some(902)));
         let screen = screen_text(&console, SIZES[0]);
-        assert!(!screen.contains("ENGINE") && screen.contains("is attached to it"), "{screen}");
+        assert!(!screen.contains("ENGINE") && screen.contains("attached to"), "{screen}");
         // The view's data is requested again.
         assert!(matches!(
             &console.tell(MsgKind::Tick)[..],
@@ -214,7 +207,7 @@ fn a_form_is_void_once_the_engine_is_lost() {
     console.keys("the tray");
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
     let screen = screen_text(&console, SIZES[0]);
-    assert!(screen.contains("NOT ASKED, and no longer possible: the engine is gone"), "{screen}");
+    assert!(screen.contains("NOT ASKED") && screen.contains("is gone"), "{screen}");
     assert!(screen.contains("the tray"), "what was typed can be read: {screen}");
     console.keys(" is empty");
     assert!(console.press(KeyCode::Enter).is_empty());
@@ -228,7 +221,7 @@ fn requests_to_a_lost_engine_are_not_waited_for() {
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
     console.tell(MsgKind::Attached(Some(902), None));
     assert!(!console.model.requests.pending.contains_key(&stop_id));
-    assert!(screen_text(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "its effect is unknown");
+    assert!(screen_text(&console, SIZES[0]).contains("NOT CONFIRMED"), "its effect is unknown");
     // The operator wanted the arm to stop: the new engine gets the stop as well.
     later(&mut console, 5_000);
     console.tell(MsgKind::EngineStarted);
@@ -254,7 +247,7 @@ fn earlier_events_are_shown_with_their_beginning() {
     console.tell(MsgKind::Events(vec![event(13)]));
     let lines = story(&console);
     assert_eq!(lines.len(), 5, "{lines:?}");
-    assert!(lines[0].contains("begins here; 7 earlier events"), "{lines:?}");
+    assert!(lines[0].contains("7 earlier"), "{lines:?}");
     assert!(lines[1].contains("fault number 10") && lines[4].contains("fault number 13"), "{lines:?}");
     // The same engine repeats no event; another one counts from the start, and its log continues below.
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
@@ -262,13 +255,13 @@ fn earlier_events_are_shown_with_their_beginning() {
     console.tell(MsgKind::Past { events: (11..15).map(event).collect(), earlier: 8 });
     assert_eq!(story(&console).len(), 6, "{:?}", story(&console));
     let notice = &console.model.notice.as_ref().unwrap().text;
-    assert!(notice.contains("the engine kept running"), "it was this console that stood still: {notice}");
+    assert!(notice.contains("kept running"), "it was this console that stood still: {notice}");
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
     console.tell(MsgKind::Attached(Some(902), None));
     console.tell(MsgKind::Past { events: (0..2).map(event).collect(), earlier: 0 });
     console.tell(MsgKind::Events(vec![event(2)]));
     let lines = story(&console);
-    assert!(lines[6].contains("another one tells what follows"), "{lines:?}");
+    assert!(lines[6].contains("another one"), "{lines:?}");
     assert!(lines[7].contains("began here") && lines[8].contains("fault number 0"), "{lines:?}");
     assert!(lines[10].contains("fault number 2"), "{lines:?}");
     let numbers: Vec<u64> = console.model.engine_data.events.iter().map(|line| line.seq).collect();
@@ -305,10 +298,7 @@ fn a_demonstration_taken_elsewhere_is_followed_by_the_next() {
     assert!(matches!(&effects[..], [Effect::Register { folder: None, .. }]), "{effects:?}");
     assert_ne!(id(&effects), request_id);
     let notice = console.model.notice.as_ref().unwrap();
-    assert!(
-        notice.text.contains("another client") && notice.text.contains("the next one") && !notice.bad,
-        "{notice:?}"
-    );
+    assert!(notice.text.contains("another client") && !notice.bad, "{notice:?}");
     // A folder that the operator named is not replaced by another one.
     console.keys(":register /tmp/x");
     let request_id = id(&console.press(KeyCode::Enter));

@@ -64,13 +64,14 @@ fn confirm(console: &mut TestConsole) -> Vec<Command> {
 
 #[test]
 fn one_form_names_and_sends_every_marked_version() {
-    for (key, title) in [("F", "Reject: 2 versions"), ("p", "Hold: 2 versions")] {
+    for key in ["F", "p"] {
         let mut console = opened();
         mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
-        assert!(console.model.notice.as_ref().unwrap().text.starts_with("2 marked: F rejects, p holds"));
+        let notice = &console.model.notice.as_ref().unwrap().text;
+        assert!(["2 marked", "F rejects", "p holds"].iter().all(|part| notice.contains(part)), "{notice}");
         assert!(console.keys(key).is_empty());
         let open_form = form(&console).unwrap();
-        assert_eq!(open_form.intent.title(), title);
+        assert!(matches!(&open_form.intent, Intent::Several(each) if each.len() == 2), "{open_form:?}");
         let shown = screen(&console, 100, 30);
         assert!(shown.contains("align@1.1.0 is") && shown.contains("place@1.1.0 is"), "{shown}");
         assert!(!open_form.consequences.iter().any(|line| line.contains(CANDIDATE)), "{open_form:?}");
@@ -99,13 +100,13 @@ fn a_change_voids_the_form_and_an_obstacle_is_named() {
     now.candidates[1].state = State::Active;
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     let void = form(&console).and_then(|form| form.void.as_ref()).unwrap();
-    assert!(void.why.contains("place@1.1.0 is active"), "{void:?}");
+    assert!(void.why.starts_with("place@1.1.0") && void.why.contains("active"), "{void:?}");
     assert!(console.press(KeyCode::Enter).is_empty());
     let mut console = opened();
     mark(&mut console, &["align@1.1.0", "grasp@1.4.0"]);
     assert!(console.keys("F").is_empty() && form(&console).is_none());
     let notice = &console.model.notice.as_ref().unwrap().text;
-    assert!(notice.contains("grasp@1.4.0 is rejected") && notice.contains("take its mark away"), "{notice}");
+    assert!(notice.starts_with("grasp@1.4.0 is rejected") && notice.contains("its mark"), "{notice}");
     // A screen that cannot name them all does not ask.
     let mut console = opened();
     mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
@@ -134,7 +135,7 @@ fn only_reject_and_hold_take_marks() {
         if gives {
             let notice = console.model.notice.clone().unwrap();
             assert!(effects.is_empty() && form(&console).is_none(), "{action:?}");
-            assert!(notice.bad && notice.text.contains("this acts on one alone"), "{action:?}: {notice:?}");
+            assert!(notice.bad && notice.text.contains("one alone"), "{action:?}: {notice:?}");
         }
     }
     // Stopping applies to the version under the cursor, whatever is marked.

@@ -4,12 +4,14 @@ use std::collections::BTreeSet;
 
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::approval::{
-    self, ApprovalDecision, ApprovalOutcome, ApprovalResult, QuorumRequest, Subject, Vote,
+    self, ApprovalDecision, ApprovalOutcome, ApprovalResult, QuorumRequest, SignatureCheck, Subject, Vote,
 };
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::submission::Risk;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::RequestKind;
+use holdpoint_registry::ApprovalRequest;
+use holdpoint_registry::store_terms::RequestState;
 
 use crate::context::Context;
 use crate::fault::EngineFault;
@@ -17,110 +19,146 @@ use crate::people::signers::rollback_target;
 use crate::recorder::EngineRecorder;
 use crate::version_origin;
 
-/// Something that waits for people.
+/// An open request: its row in the store, what the rule counts, and the answers.
 pub struct PendingApproval {
-    pub(in crate::people) purpose: RequestKind,
-    /// What a release or a review is about.
+    /// The row without the text of the evidence.
+    pub(in crate::people) row: ApprovalRequest,
+    pub(in crate::people) kind: RequestKind,
+    /// The subject of a release or a review.
     pub(in crate::people) about: String,
-    /// Its time is over and it stays open all the same: a review.
+    /// Whether its deadline has passed while it stays open: a review.
     pub(in crate::people) overdue: bool,
-    pub(in crate::people) id: String,
-    pub(in crate::people) request: QuorumRequest,
-    pub(in crate::people) votes: Vec<Vote>,
-    pub(in crate::people) signed: Vec<SignedApproval>,
-    pub(in crate::people) evidence: Digest,
-    pub(in crate::people) row_version: u64,
+    pub(in crate::people) quorum: QuorumRequest,
+    /// In order; the store verified each signature when it stored the answer.
+    pub(in crate::people) answers: Vec<SignedApproval>,
     pub(in crate::people) life_row_version: u64,
     pub(in crate::people) requested_at: WallTime,
     pub(in crate::people) replaces: Option<CapabilityId>,
-    /// It takes people to override what a rule would not pass.
+    /// Whether people override what a rule would not pass.
     pub(in crate::people) review: bool,
 }
 
-/// A new request about a version, with its quorum and deadline.
-pub(in crate::people) struct NewApprovalRequest {
-    pub(in crate::people) id: String,
-    pub(in crate::people) purpose: RequestKind,
-    pub(in crate::people) about: String,
-    /// Who put this very question; absent for an activation.
-    pub(in crate::people) asked_by: Option<String>,
-    pub(in crate::people) evidence: Digest,
-    pub(in crate::people) quorum: u8,
-    /// Risk class of the version, as it was assessed.
-    pub(in crate::people) risk: Risk,
-    pub(in crate::people) review: bool,
-    /// When it was asked.
-    pub(in crate::people) requested_at: WallTime,
-    /// From this time on every answer is too late.
-    pub(in crate::people) until: WallTime,
+/// The row of a new request about a version as it is now.
+///
+/// # Errors
+/// If there is no such version.
+pub(in crate::people) fn new_row(
+    context: &Context,
+    record: &EngineRecorder,
+    version: &CapabilityId,
+    (evidence, quorum, until): (Digest, u8, WallTime),
+) -> Result<ApprovalRequest, EngineFault> {
+    let row_version = record.version_table().version(version)?.2.row_version;
+    let now_ms = record.wall_now().ms();
+    Ok(ApprovalRequest {
+        // A request that is made again has another deadline, so it is another request.
+        id: format!("{}-{}-{row_version}-{}-{now_ms}", version.family, version.version, evidence.short()),
+        version: version.clone(),
+        row_version,
+        evidence_digest: evidence,
+        policy_digest: context.digest,
+        profile: context.profile.name,
+        needed: u32::from(quorum),
+        until,
+        state: RequestState::Open,
+        json: "{}".to_owned(),
+    })
+}
+
+/// The rule's form of an answer. The signature is valid: the store stores no other.
+pub(in crate::people) fn vote(context: &Context, kind: RequestKind, answer: &SignedApproval) -> Vote {
+    let approval = answer.approval();
+    let profile =
+        if approval.profile == context.profile.name { context.profile_digest } else { context.digest };
+    Vote {
+        person: approval.who.clone(),
+        key: answer.public_key().to_owned(),
+        role: approval.role,
+        answer: approval.decision,
+        reason: approval.reason.clone(),
+        subject: Subject {
+            candidate: approval.candidate_digest,
+            row_version: approval.row_version,
+            evidence: approval.evidence_digest,
+            policy: approval.policy_digest,
+            profile,
+        },
+        until: approval.not_after(),
+        break_glass: approval.break_glass && kind == RequestKind::Emergency,
+        signature: SignatureCheck::Valid,
+        nonce_used: false,
+    }
 }
 
 impl PendingApproval {
-    /// A question about a version as its row stands now, without answers.
+    /// A request of this row, without answers.
     ///
     /// # Errors
     /// If there is no such version.
     pub(in crate::people) fn new(
         context: &Context,
         record: &EngineRecorder,
-        id: &CapabilityId,
-        new_request: NewApprovalRequest,
+        row: ApprovalRequest,
+        kind: RequestKind,
+        risk: Risk,
     ) -> Result<Self, EngineFault> {
-        let candidate = record.capability(id)?;
-        let (_, state, member) = record.version_table().version(id)?;
-        let NewApprovalRequest {
-            id: question,
-            purpose,
-            about,
-            asked_by,
-            evidence,
-            quorum,
-            risk,
-            review,
-            requested_at,
-            until,
-        } = new_request;
-        let row_version = member.row_version;
+        let version = &row.version;
+        let candidate = record.capability(version)?;
+        let (_, lifecycle, member) = record.version_table().version(version)?;
         let subject = Subject {
             candidate: candidate.digest(),
-            row_version,
-            evidence,
+            row_version: row.row_version,
+            evidence: row.evidence_digest,
             policy: context.digest,
             profile: context.profile_digest,
         };
         let persons = record.version_table().store().persons()?;
-        let request = QuorumRequest {
+        let quorum = QuorumRequest {
             subject,
             risk,
-            quorum,
+            quorum: u8::try_from(row.needed).unwrap_or(u8::MAX),
             requester: member.origin.requester.clone(),
             author: version_origin::author(&persons, member),
-            asked_by: asked_by.map(|name| version_origin::person(&persons, &name)),
-            until,
+            asked_by: None,
+            until: row.until,
         };
-        let active = record.active_of(&id.family).map(|active| active.id());
-        let replaces = match purpose {
-            RequestKind::Activation | RequestKind::Emergency => active,
-            RequestKind::Release | RequestKind::Review => rollback_target(record, id),
+        let replaces = match kind {
+            RequestKind::Activation | RequestKind::Emergency => {
+                record.active_of(&version.family).map(|active| active.id())
+            }
+            RequestKind::Release | RequestKind::Review => rollback_target(record, version),
         };
         Ok(Self {
-            purpose,
-            about,
+            kind,
+            about: String::new(),
             overdue: false,
-            id: question,
-            request,
-            votes: Vec::new(),
-            signed: Vec::new(),
-            evidence,
-            row_version,
-            life_row_version: state.row_version,
-            requested_at,
+            quorum,
+            answers: Vec::new(),
+            life_row_version: lifecycle.row_version,
+            requested_at: record.wall_now(),
             replaces,
-            review,
+            review: false,
+            row: ApprovalRequest { json: "{}".to_owned(), ..row },
         })
     }
 
-    /// The version's row as the question names it: an answer over another one is void.
+    /// The request as one that a person made, about this.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub(in crate::people) fn asked_by(
+        mut self,
+        record: &EngineRecorder,
+        name: &str,
+        about: String,
+    ) -> Result<Self, EngineFault> {
+        let persons = record.version_table().store().persons()?;
+        self.quorum.asked_by = Some(version_origin::person(&persons, name));
+        self.about = about;
+        Ok(self)
+    }
+
+    /// The version's row as the request names it: an answer over another one is void.
     #[must_use]
     pub const fn life_row_version(&self) -> u64 {
         self.life_row_version
@@ -128,47 +166,58 @@ impl PendingApproval {
 
     /// The kind of request.
     #[must_use]
-    pub const fn purpose(&self) -> RequestKind {
-        self.purpose
+    pub const fn kind(&self) -> RequestKind {
+        self.kind
     }
 
-    /// Whether it is asked about the version as its row stands in the store, and its time stands likewise.
+    /// Whether it is about the version as its row is in the store, and its deadline has or has not passed likewise.
     #[must_use]
     pub const fn is_about(&self, row_version: u64, overdue: bool) -> bool {
-        self.row_version == row_version && self.overdue == overdue
+        self.row.row_version == row_version && self.overdue == overdue
     }
 
-    /// Whether the person's last answer was the same and has not run out: a repeat would add nothing.
+    /// Whether the person's last answer was the same and has not expired: a repeat would add nothing.
     #[must_use]
-    pub fn has_answered(&self, who: &str, answer: ApprovalDecision, now: WallTime) -> bool {
-        let last = self.votes.iter().rev().find(|vote| vote.person == who);
-        last.is_some_and(|last| last.answer == answer && now < last.until)
+    pub fn has_answered(&self, who: &str, decision: ApprovalDecision, now: WallTime) -> bool {
+        let last = self.answers.iter().rev().map(SignedApproval::approval).find(|answer| answer.who == who);
+        last.is_some_and(|last| last.decision == decision && now < last.not_after())
     }
 
     #[must_use]
     pub fn last_voter(&self) -> Option<String> {
-        self.signed.last().map(|signed| signed.approval().who.clone())
+        self.answers.last().map(|answer| answer.approval().who.clone())
     }
 
-    /// The signed approvals that counted: of each person the first that has not run out. The other answers are
+    /// The signed approvals that counted: of each person the first that has not expired. The other answers are
     /// dropped, because the store does not accept them as approvals.
     #[must_use]
     pub fn into_counted(self, result: &ApprovalResult, now: WallTime) -> Vec<SignedApproval> {
         let ApprovalOutcome::Granted { people, .. } = &result.outcome else { return Vec::new() };
         let mut left: BTreeSet<&str> = people.iter().map(String::as_str).collect();
-        let mut signed = self.signed;
-        signed.retain(|signed| {
-            let approval = signed.approval();
+        let mut answers = self.answers;
+        answers.retain(|answer| {
+            let approval = answer.approval();
             let counts = approval.decision == ApprovalDecision::Approve && now < approval.not_after();
             counts && left.remove(approval.who.as_str())
         });
-        signed
+        answers
+    }
+
+    /// The answers as the rule counts them.
+    pub(in crate::people) fn votes(&self, context: &Context) -> Vec<Vote> {
+        self.answers.iter().map(|answer| vote(context, self.kind, answer)).collect()
     }
 
     /// The result so far.
     #[must_use]
     pub fn result(&self, context: &Context, now: WallTime) -> ApprovalResult {
-        approval::evaluate(&self.request, &self.votes, now, &context.profile.approval)
+        approval::evaluate(&self.quorum, &self.votes(context), now, &context.profile.approval)
+    }
+
+    /// Its row in another state.
+    #[must_use]
+    pub fn row_as(&self, state: RequestState) -> ApprovalRequest {
+        ApprovalRequest { state, ..self.row.clone() }
     }
 }
 
@@ -215,12 +264,23 @@ mod tests {
         ];
         let subject =
             Subject { candidate: digest, row_version: 1, evidence: digest, policy: digest, profile: digest };
-        let question = PendingApproval {
-            purpose: RequestKind::Activation,
+        let pending = PendingApproval {
+            row: ApprovalRequest {
+                id: "request".to_owned(),
+                version: "align@1.1.0".parse().unwrap(),
+                row_version: 1,
+                evidence_digest: digest,
+                policy_digest: digest,
+                profile: ProfileName::Human,
+                needed: 2,
+                until: WallTime::from_ms(10_000),
+                state: RequestState::Open,
+                json: "{}".to_owned(),
+            },
+            kind: RequestKind::Activation,
             about: String::new(),
             overdue: false,
-            id: "question".to_owned(),
-            request: QuorumRequest {
+            quorum: QuorumRequest {
                 subject,
                 risk: Risk::Low,
                 quorum: 2,
@@ -233,10 +293,7 @@ mod tests {
                 asked_by: None,
                 until: WallTime::from_ms(10_000),
             },
-            votes: Vec::new(),
-            signed: answers.clone(),
-            evidence: digest,
-            row_version: 1,
+            answers: answers.clone(),
             life_row_version: 1,
             requested_at: WallTime::default(),
             replaces: None,
@@ -247,7 +304,7 @@ mod tests {
             ApprovalOutcome::Granted { people, until: WallTime::from_ms(9_000), break_glass: false };
         let result = ApprovalResult { outcome, reasons: Vec::new() };
         assert_eq!(
-            question.into_counted(&result, WallTime::from_ms(5_000)),
+            pending.into_counted(&result, WallTime::from_ms(5_000)),
             [answers[2].clone(), answers[3].clone()]
         );
     }

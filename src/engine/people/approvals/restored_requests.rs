@@ -1,12 +1,12 @@
 //! A question that was open when the engine ended, taken up as it was.
 
 use holdpoint_approvals::PersonState;
-use holdpoint_governance::approval::{ApprovalDecision, ApprovalOutcome, SignatureCheck, Vote};
+use holdpoint_governance::approval::{ApprovalDecision, ApprovalOutcome};
 use holdpoint_governance::gate::{GateOutcome, GateResult};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::wall_time::WallTime;
 
-use super::{Approvals, NewApprovalRequest, PendingApproval, RequestKind, activation_terms};
+use super::{Approvals, PendingApproval, RequestKind, activation_terms, vote};
 use crate::context::Context;
 use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
@@ -58,32 +58,13 @@ impl Approvals {
             return Ok(None);
         }
         evidence_files.edit(id).take_gate(&decision);
-        let mut prompt = PendingApproval::new(
-            context,
-            record,
-            id,
-            NewApprovalRequest {
-                id: request.id,
-                purpose: RequestKind::Activation,
-                about: String::new(),
-                asked_by: None,
-                evidence,
-                quorum,
-                risk,
-                review,
-                requested_at: request.until.minus_secs(context.profile.approval.timeout_s),
-                until: request.until,
-            },
-        )?;
-        let subject = prompt.request.subject;
+        let requested_at = request.until.minus_secs(context.profile.approval.timeout_s);
+        let pending = PendingApproval::new(context, record, request, RequestKind::Activation, risk)?;
+        let mut pending = PendingApproval { review, requested_at, ..pending };
         let persons = record.version_table().store().persons()?;
         for entry in views.approvals(id)? {
             let approval = entry.signed.approval().clone();
-            let same = approval.candidate_digest == subject.candidate
-                && approval.row_version == subject.row_version
-                && approval.evidence_digest == evidence
-                && approval.policy_digest == context.digest
-                && approval.profile == context.profile.name
+            let same = vote(context, pending.kind, &entry.signed).subject == pending.quorum.subject
                 && entry.at_ms >= requested_ms;
             // Answers of revoked and of unverified persons do not count.
             let counts = |who: &&holdpoint_approvals::Person| {
@@ -95,32 +76,20 @@ impl Approvals {
             let who = persons.named(&approval.who).filter(counts);
             let Some(who) = who.map(holdpoint_approvals::Person::info) else { continue };
             // An answer over another text than the present one must be given again.
-            let is_same_text = is_display_current(context, record, evidence_files, &prompt, &approval)?;
+            let is_same_text = is_display_current(context, record, evidence_files, &pending, &approval)?;
             if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() || !is_same_text {
                 continue;
             }
-            prompt.votes.push(Vote {
-                person: approval.who.clone(),
-                key: entry.signed.public_key().to_owned(),
-                role: who.role,
-                answer: approval.decision,
-                reason: approval.reason.clone(),
-                subject,
-                until: approval.not_after(),
-                break_glass: false,
-                signature: SignatureCheck::Valid,
-                nonce_used: false,
-            });
-            prompt.signed.push(entry.signed);
+            pending.answers.push(entry.signed);
         }
         drop(views);
-        let answers = prompt.votes.len();
-        match prompt.result(context, record.wall_now()).outcome {
+        let answers = pending.answers.len();
+        match pending.result(context, record.wall_now()).outcome {
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => self.grant_later(id),
             ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut | ApprovalOutcome::Refused { .. } => {
             }
         }
-        self.prompts.insert(id.clone(), prompt);
+        self.pending.insert(id.clone(), pending);
         Ok(Some(answers))
     }
 }

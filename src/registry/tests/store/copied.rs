@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{
-    BackupError, BackupParts, OmittedFile, RetainedRecording, Store, Views, backup, check_store, store_info,
-    verify, verify_copy,
+    BackupError, BackupParts, OmittedFile, RetainedRecording, Store, VerifyError, Views, backup, check_store,
+    store_info, verify, verify_copy,
 };
 
 use crate::edits::{made, quick_folder};
@@ -93,16 +93,17 @@ fn a_copy_overwrites_nothing_and_is_not_made_of_what_is_not_sound() {
         } else {
             fs::write(&there, "mine").unwrap();
         }
-        let error = backup(folder.path(), &there, ALL).unwrap_err().to_string();
-        assert!(error.contains("is there already, and nothing is overwritten"), "{error}");
+        let error = backup(folder.path(), &there, ALL).unwrap_err();
+        assert!(matches!(&error, BackupError::Exists(path) if *path == there), "{error}");
     }
     assert_eq!(fs::read_to_string(to.path().join("file.db")).unwrap(), "mine");
     let connection = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
     connection.execute_batch("UPDATE family SET reason = 'edited'").unwrap();
     drop(connection);
     for name in ["other", "other.db"] {
-        let error = backup(folder.path(), &to.path().join(name), ALL).unwrap_err().to_string();
-        assert!(error.contains("is not sound") && error.contains("family"), "{error}");
+        let error = backup(folder.path(), &to.path().join(name), ALL).unwrap_err();
+        let BackupError::NotSound(found) = &error else { panic!("{error}") };
+        assert!(matches!(**found, VerifyError::State { table: "family", .. }), "{error}");
     }
     assert!(backup(to.path(), &to.path().join("none"), ALL).is_err());
     assert_eq!(fs::read_dir(to.path()).unwrap().count(), 2, "nothing is left");

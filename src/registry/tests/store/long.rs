@@ -54,8 +54,8 @@ fn a_start_goes_on_from_a_snapshot_and_trusts_none_that_is_not_signed() {
 
     // Rows are compared with it ...
     sql(folder.path(), "UPDATE version SET author = 'eve' WHERE name = 'grasp@1.1.0'");
-    let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
-    assert!(error.contains("the version \"grasp@1.1.0\""), "{error}");
+    let error = unless_in_use(|| Store::open(folder.path())).unwrap_err();
+    assert!(refusal(&error).1.contains("version \"grasp@1.1.0\""), "{error}");
     Views::open_checked(&database).unwrap_err();
     // ... also after an edit that makes it agree with the row.
     let whole = fs::read_to_string(&snapshot).unwrap();
@@ -64,8 +64,8 @@ fn a_start_goes_on_from_a_snapshot_and_trusts_none_that_is_not_signed() {
     let mut forged = whole.clone().into_bytes();
     forged[row] = if forged[row] == b'0' { b'1' } else { b'0' };
     fs::write(&snapshot, &forged).unwrap();
-    let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
-    assert!(error.contains("the version \"grasp@1.1.0\""), "{error}");
+    let error = unless_in_use(|| Store::open(folder.path())).unwrap_err();
+    assert!(refusal(&error).1.contains("version \"grasp@1.1.0\""), "{error}");
     sql(folder.path(), "UPDATE version SET author = 'bob' WHERE name = 'grasp@1.1.0'");
 
     // Without it, or with an unsigned one, the chain is read whole and found sound.
@@ -77,8 +77,8 @@ fn a_start_goes_on_from_a_snapshot_and_trusts_none_that_is_not_signed() {
     // A record before it that an index hides is still found missing.
     let copy = fs::read(&database).unwrap();
     crate::damage::hide(&database, "decision");
-    let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
-    assert!(error.contains("wrong # of entries in index audit_kind"), "{error}");
+    let error = unless_in_use(|| Store::open(folder.path())).unwrap_err();
+    assert!(refusal(&error).1.contains("audit_kind"), "{error}");
     fs::write(&database, copy).unwrap();
 
     // A start does not read the part before it; the verifier does.
@@ -108,7 +108,7 @@ fn an_edited_record_before_the_snapshot_is_neither_written_out_nor_counted() {
         Views::open_records(&database).map(drop).unwrap_err().to_string(),
         export_store(&database, ExportScope::Signed, None, &mut Vec::new()).unwrap_err().to_string(),
     ] {
-        assert!(error.contains("audit record 1000 is bad"), "{error}");
+        assert!(error.contains("audit record 1000 "), "{error}");
     }
     let mut bytes = Vec::new();
     assert!(export_store(&database, ExportScope::Unchecked, None, &mut bytes).unwrap() > RECORDS);

@@ -4,10 +4,11 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-use holdpoint_registry::{Store, StoreError};
+use holdpoint_registry::{RefusalCause, Store, StoreError};
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 
+use crate::proofs::heads;
 use crate::support::*;
 
 /// A closed store with a little history.
@@ -79,8 +80,8 @@ fn a_database_that_is_removed_or_replaced_at_work_is_noticed() {
         bootstrap(&store, "grasp");
         store.check_unaltered().unwrap();
         displace(&store.layout().database());
-        let error = store.check_unaltered().unwrap_err().to_string();
-        assert!(error.contains("removed or replaced"), "{what}: {error}");
+        let error = store.check_unaltered().unwrap_err();
+        assert!(matches!(error, StoreError::Altered(_)), "{what}: {error}");
         let refused = commit(&store, "more", vec![new_version("grasp@1.1.0", false)]).unwrap_err();
         assert!(matches!(refused, StoreError::Altered(_)), "{what}: {refused}");
     }
@@ -174,8 +175,10 @@ fn an_older_copy_is_noticed() {
     commit(&store, "later", rollback(("grasp@1.1.0", 5), ("grasp@1.0.0", 3))).unwrap();
     drop(store);
     fs::write(&database, old).unwrap();
-    let error = Store::open(folder.path()).unwrap_err().to_string();
-    assert!(error.contains("is missing or is not the one"), "{error}");
+    let error = Store::open(folder.path()).unwrap_err();
+    let named = format!("audit record {} ", heads(folder.path()).pop().unwrap().1.seq);
+    let (cause, problem) = refusal(&error);
+    assert!(cause == RefusalCause::Damaged && problem.contains(&named), "{error}");
 }
 
 #[test]
@@ -187,12 +190,12 @@ fn broken_registries_and_keys_are_refused() {
             |folder| {
                 run(folder, "UPDATE version SET state = 'demoted', provisional = 0 WHERE state = 'active'");
             },
-            "the version \"grasp@1.1.0\" does not match the audit chain",
+            "version \"grasp@1.1.0\"",
         ),
         (
             "record dropped",
             |folder| run(folder, "DROP TRIGGER audit_no_delete; DELETE FROM audit WHERE seq = 7"),
-            "audit record 7 is bad: it is missing",
+            "audit record 7 ",
         ),
         (
             "tail dropped",
@@ -233,11 +236,8 @@ fn a_folder_that_cannot_be_used_is_named() {
     let file = folder.path().join("file");
     fs::write(&file, "").unwrap();
     for path in [file.join("store"), Path::new("/proc/holdpoint").to_owned()] {
-        let error = Store::open(&path).unwrap_err().to_string();
-        assert!(
-            error.contains("cannot make the store folder") && error.contains(path.to_str().unwrap()),
-            "{error}"
-        );
+        let error = Store::open(&path).unwrap_err();
+        assert!(matches!(&error, StoreError::Io { path: named, .. } if named.starts_with(&path)), "{error}");
     }
 }
 
@@ -249,20 +249,21 @@ fn no_new_history_begins_in_the_place_of_one_that_was_taken_away() {
     let layout = holdpoint_registry::Layout::new(folder.path());
     let before = fs::read(layout.store_key()).unwrap();
     let refused = |left: &str| {
-        let error = Store::open(folder.path()).expect_err(left).sentence();
-        assert!(error.contains("the database is missing although") && error.contains(left), "{error}");
+        let error = Store::open(folder.path()).expect_err(left);
+        let (cause, problem) = refusal(&error);
+        assert!(cause == RefusalCause::Damaged && problem.contains(left), "{error}");
     };
     let removed = |path: &Path| fs::remove_file(path).unwrap();
     removed(&layout.database());
-    refused("there are checkpoints");
+    refused("checkpoints");
     for entry in fs::read_dir(layout.checkpoints()).unwrap() {
         removed(&entry.unwrap().path());
     }
-    refused("there is the telemetry");
+    refused("telemetry");
     removed(&layout.telemetry());
     fs::create_dir_all(layout.compiled()).unwrap();
     fs::write(layout.compiled().join("form"), "x").unwrap();
-    refused("there are compiled forms");
+    refused("compiled forms");
     removed(&layout.compiled().join("form"));
     // The rest was never signed: the new store is another one, and the key is kept for a restore from a backup.
     let store = open(folder.path());
@@ -343,12 +344,13 @@ fn the_lock_is_a_file_of_its_own() {
     let before = fs::read(&key).unwrap();
     fs::remove_file(&lock).unwrap();
     std::os::unix::fs::symlink(&key, &lock).unwrap();
-    let refused = || Store::open(folder.path()).map(drop).unwrap_err().to_string();
-    assert!(refused().contains("engine lock"), "{}", refused());
+    let is_refused =
+        || matches!(Store::open(folder.path()), Err(StoreError::Io { path, .. }) if path == lock);
+    assert!(is_refused());
     assert_eq!(fs::read(&key).unwrap(), before);
     fs::remove_file(&lock).unwrap();
     rustix::fs::mkfifoat(rustix::fs::CWD, &lock, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
-    assert!(refused().contains("no regular file"), "{}", refused());
+    assert!(is_refused());
     fs::remove_file(&lock).unwrap();
     drop(open(folder.path()));
 }

@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 
 use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::keyfile;
-use holdpoint_registry::{Checkpoint, Proof, prove_consistency, prove_record, stored_head, verify};
+use holdpoint_registry::{
+    Checkpoint, Proof, ProofError, ProofFault, RefusalCause, Store, prove_consistency, prove_record,
+    stored_head, verify,
+};
 
 use crate::edits::{made, quick_folder};
 use crate::released::schema_1;
@@ -21,6 +24,14 @@ pub fn heads(folder: &Path) -> Vec<(PathBuf, Checkpoint)> {
     let mut all: Vec<_> = all.filter(|path| path.extension().is_some_and(|it| it == "json")).collect();
     all.sort();
     all.into_iter().map(|path| (path.clone(), Checkpoint::read(&path).unwrap())).collect()
+}
+
+/// Why there is no proof.
+fn fault<T: std::fmt::Debug>(result: Result<T, ProofError>) -> ProofFault {
+    match result.unwrap_err() {
+        ProofError::Impossible(fault) => fault,
+        other => panic!("{other}"),
+    }
 }
 
 /// Every byte of a proof, changed in several ways, makes it invalid or false.
@@ -61,14 +72,15 @@ fn every_record_has_a_proof_that_needs_no_store() {
     }
     every_byte_counts(&prove_record(&database, 7).unwrap(), &key);
     for missing in [0, records + 1, u64::MAX >> 1] {
-        let error = prove_record(&database, missing).unwrap_err().to_string();
-        assert!(error.contains(&format!("the chain ends at record {records}")), "{error}");
+        let expected = ProofFault::NoRecord { seq: missing, end: records };
+        assert_eq!(fault(prove_record(&database, missing)), expected);
     }
     // Steps of another record, and another record under these steps.
     let (one, two) = (prove_record(&database, 3).unwrap(), prove_record(&database, 4).unwrap());
     let (Proof::Inclusion { record, head, .. }, Proof::Inclusion { path, .. }) = (one, two) else { panic!() };
     let mixed = Proof::Inclusion { version: 1, record, path, head };
-    assert!(mixed.check(&key).unwrap_err().to_string().contains("not shown to be below"));
+    let error = mixed.check(&key).unwrap_err();
+    assert!(matches!(&error, ProofError::Wrong(problem) if problem.contains("record 3 ")), "{error}");
 }
 
 #[test]
@@ -86,10 +98,11 @@ fn the_chain_is_shown_to_go_on_from_each_of_its_heads() {
         assert_eq!(proof.heads()[0], head);
     }
     every_byte_counts(&prove_consistency(&database, &checkpoints[0].1).unwrap(), &key);
-    let error = stored_head(folder.path(), checkpoints[0].1.seq + 1).unwrap_err().to_string();
-    assert!(error.contains("the nearest"), "{error}");
-    let error = prove_consistency(&database, &heads(other.path())[0].1).unwrap_err().to_string();
-    assert!(error.contains("belongs to the store"), "{error}");
+    let first = checkpoints[0].1.seq;
+    let found = fault(stored_head(folder.path(), first + 1));
+    assert!(matches!(&found, ProofFault::NoHead { near, .. } if near[0] == first), "{found}");
+    let theirs = &heads(other.path())[0].1;
+    assert_eq!(fault(prove_consistency(&database, theirs)), ProofFault::OtherStore(theirs.store_id.clone()));
     // Restored to an earlier state, and continued differently.
     let before = fs::read(&database).unwrap();
     let store = open(folder.path());
@@ -97,15 +110,14 @@ fn the_chain_is_shown_to_go_on_from_each_of_its_heads() {
     drop(store);
     let (_, later) = heads(folder.path()).pop().unwrap();
     fs::write(&database, &before).unwrap();
-    let error = prove_consistency(&database, &later).unwrap_err().to_string();
-    assert!(error.contains("it was cut off"), "{error}");
+    let found = fault(prove_consistency(&database, &later));
+    assert!(matches!(found, ProofFault::CutOff { seq, .. } if seq == later.seq), "{found}");
     fs::remove_file(folder.path().join("checkpoints").join(format!("{:012}.json", later.seq))).unwrap();
     let store = open(folder.path());
     shadowed(&store, "place@1.3.0");
     shadowed(&store, "place@1.4.0");
     drop(store);
-    let error = prove_consistency(&database, &later).unwrap_err().to_string();
-    assert!(error.contains("history was rewritten"), "{error}");
+    assert_eq!(fault(prove_consistency(&database, &later)), ProofFault::Rewritten);
 }
 
 #[test]
@@ -113,21 +125,19 @@ fn a_store_of_an_earlier_version_has_none_before_an_engine_signed_its_tree() {
     let folder = tempfile::tempdir().unwrap();
     let store = schema_1(folder.path());
     let database = store.join("holdpoint.db");
-    assert!(prove_record(&database, 1).unwrap_err().to_string().contains("an earlier version signed"));
+    assert_eq!(fault(prove_record(&database, 1)), ProofFault::EndWithoutTree);
     let (_, earlier) = heads(&store).pop().unwrap();
     drop(open(&store));
     let proof = prove_record(&database, 1).unwrap();
     proof.check(&public_key(&store)).unwrap();
     assert!(proof.text().unwrap().len() < 64 << 10);
-    let error = prove_consistency(&database, &earlier).unwrap_err().to_string();
-    assert!(error.contains("without a tree"), "{error}");
+    assert_eq!(fault(prove_consistency(&database, &earlier)), ProofFault::HeadWithoutTree);
     // That end names the checkpoints before it: each is expected from then on.
     for (file, _) in heads(&store) {
         let text = fs::read(&file).unwrap();
         fs::remove_file(&file).unwrap();
-        let error =
-            unless_in_use(|| holdpoint_registry::Store::open(&store)).map(drop).unwrap_err().to_string();
-        assert!(error.contains("is missing") || error.contains("does not follow"), "{error}");
+        let error = unless_in_use(|| Store::open(&store)).map(drop).unwrap_err();
+        assert_eq!(refusal(&error).0, RefusalCause::Unsigned, "{error}");
         verify(&database, None).unwrap_err();
         fs::write(&file, text).unwrap();
     }
@@ -142,7 +152,9 @@ fn nothing_is_forged_behind_a_checkpoint_of_an_earlier_version() {
     // Cut back to an unlinked checkpoint, with the records after it left unsigned.
     let (newest, _) = checkpoints.last().unwrap();
     fs::remove_file(newest).unwrap();
-    let error = unless_in_use(|| holdpoint_registry::Store::open(&store)).map(drop).unwrap_err().to_string();
-    assert!(error.contains("no signature covers the records after"), "{error}");
+    let error = unless_in_use(|| Store::open(&store)).map(drop).unwrap_err();
+    let (cause, problem) = refusal(&error);
+    let signed_to = format!(" {}", heads(&store).pop().unwrap().1.seq);
+    assert!(cause == RefusalCause::Unsigned && problem.ends_with(&signed_to), "{error}");
     verify(&store.join("holdpoint.db"), None).unwrap_err();
 }

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{
-    AuditFilter, RebuildReport, Store, StoreError, UnsignedRecords, VersionFilter, Views, rebuild, verify,
+    AuditFilter, RebuildReport, RefusalCause, Store, StoreError, UnsignedRecords, VersionFilter, Views,
+    rebuild, verify,
 };
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
@@ -221,7 +222,8 @@ fn a_store_of_schema_1_is_rebuilt_as_far_as_its_records_go() {
     verify(&folder.join("holdpoint.db"), None).unwrap();
 
     let (_folder, folder, _) = store("UPDATE family SET standing = '{}' WHERE name = 'grasp'");
-    let error = unless_in_use(|| rebuild(&folder, UnsignedRecords::Refuse, BY, 7)).unwrap_err().to_string();
-    assert!(error.contains("the family \"grasp\" cannot be rebuilt"), "{error}");
+    let error = unless_in_use(|| rebuild(&folder, UnsignedRecords::Refuse, BY, 7)).unwrap_err();
+    let (cause, problem) = refusal(&error);
+    assert!(cause == RefusalCause::Damaged && problem.contains("family \"grasp\""), "{error}");
     assert!(!folder.join("holdpoint.rebuilt").exists());
 }

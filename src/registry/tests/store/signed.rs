@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{
-    AuditBody, AuditFilter, Checkpoint, Store, Transaction, UnsignedRecords, Views, rebuild, verify,
+    AuditBody, AuditFilter, Checkpoint, RefusalCause, Store, StoreError, Transaction, UnsignedRecords,
+    VerifyError, Views, rebuild, verify,
 };
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
@@ -33,20 +34,32 @@ fn sql(folder: &Path, text: &str) {
 }
 
 /// The error of a start, which leaves the store unchanged.
-fn refused(folder: &Path) -> String {
+fn refused(folder: &Path) -> StoreError {
     let before = fs::read(folder.join("holdpoint.db")).unwrap();
     let error = unless_in_use(|| Store::open(folder)).map(drop).unwrap_err();
     assert!(error.hint().is_some(), "{error}");
     assert_eq!(fs::read(folder.join("holdpoint.db")).unwrap(), before);
-    error.to_string()
+    error
+}
+
+/// The number of the last record.
+fn last(folder: &Path) -> u64 {
+    let connection = Connection::open(folder.join("holdpoint.db")).unwrap();
+    connection.query_row("SELECT max(seq) FROM audit", [], |row| row.get(0)).unwrap()
+}
+
+/// Whether no signature covers the records after, or up to, a number.
+fn is_unsigned_at(error: &StoreError, seq: u64) -> bool {
+    let (cause, problem) = refusal(error);
+    cause == RefusalCause::Unsigned && problem.ends_with(&format!(" {seq}"))
 }
 
 /// Sound or not, with and without the key.
-fn not_sound(folder: &Path) -> String {
+fn not_sound(folder: &Path) -> VerifyError {
     let (key, _) = holdpoint_approvals::keyfile::read_public(&folder.join("keys").join("store.pub")).unwrap();
     let database = folder.join("holdpoint.db");
     verify(&database, None).unwrap_err();
-    verify(&database, Some(&key)).unwrap_err().to_string()
+    verify(&database, Some(&key)).unwrap_err()
 }
 
 #[test]
@@ -57,15 +70,22 @@ fn a_chain_written_anew_is_refused_without_its_checkpoints() {
     for file in files(folder.path()) {
         fs::remove_file(file).unwrap();
     }
-    assert!(refused(folder.path()).contains("history was rewritten"));
-    assert!(not_sound(folder.path()).contains("history was rewritten"));
+    let last = last(folder.path());
+    let is_damaged = |error: &StoreError| {
+        let (cause, problem) = refusal(error);
+        cause == RefusalCause::Damaged && problem.contains(&format!("audit record {last} "))
+    };
+    let error = refused(folder.path());
+    assert!(is_damaged(&error), "{error}");
+    assert!(matches!(not_sound(folder.path()), VerifyError::Record { seq, .. } if seq == last));
     Views::open_checked(&folder.path().join("holdpoint.db")).unwrap_err();
-    let error = rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7).unwrap_err().to_string();
-    assert!(error.contains("history was rewritten"), "{error}");
+    let error = rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7).unwrap_err();
+    assert!(is_damaged(&error), "{error}");
     // Nor without the signed end in the database.
     sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
-    assert!(refused(folder.path()).contains("no signature covers"));
-    assert!(not_sound(folder.path()).contains("no signature covers"));
+    let error = refused(folder.path());
+    assert!(is_unsigned_at(&error, last), "{error}");
+    assert!(matches!(not_sound(folder.path()), VerifyError::Unsigned(_)));
     Views::open_checked(&folder.path().join("holdpoint.db")).unwrap_err();
 }
 
@@ -81,15 +101,16 @@ fn the_end_is_signed_by_this_store_for_this_chain() {
     let end = |folder: &Path| fs::read_to_string(files(folder).last().unwrap()).unwrap();
     let whole = end(folder.path());
     put(&end(other.path()));
-    assert!(refused(folder.path()).contains("was not signed by this store"));
+    assert_eq!(refusal(&refused(folder.path())).0, RefusalCause::Unsigned);
     let mut forged: Checkpoint = serde_json::from_str(&whole).unwrap();
     forged.at_ms += 1;
     put(&serde_json::to_string(&forged).unwrap());
-    assert!(refused(folder.path()).contains("was not signed by this store"));
+    assert_eq!(refusal(&refused(folder.path())).0, RefusalCause::Unsigned);
     // An earlier end does not sign later records.
-    let earlier = fs::read_to_string(&files(folder.path())[1]).unwrap();
-    put(&earlier);
-    assert!(refused(folder.path()).contains("no signature covers the records after"));
+    let earlier = &files(folder.path())[1];
+    put(&fs::read_to_string(earlier).unwrap());
+    let error = refused(folder.path());
+    assert!(is_unsigned_at(&error, Checkpoint::read(earlier).unwrap().seq), "{error}");
     put(&whole);
     drop(open(folder.path()));
 }
@@ -104,15 +125,18 @@ fn a_checkpoint_that_is_missing_is_missed() {
     let put_back = || all.iter().zip(&texts).for_each(|(file, text)| fs::write(file, text).unwrap());
     for missing in [0..1, 1..2, all.len() - 2..all.len(), 0..all.len()] {
         all[missing.clone()].iter().for_each(|file| fs::remove_file(file).unwrap());
-        let error = refused(folder.path());
-        assert!(error.contains("is missing"), "{missing:?}: {error}");
-        assert!(not_sound(folder.path()).contains("is missing"), "{missing:?}");
+        assert_eq!(refusal(&refused(folder.path())).0, RefusalCause::Unsigned, "{missing:?}");
+        assert!(matches!(not_sound(folder.path()), VerifyError::Unsigned(_)), "{missing:?}");
         put_back();
         drop(open(folder.path()));
     }
     // One in place of another.
     fs::write(&all[1], &texts[2]).unwrap();
-    assert!(refused(folder.path()).contains("it is of record"));
+    let error = refused(folder.path());
+    assert!(
+        matches!(&error, StoreError::Refused { path, cause: RefusalCause::Checkpoint, .. } if *path == all[1]),
+        "{error}"
+    );
     put_back();
     // The newest alone: the end in the database is the same checkpoint.
     fs::remove_file(all.last().unwrap()).unwrap();
@@ -154,9 +178,9 @@ fn a_rebuild_records_missing_checkpoints() {
     sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
     refused(folder.path());
     let error = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap_err();
-    let named = format!("no signature covers the records {} to {records} (", before + 1);
-    assert!(error.to_string().contains(&named), "{error}");
-    assert!(error.hint().unwrap().contains("--take-unsigned"));
+    let (cause, problem) = refusal(&error);
+    let named = format!("records {} to {records} (", before + 1);
+    assert!(cause == RefusalCause::TakesUnsigned && problem.contains(&named), "{error}");
     refused(folder.path());
     let rebuilt = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap().unwrap();
     assert_eq!(rebuilt.unsigned, records - before);
@@ -183,8 +207,8 @@ fn a_store_with_checkpoints_of_an_earlier_version_goes_on_from_them() {
     verify(&store.join("holdpoint.db"), None).unwrap();
     // The last of them is expected from then on.
     fs::remove_file(earlier.last().unwrap()).unwrap();
-    assert!(refused(&store).contains("does not follow"));
-    assert!(not_sound(&store).contains("does not follow"));
+    assert_eq!(refusal(&refused(&store)).0, RefusalCause::Unsigned);
+    assert!(matches!(not_sound(&store), VerifyError::Unsigned(_)));
 
     // A store of an earlier version with removed checkpoints is unsigned.
     let folder = tempfile::tempdir().unwrap();
@@ -192,7 +216,8 @@ fn a_store_with_checkpoints_of_an_earlier_version_goes_on_from_them() {
     for file in files(&store) {
         fs::remove_file(file).unwrap();
     }
-    assert!(refused(&store).contains("no signature covers"));
+    let error = refused(&store);
+    assert!(is_unsigned_at(&error, last(&store)), "{error}");
     not_sound(&store);
 }
 
@@ -207,8 +232,12 @@ fn a_key_in_place_of_the_stores_is_refused() {
     let own = keyfile::generate().unwrap();
     fs::remove_file(keys.join("store.key")).unwrap();
     keyfile::write_secret(&keys.join("store.key"), &own).unwrap();
-    let theirs = refused(folder.path());
-    assert!(theirs.contains("store.pub") && theirs.contains("secret key store.key"), "{theirs}");
+    let error = refused(folder.path());
+    assert!(
+        matches!(&error, StoreError::Refused { path, cause: RefusalCause::KeyHalves, .. }
+            if path.ends_with("store.pub")),
+        "{error}"
+    );
     fs::remove_file(keys.join("store.pub")).unwrap();
     keyfile::write_public(&keys.join("store.pub"), &own.verifying_key(), "").unwrap();
     // Signs everything of the store again.
@@ -225,11 +254,13 @@ fn a_key_in_place_of_the_stores_is_refused() {
         );
         fs::write(&file, serde_json::to_string(&new).unwrap()).unwrap();
     }
-    for error in [refused(folder.path()), not_sound(folder.path())] {
-        assert!(error.contains("does not sign with this key") && error.contains(&id), "{error}");
+    let rebuilt = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap_err();
+    for error in [refused(folder.path()), rebuilt] {
+        let (cause, problem) = refusal(&error);
+        assert!(cause == RefusalCause::ForeignKey && problem.contains(&id), "{error}");
     }
-    let error = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap_err();
-    assert!(error.to_string().contains("does not sign with this key"), "{error}");
+    let error = not_sound(folder.path());
+    assert!(matches!(&error, VerifyError::Unsigned(problem) if problem.contains(&id)), "{error}");
     assert!(verify(&database, Some(&ours)).is_err());
 }
 

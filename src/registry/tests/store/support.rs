@@ -17,8 +17,8 @@ use holdpoint_governance::profile_downgrade::{DowngradedField, ProfileSettings};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{
-    ActiveCause, ApprovalRequest, AuditBody, Change, ContextRules, NewVersion, Receipt, Store, StoreError,
-    Transaction, allow_profile,
+    ActiveCause, ApprovalRequest, AuditBody, Change, ContextRules, NewVersion, Receipt, RefusalCause, Store,
+    StoreError, Transaction, allow_profile,
 };
 
 /// The digest of a robot.
@@ -30,6 +30,12 @@ const STEPS: [(State, State); 3] = [
     (State::Validated, State::Sandboxed),
     (State::Sandboxed, State::Shadowed),
 ];
+
+/// Why a store is refused, and the problem, which names what is affected.
+pub fn refusal(error: &StoreError) -> (RefusalCause, &str) {
+    let StoreError::Refused { cause, problem, .. } = error else { panic!("{error}") };
+    (*cause, problem)
+}
 
 /// The digest of a text.
 pub fn digest(text: &str) -> Digest {

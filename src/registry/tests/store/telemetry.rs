@@ -1,7 +1,7 @@
 //! Telemetry batches, their seals, retention, and cached results.
 
 use holdpoint_registry::{
-    Batch, CacheLookup, Change, EpisodeKey, Store, TelemetryLimits, VerifyError, verify,
+    Batch, CacheLookup, Change, EpisodeKey, Store, StoreError, TelemetryLimits, VerifyError, verify,
 };
 use rusqlite::Connection;
 
@@ -135,8 +135,8 @@ fn the_oldest_go_first() {
     let batches: Vec<_> =
         (0..4).map(|fill| store.append_telemetry(&batch(fill, 100)).unwrap().batch).collect();
     assert!(store.append_telemetry(&batch(4, 200)).is_ok(), "up to twice the limit between two seals");
-    let error = store.append_telemetry(&batch(5, 1)).unwrap_err().to_string();
-    assert!(error.contains("seal it first"), "{error}");
+    let error = store.append_telemetry(&batch(5, 1)).unwrap_err();
+    assert!(matches!(error, StoreError::Invalid { what: "telemetry of", .. }), "{error}");
     let there =
         || -> Vec<bool> { batches.iter().map(|n| store.telemetry_batch(*n).unwrap().is_some()).collect() };
     assert_eq!(there(), [true; 4], "nothing goes before it is on record");

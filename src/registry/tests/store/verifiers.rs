@@ -9,8 +9,8 @@ use holdpoint_approvals::{Identity, SignedWitnessAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{
-    ExportReport, ExportScope, UnsignedRecords, VerifyError, add_witness, export_store, is_exported, rebuild,
-    verify, verify_export,
+    ExportError, ExportReport, ExportScope, RefusalCause, UnsignedRecords, VerifyError, add_witness,
+    export_store, is_exported, rebuild, verify, verify_export,
 };
 
 use crate::damage::rewrite;
@@ -71,12 +71,12 @@ pub fn python_of_all(files: &[PathBuf], key: Option<&Path>) -> Option<Vec<serde_
 }
 
 /// Both verifiers have the same verdict on a file. Returns ours.
-pub fn both(file: &Path) -> Result<(), String> {
+pub fn both(file: &Path) -> Result<(), VerifyError> {
     let ours = verify_export(file, None);
     if let Some(theirs) = python(file) {
         same(&ours, &theirs).unwrap_or_else(|problem| panic!("{problem}"));
     }
-    ours.map(drop).map_err(|error| error.to_string())
+    ours.map(drop)
 }
 
 /// The kind of problem, as both verifiers name it.
@@ -171,7 +171,7 @@ fn an_exported_store_is_sound_for_both_verifiers() {
     // And so is the record of an earlier version, with an authorization of a class of profile.
     both(Path::new("../../tests/fixtures/store-d43131bc/export.jsonl")).unwrap();
     let other = holdpoint_approvals::keyfile::generate().unwrap().verifying_key();
-    assert!(verify_export(&file, Some(&other)).unwrap_err().to_string().contains("another public key"));
+    assert!(matches!(verify_export(&file, Some(&other)), Err(VerifyError::Line { line: 1, .. })));
 }
 
 #[test]
@@ -241,12 +241,13 @@ fn a_damaged_export_is_judged_the_same_by_both() {
         damage(&mut lines);
         fs::write(&file, lines.join("\n") + "\n").unwrap();
         let error = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
-        assert!(error.contains(expected), "{what}: {error}");
+        assert!(error.to_string().contains(expected), "{what}: {error}");
     }
     fs::write(&file, lines.join("\n")).unwrap();
-    assert!(both(&file).unwrap_err().contains("cut short"));
+    let error = both(&file).unwrap_err();
+    assert!(matches!(&error, VerifyError::Line { problem, .. } if problem.contains("cut short")), "{error}");
     fs::write(&file, "").unwrap();
-    assert!(both(&file).unwrap_err().contains("line 1"));
+    assert!(matches!(both(&file), Err(VerifyError::Line { line: 1, .. })));
 }
 
 /// A holder of the store's key with write access cannot make a person: other keys sign the acts.
@@ -338,10 +339,11 @@ fn persons_and_who_approved_are_judged_by_both() {
         )
         .unwrap();
         let error = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
-        assert!(error.contains(expected), "{what}: {error}");
+        assert!(error.to_string().contains(expected), "{what}: {error}");
         // Nor is it exported as a signed history.
         let refused = export_store(&store.join("holdpoint.db"), ExportScope::Signed, None, &mut Vec::new());
-        assert!(refused.unwrap_err().to_string().contains("history was rewritten"));
+        let Err(ExportError::Store(error)) = &refused else { panic!("{what}: {refused:?}") };
+        assert_eq!(refusal(error).0, RefusalCause::Damaged, "{what}: {error}");
     }
     // The same decision under the same name, signed by another person's key.
     let store = root.path().join("another key");
@@ -355,5 +357,5 @@ fn persons_and_who_approved_are_judged_by_both() {
     let signed = other.unwrap().sign(approval).unwrap();
     *line = format!("{{\"approval\":{}}}", serde_json::to_string(&signed).unwrap());
     fs::write(&file, lines.join("\n") + "\n").unwrap();
-    assert!(both(&file).unwrap_err().contains("another key than its approver's"));
+    assert!(matches!(both(&file), Err(VerifyError::Approval { .. })));
 }
