@@ -397,7 +397,7 @@ fn rollback_explanation(
                 "trigger {} at tick {}: {}",
                 rollback.trigger.kind.name(),
                 rollback.trigger.tick,
-                rollback.trigger.text
+                holdpoint_wording::notice(&rollback.trigger.text)
             ),
             Dimension::Monitor,
         ),
@@ -414,7 +414,12 @@ fn rollback_explanation(
     for rung in &rollback.rungs {
         let ended = rung.failure.map_or("held", RungFailure::name);
         reasons.push(reason(
-            format!("rung {}: {ended} in {} ms: {}", rung.rung.name(), rung.ms, rung.text),
+            format!(
+                "rung {}: {ended} in {} ms: {}",
+                rung.rung.name(),
+                rung.ms,
+                holdpoint_wording::notice(&rung.text)
+            ),
             Dimension::Recovery,
         ));
     }

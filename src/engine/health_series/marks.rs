@@ -164,7 +164,7 @@ pub(super) fn of_alarms(span: &RecordSpan, alarms: &[AlarmEpisode]) -> Vec<Healt
             | AlarmKind::EngineFault => MarkKind::AlarmRaised,
         };
         let family = family_of(&key);
-        let text = spell.text.as_ref().map_or_else(|| spell.alarm.clone(), Clone::clone);
+        let text = spell.text.as_ref().map_or_else(|| spell.alarm.clone(), holdpoint_wording::notice);
         let mut push = |kind, step: &AlarmStep, text: String| {
             if let Some(on_clock_ms) = on_clock(span.clock, step.at_ms, step.wall_ms) {
                 let family = family.clone();

@@ -15,6 +15,7 @@ use holdpoint_governance::approval::{
 use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::LifecycleEvent;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::wall_time::WallTime;
@@ -215,7 +216,7 @@ impl Approvals {
         };
         let note = TransitionNote {
             before: vec![Change::PutApprovalRequest(Box::new(question))],
-            ..TransitionNote::because("people are asked")
+            ..TransitionNote::because(Notice::ApproversAsked)
         };
         record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
         let request = NewApprovalRequest {
@@ -233,8 +234,8 @@ impl Approvals {
         let prompt = PendingApproval::new(context, record, id, request)?;
         self.open(context, record, evidence_files, id, prompt);
         let priority = context.profile.alarms.approval_waiting;
-        let text = format!("{id} waits for approval");
-        record.raise(AlarmKey::Approval(id.clone()), priority, false, &text);
+        let notice = Notice::WaitsForApproval { version: id.clone() };
+        record.raise(AlarmKey::Approval(id.clone()), priority, false, notice);
         Ok(())
     }
 
@@ -385,7 +386,7 @@ pub fn closing_note(
     id: &CapabilityId,
     prompt: &PendingApproval,
     state: RequestState,
-    reason: &str,
+    reason: Notice,
 ) -> TransitionNote {
     let request = ApprovalRequest {
         id: prompt.id.clone(),

@@ -9,6 +9,7 @@ use holdpoint_governance::approval::{
 };
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Review, Stage, State};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::submission::Risk;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Refusal, Reply};
@@ -195,7 +196,7 @@ impl Approvals {
     ) -> Result<(), EngineFault> {
         let mut changes = Vec::new();
         if let Some(old) = self.close(id) {
-            changes = closing_note(context, id, &old, RequestState::Void, "").before;
+            changes = closing_note(context, id, &old, RequestState::Void, Notice::ReviewClosed).before;
         }
         let risk = evidence_files.of(id).map_or(Risk::High, version_origin::assessed_risk);
         let candidate = record.capability(id)?;
