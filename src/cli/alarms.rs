@@ -11,10 +11,10 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::health_series::{HealthError, HealthReader};
 use holdpoint_governance::alarms::{Alarm, AlarmState, Priority};
+use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::health::{AlarmEpisode, BUCKET_MS_MAX, BUCKETS_MAX, HealthClock, HealthQuery};
 use holdpoint_registry::{AuditFilter, Layout, Views};
-use holdpoint_text::Untrusted;
 
 /// The arguments of `alarms`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -47,16 +47,47 @@ struct AlarmLine {
     alarm: String,
     priority: Priority,
     state: AlarmState,
-    /// The latest text of the alarm; absent if the store no longer has it.
-    text: Option<Untrusted>,
+    /// The latest text of the alarm as a sentence; absent if the store no longer has it.
+    text: Option<String>,
+    /// The same with its values; absent for the text of an older build.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    notice: Option<Notice>,
+}
+
+/// The course of an alarm, with its text as a sentence and with its values.
+#[derive(Serialize)]
+struct AlarmCourse<'a> {
+    #[serde(flatten)]
+    course: AlarmEpisode,
+    /// Absent for the text of an older build.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    notice: Option<&'a Notice>,
+}
+
+impl<'a> AlarmCourse<'a> {
+    fn new(spell: &'a AlarmEpisode) -> Self {
+        let text = spell.text.as_ref().map(|text| NoticeOrText::Text(holdpoint_wording::notice(text)));
+        let notice = spell.text.as_ref().and_then(NoticeOrText::notice);
+        Self { course: AlarmEpisode { text, ..spell.clone() }, notice }
+    }
 }
 
 impl AlarmLine {
+    fn new(
+        at_ms: u64,
+        (alarm, priority, state): (String, Priority, AlarmState),
+        text: Option<NoticeOrText>,
+    ) -> Self {
+        let notice = text.as_ref().and_then(NoticeOrText::notice).cloned();
+        let text = text.as_ref().map(holdpoint_wording::notice);
+        Self { at_ms, alarm, priority, state, text, notice }
+    }
+
     fn line(&self) -> String {
         let secs = self.at_ms / 1000;
         let line = format!("{secs:>8} s  {} {}, {}", self.priority, self.alarm, self.state);
         match &self.text {
-            Some(text) => format!("{line}: {}", text.raw()),
+            Some(text) => format!("{line}: {text}"),
             None => line,
         }
     }
@@ -91,12 +122,9 @@ pub(super) fn run(
         records.iter().filter_map(|record| changed(record.at_ms, &record.body, &text_of)).collect()
     } else {
         let open = alarms.iter().filter(|entry| entry.state != AlarmState::Normal);
-        open.map(|entry| AlarmLine {
-            at_ms: entry.changed_ms,
-            alarm: entry.alarm.clone(),
-            priority: entry.priority,
-            state: entry.state,
-            text: text_of(&entry.alarm),
+        open.map(|entry| {
+            let (at_ms, alarm) = (entry.changed_ms, entry.alarm.clone());
+            AlarmLine::new(at_ms, (alarm, entry.priority, entry.state), text_of(&entry.alarm))
         })
         .collect()
     };
@@ -136,8 +164,11 @@ fn courses(
     let mut count = 0;
     for spell in series.alarms.iter().filter(wanted).take(usize::from(args.limit)) {
         count += 1;
-        out.answer(spell, |out| {
+        out.answer(&AlarmCourse::new(spell), |out| {
             out.paragraph("", &format!("{} {}, {}", spell.priority, spell.alarm, spell.state))?;
+            if let Some(text) = &spell.text {
+                out.paragraph("  ", &holdpoint_wording::notice(text))?;
+            }
             spell.sentences(end.at_ms).iter().try_for_each(|text| out.paragraph("  ", text))
         })?;
     }
@@ -150,10 +181,11 @@ fn courses(
 }
 
 /// A change of an alarm, from its record in the chain.
-fn changed(at_ms: u64, body: &str, text_of: &dyn Fn(&str) -> Option<Untrusted>) -> Option<AlarmLine> {
+fn changed(at_ms: u64, body: &str, text_of: &dyn Fn(&str) -> Option<NoticeOrText>) -> Option<AlarmLine> {
     let body: serde_json::Value = serde_json::from_str(body).ok()?;
     let field = |name: &str| body.get("change")?.get(name)?.as_str();
     let alarm = field("alarm")?.to_owned();
     let (priority, state) = (field("priority")?.parse().ok()?, field("state")?.parse().ok()?);
-    Some(AlarmLine { at_ms, text: text_of(&alarm), alarm, priority, state })
+    let text = text_of(&alarm);
+    Some(AlarmLine::new(at_ms, (alarm, priority, state), text))
 }

@@ -33,7 +33,7 @@ pub(super) fn may_begin(data: &Path, chosen: &ChosenProfile) -> Result<StartPerm
 pub(super) fn missing(views: &Views) -> Option<String> {
     let folder = views.folder()?;
     match may_begin(&folder, &profile_choice::last(&folder).ok()?) {
-        Ok(StartPermission::Unauthorized(why)) => Some(why),
+        Ok(StartPermission::Unauthorized(why)) => Some(holdpoint_wording::notice_sentence(&why)),
         Ok(StartPermission::Authorized(_)) | Err(_) => None,
     }
 }

@@ -207,20 +207,21 @@ fn history(views: &Views, family: &Family, out: &mut CommandOutput<'_>) -> Resul
             .extend(detail.into_iter().flat_map(|detail| detail.activations).map(|entry| (entry.seq, entry)));
     }
     let name = |id: &Option<CapabilityId>| id.as_ref().map_or_else(|| "-".to_owned(), ToString::to_string);
+    let reason = holdpoint_wording::notice(&status.reason);
     let answer = json!({
         "family": status.name,
         "active": status.active.as_ref().map(ToString::to_string),
         "pinned": status.pinned.as_ref().map(ToString::to_string),
         "safe_stopped": status.safe_stopped,
-        "reason": status.reason,
+        "reason": reason,
+        "notice": status.reason.notice(),
         "activations": moves.values().map(|entry| json!({
             "record": entry.seq, "active": entry.active.as_ref().map(ToString::to_string),
             "pinned": entry.pinned.as_ref().map(ToString::to_string), "cause": entry.cause, "at_ms": entry.at_ms,
         })).collect::<Vec<_>>(),
     });
     out.answer(&answer, |out| {
-        let stopped =
-            if status.safe_stopped { format!(", safe-stopped: {}", status.reason) } else { String::new() };
+        let stopped = if status.safe_stopped { format!(", safe-stopped: {reason}") } else { String::new() };
         out.line(&format!(
             "{}: active {}, rollback target {}{stopped}",
             status.name,

@@ -5,12 +5,15 @@
 
 use std::collections::BTreeSet;
 
+use serde::Deserialize;
 use serde_json::Value;
 
 use super::formatters::seconds;
 use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_wording::notice_sentence;
 
 /// The largest content that gets a sentence, bytes; a larger one is named by its kind.
 const BODY_BYTES_MAX: usize = 64 * 1024;
@@ -192,11 +195,14 @@ impl RecordFields<'_> {
         None
     }
 
-    /// A value as text; absent if it is not a plain value.
+    /// A value as text; absent if it is neither a plain value nor a notice.
     fn text(&self, name: &str) -> Option<String> {
-        let plain = |value: &Value| value.is_string() || value.is_number() || value.is_boolean();
+        let plain = |value: &Value| {
+            value.is_string() || value.is_number() || value.is_boolean() || noticed(value).is_some()
+        };
         match self.find_that(name, plain)? {
             Value::String(text) => Some(text.chars().take(VALUE_CHARS).collect()),
+            notice @ Value::Object(_) => Some(noticed(notice)?.chars().take(VALUE_CHARS).collect()),
             other => Some(other.to_string()),
         }
     }
@@ -224,6 +230,12 @@ impl RecordFields<'_> {
     fn digest(&self, name: &str) -> String {
         self.text(name).map_or_else(String::new, |text| text.chars().take(8).collect())
     }
+}
+
+/// The sentence of a notice; absent for another value.
+fn noticed(value: &Value) -> Option<String> {
+    value.get("notice")?;
+    Notice::deserialize(value).ok().map(|notice| notice_sentence(&notice))
 }
 
 /// The sentence of a known kind; absent if a field is missing.

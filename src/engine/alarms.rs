@@ -7,6 +7,7 @@ use holdpoint_governance::alarms::{
 };
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
@@ -47,8 +48,8 @@ impl EngineRecorder {
         for entry in rows {
             // An alarm of another build may be unreadable. It must not be lost: it is raised as a fault.
             let Ok(alarm) = serde_json::from_str::<Alarm>(&entry.json) else {
-                let text = format!("the alarm {} of an earlier start cannot be read", entry.alarm);
-                self.raise(AlarmKey::EngineFault, entry.priority, true, &text);
+                let notice = Notice::AlarmUnreadable { alarm: entry.alarm };
+                self.raise(AlarmKey::EngineFault, entry.priority, true, notice);
                 continue;
             };
             let from = alarm.state();
@@ -59,8 +60,8 @@ impl EngineRecorder {
     }
 
     /// Raises an alarm and publishes it.
-    pub(crate) fn raise(&mut self, key: AlarmKey, priority: Priority, latching: bool, text: &str) {
-        let text = holdpoint_text::Untrusted::new(text);
+    pub(crate) fn raise(&mut self, key: AlarmKey, priority: Priority, latching: bool, notice: Notice) {
+        let text = notice.into();
         self.alarm_event(&AlarmEvent::Raise { key, priority, latching, text });
     }
 
@@ -162,8 +163,7 @@ impl EngineRecorder {
         let raised = self.alarms().get(&key).is_some_and(|alarm| alarm.condition);
         match self.version_table().store().checkpoint_problem() {
             Some(problem) if !raised => {
-                let text = format!("a truncated audit chain would go undetected: {problem}");
-                self.raise(key, Priority::High, false, &text);
+                self.raise(key, Priority::High, false, Notice::CheckpointFailed { problem });
                 self.version_table().store().mark_problems_reported();
             }
             None if raised => self.alarm_event(&AlarmEvent::Clear { key }),
@@ -207,7 +207,7 @@ impl EngineRecorder {
                     subject: alarm.group.to_string(),
                     state,
                     priority,
-                    text: alarm.text.raw().to_owned(),
+                    text: alarm.text.clone(),
                 });
                 stored.push(Change::AlarmChange {
                     alarm: alarm.key.to_string(),

@@ -6,6 +6,7 @@
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{FamilyState, State, Version};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 use holdpoint_protocol::command::{Caller, Refusal, Reply};
@@ -102,9 +103,8 @@ pub(crate) fn check(record: &mut EngineRecorder) -> Result<(), StoreError> {
     let said = record.version_table().wall().machine_time();
     record.wall_mut().keep_doubt(doubt);
     let body = serde_json::json!(ClockMismatchRecord { doubt, said });
-    let text = format!("{doubt}; nothing is activated until a person confirms the time");
     let written = record.note(RecordKind::ClockDoubted, String::new(), body.to_string());
-    record.raise(AlarmKey::ClockDoubted, Priority::High, false, &text);
+    record.raise(AlarmKey::ClockDoubted, Priority::High, false, Notice::ClockMismatched { mismatch: doubt });
     written
 }
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::policy::{PolicyError, PolicySource, PolicyTable};
 use holdpoint_governance::profile::{Profile, SiteName};
 use holdpoint_governance::site_profile::ProfileTexts;
@@ -65,7 +66,7 @@ pub struct Context {
     pub omitted: AblatedParts,
     /// Why no version may be activated: no administrator authorized the profile in its present form. Absent if one did, or if
     /// none is required.
-    pub unauthorized: Option<String>,
+    pub unauthorized: Option<Notice>,
     seeds: SeedKey,
 }
 

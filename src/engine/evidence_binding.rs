@@ -12,7 +12,7 @@ use holdpoint_governance::decision::DecisionContext;
 use holdpoint_governance::evidence::{EvidenceBinding, StaleCause};
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::{State, VersionRef};
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::notice::AdmissionRefusal;
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
@@ -110,36 +110,6 @@ pub fn not_admitted(
     let had_control = state.acted || matches!(state.state, State::Active | State::Superseded);
     (had_control && version != VersionRef(0) && !admission.suffices(version_table.admission()))
         .then_some(AdmissionRefusal::AdmittedByLess(admission))
-}
-
-/// Why a version is not admitted to the arm under a profile.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AdmissionRefusal {
-    /// Its manifest does not name the profile.
-    Undeclared,
-    /// A demotion blocked it under the profile.
-    Closed,
-    /// The gate admitted it under a less strict profile.
-    AdmittedByLess(AdmissionContext),
-}
-
-impl AdmissionRefusal {
-    /// The second half of a sentence that begins with the version.
-    #[must_use]
-    pub fn text(self, profile: ProfileName) -> String {
-        match self {
-            Self::Undeclared => format!("does not admit the profile {profile}"),
-            Self::Closed => format!("is blocked under the profile {profile}"),
-            Self::AdmittedByLess(AdmissionContext { scripted: true, .. }) => {
-                format!("passed its gate in a script, and the profile {profile} needs a gate pass of its own")
-            }
-            Self::AdmittedByLess(AdmissionContext { class, .. }) => {
-                format!(
-                    "passed its gate under the profile {class}, and {profile} needs a gate pass of its own"
-                )
-            }
-        }
-    }
 }
 
 /// A version with the terms it is measured under and the fallback it has now.

@@ -278,9 +278,8 @@ impl DecisionReader<'_> {
         else {
             return;
         };
-        let marks = ["rejected by ", "demoted by ", "approval-refused", "approval-timeout"];
-        if marks.iter().any(|mark| reason.starts_with(mark)) {
-            self.people(record, PeopleRuling::Moved(to), reason);
+        if reason.is_by_people() {
+            self.people(record, PeopleRuling::Moved(to), holdpoint_wording::notice(&reason));
         }
         self.then(text);
     }
@@ -397,7 +396,7 @@ fn rollback_explanation(
                 "trigger {} at tick {}: {}",
                 rollback.trigger.kind.name(),
                 rollback.trigger.tick,
-                rollback.trigger.text
+                holdpoint_wording::notice(&rollback.trigger.text)
             ),
             Dimension::Monitor,
         ),
@@ -414,7 +413,12 @@ fn rollback_explanation(
     for rung in &rollback.rungs {
         let ended = rung.failure.map_or("held", RungFailure::name);
         reasons.push(reason(
-            format!("rung {}: {ended} in {} ms: {}", rung.rung.name(), rung.ms, rung.text),
+            format!(
+                "rung {}: {ended} in {} ms: {}",
+                rung.rung.name(),
+                rung.ms,
+                holdpoint_wording::notice(&rung.text)
+            ),
             Dimension::Recovery,
         ));
     }

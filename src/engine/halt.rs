@@ -5,6 +5,7 @@
 
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::startup_stop::{
@@ -154,10 +155,7 @@ pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -
         world.stay_halted(stopped);
     }
     let Some(why) = start_stopped_reason(last, unrecorded) else { return Ok(()) };
-    let mut text = match why {
-        StartStoppedReason::UnrecordedStop => "the cell had been stopped, and the stop was not on record",
-        StartStoppedReason::UncleanEnd => UNCLEAN_END,
-    };
+    let mut cause = why;
     world.switch().latch();
     if let Some(request) = request.filter(|request| world.switch().first_stop().as_ref() == Some(request)) {
         record_first_stop(record, world, &request, Some(StartStoppedReason::UnrecordedStop))?;
@@ -166,18 +164,16 @@ pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -
         note(record, world, stop.because(StartStoppedReason::UnrecordedStop))?;
     }
     if last == LastEngineRun::Began {
-        text = UNCLEAN_END;
-        let (by, caller, reason) = ("the engine".to_owned(), own_caller(record), UNCLEAN_END.to_owned());
+        cause = StartStoppedReason::UncleanEnd;
+        let reason = holdpoint_wording::came_up_stopped(cause).to_owned();
+        let (by, caller) = ("the engine".to_owned(), own_caller(record));
         let stop = StopRecord { by, caller, reason, code: None };
         note(record, world, stop.because(StartStoppedReason::UncleanEnd))?;
         ended(record, false)?;
     }
-    record.raise(AlarmKey::CameUpStopped, Priority::High, true, text);
+    record.raise(AlarmKey::CameUpStopped, Priority::High, true, Notice::CameUpStopped { cause });
     Ok(())
 }
-
-/// The reason of the engine's own stop.
-const UNCLEAN_END: &str = "the last engine ended suddenly while it worked the cell: look at the cell first";
 
 fn last_engine(views: &Views) -> Result<LastEngineRun, StoreError> {
     let newest = |kind| -> Result<u64, StoreError> {

@@ -9,10 +9,9 @@ use std::collections::BTreeMap;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::health::{CommissionedBaseline, FamilyHealth, HealthFinding, HealthValues};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_governance::sensor_health::{
-    SensorBaseline, SensorFinding, SensorMonitor, SensorReadings, SensorSignal,
-};
+use holdpoint_governance::sensor_health::{SensorBaseline, SensorFinding, SensorMonitor, SensorReadings};
 use holdpoint_governance::stats::StatsError;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditFilter;
@@ -111,15 +110,13 @@ impl CellHealth {
             let (violation, degraded) = (AlarmKey::Violation(id.clone()), AlarmKey::Degraded(id.clone()));
             match finding {
                 HealthFinding::Violated => {
-                    let hit =
-                        done.hits.first().map_or_else(|| "a limit".to_owned(), |(_, hit)| format!("{hit:?}"));
-                    let text = format!("{id} violated a limit ({hit})");
-                    record.raise(violation, priorities.violation, true, &text);
+                    let hit = done.hits.first().map(|(_, hit)| *hit);
+                    let notice = Notice::LimitViolated { version: id.clone(), hit };
+                    record.raise(violation, priorities.violation, true, notice);
                 }
                 HealthFinding::Degraded(rate) => {
-                    let text =
-                        format!("{id} performs worse than when the cell was commissioned: its {rate} rate");
-                    record.raise(degraded, priorities.degraded, true, &text);
+                    let notice = Notice::Degraded { version: id.clone(), rate };
+                    record.raise(degraded, priorities.degraded, true, notice);
                 }
                 HealthFinding::ViolationsOver => record.alarm_event(&AlarmEvent::Clear { key: violation }),
                 HealthFinding::DegradedOver => record.alarm_event(&AlarmEvent::Clear { key: degraded }),
@@ -147,10 +144,11 @@ impl CellHealth {
         };
         for finding in senses.observe(sensed).map_err(fault)? {
             match finding {
-                SensorFinding::Degraded(sense) => {
+                SensorFinding::Degraded(signal) => {
                     let priority = context.profile.alarms.degraded;
-                    let text = degraded(sense, sensed, senses.limit(sense));
-                    record.raise(AlarmKey::CellDegraded, priority, true, &text);
+                    let value = sensed.of(signal).filter(|value| value.is_finite());
+                    let notice = Notice::CameraDegraded { signal, value, limit: senses.limit(signal) };
+                    record.raise(AlarmKey::CellDegraded, priority, true, notice);
                 }
                 SensorFinding::Over => {
                     record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::CellDegraded });
@@ -198,23 +196,6 @@ impl CellHealth {
                 Ok(())
             }
         }
-    }
-}
-
-/// The text for operators: the signal, its value, its limit, and the part to inspect.
-fn degraded(sense: SensorSignal, sensed: &SensorReadings, limit: f64) -> String {
-    let value = sensed.of(sense).unwrap_or(f64::NAN);
-    match sense {
-        SensorSignal::PictureJitter => format!(
-            "the camera shakes: {:.1} mm from frame to frame in the last task, above {:.1} mm; look at its mount",
-            value * 1e3,
-            limit * 1e3
-        ),
-        SensorSignal::PicturesMissing => format!(
-            "the camera loses frames: {:.0} % in the last task, above {:.0} %; look at its cable and its load",
-            value * 100.0,
-            limit * 100.0
-        ),
     }
 }
 

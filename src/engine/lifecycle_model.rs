@@ -12,6 +12,7 @@ use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::{
     self, DeactivationKind, FamilyState, LifecycleEvent, Stage, State, VersionRef,
 };
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{ActiveCause, Change, Store, StoreError, check_invariants, verify};
@@ -220,7 +221,7 @@ impl ModelStore {
 
     /// The note of an event, as the engine writes it.
     fn note(&self, event: LifecycleEvent) -> TransitionNote {
-        let mut note = TransitionNote::because("a step");
+        let mut note = TransitionNote::because(Notice::StageBegins);
         match event {
             LifecycleEvent::Activate { version } | LifecycleEvent::ActivateUnreviewed { version, .. } => {
                 let digest = Digest::of_parts("test", &[&self.at_ms.to_le_bytes()]);
@@ -266,7 +267,7 @@ impl StateMachineTest for ModelStore {
         store.version_table.write(vec![context], Vec::new(), 1).unwrap();
         let note = TransitionNote {
             cause: Some(ActiveCause::Bootstrap),
-            ..TransitionNote::because("the first one")
+            ..TransitionNote::because(Notice::StageBegins)
         };
         store
             .version_table

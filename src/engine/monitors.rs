@@ -8,6 +8,7 @@ use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
 use holdpoint_governance::strictness::Strictness;
+use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_protocol::snapshot::{EscalationView, MonitorView};
 
 use crate::context::Context;
@@ -199,7 +200,12 @@ impl Monitors {
             charts: watched
                 .monitor
                 .charts()
-                .map(|(rate, chart, stands, limit)| (format!("{} {chart}", rate.name()), stands, limit))
+                .map(|(rate, level, value, limit)| ChartView {
+                    rate: rate.into(),
+                    level: level.into(),
+                    value,
+                    limit,
+                })
                 .collect(),
         };
         self.iter().map(view).collect()

@@ -6,7 +6,7 @@ use holdpoint_governance::finding::Finding;
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 
 use crate::context::Context;
-use crate::evidence_binding::{AdmissionRefusal, not_admitted};
+use crate::evidence_binding::not_admitted;
 use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
@@ -22,6 +22,7 @@ use holdpoint_governance::approval::Requester;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State, VersionRef};
+use holdpoint_governance::notice::{AdmissionRefusal, Notice, OperatorAct};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_governance::submission::Package;
@@ -58,7 +59,7 @@ pub(crate) fn register(
     };
     let event = registered_event(&candidate, &origin.requester);
     report_refused_form(record, &candidate);
-    let note = TransitionNote::because(format!("submitted by {}", origin.requester.name()));
+    let note = TransitionNote::because(Notice::Submitted { requester: origin.requester.clone() });
     record.register((candidate, origin), false, context.needs_approval(), note)?;
     record.tell(event);
     accepted(&id, "registered")
@@ -67,12 +68,8 @@ pub(crate) fn register(
 /// Reports another file in the place of a version's compiled form.
 pub(crate) fn report_refused_form(record: &mut EngineRecorder, version: &Capability) {
     if version.bundle.refused_form() {
-        let text = format!(
-            "another file lay in place of the compiled form of {}; the engine compiled the component again: \
-             check who can write to the store's folder",
-            version.id()
-        );
-        record.raise(AlarmKey::KeptFalse, Priority::High, true, &text);
+        let notice = Notice::CompiledFormReplaced { version: version.id() };
+        record.raise(AlarmKey::KeptFalse, Priority::High, true, notice);
     }
 }
 
@@ -109,16 +106,17 @@ pub(crate) fn checked(record: &EngineRecorder, operation: &Operation) -> Result<
 pub(crate) fn transition(
     record: &mut EngineRecorder,
     operation: &Operation,
-    done: &str,
+    act: OperatorAct,
     event: impl Fn(VersionRef) -> LifecycleEvent,
 ) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
     let (version, _, _) = record.version_table().version(&id)?;
-    let note = TransitionNote::because(format!("{done} by {}: {}", operation.by, operation.reason));
+    let (by, reason) = (operation.by.clone(), operation.reason.clone());
+    let note = TransitionNote::because(Notice::OperatorDid { act, by, reason });
     let event = event(version);
     let cause = matches!(event, LifecycleEvent::Rearm { .. }).then_some(ActiveCause::Rearm);
     record.transition(&id.family, event, TransitionNote { cause, ..note })?;
-    accepted(&id, done)
+    accepted(&id, holdpoint_wording::operator_act(act))
 }
 
 /// Pauses the promotion of a version until it is resumed; an active version continues to run.
@@ -136,7 +134,8 @@ pub(crate) fn pause(record: &mut EngineRecorder, operation: &Operation) -> Resul
             ),
         });
     }
-    let reply = transition(record, operation, "paused", |version| LifecycleEvent::Pause { version })?;
+    let reply =
+        transition(record, operation, OperatorAct::Paused, |version| LifecycleEvent::Pause { version })?;
     Ok(match reply {
         Reply::Accepted { version, .. } if works => Reply::Accepted {
             text: format!("{id} keeps control provisionally; its promotion is paused"),
@@ -156,7 +155,9 @@ pub(crate) fn resume(
     let (_, state, _) = record.version_table().version(&id)?;
     let held_alone = !state.flags.paused && state.state.may_resume(&state.flags, evidence_files.is_held(&id));
     if !held_alone {
-        let reply = transition(record, operation, "resumed", |version| LifecycleEvent::Resume { version })?;
+        let reply = transition(record, operation, OperatorAct::Resumed, |version| LifecycleEvent::Resume {
+            version,
+        })?;
         evidence_files.edit(&id).held = false;
         return Ok(reply);
     }
@@ -184,14 +185,14 @@ pub(crate) fn rearm(
         let hint = format!("`holdpoint release {id} --profile {profile}` unblocks it");
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
-            text: format!("{id} {}", why.text(profile)),
+            text: format!("{id} {}", holdpoint_wording::admission_refusal(why, profile)),
             hint: Some(hint).filter(|_| why == AdmissionRefusal::Closed),
         });
     }
     if let Some(refused) = reactivation_refusal(context, record, &id)? {
         return Ok(refused);
     }
-    transition(record, operation, "active again", |version| LifecycleEvent::Rearm { version })
+    transition(record, operation, OperatorAct::Reactivated, |version| LifecycleEvent::Rearm { version })
 }
 
 /// Why a version is not reactivated without the gate: there is a clock mismatch, or approval is required and no person is on
@@ -286,9 +287,10 @@ pub(crate) fn roll_back(
     if let Some(refusal) = refusal.filter(|_| last == LastVersion::Ask) {
         return Ok(refusal);
     }
-    let trigger = format!("operator {}: {}", operation.by, operation.reason);
+    let trigger = Notice::OperatorRollback { by: operation.by.clone(), reason: operation.reason.clone() };
+    let words = holdpoint_wording::notice_sentence(&trigger);
     live.evidence_files.edit(&id).reasons =
-        vec![Reason::new(Dimension::Monitor, Finding::OperatorAsked { words: trigger.clone() })];
+        vec![Reason::new(Dimension::Monitor, Finding::OperatorAsked { words })];
     let trigger = rollback::trigger(live.record, TriggerKind::Operator, trigger);
     // If the arm was stopped for this in a task of the version, time counts from the tick of the stop.
     let stopped = live.world.stopped.take().filter(|stopped| stopped.id.as_ref() == Some(&id));

@@ -7,6 +7,7 @@ use holdpoint_governance::alarms::{AlarmBook, AlarmKey, Priority};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::metrics::store_metrics::ObservedCounts;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::{Clock, tick_of};
@@ -131,7 +132,8 @@ impl EngineRecorder {
     pub fn hold(&mut self, why: &(impl Hint + ?Sized)) {
         self.holding = Some(Problem::of(why));
         self.tell(EventKind::Fault { text: why.sentence() });
-        self.raise(AlarmKey::EngineFault, Priority::Critical, true, &why.sentence());
+        let notice = Notice::EngineHalted { problem: why.sentence() };
+        self.raise(AlarmKey::EngineFault, Priority::Critical, true, notice);
     }
 
     /// As [`EngineRecorder::hold`] without an alarm: the alarm is what could not be written.
@@ -217,7 +219,7 @@ impl EngineRecorder {
     pub fn start_stage(&mut self, id: &CapabilityId, stage: Stage, budget: u64) -> Result<(), EngineFault> {
         let (version, lifecycle, _) = self.versions.version(id)?;
         if lifecycle.flags.running != Some(stage) {
-            let note = TransitionNote::because("the stage begins");
+            let note = TransitionNote::because(Notice::StageBegins);
             self.transition(&id.family, LifecycleEvent::Start { version, stage }, note)?;
         }
         self.tell(EventKind::StageStarted { version: id.clone(), stage, budget });

@@ -2,7 +2,7 @@
 //! interrupted rollback is finished. Publishes each step.
 
 use crate::context::Context;
-use crate::evidence_binding::{AdmissionRefusal, not_admitted};
+use crate::evidence_binding::not_admitted;
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::fault::EngineFault;
 use crate::monitors::ActivationMonitor;
@@ -19,6 +19,7 @@ use holdpoint_governance::decision::Decision;
 use holdpoint_governance::gate::GateOutcome;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, State};
+use holdpoint_governance::notice::{AdmissionRefusal, Notice};
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::store_terms::EvidenceKind;
@@ -42,22 +43,17 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
     for work in interrupted {
         match work {
             InterruptedWork::RollbackPending { version } => {
-                report_recovered(live.record, &version, "an interrupted rollback is finished now");
-                let trigger = trigger(live.record, TriggerKind::Restart, "a rollback was interrupted");
+                report_recovered(live.record, &version, Notice::RollbackContinued);
+                let trigger = trigger(live.record, TriggerKind::Restart, Notice::RollbackInterrupted);
                 live.deactivate(&version, trigger, None, DeactivationKind::RolledBack)?;
             }
             InterruptedWork::Stage { version, .. } => {
                 if restarted.insert(version.family.clone()) {
-                    let note =
-                        TransitionNote::because("the engine restarted: the interrupted stage does not count");
+                    let note = TransitionNote::because(Notice::StageVoidedByRestart);
                     live.record.transition(&version.family, LifecycleEvent::Restart, note)?;
                 }
                 resume_demoted(live.record, &version)?;
-                report_recovered(
-                    live.record,
-                    &version,
-                    "a stage was running; it does not count and is run again",
-                );
+                report_recovered(live.record, &version, Notice::StageRunAgain);
             }
             InterruptedWork::Provisional { version } => resume_watch(live, &version)?,
         }
@@ -74,23 +70,15 @@ fn take_in_telemetry(record: &mut EngineRecorder) -> Result<(), EngineFault> {
     if !changes.is_empty() {
         record.write(changes, Vec::new())?;
     }
-    let text = match aside.last() {
+    let notice = match aside.last() {
         // The newest one; the record names all.
         Some(QuarantinedFile { file, problem }) => {
-            let lacks = match missing {
-                0 => "every sealed batch".to_owned(),
-                lost => format!("every sealed batch but {lost}, and what these held is in no metric"),
-            };
-            format!("telemetry.db was quarantined as {file}; the new one has {lacks}; why: {problem}")
+            Notice::TelemetryQuarantined { file: file.clone(), missing, problem: problem.clone() }
         }
-        None if missing > 0 => format!(
-            "{missing} sealed batches of telemetry are missing from telemetry.db, and no record gives the reason: the \
-             batches or the file were removed, or the disk lost them; they are in no metric; with a copy of the store, \
-             `holdpoint metrics` and `audit verify` show their content"
-        ),
+        None if missing > 0 => Notice::TelemetryMissing { batches: missing },
         None => return Ok(()),
     };
-    record.raise(AlarmKey::TelemetryMissed, Priority::High, true, &text);
+    record.raise(AlarmKey::TelemetryMissed, Priority::High, true, notice);
     Ok(())
 }
 
@@ -108,12 +96,11 @@ fn deactivate_unadmitted(live: &mut LiveMonitoring<'_>) -> Result<(), EngineFaul
             (!waits).then(|| (member.capability.id(), why))
         })
         .collect();
-    for (id, why) in stray {
+    for (id, refusal) in stray {
         let profile = live.context.profile.name;
-        let why = why.text(profile);
-        report_recovered(live.record, &id, &format!("it {why} and is rolled back"));
-        let text = format!("the store was opened under the profile {profile}: the version {why}");
-        let trigger = trigger(live.record, TriggerKind::ProfileNotAdmitted, &text);
+        report_recovered(live.record, &id, Notice::RolledBackUnadmitted { profile, refusal });
+        let notice = Notice::OpenedUnderProfile { profile, refusal };
+        let trigger = trigger(live.record, TriggerKind::ProfileNotAdmitted, notice);
         live.deactivate(&id, trigger, None, DeactivationKind::Demoted)?;
     }
     Ok(())
@@ -124,11 +111,7 @@ fn resume_demoted(record: &mut EngineRecorder, id: &CapabilityId) -> Result<(), 
     let (version, lifecycle, _) = record.version_table().version(id)?;
     if lifecycle.state == State::Demoted {
         let event = LifecycleEvent::Repeat { version, stage: Stage::Sandbox };
-        record.transition(
-            &id.family,
-            event,
-            TransitionNote::because("the repeated stage was interrupted"),
-        )?;
+        record.transition(&id.family, event, TransitionNote::because(Notice::RetryInterrupted))?;
     }
     Ok(())
 }
@@ -145,18 +128,14 @@ fn resume_watch(live: &mut LiveMonitoring<'_>, id: &CapabilityId) -> Result<(), 
         Ok(mut watched) => {
             watched.restricted = restricted;
             live.monitors.insert(watched);
-            report_recovered(live.record, id, "it is provisional; its window restarts under a new monitor");
+            report_recovered(live.record, id, Notice::WindowRestarts);
             Ok(())
         }
         Err(fault) => {
             // A version that cannot be monitored does not act.
-            report_recovered(
-                live.record,
-                id,
-                &format!("it cannot be monitored ({fault}) and is rolled back"),
-            );
-            let text = "no monitor could be set up after a restart";
-            let trigger = trigger(live.record, TriggerKind::Restart, text);
+            let problem = fault.to_string();
+            report_recovered(live.record, id, Notice::RolledBackUnmonitored { problem });
+            let trigger = trigger(live.record, TriggerKind::Restart, Notice::NoMonitorAfterRestart);
             live.deactivate(id, trigger, None, DeactivationKind::RolledBack)
         }
     }
@@ -182,34 +161,25 @@ fn resume_questions(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) ->
         };
         if let Some(answers) = approvals.restore(live.context, record, live.evidence_files, &id)? {
             let priority = live.context.profile.alarms.approval_waiting;
-            record.raise(
-                AlarmKey::Approval(id.clone()),
-                priority,
-                false,
-                &format!("{id} waits for approval"),
-            );
-            let text = format!("the approval request stays open, with {answers} answers");
-            report_recovered(record, &id, &text);
+            let notice = Notice::WaitsForApproval { version: id.clone() };
+            record.raise(AlarmKey::Approval(id.clone()), priority, false, notice);
+            report_recovered(record, &id, Notice::RequestStaysOpen { answers: answers as u64 });
             continue;
         }
         let note = TransitionNote {
             before: void_requests(record.version_table(), &id)?,
-            ..TransitionNote::because("the engine restarted: approvers are asked again")
+            ..TransitionNote::because(Notice::RequestVoidedByRestart)
         };
         let restricted = record.version_table().version(&id)?.1.state == State::Active;
         record.transition(&family, LifecycleEvent::ApprovalExpired { version }, note)?;
-        let what = if restricted {
-            "approvers had been asked to lift its restriction; it stays restricted until they are asked again"
-        } else {
-            "approvers had been asked; they are asked again"
-        };
-        report_recovered(record, &id, what);
+        let notice = if restricted { Notice::ReleaseToAskAgain } else { Notice::ActivationAskedAgain };
+        report_recovered(record, &id, notice);
     }
     Ok(())
 }
 
-fn report_recovered(record: &mut EngineRecorder, version: &CapabilityId, text: &str) {
-    record.tell(EventKind::Recovered { version: version.clone(), text: text.to_owned() });
+fn report_recovered(record: &mut EngineRecorder, version: &CapabilityId, notice: Notice) {
+    record.tell(EventKind::Recovered { version: version.clone(), text: notice.into() });
 }
 
 /// The display of a version that is history; its measurements stay in the store.

@@ -6,8 +6,9 @@
 use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::LifecycleEvent;
+use holdpoint_governance::notice::{BoundPart, Notice};
 use holdpoint_governance::policy::PolicyTable;
-use holdpoint_governance::profile::{Profile, titled};
+use holdpoint_governance::profile::Profile;
 use holdpoint_governance::profile_downgrade::{ProfileRules, downgrade_summary};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::site_profile::ProfileTexts;
@@ -149,28 +150,25 @@ pub fn seed(views: &Views) -> Result<Option<u64>, StoreError> {
 pub(crate) struct VoidedFamilies {
     pub(crate) families: Vec<Family>,
     /// The change, as a sentence.
-    pub(crate) reason: String,
+    pub(crate) reason: Notice,
 }
 
 /// The differences from a store's last context, as a sentence.
-fn what_changed(before: &ContextRecord, context: &Context) -> String {
+fn what_changed(before: &ContextRecord, context: &Context) -> Notice {
     let another_build = before.computed_by != COMPUTED_BY;
     let another_robot = before.robot.as_ref().is_some_and(|robot| !robot.is(&StoreRobot::of(&context.cell)));
     // The environment is the digest of robot, scene and build together.
     let environment = before.environment != Some(context.cell.digest());
     let own_policies = before.policy != context.table.digest && before.profile == context.profile_digest;
     let all = [
-        (before.profile != context.profile_digest, "the profile"),
-        (own_policies, "the policies"),
-        (another_robot, "the robot"),
-        (another_build, "the build that computes evidence"),
-        (environment && !another_build && !another_robot, "the scene"),
+        (before.profile != context.profile_digest, BoundPart::Profile),
+        (own_policies, BoundPart::Policies),
+        (another_robot, BoundPart::Robot),
+        (another_build, BoundPart::Build),
+        (environment && !another_build && !another_robot, BoundPart::Scene),
     ];
-    let changed: Vec<&str> = all.into_iter().filter_map(|(differs, what)| differs.then_some(what)).collect();
-    if changed.is_empty() {
-        return "the binding of evidence changed; earlier evidence is void".to_owned();
-    }
-    format!("changed: {}; evidence gathered before is void", changed.join(", "))
+    let parts = all.into_iter().filter_map(|(differs, part)| differs.then_some(part)).collect();
+    Notice::BindingChanged { parts }
 }
 
 /// How a store is used from now on.
@@ -178,7 +176,7 @@ pub(crate) enum StoreUse {
     /// Under a context that is on record; with the families voided for it, if there was an earlier one.
     InForce(Option<VoidedFamilies>),
     /// No administrator authorized the profile in its present form, and why one must: nothing is written.
-    Unauthorized(String),
+    Unauthorized(Notice),
 }
 
 /// The profile requested for a store.
@@ -198,7 +196,7 @@ pub enum StartPermission {
     /// Under these rules.
     Authorized(ContextRules),
     /// The engine starts but activates nothing; the reason: this program has another form of the recorded profile.
-    Unauthorized(String),
+    Unauthorized(Notice),
 }
 
 /// Whether a store may be used under a profile next. `last` is the last record of its chain.
@@ -232,12 +230,12 @@ pub fn may_begin(
         return Err(StoreError::UnauthorizedProfile { named, problem });
     }
     let summary = downgrade_summary(&rules.loosened);
-    Ok(StartPermission::Unauthorized(format!(
-        "no administrator authorized the profile {} as this program has it ({summary}); nothing becomes active and the \
-         arm stays at standstill until one does: end the engine, `holdpoint profile allow --by ADMIN --reason TEXT`, and \
-         start it again",
-        titled(class, profile.site.as_ref())
-    )))
+    let summary = summary.into_owned();
+    Ok(StartPermission::Unauthorized(Notice::ProfileUnauthorized {
+        profile: class,
+        site: profile.site.clone(),
+        summary,
+    }))
 }
 
 /// Records changes of profile, policies and build in the store; evidence gathered under others is void. Returns the voided
@@ -275,10 +273,7 @@ pub(crate) fn set_context(
         return Ok(StoreUse::InForce(None));
     }
     let voids = !same || on_record.is_some_and(|digest| digest != rules.digest);
-    let reason = before.as_ref().map_or_else(
-        || "a profile, policies and a robot are in force for the first time".to_owned(),
-        |before| what_changed(before, context),
-    );
+    let reason = before.as_ref().map_or_else(|| Notice::BindingFirst, |before| what_changed(before, context));
     let json = serde_json::to_string(&ContextRecord {
         agent: Some(agent),
         computed_by: COMPUTED_BY.to_owned(),

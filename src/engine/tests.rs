@@ -13,6 +13,7 @@ use holdpoint_governance::evidence::{EpisodeValues, StaleCause};
 use holdpoint_governance::gate::ShadowAssessment;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
+use holdpoint_governance::notice::{BoundPart, Notice, NoticeOrText};
 use holdpoint_governance::outcome::{
     Assessment, Basis, BehaviorOutcome, CheckResult, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
 };
@@ -84,10 +85,11 @@ fn alarms_are_open_after_a_restart_as_they_were() {
     let mut first = pipeline(folder.path(), ProfileName::Sim);
     let record = &mut *first.live().record;
     let taken_off = AlarmKey::RolledBack(id.clone());
-    record.raise(taken_off.clone(), Priority::Critical, true, "it was rolled back");
+    let notice = Notice::Restricted { version: id.clone() };
+    record.raise(taken_off.clone(), Priority::Critical, true, notice.clone());
     record.alarm_event(&AlarmEvent::Acknowledge { key: taken_off.clone(), by: "ana".to_owned() });
     record.alarm_event(&AlarmEvent::Clear { key: taken_off });
-    record.raise(AlarmKey::Violation(id), Priority::High, true, "it violated a limit");
+    record.raise(AlarmKey::Violation(id), Priority::High, true, notice);
     let (alarms, summary) = (first.snapshot().alarms, first.snapshot().alarm_summary);
     assert_eq!((alarms.len(), summary.latched, summary.unacknowledged), (2, 1, [0, 1, 0]));
     drop(first);
@@ -352,7 +354,8 @@ fn stale_evidence_is_reported_with_its_cause() {
     let reports = voided(&mut second);
     let families: Vec<&str> = reports.iter().map(|(family, _)| family.as_str()).collect();
     assert_eq!(families, ["align", "grasp", "park", "place"]);
-    assert!(reports.iter().all(|(_, reason)| reason.contains("the profile; ")), "{reports:?}");
+    let ends_with_profile = |reason: &NoticeOrText| matches!(reason.notice(), Some(Notice::BindingChanged { parts }) if parts.last() == Some(&BoundPart::Profile));
+    assert!(reports.iter().all(|(_, reason)| ends_with_profile(reason)), "{reports:?}");
     let view = serde_json::to_value(second.snapshot().candidates.remove(0)).unwrap();
     assert_eq!(view["stale"], serde_json::json!(["profile"]));
     let line = second.snapshot().candidates.remove(0).stale_line();
@@ -430,7 +433,7 @@ fn candidate_past_shadow(
     let version = live.record.version_table().version(&id).unwrap().0;
     for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow] {
         for event in [LifecycleEvent::Start { version, stage }, LifecycleEvent::Pass { version, stage }] {
-            live.record.transition(&id.family, event, TransitionNote::because("test")).unwrap();
+            live.record.transition(&id.family, event, TransitionNote::because(Notice::StageBegins)).unwrap();
         }
     }
     let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Shadow, json, digest };

@@ -13,6 +13,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::{
     self, FamilyState, LifecycleChange, LifecycleEvent, LifecycleRefusal, State, Version, VersionRef,
 };
+use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::submission::Package;
 use holdpoint_registry::{
@@ -77,8 +78,8 @@ impl Hint for VersionTableError {
 /// Further changes in the transaction of an event.
 #[derive(Default)]
 pub struct TransitionNote {
-    /// The reason, in one sentence.
-    pub reason: String,
+    /// The reason.
+    pub reason: NoticeOrText,
     /// Why the active pointer moves, if it does.
     pub cause: Option<ActiveCause>,
     /// Written before the state changes (evidence, used approvals).
@@ -91,7 +92,7 @@ pub struct TransitionNote {
 impl TransitionNote {
     /// A note with a reason only.
     #[must_use]
-    pub fn because(reason: impl Into<String>) -> Self {
+    pub fn because(reason: impl Into<NoticeOrText>) -> Self {
         Self { reason: reason.into(), ..Self::default() }
     }
 }
@@ -328,7 +329,7 @@ impl VersionTable {
                 first.push(Change::SetFamily {
                     family: id.family.clone(),
                     safe_stopped: false,
-                    reason: "a new family".to_owned(),
+                    reason: Notice::FamilyNew.into(),
                 });
                 FamilyEntry { state: FamilyState::empty(needs_approval), members: Vec::new() }
             }

@@ -22,6 +22,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::notice::NoticeOrText;
 use super::wall_time::{WallTime, as_ms};
 use holdpoint_text::{Hint, Untrusted};
 
@@ -116,7 +117,7 @@ pub struct Shelving {
 }
 
 /// One alarm. The state is derived, so that it cannot contradict its parts.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Alarm {
     /// Its unique name, e.g. `rolled-back:grasp@1.3.0`.
@@ -127,8 +128,8 @@ pub struct Alarm {
     pub priority: Priority,
     /// Whether it stays after its condition has ended, until an operator resets it with a reason.
     pub latching: bool,
-    /// What happened, one sentence for the operator; the newest raise's.
-    pub text: Untrusted,
+    /// What happened; the newest raise's. An older text is foreign, and shown through the sanitizer only.
+    pub text: NoticeOrText,
     /// Whether its condition is present now.
     pub condition: bool,
     /// Identity that acknowledged it; `None` while it calls for attention.
@@ -173,7 +174,7 @@ impl Alarm {
 }
 
 /// An event about alarms. `by` is an identity's name.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum AlarmEvent {
     /// A condition appeared (or appeared again, or became more urgent).
@@ -184,8 +185,8 @@ pub enum AlarmEvent {
         priority: Priority,
         /// Whether it stays after its condition has ended, until it is reset.
         latching: bool,
-        /// What happened, one sentence for the operator; foreign text, shown through the sanitizer only.
-        text: Untrusted,
+        /// What happened.
+        text: NoticeOrText,
     },
     /// The condition is gone; the alarm stays until it is acknowledged and, if it latches, reset.
     Clear {
@@ -231,7 +232,7 @@ pub enum AlarmEvent {
 }
 
 /// One change of the book, complete enough to be stored and replayed.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum AlarmChange {
     /// An alarm is now this; `annunciated` if it calls for attention again.
@@ -315,7 +316,7 @@ impl Hint for AlarmError {
 }
 
 /// All alarms that are not long normal.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AlarmBook {
     pub(crate) alarms: BTreeMap<AlarmKey, Alarm>,

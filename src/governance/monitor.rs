@@ -89,6 +89,16 @@ crate::closed_set! {
 }
 
 crate::closed_set! {
+    /// What the monitor does at the limit of a chart.
+    ChartLevel, "level of a chart", {
+        /// It warns, and restricts the version or asks an operator.
+        Warning = "warning",
+        /// It rolls the version back.
+        Trip = "trip",
+    }
+}
+
+crate::closed_set! {
     /// The charted rates, each as the share of bad episodes.
     Rate, "rate of the monitor", {
         /// Episodes in which the task was not done.
@@ -397,12 +407,12 @@ impl Monitor {
         self.charts.retain(|chart| !rates.contains(&chart.rate));
     }
 
-    /// Every chart: the rate, what the chart does (`warning` or `trip`), the statistic and its limit.
-    pub fn charts(&self) -> impl Iterator<Item = (Rate, &'static str, f64, f64)> + '_ {
+    /// Every chart: the rate, what the monitor does at the limit, the statistic and its limit.
+    pub fn charts(&self) -> impl Iterator<Item = (Rate, ChartLevel, f64, f64)> + '_ {
         self.charts.iter().flat_map(|chart| {
             [
-                (chart.rate, "warning", chart.warning.statistic(), chart.warning.threshold()),
-                (chart.rate, "trip", chart.trip.statistic(), chart.trip.arl()),
+                (chart.rate, ChartLevel::Warning, chart.warning.statistic(), chart.warning.threshold()),
+                (chart.rate, ChartLevel::Trip, chart.trip.statistic(), chart.trip.arl()),
             ]
         })
     }

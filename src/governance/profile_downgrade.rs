@@ -304,7 +304,8 @@ pub struct ActiveProfile {
 }
 
 /// The circumstances under which the gate activated a version.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct AdmissionContext {
     /// The profile's class.
     pub class: ProfileName,

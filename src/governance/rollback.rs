@@ -11,6 +11,7 @@ use super::decision::{Reason, ReasonCode};
 use super::ids::CapabilityId;
 use super::lifecycle::DeactivationKind;
 use super::monitor::SafetyEvent;
+use super::notice::NoticeOrText;
 
 crate::closed_set! {
     /// What a version is rolled back for.
@@ -110,7 +111,7 @@ impl RungFailure {
 }
 
 /// How one rung of the ladder ended, and how long it took.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RungRecord {
     /// The step of the ladder that was tried.
@@ -121,14 +122,14 @@ pub struct RungRecord {
     pub ticks: u64,
     /// [`RungRecord::ticks`] in simulated ms, rounded down.
     pub ms: u64,
-    /// The finding, one sentence for the operator.
-    pub text: String,
+    /// What was found.
+    pub text: NoticeOrText,
 }
 
 impl RungRecord {
     /// A rung with its result and its time.
     #[must_use]
-    pub fn new(rung: Rung, failure: Option<RungFailure>, ticks: u64, text: impl Into<String>) -> Self {
+    pub fn new(rung: Rung, failure: Option<RungFailure>, ticks: u64, text: impl Into<NoticeOrText>) -> Self {
         Self { rung, failure, ticks, ms: ticks_to_ms(ticks), text: text.into() }
     }
 
@@ -143,15 +144,15 @@ impl RungRecord {
 }
 
 /// The trigger of a rollback and its time.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Trigger {
     /// The class of the cause, as statistics count it.
     pub kind: TriggerKind,
     /// The safety event, if the kind is one.
     pub event: Option<SafetyEvent>,
-    /// The event, one sentence for the operator.
-    pub text: String,
+    /// What happened.
+    pub text: NoticeOrText,
     /// When it was triggered, in virtual ticks of the live world; times of the rollback count from here.
     pub tick: u64,
 }
@@ -171,7 +172,7 @@ crate::closed_set! {
 convert_equal_terms! { DeactivationKind => PostStatus: RolledBack, Demoted }
 
 /// One rollback (paper appendix F.3). Times count from the trigger.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RollbackRecord {
     /// The version that was rolled back, once a candidate.
@@ -253,7 +254,7 @@ mod tests {
 
     #[test]
     fn a_failed_hook_is_no_failed_ladder() {
-        let rung = |failure| RungRecord::new(Rung::SafeAbort, failure, 24, "");
+        let rung = |failure| RungRecord::new(Rung::SafeAbort, failure, 24, NoticeOrText::default());
         for (failure, goes_on) in [
             (None, true),
             (Some(RungFailure::HookFailed), true),

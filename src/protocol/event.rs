@@ -9,14 +9,17 @@ use super::caller::Caller;
 use super::detail::VersionDiff;
 use super::explanation::blank;
 use super::request_kind::RequestKind;
+use super::work_unit::WorkUnit;
 use holdpoint_body::disturbance::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::{ApprovalDecision, Requester};
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::outcome::{ActivationMode, DimensionOutcome, StageOutcome};
 use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::record::UpgradeEnd;
@@ -80,8 +83,8 @@ pub enum EventKind {
     Recovered {
         /// The version that was under way when the engine was interrupted.
         version: CapabilityId,
-        /// The finding and the recovery, one sentence.
-        text: String,
+        /// The finding and the recovery.
+        text: NoticeOrText,
     },
     /// A version was registered (or bootstrapped).
     Registered {
@@ -120,7 +123,7 @@ pub enum EventKind {
         /// The stage that is under way.
         stage: Stage,
         /// The unit of work, e.g. episode pairs or drills.
-        what: String,
+        what: Lenient<WorkUnit>,
         /// How many of them are done.
         done: u64,
         /// How many there are in all; an early end may come before.
@@ -154,8 +157,8 @@ pub enum EventKind {
         from: State,
         /// The state it entered.
         to: State,
-        /// The cause, one sentence.
-        reason: String,
+        /// The cause.
+        reason: NoticeOrText,
     },
     /// An approval request about an activation was made.
     ApprovalRequested {
@@ -256,8 +259,8 @@ pub enum EventKind {
         failure: Option<RungFailure>,
         /// Simulated time it took, ms.
         ms: u64,
-        /// What was found, one sentence.
-        text: String,
+        /// What was found.
+        text: NoticeOrText,
     },
     /// A version was rolled back (paper appendix F.3).
     RolledBack {
@@ -265,8 +268,8 @@ pub enum EventKind {
         version: CapabilityId,
         /// The rollback target that is active again; absent if there is none.
         restored: Option<CapabilityId>,
-        /// The trigger, one sentence.
-        trigger: String,
+        /// The trigger.
+        trigger: NoticeOrText,
         /// From the trigger until every joint was at rest, ms; absent if that never happened.
         time_to_safe_ms: Option<u64>,
         /// From the trigger until the rollback target was bound and ready, ms; absent if that failed.
@@ -425,15 +428,15 @@ pub enum EventKind {
         state: AlarmState,
         /// How soon an operator has to act.
         priority: Priority,
-        /// The problem, one sentence for the operator.
-        text: String,
+        /// The problem.
+        text: NoticeOrText,
     },
     /// At a start: profile, policies, robot, scene or build have changed, and a family's earlier evidence is stale.
     Voided {
         /// The family whose gate passes and approvals no longer count.
         family: Family,
-        /// What changed, one sentence.
-        reason: String,
+        /// What changed.
+        reason: NoticeOrText,
     },
     /// The record of an upgrade is closed.
     AuditClosed {

@@ -11,17 +11,21 @@ use super::caller::Caller;
 use super::console_presence::AttachedConsoleView;
 use super::detail::VersionDiff;
 use super::event::{DimensionResult, TaskSummary};
+use super::monitor_chart::ChartView;
 use super::video_frame::Scenery;
+use super::work_unit::WorkUnit;
 use holdpoint_approvals::Nonce;
 use holdpoint_body::disturbance::{Drift, LiveFault};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::approval::Requester;
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evidence::{DrillTallies, Signature, StaleCause};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::metrics::store_metrics::ObservedCounts;
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::{Provenance, Risk};
@@ -347,7 +351,7 @@ pub struct ProgressView {
     /// The stage that is running.
     pub stage: Stage,
     /// The unit of work, e.g. episode pairs or drills.
-    pub what: String,
+    pub what: Lenient<WorkUnit>,
     /// Episodes, drills or sequences that are done.
     pub done: u64,
     /// How many there are in all; an early end may come before.
@@ -493,8 +497,8 @@ pub struct AlarmView {
     pub state: AlarmState,
     /// How soon an operator has to act.
     pub priority: Priority,
-    /// The problem, one sentence for the operator.
-    pub text: String,
+    /// The problem.
+    pub text: NoticeOrText,
     /// Virtual time of the first raise since it was last normal, ms.
     pub since_ms: u64,
     /// The state without the shelf; as `state` if it is not shelved.
@@ -579,8 +583,8 @@ pub struct MonitorView {
     pub needed: u32,
     /// Whether it has capped the version's speed and force.
     pub restricted: bool,
-    /// Each chart's name, its value and its limit.
-    pub charts: Vec<(String, f64, f64)>,
+    /// Each chart with its value and its limit.
+    pub charts: Vec<ChartView>,
     /// The factor of a condition on the profile's limits; 1 without one. The limits above include it.
     #[serde(default = "plain")]
     pub factor: f64,

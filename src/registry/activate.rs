@@ -2,10 +2,11 @@
 
 use rusqlite::params;
 
-use super::apply::{Applier, ChangeEffect, check_json, check_text};
+use super::apply::{Applier, ChangeEffect, check_json, checked_reason};
 use super::change::ActiveCause;
 use super::error::StoreError;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::record::RecordKind;
 
 /// A family's row in the store.
@@ -196,9 +197,9 @@ impl Applier<'_> {
         &mut self,
         family: &Family,
         safe_stopped: bool,
-        reason: &str,
+        reason: &NoticeOrText,
     ) -> Result<ChangeEffect, StoreError> {
-        check_text("reason", reason)?;
+        let reason = checked_reason(reason)?;
         self.execute(
             "set a family",
             "INSERT INTO family (name, bootstrapped, safe_stopped, reason, void_seq) VALUES (?1, 0, ?2, ?3, 0)
@@ -222,8 +223,12 @@ impl Applier<'_> {
     }
 
     /// Voids everything recorded for the family so far.
-    pub(super) fn void_family(&mut self, family: &Family, reason: &str) -> Result<ChangeEffect, StoreError> {
-        check_text("reason", reason)?;
+    pub(super) fn void_family(
+        &mut self,
+        family: &Family,
+        reason: &NoticeOrText,
+    ) -> Result<ChangeEffect, StoreError> {
+        checked_reason(reason)?;
         self.family(family)?;
         self.execute(
             "void a family's evidence",

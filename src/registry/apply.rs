@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 use super::approve::RecordedApproval;
 use super::audit::{self, Head};
 use super::change::{
-    AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, Receipt, TEXT_BYTES_MAX, Transaction,
+    AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NOTICE_BYTES_MAX, Receipt, TEXT_BYTES_MAX,
+    Transaction,
 };
 use super::columns::parsed;
 use super::error::StoreError;
@@ -23,6 +24,7 @@ use holdpoint_approvals::PersonActKind;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 
@@ -242,6 +244,30 @@ pub(super) fn check_text(what: &'static str, text: &str) -> Result<(), StoreErro
         return Err(StoreError::invalid(what, format!("of {} bytes", text.len()), "at most 4096 bytes"));
     }
     Ok(())
+}
+
+/// The reason of a change as a row has it: a notice as JSON text, an older text as it is.
+pub(super) fn checked_reason(reason: &NoticeOrText) -> Result<String, StoreError> {
+    match reason {
+        NoticeOrText::Text(text) => {
+            check_text("reason", text)?;
+            Ok(text.clone())
+        }
+        NoticeOrText::Notice(notice) => {
+            let invalid = |found: String, allowed: &str| StoreError::invalid("reason", found, allowed);
+            let json = serde_json::to_string(notice)
+                .map_err(|error| invalid(error.to_string(), "a notice that can be written"))?;
+            if json.len() > NOTICE_BYTES_MAX {
+                return Err(invalid(format!("of {} bytes", json.len()), "at most 65536 bytes"));
+            }
+            Ok(json)
+        }
+    }
+}
+
+/// The reason in a row, as [`checked_reason`] wrote it.
+pub(super) fn read_reason(column: String) -> NoticeOrText {
+    serde_json::from_str::<Notice>(&column).map_or(NoticeOrText::Text(column), NoticeOrText::from)
 }
 
 /// A name in the usual form.

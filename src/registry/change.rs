@@ -16,6 +16,7 @@ use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::lifecycle::VersionFlags;
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind};
 use holdpoint_governance::submission::{Provenance, Risk};
@@ -25,6 +26,8 @@ use holdpoint_governance::wall_time::{WallTime, as_ms};
 pub const BODY_BYTES_MAX: usize = 4 << 20;
 /// The largest free text (reason, name of a trigger), bytes.
 pub const TEXT_BYTES_MAX: usize = 4096;
+/// The largest notice, bytes of JSON: it quotes at most a few free texts.
+pub const NOTICE_BYTES_MAX: usize = 64 << 10;
 /// The most batches of telemetry in one seal record.
 pub const BLOCK_BATCHES_MAX: usize = 64;
 /// The most runs of missing batches in one record; the last one extends to the end of the gap.
@@ -184,8 +187,8 @@ pub enum Change {
         /// The state the decision was made on.
         from: State,
         to: State,
-        /// Why, in a sentence.
-        reason: String,
+        /// Why.
+        reason: NoticeOrText,
     },
     /// Replaces all flags; the row version stays (a pause does not void an approval).
     SetFlags { version: CapabilityId, flags: VersionFlags },
@@ -216,8 +219,8 @@ pub enum Change {
         family: Family,
         /// Whether it is stopped: then it has no active version.
         safe_stopped: bool,
-        /// Why, in a sentence.
-        reason: String,
+        /// Why.
+        reason: NoticeOrText,
     },
     /// Stores the lifecycle model's view of a family, so that it survives a restart.
     SetStanding {
@@ -228,8 +231,8 @@ pub enum Change {
     /// Voids all of a family's earlier gate passes, approvals and comparative evidence.
     VoidFamily {
         family: Family,
-        /// Why, in a sentence.
-        reason: String,
+        /// Why.
+        reason: NoticeOrText,
     },
     /// A piece of evidence on a version at its present row version.
     PutEvidence {

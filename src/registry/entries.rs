@@ -7,6 +7,7 @@ use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup, VersionSummary};
@@ -111,7 +112,7 @@ pub struct VersionDetail {
 }
 
 /// The state of a family.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FamilyStatus {
     pub name: String,
     pub active: Option<CapabilityId>,
@@ -121,7 +122,7 @@ pub struct FamilyStatus {
     /// Whether it is stopped.
     pub safe_stopped: bool,
     /// Why it is, or was last.
-    pub reason: String,
+    pub reason: NoticeOrText,
     /// The lifecycle model's own view of it, JSON text.
     pub state_json: Option<String>,
 }

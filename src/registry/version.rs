@@ -2,11 +2,12 @@
 
 use rusqlite::params;
 
-use super::apply::{Applier, ChangeEffect, check_json, check_text};
+use super::apply::{Applier, ChangeEffect, check_json, check_text, checked_reason};
 use super::change::NewVersion;
 use super::error::StoreError;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::record::RecordKind;
 
 /// The most versions a store holds.
@@ -97,9 +98,9 @@ impl Applier<'_> {
         version: &CapabilityId,
         expected: (u64, State),
         to: State,
-        reason: &str,
+        reason: &NoticeOrText,
     ) -> Result<ChangeEffect, StoreError> {
-        check_text("reason", reason)?;
+        checked_reason(reason)?;
         let (state, row_version) = self.version(version)?;
         if (row_version, state) != expected {
             return Err(StoreError::Stale {

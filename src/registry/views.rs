@@ -9,6 +9,7 @@ use std::path::Path;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
 
+use super::apply::read_reason;
 use super::audit::{self, ExportError, Head};
 use super::change::ApprovalRequest;
 use super::check::{VerificationDepth, open_checked};
@@ -360,7 +361,7 @@ impl Views {
                 pinned: parsed_option(row, 2)?,
                 bootstrapped: row.get(3)?,
                 safe_stopped: row.get(4)?,
-                reason: row.get(5)?,
+                reason: read_reason(row.get(5)?),
                 state_json: row.get(6)?,
             })
         })

@@ -9,110 +9,13 @@
 use std::sync::Arc;
 
 use holdpoint_body::{Command, Geometry, GuardVerdict, JointVec, Telemetry, zone};
-use serde::{Deserialize, Serialize};
 
 use super::grant::Grant;
 use super::limits::Envelope;
-use holdpoint_governance::evidence::HardStop;
 use holdpoint_governance::mode::{Authority, CommandKind, ModeKey, ZoneName};
 use holdpoint_governance::permission::PermissionsUsed;
 use holdpoint_governance::policy::{ModeRuling, PolicyTable};
-
-/// Why the guard denied or clamped a command, or what a sensor told.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PolicyHit {
-    /// No policy determines the mode.
-    ModeUncovered,
-    /// A policy forbids the mode.
-    ModeForbidden,
-    /// The mode needs a review that was not given.
-    ModeUnreviewed,
-    /// A number in the command is not finite or not positive.
-    NotFinite,
-    /// The target lies outside every zone or outside the workspace.
-    OutsideWorkspace,
-    /// The target or the way to it lies in the keep-out zone.
-    KeepOut,
-    /// The motion is predicted to strike the table or the arm itself.
-    PredictedCollision,
-    /// A speed was reduced.
-    SpeedClamped,
-    /// A force was reduced.
-    ForceClamped,
-    /// The tool was measured faster than allowed.
-    SpeedMeasured,
-    /// A force was measured larger than allowed.
-    ForceMeasured,
-    /// More new attempts than allowed.
-    RetriesExceeded,
-    /// The version's own manifest does not declare this kind of command, or the tool it moves.
-    CommandUndeclared,
-    /// The target lies in a zone that the manifest does not declare, or the tool was measured to enter one.
-    ZoneUndeclared,
-    /// More ticks or commands than the manifest declares, or computing that a live arm cannot wait for.
-    BudgetExceeded,
-    /// The arm moved on after it was to stop for longer than allowed.
-    UnsafeContinuation,
-    /// Nothing may move for a while, whatever is declared: a trial of how the version takes it.
-    PermissionWithdrawn,
-}
-
-impl PolicyHit {
-    /// What happened, a few words.
-    #[must_use]
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::ModeUncovered => "no policy covers what it does",
-            Self::ModeForbidden => "a policy forbids what it does",
-            Self::ModeUnreviewed => "what it does was not reviewed",
-            Self::NotFinite => "it asks for a non-finite value",
-            Self::OutsideWorkspace => "it aims outside the workspace",
-            Self::KeepOut => "it aims into the keep-out zone",
-            Self::PredictedCollision => "its way would strike table or arm",
-            Self::SpeedClamped => "it asks for more speed, and is given less",
-            Self::ForceClamped => "it asks for more force, and is given less",
-            Self::SpeedMeasured => "the tool is faster than allowed",
-            Self::ForceMeasured => "a force is larger than allowed",
-            Self::RetriesExceeded => "it tries more often than allowed",
-            Self::CommandUndeclared => "it asks for what its manifest does not declare",
-            Self::ZoneUndeclared => "it enters a zone that its manifest does not declare",
-            Self::BudgetExceeded => "it uses more ticks, commands or time than it declares",
-            Self::UnsafeContinuation => "the arm moves on after it was to stop",
-            Self::PermissionWithdrawn => "its permission is withdrawn for a while",
-        }
-    }
-
-    /// Whether the hit makes the episode a violation; a clamp or a denial without its fault is a warning.
-    #[must_use]
-    pub const fn is_violation(self) -> bool {
-        !matches!(self, Self::SpeedClamped | Self::ForceClamped | Self::PermissionWithdrawn)
-    }
-
-    /// The hard stop that the hit is, if it is one: a non-finite number, or a command that the version's own manifest
-    /// does not declare.
-    #[must_use]
-    pub const fn hard_stop(self) -> Option<HardStop> {
-        match self {
-            Self::NotFinite => Some(HardStop::NonFiniteOutput),
-            Self::CommandUndeclared | Self::ZoneUndeclared => Some(HardStop::CommandPastGuard),
-            Self::BudgetExceeded => Some(HardStop::BudgetBreach),
-            Self::ModeUncovered
-            | Self::ModeForbidden
-            | Self::ModeUnreviewed
-            | Self::OutsideWorkspace
-            | Self::KeepOut
-            | Self::PredictedCollision
-            | Self::SpeedClamped
-            | Self::ForceClamped
-            | Self::SpeedMeasured
-            | Self::ForceMeasured
-            | Self::RetriesExceeded
-            | Self::UnsafeContinuation
-            | Self::PermissionWithdrawn => None,
-        }
-    }
-}
+pub use holdpoint_governance::policy_hit::PolicyHit;
 
 /// What became of a command.
 #[derive(Clone, Debug, PartialEq)]

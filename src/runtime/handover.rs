@@ -3,6 +3,7 @@
 //! Reads the arm and the predecessor's first command; moves nothing but time.
 
 use holdpoint_body::{Body, BodyError, Command, Contacts, GuardVerdict, RATE_HZ};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord};
 
 use super::arm::ActuatorHandle;
@@ -42,21 +43,17 @@ pub fn ready<B: Body>(
         verdict = checked.verdict;
         match checked.hit {
             Some(hit @ (PolicyHit::NotFinite | PolicyHit::ModeForbidden)) => {
-                let text = format!("its command is refused: {hit:?}");
+                let notice = Notice::TargetCommandForbidden { hit };
                 let failure = Some(RungFailure::PredecessorFailed);
-                return Ok(RungRecord::new(Rung::ReadyPredecessor, failure, tick, text));
+                return Ok(RungRecord::new(Rung::ReadyPredecessor, failure, tick, notice));
             }
             Some(hit) if checked.verdict == GuardVerdict::Denied => denied = Some(hit),
             _ => {
-                let text = "the predecessor gives a command that its guard passes";
-                return Ok(RungRecord::new(Rung::ReadyPredecessor, None, tick, text));
+                return Ok(RungRecord::new(Rung::ReadyPredecessor, None, tick, Notice::TargetReady));
             }
         }
     }
-    let text = denied.map_or_else(
-        || "the predecessor gives no command".to_owned(),
-        |hit| format!("every command of the predecessor is refused: {hit:?}"),
-    );
+    let notice = denied.map_or(Notice::TargetSilent, |hit| Notice::TargetCommandsDenied { hit });
     let failure = Some(RungFailure::PredecessorFailed);
-    Ok(RungRecord::new(Rung::ReadyPredecessor, failure, READY_TICKS, text))
+    Ok(RungRecord::new(Rung::ReadyPredecessor, failure, READY_TICKS, notice))
 }

@@ -161,7 +161,11 @@ fn decision(event: &Event) -> String {
         EventKind::RolledBack { restored, trigger, recovered, .. } => {
             let restored = restored.as_ref().map_or_else(|| "no version".to_owned(), ToString::to_string);
             let end = if *recovered { "the family runs again" } else { "the family does not work" };
-            format!("\n## rolled back\n\nat {secs} s to {}: {}; {end}\n", plain(&restored), plain(trigger))
+            format!(
+                "\n## rolled back\n\nat {secs} s to {}: {}; {end}\n",
+                plain(&restored),
+                plain(&holdpoint_wording::notice(trigger))
+            )
         }
         _ => String::new(),
     }

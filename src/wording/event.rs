@@ -4,6 +4,7 @@
 
 use std::fmt::Write as _;
 
+use crate::notice;
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_protocol::snapshot::RequestKind;
@@ -34,7 +35,7 @@ fn text(kind: &EventKind) -> String {
             policy.short(),
             agent.short()
         ),
-        EventKind::Recovered { version, text } => format!("recover  {version}: {text}"),
+        EventKind::Recovered { version, text } => format!("recover  {version}: {}", notice(text)),
         EventKind::Registered {
             version,
             digest,
@@ -92,7 +93,7 @@ fn text(kind: &EventKind) -> String {
             line
         }
         EventKind::StateChanged { version, from, to, reason } => {
-            format!("state    {version}: {from} -> {to} ({reason})")
+            format!("state    {version}: {from} -> {to} ({})", notice(reason))
         }
         EventKind::ApprovalRequested {
             version,
@@ -166,7 +167,7 @@ fn text(kind: &EventKind) -> String {
         }
         EventKind::Rung { version, rung, failure, ms, text, .. } => {
             let ended = failure.map_or_else(|| "held".to_owned(), |why| format!("FAILED ({})", why.name()));
-            format!("ladder   {version}: {} {ended} in {ms} ms: {text}", rung.name())
+            format!("ladder   {version}: {} {ended} in {ms} ms: {}", rung.name(), notice(text))
         }
         EventKind::RolledBack {
             version,
@@ -181,7 +182,8 @@ fn text(kind: &EventKind) -> String {
                 |ms: &Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
             let restored = restored.as_ref().map_or_else(|| "no version".to_owned(), ToString::to_string);
             format!(
-                "rollback {version} -> {restored}: {trigger}; safe {}, restored {}, {}",
+                "rollback {version} -> {restored}: {}; safe {}, restored {}, {}",
+                notice(trigger),
                 after(time_to_safe_ms),
                 after(time_to_rollback_ms),
                 if *recovered { "recovered" } else { "NOT recovered" }
@@ -247,9 +249,9 @@ fn text(kind: &EventKind) -> String {
             None => "pace     as fast as it computes".to_owned(),
         },
         EventKind::Alarm { alarm, state, priority, text, .. } => {
-            format!("alarm    {alarm} [{priority}, {state}] {text}")
+            format!("alarm    {alarm} [{priority}, {state}] {}", notice(text))
         }
-        EventKind::Voided { family, reason } => format!("void     {family}: {reason}"),
+        EventKind::Voided { family, reason } => format!("void     {family}: {}", notice(reason)),
         EventKind::AuditClosed { version, outcome, records } => {
             format!("closed   {version}: {outcome}, {records} audit records")
         }

@@ -1,4 +1,4 @@
-//! The one place where sentences for people are made: from codes, findings and typed values.
+//! The one place where sentences for people are made: from codes, findings, notices and typed values.
 //!
 //! Rules and engine carry values, records keep them, and each front end asks here for the words. Nothing here decides, and
 //! nothing reads a sentence back.
@@ -8,10 +8,12 @@ pub mod event;
 mod finding;
 mod harm;
 pub mod live;
+mod notice;
 mod reason;
 
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};
+pub use notice::{admission_refusal, came_up_stopped, coded, notice, notice_sentence, operator_act};
 pub use reason::{line, reason};
 
 #[cfg(test)]

@@ -241,7 +241,7 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
         ("the store's key", nothing, |a, _| set_field(a, "store_key", json!("0".repeat(64)))),
         ("the store", nothing, |a, _| set_field(a, "store_id", json!("another"))),
         ("a validity without end", nothing, |a, _| {
-            set_field(a, "valid_until", json!("9999-12-31T00:00:00Z"))
+            set_field(a, "valid_until", json!("9999-12-31T00:00:00Z"));
         }),
         ("another's question", nothing, |a, known| {
             if let Some(question) = question(a) {

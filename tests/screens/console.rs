@@ -299,7 +299,8 @@ fn poisoned(text: &str, view: View) -> ConsoleModel {
     text.clone_into(&mut snapshot.robot);
     snapshot.holding = Some(text.to_owned());
     for alarm in &mut snapshot.alarms {
-        for field in [&mut alarm.text, &mut alarm.alarm, &mut alarm.subject] {
+        alarm.text = holdpoint_governance::notice::NoticeOrText::Text(text.to_owned());
+        for field in [&mut alarm.alarm, &mut alarm.subject] {
             text.clone_into(field);
         }
         alarm.acknowledged_by = Some(text.to_owned());
@@ -312,7 +313,7 @@ fn poisoned(text: &str, view: View) -> ConsoleModel {
             (reason.finding, reason.older_text) = (None, text.to_owned());
         }
         if let Some(progress) = &mut candidate.progress {
-            text.clone_into(&mut progress.what);
+            progress.what = Lenient::read(text.to_owned());
             text.clone_into(&mut progress.early);
         }
         if let Some(shadow) = &mut candidate.shadow {
@@ -324,7 +325,7 @@ fn poisoned(text: &str, view: View) -> ConsoleModel {
         .monitors
         .iter_mut()
         .flat_map(|one| &mut one.charts)
-        .for_each(|one| text.clone_into(&mut one.0));
+        .for_each(|one| one.rate = Lenient::read(text.to_owned()));
     snapshot.scenery.keep_outs.iter_mut().for_each(|one| text.clone_into(&mut one.name));
     model.engine_data.snapshot = Some(Arc::new(snapshot));
     let mut detail = support::detail();

@@ -111,7 +111,8 @@ fn active_version_alarms_stops_and_requests_never_freeze() {
                 snapshot.families[2].active = Some(support::id("place@7.7.7"));
                 let stopped = StoppedView::first("grace".to_owned(), Caller::Script, String::new(), 760_000);
                 snapshot.stopped = Some(stopped);
-                snapshot.alarms[0].text = "a new alarm".to_owned();
+                snapshot.alarms[0].text =
+                    holdpoint_governance::notice::NoticeOrText::Text("a new alarm".to_owned());
                 snapshot.questions.clear();
                 snapshot.prompts.clear();
             });

@@ -11,6 +11,7 @@ use holdpoint::console::replay::timeline::Timeline;
 use holdpoint::governance::closed_set::Lenient;
 use holdpoint::protocol::event::EventKind;
 use holdpoint::recordings::recording::Recording;
+use holdpoint_governance::notice::NoticeOrText;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::Color;
@@ -169,7 +170,7 @@ fn poisoned() -> Recording {
                     poison(&mut reason.older_text);
                 }
             }
-            EventKind::StateChanged { reason, .. } => poison(reason),
+            EventKind::StateChanged { reason, .. } => *reason = NoticeOrText::Text(HOSTILE.to_owned()),
             EventKind::Registered { author, .. } => poison(author),
             _ => {}
         }

@@ -1,7 +1,10 @@
 //! Handmade health over time, as from an engine in the middle of a shift.
 
 use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::health::HealthRate;
 use holdpoint_governance::ids::Family;
+use holdpoint_governance::notice::{Notice, NoticeOrText};
+use holdpoint_governance::sensor_health::SensorSignal;
 use holdpoint_governance::stats::wilson;
 use holdpoint_protocol::health::{
     AlarmEpisode, AlarmStep, HealthClock, HealthCoverage, HealthMark, HealthPoint, HealthSeries, MarkKind,
@@ -95,9 +98,10 @@ fn spells() -> Vec<AlarmEpisode> {
     let open = AlarmEpisode {
         alarm: "degraded:grasp@1.1.0".to_owned(),
         priority: Priority::High,
-        text: Some(
-            "grasp@1.1.0 works worse than when the cell was commissioned: its failure rate".to_owned(),
-        ),
+        text: Some(NoticeOrText::from(Notice::Degraded {
+            version: "grasp@1.1.0".parse().unwrap(),
+            rate: HealthRate::Failure,
+        })),
         raised: step(245_000, None, None),
         began_before: false,
         acknowledged: Some(step(200_000, Some("linus"), None)),
@@ -110,10 +114,11 @@ fn spells() -> Vec<AlarmEpisode> {
     };
     let closed = AlarmEpisode {
         alarm: "cell-degraded".to_owned(),
-        text: Some(
-            "the camera shakes: 2.1 mm from picture to picture in the last task; look at its mount"
-                .to_owned(),
-        ),
+        text: Some(NoticeOrText::from(Notice::CameraDegraded {
+            signal: SensorSignal::PictureJitter,
+            value: Some(0.0021),
+            limit: 0.001,
+        })),
         raised: step(700_000, None, None),
         acknowledged: Some(step(650_000, Some("grace"), None)),
         shelved: Some(step(640_000, Some("grace"), Some("the mount is on its way"))),

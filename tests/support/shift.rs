@@ -4,12 +4,14 @@ use holdpoint_body::TaskKind;
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::approval::Requester;
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, SandboxMode, Signature};
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::metrics::store_metrics::ObservedCounts;
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
@@ -23,11 +25,13 @@ use holdpoint_protocol::detail::{
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::{DecisionExplanation, ExplainedReason, Rule, Ruling};
 use holdpoint_protocol::film::{FilmRequest, FilmSubject};
+use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_protocol::snapshot::{
     AlarmView, CandidateView, Disagreement, EscalationView, FamilyView, LiveView, MonitorView, PairsView,
     ProgressView, ShadowView, Snapshot,
 };
 use holdpoint_protocol::video_frame::{ArmView, EnvelopeView, NO_TURN, Region, Scenery, Twin, VideoFrame};
+use holdpoint_protocol::work_unit::WorkUnit;
 
 #[path = "question.rs"]
 mod question;
@@ -185,7 +189,7 @@ fn candidates() -> Vec<CandidateView> {
     let mut shadowed = candidate("place@1.1.0", State::Sandboxed, running(Stage::Shadow));
     shadowed.progress = Some(ProgressView {
         stage: Stage::Shadow,
-        what: "shadow sequences".to_owned(),
+        what: WorkUnit::ShadowSequences.into(),
         done: 14,
         budget: 40,
         since_ms: 601_000,
@@ -195,7 +199,7 @@ fn candidates() -> Vec<CandidateView> {
     let mut sandbox = candidate("grasp@1.1.0", State::Validated, running(Stage::Sandbox));
     sandbox.progress = Some(ProgressView {
         stage: Stage::Sandbox,
-        what: "paired episodes, mode nominal".to_owned(),
+        what: Lenient::read("paired episodes, mode nominal".to_owned()),
         done: 137,
         budget: 480,
         since_ms: 636_000,
@@ -212,7 +216,7 @@ fn alarm(alarm: &str, priority: Priority, state: AlarmState, text: &str, since_m
         subject: alarm.rsplit(':').next().unwrap_or(alarm).to_owned(),
         state,
         priority,
-        text: text.to_owned(),
+        text: NoticeOrText::Text(text.to_owned()),
         since_ms,
         state_below: state,
         latching: priority == Priority::Critical,
@@ -292,13 +296,13 @@ fn live() -> LiveView {
             restricted: false,
             factor: 0.5,
             coupled: true,
-            charts: vec![
-                ("success".to_owned(), 1.2, 4.6),
-                ("violation".to_owned(), 3.9, 4.6),
-                ("time".to_owned(), 5.1, 4.6),
-            ],
+            charts: vec![chart("success", 1.2), chart("violation", 3.9), chart("time", 5.1)],
         }],
     }
+}
+
+fn chart(rate: &str, value: f64) -> ChartView {
+    ChartView { rate: Lenient::read(rate.to_owned()), level: Lenient::default(), value, limit: 4.6 }
 }
 
 fn scenery() -> Scenery {

@@ -10,10 +10,12 @@ use holdpoint::governance::rollback::PostStatus;
 use holdpoint::governance::submission::{Provenance, Risk};
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::outcome::ActivationMode;
 use holdpoint_governance::rollback::{RollbackRecord, Trigger, TriggerKind};
 use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
 use holdpoint_protocol::video_frame::{EnvelopeView, Twin, VideoFrame};
+use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_recordings::recording::{Recording, RecordingSubject, Series};
 
 use super::shift::{digest, id, snapshot, video_frame};
@@ -73,7 +75,10 @@ fn decided(
 }
 
 fn moved(at_ms: u64, from: State, to: State, reason: &str) -> (u64, EventKind) {
-    at(at_ms, EventKind::StateChanged { version: id(NEW), from, to, reason: reason.to_owned() })
+    at(
+        at_ms,
+        EventKind::StateChanged { version: id(NEW), from, to, reason: NoticeOrText::Text(reason.to_owned()) },
+    )
 }
 
 fn begun(at_ms: u64, stage: Stage, budget: u64) -> (u64, EventKind) {
@@ -95,7 +100,7 @@ fn sequence(index: u64, at_ms: u64) -> (u64, EventKind) {
 }
 
 fn rolled_back(at_ms: u64) -> (u64, EventKind) {
-    let text = "force above the envelope for 40 ms".to_owned();
+    let text = NoticeOrText::Text("force above the envelope for 40 ms".to_owned());
     let record = RollbackRecord {
         candidate: id(NEW),
         predecessor: Some(id(OLD)),
@@ -116,7 +121,7 @@ fn rolled_back(at_ms: u64) -> (u64, EventKind) {
         EventKind::RolledBack {
             version: id(NEW),
             restored: Some(id(OLD)),
-            trigger: "force above the envelope for 40 ms".to_owned(),
+            trigger: record.trigger.text.clone(),
             time_to_safe_ms: Some(120),
             time_to_rollback_ms: Some(750),
             recovered: true,
@@ -152,7 +157,7 @@ fn evaluation() -> Vec<(u64, EventKind)> {
         begun(700_500, Stage::Sandbox, 480),
     ];
     events.extend((1..8).map(|part| {
-        let (stage, what) = (Stage::Sandbox, "paired episodes".to_owned());
+        let (stage, what) = (Stage::Sandbox, WorkUnit::PairedEpisodes.into());
         at(
             700_500 + part * 7_000,
             EventKind::Progress { version: id(NEW), stage, what, done: part * 60, budget: 480 },

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::StatusSubject;
 use super::pending_approval::PendingApprovalRow;
@@ -20,6 +20,7 @@ use holdpoint_governance::decision::lead_reason;
 use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
+use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::wall_time::WallTime;
@@ -125,12 +126,16 @@ pub(super) struct ProgressRow {
     pub(super) budget: u64,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct AlarmRow {
     pub(super) alarm: String,
     pub(super) priority: Priority,
     pub(super) state: AlarmState,
+    /// The problem as a sentence.
     pub(super) text: String,
+    /// The problem with its values; absent for the text of an older build.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) notice: Option<Notice>,
 }
 
 impl StatusReport {
@@ -169,7 +174,7 @@ impl StatusReport {
                 }),
                 active: status.active,
                 rollback_target: status.pinned,
-                safe_stopped: status.safe_stopped.then_some(status.reason),
+                safe_stopped: status.safe_stopped.then(|| holdpoint_wording::notice(&status.reason)),
                 family: status.name,
             })
             .collect();
@@ -387,7 +392,7 @@ impl VersionRow {
             stale: view.map_or_else(Vec::new, |view| view.stale.clone()),
             kappas: version.kappas,
             progress: progress.map(|progress| ProgressRow {
-                what: progress.what.clone(),
+                what: progress.what.to_string(),
                 done: progress.done,
                 budget: progress.budget,
             }),
@@ -479,8 +484,10 @@ fn alarms(views: &Views) -> Result<Vec<AlarmRow>, CliError> {
     Ok(open
         .map(|entry| {
             let body: serde_json::Value = serde_json::from_str(&entry.json).unwrap_or_default();
-            let text = body.get("text").and_then(serde_json::Value::as_str).unwrap_or_default().to_owned();
-            AlarmRow { alarm: entry.alarm, priority: entry.priority, state: entry.state, text }
+            let problem = body.get("text").and_then(|text| NoticeOrText::deserialize(text).ok());
+            let problem = problem.unwrap_or_default();
+            let (text, notice) = (holdpoint_wording::notice(&problem), problem.notice().cloned());
+            AlarmRow { alarm: entry.alarm, priority: entry.priority, state: entry.state, text, notice }
         })
         .collect())
 }

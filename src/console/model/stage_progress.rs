@@ -60,9 +60,10 @@ impl StageProgress {
 mod tests {
     use super::*;
     use holdpoint_governance::lifecycle::Stage;
+    use holdpoint_protocol::work_unit::WorkUnit;
 
     fn at(done: u64, since_ms: u64) -> ProgressView {
-        let (what, early) = (String::new(), String::new());
+        let (what, early) = (WorkUnit::ShadowSequences.into(), String::new());
         ProgressView { stage: Stage::Shadow, what, done, budget: 20, since_ms, early }
     }
 

@@ -15,11 +15,13 @@ use crate::look::{ColorDepth, Glyphs, Look, Theme};
 use super::{ReplayEffect, ReplayMsg, ReplayMsgKind, update};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::video_frame::{ArmView, NO_TURN, Scenery, VideoFrame};
+use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_recordings::recording::{FilmSpan, Recording, RecordingSubject};
 
 /// Frames every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
@@ -72,12 +74,12 @@ fn recording() -> Recording {
         version: version.clone(),
         from,
         to,
-        reason: "it passed".to_owned(),
+        reason: Notice::StageBegins.into(),
     };
     let progress = |done| EventKind::Progress {
         version: version.clone(),
         stage: Stage::Sandbox,
-        what: "pairs".to_owned(),
+        what: WorkUnit::PairedEpisodes.into(),
         done,
         budget: 9,
     };

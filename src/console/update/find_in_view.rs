@@ -7,6 +7,7 @@ use crate::effect::Effect;
 use crate::model::{ConsoleModel, HISTORY_PANE, OpenedRecord, Typing, View};
 use crate::rows::search_text;
 use holdpoint_protocol::health::AlarmEpisode;
+use holdpoint_wording::notice;
 
 /// Moves the cursor to the next row that contains the typed text, from its place and then from the top. It stays if
 /// there is none.
@@ -70,15 +71,16 @@ fn find_row(model: &ConsoleModel, text: &str) -> Option<usize> {
 fn texts(model: &ConsoleModel) -> Vec<String> {
     match model.view_state.view {
         View::Alarms if model.view_state.pane() == HISTORY_PANE => {
-            let episode_text =
-                |spell: &AlarmEpisode| format!("{} {}", spell.alarm, spell.text.as_deref().unwrap_or(""));
+            let episode_text = |spell: &AlarmEpisode| {
+                format!("{} {}", spell.alarm, spell.text.as_ref().map(notice).unwrap_or_default())
+            };
             model.alarm_spells().into_iter().map(episode_text).collect()
         }
         View::Health => model.health_families().iter().map(ToString::to_string).collect(),
         View::Alarms => {
             let rows = model.alarm_rows();
             let alarms = rows.iter().map(|row| row.alarm());
-            alarms.map(|alarm| format!("{} {} {}", alarm.alarm, alarm.subject, alarm.text)).collect()
+            alarms.map(|alarm| format!("{} {} {}", alarm.alarm, alarm.subject, notice(&alarm.text))).collect()
         }
         View::Approvals => model.waiting_rows().iter().map(|row| row.version().to_string()).collect(),
         View::Candidate => model.candidate_rows(model.view_state.pane()).iter().map(search_text).collect(),

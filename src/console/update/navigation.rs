@@ -11,6 +11,7 @@ use crate::model::{
 use crate::rows::{PendingApprovalItem, RegistryItem};
 use holdpoint_governance::ids::Family;
 use holdpoint_protocol::snapshot::AlarmView;
+use holdpoint_wording::notice;
 
 /// How long keys for an item wait after another item moved under the cursor, ms: the user may have decided on the key
 /// before.
@@ -277,12 +278,17 @@ pub(super) fn copied(model: &ConsoleModel) -> Option<String> {
         View::Health => model.health_verdict().map(|verdict| verdict.sentence()),
         View::Alarms if model.view_state.pane() == HISTORY_PANE => {
             let spell = model.alarm_spells().get(model.row()).copied()?;
-            Some(format!("{} {}: {}", spell.alarm, spell.state, spell.text.as_deref().unwrap_or("")))
+            Some(format!(
+                "{} {}: {}",
+                spell.alarm,
+                spell.state,
+                spell.text.as_ref().map(notice).unwrap_or_default()
+            ))
         }
         View::Alarms => {
             let rows = model.alarm_rows();
             let summary = |alarm: &AlarmView| {
-                format!("{} {} {}: {}", alarm.priority, alarm.state, alarm.alarm, alarm.text)
+                format!("{} {} {}: {}", alarm.priority, alarm.state, alarm.alarm, notice(&alarm.text))
             };
             let of_marked = model.engine_data.snapshot.iter().flat_map(|now| &now.alarms);
             let of_marked = of_marked.filter(|alarm| model.view_state.marked.contains(&alarm.alarm));

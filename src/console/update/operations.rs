@@ -487,7 +487,7 @@ pub(super) fn alarm_lines(alarm: &AlarmView, action: Action) -> Result<Vec<Strin
             return Err("a critical alarm stays in sight: it cannot be shelved".to_owned());
         }
         let what = "It comes back by itself; shelved alarms are counted on every screen".to_owned();
-        return Ok(vec![alarm.text.clone(), what]);
+        return Ok(vec![holdpoint_wording::notice(&alarm.text), what]);
     }
     if alarm.state_below.is_present() {
         return Err("its condition is still present: acknowledge it, and reset it when it is gone".to_owned());
@@ -495,7 +495,7 @@ pub(super) fn alarm_lines(alarm: &AlarmView, action: Action) -> Result<Vec<Strin
     if !alarm.latching {
         return Err("it does not wait for a reset".to_owned());
     }
-    Ok(vec![alarm.text.clone(), "It resumes nothing; say why it is safe".to_owned()])
+    Ok(vec![holdpoint_wording::notice(&alarm.text), "It resumes nothing; say why it is safe".to_owned()])
 }
 
 /// Leaves the view, or opens the form that ends the program.

@@ -66,10 +66,13 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         let inside = pen.pane(detail, &super::short(&spell.alarm, 80), false, "");
         let width = usize::from(inside.width);
         let mut rows = Vec::new();
-        let sentences = spell.sentences(now_ms);
-        let (text, course) = sentences.split_at(usize::from(spell.text.is_some()));
-        for text in text {
-            rows.extend(wrap(text, width, 2).iter().map(|line| Row::of(ThemeRole::Text, line)));
+        let course = spell.sentences(now_ms);
+        if let Some(text) = &spell.text {
+            rows.extend(
+                wrap(&holdpoint_wording::notice(text), width, 2)
+                    .iter()
+                    .map(|line| Row::of(ThemeRole::Text, line)),
+            );
         }
         let course = wrap(&course.join("; "), width, usize::from(DETAIL_ROWS));
         rows.extend(course.iter().map(|line| Row::of(ThemeRole::Text, line)));

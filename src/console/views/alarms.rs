@@ -21,6 +21,7 @@ use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
 use holdpoint_governance::alarms::AlarmState;
 use holdpoint_protocol::snapshot::AlarmView;
+use holdpoint_wording::notice;
 
 /// Lines for the alarm under the cursor.
 const DETAIL_ROWS: u16 = 7;
@@ -80,7 +81,7 @@ fn row(item: AlarmItem<'_>, marked: bool, look: &Look) -> Row {
     } else {
         alarm.raises.to_string()
     };
-    let mut text = format!("{}: {}", alarm.subject, alarm.text);
+    let mut text = format!("{}: {}", alarm.subject, notice(&alarm.text));
     if let AlarmItem::Group { count, .. } = item {
         text = format!("{count} alarms, the first: {text}");
     }
@@ -100,7 +101,7 @@ fn row(item: AlarmItem<'_>, marked: bool, look: &Look) -> Row {
 /// Everything about an alarm, in sentences.
 fn detail_rows(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row> {
     let alarm = item.alarm();
-    let text = crate::widgets::row::wrap(&alarm.text, width, 2);
+    let text = crate::widgets::row::wrap(&notice(&alarm.text), width, 2);
     let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Text, line)).collect();
     let since = duration(now_ms.saturating_sub(alarm.since_ms));
     let times = if alarm.raises == 1 { "once".to_owned() } else { format!("{} times", alarm.raises) };

@@ -261,7 +261,7 @@ fn running(
     let count = format!(" {} of {} ", view.done, view.budget);
     let bar = (width / 4).clamp(6, 24);
     let mut head = progress(look, view.done, view.budget, bar).with(ThemeRole::Text, &count);
-    let what = super::short(&view.what, width.saturating_sub(head.width() + time.len() + 2));
+    let what = super::short(&view.what.to_string(), width.saturating_sub(head.width() + time.len() + 2));
     let time = format!("  {time}");
     head.push(ThemeRole::Muted, &what);
     if head.width() + time.len() <= width {
@@ -353,7 +353,8 @@ mod tests {
         let theme = crate::look::Theme::builtin("mono").unwrap();
         let look = Look::new(theme, crate::look::ColorDepth::Mono, crate::look::Glyphs::Ascii);
         // A rejected version is in no running stage.
-        let (what, early) = ("paired episodes".to_owned(), String::new());
+        let what = holdpoint_protocol::work_unit::WorkUnit::PairedEpisodes.into();
+        let early = String::new();
         let progress =
             ProgressView { stage: Stage::Sandbox, what, done: 24, budget: 120, since_ms: 0, early };
         let rejected = CandidateView { progress: Some(progress), ..rejected };

@@ -23,6 +23,7 @@ use crate::widgets::row::{Row, wrap};
 use holdpoint_engine::explain::is_in_favor;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, ShadowView};
 
 const CHARTS: usize = 0;
@@ -215,13 +216,13 @@ pub(super) fn monitor_rows(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) 
 }
 
 /// One quantity of a monitor: how far it is on the way to its warning and to its trip.
-struct MonitoredQuantity<'a> {
-    name: &'a str,
+struct MonitoredQuantity {
+    name: String,
     /// Value and limit of each, in their order.
     readings: Vec<(f64, f64)>,
 }
 
-impl MonitoredQuantity<'_> {
+impl MonitoredQuantity {
     /// The larger used part of a way.
     fn worst_ratio(&self) -> f64 {
         let share = |(value, limit): &(f64, f64)| if *limit > 0.0 { value / limit } else { 0.0 };
@@ -230,20 +231,20 @@ impl MonitoredQuantity<'_> {
 }
 
 /// A monitor's charts, warning and trip of a quantity together, the nearest to a limit first.
-fn charts_of(monitor: &MonitorView) -> Vec<MonitoredQuantity<'_>> {
-    let mut charts: Vec<MonitoredQuantity<'_>> = Vec::new();
-    for (name, value, limit) in &monitor.charts {
-        let of = name.strip_suffix(" warning").or_else(|| name.strip_suffix(" trip")).unwrap_or(name);
-        match charts.iter_mut().find(|chart| chart.name == of) {
+fn charts_of(monitor: &MonitorView) -> Vec<MonitoredQuantity> {
+    let mut charts: Vec<MonitoredQuantity> = Vec::new();
+    for ChartView { rate, value, limit, .. } in &monitor.charts {
+        let name = rate.to_string();
+        match charts.iter_mut().find(|chart| chart.name == name) {
             Some(chart) => chart.readings.push((*value, *limit)),
-            None => charts.push(MonitoredQuantity { name: of, readings: vec![(*value, *limit)] }),
+            None => charts.push(MonitoredQuantity { name, readings: vec![(*value, *limit)] }),
         }
     }
     charts.sort_by(|one, other| other.worst_ratio().total_cmp(&one.worst_ratio()));
     charts
 }
 
-fn charted(chart: &MonitoredQuantity<'_>, name_width: usize, look: &crate::look::Look, width: usize) -> Row {
+fn charted(chart: &MonitoredQuantity, name_width: usize, look: &crate::look::Look, width: usize) -> Row {
     let past = chart.readings.iter().any(|(value, limit)| value >= limit);
     let role = if past { ThemeRole::Past } else { ThemeRole::Text };
     let sign = if past { look.glyph(Glyph::Warning) } else { " " };
@@ -255,7 +256,7 @@ fn charted(chart: &MonitoredQuantity<'_>, name_width: usize, look: &crate::look:
             format!(" {}", parts.join("  "))
         }
     };
-    let row = Row::of(role, sign).with(role, " ").cell(role, chart.name, name_width).with(role, " ");
+    let row = Row::of(role, sign).with(role, " ").cell(role, &chart.name, name_width).with(role, " ");
     let bar = width.saturating_sub(row.width() + numbers.len()).min(20);
     // The limit is at four fifths of the bar, so that a value past it is visible.
     row.and(toward(look, chart.worst_ratio() * 0.8, bar, past)).with(role, &numbers)

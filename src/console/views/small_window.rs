@@ -57,8 +57,10 @@ fn summary(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
         Some(alarm) => {
             let head = status::priority_label(pen.look, alarm.priority);
             let left = width.saturating_sub(head.len() + waits.width());
-            Row::of(StateMark::priority(alarm.priority).role, &head)
-                .with(ThemeRole::Text, &format!(" {} ", super::short(&alarm.text, left)))
+            Row::of(StateMark::priority(alarm.priority).role, &head).with(
+                ThemeRole::Text,
+                &format!(" {} ", super::short(&holdpoint_wording::notice(&alarm.text), left)),
+            )
         }
         None => Row::of(
             ThemeRole::Muted,
@@ -143,7 +145,11 @@ fn alarm(item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
     let mark = StateMark::priority(alarm.priority);
     Row::of(mark.role, &status::priority_label(pen.look, alarm.priority)).with(
         ThemeRole::Text,
-        &format!(" {} {}", StateMark::alarm_state(alarm.state).label, super::short(&alarm.text, 200)),
+        &format!(
+            " {} {}",
+            StateMark::alarm_state(alarm.state).label,
+            super::short(&holdpoint_wording::notice(&alarm.text), 200)
+        ),
     )
 }
 

@@ -106,7 +106,7 @@ fn head_text(snapshot: &Snapshot) -> String {
                 AlarmState::Latched => " (latched)",
                 AlarmState::Normal | AlarmState::Unacknowledged | AlarmState::Shelved => "",
             };
-            format!("{}{over}: {}", alarm.subject, alarm.text)
+            format!("{}{over}: {}", alarm.subject, holdpoint_wording::notice(&alarm.text))
         },
     )
 }

@@ -15,6 +15,7 @@ use holdpoint_governance::evidence::{DrillTallies, Pair};
 use holdpoint_governance::gate::ShadowAssessment;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::permission::PermissionUse;
 
 /// The body of a `decision` record.
@@ -101,7 +102,7 @@ pub(super) struct MoveRecord {
     pub(super) from: State,
     pub(super) to: State,
     #[serde(default)]
-    pub(super) reason: String,
+    pub(super) reason: NoticeOrText,
 }
 
 /// The parts of an evidence file that are explained.

@@ -82,7 +82,7 @@ pub(super) fn read(
         spell.state = *state;
         spell.priority = spell.priority.min(*priority);
         if let Some(alarm) = &alarm {
-            spell.text = Some(alarm.text.raw().to_owned());
+            spell.text = Some(alarm.text.clone());
         }
         follow(spell, before.as_ref(), alarm.as_ref(), record);
         if let Some((_, by, reason)) = reset_of(&resets, &change.alarm, record.seq).filter(|_| !state.calls())

@@ -5,9 +5,11 @@ use serde_json::Value;
 
 use holdpoint_governance::alarms::{AlarmKey, AlarmKind};
 use holdpoint_governance::closed_set::Lenient;
+use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorAction;
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd};
 use holdpoint_protocol::health::{
     AlarmEpisode, AlarmStep, HealthCoverage, HealthMark, MarkKind, duration_label,
@@ -45,7 +47,7 @@ const KINDS: [RecordKind; 13] = [
 struct StateSetMark {
     to: State,
     #[serde(default)]
-    reason: String,
+    reason: NoticeOrText,
 }
 
 #[derive(Deserialize)]
@@ -57,12 +59,7 @@ struct UpgradeEndMark {
 struct MonitorActionMark {
     action: Lenient<MonitorAction>,
     #[serde(default)]
-    reasons: Vec<ReasonText>,
-}
-
-#[derive(Deserialize)]
-struct ReasonText {
-    text: String,
+    reasons: Vec<Value>,
 }
 
 #[derive(Deserialize)]
@@ -164,7 +161,7 @@ pub(super) fn of_alarms(span: &RecordSpan, alarms: &[AlarmEpisode]) -> Vec<Healt
             | AlarmKind::EngineFault => MarkKind::AlarmRaised,
         };
         let family = family_of(&key);
-        let text = spell.text.as_ref().map_or_else(|| spell.alarm.clone(), Clone::clone);
+        let text = spell.text.as_ref().map_or_else(|| spell.alarm.clone(), holdpoint_wording::notice);
         let mut push = |kind, step: &AlarmStep, text: String| {
             if let Some(on_clock_ms) = on_clock(span.clock, step.at_ms, step.wall_ms) {
                 let family = family.clone();
@@ -263,7 +260,7 @@ fn mark_of_record(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, O
                 | State::Superseded
                 | State::Rejected => return None,
             };
-            (kind, family, format!("{}: {reason}", record.subject))
+            (kind, family, format!("{}: {}", record.subject, holdpoint_wording::notice(&reason)))
         }
         RecordKind::AuditClosed => {
             let UpgradeEndMark { outcome } = serde_json::from_str(&record.body).ok()?;
@@ -277,7 +274,9 @@ fn mark_of_record(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, O
             if action != MonitorAction::Restrict {
                 return None;
             }
-            let why = reasons.into_iter().next().map_or_else(String::new, |reason| reason.text);
+            let reason =
+                reasons.into_iter().next().and_then(|reason| serde_json::from_value::<Reason>(reason).ok());
+            let why = reason.as_ref().map_or_else(String::new, holdpoint_wording::reason);
             (MarkKind::Restriction, family, format!("{}: {why}", record.subject))
         }
         RecordKind::BreakGlass => (

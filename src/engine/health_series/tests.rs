@@ -7,6 +7,7 @@ use crate::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord};
 use holdpoint_body::TaskKind;
 use holdpoint_governance::alarms::{AlarmBook, AlarmChange, AlarmEvent, AlarmKey, Priority, apply};
 use holdpoint_governance::ids::Family;
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Refusal, Reply};
@@ -293,7 +294,7 @@ fn an_alarm_history_has_persons_acts_and_duration() {
         key: key.clone(),
         priority: Priority::High,
         latching: true,
-        text: text.into(),
+        text: NoticeOrText::Text(text.to_owned()),
     };
     let raised_ms = shift.at_ms;
     shift.alarm(&mut book, &event("works worse"));
@@ -321,7 +322,8 @@ fn an_alarm_history_has_persons_acts_and_duration() {
     let series = shift.read(&HealthQuery { only_alarms: true, ..query });
     assert!(series.points.is_empty() && series.marks.is_empty());
     let [newest, first] = series.alarms.as_slice() else { panic!("{:#?}", series.alarms) };
-    assert_eq!((newest.text.as_deref(), newest.ended.is_none()), (Some("again"), true));
+    let again = NoticeOrText::Text("again".to_owned());
+    assert_eq!((newest.text.as_ref(), newest.ended.is_none()), (Some(&again), true));
     assert_eq!((first.alarm.as_str(), first.raised.at_ms), ("degraded:grasp@1.1.0", raised_ms));
     assert_eq!(first.acknowledged.as_ref().unwrap().by.as_deref(), Some("ana"));
     let shelved = first.shelved.as_ref().unwrap();

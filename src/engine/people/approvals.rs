@@ -13,6 +13,7 @@ use holdpoint_governance::approval::{self, ApprovalDecision, ApprovalOutcome, Ap
 use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::LifecycleEvent;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::wall_time::WallTime;
@@ -190,14 +191,14 @@ impl Approvals {
         let row = ApprovalRequest { json, ..request.row.clone() };
         let note = TransitionNote {
             before: vec![Change::PutApprovalRequest(Box::new(row))],
-            ..TransitionNote::because("people are asked")
+            ..TransitionNote::because(Notice::ApproversAsked)
         };
         record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
         request.life_row_version = record.version_table().version(&id)?.1.row_version;
         self.open(context, record, evidence_files, request);
         let priority = context.profile.alarms.approval_waiting;
-        let text = format!("{id} waits for approval");
-        record.raise(AlarmKey::Approval(id), priority, false, &text);
+        let notice = Notice::WaitsForApproval { version: id.clone() };
+        record.raise(AlarmKey::Approval(id), priority, false, notice);
         Ok(())
     }
 
@@ -347,7 +348,7 @@ pub(crate) fn put_answer(
 
 /// The note by which a request is closed.
 #[must_use]
-pub fn closing_note(request: &PendingApproval, state: RequestState, reason: &str) -> TransitionNote {
+pub fn closing_note(request: &PendingApproval, state: RequestState, reason: Notice) -> TransitionNote {
     TransitionNote {
         before: vec![Change::PutApprovalRequest(Box::new(request.row_as(state)))],
         ..TransitionNote::because(reason)

@@ -26,6 +26,7 @@ use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, State};
+use holdpoint_governance::notice::{Notice, OperatorAct};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply, Request};
@@ -39,8 +40,9 @@ fn refuse_held(why: &Problem) -> Reply {
 }
 
 /// Under an unauthorized profile, commands that give or widen authority are refused.
-fn refuse_unauthorized(why: &str) -> Reply {
-    Reply::Refused { code: Refusal::NotNow, text: why.to_owned(), hint: None }
+fn refuse_unauthorized(why: &Notice) -> Reply {
+    let text = holdpoint_wording::notice_sentence(why);
+    Reply::Refused { code: Refusal::NotNow, text, hint: None }
 }
 
 /// What a command is called on the wire.
@@ -172,7 +174,7 @@ impl Pipeline {
                 Ok(reply)
             }
             Command::Repeat { operation, stage } => {
-                let reply = operations::transition(record, &operation, "to be repeated", |version| {
+                let reply = operations::transition(record, &operation, OperatorAct::ToRetry, |version| {
                     LifecycleEvent::Repeat { version, stage }
                 })?;
                 evidence_files.edit(&operation.version).held = false;
@@ -397,7 +399,7 @@ impl Pipeline {
     }
 
     fn operator_reject(&mut self, operation: &Operation) -> Result<Reply, EngineFault> {
-        let reply = operations::transition(&mut self.record, operation, "rejected", |version| {
+        let reply = operations::transition(&mut self.record, operation, OperatorAct::Rejected, |version| {
             LifecycleEvent::Reject { version }
         })?;
         self.forget_work(&operation.version);
@@ -428,7 +430,7 @@ impl Pipeline {
         if !profiles.is_empty() {
             return release::set_profiles(&mut self.record, operation, profiles, true);
         }
-        let reply = operations::transition(&mut self.record, operation, "demoted", |version| {
+        let reply = operations::transition(&mut self.record, operation, OperatorAct::Demoted, |version| {
             LifecycleEvent::Demote { version }
         })?;
         self.forget_work(&id);

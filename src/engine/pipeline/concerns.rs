@@ -2,6 +2,7 @@
 
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::DeactivationKind;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::TriggerKind;
 
 use super::{Pipeline, StageWork};
@@ -20,7 +21,7 @@ impl Pipeline {
         match re_evaluation::begin(context, record, evidence_files, &world.cell, &id, None)? {
             Some(run) => self.work = Some(StageWork::ReEvaluation(run)),
             None => {
-                self.demote(&id, "its behavior shifted, and there is no predecessor to compare it with")?;
+                self.demote(&id, Notice::ShiftWithoutTarget)?;
             }
         }
         Ok(true)
@@ -45,8 +46,8 @@ impl Pipeline {
             }
             ReEvaluationStep::Gone | ReEvaluationStep::Decided => Ok(()),
             ReEvaluationStep::Cleared(id) => monitoring::maybe_confirm(record, evidence_files, monitors, &id),
-            ReEvaluationStep::NotCleared(id, why) => {
-                self.demote(&id, &format!("it is not what its shadow showed; {why}"))
+            ReEvaluationStep::NotCleared(id, reason) => {
+                self.demote(&id, Notice::NotAsShadowShowed { reason })
             }
         }
     }
@@ -58,9 +59,7 @@ impl Pipeline {
                 self.work = Some(StageWork::Confirmation(run));
                 Ok(())
             }
-            None => {
-                self.demote(id, "its concern cannot be settled: there is no predecessor to compare it with")
-            }
+            None => self.demote(id, Notice::ConcernWithoutTarget),
         }
     }
 
@@ -76,13 +75,11 @@ impl Pipeline {
             confirmation::ConfirmationStep::Settled(id) => {
                 monitoring::maybe_confirm(record, evidence_files, monitors, &id)
             }
-            confirmation::ConfirmationStep::ConcernRemains(id) => {
-                self.demote(&id, "the concern it was activated with remains on new evidence")
-            }
+            confirmation::ConfirmationStep::ConcernRemains(id) => self.demote(&id, Notice::ConcernRemains),
         }
     }
 
-    fn demote(&mut self, id: &CapabilityId, why: &str) -> Result<(), EngineFault> {
+    fn demote(&mut self, id: &CapabilityId, why: Notice) -> Result<(), EngineFault> {
         let trigger = trigger(&self.record, TriggerKind::OpenDoubt, why);
         self.live().deactivate(id, trigger, None, DeactivationKind::Demoted)
     }

@@ -5,6 +5,7 @@ use crate::fault::EngineFault;
 use crate::halt;
 use crate::world::stop_switch::StopRequest;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
+use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::command::{Reply, StopPersistence};
 
 impl Pipeline {
@@ -31,10 +32,7 @@ impl Pipeline {
 
     /// Another program took the name of the engine's socket, and the engine took it back; `times` since the start.
     pub(crate) fn name_taken(&mut self, times: u64) {
-        let text = format!(
-            "another program took the name of the engine's socket ({times} since the start) and may have answered clients"
-        );
-        self.record.raise(AlarmKey::NameTaken, Priority::High, true, &text);
+        self.record.raise(AlarmKey::NameTaken, Priority::High, true, Notice::SocketNameTaken { times });
     }
 
     /// A stopped cell: no stage begins, no version is activated. A running sequence ends, and deadlines pass.

@@ -5,6 +5,7 @@ use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::capability::Capability;
@@ -41,7 +42,7 @@ impl Pipeline {
         });
         let Some(VoidedFamilies { families, reason }) = voided else { return };
         for family in families {
-            self.record.tell(EventKind::Voided { family, reason: reason.clone() });
+            self.record.tell(EventKind::Voided { family, reason: reason.clone().into() });
         }
     }
 
@@ -50,17 +51,19 @@ impl Pipeline {
         let key = AlarmKey::ProfileUnauthorized;
         let is_raised = self.record.alarms().get(&key).is_some_and(|alarm| alarm.condition);
         match &self.context.unauthorized {
-            Some(why) => self.record.raise(key, Priority::High, false, why),
+            Some(why) => self.record.raise(key, Priority::High, false, why.clone()),
             None if is_raised => self.record.alarm_event(&AlarmEvent::Clear { key }),
             None => {}
         }
     }
 
     pub(super) fn bootstrap(&mut self, baseline: Capability) -> Result<(), EngineFault> {
-        const WHY: &str = "the version the cell was commissioned with";
         let id = baseline.id();
         let event = registered_event(&baseline, &Requester::Program);
-        let note = TransitionNote { cause: Some(ActiveCause::Bootstrap), ..TransitionNote::because(WHY) };
+        let note = TransitionNote {
+            cause: Some(ActiveCause::Bootstrap),
+            ..TransitionNote::because(Notice::CommissionedWith)
+        };
         self.record.register(
             (baseline, VersionOrigin::of(Requester::Program)),
             true,
@@ -72,7 +75,7 @@ impl Pipeline {
             version: id,
             from: State::Registered,
             to: State::Active,
-            reason: WHY.to_owned(),
+            reason: Notice::CommissionedWith.into(),
         });
         Ok(())
     }

@@ -7,6 +7,7 @@ use holdpoint_governance::gate::{self, GateInput, GateOutcome, GatePassed, GateR
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::interface::unmet;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::notice::{Notice, RequestVoidCause};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::event::EventKind;
@@ -82,7 +83,7 @@ impl Activation<'_> {
             }
             (GateOutcome::Hold, _) => {
                 evidence_file.held = true;
-                abort_stage(self.record, self.evidence_files, id, &reason)
+                abort_stage(self.record, self.evidence_files, id, reason)
             }
             // A pass without its proof is no pass.
             (GateOutcome::Demote | GateOutcome::Pass, _) => {
@@ -105,9 +106,8 @@ impl Activation<'_> {
         result: &ApprovalResult,
     ) -> Result<String, EngineFault> {
         let (version, _, _) = self.record.version_table().version(id)?;
-        let reason = result.reasons.first().map_or_else(String::new, |reason| {
-            format!("{}: {}", reason.code, holdpoint_wording::reason(reason))
-        });
+        let why = Notice::decided(result.reasons.first());
+        let reply = || result.reasons.first().map_or_else(String::new, holdpoint_wording::coded);
         match &result.outcome {
             ApprovalOutcome::Pending { missing } => {
                 // The reply also names the reason why an answer does not count.
@@ -124,18 +124,19 @@ impl Activation<'_> {
                 Ok(format!("{id} is approved and takes over {when}"))
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
-                let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
+                let Some(prompt) = self.approvals.of(id) else { return Ok(reply()) };
                 let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
-                let note = closing_note(prompt, RequestState::Granted, &reason);
+                let note = closing_note(prompt, RequestState::Granted, why);
                 match self.record.transition(&id.family, event, note) {
                     Err(EngineFault::VersionTable(VersionTableError::Refused(refusal))) => {
                         // An answer that came too late puts no version on hold.
-                        self.void(id, &refusal.to_string())?;
+                        let problem = refusal.to_string();
+                        self.void(id, Notice::RequestRefused { version: id.clone(), problem })?;
                         return Ok(format!("{id} is not approved ({refusal}); people are asked again"));
                     }
                     moved => moved.map(|_| ())?,
                 }
-                let Some(prompt) = self.approvals.close(id) else { return Ok(reason) };
+                let Some(prompt) = self.approvals.close(id) else { return Ok(reply()) };
                 clear_alarm(self.record, id, prompt.last_voter());
                 // A question that an earlier engine asked: what ran then is not running now.
                 if self.record.version_table().version(id)?.1.flags.running.is_none() {
@@ -146,8 +147,8 @@ impl Activation<'_> {
                 Ok(format!("{id} is approved"))
             }
             ApprovalOutcome::Refused { person } => {
-                let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
-                let note = closing_note(prompt, RequestState::Refused, &reason);
+                let Some(prompt) = self.approvals.of(id) else { return Ok(reply()) };
+                let note = closing_note(prompt, RequestState::Refused, why);
                 self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
                 self.approvals.close(id);
                 self.evidence_files.edit(id).reasons.clone_from(&result.reasons);
@@ -156,8 +157,8 @@ impl Activation<'_> {
                 Ok(format!("{id} is rejected: {person} refused"))
             }
             ApprovalOutcome::TimedOut => {
-                let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
-                let note = closing_note(prompt, RequestState::Expired, &reason);
+                let Some(prompt) = self.approvals.of(id) else { return Ok(reply()) };
+                let note = closing_note(prompt, RequestState::Expired, why);
                 self.record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
                 self.approvals.close(id);
                 let evidence_file = self.evidence_files.edit(id);
@@ -165,8 +166,7 @@ impl Activation<'_> {
                 evidence_file.held = true;
                 clear_alarm(self.record, id, None);
                 if self.record.version_table().version(id)?.1.flags.running.is_some() {
-                    let why = "too few people answered in time; the version is held";
-                    abort_stage(self.record, self.evidence_files, id, why)?;
+                    abort_stage(self.record, self.evidence_files, id, Notice::AnsweredTooLate)?;
                 }
                 Ok(format!("{id} is held: too few people answered in time"))
             }
@@ -180,12 +180,13 @@ impl Activation<'_> {
     pub(crate) fn look_at_changed(&mut self) -> Result<bool, EngineFault> {
         let changed = self.approvals.changed(self.record);
         for id in &changed {
-            self.void(id, "it has changed since")?;
+            let cause = RequestVoidCause::VersionChanged;
+            self.void(id, Notice::RequestVoid { version: id.clone(), cause })?;
         }
         Ok(!changed.is_empty())
     }
 
-    fn void(&mut self, id: &CapabilityId, why: &str) -> Result<(), EngineFault> {
+    fn void(&mut self, id: &CapabilityId, why: Notice) -> Result<(), EngineFault> {
         cancel_request(self.record, self.evidence_files, self.approvals, id, why)
     }
 
@@ -228,7 +229,8 @@ impl Activation<'_> {
     pub(crate) fn void_outdated(&mut self, id: &CapabilityId) -> Result<bool, EngineFault> {
         let is_outdated = self.approvals.is_outdated(self.context, self.record, self.evidence_files, id)?;
         if is_outdated {
-            self.void(id, "what people were shown has changed since")?;
+            let cause = RequestVoidCause::TextChanged;
+            self.void(id, Notice::RequestVoid { version: id.clone(), cause })?;
         }
         Ok(is_outdated)
     }
@@ -311,11 +313,12 @@ pub(super) fn activate(
 ) -> Result<(), EngineFault> {
     agent.check()?;
     if let Some(why) = &context.unauthorized {
+        let why = holdpoint_wording::notice_sentence(why);
         return Err(EngineFault::Impossible(format!("{id} passed the gate, and {why}")));
     }
     let (version, _, _) = record.version_table().version(id)?;
     let event = LifecycleEvent::Pass { version, stage: Stage::Activation };
-    record.transition(&id.family, event, TransitionNote::because("the gate is passed"))?;
+    record.transition(&id.family, event, TransitionNote::because(Notice::GatePassed))?;
     let evidence = evidence_file.digest()?;
     let gate_digest = Digest::of_parts("holdpoint.gate.v1", &[decision.as_bytes(), evidence.bytes()]);
     let replaced = record.active_of(&id.family).map(|active| active.id());
@@ -335,7 +338,7 @@ pub(super) fn activate(
     }
     let needed = u32::try_from(approvals.len()).unwrap_or(u32::MAX);
     let note = TransitionNote {
-        reason: "the gate is passed".to_owned(),
+        reason: Notice::GatePassed.into(),
         cause: Some(ActiveCause::Gate { evidence: gate_digest, approvals_needed: needed }),
         before,
         after: Vec::new(),

@@ -10,6 +10,7 @@ use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
 use holdpoint_governance::gate::GateOutcome;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Review, Stage, State};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::command::{Refusal, Reply};
@@ -55,7 +56,10 @@ impl Activation<'_> {
         let (GateOutcome::Pass, Some(passed)) = (result.decision.outcome(), &result.passed) else {
             return Ok(Reply::Refused {
                 code: Refusal::NotNow,
-                text: format!("{id} is not activated: {}", first_reason(&result.decision)),
+                text: format!(
+                    "{id} is not activated: {}",
+                    holdpoint_wording::notice_sentence(&first_reason(&result.decision))
+                ),
                 hint: Some(
                     "break-glass overrides missing approvals, a freeze or a block, nothing else".to_owned(),
                 ),
@@ -80,13 +84,13 @@ impl Activation<'_> {
         }
         let needs_approval = self.record.version_table().family(&id.family)?.state.needs_approval;
         if needs_approval && !awaits_approval {
-            let note = TransitionNote::because("one person approves, by break-glass");
+            let note = TransitionNote::because(Notice::BreakGlassBegins);
             self.record.transition(&id.family, LifecycleEvent::RequestApproval { version }, note)?;
         }
         if needs_approval || awaits_approval {
             let note = match self.approvals.close(&id) {
-                Some(prompt) => closing_note(&prompt, RequestState::Granted, "break-glass"),
-                None => TransitionNote::because("break-glass was used"),
+                Some(prompt) => closing_note(&prompt, RequestState::Granted, Notice::BreakGlassUsed),
+                None => TransitionNote::because(Notice::BreakGlassUsed),
             };
             let row_version = self.record.version_table().version(&id)?.1.row_version;
             self.record.transition(&id.family, LifecycleEvent::Approved { version, row_version }, note)?;
@@ -101,8 +105,8 @@ impl Activation<'_> {
         let entry = Admission { passed, decision, agent, emergency_until };
         activate(self.context, self.record, self.monitors, evidence_file, &id, entry, &[emergency.signed])?;
         // Like an engine's own fault it has one priority in every profile.
-        let text = format!("{id} was activated by {} alone and is not reviewed", approval.who);
-        self.record.raise(AlarmKey::Unreviewed(id.clone()), Priority::High, false, &text);
+        let notice = Notice::Unreviewed { version: id.clone(), by: approval.who };
+        self.record.raise(AlarmKey::Unreviewed(id.clone()), Priority::High, false, notice);
         Ok(Reply::Accepted {
             text: format!("{id} is active by break-glass; two people review it by {until}"),
             version: Some(id),
@@ -131,8 +135,7 @@ pub(crate) fn look_at_reviews(
     for (id, state, row_version, review) in open {
         let overdue = review.until <= live.record.wall_now();
         if overdue && state == State::Active {
-            let text = "its emergency activation was not reviewed in time";
-            let trigger = trigger(live.record, TriggerKind::Unreviewed, text);
+            let trigger = trigger(live.record, TriggerKind::Unreviewed, Notice::ReviewLate);
             live.deactivate(&id, trigger, None, DeactivationKind::Demoted)?;
             return Ok(true);
         }
@@ -165,14 +168,14 @@ pub(crate) fn settle_review(
     };
     let (version, lifecycle, _) = live.record.version_table().version(id)?;
     if !upheld && lifecycle.state == State::Active {
-        let text = format!("the review of its emergency activation did not uphold it: {}", by.join(", "));
-        let trigger = trigger(live.record, TriggerKind::Operator, text);
+        let notice = Notice::ReviewNotUpheld { by: by.clone() };
+        let trigger = trigger(live.record, TriggerKind::Operator, notice);
         live.deactivate(id, trigger, None, DeactivationKind::RolledBack)?;
     }
     let state = if upheld { RequestState::Granted } else { RequestState::Refused };
     let mut note = match approvals.close(id) {
-        Some(prompt) => closing_note(&prompt, state, "the review is closed"),
-        None => TransitionNote::because("the review is closed"),
+        Some(prompt) => closing_note(&prompt, state, Notice::ReviewClosed),
+        None => TransitionNote::because(Notice::ReviewClosed),
     };
     note.audit.push(AuditBody {
         kind: RecordKind::BreakGlassReviewed,
@@ -196,8 +199,7 @@ fn open_profile(live: &mut LiveMonitoring<'_>, id: &CapabilityId) -> Result<(), 
     live.evidence_files.edit(id).closed.remove(&profile);
     let (version, lifecycle, _) = live.record.version_table().version(id)?;
     if lifecycle.state == State::Active && lifecycle.closed.contains(&profile) {
-        let note =
-            TransitionNote::because("the review of the emergency activation upheld it under this profile");
+        let note = TransitionNote::because(Notice::ProfileUnblockedByReview);
         live.record.transition(&id.family, LifecycleEvent::Open { version, profile }, note)?;
     }
     Ok(())

@@ -1,8 +1,9 @@
 //! Cached results that differ from their re-run: all are voided, and an alarm is raised.
 
 use holdpoint_governance::alarms::{AlarmKey, Priority};
-use holdpoint_governance::cached_result::{CacheLocation, CachedResultMismatch, SeedRange};
+use holdpoint_governance::cached_result::{CachedResultMismatch, SeedRange};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::RecordKind;
 
 use crate::fault::EngineFault;
@@ -26,26 +27,17 @@ pub(super) fn void(
     let found = reuse.voided(place, active);
     record.note(RecordKind::KeptVoided, id.to_string(), serde_json::to_string(&found)?)?;
     trials.cells(record.version_table().store()).invalidate()?;
-    record.raise(AlarmKey::KeptFalse, Priority::High, true, &text(&found, id));
+    record.raise(AlarmKey::KeptFalse, Priority::High, true, notice(&found, id));
     Ok(())
 }
 
-fn text(found: &CachedResultMismatch, id: &CapabilityId) -> String {
+fn notice(found: &CachedResultMismatch, id: &CapabilityId) -> Notice {
     let CachedResultMismatch { place, active, rerun, differing } = found;
-    let count: u64 = differing.iter().map(|(_, seeds)| SeedRange::count(seeds)).sum();
-    let (done, who) = match place {
-        CacheLocation::Store => (
-            "every cached result of the store was deleted",
-            "find out who writes to the store's telemetry.db and reads its keys",
-        ),
-        CacheLocation::Folder => (
-            "the shared folder is not used again by this run",
-            "find out who writes to the folder and reads its key file, then delete both",
-        ),
-    };
-    format!(
-        "{count} of {rerun} cached results of {active} differ from their re-run for {id}: a user with the key \
-         falsified them, or this machine computes other results than the one that cached them; {done}, and the \
-         comparison runs every episode; {who}"
-    )
+    Notice::CacheMismatch {
+        version: id.clone(),
+        active: active.clone(),
+        place: *place,
+        differing: differing.iter().map(|(_, seeds)| SeedRange::count(seeds)).sum(),
+        rerun: *rerun,
+    }
 }

@@ -1,13 +1,15 @@
 //! How a stage ends: the decision told, the evidence written with the change of state, a rejection closed.
 
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
-use holdpoint_governance::decision::{Decision, Kappa, Reason, lead_reason};
+use holdpoint_governance::decision::{Decision, Kappa, lead_reason};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::ProgressView;
+use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{AuditBody, Change};
 
@@ -25,7 +27,7 @@ pub(crate) fn progress(
     evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
     stage: Stage,
-    what: &str,
+    what: WorkUnit,
     (done, budget): (u64, u64),
 ) {
     let now_ms = record.now_ms();
@@ -33,9 +35,8 @@ pub(crate) fn progress(
     let before = evidence_file.progress.as_ref();
     let since_ms = before.filter(|view| view.stage == stage).map_or(now_ms, |view| view.since_ms);
     let early = early(stage).to_owned();
-    evidence_file.progress =
-        Some(ProgressView { stage, what: what.to_owned(), done, budget, since_ms, early });
-    record.tell(EventKind::Progress { version: id.clone(), stage, what: what.to_owned(), done, budget });
+    evidence_file.progress = Some(ProgressView { stage, what: what.into(), done, budget, since_ms, early });
+    record.tell(EventKind::Progress { version: id.clone(), stage, what: what.into(), done, budget });
 }
 
 /// What can end a stage before its budget is used up, one sentence.
@@ -76,7 +77,7 @@ pub(crate) fn stage_note<O: serde::Serialize>(
     evidence_file: &EvidenceFile,
     id: &CapabilityId,
     kind: EvidenceKind,
-    reason: String,
+    reason: Notice,
     decision: &Decision<O>,
 ) -> Result<TransitionNote, EngineFault> {
     let json = serde_json::to_string(evidence_file)?;
@@ -85,7 +86,7 @@ pub(crate) fn stage_note<O: serde::Serialize>(
     let body = recorded_decision::body(decision, evidence_file)?;
     let record = AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body };
     Ok(TransitionNote {
-        reason,
+        reason: reason.into(),
         cause: None,
         before: vec![evidence, scores(evidence_file, id)],
         after: Vec::new(),
@@ -113,7 +114,7 @@ pub(crate) fn close_rejected(
     id: &CapabilityId,
 ) -> Result<(), EngineFault> {
     let (key, priority) = (AlarmKey::Rejected(id.clone()), context.profile.alarms.rejected);
-    record.raise(key.clone(), priority, false, &format!("{id} was rejected"));
+    record.raise(key.clone(), priority, false, Notice::Rejected { version: id.clone() });
     record.alarm_event(&AlarmEvent::Clear { key });
     record.close_audit(id, UpgradeEnd::Rejected)
 }
@@ -123,7 +124,7 @@ pub(crate) fn abort_stage(
     record: &mut EngineRecorder,
     evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
-    why: &str,
+    why: Notice,
 ) -> Result<(), EngineFault> {
     let (version, _, _) = record.version_table().version(id)?;
     evidence_files.edit(id).progress = None;
@@ -138,13 +139,12 @@ pub(crate) fn cancel_request(
     evidence_files: &mut EvidenceFiles,
     approvals: &mut Approvals,
     id: &CapabilityId,
-    why: &str,
+    why: Notice,
 ) -> Result<(), EngineFault> {
     let Some(pending) = approvals.of(id) else { return Ok(()) };
     let (version, lifecycle, _) = record.version_table().version(id)?;
     let flags = lifecycle.flags;
-    let reason = format!("{id}: {why}; what people were asked is void");
-    let note = closing_note(pending, RequestState::Void, &reason);
+    let note = closing_note(pending, RequestState::Void, why.clone());
     if flags.awaiting_approval {
         record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
     } else {
@@ -152,15 +152,14 @@ pub(crate) fn cancel_request(
     }
     approvals.close(id);
     clear_alarm(record, id, None);
-    record.tell(EventKind::Voided { family: id.family.clone(), reason: reason.clone() });
+    record.tell(EventKind::Voided { family: id.family.clone(), reason: why.clone().into() });
     if flags.running == Some(Stage::Activation) {
-        abort_stage(record, evidence_files, id, &reason)?;
+        abort_stage(record, evidence_files, id, why)?;
     }
     Ok(())
 }
 
-/// The deciding reason as a sentence with its name.
-pub(crate) fn first_reason<O>(decision: &Decision<O>) -> String {
-    let text = |reason: &Reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason));
-    lead_reason(decision.reasons()).map_or_else(|| "no reason was given".to_owned(), text)
+/// The deciding reason.
+pub(crate) fn first_reason<O>(decision: &Decision<O>) -> Notice {
+    Notice::decided(lead_reason(decision.reasons()))
 }

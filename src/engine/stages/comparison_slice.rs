@@ -3,6 +3,7 @@
 use holdpoint_governance::evidence::SandboxMode;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
+use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 
@@ -27,7 +28,7 @@ pub(super) struct ComparisonSlice<'a> {
     pub(super) plan: EvaluationPlan,
     /// The stage and the name in progress reports.
     pub(super) stage: Stage,
-    pub(super) what: &'static str,
+    pub(super) what: fn(WorkUnit) -> WorkUnit,
 }
 
 /// Runs one slice, stores its traces and reports progress. Returns the number of episodes run.
@@ -55,7 +56,7 @@ pub(super) fn work_slice(
         let now_ms = record.now_ms();
         keep_trace(store, of.cell, of.id, SandboxMode::Confirmation, of.conditions, &fresh, now_ms)?;
     }
-    let what = format!("{}, {}", of.what, slice.what);
-    progress(record, evidence_files, of.id, of.stage, &what, (slice.done, of.plan.budget()));
+    let what = (of.what)(slice.what);
+    progress(record, evidence_files, of.id, of.stage, what, (slice.done, of.plan.budget()));
     Ok(fresh.len() as u64)
 }

@@ -11,6 +11,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::Change;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
@@ -28,9 +29,6 @@ use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan};
 use crate::version_concern::Confirmation;
-
-/// Its name in progress reports.
-const WHAT: &str = "confirmation";
 
 /// A confirmation under way.
 pub struct ConfirmationRun {
@@ -83,7 +81,7 @@ pub fn begin(
         ..binding(context, record.version_table(), &candidate)
     };
     let plan = EvaluationPlan::confirmation(&context.profile);
-    progress(record, evidence_files, id, Stage::Sandbox, WHAT, (0, plan.budget()));
+    progress(record, evidence_files, id, Stage::Sandbox, WorkUnit::Confirmation, (0, plan.budget()));
     let evaluation = Evaluation::new(plan, binding, Vec::new());
     Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, evaluation })))
 }
@@ -137,7 +135,7 @@ pub fn slice(
         conditions: Conditions::Sandbox,
         plan: EvaluationPlan::confirmation(&context.profile),
         stage: Stage::Sandbox,
-        what: WHAT,
+        what: WorkUnit::of_confirmation,
     };
     let worked = work_slice(context, trials, record, evidence_files, &compared, &mut run.evaluation)?;
     Ok(ConfirmationStep::GoOn(run, worked))

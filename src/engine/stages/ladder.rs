@@ -4,6 +4,7 @@
 
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure, RungRecord};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Change;
@@ -19,7 +20,7 @@ pub(crate) fn rung(
     rollback: &mut RollbackRecord,
     rung: Rung,
     failure: Option<RungFailure>,
-    text: &str,
+    text: Notice,
 ) {
     push_rung(record, rollback, RungRecord::new(rung, failure, 0, text));
 }
@@ -48,8 +49,8 @@ pub(crate) fn conclude(
     record.write(vec![evidence(&rollback)?], Vec::new())?;
     if rollback.recovered == Some(false) {
         let priority = context.profile.alarms.safe_stopped;
-        let text = format!("{} is back to its predecessor and does not work safely", id.family);
-        record.raise(AlarmKey::NotRecovered(id.family.clone()), priority, true, &text);
+        let notice = Notice::NotRecovered { family: id.family.clone() };
+        record.raise(AlarmKey::NotRecovered(id.family.clone()), priority, true, notice);
     }
     if !alarmed {
         raise_rolled_back(context, record, &rollback);
@@ -63,8 +64,9 @@ pub(crate) fn conclude(
 pub(crate) fn raise_rolled_back(context: &Context, record: &mut EngineRecorder, rollback: &RollbackRecord) {
     let id = &rollback.candidate;
     let priority = context.profile.alarms.rolled_back;
-    let text = format!("{id} was rolled back: {}", rollback.trigger.text);
-    record.raise(AlarmKey::RolledBack(id.clone()), priority, true, &text);
+    let trigger = Box::new(rollback.trigger.text.clone());
+    let notice = Notice::RolledBack { version: id.clone(), trigger };
+    record.raise(AlarmKey::RolledBack(id.clone()), priority, true, notice);
 }
 
 /// The record as the store keeps it.

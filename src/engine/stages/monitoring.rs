@@ -7,6 +7,7 @@ use holdpoint_governance::distribution_shift::{is_live_look_due, live_shifts, li
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent};
 use holdpoint_governance::monitor::{MonitorAction, MonitorDecision};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::rollback::{Trigger, TriggerKind};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
@@ -258,15 +259,11 @@ impl LiveMonitoring<'_> {
             MonitorAction::Escalate => escalated(self.context, self.record, id, decision),
             MonitorAction::Rollback => {
                 tell_monitor(self.record, id, decision.action, &decision.reasons)?;
-                let text = decision.reasons.first().map_or_else(
-                    || "monitor".to_owned(),
-                    |reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason)),
-                );
                 self.evidence_files.edit(id).reasons.clone_from(&decision.reasons);
                 let trigger = Trigger {
                     kind: TriggerKind::of(&decision.reasons, silent),
                     event: trip.and_then(|trip| trip.event),
-                    text,
+                    text: Notice::decided(decision.reasons.first()).into(),
                     tick: decision.tick,
                 };
                 self.deactivate(id, trigger, trip, DeactivationKind::RolledBack)
@@ -356,8 +353,8 @@ fn escalated(
     let cause = decision.reasons.first().map(|reason| reason.code);
     let silent = cause == Some(ReasonCode::MonitorTelemetryMissing);
     let priority = if silent { alarms.telemetry_silent } else { alarms.escalated };
-    let text = format!("{id}: people are needed");
-    record.raise(AlarmKey::Escalated(id.clone()), priority, true, &text);
+    let notice = Notice::Escalated { version: id.clone() };
+    record.raise(AlarmKey::Escalated(id.clone()), priority, true, notice);
     Ok(())
 }
 
@@ -386,9 +383,8 @@ fn raise_concern(
     id: &CapabilityId,
     reasons: Vec<Reason>,
 ) -> Result<(), EngineFault> {
-    let sentences: Vec<String> = reasons.iter().map(holdpoint_wording::reason).collect();
-    let text = format!("behavior shifted: {}", sentences.join("; "));
-    record.raise(AlarmKey::Shifted(id.clone()), context.profile.alarms.degraded, true, &text);
+    let notice = Notice::Shifted { reasons: reasons.clone() };
+    record.raise(AlarmKey::Shifted(id.clone()), context.profile.alarms.degraded, true, notice);
     let evidence_file = evidence_files.edit(id);
     if evidence_file.suspicion.is_some() {
         return Ok(());
@@ -431,17 +427,15 @@ pub fn restrict_on_demand(
     reasons: &[Reason],
 ) -> Result<(), EngineFault> {
     let (version, _, _) = record.version_table().version(id)?;
-    let reason = reasons
-        .first()
-        .map_or_else(String::new, |reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason)));
+    let reason = Notice::decided(reasons.first());
     record.transition(&id.family, LifecycleEvent::Restrict { version }, TransitionNote::because(reason))?;
     if let Some(watched) = monitors.of_mut(id) {
         watched.restricted = true;
     }
     tell_monitor(record, id, MonitorAction::Restrict, reasons)?;
     let priority = context.profile.alarms.restricted;
-    let text = format!("{id} is restricted");
-    record.raise(AlarmKey::Restricted(id.clone()), priority, true, &text);
+    let notice = Notice::Restricted { version: id.clone() };
+    record.raise(AlarmKey::Restricted(id.clone()), priority, true, notice);
     Ok(())
 }
 
@@ -472,7 +466,7 @@ pub fn maybe_confirm(
     if !provisional {
         return Ok(());
     }
-    let note = TransitionNote::because("the provisional window passed without a trip");
+    let note = TransitionNote::because(Notice::WindowPassed);
     record.transition(&id.family, LifecycleEvent::Confirm { version }, note)?;
     record.tell(EventKind::Confirmed { version: id.clone(), episodes });
     record.close_audit(id, UpgradeEnd::Confirmed)

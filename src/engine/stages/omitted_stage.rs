@@ -5,6 +5,7 @@ use holdpoint_governance::composition::{PsiContext, psi};
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::store_terms::EvidenceKind;
@@ -58,13 +59,7 @@ pub fn pass_over(
         conditions: evidence_file.conditions.clone(),
         deployment: evidence_file.deployment,
     });
-    let note = stage_note(
-        evidence_file,
-        id,
-        kind,
-        format!("{}: {}", reason.code, holdpoint_wording::reason(&reason)),
-        &decision,
-    )?;
+    let note = stage_note(evidence_file, id, kind, Notice::decided(Some(&reason)), &decision)?;
     let (version, _, _) = record.version_table().version(id)?;
     record.transition(&id.family, LifecycleEvent::Pass { version, stage }, note)?;
     Ok(())

@@ -7,13 +7,15 @@
 //! beside its predecessor. A first version has no predecessor to compare with or to activate.
 
 use holdpoint_governance::cached_result::CacheLocation;
-use holdpoint_governance::decision::Dimension;
+use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::distribution_shift::{is_cleared, re_evaluation_reasons};
 use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_sim::distribution::Drift;
 
@@ -32,9 +34,6 @@ use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan};
 use crate::version_concern::ReEvaluationEvidence;
 use crate::world::live::LiveCell;
-
-/// Its name in progress reports.
-const WHAT: &str = "behavior shifted: re-evaluation";
 
 /// A version under re-evaluation.
 pub struct ReEvaluationRun {
@@ -102,7 +101,7 @@ pub fn begin(
         ..binding(context, record.version_table(), &candidate)
     };
     let plan = EvaluationPlan::re_evaluation(&context.profile);
-    progress(record, evidence_files, id, Stage::Shadow, WHAT, (0, plan.budget()));
+    progress(record, evidence_files, id, Stage::Shadow, WorkUnit::ReEvaluation, (0, plan.budget()));
     Ok(Some(Box::new(ReEvaluationRun {
         id: id.clone(),
         before,
@@ -125,7 +124,7 @@ pub enum ReEvaluationStep {
     /// The concern about the active version is settled.
     Cleared(CapabilityId),
     /// The active version is not cleared, for this reason.
-    NotCleared(CapabilityId, String),
+    NotCleared(CapabilityId, Option<Box<Reason>>),
 }
 
 /// One slice of a run.
@@ -146,7 +145,7 @@ pub fn slice(
     }
     let candidate = record.capability(&id)?;
     if run.shadow.is_some() && binding(context, record.version_table(), &candidate) != run.binding {
-        abort_stage(record, evidence_files, &id, "the active version or the profile changed meanwhile")?;
+        abort_stage(record, evidence_files, &id, Notice::ActiveOrProfileChanged)?;
         return Ok(ReEvaluationStep::Gone);
     }
     if run.evaluation.is_refuted() {
@@ -166,7 +165,7 @@ pub fn slice(
         conditions: Conditions::Live,
         plan: EvaluationPlan::re_evaluation(&context.profile),
         stage: Stage::Shadow,
-        what: WHAT,
+        what: WorkUnit::of_re_evaluation,
     };
     let worked = work_slice(context, trials, record, evidence_files, &compared, &mut run.evaluation)?;
     Ok(ReEvaluationStep::GoOn(run, worked))
@@ -202,7 +201,7 @@ fn conclude(
     let reasons = re_evaluation_reasons(&again.behavior, count, Dimension::Monitor);
     let cleared = is_cleared(&again.behavior);
     let decision = if cleared { MonitorOutcome::Settled } else { MonitorOutcome::DoubtRemains };
-    let why = reasons.first().map(holdpoint_wording::reason).unwrap_or_default();
+    let why = reasons.first().cloned().map(Box::new);
     record.tell(EventKind::Monitor { version: id.clone(), decision, reasons: reasons.clone() });
     if cleared {
         return Ok(ReEvaluationStep::Cleared(id));

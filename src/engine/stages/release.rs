@@ -8,6 +8,7 @@ use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, State};
 use holdpoint_governance::monitor::{MonitorAction, MonitorAnswer, normal_rates};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
@@ -41,7 +42,9 @@ pub(crate) fn release(
         });
     }
     if !live.context.needs_approval() {
-        lift(live, &id, &operation.by, &operation.reason, TransitionNote::default())?;
+        let Operation { by, reason, .. } = operation;
+        let notice = Notice::RestrictionLifted { by: by.clone(), reason: reason.clone() };
+        lift(live, &id, by, reason, notice)?;
         return Ok(Reply::Accepted { text: format!("{id} has its full envelope again"), version: Some(id) });
     }
     if approvals.of(&id).is_some() {
@@ -74,17 +77,18 @@ pub(crate) fn settle(
             let Some(prompt) = approvals.of(id) else { return Ok(last) };
             let by = people.iter().cloned().collect::<Vec<_>>().join(", ");
             let (version, _, _) = live.record.version_table().version(id)?;
-            let note = closing_note(prompt, RequestState::Granted, "people released it");
+            let note = closing_note(prompt, RequestState::Granted, Notice::ReleaseApproved);
             let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
             let answered = prompt.last_voter();
             live.record.transition(&id.family, event, note)?;
             approvals.close(id);
             clear_alarm(live.record, id, answered);
-            lift(live, id, &by, "people approved its release", TransitionNote::default())?;
+            let notice = Notice::RestrictionLiftedByApprovers { by: by.clone() };
+            lift(live, id, &by, "people approved its release", notice)?;
             Ok(format!("{id} has its full envelope again"))
         }
         ApprovalOutcome::Refused { person } => {
-            close(live.record, approvals, id, RequestState::Refused, "its release was refused")?;
+            close(live.record, approvals, id, RequestState::Refused, Notice::ReleaseRefused)?;
             Ok(format!("{id} stays restricted: {person} refused"))
         }
         ApprovalOutcome::TimedOut | ApprovalOutcome::NotNeeded => {
@@ -100,13 +104,7 @@ pub(crate) fn lapse(
     approvals: &mut Approvals,
     id: &CapabilityId,
 ) -> Result<(), EngineFault> {
-    close(
-        record,
-        approvals,
-        id,
-        RequestState::Expired,
-        "too few people answered in time; it stays restricted",
-    )
+    close(record, approvals, id, RequestState::Expired, Notice::ReleaseLapsed)
 }
 
 fn close(
@@ -114,7 +112,7 @@ fn close(
     approvals: &mut Approvals,
     id: &CapabilityId,
     state: RequestState,
-    why: &str,
+    why: Notice,
 ) -> Result<(), EngineFault> {
     let Some(prompt) = approvals.of(id) else { return Ok(()) };
     let note = closing_note(prompt, state, why);
@@ -136,11 +134,11 @@ fn lift(
     id: &CapabilityId,
     by: &str,
     reason: &str,
-    note: TransitionNote,
+    notice: Notice,
 ) -> Result<(), EngineFault> {
     let (version, _, _) = live.record.version_table().version(id)?;
     let answer = serde_json::json!({ "answer": MonitorAnswer::Release, "by": by, "reason": reason });
-    let mut note = TransitionNote { reason: format!("released by {by}: {reason}"), ..note };
+    let mut note = TransitionNote::because(notice);
     note.audit.push(AuditBody {
         kind: RecordKind::MonitorAnswer,
         subject: id.to_string(),
@@ -221,13 +219,12 @@ pub(crate) fn set_profiles(
         } else {
             LifecycleEvent::Open { version, profile }
         };
-        let how = if closed { "blocked" } else { "unblocked" };
-        let why = format!(
-            "it is {how} under the profile {}, by {}: {}",
-            profile.name(),
-            operation.by,
-            operation.reason
-        );
+        let (by, reason) = (operation.by.clone(), operation.reason.clone());
+        let why = if closed {
+            Notice::ProfileBlocked { profile, by, reason }
+        } else {
+            Notice::ProfileUnblocked { profile, by, reason }
+        };
         let mut note = TransitionNote::because(why);
         if index == 0 {
             note.audit.push(AuditBody {

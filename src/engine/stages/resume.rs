@@ -6,6 +6,7 @@
 use holdpoint_governance::evidence::HardStop;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::monitor::SafetyEvent;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure, RungRecord};
 use holdpoint_runtime::task::TaskRecord;
 
@@ -78,9 +79,8 @@ pub(crate) fn end(
 ) -> Result<(), EngineFault> {
     for resumption in std::mem::take(resumptions) {
         let Resumption { record: mut rollback, alarmed, .. } = resumption;
-        let text = "the engine ended before it was known whether the family recovered";
         let failure = Some(RungFailure::NotRecovered);
-        push_rung(record, &mut rollback, RungRecord::new(Rung::Resume, failure, 0, text));
+        push_rung(record, &mut rollback, RungRecord::new(Rung::Resume, failure, 0, Notice::RecoveryUnknown));
         conclude(context, record, rollback, alarmed)?;
     }
     Ok(())
@@ -118,15 +118,15 @@ pub(crate) fn close(
     let Resumption { record: mut rollback, events, from_ms, alarmed, .. } = resumption;
     let recovered = rollback.resumed_tasks > 0 && events.is_empty();
     rollback.recovered = Some(recovered);
-    let text = match (events.first(), rollback.resumed_tasks) {
-        (Some(event), tasks) => format!("{}, a safety event, in task {tasks} under it", event.name()),
-        (None, 0) => format!("its task was not reached in {RESUME_SEQUENCES_MAX} sequences"),
-        (None, tasks) => format!("the first {tasks} tasks under it were without a safety event"),
+    let notice = match (events.first(), rollback.resumed_tasks) {
+        (Some(event), tasks) => Notice::UnsafeAfterRollback { event: *event, task: tasks.into() },
+        (None, 0) => Notice::TargetTaskNotReached { sequences: RESUME_SEQUENCES_MAX.into() },
+        (None, tasks) => Notice::SafeAfterRollback { tasks: tasks.into() },
     };
     let rate = u64::from(holdpoint_body::RATE_HZ);
     let ticks = (record.now_ms() - from_ms) * rate / 1000;
     let failure = (!recovered).then_some(RungFailure::NotRecovered);
-    push_rung(record, &mut rollback, RungRecord::new(Rung::Resume, failure, ticks, text));
+    push_rung(record, &mut rollback, RungRecord::new(Rung::Resume, failure, ticks, notice));
     conclude(context, record, rollback, alarmed)
 }
 

@@ -7,6 +7,7 @@
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State, VersionRef};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
@@ -34,7 +35,7 @@ use crate::world::painter::LadderPainter;
 use crate::world::supervisor::Trip;
 
 /// What sets a rollback off now.
-pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: impl Into<String>) -> Trigger {
+pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) -> Trigger {
     Trigger { kind, event: None, text: text.into(), tick: record.now_tick() }
 }
 
@@ -66,7 +67,8 @@ impl Rollback<'_> {
         }
         let target = lifecycle.predecessor;
         if !lifecycle.flags.rollback_pending {
-            let note = TransitionNote::because(format!("command authority is revoked: {}", trigger.text));
+            let note =
+                TransitionNote::because(Notice::AuthorityRevoked { trigger: Box::new(trigger.text.clone()) });
             self.record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note)?;
         }
         let mut record = RollbackRecord {
@@ -84,7 +86,7 @@ impl Rollback<'_> {
             recovered: None,
             resumed_tasks: 0,
         };
-        rung(self.record, &mut record, Rung::RevokeAuthority, None, "the version gives no command any more");
+        rung(self.record, &mut record, Rung::RevokeAuthority, None, Notice::NoMoreCommands);
         let descent = self.come_to_rest(id, trip, &mut record)?;
         self.monitors.remove(&id.family);
         if !descent.held() {
@@ -94,13 +96,7 @@ impl Rollback<'_> {
             return self.safe_stop(id, version, record).map(|()| None);
         };
         let failure = self.policy_failure();
-        rung(
-            self.record,
-            &mut record,
-            Rung::VerifyPolicy,
-            failure,
-            "policy table and context against the profile",
-        );
+        rung(self.record, &mut record, Rung::VerifyPolicy, failure, Notice::PoliciesCompared);
         if failure.is_some() {
             return self.safe_stop(id, version, record).map(|()| None);
         }
@@ -117,10 +113,9 @@ impl Rollback<'_> {
         let Ok(watched) =
             ActivationMonitor::reactivated(&predecessor.id(), self.record, evidence_file, self.context)
         else {
-            let text =
-                format!("no monitor can be set up for {}, whose window is not passed", predecessor.id());
+            let notice = Notice::TargetUnmonitored { version: predecessor.id() };
             let failed = Some(RungFailure::PredecessorFailed);
-            rung(self.record, &mut record, Rung::ReadyPredecessor, failed, &text);
+            rung(self.record, &mut record, Rung::ReadyPredecessor, failed, notice);
             return self.safe_stop(id, version, record).map(|()| None);
         };
         record.post_status = leave.into();
@@ -137,12 +132,12 @@ impl Rollback<'_> {
                 if let Some(watched) = watched {
                     self.monitors.insert(watched);
                 }
-                let text = self.give_up(record.in_flight);
-                rung(self.record, &mut record, Rung::SwapBinding, None, &text);
+                let notice = self.give_up(record.in_flight);
+                rung(self.record, &mut record, Rung::SwapBinding, None, notice);
             }
             Err(EngineFault::VersionTable(VersionTableError::Store(error))) => {
-                let text = format!("the swap could not be written: {}", error.sentence());
-                rung(self.record, &mut record, Rung::SwapBinding, Some(RungFailure::StoreFailed), &text);
+                let notice = Notice::SwapFailed { problem: error.sentence() };
+                rung(self.record, &mut record, Rung::SwapBinding, Some(RungFailure::StoreFailed), notice);
                 return self.safe_stop(id, version, record).map(|()| None);
             }
             Err(fault) => return Err(fault),
@@ -165,12 +160,12 @@ impl Rollback<'_> {
                 rig.arm_mut().body_mut().draw(sketch);
                 let descended = rig.descend(&leaving, &terms, trip);
                 rig.arm_mut().body_mut().draw(None);
-                descended.map_err(|error| format!("the body failed: {error}"))
+                descended.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
             }
-            None => Err("the arm is at work and out of reach".to_owned()),
+            None => Err(Notice::ArmOutOfReach),
         };
-        let descent = descended.unwrap_or_else(|text| {
-            let rung = RungRecord::new(Rung::Hold, Some(RungFailure::NoStandstill), 0, text);
+        let descent = descended.unwrap_or_else(|notice| {
+            let rung = RungRecord::new(Rung::Hold, Some(RungFailure::NoStandstill), 0, notice);
             Descent { rungs: vec![rung], safe_ticks: None, ticks: 0, ticks_here: 0, motion_ticks: 0 }
         });
         self.record.advance(ticks_to_ms(descent.ticks_here));
@@ -199,14 +194,14 @@ impl Rollback<'_> {
         let profile = self.context.profile.name;
         let shut = known.as_ref().and_then(|known| {
             let version_table = self.record.version_table();
-            let why =
+            let refusal =
                 not_admitted(self.context, version_table, &version_table.version(known).ok()?.2.capability)?;
-            Some(format!("there is no version to go back to: {known} {}", why.text(profile)))
+            Some(Notice::TargetNotAdmitted { version: known.clone(), profile, refusal })
         });
-        let loaded = match &known {
-            Some(_) if shut.is_some() => Err((RungFailure::PredecessorMissing, shut.unwrap_or_default())),
-            None => Err((RungFailure::PredecessorMissing, "there is no version to go back to".to_owned())),
-            Some(known) => self.record.version_table().reload(known).map_err(|error| {
+        let loaded = match (&known, shut) {
+            (Some(_), Some(shut)) => Err((RungFailure::PredecessorMissing, shut)),
+            (None, _) => Err((RungFailure::PredecessorMissing, Notice::NoTarget)),
+            (Some(known), None) => self.record.version_table().reload(known).map_err(|error| {
                 let failure = match error {
                     VersionTableError::Store(_) => RungFailure::StoreFailed,
                     VersionTableError::UnknownFamily(_) | VersionTableError::UnknownVersion(_) => {
@@ -218,17 +213,17 @@ impl Rollback<'_> {
                     | VersionTableError::Record { .. }
                     | VersionTableError::DigestDiffers { .. } => RungFailure::DigestMismatch,
                 };
-                (failure, error.to_string())
+                (failure, Notice::TargetUnreadable { problem: error.to_string() })
             }),
         };
         match loaded {
             Ok(predecessor) => {
-                let text = format!("{} is in the store and true to its digest", predecessor.id());
-                rung(self.record, record, Rung::LoadPredecessor, None, &text);
+                let notice = Notice::TargetVerified { version: predecessor.id() };
+                rung(self.record, record, Rung::LoadPredecessor, None, notice);
                 Some(predecessor)
             }
-            Err((failure, text)) => {
-                rung(self.record, record, Rung::LoadPredecessor, Some(failure), &text);
+            Err((failure, notice)) => {
+                rung(self.record, record, Rung::LoadPredecessor, Some(failure), notice);
                 None
             }
         }
@@ -246,21 +241,14 @@ impl Rollback<'_> {
     }
 
     /// The current task ends with its sequence; the version that takes over runs the goal from its first primitive.
-    fn give_up(&mut self, in_flight: bool) -> String {
-        const BOUND: &str = "the predecessor is bound again";
-        const REPLAN: &str = "the next sequence plans the goal from its first task";
+    fn give_up(&mut self, in_flight: bool) -> Notice {
         // A task that failed and ended is in flight no more.
         let given_up = self.world.cell.rig_mut().map(Rig::give_up).filter(|_| in_flight);
         match given_up {
-            Some(AbandonedGoal { in_flight: Some(task), planned }) => {
-                format!(
-                    "{BOUND}; {} in flight and {planned} planned after it are given up, {REPLAN}",
-                    task.name()
-                )
+            Some(AbandonedGoal { in_flight, planned }) => {
+                Notice::TargetBound { task: in_flight, planned: planned as u64 }
             }
-            Some(AbandonedGoal { in_flight: None, .. }) | None => {
-                format!("{BOUND}; nothing was in flight, {REPLAN}")
-            }
+            None => Notice::TargetBound { task: None, planned: 0 },
         }
     }
 
@@ -272,12 +260,12 @@ impl Rollback<'_> {
                 rig.arm_mut().body_mut().draw(sketch);
                 let ready = rig.ready(predecessor, &terms);
                 rig.arm_mut().body_mut().draw(None);
-                ready.map_err(|error| format!("the body failed: {error}"))
+                ready.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
             }
-            None => Err("the arm is at work and out of reach".to_owned()),
+            None => Err(Notice::ArmOutOfReach),
         };
-        ready.unwrap_or_else(|text| {
-            RungRecord::new(Rung::ReadyPredecessor, Some(RungFailure::PredecessorFailed), 0, text)
+        ready.unwrap_or_else(|notice| {
+            RungRecord::new(Rung::ReadyPredecessor, Some(RungFailure::PredecessorFailed), 0, notice)
         })
     }
 
@@ -306,19 +294,17 @@ impl Rollback<'_> {
         record.time_to_restored_ticks = None;
         record.time_to_restored_ms = None;
         record.recovered = Some(false);
-        let why = record.stopped_by().map_or("a rung failed", RungFailure::name);
+        let failure = record.stopped_by();
+        let trigger = Box::new(record.trigger.text.clone());
         let note = TransitionNote {
             cause: Some(ActiveCause::Vacate),
             before: vec![evidence(&record)?],
-            ..TransitionNote::because(format!(
-                "a rung of the rollback failed ({why}); the family is stopped ({})",
-                record.trigger.text
-            ))
+            ..TransitionNote::because(Notice::RollbackFailed { failure, trigger })
         };
         self.record.transition(&id.family, LifecycleEvent::FailRollback { version }, note)?;
         let priority = self.context.profile.alarms.safe_stopped;
-        let text = format!("the family {} is safe-stopped ({why}): no version is active", id.family);
-        self.record.raise(AlarmKey::SafeStopped(id.family.clone()), priority, true, &text);
+        let notice = Notice::SafeStopped { family: id.family.clone(), failure };
+        self.record.raise(AlarmKey::SafeStopped(id.family.clone()), priority, true, notice);
         self.record.tell(event(record));
         self.record.close_audit(id, PostStatus::SafeStopped.into())
     }

@@ -5,12 +5,14 @@ use holdpoint_governance::ablation::AblationPart;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
-use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{DrillTallies, EvidenceBinding, HardStop, SandboxMode, SoloEpisode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
+use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
@@ -147,13 +149,11 @@ impl Sandbox<'_> {
         let candidate = self.record.capability(&id)?;
         let over = SandboxStep { run: None, episodes: 0 };
         let Some(active) = self.record.active_of(&id.family) else {
-            let why = "the family has no active version to compare with";
-            abort_stage(self.record, self.evidence_files, &id, why)?;
+            abort_stage(self.record, self.evidence_files, &id, Notice::NoActiveVersion)?;
             return Ok(over);
         };
         if binding(self.context, self.record.version_table(), &candidate) != run.binding {
-            let why = "the active version or the profile changed meanwhile";
-            abort_stage(self.record, self.evidence_files, &id, why)?;
+            abort_stage(self.record, self.evidence_files, &id, Notice::ActiveOrProfileChanged)?;
             return Ok(over);
         }
         let mut episodes = 0;
@@ -245,7 +245,7 @@ impl Sandbox<'_> {
         comparison.records.0.extend(new);
         comparison.records.1.extend(old);
         let done = (2 * MODE_EPISODES + slice.done, budget(self.context));
-        progress(self.record, self.evidence_files, id, Stage::Sandbox, &slice.what, done);
+        progress(self.record, self.evidence_files, id, Stage::Sandbox, slice.what, done);
         Ok(())
     }
 
@@ -270,7 +270,7 @@ impl Sandbox<'_> {
         evidence_file.hard_stops = evaluation.paired().hard_stops;
         evidence_file.searched = search.found(&self.context.cell.sandbox);
         let done = 2 * MODE_EPISODES + evaluation.done() + search.done();
-        let what = "a search for the worst episode";
+        let what = WorkUnit::WorstCaseSearch;
         progress(self.record, self.evidence_files, &id, Stage::Sandbox, what, (done, budget(self.context)));
         Ok(worked.len() as u64)
     }
@@ -337,7 +337,7 @@ impl Sandbox<'_> {
             self.evidence_files,
             &id,
             Stage::Sandbox,
-            mode.name(),
+            mode.into(),
             (done, budget(self.context)),
         );
         Ok(true)
@@ -412,16 +412,10 @@ impl Sandbox<'_> {
 /// no other check tests how well it can be stopped.
 fn report_weakness(record: &mut EngineRecorder, active: &CapabilityId, kappas: &Kappas, priority: Priority) {
     let weak = kappas.recovery.reasons.iter().filter(|reason| reason.code == ReasonCode::RecoveryActiveWeak);
-    let sentences: Vec<String> = weak
-        .map(|reason| match (reason.evidence, reason.limit) {
-            (Some(found), Some(limit)) => {
-                format!("{} ({found:.2}, at least {limit:.2})", holdpoint_wording::reason(reason))
-            }
-            _ => holdpoint_wording::reason(reason),
-        })
-        .collect();
-    if !sentences.is_empty() {
-        record.raise(AlarmKey::WeakRecovery(active.clone()), priority, true, &sentences.join("; "));
+    let reasons: Vec<Reason> = weak.cloned().collect();
+    if !reasons.is_empty() {
+        let notice = Notice::WeakRecovery { reasons };
+        record.raise(AlarmKey::WeakRecovery(active.clone()), priority, true, notice);
     }
 }
 

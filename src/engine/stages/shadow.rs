@@ -3,14 +3,16 @@
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::composition::{PsiContext, psi_after_shadow};
 use holdpoint_governance::condition::shadow_needed;
-use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::distribution_shift::{apply_re_evaluation, compare_with_sandbox, is_suspicious};
 use holdpoint_governance::evidence::{EvidenceBinding, ShadowEvidence};
 use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::CheckResult;
 use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{Batch, Store};
 use holdpoint_sim::world::World;
@@ -92,7 +94,7 @@ pub fn take_along(
 ) -> Result<Option<Shadow>, EngineFault> {
     let candidate = record.capability(&run.id)?;
     if binding(context, record.version_table(), &candidate) != run.binding {
-        abort_stage(record, evidence_files, &run.id, "the active version or the profile changed meanwhile")?;
+        abort_stage(record, evidence_files, &run.id, Notice::ActiveOrProfileChanged)?;
         return Ok(None);
     }
     let fork = match run.fork.take() {
@@ -138,7 +140,7 @@ pub fn take_in(
     let stopped = !evidence_file.hard_stops.is_empty();
     let done = u32::try_from(run.traces.len()).unwrap_or(u32::MAX);
     let part = (u64::from(done), u64::from(run.budget));
-    progress(record, evidence_files, &id, Stage::Shadow, "shadow sequences", part);
+    progress(record, evidence_files, &id, Stage::Shadow, WorkUnit::ShadowSequences, part);
     if done < run.budget && run.tried < ATTEMPTS_FACTOR * run.budget && !stopped {
         return Ok(ShadowStep::GoOn(run));
     }
@@ -217,20 +219,16 @@ fn decide(
         conditions: evidence_file.conditions.clone(),
         deployment: evidence_file.deployment,
     });
-    let reason = result.reasons.first().map_or_else(
-        || "shadow is passed".to_owned(),
-        |reason| format!("{}: {}", reason.code, holdpoint_wording::reason(reason)),
-    );
+    let reason = match result.reasons.first() {
+        Some(reason) => Notice::decided(Some(reason)),
+        None => Notice::ShadowPassed,
+    };
     let note = stage_note(evidence_file, &id, EvidenceKind::Shadow, reason, &decision)?;
-    let shift: Vec<String> = result
-        .reasons
-        .iter()
-        .filter(|reason| reason.code == ReasonCode::ShadowShifted)
-        .map(holdpoint_wording::reason)
-        .collect();
-    if !shift.is_empty() {
-        let text = format!("behavior shifted: {}", shift.join("; "));
-        record.raise(AlarmKey::Shifted(id.clone()), profile.alarms.degraded, true, &text);
+    let is_shift = |reason: &&Reason| reason.code == ReasonCode::ShadowShifted;
+    let reasons: Vec<Reason> = result.reasons.iter().filter(is_shift).cloned().collect();
+    if !reasons.is_empty() {
+        let notice = Notice::Shifted { reasons };
+        record.raise(AlarmKey::Shifted(id.clone()), profile.alarms.degraded, true, notice);
     }
     let store = record.version_table().store();
     keep_traces(store, &id, &run.traces, record.now_ms())?;

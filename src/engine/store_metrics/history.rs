@@ -11,6 +11,7 @@ use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::metrics::store_metrics::HumanAct;
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd};
 use holdpoint_governance::site_profile::ProfileTexts;
@@ -114,14 +115,10 @@ fn act(kind: RecordKind, record: &AuditRecord) -> Option<HumanAct> {
         }
         RecordKind::StateSet => {
             let StateChangeBody { reason, .. } = change(record)?;
-            is_by_people(&reason).then_some(HumanAct::Refused)
+            reason.is_by_people().then_some(HumanAct::Refused)
         }
         _ => None,
     }
-}
-
-fn is_by_people(reason: &str) -> bool {
-    BY_PEOPLE.iter().any(|mark| reason.starts_with(mark))
 }
 
 #[derive(Deserialize)]
@@ -134,7 +131,7 @@ struct StateChangeBody {
     from: State,
     to: State,
     #[serde(default)]
-    reason: String,
+    reason: NoticeOrText,
 }
 
 #[derive(Deserialize)]
@@ -156,9 +153,6 @@ struct UpgradeOutcomeBody {
 struct DriftBody {
     kind: Option<serde_json::Value>,
 }
-
-/// The beginnings of the reasons of changes by persons.
-const BY_PEOPLE: [&str; 4] = ["rejected by ", "demoted by ", "approval-refused", "approval-timeout"];
 
 impl History {
     /// Reads the chain up to a record.
@@ -182,7 +176,7 @@ impl History {
                 if let (Some(StateChangeBody { from, to, reason }), Ok(id)) =
                     (change(&record), record.subject.parse())
                 {
-                    let by_people = is_by_people(&reason);
+                    let by_people = reason.is_by_people();
                     self.moves.entry(id).or_default().push(HistoryMove {
                         seq: record.seq,
                         from,

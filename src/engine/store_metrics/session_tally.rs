@@ -69,6 +69,7 @@ impl SessionTally {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::notice::NoticeOrText;
     use holdpoint_governance::rollback::{PostStatus, RollbackRecord, Trigger};
     use holdpoint_protocol::event::TaskSummary;
 
@@ -89,7 +90,7 @@ mod tests {
         let record = RollbackRecord {
             candidate: version.clone(),
             predecessor: None,
-            trigger: Trigger { kind, event: None, text: String::new(), tick: 0 },
+            trigger: Trigger { kind, event: None, text: NoticeOrText::default(), tick: 0 },
             in_flight: false,
             time_to_safe_ticks: None,
             time_to_safe_ms: None,

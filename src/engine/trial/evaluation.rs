@@ -29,6 +29,7 @@ use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, RecoveryAssessment};
+use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::task::TaskRecord;
 
 /// Pieces of the active version's undisturbed work in which its phases are looked for, on the first seeds of the drills.
@@ -47,7 +48,7 @@ const SLICES_AHEAD: usize = 2;
 /// What one slice did.
 #[derive(Debug)]
 pub struct Slice {
-    pub what: String,
+    pub what: WorkUnit,
     /// Pairs or drills worked in this slice.
     pub worked: u64,
     /// Pairs and drills worked so far.
@@ -219,21 +220,21 @@ impl Evaluation {
             Some(NextSlice::Pairs) => {
                 let Some(worked) = self.pair_slice(lab, candidate, active)? else { return Ok(None) };
                 records = worked;
-                "paired episodes".to_owned()
+                WorkUnit::PairedEpisodes
             }
             Some(NextSlice::Drills(kind)) => {
                 if !self.drill_slice(lab, candidate, active, kind)? {
                     return Ok(None);
                 }
-                format!("{} drills", kind.name())
+                WorkUnit::from(kind)
             }
             Some(NextSlice::Sequences) => {
                 if !self.sequence_slice(lab, candidate, active)? {
                     return Ok(None);
                 }
-                "whole sequences".to_owned()
+                WorkUnit::WholeSequences
             }
-            None => "nothing is left".to_owned(),
+            None => WorkUnit::NothingLeft,
         };
         self.turns += 1;
         self.update_end_reason(profile);

@@ -9,6 +9,7 @@ use holdpoint_sim::SimError;
 use super::instrumented::InstrumentedWorld;
 use super::live::Rig;
 use super::supervisor::Trip;
+use holdpoint_governance::notice::{Notice, RetreatObstacle};
 use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord};
 use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;
@@ -100,7 +101,7 @@ impl Rig {
             });
             let rung = if self.arm_mut().body().is_halted() {
                 // A person's stop outranks the retreat: the arm stays where it is.
-                RungRecord::new(Rung::Retract, None, 0, "the cell is stopped; the arm stays where it is")
+                RungRecord::new(Rung::Retract, None, 0, Notice::RetreatLeftOut { during: false })
             } else {
                 // The retreat is the runtime's own motion: no manifest declares it.
                 let mut own = terms.own_guard(leaving.manifest.permissions.authority);
@@ -130,13 +131,11 @@ impl Rig {
 }
 
 fn safe_abort(report: &RecoveryReport) -> RungRecord {
-    let (failure, text) = match report.stopped_by {
-        StoppedBy::Hook => (None, "the hook brought the arm to a standstill"),
-        StoppedBy::Interrupt | StoppedBy::Nothing => {
-            (Some(RungFailure::HookFailed), "the hook did not stop the arm; the interrupt takes over")
-        }
+    let (failure, notice) = match report.stopped_by {
+        StoppedBy::Hook => (None, Notice::HookStopped),
+        StoppedBy::Interrupt | StoppedBy::Nothing => (Some(RungFailure::HookFailed), Notice::HookDidNotStop),
     };
-    RungRecord::new(Rung::SafeAbort, failure, report.ticks_to_standstill, text)
+    RungRecord::new(Rung::SafeAbort, failure, report.ticks_to_standstill, notice)
 }
 
 /// Interrupts and waits for the standstill of every joint. Also returns the tick of this rung at which it began.
@@ -147,12 +146,11 @@ fn hold(handle: &mut ActuatorHandle<'_, InstrumentedWorld>) -> Result<(RungRecor
         handle.step(&Command::Hold)?;
         if standstill.observe(&handle.telemetry()) {
             let since = tick.saturating_sub(Standstill::TICKS as u64);
-            return Ok((RungRecord::new(Rung::Hold, None, tick, "every joint is at standstill"), since));
+            return Ok((RungRecord::new(Rung::Hold, None, tick, Notice::AtStandstill), since));
         }
     }
     let failure = Some(RungFailure::NoStandstill);
-    let text = "a joint still moves after the interrupt";
-    Ok((RungRecord::new(Rung::Hold, failure, HOLD_TICKS, text), HOLD_TICKS))
+    Ok((RungRecord::new(Rung::Hold, failure, HOLD_TICKS, Notice::StillMoving), HOLD_TICKS))
 }
 
 /// Raises the tool clear of everything, within the envelope of the version that leaves.
@@ -176,8 +174,8 @@ fn retract(
         seen = handle.telemetry();
         stands = standstill.observe(&seen);
         if stands && handle.body().is_halted() {
-            let text = "the cell was stopped during the retreat; the arm stays where it is";
-            return Ok(RungRecord::new(Rung::Retract, None, ticks, text));
+            let notice = Notice::RetreatLeftOut { during: true };
+            return Ok(RungRecord::new(Rung::Retract, None, ticks, notice));
         }
         if stands && seen.tool.distance_m(&up) < 0.01 {
             break;
@@ -186,16 +184,18 @@ fn retract(
     let touches = handover::touches(seen.contacts);
     let clear = stands && !touches && seen.tool.position[2] > CLEAR_HEIGHT_M;
     if clear {
-        return Ok(RungRecord::new(Rung::Retract, None, ticks, "the tool is clear of everything"));
+        return Ok(RungRecord::new(Rung::Retract, None, ticks, Notice::ToolClear));
     }
     // What cannot retreat is not left to try on.
     handle.interrupt(Interrupt::Stop);
-    let why = match checked.verdict {
-        GuardVerdict::Denied => "the guard refused the way up",
-        _ if touches => "the arm still touches something",
-        _ if !stands => "the arm did not come to a standstill",
-        _ => "the tool did not rise",
+    let obstacle = match checked.verdict {
+        GuardVerdict::Denied => RetreatObstacle::GuardRefused,
+        _ if touches => RetreatObstacle::Touching,
+        _ if !stands => RetreatObstacle::NoStandstill,
+        _ => RetreatObstacle::NotRisen,
     };
-    let text = format!("{why}, at {:.3} m", seen.tool.position[2]);
-    Ok(RungRecord::new(Rung::Retract, Some(RungFailure::RetreatBlocked), ticks, text))
+    #[allow(clippy::cast_possible_truncation, reason = "the height of a tool in a cell")]
+    let height_mm = (seen.tool.position[2] * 1e3).round() as i64;
+    let notice = Notice::RetreatFailed { obstacle, height_mm };
+    Ok(RungRecord::new(Rung::Retract, Some(RungFailure::RetreatBlocked), ticks, notice))
 }

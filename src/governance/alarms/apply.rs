@@ -5,6 +5,7 @@ use super::{
     Priority, SHELF_MS_MAX, Shelving, flood,
 };
 use crate::ids::is_name;
+use crate::notice::NoticeOrText;
 use crate::wall_time::WallTime;
 use holdpoint_text::Untrusted;
 
@@ -66,7 +67,7 @@ fn raise(
     book: &AlarmBook,
     key: &AlarmKey,
     (priority, latching): (Priority, bool),
-    text: &Untrusted,
+    text: &NoticeOrText,
     now_ms: u64,
 ) -> Result<Vec<AlarmChange>, AlarmError> {
     if key.to_string().len() > KEY_BYTES_MAX {
@@ -213,7 +214,7 @@ fn normal(key: &AlarmKey, now_ms: u64) -> Alarm {
         group: key.kind().topic(),
         priority: Priority::Low,
         latching: false,
-        text: Untrusted::default(),
+        text: NoticeOrText::default(),
         condition: false,
         acknowledged_by: Some(String::new()),
         reset_pending: false,

@@ -12,7 +12,7 @@ pub const FLOOD_END: usize = 5;
 pub const FLOOD_WINDOW_MS: u64 = 600_000;
 
 /// One row of the alarm list.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct AlarmGroup<'a> {
     /// The first one: it is most often the cause.
     pub first: &'a Alarm,

@@ -13,7 +13,7 @@ fn grasp() -> AlarmKey {
 }
 
 fn raise_as(key: AlarmKey, priority: Priority, latching: bool) -> AlarmEvent {
-    AlarmEvent::Raise { key, priority, latching, text: "slip".into() }
+    AlarmEvent::Raise { key, priority, latching, text: NoticeOrText::Text("slip".to_owned()) }
 }
 
 fn named(event: &str) -> AlarmEvent {

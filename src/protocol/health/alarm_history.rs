@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::clock::clock_time;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::calendar;
+use holdpoint_governance::notice::NoticeOrText;
 
 /// A step of an alarm's course, and the person who caused it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -48,14 +49,14 @@ pub fn duration_label(ms: u64) -> String {
 }
 
 /// One alarm from its raise until normal.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AlarmEpisode {
     /// Its name, e.g. `degraded:grasp@1.0.0`.
     pub alarm: String,
     /// The highest priority it had.
     pub priority: Priority,
     /// Its latest text; absent if the record does not repeat it.
-    pub text: Option<String>,
+    pub text: Option<NoticeOrText>,
     /// When it was raised, or first changed within the requested span.
     pub raised: AlarmStep,
     /// Whether it began before the requested span.
@@ -84,13 +85,12 @@ impl AlarmEpisode {
         end.saturating_sub(self.raised.at_ms)
     }
 
-    /// Its course, one sentence per step: the raise, people's actions with reasons, and how long it was open, or is at
+    /// Its course, one sentence per step without its text: the raise, people's actions with reasons, and how long it was open, or is at
     /// `now_ms`.
     #[must_use]
     pub fn sentences(&self, now_ms: u64) -> Vec<String> {
-        let mut sentences: Vec<String> = self.text.iter().cloned().collect();
         let before = if self.began_before { ", or before" } else { "" };
-        sentences.push(format!("raised by the engine {}{before}", self.raised.time_text()));
+        let mut sentences = vec![format!("raised by the engine {}{before}", self.raised.time_text())];
         for (what, step) in [
             ("acknowledged", &self.acknowledged),
             ("shelved", &self.shelved),

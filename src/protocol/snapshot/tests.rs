@@ -8,7 +8,7 @@ fn alarm(priority: Priority, state: AlarmState, since_ms: u64) -> AlarmView {
         subject: String::new(),
         state,
         priority,
-        text: String::new(),
+        text: NoticeOrText::default(),
         since_ms,
         state_below: state,
         latching: false,

@@ -8,6 +8,7 @@ use crate::rows::RowTime;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_protocol::film::FilmFrame;
+use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, PairsView, ShadowView, Snapshot};
 use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_text::Untrusted;
@@ -132,7 +133,9 @@ impl Drawing {
         }
         let first = self.monitored == 0;
         self.monitored = monitor.episodes;
-        for (index, (name, value, limit)) in monitor.charts.iter().enumerate() {
+        for (index, ChartView { rate, level, value, limit }) in monitor.charts.iter().enumerate() {
+            let name = format!("{rate} {level}");
+            let name = name.trim_end();
             let chart = format!("monitor/{}", part(name));
             if first {
                 let shown = Untrusted::new(name).display(TEXT_WIDTH_MAX).into_string();

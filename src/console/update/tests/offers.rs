@@ -8,6 +8,7 @@ use crate::views::hints;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
+use holdpoint_protocol::work_unit::WorkUnit;
 
 fn with(console: &mut TestConsole, change: impl FnOnce(&mut Snapshot)) {
     let mut now = snapshot(0, 'e');
@@ -212,7 +213,7 @@ fn at_work(version: &str) -> CandidateView {
     other.version = version.parse().unwrap();
     other.state = State::Validated;
     other.flags = VersionFlags { running: Some(Stage::Sandbox), ..VersionFlags::default() };
-    let (what, early) = ("paired episodes".to_owned(), String::new());
+    let (what, early) = (WorkUnit::PairedEpisodes.into(), String::new());
     other.progress =
         Some(ProgressView { stage: Stage::Sandbox, what, done: 3, budget: 9, since_ms: 0, early });
     other

@@ -60,7 +60,7 @@ impl Approvals {
         evidence_files.edit(id).take_gate(&decision);
         let requested_at = request.until.minus_secs(context.profile.approval.timeout_s);
         let pending = PendingApproval::new(context, record, request, RequestKind::Activation, risk)?;
-        let mut pending = PendingApproval { review, requested_at, ..pending };
+        let mut pending = PendingApproval { requested_at, review, ..pending };
         let persons = record.version_table().store().persons()?;
         for entry in views.approvals(id)? {
             let approval = entry.signed.approval().clone();

@@ -10,6 +10,7 @@ use holdpoint_governance::alarms::{AlarmKey, AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorAction;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
@@ -153,7 +154,7 @@ fn an_alarm_is_set_aside_for_a_time() {
     let mut bench = Bench::new();
     let pipeline = &mut bench.pipeline;
     let key = AlarmKey::Approval("align@1.1.0".parse().unwrap());
-    pipeline.live().record.raise(key.clone(), Priority::Low, false, "a test");
+    pipeline.live().record.raise(key.clone(), Priority::Low, false, Notice::SocketNameTaken { times: 1 });
     let shelve = |for_ms: u64, reason: &str| Command::ShelveAlarm {
         alarm: key.to_string(),
         by: "ada".to_owned(),

@@ -13,6 +13,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::Event;
+use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_registry::AuditFilter;
 use holdpoint_runtime::capability;
 use holdpoint_wording::event as event_text;
@@ -59,7 +60,11 @@ pub(crate) fn request_activation_by(
     let (version, lifecycle, _) = pipeline.record().version_table().version(&id).unwrap();
     assert_eq!(lifecycle.state, State::Validated);
     let mut move_on = |event| {
-        pipeline.live().record.transition(&id.family, event, TransitionNote::because("test")).unwrap();
+        pipeline
+            .live()
+            .record
+            .transition(&id.family, event, TransitionNote::because(Notice::StageBegins))
+            .unwrap();
     };
     for stage in [Stage::Sandbox, Stage::Shadow] {
         move_on(LifecycleEvent::Start { version, stage });
@@ -252,7 +257,12 @@ fn a_sequence_holds_versions_to_their_closed_profiles() {
         let id = bench.pass("align-improved", &Stage::ALL);
         let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
         let event = LifecycleEvent::Close { version, profile: ProfileName::Sim };
-        bench.pipeline.live().record.transition(&id.family, event, TransitionNote::because("test")).unwrap();
+        bench
+            .pipeline
+            .live()
+            .record
+            .transition(&id.family, event, TransitionNote::because(Notice::StageBegins))
+            .unwrap();
         bench.enter(&id, |version| {
             if unreviewed {
                 LifecycleEvent::ActivateUnreviewed {
@@ -313,7 +323,7 @@ fn conditions_of_an_activation_reach_its_monitor() {
     let (mut bench, id, view, (soon, takes_off)) = first(&strict);
     assert_eq!((plain.factor, plain.coupled, view.factor, view.coupled), (1.0, false, 0.5, true));
     for (before, held) in plain.charts.iter().zip(&view.charts) {
-        assert_eq!(held.2, before.2 / 2.0, "the limit of {}", before.0);
+        assert_eq!(held.limit, before.limit / 2.0, "the limit of {:?}", before.rate);
     }
     assert_eq!(takes_off, MonitorAction::Rollback);
     assert!(soon < late, "{soon} against {late} episodes");
@@ -322,7 +332,7 @@ fn conditions_of_an_activation_reach_its_monitor() {
     live.evidence_files.edit(&id).conditions.retain(Condition::outlives_confirmation);
     assert!(live.evidence_files.of(&id).unwrap().conditions.is_empty());
     let view = bench.pipeline.snapshot().live.monitors.remove(0);
-    assert_eq!((view.factor, view.coupled, view.charts[0].2), (1.0, false, plain.charts[0].2));
+    assert_eq!((view.factor, view.coupled, view.charts[0].limit), (1.0, false, plain.charts[0].limit));
 }
 
 /// A person who stops the cell in a task, or restricts a version, has stepped in: charted for that version, and neither
@@ -331,10 +341,11 @@ fn conditions_of_an_activation_reach_its_monitor() {
 fn an_intervention_counts_for_its_version() {
     let mut bench = Bench::new();
     let id = bench.activate_package(package("align-improved", &[]), &[]);
+    let named = |chart: ChartView| (format!("{} {}", chart.rate, chart.level), chart.value);
     let charts = |bench: &Bench| {
         let live = bench.pipeline.snapshot().live;
         let charts = live.monitors.into_iter().find(|view| view.version == id).unwrap().charts;
-        charts.into_iter().map(|(name, stands, _)| (name, stands)).collect::<Vec<_>>()
+        charts.into_iter().map(named).collect::<Vec<_>>()
     };
     let moved = |before: &[(String, f64)], after: &[(String, f64)]| -> Vec<String> {
         let pairs = before.iter().zip(after);
@@ -366,7 +377,7 @@ fn an_intervention_counts_for_its_version() {
     let id = bench.activate("grasp-improved");
     let charts = |bench: &Bench| {
         let view = bench.pipeline.snapshot().live.monitors.remove(0);
-        (view.episodes, view.charts.into_iter().map(|(name, stands, _)| (name, stands)).collect::<Vec<_>>())
+        (view.episodes, view.charts.into_iter().map(named).collect::<Vec<_>>())
     };
     let before = charts(&bench);
     bench.pipeline.switch().latch();

@@ -153,7 +153,7 @@ impl Bench {
                 .transition(
                     &id.family,
                     LifecycleEvent::Start { version, stage },
-                    TransitionNote::because("test"),
+                    TransitionNote::because(Notice::StageBegins),
                 )
                 .unwrap();
             pipeline
@@ -162,7 +162,7 @@ impl Bench {
                 .transition(
                     &id.family,
                     LifecycleEvent::Pass { version, stage },
-                    TransitionNote::because("test"),
+                    TransitionNote::because(Notice::StageBegins),
                 )
                 .unwrap();
         }
@@ -196,7 +196,7 @@ impl Bench {
         let note = TransitionNote {
             cause: Some(ActiveCause::Gate { evidence: digest, approvals_needed: 0 }),
             before: vec![gate],
-            ..TransitionNote::because("test")
+            ..TransitionNote::because(Notice::StageBegins)
         };
         pipeline.live().record.transition(&id.family, event(version), note).unwrap();
         pipeline.live().monitors.insert(watched);
@@ -300,9 +300,8 @@ fn a_safety_event_acts_in_the_tick_it_happens() {
     assert!(record.trigger.event.is_some());
     assert!(record.in_flight);
     let swap = record.rungs.iter().find(|rung| rung.rung == Rung::SwapBinding).unwrap();
-    let ending = "align in flight and 1 planned after it are given up, \
-                the next sequence plans the goal from its first task";
-    assert!(swap.text.ends_with(ending), "{}", swap.text);
+    let given_up = Notice::TargetBound { task: Some(TaskKind::Align), planned: 1 };
+    assert_eq!(swap.text, given_up.into());
     bench.assert_restored(&record);
     // And so it does: nothing of what was in flight is gone on with.
     let report = bench.pipeline.live().sequence(None).unwrap();
@@ -372,7 +371,7 @@ fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
         violation: None,
     };
     let trip = Trip { event: Some(SafetyEvent::KeepOut), world_tick, tick: 0, stopped: Some(stopped) };
-    let trigger = trigger(bench.pipeline.record(), TriggerKind::SafetyEvent, "test");
+    let trigger = trigger(bench.pipeline.record(), TriggerKind::SafetyEvent, Notice::RollbackInterrupted);
     bench.pipeline.live().deactivate(&id, trigger, Some(&trip), DeactivationKind::RolledBack).unwrap();
     let record = bench.record();
     assert_eq!(record.rungs[1].failure, Some(RungFailure::HookFailed), "{:?}", record.rungs);
@@ -513,7 +512,7 @@ fn a_target_that_is_no_safer_is_recorded() {
         .pipeline
         .live()
         .record
-        .transition(&before.family, confirm, TransitionNote::because("test"))
+        .transition(&before.family, confirm, TransitionNote::because(Notice::StageBegins))
         .unwrap();
     let id = bench.activate("align-improved");
     let record = bench.by_operator(&id);

@@ -3,12 +3,13 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
-use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::alarms::{Alarm, AlarmKey};
 use holdpoint_governance::cached_result::{
     CacheLocation, CachedResultMismatch, CachedResultUse, RerunSampleCounts,
 };
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -148,6 +149,13 @@ fn stage_events(events: &[EventKind]) -> Vec<String> {
     events.iter().filter(of_stage).map(|event| serde_json::to_string(event).unwrap()).collect()
 }
 
+fn place_of(alarm: &Alarm) -> Option<CacheLocation> {
+    match alarm.text.notice() {
+        Some(Notice::CacheMismatch { place, .. }) => Some(*place),
+        _ => None,
+    }
+}
+
 /// Unedited results: the decision is the same, a spot check precedes it, and the record names the cached results.
 #[test]
 fn cached_results_count_after_a_spot_check_and_change_no_event() {
@@ -221,7 +229,7 @@ fn false_results_with_a_valid_mac_are_found_before_they_count() {
     assert_eq!(found.active.to_string(), "grasp@1.0.0");
     assert!(!found.differing.is_empty(), "{found:?}");
     let alarm = second.record().alarms().get(&AlarmKey::KeptFalse).expect("an alarm is raised");
-    assert!(alarm.text.raw().contains("telemetry.db"), "{}", alarm.text.raw());
+    assert_eq!(place_of(alarm), Some(CacheLocation::Store));
     let begun =
         events.iter().filter(|event| matches!(event, EventKind::StageStarted { stage: Stage::Sandbox, .. }));
     assert_eq!(begun.count(), 2, "it began again");
@@ -270,6 +278,6 @@ fn a_shared_folder_that_is_false_is_not_used_again() {
     assert_eq!(outcome, honest().0);
     assert_eq!(cache_use(&mut second, &id), None);
     let alarm = second.record().alarms().get(&AlarmKey::KeptFalse).expect("an alarm is raised");
-    assert!(alarm.text.raw().contains("shared folder"), "{}", alarm.text.raw());
+    assert_eq!(place_of(alarm), Some(CacheLocation::Folder));
     assert_eq!(content(), edited, "what is false stays as it is");
 }

@@ -4,6 +4,7 @@
 use holdpoint_body::disturbance::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State, VersionFlags};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -38,7 +39,12 @@ fn state_of(bench: &Bench, id: &CapabilityId) -> (State, VersionFlags) {
 }
 
 fn transition(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
-    bench.pipeline.live().record.transition(&id.family, event, TransitionNote::because("test")).unwrap();
+    bench
+        .pipeline
+        .live()
+        .record
+        .transition(&id.family, event, TransitionNote::because(Notice::StageBegins))
+        .unwrap();
 }
 
 /// The pipeline does what it does by itself, and never holds.
@@ -147,7 +153,10 @@ fn a_pause_voids_a_request_and_the_gate_asks_again() {
     pause(&mut bench, &id);
     assert!(no_request_is_open(&bench));
     let events = bench.pipeline.drain_events();
-    let is_void = |event: &EventKind| matches!(event, EventKind::Voided { reason, .. } if reason.contains(&id.to_string()));
+    let is_void = |event: &EventKind| {
+        let EventKind::Voided { reason, .. } = event else { return false };
+        matches!(reason.notice(), Some(Notice::RequestVoid { version, .. }) if *version == id)
+    };
     assert!(events.iter().any(is_void), "{events:?}");
     assert!(!begins_the_gate(&mut bench, &id), "it is paused");
     resume(&mut bench, &id);

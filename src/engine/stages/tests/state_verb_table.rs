@@ -11,6 +11,7 @@ use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State, VersionFlags};
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Reply};
@@ -59,7 +60,12 @@ type Setting = (&'static str, fn(&mut Bench) -> CapabilityId);
 pub(super) const CANDIDATE: &str = "align-improved";
 
 fn apply(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
-    bench.pipeline.live().record.transition(&id.family, event, TransitionNote::because("test")).unwrap();
+    bench
+        .pipeline
+        .live()
+        .record
+        .transition(&id.family, event, TransitionNote::because(Notice::StageBegins))
+        .unwrap();
 }
 
 pub(super) fn done(bench: &mut Bench, command: Command) {
@@ -209,7 +215,7 @@ const SETTINGS: [Setting; 29] = [
         let version = number(bench, &id);
         apply(bench, &id, LifecycleEvent::BeginRollback { version });
         let cause = Some(holdpoint_registry::ActiveCause::Vacate);
-        let note = TransitionNote { cause, ..TransitionNote::because("test") };
+        let note = TransitionNote { cause, ..TransitionNote::because(Notice::StageBegins) };
         let event = LifecycleEvent::FailRollback { version };
         bench.pipeline.live().record.transition(&id.family, event, note).unwrap();
         baseline()
@@ -582,6 +588,10 @@ fn a_late_review_demotes_the_version_and_stays_open() {
     let other = bench.pass("align-low-transit", &Stage::ALL);
     let version = number(&bench, &other);
     let event = LifecycleEvent::Activate { version };
-    let refused = bench.pipeline.live().record.transition(&id.family, event, TransitionNote::because("test"));
+    let refused = bench.pipeline.live().record.transition(
+        &id.family,
+        event,
+        TransitionNote::because(Notice::StageBegins),
+    );
     assert!(refused.is_err(), "a promotion while a review is open");
 }

@@ -1,6 +1,7 @@
 //! Telemetry at the end of a session and at the start of the next.
 
 use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::notice::Notice;
 use holdpoint_registry::{Batch, verify};
 
 use super::cache_edits::pipeline;
@@ -25,7 +26,7 @@ fn telemetry_lost_between_engines_alarms() {
     assert!(verify(&database, None).is_err());
     let second = pipeline(&store, EpisodeCache::InStore, 1);
     let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("an alarm is raised");
-    assert!(alarm.text.raw().starts_with("1 sealed batches"), "{alarm:?}");
+    assert_eq!(alarm.text, Notice::TelemetryMissing { batches: 1 }.into());
     drop(second);
     let report = verify(&database, None).unwrap();
     assert_eq!((report.batches, report.batches_missed), (0, 1));
@@ -44,8 +45,10 @@ fn foreign_telemetry_is_quarantined_with_an_alarm() {
     drop(telemetry);
     let second = pipeline(&store, EpisodeCache::InStore, 1);
     let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("an alarm is raised");
-    let text = alarm.text.raw();
-    assert!(text.contains("the trigger \"x\"") && text.contains("telemetry-aside-1.db"), "{text}");
+    let Some(Notice::TelemetryQuarantined { file, problem, .. }) = alarm.text.notice() else {
+        panic!("{alarm:?}");
+    };
+    assert!(problem.contains("the trigger \"x\"") && file == "telemetry-aside-1.db", "{alarm:?}");
     drop(second);
     assert!(store.join("telemetry-aside-1.db").is_file());
     verify(&store.join("holdpoint.db"), None).unwrap();

@@ -50,7 +50,7 @@ fn version(folder: &str, changes: &[(&str, &str)]) -> Capability {
 }
 
 /// Both versions on calibration seeds, from their folders under `manifests/`.
-fn evaluate(candidate: &str, active: &str, profile: &Profile) -> (Evaluation, Vec<String>) {
+fn evaluate(candidate: &str, active: &str, profile: &Profile) -> (Evaluation, Vec<WorkUnit>) {
     evaluate_in_parts(candidate, active, profile, usize::MAX)
 }
 
@@ -59,7 +59,7 @@ fn evaluate_in_parts(
     active: &str,
     profile: &Profile,
     part: usize,
-) -> (Evaluation, Vec<String>) {
+) -> (Evaluation, Vec<WorkUnit>) {
     evaluate_versions(&version(candidate, &[]), &version(active, &[]), profile, (part, 1))
 }
 
@@ -68,7 +68,7 @@ fn evaluate_versions(
     active: &Capability,
     profile: &Profile,
     at: (usize, u64),
-) -> (Evaluation, Vec<String>) {
+) -> (Evaluation, Vec<WorkUnit>) {
     evaluate_beside(candidate, active, &[], profile, at)
 }
 
@@ -78,7 +78,7 @@ fn evaluate_beside(
     beside: &[Capability],
     profile: &Profile,
     (part, seed): (usize, u64),
-) -> (Evaluation, Vec<String>) {
+) -> (Evaluation, Vec<WorkUnit>) {
     let cell = Cell::builtin().unwrap();
     let table = Arc::new(PolicyTable::builtin(profile).unwrap());
     let terms = SkillTerms::new(profile, table, cell.geometry.clone(), cell.zones.clone());
@@ -123,9 +123,10 @@ fn pairs_and_drills_take_turns_until_the_budget_is_worked() {
     for kind in DrillKind::ALL {
         assert!(rehearsed.candidate.of(kind).feasible() >= 20, "{kind:?}");
     }
-    let first = ["paired episodes", "rollback drills", "paired episodes", "fallback drills"];
+    use WorkUnit::{FallbackDrills, PairedEpisodes, RollbackDrills};
+    let first = [PairedEpisodes, RollbackDrills, PairedEpisodes, FallbackDrills];
     assert_eq!(order[..4], first);
-    assert_eq!(order.iter().filter(|what| *what == "paired episodes").count(), 3);
+    assert_eq!(order.iter().filter(|what| **what == WorkUnit::PairedEpisodes).count(), 3);
 }
 
 #[test]
@@ -248,7 +249,7 @@ fn with_sequences() -> Profile {
 }
 
 /// A grasp that holds the object high, and what its whole sandbox says of it beside an align.
-fn held_high(align: &[(&str, &str)], part: usize) -> (Evaluation, Vec<String>) {
+fn held_high(align: &[(&str, &str)], part: usize) -> (Evaluation, Vec<WorkUnit>) {
     let beside = [version("align/1.0.0", align), version("place/1.0.0", &[])];
     let (candidate, active) = (version("grasp/1.0.0", &[HIGH]), version("grasp/1.0.0", &[]));
     evaluate_beside(&candidate, &active, &beside, &with_sequences(), (part, 1))
@@ -262,8 +263,8 @@ fn a_handover_that_is_bad_for_the_next_skill_alone_is_found_by_sequences() {
     assert_eq!(own.assessment.outcome, BehaviorOutcome::Compatible, "{:?}", own.assessment.reasons);
     let sequences = evaluation.sequences().unwrap();
     assert_eq!((sequences.pairs.len(), sequences.beside.len()), (40, 2));
-    let first = order.iter().position(|what| what == "whole sequences").unwrap();
-    assert!(order[first..].iter().all(|what| what == "whole sequences"), "they come last: {order:?}");
+    let first = order.iter().position(|what| *what == WorkUnit::WholeSequences).unwrap();
+    assert!(order[first..].iter().all(|what| *what == WorkUnit::WholeSequences), "they come last: {order:?}");
     assert_eq!(evaluation.done(), evaluation.plan.budget());
     let (found, _) = evaluation.assess(&profile);
     assert_eq!(found.assessment.outcome, BehaviorOutcome::Incompatible);

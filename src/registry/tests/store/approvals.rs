@@ -109,7 +109,7 @@ fn what_happens_later_voids_it() {
             }
             vec![other, context(ProfileName::Sim)]
         }),
-        ("family", || vec![Change::VoidFamily { family: family("grasp"), reason: "other active".into() }]),
+        ("family", || vec![Change::VoidFamily { family: family("grasp"), reason: text("other active") }]),
         ("state", || vec![set_state(NEW, 4, State::Shadowed, State::Demoted)]),
         ("use", || vec![consume(NEW, 1)]),
     ];

@@ -76,7 +76,7 @@ pub fn made(folder: &Path) {
     changes.push(request(RequestState::Granted));
     changes.push(alarm(AlarmState::Acknowledged, "{\"by\":\"ada\"}"));
     changes.push(family_state("{\"versions\":[1]}"));
-    changes.push(Change::VoidFamily { family: family("place"), reason: "a drill".into() });
+    changes.push(Change::VoidFamily { family: family("place"), reason: text("a drill") });
     changes.push(Change::SetFlags {
         version: id("place@1.1.0"),
         flags: VersionFlags { paused: true, ..VersionFlags::default() },
@@ -276,7 +276,7 @@ fn no_write_of_a_running_engine_makes_an_edit_good() {
             assert!(store.check_unaltered().is_err(), "{what}");
             // Writes that only record something continue, and hide nothing.
             let note =
-                Change::SetFamily { family: family("other"), safe_stopped: true, reason: "held".into() };
+                Change::SetFamily { family: family("other"), safe_stopped: true, reason: text("held") };
             commit(&store, "note", vec![note]).unwrap_or_else(|error| panic!("{what}: {error}"));
             drop(store);
             assert!(verify(&database, None).is_err(), "{what}");
@@ -350,9 +350,9 @@ fn a_trigger_that_comes_in_does_not_act() {
     let trigger = "CREATE TRIGGER late AFTER UPDATE OF reason ON family
         BEGIN UPDATE family SET void_seq = 0, standing = '[]' WHERE name = NEW.name; END";
     Connection::open(&database).unwrap().execute_batch(trigger).unwrap();
-    let stop = Change::SetFamily { family: family("other"), safe_stopped: true, reason: "held".into() };
+    let stop = Change::SetFamily { family: family("other"), safe_stopped: true, reason: text("held") };
     commit(&store, "stop", vec![stop]).unwrap();
-    let again = Change::SetFamily { family: family("other"), safe_stopped: true, reason: "still".into() };
+    let again = Change::SetFamily { family: family("other"), safe_stopped: true, reason: text("still") };
     commit(&store, "again", vec![again]).unwrap();
     let error = commit(&store, "in", vec![context(ProfileName::Real)]).unwrap_err();
     assert!(matches!(&error, StoreError::Altered(problem) if problem.contains("\"late\"")), "{error}");

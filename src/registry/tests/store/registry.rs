@@ -168,7 +168,7 @@ fn refused_changes_leave_the_store_as_it_was() {
         (
             "voided gate record",
             transaction("t", 1, {
-                let mut all = vec![Change::VoidFamily { family: family("grasp"), reason: "test".into() }];
+                let mut all = vec![Change::VoidFamily { family: family("grasp"), reason: text("test") }];
                 all.extend(activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0));
                 all
             }),
@@ -200,11 +200,7 @@ fn refused_changes_leave_the_store_as_it_was() {
             transaction(
                 "t",
                 1,
-                vec![Change::SetFamily {
-                    family: family("grasp"),
-                    safe_stopped: true,
-                    reason: String::new(),
-                }],
+                vec![Change::SetFamily { family: family("grasp"), safe_stopped: true, reason: text("") }],
             ),
             "safe-stopped",
         ),
@@ -261,7 +257,7 @@ fn refused_changes_leave_the_store_as_it_was() {
         ),
         (
             "long reason",
-            transaction("t", 1, vec![Change::VoidFamily { family: family("grasp"), reason: long }]),
+            transaction("t", 1, vec![Change::VoidFamily { family: family("grasp"), reason: text(&long) }]),
             "4096",
         ),
         ("forged record", note(RecordKind::StateSet, "{}"), "does not write itself"),
@@ -298,7 +294,7 @@ fn a_safe_stopped_family_is_re_armed() {
         robot: None,
     };
     let stop =
-        |safe_stopped| Change::SetFamily { family: family("grasp"), safe_stopped, reason: "drill".into() };
+        |safe_stopped| Change::SetFamily { family: family("grasp"), safe_stopped, reason: text("drill") };
     commit(
         &store,
         "stop",

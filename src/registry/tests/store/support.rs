@@ -12,6 +12,7 @@ use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::lifecycle::VersionFlags;
+use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::{DowngradedField, ProfileSettings};
 use holdpoint_governance::wall_time::WallTime;
@@ -35,6 +36,11 @@ const STEPS: [(State, State); 3] = [
 pub fn refusal(error: &StoreError) -> (RefusalCause, &str) {
     let StoreError::Refused { cause, problem, .. } = error else { panic!("{error}") };
     (*cause, problem)
+}
+
+/// A reason as an older build wrote it.
+pub fn text(reason: &str) -> NoticeOrText {
+    NoticeOrText::Text(reason.to_owned())
 }
 
 /// The digest of a text.
@@ -71,7 +77,7 @@ pub fn new_version(name: &str, baseline: bool) -> Change {
 
 /// A change of state.
 pub fn set_state(name: &str, expected_row_version: u64, from: State, to: State) -> Change {
-    Change::SetState { version: id(name), expected_row_version, from, to, reason: "test".into() }
+    Change::SetState { version: id(name), expected_row_version, from, to, reason: text("test") }
 }
 
 /// A piece of evidence.

@@ -1,0 +1,99 @@
+//! Why the guard denies or clamps a command, and what a sensor tells past a limit.
+
+use super::evidence::HardStop;
+
+crate::closed_set! {
+    /// Why the guard denied or clamped a command, or what a sensor told.
+    PolicyHit, "finding of the guard", {
+        /// No policy determines the mode.
+        ModeUncovered = "mode-uncovered",
+        /// A policy forbids the mode.
+        ModeForbidden = "mode-forbidden",
+        /// The mode needs a review that was not given.
+        ModeUnreviewed = "mode-unreviewed",
+        /// A number in the command is not finite or not positive.
+        NotFinite = "not-finite",
+        /// The target lies outside every zone or outside the workspace.
+        OutsideWorkspace = "outside-workspace",
+        /// The target or the way to it lies in the keep-out zone.
+        KeepOut = "keep-out",
+        /// The motion is predicted to strike the table or the arm itself.
+        PredictedCollision = "predicted-collision",
+        /// A speed was reduced.
+        SpeedClamped = "speed-clamped",
+        /// A force was reduced.
+        ForceClamped = "force-clamped",
+        /// The tool was measured faster than allowed.
+        SpeedMeasured = "speed-measured",
+        /// A force was measured larger than allowed.
+        ForceMeasured = "force-measured",
+        /// More new attempts than allowed.
+        RetriesExceeded = "retries-exceeded",
+        /// The version's own manifest does not declare this kind of command, or the tool it moves.
+        CommandUndeclared = "command-undeclared",
+        /// The target lies in a zone that the manifest does not declare, or the tool was measured to enter one.
+        ZoneUndeclared = "zone-undeclared",
+        /// More ticks or commands than the manifest declares, or computing that a live arm cannot wait for.
+        BudgetExceeded = "budget-exceeded",
+        /// The arm moved on after it was to stop for longer than allowed.
+        UnsafeContinuation = "unsafe-continuation",
+        /// Nothing may move for a while, whatever is declared: a trial of how the version takes it.
+        PermissionWithdrawn = "permission-withdrawn",
+    }
+}
+
+impl PolicyHit {
+    /// What happened, a few words.
+    #[must_use]
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::ModeUncovered => "no policy covers what it does",
+            Self::ModeForbidden => "a policy forbids what it does",
+            Self::ModeUnreviewed => "what it does was not reviewed",
+            Self::NotFinite => "it asks for a non-finite value",
+            Self::OutsideWorkspace => "it aims outside the workspace",
+            Self::KeepOut => "it aims into the keep-out zone",
+            Self::PredictedCollision => "its way would strike table or arm",
+            Self::SpeedClamped => "it asks for more speed, and is given less",
+            Self::ForceClamped => "it asks for more force, and is given less",
+            Self::SpeedMeasured => "the tool is faster than allowed",
+            Self::ForceMeasured => "a force is larger than allowed",
+            Self::RetriesExceeded => "it tries more often than allowed",
+            Self::CommandUndeclared => "it asks for what its manifest does not declare",
+            Self::ZoneUndeclared => "it enters a zone that its manifest does not declare",
+            Self::BudgetExceeded => "it uses more ticks, commands or time than it declares",
+            Self::UnsafeContinuation => "the arm moves on after it was to stop",
+            Self::PermissionWithdrawn => "its permission is withdrawn for a while",
+        }
+    }
+
+    /// Whether the hit makes the episode a violation; a clamp or a denial without its fault is a warning.
+    #[must_use]
+    pub const fn is_violation(self) -> bool {
+        !matches!(self, Self::SpeedClamped | Self::ForceClamped | Self::PermissionWithdrawn)
+    }
+
+    /// The hard stop that the hit is, if it is one: a non-finite number, or a command that the version's own manifest
+    /// does not declare.
+    #[must_use]
+    pub const fn hard_stop(self) -> Option<HardStop> {
+        match self {
+            Self::NotFinite => Some(HardStop::NonFiniteOutput),
+            Self::CommandUndeclared | Self::ZoneUndeclared => Some(HardStop::CommandPastGuard),
+            Self::BudgetExceeded => Some(HardStop::BudgetBreach),
+            Self::ModeUncovered
+            | Self::ModeForbidden
+            | Self::ModeUnreviewed
+            | Self::OutsideWorkspace
+            | Self::KeepOut
+            | Self::PredictedCollision
+            | Self::SpeedClamped
+            | Self::ForceClamped
+            | Self::SpeedMeasured
+            | Self::ForceMeasured
+            | Self::RetriesExceeded
+            | Self::UnsafeContinuation
+            | Self::PermissionWithdrawn => None,
+        }
+    }
+}
