@@ -148,7 +148,7 @@ impl ControlSocketError {
 /// Whether the socket handles the process's termination signals (SIGTERM, SIGINT, SIGHUP).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SignalHandling {
-    /// They make [`ControlSocket::endings_asked`] count; the process continues until its loop ends.
+    /// They make [`ControlSocket::end_signals`] count; the process continues until its loop ends.
     Handled,
     /// Their previous handling stays.
     Default,

@@ -471,12 +471,12 @@ impl Engine {
         self.pipeline.work_one();
     }
 
-    /// From now on sends frames of the live cell to `pictures`, which must not wait. Has no other effect.
+    /// From now on sends frames of the live cell to `sink`, which must not wait. Has no other effect.
     pub fn draw_live_world(&mut self, sink: VideoFrameSink) {
         self.pipeline.draw_live_world(sink);
     }
 
-    /// As [`Pipeline::pace_live_world`]; `pictures` must not wait.
+    /// As [`Pipeline::pace_live_world`]; `sink` must not wait.
     pub fn pace_live_world(&mut self, times: Option<f64>, sink: VideoFrameSink) {
         self.pipeline.pace_live_world(times, sink);
     }

@@ -459,12 +459,12 @@ impl Pipeline {
         self.parked.retain(|work| work.id() != id);
     }
 
-    /// From now on sends frames of the live cell to `pictures`, which must not wait.
+    /// From now on sends frames of the live cell to `sink`, which must not wait.
     pub fn draw_live_world(&mut self, sink: VideoFrameSink) {
         self.world.frame_sink = Some(sink);
     }
 
-    /// Runs the live cell on its own thread, at `times` real time (absent: unlimited); its frames go to `pictures`.
+    /// Runs the live cell on its own thread, at `times` real time (absent: unlimited); its frames go to `sink`.
     pub fn pace_live_world(&mut self, times: Option<f64>, sink: VideoFrameSink) {
         self.trials.work_in_small_parts();
         self.world.frame_sink = Some(sink);

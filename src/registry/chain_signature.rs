@@ -72,7 +72,7 @@ pub(crate) fn valid(
     Ok(Some(end))
 }
 
-/// The chain ends at its signed end. `kept` are the checkpoints beside it.
+/// The chain ends at its signed end. `checkpoints` are the checkpoints beside it.
 pub(crate) fn check_end(
     fold: &Fold,
     connection: &Connection,

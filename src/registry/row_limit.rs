@@ -36,7 +36,7 @@ pub(crate) fn error_message(error: &rusqlite::Error) -> String {
     error.to_string()
 }
 
-/// As [`said`], of a row of this table.
+/// As [`error_message`], of a row of this table.
 pub(crate) fn error_message_for(table: &str, error: &rusqlite::Error) -> String {
     let message = error_message(error);
     if is_reached(error) { format!("its table {table}: {message}") } else { message }

@@ -495,7 +495,7 @@ pub(crate) const STORED_BATCH_SQL: &str = "SELECT id, version, stream, from_ms, 
     CASE WHEN length(body) <= 4194304 THEN body ELSE x'' END FROM batch";
 const _: () = assert!(BODY_BYTES_MAX == 4_194_304);
 
-/// The digest of a row of [`LYING`].
+/// The digest of a row of [`STORED_BATCH_SQL`].
 pub(crate) fn stored_digest(row: &Row<'_>) -> rusqlite::Result<Digest> {
     let number = |column: usize| row.get::<_, i64>(column).map(i64::cast_unsigned);
     let (version, stream) = (row.get_ref(1)?.as_str()?, row.get_ref(2)?.as_str()?);

@@ -141,10 +141,10 @@ impl Client {
         self.send_signed(command, None)
     }
 
-    /// As [`Client::ask`], with a request signature.
+    /// As [`Client::send`], with a request signature.
     ///
     /// # Errors
-    /// As [`Client::ask`].
+    /// As [`Client::send`].
     pub fn send_signed(
         &mut self,
         command: Command,
@@ -154,10 +154,10 @@ impl Client {
         self.send_request(Request { id, command, seal })
     }
 
-    /// As [`Client::ask`], for a complete request.
+    /// As [`Client::send`], for a complete request.
     ///
     /// # Errors
-    /// As [`Client::ask`].
+    /// As [`Client::send`].
     pub fn send_request(&mut self, request: Request) -> Result<Reply, ControlSocketError> {
         let call = ClientMessage::Ask { request: Box::new(request) };
         match self.call(&call) {
@@ -180,7 +180,7 @@ impl Client {
     /// The state, if the engine answers within `patience`. A connection without an answer is unusable.
     ///
     /// # Errors
-    /// [`ControlSocketError::Silent`] if it does not respond; else as [`Client::ask`].
+    /// [`ControlSocketError::Silent`] if it does not respond; else as [`Client::send`].
     pub fn look(&mut self, patience: Duration) -> Result<Reply, ControlSocketError> {
         let id = Nonce::random()?.as_str().to_owned();
         let request = Box::new(Request::unsigned(id, Command::Snapshot));
@@ -205,7 +205,7 @@ impl Client {
     /// Keeps the engine running when no console is attached to it.
     ///
     /// # Errors
-    /// As [`Client::ask`].
+    /// As [`Client::send`].
     pub fn keep_engine_running(&mut self) -> Result<(), ControlSocketError> {
         self.lines.send(&ClientMessage::Keep {})?;
         match self.lines.expect(HELLO_SECS)? {
@@ -218,7 +218,7 @@ impl Client {
     /// Serves the live scene at an address. Returns whether the engine has a renderer for it.
     ///
     /// # Errors
-    /// As [`Client::ask`].
+    /// As [`Client::send`].
     pub fn serve_scene(&mut self, address: SocketAddr) -> Result<bool, ControlSocketError> {
         self.lines.send(&ClientMessage::Scene { address })?;
         match self.lines.expect(HELLO_SECS)? {
@@ -231,7 +231,7 @@ impl Client {
     /// Attaches a console over this connection.
     ///
     /// # Errors
-    /// As [`Client::ask`]; [`ControlSocketError::Closed`] if the engine accepts no console, or no further one.
+    /// As [`Client::send`]; [`ControlSocketError::Closed`] if the engine accepts no console, or no further one.
     pub fn attach(mut self, presence: ConsolePresence) -> Result<ConsoleConnection, ControlSocketError> {
         self.lines.send(&ClientMessage::Attach { sitting: presence })?;
         match self.lines.expect(HELLO_SECS)? {
@@ -246,7 +246,7 @@ impl Client {
     /// Turns the connection into a stream of events.
     ///
     /// # Errors
-    /// As [`Client::ask`].
+    /// As [`Client::send`].
     pub fn subscribe(mut self) -> Result<Subscription, ControlSocketError> {
         self.lines.send(&ClientMessage::Subscribe {})?;
         match self.lines.expect(HELLO_SECS)? {
@@ -261,7 +261,7 @@ impl Subscription {
     /// The next message; `None` if there was none within `at_most`.
     ///
     /// # Errors
-    /// [`ControlSocketError::Ended`] if the engine has ended; else as [`Client::ask`].
+    /// [`ControlSocketError::Ended`] if the engine has ended; else as [`Client::send`].
     pub fn next(&mut self, at_most: Duration) -> Result<Option<Notification>, ControlSocketError> {
         match self.lines.next(at_most)? {
             None => Ok(None),
@@ -295,7 +295,7 @@ impl ConsoleConnection {
     /// The next message; `None` if there was none within `at_most`.
     ///
     /// # Errors
-    /// [`ControlSocketError::Ended`] if the engine has ended; else as [`Client::ask`].
+    /// [`ControlSocketError::Ended`] if the engine has ended; else as [`Client::send`].
     pub fn next(&mut self, at_most: Duration) -> Result<Option<ConsoleMessage>, ControlSocketError> {
         Ok(match self.lines.next(at_most)? {
             None => None,

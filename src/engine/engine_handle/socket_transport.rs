@@ -106,7 +106,7 @@ impl SocketTransport {
         self.console
     }
 
-    /// As [`super::EngineHandle::ask`]. A request that stops the arm or tightens an envelope uses a separate connection, since
+    /// As [`super::EngineHandle::submit`]. A request that stops the arm or tightens an envelope uses a separate connection, since
     /// earlier requests may be answered late.
     pub(super) fn submit(&self, request: Request) -> Result<(), RequestRejected> {
         let stops = matches!(request.command, Command::Stop { .. });

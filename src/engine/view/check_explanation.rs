@@ -49,7 +49,7 @@ fn rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimension)
     view
 }
 
-/// As [`why`], without what would have to change: that reads the whole evidence file.
+/// As [`rationale`], without what would have to change: that reads the whole evidence file.
 fn base_rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimension) -> RationaleView {
     let own: Vec<&Reason> = reasons.iter().filter(|reason| reason.dimension == about).collect();
     let first_against = own.iter().copied().find(|reason| !is_in_favor(reason.code));

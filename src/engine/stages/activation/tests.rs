@@ -42,7 +42,7 @@ pub(crate) fn request_activation(pipeline: &mut Pipeline, package: Package) -> C
     request_activation_by(pipeline, package, None)
 }
 
-/// As [`asked`], registered on a person's behalf.
+/// As [`request_activation`], registered on a person's behalf.
 pub(crate) fn request_activation_by(
     pipeline: &mut Pipeline,
     package: Package,
