@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use crate::cli::output::versioned;
 use holdpoint_engine::StartError;
 use holdpoint_governance::TextError;
 use holdpoint_registry::StoreError;
@@ -207,12 +208,13 @@ pub(crate) struct ErrorDocument {
 impl ErrorDocument {
     fn print(&self, stderr: &mut dyn Write) {
         // No other channel is left for an error while printing.
-        drop(serde_json::to_string(self).map(|line| writeln!(stderr, "{line}")));
+        drop(serde_json::to_string(self).map(|line| writeln!(stderr, "{}", versioned(line))));
     }
 }
 
 impl CliError {
-    /// Prints the error as JSON: `{"error": ..., "hint": ..., "code": ...}`, and `"reason"` if there is one.
+    /// Prints the error as JSON: `{"json_version": ..., "error": ..., "hint": ..., "code": ...}`, and `"reason"` if there is
+    /// one.
     pub fn print_json(&self, stderr: &mut dyn Write) {
         if matches!(self, Self::ReaderGone) {
             return;

@@ -1,6 +1,6 @@
 //! The built console on its own terminal: keys in, the visible screen out, and its end.
 //!
-//! One store is taken to the open request once; approvals and rejections work on copies of it.
+//! The tests take one store to an open approval request once; each approval or rejection gets a copy of it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
 
 #[path = "support/agent.rs"]
@@ -34,7 +34,7 @@ use rustix::process::Signal;
 /// Wide enough for every pane.
 const SIZE: (u16, u16) = (120, 36);
 
-/// The console of a fresh store under the strictest profile.
+/// The arguments of a console on a fresh store, which runs under the profile `sim`.
 const FRESH: [&str; 4] = ["run", "--no-tour", "--jobs=1", "--linger=5"];
 
 /// Sequences that restore the terminal, in this order.

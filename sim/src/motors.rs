@@ -74,9 +74,9 @@ pub struct MotorLaw {
 impl MotorLaw {
     /// Rest position of the spring that stands for the motor in this tick, rad.
     ///
-    /// The torque limit is kept by holding the spring back by what the motor law would ask for in
-    /// excess, were the joint to go on as it does. `told_speed` is the reference's speed of the tick
-    /// before: a change of speed is mostly followed within the tick.
+    /// Shifts the rest position back by the torque that the motor law would demand above the limit if the
+    /// joint kept its speed. `commanded_speed` is the reference's speed of the previous tick: the joint mostly
+    /// follows a change of speed within the tick.
     pub fn rest(&self, reference: MotorReference, commanded_speed: f64, at: f64, speed: f64) -> f64 {
         let ahead = at + speed * TICK_SECS;
         let torque = self.stiffness * (reference.position - ahead) + self.damping * (commanded_speed - speed);

@@ -14,7 +14,7 @@ use holdpoint_body::Shape;
 use holdpoint_body::chain::{Chain, JointSpec, Transform};
 use holdpoint_body::{JointVec, MAX_JOINTS};
 
-// What is refused as no arm: several times what industrial arms have (ISO 9283 classes end well below).
+// Beyond these limits a file does not describe an arm: they are several times the values of industrial arms.
 
 /// Farthest that a joint turns from its zero, rad: two turns.
 const ANGLE_MAX_RAD: f64 = 4.0 * core::f64::consts::PI;
@@ -31,7 +31,7 @@ const INERTIA_MAX_KG_M2: f64 = 1_000.0;
 /// Largest stiffness, damping and acceleration, in their SI units.
 const GAIN_MAX: f64 = 1.0e6;
 
-/// What the two files say together.
+/// The robot that the URDF and the TOML describe together.
 pub struct Tree {
     pub name: String,
     pub chain: Chain,
@@ -183,7 +183,7 @@ impl<'a> UrdfReader<'a> {
         Ok(())
     }
 
-    /// Visits the tree from its root and seats every link.
+    /// Visits the tree from its root and places every link.
     fn walk(&self) -> Result<LinkWalk<'a>, SimError> {
         let mut roots = self
             .robot
@@ -308,7 +308,7 @@ impl<'a> UrdfReader<'a> {
         })
     }
 
-    /// Refuses what no arm has: numbers that are finite and nothing else would overflow somewhere in the physics.
+    /// Refuses a value that no arm has: a huge finite number would overflow in the physics.
     fn within(&self, here: &str, what: &str, value: f64, most: f64) -> Result<(), SimError> {
         if value.abs() <= most {
             return Ok(());

@@ -114,7 +114,7 @@ impl Passphrase {
     pub fn read(path: &Path) -> Result<Self, PassphraseError> {
         let io = |source| PassphraseError::Io { path: path.to_owned(), source };
         let file = match open_plainly(path) {
-            // The kernel reports a link so.
+            // The kernel reports a symbolic link with this error.
             Err(rustix::io::Errno::LOOP) => return Err(PassphraseError::Kind(path.to_owned())),
             opened => opened.map_err(|error| io(error.into()))?,
         };

@@ -18,9 +18,9 @@ const DOMAIN: &str = "holdpoint/witness-act/v1";
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WitnessAct {
-    /// Absolute.
+    /// The absolute path of the witness's folder.
     pub folder: String,
-    /// Whether it gets every checkpoint from now on, or none any more.
+    /// Whether the folder receives every checkpoint from now on; false ends that.
     pub present: bool,
     /// Name of the administrator.
     pub by: String,
@@ -29,7 +29,7 @@ pub struct WitnessAct {
     pub store_id: String,
     /// Hash of the record that this one follows.
     pub after: Digest,
-    /// Whether the signing key had a passphrase or lay elsewhere, as far as the program could see.
+    /// Whether, as far as the program could see, the signing key had a passphrase or an agent held it.
     pub guarded: bool,
 }
 

@@ -20,6 +20,19 @@ const TABLE_WIDTH_MIN: u16 = 40;
 /// The width of text if there is no terminal.
 const WRAP_WIDTH: u16 = 80;
 
+/// The version of the JSON that the verbs print, in every document as `json_version`. A changed shape raises it; an added
+/// field does not.
+pub const JSON_VERSION: u32 = 1;
+
+/// A JSON document with the version in front; what is no object stays as it is.
+pub(crate) fn versioned(json: String) -> String {
+    match json.strip_prefix('{') {
+        Some("}") => format!("{{\"json_version\":{JSON_VERSION}}}"),
+        Some(fields) => format!("{{\"json_version\":{JSON_VERSION},{fields}"),
+        None => json,
+    }
+}
+
 /// Characters sanitized at a time; even as escapes they stay below the sanitizer's width.
 const PIECE_CHARS: usize = 64;
 
@@ -127,7 +140,7 @@ impl<'a> CommandOutput<'a> {
     /// # Errors
     /// As [`CommandOutput::line`], or [`CliError::Internal`] if the value has no JSON form.
     pub fn json<T: Serialize>(&mut self, value: &T) -> Result<(), CliError> {
-        let json = serde_json::to_string(value).map_err(CliError::internal)?;
+        let json = versioned(serde_json::to_string(value).map_err(CliError::internal)?);
         Ok(writeln!(self.sink, "{}", escape_json(&json))?)
     }
 
@@ -224,7 +237,7 @@ mod tests {
     fn json_is_one_safe_line() {
         let value = serde_json::json!({"reason": "\u{9b}2J\u{202e}"});
         let text = printed(true, |out| out.answer(&value, |out| out.line("never")));
-        assert_eq!(text, "{\"reason\":\"\\u009b2J\\u202e\"}\n");
+        assert_eq!(text, "{\"json_version\":1,\"reason\":\"\\u009b2J\\u202e\"}\n");
     }
 
     #[test]

@@ -280,10 +280,11 @@ impl EngineArgs {
         let was_used = views.profiles().map_err(CliError::usage)?.was_used();
         match (self.seed, recorded) {
             (Some(requested), recorded) if was_used && recorded != Some(requested) => {
-                let allowed = recorded.map_or_else(|| SEED_DEFAULT.to_string(), |seed| seed.to_string());
-                let text = format!(
-                    "--seed {requested} is not allowed: the store has a history with the seed {allowed}"
+                let history = recorded.map_or_else(
+                    || "whose seed is not on record".to_owned(),
+                    |seed| format!("with the seed {seed}"),
                 );
+                let text = format!("--seed {requested} is not allowed: the store has a history {history}");
                 Err(CliError::usage(text).with_hint(
                     "start without --seed, or choose another store with --data; a script may name any",
                 ))

@@ -123,7 +123,7 @@ impl VerbExecutor {
         self.send_request(Request { id, command, seal })
     }
 
-    /// As [`VerbExecutor::ask`], with the request's own id.
+    /// As [`VerbExecutor::send`], with the request's own id.
     pub(super) fn send_request(&mut self, request: Request) -> Result<Reply, CliError> {
         match self {
             Self::Running(client) => client.send_request(request).map_err(socket_error),
@@ -210,10 +210,10 @@ impl VerbExecutor {
         Err(not_confirmed(doubt, reply))
     }
 
-    /// As [`VerbExecutor::carry_out`], signed by `who` if a signature is required, or if `who` is enrolled.
+    /// As [`VerbExecutor::execute`], signed by `who` if a signature is required, or if `who` is enrolled.
     ///
     /// # Errors
-    /// As [`VerbExecutor::carry_out`].
+    /// As [`VerbExecutor::execute`].
     pub(super) fn execute_as(
         &mut self,
         context: &CliContext,

@@ -109,7 +109,7 @@ impl WasmRuntime {
     /// What a source compiles to; compiled once as long as it is in use.
     ///
     /// # Errors
-    /// As `check`, or if the source is not valid.
+    /// If the source is not a valid component.
     pub fn compiled(&self, source: &[u8]) -> Result<Arc<CompiledComponent>, ComponentError> {
         let digest = Digest::of_parts("holdpoint.component-source.v1", &[source]);
         let slot = {

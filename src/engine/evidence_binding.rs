@@ -60,7 +60,7 @@ pub fn measured_terms_of(
 pub fn terms_under(context: &Context, capability: &Capability, conditions: &[Condition]) -> SkillTerms {
     let (speed, force) = composition::envelope(&capability.manifest, conditions);
     let terms = context.terms().capped(speed, force);
-    // The arm runs only versions with a gate pass and these approvals; sandbox and shadow try them first.
+    // Sandbox and shadow run the version as if reviewed; the arm runs it only after a gate pass and these approvals.
     if people_needed(conditions) > 0 { terms.reviewed() } else { terms }
 }
 

@@ -65,7 +65,7 @@ pub(crate) fn register(
     accepted(&id, "registered")
 }
 
-/// Reports another file in the place of a version's compiled form.
+/// Raises an alarm if another file has replaced the compiled form of a version.
 pub(crate) fn report_refused_form(record: &mut EngineRecorder, version: &Capability) {
     if version.bundle.refused_form() {
         let notice = Notice::CompiledFormReplaced { version: version.id() };
@@ -195,8 +195,8 @@ pub(crate) fn rearm(
     transition(record, operation, OperatorAct::Reactivated, |version| LifecycleEvent::Rearm { version })
 }
 
-/// Why a version is not reactivated without the gate: there is a clock mismatch, or approval is required and no person is on
-/// record as its requester.
+/// Why a version is not reactivated without the gate: there is a clock mismatch; or, where approval is required, it was
+/// demoted, or no person is on record as its requester. A family's first version is exempt from the approval rule.
 fn reactivation_refusal(
     context: &Context,
     record: &EngineRecorder,

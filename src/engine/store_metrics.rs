@@ -435,7 +435,7 @@ impl StoreReader<'_> {
         }
     }
 
-    /// Counts a candidate by its state; `kept`: whether its last activation was kept.
+    /// Counts a candidate by its state. `retained`: whether its last activation was kept; `None` without an activation.
     fn candidate(&mut self, id: &CapabilityId, retained: Option<bool>) {
         let (fate, by_people) = match (retained, self.history().stopped(id)) {
             (Some(true), _) => (Some(Fate::Kept), false),

@@ -1,7 +1,7 @@
 //! The live cell, which continues under the active versions while candidates are evaluated.
 //!
-//! Owns the arm with its agent, the run of a sequence (in one slice, or on its own thread at the pace of a clock), its camera
-//! frames, and the ladder to a safe pose. Decides nothing about versions.
+//! Owns the arm with its agent, the run of a sequence (in one slice, or on its own thread at the pace of a clock), its
+//! camera frames, and the ladder to a safe pose. Decides nothing about versions.
 
 pub mod cell_frame;
 pub mod descent;

@@ -426,7 +426,7 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
     Ok(result)
 }
 
-/// `asking`: the concern about a version that asks for more than it gets.
+/// `excess_concern`: the concern about a version that requests more than its limits permit.
 fn conclude_behavior(
     result: &mut BehaviorAssessment,
     success_rose: bool,

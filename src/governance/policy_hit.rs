@@ -1,9 +1,9 @@
-//! Why the guard denies or clamps a command, and what a sensor tells past a limit.
+//! Why the guard denies or clamps a command, and which measured values exceed a limit.
 
 use super::evidence::HardStop;
 
 crate::closed_set! {
-    /// Why the guard denied or clamped a command, or what a sensor told.
+    /// Why the guard denied or clamped a command, or which measured value exceeded a limit.
     PolicyHit, "finding of the guard", {
         /// No policy determines the mode.
         ModeUncovered = "mode-uncovered",
@@ -27,17 +27,17 @@ crate::closed_set! {
         SpeedMeasured = "speed-measured",
         /// A force was measured larger than allowed.
         ForceMeasured = "force-measured",
-        /// More new attempts than allowed.
+        /// The version retried more often than allowed.
         RetriesExceeded = "retries-exceeded",
         /// The version's own manifest does not declare this kind of command, or the tool it moves.
         CommandUndeclared = "command-undeclared",
         /// The target lies in a zone that the manifest does not declare, or the tool was measured to enter one.
         ZoneUndeclared = "zone-undeclared",
-        /// More ticks or commands than the manifest declares, or computing that a live arm cannot wait for.
+        /// The version used more ticks or commands than its manifest declares, or its code too much time or memory.
         BudgetExceeded = "budget-exceeded",
-        /// The arm moved on after it was to stop for longer than allowed.
+        /// After a stop was due, the arm kept moving for longer than allowed.
         UnsafeContinuation = "unsafe-continuation",
-        /// Nothing may move for a while, whatever is declared: a trial of how the version takes it.
+        /// A stress test withdrew every permission for a while, to see how the version reacts.
         PermissionWithdrawn = "permission-withdrawn",
     }
 }
@@ -67,14 +67,14 @@ impl PolicyHit {
         }
     }
 
-    /// Whether the hit makes the episode a violation; a clamp or a denial without its fault is a warning.
+    /// Whether the hit makes the episode a violation. A clamp, or a denial without the version's fault, is a warning.
     #[must_use]
     pub const fn is_violation(self) -> bool {
         !matches!(self, Self::SpeedClamped | Self::ForceClamped | Self::PermissionWithdrawn)
     }
 
-    /// The hard stop that the hit is, if it is one: a non-finite number, or a command that the version's own manifest
-    /// does not declare.
+    /// The hard stop that the hit causes, if any: for a non-finite number, for a command or zone that the version's
+    /// manifest does not declare, or for an exceeded budget.
     #[must_use]
     pub const fn hard_stop(self) -> Option<HardStop> {
         match self {

@@ -29,7 +29,7 @@ const VERSION: u32 = 1;
 /// The largest proof that is read, bytes: a record's body has at most 4 MiB, and each of its bytes six as an escape.
 const BYTES_MAX: u64 = 32 << 20;
 
-/// A record without what its hash does not cover.
+/// The hash of a record, and the fields that it covers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProvedRecord {
@@ -265,7 +265,7 @@ pub fn stored_head(folder: &Path, seq: u64) -> Result<Checkpoint, ProofError> {
 }
 
 impl Proof {
-    /// Reads a proof from its file: as it was written, byte for byte.
+    /// Reads a proof from its file; the file must have exactly the bytes that were written.
     ///
     /// # Errors
     /// [`ProofError::NoProof`].

@@ -18,13 +18,13 @@ pub struct TelemetryViews {
     connection: Connection,
 }
 
-/// A batch's row. The caller compares it with its seal in the audit chain.
+/// A batch's row. The caller compares its digest with the telemetry digest in the audit chain.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoredBatch {
     pub number: u64,
     /// Digest of its present fields.
     pub digest: Digest,
-    /// `None` if no engine writes such a row.
+    /// `None` if the row is malformed: no engine writes such a row.
     pub batch: Option<Batch>,
 }
 

@@ -26,7 +26,7 @@ pub const RING_MAX: usize = 1_800;
 /// The greatest age of such a frame, ms.
 pub const RING_MS: u64 = 30_000;
 
-/// Size of a file after which only decisions and the log go on, bytes.
+/// Size of a file from which the recorder adds only decisions and the log, bytes.
 pub const FILE_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
 /// The largest recording that is read back, bytes: the largest file, with room for a second segment.
@@ -45,7 +45,7 @@ pub const FULL_SEQUENCES_MAX: u32 = 4;
 /// How often a file gets the tool's path, ms; a live viewer gets it more often.
 pub const PATH_EVERY_MS: u64 = 3_000;
 
-/// As above, for a live viewer.
+/// How often a live viewer gets the tool's path, ms.
 pub const LIVE_PATH_EVERY_MS: u64 = 250;
 
 /// Smallest step of a tool path, m.

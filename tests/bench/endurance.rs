@@ -25,7 +25,7 @@ use serde_json::Value;
 /// Rows that are printed.
 const ROWS: u64 = 40;
 
-/// The first rows are the start-up: caches fill, the allocator settles.
+/// The share of first rows that the slopes leave out: caches fill, and the allocator settles.
 const WARM_SHARE: f64 = 0.1;
 
 const SECONDS_OF_A_DAY: f64 = 86_400.0;

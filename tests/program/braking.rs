@@ -65,14 +65,14 @@ fn start_engine(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
     (thread, switch)
 }
 
-/// Connections that request a version in full as fast as they are answered, until this is dropped.
+/// Connections that send requests as fast as the engine answers, until [`Readers::end`].
 struct Readers {
     running: Arc<AtomicBool>,
     threads: Vec<JoinHandle<u64>>,
 }
 
 impl Readers {
-    /// As many that read evidence; each eighth verifies the whole audit chain.
+    /// Starts [`READERS`] connections: each eighth verifies the audit chain, the others request a version in full.
     fn start(folder: &Path, version: &str) -> Self {
         let version: CapabilityId = version.parse().unwrap();
         Self::start_with(folder, READERS, |number| match number % 8 {

@@ -74,7 +74,7 @@ fn a_rejected_version_set_active_by_sql_is_nowhere_shown_active() {
     // not act.
     assert!(code == 3 && text.contains("grasp@1.1.0") && text.contains("rolled back"), "{text}");
     let (_, text) = run(&folder, &["store", "rebuild", "--from-chain", "--json"]);
-    assert_eq!(text.trim(), "{\"rebuilt\":null}");
+    assert_eq!(text.trim(), "{\"json_version\":1,\"rebuilt\":null}");
 }
 
 #[test]

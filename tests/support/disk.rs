@@ -116,8 +116,8 @@ pub enum Loss {
 }
 
 impl Trace {
-    /// Runs a program and records its changes to files below `folder`; `None` where tracing is not permitted. `said`
-    /// reads from each printed piece how much is kept.
+    /// Runs a program and records its changes to files below `folder`; `None` where tracing is not permitted.
+    /// `acknowledge` reads from each printed piece how much the program reports as stored.
     ///
     /// # Panics
     /// If the program fails, or changes the folder in an unknown way.

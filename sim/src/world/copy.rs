@@ -1,7 +1,7 @@
-//! A cell as it stands, kept in memory, and going on from it.
+//! An in-memory copy of a world, from which a world continues.
 //!
-//! The same as a snapshot, and cheaper by what writing and reading bytes cost: for work that is forked many times
-//! in one process.
+//! Equals a snapshot, without the cost of writing and reading bytes: for a run that one process forks many
+//! times.
 
 use rapier3d::dynamics::CCDSolver;
 use rapier3d::pipeline::{CollisionPipeline, PhysicsPipeline, PhysicsWorld};
@@ -26,14 +26,14 @@ impl WorldCopy {
 }
 
 impl World {
-    /// Everything that changes, as it stands; see [`World::go_on_from`].
+    /// Copies the part of the world that changes; [`World::go_on_from`] continues from it.
     #[must_use]
     pub fn copy(&self) -> WorldCopy {
         WorldCopy { robot: self.robot.digest, config: self.config, state: duplicate(&self.state) }
     }
 
-    /// Goes on from a copy of a world with the same robot: bit-identical to never having stopped. The
-    /// scene is the caller's to match.
+    /// Continues from a copy of a world with the same robot, bit-identical to an uninterrupted run. The
+    /// caller ensures that the scene is the same.
     ///
     /// # Errors
     /// [`SimError::Snapshot`] for a copy of another robot's world; this one is then unchanged.
@@ -53,8 +53,8 @@ impl World {
     }
 }
 
-/// Every field is named, so that one that is added is not forgotten. What a snapshot leaves out (the engine's
-/// working memory) is new here as it is there.
+/// Names every field, so that the compiler reports a new field that is missing here. As after a snapshot, the
+/// working memory of the physics engine starts empty.
 fn duplicate(state: &WorldState) -> WorldState {
     let p = &state.physics;
     let physics = PhysicsWorld {

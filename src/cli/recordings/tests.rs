@@ -49,8 +49,14 @@ fn keep_none(dry_run: bool) -> RecordingsVerb {
 }
 
 /// The JSON documents of an output.
+/// The rows, without the version that each begins with.
 fn rows(text: &str) -> Vec<Value> {
-    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    let row = |line| {
+        let mut row: serde_json::Map<String, Value> = serde_json::from_str(line).unwrap();
+        assert_eq!(row.remove("json_version"), Some(crate::cli::output::JSON_VERSION.into()), "{line}");
+        Value::Object(row)
+    };
+    text.lines().map(row).collect()
 }
 
 #[test]

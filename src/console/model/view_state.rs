@@ -121,7 +121,7 @@ pub const MONITORS_PANE: usize = 2;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ListCursor {
     pub row: usize,
-    /// What lies under it; absent until that was looked at.
+    /// The item under the cursor; absent until the console has looked it up.
     pub item: Option<ItemKey>,
 }
 
@@ -164,7 +164,7 @@ pub struct ViewState {
     pub panes: [usize; 8],
     /// The cursor of each view and pane.
     pub cursors: BTreeMap<(View, usize), ListCursor>,
-    /// Console time at which what was under the cursor left the list by itself, ms; keys wait a moment then.
+    /// Console time at which the item under the cursor left the list by itself, ms; briefly no key acts on an item.
     pub slipped_ms: Option<u64>,
     /// The filter of each view; empty for none.
     pub filters: BTreeMap<View, String>,
@@ -225,7 +225,7 @@ impl ViewState {
         self.filters.get(&self.view).map_or("", String::as_str)
     }
 
-    /// Another filter for the list that has the keys. Tells whether it had one.
+    /// Sets the filter of the list that has the keys. Returns whether it had one.
     pub fn set_filter(&mut self, text: String) -> bool {
         if self.in_story() {
             return !std::mem::replace(&mut self.story_filter, text).is_empty();

@@ -39,7 +39,7 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     let lost = if recording.dropped == (0, 0) {
         String::new()
     } else {
-        format!("; not kept: {lost_frames} frames, {lost_events} events")
+        format!("; dropped: {lost_frames} frames, {lost_events} events")
     };
     writeln!(out, "{}; {frames} frames{lost}", Untrusted::new(end).line())
 }

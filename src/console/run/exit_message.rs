@@ -48,7 +48,7 @@ pub(super) fn exit_report(
     ExitReport { cause, engine_started: came_up, in_order, text }
 }
 
-/// The exit report if the engine keeps running: `kept` is its reply to the request to run without a console,
+/// The exit report if the engine keeps running: `reply` answers the request to run without a console,
 /// `ends_alone_s` how long it does so by itself.
 pub(super) fn at_work(
     model: &ConsoleModel,

@@ -29,7 +29,7 @@ const WIDE_COLUMNS: u16 = 160;
 
 const WIDE_ROWS: u16 = 30;
 
-/// The width from which the seven stages have their words.
+/// The width from which the pipeline names the seven stages.
 const STRIP_WIDTH: u16 = 62;
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {

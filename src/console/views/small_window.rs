@@ -123,7 +123,7 @@ fn attention(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     let waiting = model.waiting_rows();
     let alarms = model.alarm_rows();
     let height = usize::from(area.height);
-    // If the view has room below, the most serious of both represent them: their views show the rest.
+    // If the view has room below, only the most serious of both are shown here; their own views list the rest.
     let most = if height >= VIEW_ROWS_MIN { 2 } else { (height / 2).max(1) };
     let waiting = if model.view_state.view == View::Approvals { &[][..] } else { &waiting[..] };
     let rows: Vec<Row> =
@@ -158,12 +158,13 @@ fn view(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let view = model.view_state.view;
     let pane = view.panes().get(model.view_state.pane()).copied().unwrap_or("");
     let place = match (view, model.view_state.pane()) {
-        (View::Overview, overview::ROBOT | overview::STORY) => place(model.row_count(), model.row()),
-        (View::Overview, _) => super::pipeline::extent(model, model.row(), area.width),
+        (View::Overview, pane) if !matches!(pane, overview::ROBOT | overview::STORY) => {
+            super::pipeline::extent(model, model.row(), area.width)
+        }
         _ => place(model.row_count(), model.row()),
     };
     let title = match view {
-        // The sign of a filter needs the room.
+        // The mark of a filter needs the space of the view's title.
         View::Overview if !model.filter().is_empty() => pane.to_owned(),
         _ if view.panes().len() > 1 => format!("{}: {pane}", view.title()),
         _ => view.title().to_owned(),

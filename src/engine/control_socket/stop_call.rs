@@ -91,7 +91,7 @@ impl StopCall {
         self.request.clone()
     }
 
-    /// Removes its mark, where there is no engine to take it.
+    /// Removes the mark of this stop if no engine is there to take it.
     pub fn withdraw(&self, layout: &Layout) {
         stop_mark::settle(layout, &self.request.id);
     }
@@ -195,11 +195,11 @@ struct StopMarkAttempt {
 }
 
 impl StopMarkAttempt {
-    /// Creates the mark unless it exists. Waits its turn while another stop's mark exists. Creates it again if it was removed
-    /// and no engine has taken it.
+    /// Creates the mark unless it exists. While another stop's mark exists, the next call tries again. Creates the mark
+    /// again if it was removed and no engine has taken it.
     fn put(&mut self, layout: &Layout, stop: &StopCall) {
         if let Some(own) = &self.own {
-            // An engine shares its lock before it removes the mark; the next check sees that.
+            // An engine shares the mark's lock before it removes the mark; the next check sees that.
             if !std::mem::replace(&mut self.was_removed, own.is_removed()) || !self.was_removed {
                 return;
             }
@@ -232,7 +232,7 @@ impl StopMarkAttempt {
     }
 }
 
-/// Asks over the socket. Waits for an engine that is coming up, or that takes its name back.
+/// Asks over the socket. Waits for an engine that is starting, or that binds its socket's name again.
 fn send_over_socket(layout: &Layout, request: &Request, until: Instant, sender: &SyncSender<SocketAnswer>) {
     let answer = loop {
         match try_socket(layout, request) {

@@ -1,8 +1,8 @@
 //! Re-evaluates a version whose behavior shifted, in the conditions of the live cell.
 //!
 //! Two kinds shift: a candidate that differs in its longest shadow from the sandbox, and an active version that
-//! differs from its shadow (governance's `shift`). The cause may be noise, by which a skill can recognize the
-//! sandbox, or chance. So the sandbox's pairs and sequences are run again, on fresh seeds, under the live cell's
+//! differs from its shadow (governance's `distribution_shift`). The cause may be noise, by which a skill can recognize
+//! the sandbox, or chance. So the sandbox's pairs and sequences are run again, on fresh seeds, under the live cell's
 //! present distribution, drift included: the candidate beside the active version before any decision, the active one
 //! beside its predecessor. A first version has no predecessor to compare with or to activate.
 

@@ -1,7 +1,7 @@
-//! Whole sequences, each task by the version whose place it is: with a candidate in its place, and with the active one.
+//! Runs whole sequences, once with a candidate for its task and once with the active version.
 //!
-//! The same dispatch as in the live world: who is not admitted is not started, and a task that is not done ends the
-//! sequence. Judges nothing.
+//! The dispatch is that of the live cell: a version that is not admitted is not started, and a task that is not done
+//! ends the sequence. Judges nothing.
 
 use holdpoint_body::TaskKind;
 use holdpoint_runtime::task::{Supervision, TaskRecord};
@@ -13,10 +13,10 @@ use super::undisturbed_run::TrialCase;
 use super::worker::Worker;
 use crate::cell::{Cell, Conditions};
 
-/// A sequence as the candidate and as the active version worked it in its place.
+/// The records of one sequence, with the candidate and with the active version for the candidate's task.
 pub type SequenceRecords = (Vec<TaskRecord>, Vec<TaskRecord>);
 
-/// The active versions of the families beside a candidate's, in the order of work.
+/// The active versions of the families beside a candidate's, in the order of execution.
 #[derive(Clone, Default)]
 pub struct TrialTeam(Vec<TrialSubject>);
 
@@ -31,7 +31,7 @@ impl TrialTeam {
         Self(beside)
     }
 
-    /// Who they are.
+    /// The versions.
     #[must_use]
     pub fn members(&self) -> &[TrialSubject] {
         &self.0
@@ -49,7 +49,7 @@ impl TrialTeam {
     }
 }
 
-/// One sequence of the sandbox's distribution; a simulator that fails leaves an invalid record at its end.
+/// Runs one sequence of the sandbox's distribution; if the simulator fails, the last record is invalid.
 #[must_use]
 pub fn sequence(worker: &mut Worker, cell: &Cell, cast: [&TrialSubject; 3], seed: u64) -> Vec<TaskRecord> {
     let mut records = Vec::with_capacity(cast.len());
@@ -58,8 +58,8 @@ pub fn sequence(worker: &mut Worker, cell: &Cell, cast: [&TrialSubject; 3], seed
     close(worker, ended.map(|_| ()), &cast, seed, records)
 }
 
-/// The same sequence with either of two versions in its place: what comes before that place is worked once. The records
-/// are those of two sequences by themselves.
+/// Runs a sequence with either of two versions for the task `place`; both share one run of the tasks before it. The
+/// records equal those of two separate calls of [`sequence`].
 #[must_use]
 pub fn sequences(
     worker: &mut Worker,
@@ -95,7 +95,7 @@ fn setup(cell: &Cell, seed: u64) -> EpisodeSetup {
     EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, cell.distribution(Conditions::Sandbox), seed)
 }
 
-/// Works tasks one after the other on the worker's arm as it stands. Returns whether all were done.
+/// Runs tasks one after the other from the present state of the worker's arm. Returns whether all were done.
 fn work(
     worker: &mut Worker,
     cell: &Cell,

@@ -1,7 +1,7 @@
-//! The rungs of the ladder that move the arm, and the one that looks whether the predecessor is ready.
+//! The rungs of the ladder that move the arm, and the one that checks whether the rollback target is ready.
 //!
 //! Whether a rung held is read from joints, contacts and pose, never from what a hook returns. Decides
-//! nothing about the versions; the first rung that fails ends the descent, and the arm stays stopped.
+//! nothing about the versions; the first rung that fails ends the ladder, and the arm stays stopped.
 
 use holdpoint_body::{Command, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_sim::SimError;
@@ -39,7 +39,7 @@ const RETREAT_SPEED_M_S: f64 = 0.2;
 pub(crate) struct Descent {
     /// The rungs that were tried.
     pub(crate) rungs: Vec<RungRecord>,
-    /// From the trigger until every joint stood, ticks.
+    /// From the trigger until every joint was at rest, ticks.
     pub(crate) safe_ticks: Option<u64>,
     /// From the trigger to the end of the last rung, ticks.
     pub(crate) ticks: u64,
@@ -58,8 +58,8 @@ impl Descent {
 
 impl Rig {
     /// The physical rungs: the version's own safe-abort hook, the interrupt that no version can refuse, and the
-    /// retreat. A task that was stopped in flight has had its hook already; the descent then goes on from there,
-    /// and time counts from the tick that stopped it.
+    /// retreat. If the supervisor stopped a task in flight, the hook has run already: the ladder continues from there,
+    /// and time counts from the tick of that stop.
     pub(crate) fn descend(
         &mut self,
         leaving: &Capability,
@@ -115,8 +115,8 @@ impl Rig {
         Ok(descent)
     }
 
-    /// Whether the predecessor is ready: beside the standing arm it sees what the arm sees, and has to give a
-    /// command that its own guard passes. None of its commands reaches the arm here.
+    /// Checks whether the rollback target is ready: it gets the observations of the arm at standstill, and must give
+    /// a command that its own guard passes. None of its commands reaches the arm here.
     pub(crate) fn ready(
         &mut self,
         predecessor: &Capability,
@@ -186,7 +186,7 @@ fn retract(
     if clear {
         return Ok(RungRecord::new(Rung::Retract, None, ticks, Notice::ToolClear));
     }
-    // What cannot retreat is not left to try on.
+    // A failed retreat must not continue: the interrupt stops the arm.
     handle.interrupt(Interrupt::Stop);
     let obstacle = match checked.verdict {
         GuardVerdict::Denied => RetreatObstacle::GuardRefused,

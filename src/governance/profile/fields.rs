@@ -1,6 +1,6 @@
 //! Every number of a profile: its range, and its stricter direction.
 //!
-//! One table; a test holds that it names every number of the shipped profiles, and no other.
+//! One table; a test checks that it names every number of the shipped profiles, and no other.
 
 use super::Profile;
 
@@ -175,7 +175,7 @@ pub fn numbers(profile: &Profile) -> Vec<(String, f64)> {
     fn walk(path: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) {
         let join = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
         match value {
-            // JSON has no form for a number that is not finite: it comes out as null, and is read back as one.
+            // serde writes a non-finite number as null, because JSON has no form for it; here null becomes NaN again.
             serde_json::Value::Null => out.push((path.to_owned(), f64::NAN)),
             serde_json::Value::Number(number) => {
                 out.push((path.to_owned(), number.as_f64().unwrap_or(f64::NAN)));

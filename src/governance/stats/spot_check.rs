@@ -1,8 +1,8 @@
 //! The number of results of a block to re-run, so that an edited share is detected.
 //!
-//! Sampling without replacement, exactly (hypergeometric): of `kept` cells at least `edited` are false, `n` are
-//! sampled, each set of `n` as likely as any other; `1 - C(kept - edited, n) / C(kept, n)` is the chance that one of
-//! the false ones is among them. Fewer edits are found less often: [`detection_probability`] says how often.
+//! Sampling without replacement, exactly (hypergeometric): of `cached` cells at least `edited` are false, `n` are
+//! sampled, each set of `n` as likely as any other. `1 - C(cached - edited, n) / C(cached, n)` is the chance that the
+//! sample holds a false one. Fewer edits are found less often: [`detection_probability`] says how often.
 
 /// The edited share that a spot check is designed for: one in twenty, rounded up to whole cells.
 pub const EDITED_ONE_IN: u32 = 20;
@@ -10,16 +10,16 @@ pub const EDITED_ONE_IN: u32 = 20;
 /// The chance with which a spot check finds that share.
 pub const SPOT_CHECK_POWER: f64 = 0.95;
 
-/// Rounding must ask for no cell more.
+/// Tolerance against rounding, so that a rounding error does not add a cell to the sample.
 const SLACK: f64 = 1e-12;
 
-/// The least number of edited cells that a spot check of `kept` is designed for.
+/// The least number of edited cells that a spot check of `cached` cells is designed for.
 #[must_use]
 pub const fn assumed_edits(cached: u32) -> u32 {
     cached.div_ceil(EDITED_ONE_IN)
 }
 
-/// The chance that `edited` false cells among `kept` show in `drawn` of them.
+/// The chance that a sample of `sampled` cells holds one of the `edited` false ones among `cached`.
 #[must_use]
 pub fn detection_probability(cached: u32, edited: u32, sampled: u32) -> f64 {
     let sampled = sampled.min(cached);
@@ -31,7 +31,7 @@ pub fn detection_probability(cached: u32, edited: u32, sampled: u32) -> f64 {
     1.0 - missed
 }
 
-/// Sample size among `kept` cells for [`SPOT_CHECK_POWER`]: 59 of very many, 54 of 300, 19 of 20, all of fewer.
+/// Sample size among `cached` cells for [`SPOT_CHECK_POWER`]: 59 of very many, 54 of 300, 19 of 20, all of fewer.
 #[must_use]
 pub fn spot_check(cached: u32) -> u32 {
     let enough = |sampled: &u32| {

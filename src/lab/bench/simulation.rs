@@ -97,7 +97,7 @@ pub struct TaskCost {
     pub cpu_secs: f64,
 }
 
-/// Runs tasks of every active version, `count` of each, on calibration seeds; a task whose world failed is left out.
+/// Runs tasks of every active version, `of_each` of each, on calibration seeds; a task whose world failed is left out.
 ///
 /// # Errors
 /// If the cell or a version that comes with the program does not load.

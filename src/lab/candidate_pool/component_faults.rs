@@ -1,7 +1,7 @@
 //! Candidates that bring their own code: the engine's controllers as a component, each with a fault compiled into it.
 //!
-//! Which fault it is, and its numbers, stand in the component's data and nowhere else: manifest and parameters are those of
-//! an honest candidate. Numbers come from wide ranges about the size of what they bend, so that some do no harm. Owns the
+//! Only the component's data holds the kind of the fault and its numbers: manifest and parameters are those of an
+//! honest candidate. Numbers come from wide ranges, so that some faults do no harm. Owns the
 //! ranges; the faults themselves are in `src/sdk/guests/faults`.
 
 #[path = "../../sdk/guests/faults/block.rs"]
@@ -46,7 +46,7 @@ pub fn write(kind: Kind, draft: &mut Draft, stream: &mut Stream) -> Result<(), P
 
 /// The block's four numbers; what they mean stands beside each kind.
 fn numbers(kind: Kind, stream: &mut Stream) -> [f64; 4] {
-    // An outburst: speeds and grip multiplied, the tool lowered by some meters.
+    // What a triggered fault does: it multiplies speeds and grip, and lowers the tool by some meters.
     let (times, lower_m) = (number(stream, [1.5, 4.0]), number(stream, [0.0, 0.03]));
     let from = f64::from(sample_integer(stream, [20, 1_200]));
     match kind {
@@ -117,7 +117,7 @@ mod tests {
         }
     }
 
-    /// Every one loads (the generator checks it), no two have the same code, and nothing outside the component tells them apart.
+    /// Every candidate loads (the generator checks it), almost all differ in code, and no text beside it names a fault.
     #[test]
     fn what_is_wrong_is_in_the_code_alone() {
         let order = PoolSpec { seed: 5, sets: 1, preset: Preset::Components };
@@ -125,7 +125,7 @@ mod tests {
         assert_eq!(pool.packages.len(), 3 * Kind::ALL.len());
         let codes: BTreeSet<&[u8]> =
             pool.packages.iter().map(|package| package.component.as_ref().unwrap().bytes()).collect();
-        // The honest ones of the three families are one component; so are hooks that lie alike.
+        // The honest candidates of the three families share one component; so do lying hooks with equal numbers.
         assert!(codes.len() >= 3 * (Kind::ALL.len() - 2), "{}", codes.len());
         for package in &pool.packages {
             for kind in Kind::ALL.into_iter().filter(|kind| *kind != Kind::Honest) {

@@ -1,6 +1,6 @@
 //! The kinds of candidates and the presets they are combined to (paper section 6.2 and appendix C).
 //!
-//! Owns the closed list. How a kind is made stands in `benign`, `structure`, `faulty` and `marginal`.
+//! Owns the closed list. The kinds are made in `recipes`, `structure`, `paper_kinds`, `mutant` and `component_faults`.
 
 use super::component_faults::block::Kind;
 use super::component_faults::is_harmless;

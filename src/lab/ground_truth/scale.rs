@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use holdpoint_governance::text_error::{TextError, parse_toml};
 
 holdpoint_governance::closed_set! {
-    /// How bad it was, the worst last.
+    /// The class of harm that an episode did, the worst last.
     HarmClass, "class of harm", {
         NoHarm = "none",
         /// Work is lost, or something has to be picked up.
@@ -28,7 +28,7 @@ impl HarmClass {
 pub struct RefereeObservation {
     /// The work was done, by inspection. Of a drilled stop: always.
     pub done: bool,
-    /// Hardest contact of robot, or of the object in its hand, with the surroundings, N.
+    /// Hardest contact of the robot, or of the object in its gripper, with the surroundings, N.
     pub force_n: f64,
     /// Hardest contact of the robot with table, tray or clutter, N.
     pub collision_n: f64,
@@ -51,7 +51,7 @@ pub struct RefereeObservation {
     pub hook_failed: bool,
 }
 
-/// From which values on an episode belongs to a class. An absent value puts none into it.
+/// The values from which an episode belongs to a class. An absent value assigns no episode to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HarmThreshold {
@@ -73,7 +73,7 @@ pub struct HarmThreshold {
 impl HarmThreshold {
     fn is_reached(&self, seen: &RefereeObservation) -> bool {
         let past = |limit: Option<f64>, value: f64| {
-            // A value that is no number is past every limit.
+            // NaN is past every limit.
             limit.is_some_and(|limit| !(value < limit))
         };
         past(self.force_n, seen.force_n)
@@ -88,7 +88,7 @@ impl HarmThreshold {
 }
 
 holdpoint_governance::closed_set! {
-    /// In what a version can be worse than the one before without doing harm.
+    /// The measure by which a version is worse than the one before without doing harm.
     WorseBy, "way of being worse", {
         /// More of its tasks fail.
         Undone = "undone",
@@ -101,7 +101,7 @@ holdpoint_governance::closed_set! {
     }
 }
 
-/// From which differences on a version is worse than the one before, harm or not.
+/// The differences from which a version is worse than the one before, with or without harm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct WorseLimits {
@@ -147,7 +147,7 @@ impl HarmScale {
             .unwrap_or(HarmClass::NoHarm)
     }
 
-    /// From which difference on a version is worse.
+    /// The difference from which a version is worse.
     #[must_use]
     pub const fn worse_from(&self, by: WorseBy) -> f64 {
         match by {

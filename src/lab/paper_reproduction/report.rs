@@ -50,11 +50,11 @@ const VALIDITY: [(&str, &str); 4] = [
     ),
 ];
 
-/// Writes the report of a folder's raw rows: `report.md`, `report.html`, plots, `tests.csv`. Gives back the lines of the first
-/// page.
+/// Writes the report of a folder's raw rows: `report.md`, `report.html`, plots, `tests.csv`. Returns the
+/// lines of the first page.
 ///
 /// # Errors
-/// If the rows cannot be read, a number not be computed or a file not be written.
+/// If the rows cannot be read, a number cannot be computed, or a file cannot be written.
 pub fn write(folder: &Path) -> Result<Vec<String>, ExperimentError> {
     let (about, rows) = RawRows::read(folder)?;
     let RawRows { rounds, pools, layers, drift } = &rows;

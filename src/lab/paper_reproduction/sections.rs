@@ -59,7 +59,7 @@ impl Section {
     }
 }
 
-/// How many seeds rows are of.
+/// The number of different seeds among the rows.
 #[must_use]
 pub fn seeds_in<T>(rows: &[T], seed: fn(&T) -> u64) -> usize {
     rows.iter().map(seed).collect::<BTreeSet<u64>>().len()

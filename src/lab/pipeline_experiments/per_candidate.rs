@@ -1,8 +1,8 @@
-//! Every candidate of a pool through the seven stages, and the truth file's verdict at the end.
+//! Takes every candidate of a pool through the seven stages, and compares the results with the truth file.
 //!
-//! The engine decides first, about all of them; then the truth is read. Each candidate gets its own store. They are
-//! spread over a few run seeds: candidates on one seed share the episodes of the active version (and their luck), so
-//! that a pool does not pay for a baseline per candidate.
+//! The engine first decides about all of them; then the experiment reads the truth. Each candidate gets its own store.
+//! A few run seeds serve all candidates: those on one seed share the episodes of the active version (and their luck),
+//! so that a pool does not pay for a baseline per candidate.
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -68,7 +68,7 @@ pub(crate) struct CandidateJob<'a> {
 /// Runs the plan. `tell` is given one line per finished candidate.
 ///
 /// # Errors
-/// If the pool cannot be read, a candidate does not come to an end, or the truth is not the sealed one.
+/// If the pool cannot be read, a candidate does not come to an end, or the truth file does not match its digest.
 pub fn run(plan: &RunPlan, tell: &ProgressFn<'_>) -> Result<PerCandidateReport, ExperimentError> {
     let pool = Pool::read(&plan.pool)?;
     let packages = packages(&pool)?;
@@ -109,7 +109,7 @@ pub(crate) fn packages(pool: &Pool) -> Result<Vec<(String, Package)>, Experiment
     pool.index.candidates.iter().map(read).collect()
 }
 
-/// Takes the tasks through, some at once; the ends come back in the tasks' order.
+/// Runs the jobs, several at once. Returns their ends in the order of the jobs.
 fn work(
     jobs: usize,
     cell: &Cell,

@@ -64,7 +64,7 @@ pub enum AlteredInput {
     /// Where the tray was last seen, world frame, m.
     TargetX,
     TargetY,
-    /// Age of the object's picture, ticks.
+    /// Age of the object's camera frame, ticks.
     PictureAge,
     /// Whether the gripper answers: 1 or 0; below .5 it does not.
     ToolAvailable,
@@ -102,23 +102,23 @@ pub enum AlterationTiming {
     High { above_m: f64 },
     /// While the object is seen further out than this along x, m.
     Far { above_m: f64 },
-    /// In this share of all runs, 0 to 1, drawn from the run's seed.
+    /// In this share of all runs, 0 to 1, selected by the run's seed and `salt`.
     Runs { share: f64, salt: u16 },
 }
 
-/// What a hook does instead of its own.
+/// What a hook does instead of its own code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HookOverride {
-    /// Asks for nothing, for ever.
+    /// Sends no command and never ends.
     Nothing,
-    /// Says at once that it is done.
+    /// Reports at once that it is done.
     Done,
     /// Continues its task as if no abort had been requested.
     WorkOn,
 }
 
-/// Which hook; the words of a manifest.
+/// The altered hook, by its name in a manifest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AlteredHook {
@@ -140,9 +140,9 @@ pub enum Alteration {
         #[serde(default)]
         when: AlterationTiming,
     },
-    /// A number of its commands only follows: `weight` (0 to 1) of the new one, the rest of the one before.
+    /// A number of its commands is smoothed: `weight` (0 to 1) of the new value, and the rest of the previous one.
     Filter { output: AlteredOutput, weight: f64 },
-    /// A number of its commands takes whole multiples of `step` alone.
+    /// A number of its commands is rounded to a whole multiple of `step`.
     Quantise { output: AlteredOutput, step: f64 },
     /// A commanded position is mirrored about where the tool is.
     Flip {
@@ -150,7 +150,7 @@ pub enum Alteration {
         #[serde(default)]
         when: AlterationTiming,
     },
-    /// A number that it sees is another: `factor` times as large, and `offset` more.
+    /// A number that it sees becomes `factor` times as large, and `offset` more.
     Input {
         input: AlteredInput,
         #[serde(default = "one")]
@@ -160,17 +160,17 @@ pub enum Alteration {
         #[serde(default)]
         when: AlterationTiming,
     },
-    /// Every command comes so many ticks later.
+    /// Every command comes `ticks` ticks later.
     Delay { ticks: u16 },
-    /// It is not asked for a while: what follows comes later.
+    /// The skill is not called for `ticks` ticks, so that all later commands come later.
     Wait { from: u16, ticks: u16 },
-    /// What it asks for in a while is lost.
+    /// Its commands in a window of `ticks` ticks are lost.
     Skip { from: u16, ticks: u16 },
-    /// What it asked for in a while is asked for once more.
+    /// Its commands in a window of `ticks` ticks are sent once more.
     Repeat { from: u16, ticks: u16 },
-    /// What it asks for in a while and in the next as long change places.
+    /// Its commands in a window and in the next window of the same length change places.
     Swap { from: u16, ticks: u16 },
-    /// It says that it is done.
+    /// It reports that it is done.
     Finish { tick: u16 },
     /// A hook does something else.
     Hook { hook: AlteredHook, deed: HookOverride },
@@ -180,22 +180,22 @@ const fn one() -> f64 {
     1.0
 }
 
-/// The part of a parameter file that is no controller's.
+/// The part of a parameter file that no controller reads.
 #[derive(Debug, Default, Deserialize)]
 struct AlterationSection {
     #[serde(default)]
     alteration: Vec<Alteration>,
 }
 
-/// The field of a parameter file that holds them.
+/// The field of a parameter file that holds the alterations.
 pub const FIELD: &str = "alteration";
 
-/// What a parameter file says of alterations, and the rest of it for the controller: the text itself where it says
-/// nothing.
+/// Returns the alterations of a parameter file, and the rest of it for the controller. Without alterations the rest
+/// is `None`: the controller then gets the whole text.
 ///
 /// # Errors
-/// An alteration that is unknown or has a value outside its range, or too many of them. What is not TOML is left to
-/// the controller.
+/// An alteration that is unknown or has a value outside its range, or too many of them. A text that is not TOML is
+/// left to the controller.
 pub fn split(file: &str, text: &str) -> Result<(Vec<Alteration>, Option<String>), TextError> {
     let Ok(mut table) = text.parse::<toml::Table>() else { return Ok((Vec::new(), None)) };
     let Some(found) = table.remove(FIELD) else { return Ok((Vec::new(), None)) };
@@ -266,7 +266,7 @@ impl AlteredBundle {
     /// The bundle, altered.
     ///
     /// # Errors
-    /// If a number is not finite; none that [`split`] let pass is.
+    /// If a number is not finite; [`split`] returns finite numbers only.
     pub fn new(inner: Arc<dyn SkillBundle>, alterations: Vec<Alteration>) -> Result<Self, serde_json::Error> {
         let text = canonical_json(&alterations)?;
         let digest =

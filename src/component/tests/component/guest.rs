@@ -13,15 +13,15 @@ use holdpoint_component::{Component, ComponentError, ComponentLimits};
 
 pub const LIMITS: ComponentLimits = ComponentLimits { fuel_per_tick: 100_000, memory_bytes: 1 << 20 };
 
-/// What every good guest says of itself.
+/// The interface that a valid guest describes.
 pub const INTERFACE: &str = r#"{"controller":"test","semantics_version":"1.0.0","entry_points":[],"inputs":{},"outputs":{},"parameters":{},"hooks":[],"failure_signals":[],"needs":[]}"#;
 
-/// Where a guest finds the command it answers with, and where its interface lies.
+/// Addresses in a guest's memory: the command of a tick, the results of `describe` and `start`, and the interface.
 pub const COMMAND: u32 = 256;
 const DESCRIBED: u32 = 64;
 const STARTED: u32 = 128;
 const TEXT: u32 = 16_384;
-/// Address of the host's arguments, written in each call.
+/// Address at which the host writes the arguments of each call.
 const HANDED: u32 = 1_024;
 
 /// The parts of a guest; each function's body is a text of instructions.
@@ -32,20 +32,20 @@ pub struct Guest {
     /// What the module imports.
     pub import: String,
     pub memory: String,
-    /// What it says of itself.
+    /// The interface that `describe` returns, JSON.
     pub interface: String,
-    /// Gives where the result of `describe` lies.
+    /// Leaves the address of the result of `describe`.
     pub describe: String,
     pub start: String,
-    /// Has the observation's address as local 0, and `$word` and `$place` for itself; gives the command's.
+    /// Gets the observation's address as local 0 and may use `$word` and `$place`; leaves the command's address.
     pub tick: String,
     pub enter: String,
-    /// Anything else of the module.
+    /// Any further parts of the module.
     pub more: String,
 }
 
 impl Default for Guest {
-    /// Does nothing wrong, and nothing.
+    /// A valid guest that holds in every tick.
     fn default() -> Self {
         Self {
             package: wit(),
@@ -126,7 +126,7 @@ impl Guest {
         Component::load(&self.bytes(), &Value::Null, LIMITS, &packages)
     }
 
-    /// A good one that turns bad in its `tick`.
+    /// A guest that is valid except for its `tick`.
     pub fn ticking(tick: &str) -> Component {
         Self { tick: tick.to_owned(), ..Self::default() }.load().unwrap()
     }
@@ -157,7 +157,7 @@ pub fn seen(tick: u64) -> Observation {
     }
 }
 
-/// A good guest in the same process still works: what another did has harmed nothing.
+/// Checks that a valid guest still runs in this process after another guest failed.
 pub fn all_is_well() {
     let mut run = Guest::default().load().unwrap().run(1);
     use holdpoint_skill::Skill as _;

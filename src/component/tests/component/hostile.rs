@@ -135,7 +135,7 @@ fn a_hook_that_goes_wrong_is_a_fault_of_its_run() {
 
 #[test]
 fn a_tick_in_between_is_counted_by_itself() {
-    // Does `ticks` ticks of work, then none: fuel that a tick leaves does not carry over.
+    // Does nothing for 40 ticks, then loops: fuel that a tick leaves does not carry over.
     let tick = format!(
         "(local.set $word (i64.load (local.get 0)))
         (if (i64.eq (local.get $word) (i64.const 40)) (then (loop (br 0))))

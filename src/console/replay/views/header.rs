@@ -78,13 +78,13 @@ fn asides(model: &ReplayModel, pen: &Pen<'_>) -> Vec<Row> {
 
 /// The number of dropped records; empty if there are none.
 fn dropped_summary(frames: u64, events: u64) -> String {
-    let counted = [(frames, "pictures"), (events, "events")];
+    let counted = [(frames, "frames"), (events, "events")];
     let lost: Vec<String> = counted
         .iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| format!("{count} {what}"))
         .collect();
-    if lost.is_empty() { String::new() } else { format!("{} not kept", lost.join(" and ")) }
+    if lost.is_empty() { String::new() } else { format!("{} dropped", lost.join(" and ")) }
 }
 
 fn outcome(model: &ReplayModel, pen: &Pen<'_>) -> Row {
@@ -111,7 +111,7 @@ fn version_status(model: &ReplayModel, pen: &Pen<'_>) -> Row {
     let mark = StateMark::version(state, &status.flags);
     let row = Row::of(mark.role, &pen.look.mark_label(mark));
     let label = formatters::state_label(state, &status.flags);
-    // A state whose name is its own word appears once.
+    // If the state's label equals the mark's label, the header shows it once.
     if label.replace('-', " ") == mark.label { row } else { row.with(ThemeRole::Text, &format!("  {label}")) }
 }
 

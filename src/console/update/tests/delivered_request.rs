@@ -76,7 +76,7 @@ impl TestConsole {
     }
 }
 
-/// The operator signs the text that the engine gave to this operator: not earlier, and not another person's.
+/// An operator can approve only after the engine delivered the request, and only the one addressed to this operator.
 #[test]
 fn an_undelivered_request_is_not_approved() {
     let mut console = TestConsole::new(0);
@@ -108,7 +108,7 @@ fn an_undelivered_request_is_not_approved() {
     console.draw((120, 80));
     assert!(!decides(&console.keys("Y")));
     assert_eq!(console.block(), Some(DecisionObstacle::NotAsked));
-    // Reading again requests it again; the next operator gets an own text.
+    // The key that reads again requests the text again; another operator gets another text.
     let (id, _) = query(&console.keys("r")).unwrap();
     console.tell(answer(&id, "ana"));
     console.draw((120, 80));
@@ -131,6 +131,6 @@ fn another_approval_is_no_change_of_evidence() {
     let mut now = snapshot(0, 'e');
     now.prompts[0].approved_by = vec!["bo".to_owned()];
     console.tell(MsgKind::Snapshot(Arc::new(now)));
-    // The approvers stand beside the request, live and unsigned.
+    // The console shows the approvers beside the request; the signed text does not contain them.
     assert!(decides(&console.keys("Y")));
 }

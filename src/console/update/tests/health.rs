@@ -139,7 +139,7 @@ fn the_alarm_history_changes_nothing() {
     assert!(!console.press(KeyCode::Char(' ')).is_empty());
 }
 
-/// In the health view, with tasks and `count` notes in the newest column, one minute apart.
+/// In the health view, with tasks and `notes` notes in the newest column, one minute apart.
 fn opened_with_notes(notes: usize) -> TestConsole {
     let mut console = TestConsole::new(0);
     let effects = console.keys("8");

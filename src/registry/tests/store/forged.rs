@@ -64,7 +64,7 @@ fn digits(node: &JsonNode, path: &[&str]) -> Option<[u8; 32]> {
     unhex(node.text(path)?)
 }
 
-/// Signs what is in `node` under `inner`, and puts signature and key beside it.
+/// Signs `digest` with `key`, and sets the signature and the public key in `node`.
 fn sign(node: &mut JsonNode, key: &SigningKey, digest: Digest) {
     node.set(&["public_key"], text(hex(key.verifying_key().as_bytes())));
     node.set(&["signature"], text(hex(&key.sign(digest.bytes()).to_bytes())));

@@ -75,7 +75,7 @@ fn every_record_has_a_proof_that_needs_no_store() {
         let expected = ProofFault::NoRecord { seq: missing, end: records };
         assert_eq!(fault(prove_record(&database, missing)), expected);
     }
-    // Steps of another record, and another record under these steps.
+    // A record with the path of another record.
     let (one, two) = (prove_record(&database, 3).unwrap(), prove_record(&database, 4).unwrap());
     let (Proof::Inclusion { record, head, .. }, Proof::Inclusion { path, .. }) = (one, two) else { panic!() };
     let mixed = Proof::Inclusion { version: 1, record, path, head };

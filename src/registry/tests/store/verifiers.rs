@@ -340,7 +340,7 @@ fn persons_and_who_approved_are_judged_by_both() {
         .unwrap();
         let error = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
         assert!(error.to_string().contains(expected), "{what}: {error}");
-        // Nor is it exported as a signed history.
+        // The export of a signed history refuses the store, too.
         let refused = export_store(&store.join("holdpoint.db"), ExportScope::Signed, None, &mut Vec::new());
         let Err(ExportError::Store(error)) = &refused else { panic!("{what}: {refused:?}") };
         assert_eq!(refusal(error).0, RefusalCause::Damaged, "{what}: {error}");
