@@ -298,6 +298,18 @@ mod tests {
     }
 
     #[test]
+    fn an_error_in_json_begins_with_the_version() {
+        let mut out = Vec::new();
+        CliError::usage("no file").print_json(&mut out);
+        let document: serde_json::Value = serde_json::from_slice(&out).unwrap();
+        assert_eq!(
+            (&document["json_version"], &document["code"]),
+            (&crate::cli::output::JSON_VERSION.into(), &2.into())
+        );
+        assert!(out.starts_with(b"{\"json_version\":"));
+    }
+
+    #[test]
     fn errors_print_one_line_and_a_hint() {
         for (error, text, code) in [
             (

@@ -103,13 +103,13 @@ pub fn not_admitted(
     let (version, state, member) = version_table.version(&id).ok()?;
     let unreviewed = version_table.family(&id.family).is_ok_and(|entry| entry.state.is_unreviewed(version));
     if state.closed.contains(&profile) && !unreviewed {
-        return Some(AdmissionRefusal::Closed);
+        return Some(AdmissionRefusal::Blocked);
     }
     let admission = member.course.let_in.unwrap_or(AdmissionContext::LEAST);
     // A version that never had control has no gate pass that could be insufficient.
     let had_control = state.acted || matches!(state.state, State::Active | State::Superseded);
     (had_control && version != VersionRef(0) && !admission.suffices(version_table.admission()))
-        .then_some(AdmissionRefusal::AdmittedByLess(admission))
+        .then_some(AdmissionRefusal::LessStrictGate(admission))
 }
 
 /// A version with the terms it is measured under and the fallback it has now.

@@ -186,7 +186,7 @@ pub(crate) fn rearm(
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("{id} {}", holdpoint_wording::admission_refusal(why, profile)),
-            hint: Some(hint).filter(|_| why == AdmissionRefusal::Closed),
+            hint: Some(hint).filter(|_| why == AdmissionRefusal::Blocked),
         });
     }
     if let Some(refused) = reactivation_refusal(context, record, &id)? {

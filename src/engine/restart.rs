@@ -92,7 +92,7 @@ fn deactivate_unadmitted(live: &mut LiveMonitoring<'_>) -> Result<(), EngineFaul
             let why = not_admitted(live.context, version_table, &member.capability)?;
             // Under a profile that is not in force yet no version acts.
             let waits =
-                live.context.unauthorized.is_some() && matches!(why, AdmissionRefusal::AdmittedByLess(_));
+                live.context.unauthorized.is_some() && matches!(why, AdmissionRefusal::LessStrictGate(_));
             (!waits).then(|| (member.capability.id(), why))
         })
         .collect();

@@ -84,9 +84,9 @@ pub enum AdmissionRefusal {
     /// Its manifest does not name the profile.
     Undeclared,
     /// A demotion blocked it under the profile.
-    Closed,
+    Blocked,
     /// The gate admitted it under a less strict profile.
-    AdmittedByLess(AdmissionContext),
+    LessStrictGate(AdmissionContext),
 }
 
 /// What an event, an alarm, a rollback record or a change of state states, with the values that a sentence about it needs.
@@ -144,7 +144,7 @@ pub enum Notice {
     /// An approval request is void, because the lifecycle refuses the approval.
     RequestRefused { version: CapabilityId, problem: String },
     /// Too few people answered in time, and the version is on hold.
-    AnsweredTooLate,
+    ApprovalLapsed,
     /// Approvers agreed to lift a restriction.
     ReleaseApproved,
     /// An approver refused to lift a restriction.
@@ -195,7 +195,7 @@ pub enum Notice {
     /// The behavior shifted, and there is no rollback target to compare the version with.
     ShiftWithoutTarget,
     /// A re-evaluation did not clear the version.
-    NotAsShadowShowed { reason: Option<Box<Reason>> },
+    DiffersFromShadow { reason: Option<Box<Reason>> },
     /// The concern cannot be settled without a rollback target to compare the version with.
     ConcernWithoutTarget,
     /// The concern that the version was activated with remains on new evidence.
@@ -217,7 +217,7 @@ pub enum Notice {
     /// A joint still moves after the interrupt.
     StillMoving,
     /// A person stopped the cell, before the retreat or during it, and the arm does not move.
-    RetreatLeftOut { during: bool },
+    RetreatSkipped { during: bool },
     /// The tool is clear of everything.
     ToolClear,
     /// The tool could not be raised clear of everything.

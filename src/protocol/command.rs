@@ -54,7 +54,7 @@ pub enum Command {
     /// A person's signed approval or refusal of a waiting candidate. An approval covers the reply to
     /// [`Command::Question`]; the engine renders it again and refuses a different one.
     Decide {
-        /// The decision with its signature; checked by the engine and again by the store.
+        /// The decision with its signature, which the store verifies.
         signed: Box<SignedApproval>,
     },
     /// An administrator's signed act that enrolls or revokes a person's key.

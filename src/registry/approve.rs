@@ -106,7 +106,7 @@ impl Applier<'_> {
         let approval = signed.approval();
         let nonce = approval.nonce.to_string();
         let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
-        verify(signed, &self.persons()?).map_err(&refuse)?;
+        verify_approval(signed, &self.persons()?).map_err(&refuse)?;
         if approval.store_id != self.place.store_id {
             return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
         }
@@ -218,7 +218,7 @@ impl Applier<'_> {
             return Err(refuse(problem));
         }
         // The row was on disk since: an editor of the file has no key of an enrolled person.
-        verify(&signed, &self.persons()?).map_err(|problem| refuse(&problem))?;
+        verify_approval(&signed, &self.persons()?).map_err(|problem| refuse(&problem))?;
         self.write_consumed(nonce)?;
         crate::fp!("approval-consumed");
         let touched = ChangeEffect::new(RecordKind::ApprovalConsumed, &approval.version);
@@ -244,8 +244,11 @@ impl Applier<'_> {
 }
 
 /// The one verification of a signed decision: its signer is enrolled, in this role, and signed exactly this. It runs in the
-/// transaction that stores the decision, and in the one that uses it.
-fn verify(signed: &SignedApproval, persons: &PersonDirectory) -> Result<(), String> {
+/// transaction that stores the decision, in the one that uses it, and when a restart restores it from its row.
+///
+/// # Errors
+/// The problem.
+pub fn verify_approval(signed: &SignedApproval, persons: &PersonDirectory) -> Result<(), String> {
     let name = &signed.approval().who;
     let person = persons.named(name).filter(|person| person.state == PersonState::Enrolled);
     let person = person.ok_or_else(|| format!("{name:?} is not enrolled in this store"))?;

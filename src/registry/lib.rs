@@ -69,6 +69,7 @@ mod witness;
 mod witness_appointment;
 
 pub use administrator::FIRST_ADMINISTRATOR;
+pub use approve::verify_approval;
 pub use audit::{ExportError, Head};
 pub use backup::{
     BackupError, BackupParts, BackupReport, ListRecordings, OmittedFile, RetainedRecording, backup,

@@ -60,7 +60,7 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::RequestRefused { version, problem } => {
             format!("{version}: {problem}; the approval request is void")
         }
-        N::AnsweredTooLate => "too few people answered in time; the version is on hold".into(),
+        N::ApprovalLapsed => "too few people answered in time; the version is on hold".into(),
         N::ReleaseApproved => "people approved that the restriction is lifted".into(),
         N::ReleaseRefused => "an approver refused to lift the restriction".into(),
         N::ReleaseLapsed => "too few people answered in time; the version stays restricted".into(),
@@ -101,7 +101,7 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::ShiftWithoutTarget => {
             "its behavior shifted, and there is no rollback target to compare it with".into()
         }
-        N::NotAsShadowShowed { reason } => {
+        N::DiffersFromShadow { reason } => {
             let why =
                 reason.as_ref().map_or_else(String::new, |reason| format!("; {}", crate::reason(reason)));
             format!("it is not what its shadow showed{why}")
@@ -123,8 +123,8 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::HookDidNotStop => "the hook did not stop the arm; the interrupt takes over".into(),
         N::AtStandstill => "every joint is at standstill".into(),
         N::StillMoving => "a joint still moves after the interrupt".into(),
-        N::RetreatLeftOut { during: false } => "the cell is stopped; the arm stays where it is".into(),
-        N::RetreatLeftOut { during: true } => {
+        N::RetreatSkipped { during: false } => "the cell is stopped; the arm stays where it is".into(),
+        N::RetreatSkipped { during: true } => {
             "the cell was stopped during the retreat; the arm stays where it is".into()
         }
         N::ToolClear => "the tool is clear of everything".into(),
@@ -248,11 +248,11 @@ pub fn notice_sentence(of: &Notice) -> String {
 pub fn admission_refusal(refusal: AdmissionRefusal, profile: ProfileName) -> String {
     match refusal {
         AdmissionRefusal::Undeclared => format!("does not admit the profile {profile}"),
-        AdmissionRefusal::Closed => format!("is blocked under the profile {profile}"),
-        AdmissionRefusal::AdmittedByLess(AdmissionContext { scripted: true, .. }) => {
+        AdmissionRefusal::Blocked => format!("is blocked under the profile {profile}"),
+        AdmissionRefusal::LessStrictGate(AdmissionContext { scripted: true, .. }) => {
             format!("passed its gate in a script, and the profile {profile} needs a gate pass of its own")
         }
-        AdmissionRefusal::AdmittedByLess(AdmissionContext { class, .. }) => {
+        AdmissionRefusal::LessStrictGate(AdmissionContext { class, .. }) => {
             format!("passed its gate under the profile {class}, and {profile} needs a gate pass of its own")
         }
     }

@@ -138,7 +138,7 @@ impl SigningClient {
     }
 
     fn stop(&mut self) {
-        self.accepts(&Command::Stop { by: "nobody-at-all".to_owned(), reason: String::new() });
+        self.accepts(&Command::Stop { by: "unknown-person".to_owned(), reason: String::new() });
         let stopped = self.snapshot().stopped.unwrap();
         STOPPED.set((stopped.since_ms, stopped.stops));
     }
@@ -261,7 +261,7 @@ fn check_single_use(profile: ProfileName) {
     let by_mara = client.sign("mara", &register());
     let reply = client.send_signed(&register(), &by_mara);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    client.accepts(&Command::Pause(operation("grasp@1.2.0", "nobody-at-all")));
+    client.accepts(&Command::Pause(operation("grasp@1.2.0", "unknown-person")));
     assert_eq!(request_records(&folder)[0].get("actor"), None, "a pause names no person");
     let resume = Command::Resume(operation("grasp@1.2.0", "mara"));
     assert_refused(&client.client.send(resume.clone()).unwrap(), Refusal::NotAllowed, "--as NAME");
@@ -289,10 +289,10 @@ fn check_single_use(profile: ProfileName) {
     client.stop();
     let stop = Command::Stop { by: "omar".to_owned(), reason: "smoke".to_owned() };
     assert!(matches!(client.send_signed(&stop, &by_omar), Reply::Stopped { .. }));
-    client.accepts(&Command::Pause(operation("grasp@1.2.0", "nobody-at-all")));
-    client.accepts(&Command::Reject(operation("grasp@1.2.0", "nobody-at-all")));
-    client.accepts(&Command::Restrict(operation("align@1.0.0", "nobody-at-all")));
-    client.accepts(&Command::Vacate(operation("align@1.0.0", "nobody-at-all")));
+    client.accepts(&Command::Pause(operation("grasp@1.2.0", "unknown-person")));
+    client.accepts(&Command::Reject(operation("grasp@1.2.0", "unknown-person")));
+    client.accepts(&Command::Restrict(operation("align@1.0.0", "unknown-person")));
+    client.accepts(&Command::Vacate(operation("align@1.0.0", "unknown-person")));
     client.end(running);
 }
 
@@ -313,7 +313,7 @@ fn under_sim_a_signature_is_optional_and_counts_if_present() {
     let mut client = SigningClient::connect(&folder);
     assert!(!client.signing().required);
     client.stop();
-    client.accepts(&go("nobody-at-all"));
+    client.accepts(&go("unknown-person"));
     client.stop();
     let mine = go("mara");
     let seal = client.sign("mara", &mine);

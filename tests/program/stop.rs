@@ -176,7 +176,7 @@ fn a_version_can_be_rolled_back_at_standstill() {
     // The baseline has no rollback target: the family is safe-stopped, and the arm does not move on the way.
     let event = front.until(|kind| matches!(kind, EventKind::Rung { rung, .. } if rung.name() == "retract"));
     let EventKind::Rung { text, ms, .. } = event.kind else { unreachable!() };
-    assert!(ms == 0 && matches!(text.notice(), Some(Notice::RetreatLeftOut { .. })), "{text:?}");
+    assert!(ms == 0 && matches!(text.notice(), Some(Notice::RetreatSkipped { .. })), "{text:?}");
     front.host.stop(PATIENCE).unwrap();
 }
 

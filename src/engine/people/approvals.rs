@@ -21,7 +21,7 @@ use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
 use holdpoint_registry::store_terms::RequestState;
-use holdpoint_registry::{ApprovalRequest, AuditBody, Change, StoreError};
+use holdpoint_registry::{ApprovalRequest, Change};
 
 use crate::context::Context;
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
@@ -278,9 +278,8 @@ impl Approvals {
             Err(refused) => return Ok(Err(refused)),
         };
         let records = shown.iter().map(|shown| shown.record(&approval)).collect::<Result<Vec<_>, _>>()?;
-        if let Err(refused) = put_answer(record, signed.clone(), records)? {
-            return Ok(Err(refused));
-        }
+        // The store verifies the signature. What it refuses is answered as a refusal, and nothing has changed.
+        record.write(vec![Change::PutApproval(Box::new(signed.clone()))], records)?;
         let Some(request) = self.pending.get_mut(&id) else {
             return Err(EngineFault::Impossible(format!(
                 "the request about {id} closed while it was answered"
@@ -325,25 +324,6 @@ fn activation_terms(
 /// Until when people may answer a request that is made now.
 fn until(context: &Context, record: &EngineRecorder) -> WallTime {
     record.wall_now().plus_secs(context.profile.approval.timeout_s)
-}
-
-/// Stores a signed decision with its records. The store verifies the signature in the same transaction; a decision that it
-/// refuses has no effect.
-///
-/// # Errors
-/// If it cannot be written.
-pub(crate) fn put_answer(
-    record: &mut EngineRecorder,
-    signed: SignedApproval,
-    records: Vec<AuditBody>,
-) -> Result<Result<(), Reply>, EngineFault> {
-    match record.write(vec![Change::PutApproval(Box::new(signed))], records) {
-        Ok(()) => Ok(Ok(())),
-        Err(StoreError::Approval { problem, .. }) => {
-            Ok(Err(Reply::Refused { code: Refusal::NotAllowed, text: problem, hint: None }))
-        }
-        Err(error) => Err(error.into()),
-    }
 }
 
 /// The note by which a request is closed.

@@ -47,7 +47,7 @@ impl Pipeline {
             ReEvaluationStep::Gone | ReEvaluationStep::Decided => Ok(()),
             ReEvaluationStep::Cleared(id) => monitoring::maybe_confirm(record, evidence_files, monitors, &id),
             ReEvaluationStep::NotCleared(id, reason) => {
-                self.demote(&id, Notice::NotAsShadowShowed { reason })
+                self.demote(&id, Notice::DiffersFromShadow { reason })
             }
         }
     }

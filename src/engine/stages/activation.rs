@@ -166,7 +166,7 @@ impl Activation<'_> {
                 evidence_file.held = true;
                 clear_alarm(self.record, id, None);
                 if self.record.version_table().version(id)?.1.flags.running.is_some() {
-                    abort_stage(self.record, self.evidence_files, id, Notice::AnsweredTooLate)?;
+                    abort_stage(self.record, self.evidence_files, id, Notice::ApprovalLapsed)?;
                 }
                 Ok(format!("{id} is held: too few people answered in time"))
             }

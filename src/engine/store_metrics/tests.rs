@@ -9,13 +9,17 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::cell::Cell;
+use crate::people::persons::enrolled;
+use crate::people::signers::tests::signed;
 use crate::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::version_table::VersionTable;
 use crate::wall_clock::WallClock;
 use crate::world::stop_switch::Controls;
+use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_body::disturbance::{DriftKind, Magnitude};
+use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::metrics::Proportion;
@@ -24,8 +28,8 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::site_profile::{ProfileTexts, SiteProfile};
 use holdpoint_protocol::clock::Clock;
-use holdpoint_protocol::command::{Command, Reply};
-use holdpoint_registry::Store;
+use holdpoint_protocol::command::{Command, Refusal, Reply};
+use holdpoint_registry::{Layout, Store};
 use holdpoint_runtime::capability::{self, Capability};
 
 /// The slices within which an upgrade must complete.
@@ -419,4 +423,48 @@ fn a_whole_upgrade_comes_out_again_and_its_rates_are_what_telemetry_holds() {
     assert!(forged >= 1, "the monitor took no action");
     let found = observed(folder.path());
     assert_eq!(found.metrics.replays.differs, forged as u64, "{:?}", found.unequal);
+}
+
+/// A candidate with its whole evidence waits for one approver. The store refuses a decision that was changed after its
+/// signature, by break-glass and in the ordinary way, and the engine runs on. The unchanged one leads to the swap in the
+/// number of transactions that `src/ARCHITECTURE.md` states, without those of alarms.
+#[test]
+fn a_changed_decision_is_refused_and_the_signed_one_leads_to_the_swap_in_four_transactions() {
+    let mut profile = small();
+    (profile.approval.quorum_low, profile.approval.quorum_medium, profile.approval.quorum_high) = (1, 1, 1);
+    let table = PolicyTable::builtin(&profile).unwrap();
+    let (folder, mut pipeline, id) = registered((profile, table, None), "align-improved");
+    for _ in 0..SLICES_MAX {
+        if !pipeline.snapshot().prompts.is_empty() {
+            break;
+        }
+        pipeline.advance();
+    }
+    let ann = enrolled(pipeline.live().record, "ann", Role::Safety, KeyEncoding::Plain);
+    let waits = pipeline.snapshot();
+    let decide =
+        |pipeline: &mut Pipeline, request| signed(pipeline, request, &ann, ApprovalDecision::Approve);
+    for request in [&waits.emergencies[0], &waits.prompts[0]] {
+        let command = decide(&mut pipeline, request).unwrap();
+        let mut changed = serde_json::to_value(&command).unwrap();
+        changed["signed"]["approval"]["reason"] = "another reason".into();
+        let reply = pipeline.command(serde_json::from_value(changed).unwrap());
+        assert!(matches!(reply, Reply::Refused { code: Refusal::NotAllowed, .. }), "{reply:?}");
+        let after = pipeline.snapshot();
+        assert_eq!((after.holding, after.prompts.len()), (None, 1));
+        assert!(after.prompts[0].approved_by.is_empty());
+    }
+    let sql = Connection::open(Layout::new(folder.path()).database()).unwrap();
+    let transactions = || -> u64 {
+        let counted =
+            "SELECT count(*) FROM command WHERE EXISTS (SELECT 1 FROM audit WHERE kind <> 'alarm-changed'
+             AND seq BETWEEN json_extract(receipt, '$.first_seq') AND json_extract(receipt, '$.last_seq'))";
+        sql.query_row(counted, [], |row| row.get(0)).unwrap()
+    };
+    let command = decide(&mut pipeline, &waits.prompts[0]).unwrap();
+    let before = transactions();
+    let reply = pipeline.command(command);
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_eq!(pipeline.record().active_of(&id.family).unwrap().id(), id);
+    assert_eq!(transactions() - before, 4);
 }

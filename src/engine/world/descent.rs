@@ -101,7 +101,7 @@ impl Rig {
             });
             let rung = if self.arm_mut().body().is_halted() {
                 // A person's stop outranks the retreat: the arm stays where it is.
-                RungRecord::new(Rung::Retract, None, 0, Notice::RetreatLeftOut { during: false })
+                RungRecord::new(Rung::Retract, None, 0, Notice::RetreatSkipped { during: false })
             } else {
                 // The retreat is the runtime's own motion: no manifest declares it.
                 let mut own = terms.own_guard(leaving.manifest.permissions.authority);
@@ -174,7 +174,7 @@ fn retract(
         seen = handle.telemetry();
         stands = standstill.observe(&seen);
         if stands && handle.body().is_halted() {
-            let notice = Notice::RetreatLeftOut { during: true };
+            let notice = Notice::RetreatSkipped { during: true };
             return Ok(RungRecord::new(Rung::Retract, None, ticks, notice));
         }
         if stands && seen.tool.distance_m(&up) < 0.01 {

@@ -1,10 +1,10 @@
 //! A question that was open when the engine ended, taken up as it was.
 
-use holdpoint_approvals::PersonState;
 use holdpoint_governance::approval::{ApprovalDecision, ApprovalOutcome};
 use holdpoint_governance::gate::{GateOutcome, GateResult};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_registry::verify_approval;
 
 use super::{Approvals, PendingApproval, RequestKind, activation_terms, vote};
 use crate::context::Context;
@@ -67,20 +67,16 @@ impl Approvals {
             let same = vote(context, pending.kind, &entry.signed).subject == pending.quorum.subject
                 && entry.at_ms >= requested_ms;
             // Answers of revoked and of unverified persons do not count.
-            let counts = |who: &&holdpoint_approvals::Person| {
-                let is_live_approval =
-                    approval.decision == ApprovalDecision::Approve && !record.clock().is_scripted();
-                same && who.state == PersonState::Enrolled
-                    && !(is_live_approval && unconfirmed(context, &persons, &who.name).is_some())
-            };
-            let who = persons.named(&approval.who).filter(counts);
-            let Some(who) = who.map(holdpoint_approvals::Person::info) else { continue };
+            let is_live_approval =
+                approval.decision == ApprovalDecision::Approve && !record.clock().is_scripted();
+            let counts = same
+                && verify_approval(&entry.signed, &persons).is_ok()
+                && !(is_live_approval && unconfirmed(context, &persons, &approval.who).is_some());
             // An answer over another text than the present one must be given again.
             let is_same_text = is_display_current(context, record, evidence_files, &pending, &approval)?;
-            if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() || !is_same_text {
-                continue;
+            if counts && is_same_text && entry.consumed_seq.is_none() {
+                pending.answers.push(entry.signed);
             }
-            pending.answers.push(entry.signed);
         }
         drop(views);
         let answers = pending.answers.len();
