@@ -1,15 +1,19 @@
-//! How a command ends: exit codes, and errors with their hint.
+//! How a command ends: exit codes, and errors with their hint, and their reason for programs.
 
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use crate::cli::output::versioned;
 use holdpoint_engine::StartError;
 use holdpoint_governance::TextError;
+use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
 use serde::{Deserialize, Serialize};
 
-use holdpoint_text::{Hint, Problem, SafeText, Untrusted, WIDTH_MAX, sanitize};
+use holdpoint_text::{
+    ErrorDetails, ErrorReason, Hint, Problem, SafeText, Untrusted, WIDTH_MAX, escape_json, sanitize,
+};
 
 /// How a command ended. The codes are a stable interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -87,18 +91,13 @@ impl From<Exit> for ExitCode {
 pub enum CliError {
     /// An error that the caller can correct.
     #[error("{}", one_line(.message))]
-    Usage {
-        message: Untrusted,
-        hint: Option<Untrusted>,
-        /// See [`Hint::code`].
-        reason: Option<&'static str>,
-    },
+    Usage { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
     /// The version is on hold, or the time limit passed.
     #[error("{}", one_line(.message))]
-    Held { message: Untrusted, hint: Option<Untrusted> },
+    Held { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
     /// The answer is missing, or not authenticated as the engine's.
     #[error("{}", one_line(.message))]
-    NotConfirmed { message: Untrusted, hint: Option<Untrusted> },
+    NotConfirmed { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
     /// The reader of the output is gone: a clean end.
     #[error("the reader of the output is gone")]
     ReaderGone,
@@ -106,30 +105,45 @@ pub enum CliError {
     #[error("cannot write the output: {}", sanitize(&.0.to_string(), WIDTH_MAX))]
     Output(#[source] io::Error),
     /// A fault of this program.
-    #[error("internal: {}", one_line(.0))]
-    Internal(Untrusted),
+    #[error("internal: {}", one_line(.message))]
+    Internal { message: Untrusted, details: ErrorDetails },
 }
 
 impl CliError {
-    /// An error that the caller can correct, with its hint if it has one.
+    /// An error that the caller can correct, with its hint if it has one. Its reason is `usage` if its type states none.
     #[must_use]
     pub fn usage(error: impl Hint) -> Self {
-        let (message, hint) = parts(&error);
-        Self::Usage { message, hint, reason: error.code() }
+        let (message, hint, details) = parts(&error, ErrorReason::Usage);
+        Self::Usage { message, hint, details }
     }
 
-    /// The engine put the version on hold, or the time limit passed; with the hint of the error.
+    /// The engine put the version on hold, or the time limit passed; with the hint of the error. Its reason is `not-now`
+    /// if its type states none.
     #[must_use]
     pub fn from_engine_fault(error: impl Hint) -> Self {
-        let (message, hint) = parts(&error);
-        Self::Held { message, hint }
+        let (message, hint, details) = parts(&error, ErrorReason::NotNow);
+        Self::Held { message, hint, details }
     }
 
-    /// The effect of the request is unknown; with the hint of the error.
+    /// The effect of the request is unknown; with the hint of the error. Its reason is `not-confirmed` if its type states
+    /// none.
     #[must_use]
     pub fn not_confirmed(error: impl Hint) -> Self {
-        let (message, hint) = parts(&error);
-        Self::NotConfirmed { message, hint }
+        let (message, hint, details) = parts(&error, ErrorReason::NotConfirmed);
+        Self::NotConfirmed { message, hint, details }
+    }
+
+    /// A fault of this program, with the sentence of the error that showed it.
+    #[must_use]
+    pub fn internal(message: impl std::fmt::Display) -> Self {
+        Self::Internal { message: message.to_string().into(), details: ErrorReason::Internal.into() }
+    }
+
+    /// As [`CliError::internal`], with the error's hint in the sentence and its own reason.
+    #[must_use]
+    pub fn fault(error: impl Hint) -> Self {
+        let details = error.details().unwrap_or_else(|| ErrorReason::Internal.into());
+        Self::Internal { message: error.sentence().into(), details }
     }
 
     /// Replaces the hint. Only errors that the caller can correct or wait for have one.
@@ -137,24 +151,62 @@ impl CliError {
     pub fn with_hint(self, help: impl Into<Untrusted>) -> Self {
         let hint = Some(help.into());
         match self {
-            Self::Usage { message, hint: _, reason } => Self::Usage { message, hint, reason },
-            Self::Held { message, hint: _ } => Self::Held { message, hint },
-            Self::NotConfirmed { message, hint: _ } => Self::NotConfirmed { message, hint },
-            Self::ReaderGone | Self::Output(_) | Self::Internal(_) => self,
+            Self::Usage { message, hint: _, details } => Self::Usage { message, hint, details },
+            Self::Held { message, hint: _, details } => Self::Held { message, hint, details },
+            Self::NotConfirmed { message, hint: _, details } => Self::NotConfirmed { message, hint, details },
+            Self::ReaderGone | Self::Output(_) | Self::Internal { .. } => self,
         }
     }
 
-    /// A fault of this program, with the sentence of the error that showed it.
+    /// Replaces the reason and its values. An error of the output keeps its own.
     #[must_use]
-    pub fn internal(message: impl std::fmt::Display) -> Self {
-        Self::Internal(message.to_string().into())
+    pub fn with_details(self, new: impl Into<ErrorDetails>) -> Self {
+        let details = new.into();
+        match self {
+            Self::Usage { message, hint, details: _ } => Self::Usage { message, hint, details },
+            Self::Held { message, hint, details: _ } => Self::Held { message, hint, details },
+            Self::NotConfirmed { message, hint, details: _ } => Self::NotConfirmed { message, hint, details },
+            Self::Internal { message, details: _ } => Self::Internal { message, details },
+            Self::ReaderGone | Self::Output(_) => self,
+        }
+    }
+
+    /// The reason `bad-file`, about this file or folder.
+    #[must_use]
+    pub fn with_bad_file(self, path: &Path) -> Self {
+        self.with_details(ErrorDetails::of_path(ErrorReason::BadFile, path))
+    }
+
+    /// The reason `cannot-write`, about this file or folder; `exists` if a file is in its place.
+    #[must_use]
+    pub fn with_unwritable(self, path: &Path, error: &io::Error) -> Self {
+        let exists = error.kind() == io::ErrorKind::AlreadyExists;
+        let reason = if exists { ErrorReason::Exists } else { ErrorReason::CannotWrite };
+        self.with_details(ErrorDetails::of_path(reason, path))
+    }
+
+    /// What a program reads of it; absent if nothing is printed.
+    #[must_use]
+    pub fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Usage { details, .. }
+            | Self::Held { details, .. }
+            | Self::NotConfirmed { details, .. }
+            | Self::Internal { details, .. } => Some(details.clone()),
+            Self::Output(_) => Some(ErrorReason::Output.into()),
+            Self::ReaderGone => None,
+        }
     }
 
     /// The error and its hint in one line, for a place other than the command line.
     #[must_use]
     pub fn into_problem(self) -> Problem {
         let hint = self.hint().map(|hint| one_line(hint).to_string());
-        Problem::from((self.to_string(), hint))
+        let problem = Problem::from((self.to_string(), hint));
+        match self.details() {
+            Some(details) => problem.with_details(details),
+            None => problem,
+        }
     }
 
     /// The exit code.
@@ -165,7 +217,7 @@ impl CliError {
             Self::Held { .. } => Exit::Held,
             Self::NotConfirmed { .. } => Exit::NotConfirmed,
             Self::ReaderGone => Exit::Confirmed,
-            Self::Internal(_) => Exit::Internal,
+            Self::Internal { .. } => Exit::Internal,
         }
     }
 
@@ -175,7 +227,7 @@ impl CliError {
             Self::Usage { hint, .. } | Self::Held { hint, .. } | Self::NotConfirmed { hint, .. } => {
                 hint.as_ref()
             }
-            Self::ReaderGone | Self::Output(_) | Self::Internal(_) => None,
+            Self::ReaderGone | Self::Output(_) | Self::Internal { .. } => None,
         }
     }
 
@@ -193,35 +245,65 @@ impl CliError {
     }
 }
 
-/// An error for programs: one JSON document on a line of standard error.
+/// An error for programs: one JSON document on a line of standard error. The guide's page `events` lists the reasons.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct ErrorDocument {
     pub(crate) error: String,
     pub(crate) hint: Option<String>,
     /// The exit code.
     code: u8,
-    /// See [`Hint::code`].
+    /// The name of an [`ErrorReason`]; empty in a document of an earlier version.
+    #[serde(default)]
+    pub(crate) reason: String,
+    /// See [`ErrorDetails::cause`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) reason: Option<String>,
+    cause: Option<String>,
+    /// See [`ErrorDetails::place`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+    /// The field in the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    field: Option<String>,
 }
 
 impl ErrorDocument {
+    fn new(error: String, hint: Option<String>, code: u8, details: ErrorDetails) -> Self {
+        let ErrorDetails { reason, cause, place } = details;
+        let (reason, cause) = (reason.name().to_owned(), cause.map(ToOwned::to_owned));
+        let text = |text: &Untrusted| text.raw().to_owned();
+        let file = place.as_ref().map(|place| text(&place.file));
+        let field = place.as_ref().and_then(|place| place.field.as_ref().map(text));
+        Self { error, hint, code, reason, cause, file, field }
+    }
+
     fn print(&self, stderr: &mut dyn Write) {
         // No other channel is left for an error while printing.
-        drop(serde_json::to_string(self).map(|line| writeln!(stderr, "{}", versioned(line))));
+        drop(serde_json::to_string(self).map(|line| writeln!(stderr, "{}", escape_json(&versioned(line)))));
     }
 }
 
 impl CliError {
-    /// Prints the error as JSON: `{"json_version": ..., "error": ..., "hint": ..., "code": ...}`, and `"reason"` if there is
-    /// one.
+    /// Prints the error as JSON: `{"json_version": ..., "error": ..., "hint": ..., "code": ..., "reason": ...}`, and
+    /// `"cause"`, `"file"` and `"field"` if they are known.
     pub fn print_json(&self, stderr: &mut dyn Write) {
-        if matches!(self, Self::ReaderGone) {
-            return;
-        }
+        let Some(details) = self.details() else { return };
         let hint = self.hint().map(|hint| one_line(hint).to_string());
-        let reason = if let Self::Usage { reason, .. } = self { reason.map(ToOwned::to_owned) } else { None };
-        ErrorDocument { error: self.to_string(), hint, code: self.exit().code(), reason }.print(stderr);
+        ErrorDocument::new(self.to_string(), hint, self.exit().code(), details).print(stderr);
+    }
+}
+
+/// The reason of an engine's refusal: the same name as in the reply.
+pub(crate) const fn refusal_reason(code: Refusal) -> ErrorReason {
+    match code {
+        Refusal::BadInput => ErrorReason::BadInput,
+        Refusal::NotFound => ErrorReason::NotFound,
+        Refusal::Exists => ErrorReason::Exists,
+        Refusal::NotNow => ErrorReason::NotNow,
+        Refusal::Stale => ErrorReason::Stale,
+        Refusal::NotAllowed => ErrorReason::NotAllowed,
+        Refusal::Store => ErrorReason::Store,
+        Refusal::Holding => ErrorReason::Holding,
+        Refusal::NoAnswer => ErrorReason::NoAnswer,
     }
 }
 
@@ -242,8 +324,10 @@ pub(crate) fn hint_line(hint: &Untrusted) -> String {
     format!("Hint: {}", one_line(hint))
 }
 
-fn parts(error: &impl Hint) -> (Untrusted, Option<Untrusted>) {
-    (error.to_string().into(), error.hint().map(|hint| hint.into_owned().into()))
+/// Message, hint, and details; `default` is the reason of an error whose type states none.
+fn parts(error: &impl Hint, default: ErrorReason) -> (Untrusted, Option<Untrusted>, ErrorDetails) {
+    let details = error.details().unwrap_or_else(|| default.into());
+    (error.to_string().into(), error.hint().map(|hint| hint.into_owned().into()), details)
 }
 
 /// One line of a message: line breaks become spaces, and the length is limited.
@@ -257,7 +341,7 @@ pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
     if json && error.use_stderr() {
         let text = error.render().to_string();
         let message = one_line(&text.trim_start_matches("error: ").to_owned().into()).to_string();
-        let document = ErrorDocument { error: message, hint: None, code: Exit::Usage.code(), reason: None };
+        let document = ErrorDocument::new(message, None, Exit::Usage.code(), ErrorReason::Usage.into());
         document.print(&mut io::stderr().lock());
         return Exit::Usage;
     }
@@ -269,7 +353,7 @@ pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
 /// The caller can correct a file that cannot be opened or read; other faults are the engine's.
 pub(crate) fn start_error(error: StartError) -> CliError {
     match &error {
-        StartError::Fault(_) => CliError::internal(error.sentence()),
+        StartError::Fault(_) => CliError::fault(error),
         StartError::Store(StoreError::UnauthorizedProfile { .. } | StoreError::ScriptAfterLive) => {
             CliError::from_engine_fault(error)
         }
@@ -310,6 +394,44 @@ mod tests {
     }
 
     #[test]
+    fn an_error_in_json_keeps_its_reason_and_values_through_every_layer() {
+        let json = |error: &CliError| -> serde_json::Value {
+            let mut out = Vec::new();
+            error.print_json(&mut out);
+            serde_json::from_slice(&out).unwrap()
+        };
+        let in_use = StoreError::InUse { path: "/data".into(), owner: "process 7".to_owned() };
+        let document = json(&start_error(StartError::Store(in_use)));
+        assert_eq!((&document["reason"], &document["file"]), (&"store-in-use".into(), &"/data".into()));
+        let value = TextError::value("own.toml", "", "approval.quorum_low", "0", "1 to 16");
+        let document = json(&CliError::from(value));
+        assert_eq!(
+            (&document["reason"], &document["file"], &document["field"]),
+            (&"bad-file".into(), &"own.toml".into(), &"approval.quorum_low".into())
+        );
+        // A path is the same text in JSON, without characters that a terminal acts on.
+        let mut out = Vec::new();
+        CliError::usage("bad").with_bad_file(Path::new("a\u{202e}b")).print_json(&mut out);
+        assert!(out.is_ascii(), "{out:?}");
+        let document: serde_json::Value = serde_json::from_slice(&out).unwrap();
+        assert_eq!(document["file"], "a\u{202e}b");
+        // An error without a type of its own has the reason of its exit code.
+        for (error, reason) in [
+            (CliError::usage("text"), "usage"),
+            (CliError::from_engine_fault("text"), "not-now"),
+            (CliError::not_confirmed("text"), "not-confirmed"),
+            (CliError::internal("text"), "internal"),
+            (CliError::from(io::Error::other("disk full")), "output"),
+            (
+                CliError::usage(CliError::usage("text").with_details(ErrorReason::Stale).into_problem()),
+                "stale",
+            ),
+        ] {
+            assert_eq!(json(&error)["reason"], reason, "{error}");
+        }
+    }
+
+    #[test]
     fn errors_print_one_line_and_a_hint() {
         for (error, text, code) in [
             (
@@ -343,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_differ() {
+    fn exit_codes_are_distinct() {
         let codes: std::collections::BTreeSet<u8> = Exit::ALL.into_iter().map(Exit::code).collect();
         assert_eq!(codes.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6, 70]);
     }

@@ -113,5 +113,7 @@ pub fn until(_path: &Path, _tick: u64, _out: &Path) -> Result<(), CliError> {
 }
 
 fn not_built_in() -> CliError {
-    CliError::usage("this program was built without scenes").with_hint("build it with the feature `rerun`")
+    CliError::usage("this program was built without scenes")
+        .with_hint("build it with the feature `rerun`")
+        .with_details(holdpoint_text::ErrorReason::Environment)
 }

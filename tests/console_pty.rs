@@ -6,66 +6,68 @@
 #[path = "support/agent.rs"]
 #[allow(dead_code, reason = "the tests of the program use the rest")]
 mod agent;
-#[path = "console_pty/alone.rs"]
-mod alone;
-#[path = "console_pty/answers.rs"]
-mod answers;
+#[path = "console_pty/attached_consoles.rs"]
+mod attached_consoles;
+#[path = "console_pty/console_engine.rs"]
+mod console_engine;
 #[path = "console_pty/health.rs"]
 mod health;
-#[path = "console_pty/own.rs"]
-mod own;
+#[path = "console_pty/operator_settings.rs"]
+mod operator_settings;
 #[path = "support/pty.rs"]
 #[allow(dead_code, reason = "the measurements use the rest")]
 mod pty;
-#[path = "console_pty/seats.rs"]
-mod seats;
-#[path = "console_pty/service.rs"]
-mod service;
+#[path = "console_pty/shell_approvals.rs"]
+mod shell_approvals;
+#[path = "console_pty/stop_only_console.rs"]
+mod stop_only_console;
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::sync::OnceLock;
 
 use agent::AgentProcess;
-use answers::{bob_approves, engine_awaiting_approval};
 use pty::{Console, Home};
 use rustix::process::Signal;
+use shell_approvals::{bob_approves, engine_awaiting_approval};
 
 /// Wide enough for every pane.
 const SIZE: (u16, u16) = (120, 36);
 
 /// The arguments of a console on a fresh store, which runs under the profile `sim`.
-const FRESH: [&str; 4] = ["run", "--no-tour", "--jobs=1", "--linger=5"];
+const FRESH_STORE_ARGUMENTS: [&str; 4] = ["run", "--no-tour", "--jobs=1", "--linger=5"];
 
 /// Sequences that restore the terminal, in this order.
-const LEAVE: [&str; 3] = ["\x1b[?2004l", "\x1b[?25h", "\x1b[?1049l"];
+const LEAVE_SEQUENCES: [&str; 3] = ["\x1b[?2004l", "\x1b[?25h", "\x1b[?1049l"];
 
 /// The title of the open request; the queue beside it has another title.
-const PROMPT: &str = "Decide on align@1.1.0";
+const REQUEST_TITLE: &str = "Decide on align@1.1.0";
 
 /// The passphrase of the approvers' keys.
 const PASSPHRASE: &str = "under the oak";
 
-/// Exit code of a program that was asked to end.
-const HELD: u32 = 3;
+/// Exit code of a console that a signal or its closed window ended: the candidate stays on hold.
+const EXIT_INTERRUPTED: u32 = 3;
 
 /// Opens the console on a fresh store and waits for the engine.
-fn fresh(home: &Home, variables: &[(&str, &str)]) -> Console {
-    let console = home.console_with(&FRESH, SIZE, variables);
-    console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
+fn console_on_fresh_store(home: &Home, variables: &[(&str, &str)]) -> Console {
+    let console = home.console_with(&FRESH_STORE_ARGUMENTS, SIZE, variables);
+    console.wait_for("the engine is up", |screen| shows_engine(&screen.contents()));
     console
 }
 
 /// The banner names the profile once the engine has sent a snapshot.
-fn is_up(text: &str) -> bool {
+fn shows_engine(text: &str) -> bool {
     ["SIM", "REAL", "HUMAN"].iter().any(|profile| text.contains(profile))
 }
 
 /// The terminal is restored: the last sequences undo everything, and line mode is back.
 fn assert_restored(console: &Console) {
     let raw = console.raw();
-    let places: Vec<usize> =
-        LEAVE.iter().map(|sequence| raw.rfind(sequence).unwrap_or_else(|| panic!("{sequence:?}"))).collect();
+    let places: Vec<usize> = LEAVE_SEQUENCES
+        .iter()
+        .map(|sequence| raw.rfind(sequence).unwrap_or_else(|| panic!("{sequence:?}")))
+        .collect();
     assert!(places.is_sorted(), "{places:?}");
     // Nothing is turned on or drawn after that.
     let after = &raw[places[0]..];
@@ -74,7 +76,7 @@ fn assert_restored(console: &Console) {
 }
 
 /// A store with two approvers.
-fn staffed() -> Home {
+fn home_with_approvers() -> Home {
     let home = Home::new();
     let secret_file = passphrase_file(&home);
     for (name, role) in [("alice", "engineer"), ("bob", "safety")] {
@@ -106,20 +108,20 @@ fn await_approval(home: &Home, folder: &str, version: &str) {
 }
 
 /// A store with two approvers, in which a candidate waits for approval.
-fn waiting() -> &'static Path {
+fn folder_awaiting_approval() -> &'static Path {
     static STORE: OnceLock<Home> = OnceLock::new();
     let home = STORE.get_or_init(|| {
-        let home = staffed();
+        let home = home_with_approvers();
         await_approval(&home, "manifests/candidates/align-improved", "align@1.1.0");
         home
     });
     home.path()
 }
 
-/// A copy of that store.
-fn waiting_home() -> Home {
+/// A home with a copy of that store.
+fn home_awaiting_approval() -> Home {
     let home = Home::new();
-    copy(&waiting().join("data"), &home.data());
+    copy(&folder_awaiting_approval().join("data"), &home.data());
     home
 }
 
@@ -137,25 +139,25 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// Opens the waiting approval request as the named operator.
-fn at_the_prompt(home: &Home, name: &str) -> Console {
-    at_the_prompt_with(home, name, &[])
+/// Opens the approval request that waits, as the named operator.
+fn open_request(home: &Home, name: &str) -> Console {
+    open_request_with(home, name, &[])
 }
 
-fn at_the_prompt_with(home: &Home, name: &str, variables: &[(&str, &str)]) -> Console {
+fn open_request_with(home: &Home, name: &str, variables: &[(&str, &str)]) -> Console {
     let arguments = ["run", "--profile", "human", "--as", name, "--no-tour", "--pace", "max"];
     let mut console = home.console_with(&arguments, SIZE, variables);
-    console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
+    console.wait_for("the engine is up", |screen| shows_engine(&screen.contents()));
     console.wait_for_text(name);
     // The queue shows the waiting request; only Enter opens it.
     console.wait_for_text("1 wait");
     console.keys("a");
     console.keys("\r");
-    console.wait_for_text(PROMPT);
+    console.wait_for_text(REQUEST_TITLE);
     console
 }
 
-/// The digits to type, read from the prompt.
+/// The digits to type, read from the approval request.
 fn short_id(console: &Console) -> String {
     let text = console.contents();
     let (_, after) = text.split_once("Promote align@1.1.0 (").expect("the first line of the question");
@@ -163,7 +165,7 @@ fn short_id(console: &Console) -> String {
 }
 
 /// Fills the fields of the open request; then Hold has the keys again.
-fn fill(console: &mut Console, id: &str, reason: &str) {
+fn fill_fields(console: &mut Console, id: &str, reason: &str) {
     console.keys("\t");
     console.keys(id);
     console.keys("\t");
@@ -172,14 +174,14 @@ fn fill(console: &mut Console, id: &str, reason: &str) {
     console.keys("\t");
 }
 
-/// Presses a deciding key until it counts: the prompt ignores it for the first moments.
-fn press_until_it_counts(console: &mut Console, key: &str) {
+/// Presses a deciding key once the request accepts it: the request ignores keys in the first moments.
+fn press_until_decided(console: &mut Console, key: &str) {
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
     console.keys(key);
-    console.wait_for("the question is answered", |screen| !screen.contents().contains(PROMPT));
+    console.wait_for("the question is answered", |screen| !screen.contents().contains(REQUEST_TITLE));
 }
 
-fn verified(home: &Home) {
+fn verify_audit(home: &Home) {
     home.must(&["audit", "verify"]);
 }
 
@@ -197,12 +199,12 @@ fn stop_of(home: &Home) -> serde_json::Value {
 }
 
 /// Files of a store that contain these bytes.
-fn holding(folder: &Path, bytes: &[u8]) -> Vec<std::path::PathBuf> {
+fn files_containing(folder: &Path, bytes: &[u8]) -> Vec<std::path::PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         if path.is_dir() {
-            found.extend(holding(&path, bytes));
+            found.extend(files_containing(&path, bytes));
         } else if path.is_file()
             && std::fs::read(&path).unwrap().windows(bytes.len()).any(|window| window == bytes)
         {
@@ -273,27 +275,27 @@ fn quit(console: &mut Console) -> u32 {
 #[test]
 fn quitting_restores_the_terminal_and_reports_the_shutdown() {
     let home = Home::new();
-    let mut console = fresh(&home, &[]);
+    let mut console = console_on_fresh_store(&home, &[]);
     assert!(!console.is_cooked(), "keys come one by one");
     assert_eq!(quit(&mut console), 0, "{}", console.contents());
     assert_restored(&console);
     assert!(console.contents().contains("down cleanly"), "{}", console.contents());
-    verified(&home);
+    verify_audit(&home);
 }
 
 #[test]
-fn an_operator_approves() {
-    let home = waiting_home();
-    let mut console = at_the_prompt(&home, "alice");
+fn two_approvals_activate_the_version() {
+    let home = home_awaiting_approval();
+    let mut console = open_request(&home, "alice");
     let id = short_id(&console);
     assert_eq!(id.len(), 4, "{}", console.contents());
     // Enter never approves: it holds, and the request stays open.
     console.keys("\r");
-    console.wait_for("Enter closed the question", |screen| !screen.contents().contains(PROMPT));
+    console.wait_for("Enter closed the question", |screen| !screen.contents().contains(REQUEST_TITLE));
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
     console.keys("\r");
-    console.wait_for_text(PROMPT);
-    fill(&mut console, &id, "evidence read");
+    console.wait_for_text(REQUEST_TITLE);
+    fill_fields(&mut console, &id, "evidence read");
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
     console.keys("Y");
     console.wait_for_text("Passphrase of alice");
@@ -301,7 +303,7 @@ fn an_operator_approves() {
     console.wait_for_text("wrong passphrase");
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
     console.keys(PASSPHRASE);
-    press_until_it_counts(&mut console, "\r");
+    press_until_decided(&mut console, "\r");
     let (code, text) = bob_approves(&home);
     assert_eq!(code, Some(0), "{text}");
     console.keys("1");
@@ -313,9 +315,9 @@ fn an_operator_approves() {
     });
     assert_eq!(quit(&mut console), 0);
     assert_eq!(state_of(&home, "align@1.1.0"), "active");
-    verified(&home);
+    verify_audit(&home);
     assert!(!console.raw().contains("oak"), "a passphrase was on the screen");
-    assert_eq!(holding(&home.data(), b"under the oak"), Vec::<std::path::PathBuf>::new());
+    assert_eq!(files_containing(&home.data(), b"under the oak"), Vec::<std::path::PathBuf>::new());
 }
 
 /// The file with the passphrase of this store's keys.
@@ -326,7 +328,7 @@ fn passphrase_file(home: &Home) -> String {
     file.to_str().unwrap().to_owned()
 }
 
-fn becomes_active(home: &Home) {
+fn wait_until_active(home: &Home) {
     let until = std::time::Instant::now() + std::time::Duration::from_mins(2);
     while state_of(home, "align@1.1.0") != "active" {
         assert!(std::time::Instant::now() < until, "{}", state_of(home, "align@1.1.0"));
@@ -335,8 +337,8 @@ fn becomes_active(home: &Home) {
 }
 
 #[test]
-fn an_approval_that_is_enough_ends_with_0() {
-    let home = waiting_home();
+fn approve_exits_with_0_once_the_quorum_is_met() {
+    let home = home_awaiting_approval();
     let secret_file = passphrase_file(&home);
     let (mut engine, digest) = engine_awaiting_approval(&home);
     let approve = |more: &[&str]| {
@@ -361,16 +363,16 @@ fn an_approval_that_is_enough_ends_with_0() {
     assert_eq!(code, Some(3), "one of two is not enough: {text}");
     let (code, text) = approve(&["--digest", &digest]);
     assert_eq!(code, Some(0), "{text}");
-    becomes_active(&home);
+    wait_until_active(&home);
     engine.signal(Signal::TERM);
     assert_eq!(engine.end().exit_code(), 0);
     let granted = home.must(&["audit", "list", "--kind", "approval-put", "--json"]);
     assert_eq!(granted.lines().count(), 2, "the one with another digest is on record as well: {granted}");
-    verified(&home);
+    verify_audit(&home);
 }
 
 /// Enrolls a person whose key an agent holds.
-fn enrol_carol(home: &Home, agent: &AgentProcess) {
+fn enroll_carol(home: &Home, agent: &AgentProcess) {
     let secret_file = passphrase_file(home);
     let socket = agent.socket();
     let enrol = ["identity", "enrol", "carol", "--ssh-agent", "carol@desk", "--role", "engineer"];
@@ -382,10 +384,10 @@ fn enrol_carol(home: &Home, agent: &AgentProcess) {
 }
 
 #[test]
-fn a_key_of_an_agent_approves_by_a_call() {
-    let home = waiting_home();
+fn approve_verb_signs_with_a_key_of_an_ssh_agent() {
+    let home = home_awaiting_approval();
     let Some(agent) = AgentProcess::with_key(home.path(), "carol@desk") else { return };
-    enrol_carol(&home, &agent);
+    enroll_carol(&home, &agent);
     let (mut engine, digest) = engine_awaiting_approval(&home);
     let approve = |socket: &str| {
         let arguments = ["approve", "align@1.1.0", "--as", "carol", "--reason", "read", "--digest", &digest];
@@ -398,34 +400,34 @@ fn a_key_of_an_agent_approves_by_a_call() {
     let socket = agent.socket();
     let (code, text) = approve(socket.to_str().unwrap());
     assert_eq!(code, 0, "{text}");
-    becomes_active(&home);
+    wait_until_active(&home);
     engine.signal(Signal::TERM);
     assert_eq!(engine.end().exit_code(), 0);
-    verified(&home);
+    verify_audit(&home);
 }
 
 #[test]
-fn a_key_of_an_agent_approves_at_the_prompt() {
-    let home = waiting_home();
+fn console_signs_an_approval_with_a_key_of_an_ssh_agent() {
+    let home = home_awaiting_approval();
     let Some(agent) = AgentProcess::with_key(home.path(), "carol@desk") else { return };
-    enrol_carol(&home, &agent);
+    enroll_carol(&home, &agent);
     let socket = agent.socket();
-    let mut console = at_the_prompt_with(&home, "carol", &[("SSH_AUTH_SOCK", socket.to_str().unwrap())]);
+    let mut console = open_request_with(&home, "carol", &[("SSH_AUTH_SOCK", socket.to_str().unwrap())]);
     let id = short_id(&console);
-    fill(&mut console, &id, "evidence read");
-    press_until_it_counts(&mut console, "Y");
+    fill_fields(&mut console, &id, "evidence read");
+    press_until_decided(&mut console, "Y");
     assert!(!console.raw().contains("Passphrase of"), "only the agent is asked");
     let (code, text) = bob_approves(&home);
     assert_eq!(code, Some(0), "{text}");
-    becomes_active(&home);
+    wait_until_active(&home);
     assert_eq!(quit(&mut console), 0);
-    verified(&home);
+    verify_audit(&home);
 }
 
 #[test]
-fn another_operator_rejects_with_a_reason() {
-    let home = waiting_home();
-    let mut console = at_the_prompt(&home, "bob");
+fn rejection_needs_a_reason_and_rejects_the_version() {
+    let home = home_awaiting_approval();
+    let mut console = open_request(&home, "bob");
     // Without a reason the key that rejects leads to the field.
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
     console.keys("N");
@@ -436,75 +438,75 @@ fn another_operator_rejects_with_a_reason() {
     console.keys("N");
     console.wait_for_text("Passphrase of bob");
     console.keys(PASSPHRASE);
-    press_until_it_counts(&mut console, "\r");
+    press_until_decided(&mut console, "\r");
     console.keys("2");
     console.wait_for("the version is rejected", |screen| {
         screen.contents().lines().any(|line| line.contains("rejected"))
     });
     assert_eq!(quit(&mut console), 0);
     assert_eq!(state_of(&home, "align@1.1.0"), "rejected");
-    verified(&home);
+    verify_audit(&home);
 }
 
 #[test]
 fn a_closed_window_approves_nothing_and_ends_in_time() {
-    let home = waiting_home();
-    let mut console = at_the_prompt(&home, "alice");
+    let home = home_awaiting_approval();
+    let mut console = open_request(&home, "alice");
     let id = short_id(&console);
-    fill(&mut console, &id, "almost decided");
+    fill_fields(&mut console, &id, "almost decided");
     let (took, status) = console.hang_up();
     assert!(took.as_secs_f64() < 5.0, "{took:?}");
-    assert_eq!(status.exit_code(), HELD, "{status:?}");
+    assert_eq!(status.exit_code(), EXIT_INTERRUPTED, "{status:?}");
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
-    verified(&home);
+    verify_audit(&home);
 }
 
 #[test]
-fn signals_to_end_hold_restore_and_say_so() {
+fn termination_signals_restore_the_terminal_and_exit_with_3() {
     for signal in [Signal::TERM, Signal::INT, Signal::HUP] {
         let home = Home::new();
-        let mut console = fresh(&home, &[]);
+        let mut console = console_on_fresh_store(&home, &[]);
         console.signal(signal);
         let status = console.end();
-        assert_eq!(status.exit_code(), HELD, "{signal:?}: {status:?}");
+        assert_eq!(status.exit_code(), EXIT_INTERRUPTED, "{signal:?}: {status:?}");
         assert_restored(&console);
-        verified(&home);
+        verify_audit(&home);
     }
 }
 
 #[test]
-fn a_fault_of_the_screen_gives_the_terminal_back() {
+fn panic_of_the_screen_restores_the_terminal() {
     let home = Home::new();
-    let mut console = home.console_with(&FRESH, SIZE, &[("HOLDPOINT_TEST_PANIC", "ui")]);
+    let mut console = home.console_with(&FRESH_STORE_ARGUMENTS, SIZE, &[("HOLDPOINT_TEST_PANIC", "ui")]);
     let status = console.end();
     assert_eq!(status.exit_code(), 70, "{status:?}");
     assert_restored(&console);
     assert!(console.contents().contains("HOLDPOINT_TEST_PANIC"), "{}", console.contents());
-    verified(&home);
+    verify_audit(&home);
 }
 
 #[test]
-fn a_fault_of_the_engine_leaves_the_screen_up_and_latches_an_alarm() {
+fn panic_of_the_engine_keeps_the_screen_and_latches_an_alarm() {
     let home = Home::new();
-    let mut console = fresh(&home, &[("HOLDPOINT_TEST_PANIC", "engine")]);
+    let mut console = console_on_fresh_store(&home, &[("HOLDPOINT_TEST_PANIC", "engine")]);
     console.keys(":demo\r");
     console.wait_for("the pipeline holds", |screen| screen.contents().contains("HOLDING"));
     console.keys("5");
     console.wait_for_text("CRIT engine");
     // The terminal is still the console's, and its keys work.
     assert!(!console.is_cooked());
-    assert!(!console.raw().contains(LEAVE[2]), "the screen was given back");
+    assert!(!console.raw().contains(LEAVE_SEQUENCES[2]), "the screen was given back");
     assert!(home.engine_log().contains("on purpose"), "{}", home.engine_log());
     console.keys("1");
     quit(&mut console);
     assert_restored(&console);
-    verified(&home);
+    verify_audit(&home);
 }
 
 #[test]
-fn without_colour_no_color_is_sent() {
+fn no_color_variable_turns_colors_off() {
     let home = Home::new();
-    let mut console = fresh(&home, &[("NO_COLOR", "1"), ("COLORTERM", "truecolor")]);
+    let mut console = console_on_fresh_store(&home, &[("NO_COLOR", "1"), ("COLORTERM", "truecolor")]);
     assert_eq!(quit(&mut console), 0);
     let raw = console.raw();
     let colors: Vec<&str> = raw
@@ -523,9 +525,9 @@ fn is_color(number: &str) -> bool {
 }
 
 #[test]
-fn a_storm_of_sizes_and_a_window_of_one_cell_are_survived() {
+fn console_survives_many_resizes_and_a_window_of_one_cell() {
     let home = Home::new();
-    let mut console = fresh(&home, &[]);
+    let mut console = console_on_fresh_store(&home, &[]);
     for round in 0..40_u16 {
         console.resize(1 + (round * 37) % 200, 1 + (round * 13) % 60);
         console.keys("2");
@@ -536,16 +538,16 @@ fn a_storm_of_sizes_and_a_window_of_one_cell_are_survived() {
     console.wait_for_repainted("the whole screen is back", SIZE, |screen| {
         let text = screen.contents();
         let has_all = ["1 Overview", "7 Audit", "Pipeline", "Robot", "Events", "q end engine"];
-        is_up(&text) && has_all.iter().all(|label| text.contains(label))
+        shows_engine(&text) && has_all.iter().all(|label| text.contains(label))
     });
     assert_eq!(quit(&mut console), 0);
     assert_restored(&console);
 }
 
 #[test]
-fn a_window_of_one_cell_starts_and_ends() {
+fn console_starts_and_ends_in_a_window_of_one_cell() {
     let home = Home::new();
-    let mut console = home.console(&FRESH, (1, 1));
+    let mut console = home.console(&FRESH_STORE_ARGUMENTS, (1, 1));
     console.wait_for("a frame", vt100::Screen::alternate_screen);
     console.keys("q");
     // One cell is too small to read the question, and an unread question is never confirmed.
@@ -566,7 +568,7 @@ fn wrong_settings_are_reported_before_the_screen_is_used() {
         let folder = home.path().join("config/holdpoint");
         std::fs::create_dir_all(&folder).unwrap();
         std::fs::write(folder.join(file), text).unwrap();
-        let mut console = home.console(&FRESH, SIZE);
+        let mut console = home.console(&FRESH_STORE_ARGUMENTS, SIZE);
         assert_eq!(console.end().exit_code(), 2);
         let contents = console.contents().replace('\n', "");
         assert!(contents.contains(&format!("{file}:{line}")) && contents.contains(expected), "{contents}");
@@ -580,13 +582,13 @@ fn a_past_upgrade_is_replayed_on_the_terminal() {
     let home = Home::new();
     let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/rolled-back.rrd");
     let mut console = home.console(&["replay", recording, "--terminal", "--to", "109500"], SIZE);
-    let stands = |tick: &str, text: &str| text.contains("against align@1.0.0") && text.contains(tick);
-    console.wait_for("the moment asked for", |screen| stands("tick 109500", &screen.contents()));
+    let shows_moment = |tick: &str, text: &str| text.contains("against align@1.0.0") && text.contains(tick);
+    console.wait_for("the moment asked for", |screen| shows_moment("tick 109500", &screen.contents()));
     // The next decision is the monitor's, which rolled the version back.
     console.keys("d");
     console.wait_for("the rollback", |screen| {
         let text = screen.contents();
-        stands("477.4 s", &text) && text.contains("align@1.1.0: rollback")
+        shows_moment("477.4 s", &text) && text.contains("align@1.1.0: rollback")
     });
     console.resize(80, 24);
     console.wait_for_repainted("a small screen", (80, 24), |screen| screen.contents().contains("REPLAY"));

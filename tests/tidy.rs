@@ -147,7 +147,7 @@ fn report(problems: &[String]) {
 }
 
 #[test]
-fn files_are_short_and_say_what_they_own() {
+fn files_are_short_and_state_their_purpose() {
     let mut problems = Vec::new();
     for path in ["src", "sim/src", "tests"].into_iter().flat_map(sources) {
         let text = fs::read_to_string(&path).unwrap();
@@ -213,7 +213,7 @@ fn colors_are_named_in_the_theme_alone() {
 
 /// The detectors themselves: what they must find and what they must ignore.
 #[test]
-fn detectors_work() {
+fn source_detectors_find_code_and_ignore_comments_and_strings() {
     for (code, word, expected) in [
         ("Color::Red", "Color::", true),
         ("// Color::Red", "Color::", false),

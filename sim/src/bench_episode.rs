@@ -284,7 +284,7 @@ mod tests {
 
     /// From the same state, one tick of the engine and one without it.
     #[test]
-    fn a_tick_without_the_engine_is_the_engines() {
+    fn reduced_tick_equals_the_tick_of_the_physics_engine() {
         let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
         for seed in 0..3 {
             let mut before: Option<ReducedState> = None;
@@ -337,7 +337,7 @@ mod tests {
 
     /// Out of the engine and back without a tick between: the same state, to the bit.
     #[test]
-    fn changing_owner_twice_changes_nothing() {
+    fn two_changes_of_owner_keep_the_state() {
         let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
         let mut compared = 0;
         bench
@@ -374,7 +374,7 @@ mod tests {
 
     /// Where ticks change hands, positions go on as the speeds say and speeds as in the ticks around.
     #[test]
-    fn nothing_jumps_where_the_owner_changes() {
+    fn positions_and_speeds_are_continuous_where_the_owner_changes() {
         let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
         for seed in 0..4 {
             let mut track: Vec<(bool, JointState)> = Vec::new();

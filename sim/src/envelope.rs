@@ -71,7 +71,7 @@ mod tests {
     use holdpoint_body::TaskKind;
 
     #[test]
-    fn a_place_fixes_what_the_axes_name_and_nothing_else() {
+    fn envelope_point_fixes_only_the_values_of_its_axes() {
         let (whole, scene) = (Distribution::sandbox().unwrap(), Scene::cell().unwrap());
         let [mut low, mut high] = [[0.0; AXES.len()], [1.0; AXES.len()]];
         let sample =

@@ -1,4 +1,4 @@
-//! What can go wrong in the cell, said so that the file or the episode can be put right.
+//! Errors of the simulated cell; each names what to correct in the file or the episode.
 
 use holdpoint_body::BodyError;
 use thiserror::Error;
@@ -16,8 +16,8 @@ pub enum SimError {
         /// What is wrong, with the value in quotes and what is allowed.
         problem: String,
     },
-    /// The episode could not be started as sampled (the object does not hold in the hand, or a
-    /// start pose is out of reach). Says nothing about the skill.
+    /// The episode could not be started as sampled: the object slips out of the hand, or a start pose is out of reach.
+    /// It is no result of the skill.
     #[error("seed {seed}: no valid start: {problem}")]
     InvalidStart {
         /// The episode's seed.
@@ -34,7 +34,7 @@ pub enum SimError {
     /// A worker of the pool panicked.
     #[error("worker failed on item {item}: {message}")]
     Worker {
-        /// Index of the item it was working on.
+        /// Index of the item that it ran.
         item: u64,
         /// The panic's message.
         message: String,

@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_filmed_episode_is_the_same_episode() {
+    fn filming_changes_no_state_of_an_episode() {
         let (mut plain, mut filmed) = (world(), world());
         filmed.film();
         for world in [&mut plain, &mut filmed] {
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_gone_back_on_has_not_happened() {
+    fn film_drops_the_frames_after_a_restored_copy() {
         let mut world = world();
         world.film();
         let setup = setup(&world, 7);

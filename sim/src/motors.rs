@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heavy_joint_gets_the_torque_limit_and_no_more() {
+    fn heavy_joint_accelerates_at_the_torque_limit() {
         for inertia in [500.0_f32, 2000.0] {
             let (_, speed) = turn(inertia, 1.0, 240);
             let most = f64::from(TORQUE_MAX_N_M / inertia);
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_takes_part_only_near_the_ends() {
+    fn joint_limit_is_engaged_only_near_the_ends() {
         let (mut world, handle) = wheel(1.0);
         for (at, expected) in [(0.0, false), (0.7, false), (0.9, true), (1.2, true), (-0.85, true)] {
             let (multibody, id) = world.multibody_joints.get_mut(handle).expect("still there");

@@ -16,19 +16,19 @@ use crate::error::SimError;
 pub enum PoolEnd {
     /// Every item was committed.
     Completed,
-    /// `commit` broke off after this many items.
+    /// `commit` ended the run after a number of items.
     Stopped {
-        /// Items committed, the breaking one included.
+        /// Items committed, with the one that ended the run.
         committed: u64,
     },
-    /// The cancel flag was raised after this many items.
+    /// The cancel flag was raised after a number of items.
     Cancelled {
         /// Items committed.
         committed: u64,
     },
 }
 
-/// A worker runs at most this many items (times the number of workers) ahead of the commit.
+/// The most items, for each worker, that run ahead of the commit.
 const AHEAD_PER_WORKER: u64 = 4;
 /// The most worker threads.
 const JOBS_MAX: usize = 64;
@@ -36,9 +36,9 @@ const JOBS_MAX: usize = 64;
 struct PoolShared<R> {
     next: u64,
     committed: u64,
-    closed: bool,
+    is_closed: bool,
     done: BTreeMap<u64, Result<R, String>>,
-    /// Workers still running; none left with work open means no more results.
+    /// Workers still running; without one, open items get no result.
     workers: usize,
     failed_worker: Option<SimError>,
 }
@@ -63,7 +63,7 @@ pub fn run_ordered<W, R: Send>(
     let shared = Mutex::new(PoolShared {
         next: 0,
         committed: 0,
-        closed: false,
+        is_closed: false,
         done: BTreeMap::new(),
         workers: jobs,
         failed_worker: None,
@@ -73,7 +73,7 @@ pub fn run_ordered<W, R: Send>(
         for _ in 0..jobs {
             scope.spawn(|| {
                 let result = catch_unwind(AssertUnwindSafe(|| {
-                    work(n, ahead, cancel, &shared, &changed, &make_worker, &run)
+                    run_items(n, ahead, cancel, &shared, &changed, &make_worker, &run)
                 }));
                 let mut state = lock(&shared);
                 state.workers -= 1;
@@ -89,13 +89,13 @@ pub fn run_ordered<W, R: Send>(
             });
         }
         let end = collect(n, cancel, &shared, &changed, &mut commit);
-        lock(&shared).closed = true;
+        lock(&shared).is_closed = true;
         changed.notify_all();
         end
     })
 }
 
-fn work<W, R>(
+fn run_items<W, R>(
     n: u64,
     ahead: u64,
     cancel: &AtomicBool,
@@ -109,7 +109,7 @@ fn work<W, R>(
         let item = {
             let mut state = lock(shared);
             loop {
-                if state.closed || cancel.load(Ordering::Acquire) || state.next >= n {
+                if state.is_closed || cancel.load(Ordering::Acquire) || state.next >= n {
                     return Ok(());
                 }
                 if state.next < state.committed + ahead {
@@ -126,7 +126,7 @@ fn work<W, R>(
         lock(shared).done.insert(item, result);
         changed.notify_all();
         if panicked {
-            // What the worker owns may be half changed: start afresh.
+            // The panic may have left the worker's state inconsistent.
             worker = make_worker()?;
         }
     }
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn commits_in_order_and_equally_for_any_number_of_workers() {
+    fn pool_commits_in_order_for_any_number_of_workers() {
         for (n, stop_at) in [(0, None), (1, None), (100, None), (100, Some(0)), (100, Some(37))] {
             for jobs in [1, 2, 5] {
                 let cancel = AtomicBool::new(false);
@@ -211,14 +211,15 @@ mod tests {
                 let count = stop_at.map_or(n, |k| k + 1);
                 let expected: Vec<_> = (0..count).map(|i| (i, i * i)).collect();
                 assert_eq!(log, expected, "{jobs} workers");
-                let wanted = stop_at.map_or(PoolEnd::Completed, |_| PoolEnd::Stopped { committed: count });
-                assert_eq!(end, Ok(wanted));
+                let expected_end =
+                    stop_at.map_or(PoolEnd::Completed, |_| PoolEnd::Stopped { committed: count });
+                assert_eq!(end, Ok(expected_end));
             }
         }
     }
 
     #[test]
-    fn a_panic_names_its_item_and_keeps_what_came_before() {
+    fn a_panic_names_its_item_and_earlier_items_are_committed() {
         for jobs in [1, 3] {
             let cancel = AtomicBool::new(false);
             let mut committed = 0;

@@ -32,7 +32,7 @@ const INERTIA_MAX_KG_M2: f64 = 1_000.0;
 const GAIN_MAX: f64 = 1.0e6;
 
 /// The robot that the URDF and the TOML describe together.
-pub struct Tree {
+pub struct UrdfRobot {
     pub name: String,
     pub chain: Chain,
     pub links: Vec<LinkSpec>,
@@ -62,25 +62,28 @@ struct UrdfReader<'a> {
 }
 
 /// Reads the URDF text under the TOML's naming.
-pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Result<Tree, SimError> {
+pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Result<UrdfRobot, SimError> {
     check_config(toml_file, config)?;
     let robot = urdf_rs::read_from_string(text)
         .map_err(|error| SimError::file(file, "robot", format!("not a URDF: {error}")))?;
     let reader = UrdfReader { file, robot: &robot, config };
     reader.check_names(toml_file)?;
-    let (seats, joints, origins) = reader.walk()?;
+    let (placements, joints, origins) = reader.place_links()?;
     let last = config.joints.len();
     let mut links = Vec::with_capacity(last + 1);
     for piece in 0..=last {
-        links.push(reader.piece(RigidPiece::Arm(piece), &seats)?);
+        links.push(reader.link_spec(RigidPiece::Arm(piece), &placements)?);
     }
-    let fingers = [reader.finger(0, &seats, &origins)?, reader.finger(1, &seats, &origins)?];
-    let tool_seat = seats.get(config.tool.link.as_str()).filter(|seat| seat.piece == RigidPiece::Arm(last));
-    let Some(tool_seat) = tool_seat else {
+    let fingers =
+        [reader.finger_spec(0, &placements, &origins)?, reader.finger_spec(1, &placements, &origins)?];
+    let tool_placement = placements
+        .get(config.tool.link.as_str())
+        .filter(|placement| placement.piece == RigidPiece::Arm(last));
+    let Some(tool_placement) = tool_placement else {
         let problem = format!("link \"{}\" is not fixed to the last arm joint's link", config.tool.link);
         return Err(SimError::file(toml_file, "tool.link", problem));
     };
-    let tool = tool_seat.pose * pose(&config.tool.xyz_m, &config.tool.rpy_rad);
+    let tool = tool_placement.pose * pose(&config.tool.xyz_m, &config.tool.rpy_rad);
     let chain = Chain { joints, tool_from_last: Transform::new(&tool) };
     for (i, (joint, angle)) in chain.joints.iter().zip(&config.home_rad).enumerate() {
         if !(joint.lower_rad..=joint.upper_rad).contains(angle) {
@@ -101,7 +104,7 @@ pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Resu
         speed_max_m_s: g.speed_max_m_s,
         armature_kg: g.armature_kg,
     };
-    Ok(Tree {
+    Ok(UrdfRobot {
         name: robot.name.clone(),
         chain,
         links,
@@ -152,16 +155,16 @@ fn check_config(file: &str, config: &RobotFile) -> Result<(), SimError> {
         ("motors.joint_damping_n_m_s_rad", m.joint_damping_n_m_s_rad, GAIN_MAX),
     ];
     let offset = config.tool.xyz_m.map(|value| ("tool.xyz_m", value, LENGTH_MAX_M));
-    for (key, value, most) in single.into_iter().chain(offset) {
-        if value.abs() > most {
-            return Err(SimError::file(file, key, format!("\"{value}\"; at most {most} is allowed")));
+    for (key, value, limit) in single.into_iter().chain(offset) {
+        if value.abs() > limit {
+            return Err(SimError::file(file, key, format!("\"{value}\"; at most {limit} is allowed")));
         }
     }
     Ok(())
 }
 
 type LinkPlacements<'a> = BTreeMap<&'a str, LinkPlacement>;
-type LinkWalk<'a> = (LinkPlacements<'a>, Vec<JointSpec>, [Option<(Transform, f64)>; 2]);
+type PlacedTree<'a> = (LinkPlacements<'a>, Vec<JointSpec>, [Option<(Transform, f64)>; 2]);
 
 impl<'a> UrdfReader<'a> {
     fn error(&self, element: String, problem: impl Into<String>) -> SimError {
@@ -184,7 +187,7 @@ impl<'a> UrdfReader<'a> {
     }
 
     /// Visits the tree from its root and places every link.
-    fn walk(&self) -> Result<LinkWalk<'a>, SimError> {
+    fn place_links(&self) -> Result<PlacedTree<'a>, SimError> {
         let mut roots = self
             .robot
             .links
@@ -193,58 +196,65 @@ impl<'a> UrdfReader<'a> {
         let (Some(root), None) = (roots.next(), roots.next()) else {
             return Err(self.error("robot".into(), "the links do not form one tree with one root"));
         };
-        let mut seats = LinkPlacements::new();
-        seats.insert(&root.name, LinkPlacement { piece: RigidPiece::Arm(0), pose: Isometry3::identity() });
+        let mut placements = LinkPlacements::new();
+        placements
+            .insert(&root.name, LinkPlacement { piece: RigidPiece::Arm(0), pose: Isometry3::identity() });
         let mut joints: Vec<Option<JointSpec>> = vec![None; self.config.joints.len()];
         let mut fingers = [None, None];
         let mut open = vec![root.name.as_str()];
         while let Some(parent) = open.pop() {
-            let Some(seat) = seats.get(parent).copied() else { continue };
+            let Some(placement) = placements.get(parent).copied() else { continue };
             for joint in self.robot.joints.iter().filter(|joint| joint.parent.link == parent) {
-                let here = format!("joint \"{}\"", joint.name);
-                let at = seat.pose * self.origin(&here, &joint.origin)?;
+                let element = format!("joint \"{}\"", joint.name);
+                let at = placement.pose * self.origin(&element, &joint.origin)?;
                 let arm = self.config.joints.iter().position(|name| *name == joint.name);
                 let finger = self.config.gripper.joints.iter().position(|name| *name == joint.name);
                 let child = match (arm, finger) {
                     (Some(i), _) => {
-                        self.expect(
-                            &here,
-                            &seat,
+                        self.check_joint(
+                            &element,
+                            &placement,
                             RigidPiece::Arm(i),
                             &joint.joint_type,
                             &JointType::Revolute,
                         )?;
-                        let align = self.align(&here, &joint.axis)?;
-                        joints[i] = Some(self.arm_joint(&here, i, joint, &(at * align))?);
-                        LinkPlacement { piece: RigidPiece::Arm(i + 1), pose: align.inverse() }
+                        let rotation = self.axis_rotation(&element, &joint.axis)?;
+                        joints[i] = Some(self.arm_joint(&element, i, joint, &(at * rotation))?);
+                        LinkPlacement { piece: RigidPiece::Arm(i + 1), pose: rotation.inverse() }
                     }
                     (None, Some(i)) => {
                         let hand = RigidPiece::Arm(self.config.joints.len());
-                        self.expect(&here, &seat, hand, &joint.joint_type, &JointType::Prismatic)?;
-                        let align = self.align(&here, &joint.axis)?;
+                        self.check_joint(
+                            &element,
+                            &placement,
+                            hand,
+                            &joint.joint_type,
+                            &JointType::Prismatic,
+                        )?;
+                        let rotation = self.axis_rotation(&element, &joint.axis)?;
                         let (lower, upper) = (joint.limit.lower, joint.limit.upper);
                         if !(lower == 0.0 && upper > 0.0 && upper < 0.5) {
                             let problem = format!(
                                 "limits \"{lower}\" to \"{upper}\"; a finger closes at 0 and opens by at most 0.5 m"
                             );
-                            return Err(self.error(here, problem));
+                            return Err(self.error(element, problem));
                         }
-                        fingers[i] = Some((Transform::new(&(at * align)), upper));
-                        LinkPlacement { piece: RigidPiece::Finger(i), pose: align.inverse() }
+                        fingers[i] = Some((Transform::new(&(at * rotation)), upper));
+                        LinkPlacement { piece: RigidPiece::Finger(i), pose: rotation.inverse() }
                     }
                     (None, None) if joint.joint_type == JointType::Fixed => {
-                        LinkPlacement { piece: seat.piece, pose: at }
+                        LinkPlacement { piece: placement.piece, pose: at }
                     }
                     (None, None) => {
                         let problem = format!(
                             "of type \"{:?}\" is in neither \"joints\" nor \"gripper.joints\"",
                             joint.joint_type
                         );
-                        return Err(self.error(here, problem));
+                        return Err(self.error(element, problem));
                     }
                 };
-                if seats.insert(&joint.child.link, child).is_some() {
-                    return Err(self.error(here, format!("link \"{}\" has two parents", joint.child.link)));
+                if placements.insert(&joint.child.link, child).is_some() {
+                    return Err(self.error(element, format!("link \"{}\" has two parents", joint.child.link)));
                 }
                 open.push(&joint.child.link);
             }
@@ -252,31 +262,35 @@ impl<'a> UrdfReader<'a> {
         let joints: Option<Vec<JointSpec>> = joints.into_iter().collect();
         let joints =
             joints.ok_or_else(|| self.error("robot".into(), "an arm joint hangs on no link of the tree"))?;
-        Ok((seats, joints, fingers))
+        Ok((placements, joints, fingers))
     }
 
-    fn expect(
+    /// Refuses a joint of another type, or one that does not hang on the piece before it.
+    fn check_joint(
         &self,
-        here: &str,
-        seat: &LinkPlacement,
+        element: &str,
+        placement: &LinkPlacement,
         piece: RigidPiece,
-        kind: &JointType,
-        wanted: &JointType,
+        joint_type: &JointType,
+        required_type: &JointType,
     ) -> Result<(), SimError> {
-        if kind != wanted {
-            return Err(
-                self.error(here.into(), format!("is of type \"{kind:?}\"; {wanted:?} is needed here"))
-            );
+        if joint_type != required_type {
+            return Err(self.error(
+                element.into(),
+                format!("is of type \"{joint_type:?}\"; {required_type:?} is needed here"),
+            ));
         }
-        if seat.piece != piece {
-            return Err(self.error(here.into(), "does not hang on the joint before it in the TOML's order"));
+        if placement.piece != piece {
+            return Err(
+                self.error(element.into(), "does not hang on the joint before it in the TOML's order")
+            );
         }
         Ok(())
     }
 
     fn arm_joint(
         &self,
-        here: &str,
+        element: &str,
         i: usize,
         joint: &urdf_rs::Joint,
         origin: &Isometry3<f64>,
@@ -291,12 +305,12 @@ impl<'a> UrdfReader<'a> {
             let problem = format!(
                 "limit \"{numbers:?}\" (lower, upper, effort, velocity): lower < upper and the others above 0 are needed"
             );
-            return Err(self.error(here.into(), problem));
+            return Err(self.error(element.into(), problem));
         }
-        self.within(here, "limit's lower end, rad", limit.lower, ANGLE_MAX_RAD)?;
-        self.within(here, "limit's upper end, rad", limit.upper, ANGLE_MAX_RAD)?;
-        self.within(here, "limit's velocity, rad/s", limit.velocity, SPEED_MAX_RAD_S)?;
-        self.within(here, "limit's effort, N m", limit.effort, EFFORT_MAX_N_M)?;
+        self.check_range(element, "limit's lower end, rad", limit.lower, ANGLE_MAX_RAD)?;
+        self.check_range(element, "limit's upper end, rad", limit.upper, ANGLE_MAX_RAD)?;
+        self.check_range(element, "limit's velocity, rad/s", limit.velocity, SPEED_MAX_RAD_S)?;
+        self.check_range(element, "limit's effort, N m", limit.effort, EFFORT_MAX_N_M)?;
         Ok(JointSpec {
             name: joint.name.clone(),
             origin: Transform::new(origin),
@@ -309,49 +323,56 @@ impl<'a> UrdfReader<'a> {
     }
 
     /// Refuses a value that no arm has: a huge finite number would overflow in the physics.
-    fn within(&self, here: &str, what: &str, value: f64, most: f64) -> Result<(), SimError> {
-        if value.abs() <= most {
+    fn check_range(&self, element: &str, quantity: &str, value: f64, limit: f64) -> Result<(), SimError> {
+        if value.abs() <= limit {
             return Ok(());
         }
-        Err(self.error(here.into(), format!("{what}, is \"{value}\"; at most {most} either way is allowed")))
+        Err(self.error(
+            element.into(),
+            format!("{quantity}, is \"{value}\"; at most {limit} either way is allowed"),
+        ))
     }
 
-    fn origin(&self, here: &str, origin: &urdf_rs::Pose) -> Result<Isometry3<f64>, SimError> {
+    fn origin(&self, element: &str, origin: &urdf_rs::Pose) -> Result<Isometry3<f64>, SimError> {
         if origin.xyz.iter().chain(origin.rpy.iter()).any(|v| !v.is_finite()) {
             return Err(self.error(
-                here.into(),
+                element.into(),
                 format!("origin \"{:?} {:?}\" is not finite", origin.xyz.0, origin.rpy.0),
             ));
         }
         for value in origin.xyz.iter() {
-            self.within(here, "the origin, m", *value, LENGTH_MAX_M)?;
+            self.check_range(element, "the origin, m", *value, LENGTH_MAX_M)?;
         }
         Ok(pose(&origin.xyz, &origin.rpy))
     }
 
     /// The rotation that takes z onto the joint's axis.
-    fn align(&self, here: &str, axis: &urdf_rs::Axis) -> Result<Isometry3<f64>, SimError> {
+    fn axis_rotation(&self, element: &str, axis: &urdf_rs::Axis) -> Result<Isometry3<f64>, SimError> {
         let axis = Vector3::from(*axis.xyz);
         if !axis.iter().all(|v| v.is_finite()) || axis.norm() < 1e-6 {
-            return Err(self.error(here.into(), format!("axis \"{:?}\" has no direction", axis.as_slice())));
+            return Err(
+                self.error(element.into(), format!("axis \"{:?}\" has no direction", axis.as_slice()))
+            );
         }
         let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &axis)
             .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), core::f64::consts::PI));
         Ok(Isometry3::from_parts(Translation3::identity(), rotation))
     }
 
-    /// Everything that belongs to one rigid piece.
-    fn piece(&self, piece: RigidPiece, seats: &LinkPlacements<'_>) -> Result<LinkSpec, SimError> {
+    /// The links that belong to one rigid piece, as one.
+    fn link_spec(&self, piece: RigidPiece, placements: &LinkPlacements<'_>) -> Result<LinkSpec, SimError> {
         let mut spec = LinkSpec { name: String::new(), inertial: None, shapes: Vec::new() };
         for link in &self.robot.links {
-            let Some(seat) = seats.get(link.name.as_str()).filter(|seat| seat.piece == piece) else {
+            let Some(placement) =
+                placements.get(link.name.as_str()).filter(|placement| placement.piece == piece)
+            else {
                 continue;
             };
-            let here = format!("link \"{}\"", link.name);
+            let element = format!("link \"{}\"", link.name);
             if spec.name.is_empty() {
                 spec.name.clone_from(&link.name);
             }
-            if let Some(next) = self.inertial(&here, &link.inertial, &seat.pose)? {
+            if let Some(next) = self.inertial(&element, &link.inertial, &placement.pose)? {
                 spec.inertial = Some(spec.inertial.map_or(next, |sum| combine(&sum, &next)));
             }
             let pad_name = &self.config.gripper.pad;
@@ -359,8 +380,8 @@ impl<'a> UrdfReader<'a> {
                 let is_finger = matches!(piece, RigidPiece::Finger(_));
                 let named = pad_name.is_none() || (collision.name.is_some() && collision.name == *pad_name);
                 spec.shapes.push(LinkShape {
-                    pose: seat.pose * self.origin(&here, &collision.origin)?,
-                    shape: self.shape(&here, &collision.geometry)?,
+                    pose: placement.pose * self.origin(&element, &collision.origin)?,
+                    shape: self.shape(&element, &collision.geometry)?,
                     pad: is_finger && named,
                 });
             }
@@ -371,17 +392,17 @@ impl<'a> UrdfReader<'a> {
         Ok(spec)
     }
 
-    fn finger(
+    fn finger_spec(
         &self,
         i: usize,
-        seats: &LinkPlacements<'_>,
+        placements: &LinkPlacements<'_>,
         origins: &[Option<(Transform, f64)>; 2],
     ) -> Result<FingerSpec, SimError> {
         let joint = &self.config.gripper.joints[i];
         let Some((origin, stroke_m)) = origins[i] else {
             return Err(self.error(format!("joint \"{joint}\""), "hangs on no link of the tree"));
         };
-        let link = self.piece(RigidPiece::Finger(i), seats)?;
+        let link = self.link_spec(RigidPiece::Finger(i), placements)?;
         if !link.shapes.iter().any(|shape| shape.pad) {
             let wanted = self.config.gripper.pad.as_deref().unwrap_or("");
             return Err(self.error(
@@ -394,15 +415,15 @@ impl<'a> UrdfReader<'a> {
 
     fn inertial(
         &self,
-        here: &str,
+        element: &str,
         inertial: &urdf_rs::Inertial,
-        seat: &Isometry3<f64>,
+        link_pose: &Isometry3<f64>,
     ) -> Result<Option<Inertial>, SimError> {
         let i = &inertial.inertia;
         let numbers = [inertial.mass.value, i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz];
         if numbers.iter().any(|v| !v.is_finite()) || inertial.mass.value < 0.0 {
             return Err(self.error(
-                here.into(),
+                element.into(),
                 format!("mass and inertia \"{numbers:?}\" must be finite, the mass not below 0"),
             ));
         }
@@ -410,15 +431,16 @@ impl<'a> UrdfReader<'a> {
             return Ok(None);
         }
         if i.ixx <= 0.0 || i.iyy <= 0.0 || i.izz <= 0.0 {
-            return Err(
-                self.error(here.into(), format!("inertia \"{} {} {}\" must be above 0", i.ixx, i.iyy, i.izz))
-            );
+            return Err(self.error(
+                element.into(),
+                format!("inertia \"{} {} {}\" must be above 0", i.ixx, i.iyy, i.izz),
+            ));
         }
-        self.within(here, "the mass, kg", inertial.mass.value, MASS_MAX_KG)?;
+        self.check_range(element, "the mass, kg", inertial.mass.value, MASS_MAX_KG)?;
         for value in [i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz] {
-            self.within(here, "the inertia, kg m²", value, INERTIA_MAX_KG_M2)?;
+            self.check_range(element, "the inertia, kg m²", value, INERTIA_MAX_KG_M2)?;
         }
-        let at = seat * self.origin(here, &inertial.origin)?;
+        let at = link_pose * self.origin(element, &inertial.origin)?;
         let local = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
         let turn = at.rotation.to_rotation_matrix().into_inner();
         Ok(Some(Inertial {
@@ -428,7 +450,7 @@ impl<'a> UrdfReader<'a> {
         }))
     }
 
-    fn shape(&self, here: &str, geometry: &Geometry) -> Result<Shape, SimError> {
+    fn shape(&self, element: &str, geometry: &Geometry) -> Result<Shape, SimError> {
         let (shape, sizes) = match geometry {
             Geometry::Box { size } => (Shape::Cuboid { half_m: size.map(|v| 0.5 * v) }, size.to_vec()),
             Geometry::Cylinder { radius, length } => {
@@ -440,18 +462,18 @@ impl<'a> UrdfReader<'a> {
             Geometry::Sphere { radius } => (Shape::Ball { radius_m: *radius }, vec![*radius]),
             Geometry::Mesh { filename, .. } => {
                 return Err(self.error(
-                    here.into(),
+                    element.into(),
                     format!("mesh \"{filename}\" is not supported; use box, capsule, cylinder or sphere"),
                 ));
             }
         };
         if sizes.iter().any(|v| !v.is_finite() || *v <= 0.0) {
             return Err(
-                self.error(here.into(), format!("shape size \"{sizes:?}\" must be finite and above 0"))
+                self.error(element.into(), format!("shape size \"{sizes:?}\" must be finite and above 0"))
             );
         }
         for size in sizes {
-            self.within(here, "the shape's size, m", size, LENGTH_MAX_M)?;
+            self.check_range(element, "the shape's size, m", size, LENGTH_MAX_M)?;
         }
         Ok(shape)
     }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use ed25519_dalek::{Signature, VerifyingKey};
-use holdpoint_text::{Hint, Untrusted};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Untrusted};
 
 use super::keyfile::public_of;
 
@@ -59,7 +59,27 @@ pub enum AgentError {
     Signature(PathBuf),
 }
 
+impl AgentError {
+    /// Its name for programs.
+    const fn cause(&self) -> &'static str {
+        match self {
+            Self::NotNamed => "not-named",
+            Self::Io { .. } => "io",
+            Self::Silent { .. } => "silent",
+            Self::Answer { .. } => "protocol",
+            Self::Refused(_) => "refused",
+            Self::NoKey { .. } => "no-key",
+            Self::SeveralKeys { .. } => "several-keys",
+            Self::Signature(_) => "wrong-signature",
+        }
+    }
+}
+
 impl Hint for AgentError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(ErrorDetails::from(ErrorReason::SshAgent).with_cause(self.cause()))
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::NotNamed => Some("start one (`eval $(ssh-agent)`) and add the key with `ssh-add`".into()),

@@ -54,7 +54,7 @@ mod tests {
     use holdpoint_governance::approval::Role;
 
     #[test]
-    fn it_is_over_version_submission_and_author() {
+    fn signature_covers_version_submission_and_author() {
         let folder = tempfile::tempdir().unwrap();
         let acme = Identity::create(folder.path(), "acme", Role::Operator).unwrap();
         let candidate = Digest::of_parts("t", &[b"c"]);

@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_sealed_is_opened_by_its_passphrase_alone() {
+    fn encrypted_key_opens_only_with_its_passphrase() {
         let (key, sealed) = sealed();
         let text = sealed.text();
         assert!(!text.contains(&hex(&key.to_bytes())));
@@ -267,7 +267,7 @@ mod tests {
 
     /// Made by another implementation of both (Python's `cryptography` 48, with `HChaCha20` after its draft).
     #[test]
-    fn opens_what_others_sealed() {
+    fn key_encrypted_by_another_implementation_opens() {
         let text = "\
             holdpoint-key 1\n\
             kdf argon2id\n\
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_absurd_is_refused_with_field_value_and_what_is_allowed() {
+    fn invalid_field_is_refused_with_its_value_and_the_allowed_range() {
         let (_, sealed) = sealed();
         let text = sealed.text();
         let cases = [

@@ -14,7 +14,7 @@ use super::signed_call::{CallClaim, SignedCall};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::closed_set::ClosedSetError;
 use holdpoint_governance::ids::{Digest, is_name};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The longest identity or role name, bytes.
 pub const WORD_LEN_MAX: usize = holdpoint_governance::ids::NAME_LEN_MAX;
@@ -74,6 +74,21 @@ pub enum IdentityError {
 }
 
 impl Hint for IdentityError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::Name(_) => ErrorReason::Usage.into(),
+            Self::Role { .. } => ErrorDetails::from(ErrorReason::NotAllowed).with_cause("unknown-role"),
+            Self::Exists(_) | Self::KeyTaken { .. } => ErrorReason::Exists.into(),
+            Self::Unknown { .. } => ErrorReason::NotFound.into(),
+            Self::Mismatch(_) => ErrorReason::BadFile.into(),
+            Self::TooMany(folder) => ErrorDetails::of_path(ErrorReason::BadFile, folder),
+            Self::WithAgent(_) => ErrorReason::NotNow.into(),
+            Self::NotWithAgent { .. } => ErrorDetails::from(ErrorReason::SshAgent).with_cause("no-key"),
+            Self::Agent(error) => return error.details(),
+            Self::Key(error) => return error.details(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Role { .. } => Some("make another identity with one of these".into()),
@@ -464,7 +479,7 @@ mod tests {
     use crate::{EncryptedKeyError, KdfCost};
 
     #[test]
-    fn made_listed_and_loaded() {
+    fn identities_are_created_listed_and_loaded() {
         let folder = tempfile::tempdir().unwrap();
         let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
         Identity::create(folder.path(), "bob", Role::Safety).unwrap();
@@ -527,7 +542,7 @@ mod tests {
     }
 
     #[test]
-    fn one_key_is_one_person() {
+    fn second_identity_with_one_key_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
         let Secret::Here(again) = &ada.secret else { panic!("it is here") };
@@ -542,7 +557,7 @@ mod tests {
     }
 
     #[test]
-    fn refused() {
+    fn invalid_names_and_readable_keys_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         Identity::create(folder.path(), "ada", Role::Operator).unwrap();
         for (name, message) in

@@ -10,11 +10,11 @@ use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ed25519_dalek::{SigningKey, VerifyingKey};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use zeroize::Zeroizing;
 
 use super::encrypted_key::{EncryptedKey, EncryptedKeyError, KdfCost, MAGIC};
-use super::passphrase::{Passphrase, open_plainly};
+use super::passphrase::{Passphrase, PassphraseCause, open_plainly};
 
 /// A key that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -126,6 +126,29 @@ fn sealed(path: &Path) -> impl FnOnce(EncryptedKeyError) -> KeyError {
 }
 
 impl Hint for KeyError {
+    fn details(&self) -> Option<ErrorDetails> {
+        let about_passphrase =
+            |cause: PassphraseCause| ErrorDetails::from(ErrorReason::Passphrase).with_cause(cause.name());
+        Some(match self {
+            Self::Sealed { problem: EncryptedKeyError::Passphrase, .. } => {
+                about_passphrase(PassphraseCause::Wrong)
+            }
+            Self::Locked { .. } => about_passphrase(PassphraseCause::Needed),
+            Self::Open { .. } => about_passphrase(PassphraseCause::NotSet),
+            Self::Sealed { problem: EncryptedKeyError::Memory(_) | EncryptedKeyError::Random(_), .. }
+            | Self::Random(_) => ErrorReason::Environment.into(),
+            Self::Sealed { path, problem: EncryptedKeyError::Field { field, .. } } => {
+                ErrorDetails::of_field(path.display().to_string(), *field)
+            }
+            Self::Sealed { path, problem: EncryptedKeyError::Kdf(_) }
+            | Self::Io { path, .. }
+            | Self::Permissions { path, .. }
+            | Self::NotAFile { path, .. }
+            | Self::Malformed { path }
+            | Self::TooLarge { path } => ErrorDetails::of_path(ErrorReason::BadFile, path),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Permissions { path, .. } => {
@@ -371,7 +394,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_file_is_called_so_and_not_a_matter_of_mode() {
+    fn error_for_a_non_file_names_its_kind_and_no_mode() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         write_secret(&path("store.key"), &generate().unwrap()).unwrap();
@@ -408,7 +431,7 @@ mod tests {
     ];
 
     #[test]
-    fn a_public_key_is_of_full_order_and_has_one_text() {
+    fn public_key_has_full_order_and_one_spelling() {
         let good = generate().unwrap().verifying_key();
         assert_eq!(parse_public(&hex(good.as_bytes())), Some(good));
         for small in SMALL {
@@ -430,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_larger_than_a_key_is_none() {
+    fn file_larger_than_a_key_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let (secret, public) = (folder.path().join("store.key"), folder.path().join("store.pub"));
         let key = generate().unwrap();
@@ -453,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_has_one_text() {
+    fn hex_value_has_one_spelling() {
         assert_eq!(unhex::<2>("0c4d"), Some([0x0c, 0x4d]));
         assert_eq!(hex(&[0x0c, 0x4d]), "0c4d");
         for bad in ["0C4d", "0c4", "0c4dd", "+c4d", ""] {

@@ -22,7 +22,9 @@ pub use authorship::SignedAuthorship;
 pub use display_binding::{DisplayBinding, SignedFacts, SignerName, facts_digest, lines_digest};
 pub use encrypted_key::{EncryptedKey, EncryptedKeyError, KdfCost};
 pub use identity::{Identity, IdentityError, IdentityFolder, IdentityInfo, LockedIdentity, WORD_LEN_MAX};
-pub use passphrase::{PASSPHRASE_BYTES_MAX, PASSPHRASE_CHARS_MIN, Passphrase, PassphraseError};
+pub use passphrase::{
+    PASSPHRASE_BYTES_MAX, PASSPHRASE_CHARS_MIN, Passphrase, PassphraseCause, PassphraseError,
+};
 pub use person::{
     PERSONS_MAX, Person, PersonAct, PersonActKind, PersonDirectory, PersonError, PersonState, SignedPersonAct,
 };

@@ -6,7 +6,7 @@ use std::io::Read;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use rustix::fs::{Mode, OFlags};
 use zeroize::Zeroizing;
 
@@ -14,6 +14,28 @@ use zeroize::Zeroizing;
 pub const PASSPHRASE_BYTES_MAX: usize = 1024;
 /// The shortest for a new key, characters.
 pub const PASSPHRASE_CHARS_MIN: usize = 8;
+
+holdpoint_governance::closed_set! {
+    /// What is wrong with a passphrase, for programs.
+    PassphraseCause, "problem with a passphrase", {
+        /// The key has one, and none was given.
+        Needed = "needed",
+        /// It does not open the key.
+        Wrong = "wrong",
+        /// One was given, and the key has none.
+        NotSet = "not-set",
+        /// It is empty.
+        Empty = "empty",
+        /// It is longer than allowed.
+        TooLong = "too-long",
+        /// It is too short for a new key.
+        TooShort = "too-short",
+        /// It is not one line of text.
+        NotALine = "not-a-line",
+        /// The repetition is another one.
+        NotRepeated = "not-repeated",
+    }
+}
 
 /// A passphrase that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -59,6 +81,24 @@ pub enum PassphraseError {
 }
 
 impl Hint for PassphraseError {
+    fn details(&self) -> Option<ErrorDetails> {
+        let of =
+            |cause: PassphraseCause| ErrorDetails::from(ErrorReason::Passphrase).with_cause(cause.name());
+        Some(match self {
+            Self::Empty => of(PassphraseCause::Empty),
+            Self::TooLong => of(PassphraseCause::TooLong),
+            Self::TooShort(_) => of(PassphraseCause::TooShort),
+            Self::Control => of(PassphraseCause::NotALine),
+            Self::Io { path, .. } | Self::Kind(path) | Self::Permissions { path, .. } => {
+                ErrorDetails::of_path(ErrorReason::BadFile, path)
+            }
+            Self::Content { path, problem } => {
+                let place = ErrorDetails::of_path(ErrorReason::Passphrase, path).place;
+                ErrorDetails { place, ..problem.details()? }
+            }
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Permissions { path, .. } => Some(format!("`chmod 600 {}`", path.display()).into()),
@@ -162,7 +202,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn read_from_a_regular_file_of_ones_own_alone() {
+    fn passphrase_is_read_only_from_a_private_regular_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("words");
         let write = |text: &[u8], mode: u32| {
@@ -209,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_is_not_put_under_a_short_one() {
+    fn short_passphrase_protects_no_key() {
         let of = |text: &str| Passphrase::new(text.to_owned().into()).unwrap().strong_enough();
         assert!(matches!(of("seven c"), Err(PassphraseError::TooShort(7))));
         assert!(of("eight ch").is_ok());

@@ -23,7 +23,7 @@ use super::signed_approval::{ApprovalError, Nonce, REASON_ALLOWED, holds, is_rea
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::closed_set;
 use holdpoint_governance::ids::{Digest, is_name};
-use holdpoint_text::{Hint, is_visible};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint, is_visible};
 
 /// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/person-act/v1";
@@ -184,7 +184,55 @@ pub enum PersonError {
     TooMany,
 }
 
+impl PersonError {
+    /// The cause for a signer whose key has no passphrase.
+    pub const NO_PASSPHRASE: &'static str = "no-passphrase";
+
+    /// Its name for programs.
+    const fn cause(&self) -> &'static str {
+        match self {
+            Self::Field { .. } => "field",
+            Self::Signature(_) => "signature",
+            Self::OtherStore { .. } => "other-store",
+            Self::DoesNotFollow(_) | Self::AuthorizationDoesNotFollow(_) => "does-not-follow",
+            Self::SignerUnknown(_) => "signer-unknown",
+            Self::NoAdministrator { .. } => "no-administrator",
+            Self::NotTheFirst(_) => "not-the-first",
+            Self::NameTaken { .. } => "name-taken",
+            Self::KeyTaken { .. } => "key-taken",
+            Self::Unguarded(_) => Self::NO_PASSPHRASE,
+            Self::SignerUnconfirmed(_) => "signer-unconfirmed",
+            Self::Confirmed { .. } => "confirmed-already",
+            Self::NotEnrolled(_) => "not-enrolled",
+            Self::LastAdministrator(_) => "last-administrator",
+            Self::TooMany => "too-many-persons",
+        }
+    }
+
+    const fn reason(&self) -> ErrorReason {
+        match self {
+            Self::Field { .. } => ErrorReason::BadInput,
+            Self::DoesNotFollow(_) | Self::AuthorizationDoesNotFollow(_) => ErrorReason::Stale,
+            Self::NameTaken { .. } | Self::KeyTaken { .. } | Self::Confirmed { .. } => ErrorReason::Exists,
+            Self::NotEnrolled(_) => ErrorReason::NotFound,
+            Self::Signature(_)
+            | Self::OtherStore { .. }
+            | Self::SignerUnknown(_)
+            | Self::NoAdministrator { .. }
+            | Self::NotTheFirst(_)
+            | Self::Unguarded(_)
+            | Self::SignerUnconfirmed(_)
+            | Self::LastAdministrator(_)
+            | Self::TooMany => ErrorReason::NotAllowed,
+        }
+    }
+}
+
 impl Hint for PersonError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(ErrorDetails::from(self.reason()).with_cause(self.cause()))
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::DoesNotFollow(_) | Self::AuthorizationDoesNotFollow(_) => {

@@ -13,7 +13,7 @@ use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Separates these bytes from all other signed bytes. For a decision without a displayed request: those of earlier
 /// versions, and refusals by name.
@@ -233,6 +233,17 @@ pub enum ApprovalError {
 }
 
 impl Hint for ApprovalError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::Nonce(_) | Self::ReasonTooLong(_) => ErrorReason::BadInput.into(),
+            Self::Random(_) => ErrorReason::Environment.into(),
+            Self::Signature(_) | Self::Key(_) | Self::Role { .. } => ErrorReason::NotAllowed.into(),
+            // A request for another version, person or purpose is refused in the same way.
+            Self::NoForm(_) => ErrorReason::Stale.into(),
+            Self::Agent(error) => return error.details(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Agent(error) => error.hint(),
@@ -385,7 +396,7 @@ mod tests {
 
     /// Equal runs have equal claims in any store; the displayed request is a part of the claim.
     #[test]
-    fn a_claim_is_of_what_was_shown_and_of_no_store() {
+    fn claim_digest_covers_the_shown_request_and_no_store() {
         let claim = approval().claim_digest();
         let mut elsewhere = approval();
         elsewhere.store_id = "other".into();

@@ -12,7 +12,7 @@ use super::keyfile::hex;
 use super::signed_approval::{ApprovalError, Nonce, holds};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::Digest;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/call/v1";
@@ -78,6 +78,10 @@ pub enum CallError {
 }
 
 impl Hint for CallError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(ErrorReason::NotAllowed.into())
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Signature(_) | Self::Key(_) | Self::Role { .. } => None,

@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_carried_is_what_is_there() {
+    fn embedded_files_are_the_files_of_the_kit() {
         let carried: BTreeSet<String> =
             [COMMON, RUST, C, RUST_KIT, C_KIT].concat().iter().map(|(path, _)| (*path).to_owned()).collect();
         let mut there = BTreeSet::from(["Cargo.toml".to_owned()]);
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn the_kit_takes_what_the_main_workspace_takes() {
+    fn kit_and_main_workspace_share_versions_and_lints() {
         let read = |path: PathBuf| fs::read_to_string(path).unwrap().parse::<toml::Table>().unwrap();
         let kit = read(sdk().join("Cargo.toml"));
         let main = read(sdk().join("../../Cargo.toml"));
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_is_one_of_a_file_and_a_crate() {
+    fn crate_name_is_a_valid_file_and_crate_name() {
         for name in ["grasp", "my-grasp-2"] {
             assert_eq!(name.parse::<CrateName>().unwrap().to_string(), name);
         }

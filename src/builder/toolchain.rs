@@ -7,7 +7,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 use crate::encode::{EncodeError, encode};
 use crate::{Lang, target};
@@ -66,6 +66,19 @@ pub enum BuildError {
 }
 
 impl Hint for BuildError {
+    fn details(&self) -> Option<ErrorDetails> {
+        let failed = |cause| ErrorDetails::from(ErrorReason::Toolchain).with_cause(cause);
+        Some(match self {
+            Self::NoSource(path) | Self::NoPackage(path) | Self::File { path, .. } => {
+                ErrorDetails::of_path(ErrorReason::BadFile, path)
+            }
+            Self::Missing { .. } => failed("program-missing"),
+            Self::NoTarget { .. } => failed("target-missing"),
+            Self::Refused { .. } => failed("compiler-failed"),
+            Self::Encode(_) => failed("no-component"),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::NoSource(_) => Some("`holdpoint skill new` writes a folder that can be built".into()),

@@ -139,7 +139,9 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut CommandOutput<'_>) 
         }
         AuditVerb::Export { from, unchecked, out: Some(path) } => {
             let views = records_of(context, *unchecked)?;
-            let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {path:?}: {error}"));
+            let cannot = |error: std::io::Error| {
+                CliError::usage(format!("cannot write {path:?}: {error}")).with_unwritable(path, &error)
+            };
             let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(cannot)?;
             let records = export_to(&views, *from, &mut file)?;
             file.sync_all().map_err(cannot)?;

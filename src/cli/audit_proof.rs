@@ -77,8 +77,9 @@ pub(super) fn consistency(
 ) -> Result<Exit, CliError> {
     let database = database(&context.data)?;
     let older = match (&args.against, args.from) {
-        (Some(path), _) => Checkpoint::read(path)
-            .map_err(|problem| CliError::usage(format!("{path:?} is not a checkpoint: {problem}")))?,
+        (Some(path), _) => Checkpoint::read(path).map_err(|problem| {
+            CliError::usage(format!("{path:?} is not a checkpoint: {problem}")).with_bad_file(path)
+        })?,
         (None, Some(seq)) => stored_head(&context.data, seq).map_err(CliError::usage)?,
         (None, None) => return Err(CliError::usage("`--from SEQ` or `--against FILE` is needed".to_owned())),
     };
@@ -92,7 +93,9 @@ fn write(proof: &Proof, path: Option<&Path>, out: &mut CommandOutput<'_>) -> Res
         writeln!(out.sink(), "{text}")?;
         return Ok(Exit::Confirmed);
     };
-    let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {path:?}: {error}"));
+    let cannot = |error: std::io::Error| {
+        CliError::usage(format!("cannot write {path:?}: {error}")).with_unwritable(path, &error)
+    };
     let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(cannot)?;
     writeln!(file, "{text}").and_then(|()| file.sync_all()).map_err(cannot)?;
     let (steps, bytes) = (steps(proof), text.len() + 1);
@@ -128,7 +131,7 @@ pub(super) fn check(
         }
     };
     let (key, _) = keyfile::read_public(&path).map_err(CliError::usage)?;
-    let proof = Proof::read(&args.file).map_err(CliError::usage)?;
+    let proof = Proof::read(&args.file).map_err(|error| CliError::usage(error).with_bad_file(&args.file))?;
     match proof.check(&key) {
         Ok(()) => {
             let text = summary(&proof);

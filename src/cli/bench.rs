@@ -13,7 +13,6 @@ use crate::error::{CliError, Exit};
 use holdpoint_lab::bench::peers::{self, PeerError, PeerReport, PeerSettings};
 use holdpoint_lab::bench::stats::{self, StatedBound};
 use holdpoint_lab::bench::{self, BenchReport};
-use holdpoint_text::Hint;
 
 /// The arguments of `bench`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
@@ -94,11 +93,11 @@ pub fn run(args: &BenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
         return Ok(Exit::Confirmed);
     }
     if let Some(BenchStudy::Stats(args)) = &args.what {
-        let report = stats::run(args.runs).map_err(|error| CliError::internal(error.sentence()))?;
+        let report = stats::run(args.runs).map_err(CliError::fault)?;
         out.answer(&report, |out| show_study(&report, out))?;
         return Ok(if report.holds() { Exit::Confirmed } else { Exit::Internal });
     }
-    let report = bench::run(args.quick).map_err(|error| CliError::internal(error.sentence()))?;
+    let report = bench::run(args.quick).map_err(CliError::fault)?;
     out.answer(&report, |out| show(&report, out))?;
     Ok(Exit::Confirmed)
 }
@@ -160,7 +159,7 @@ fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
     });
     bar.finish_and_clear();
     result.map_err(|error| match error {
-        PeerError::Own(_) => CliError::internal(error.sentence()),
+        PeerError::Own(_) => CliError::fault(error),
         PeerError::Missing { .. } | PeerError::Alone(_) | PeerError::Lost { .. } => CliError::usage(error),
     })
 }
@@ -252,7 +251,7 @@ mod tests {
     use super::number;
 
     #[test]
-    fn numbers_keep_three_digits() {
+    fn numbers_are_printed_with_three_digits() {
         for (value, text) in [
             (1234.5, "1234"),
             (99.96, "100.0"),

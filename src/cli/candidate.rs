@@ -26,7 +26,7 @@ use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::{self, Capability, PackageError, ParsedPackage};
-use holdpoint_text::Untrusted;
+use holdpoint_text::{ErrorReason, Untrusted};
 
 /// The arguments of `candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -240,12 +240,14 @@ fn read(folder: &Path) -> Result<(ParsedPackage, Value), CliError> {
 /// Names the path that cannot be read. Nothing is submitted here, so the advice on submissions is left out.
 fn unreadable(folder: &Path, error: PackageError) -> CliError {
     let cannot_read = |file: &str, problem: &dyn std::fmt::Display| {
-        CliError::usage(format!("cannot read {:?}: {problem}", folder.join(file)))
+        let path = folder.join(file);
+        CliError::usage(format!("cannot read {path:?}: {problem}")).with_bad_file(&path)
     };
     match error {
         PackageError::Folder { source, .. } => {
             CliError::usage(format!("cannot open the candidate's folder {folder:?}: {source}"))
                 .with_hint("name a folder with manifest.toml and submission.toml")
+                .with_bad_file(folder)
         }
         PackageError::Read { file, source } => cannot_read(&file, &source),
         PackageError::NotText { file } => cannot_read(&file, &"stream did not contain valid UTF-8"),
@@ -285,8 +287,7 @@ fn check_profiles(data: &Path, requested: Option<&RequestedProfile>) -> Result<V
 fn comparison_versions(data: &Path) -> Result<RegisteredVersions, CliError> {
     let versions = if Layout::new(data).database().exists() {
         RegisteredVersions::of(&data::open(data)?).map_err(|error| {
-            CliError::usage(error.to_string())
-                .with_hint("`holdpoint audit verify` shows the error in the store")
+            CliError::usage(error).with_hint("`holdpoint audit verify` shows the error in the store")
         })
     } else {
         RegisteredVersions::commissioned().map_err(CliError::internal)
@@ -307,9 +308,8 @@ fn sign(context: &CliContext, args: &SignArgs, out: &mut CommandOutput<'_>) -> R
     if *author != args.identity {
         let text =
             format!("submission.toml names the author {author:?}, and {:?} is asked to sign", args.identity);
-        return Err(CliError::usage(text).with_hint(
-            "only the author can sign: use `--as` with that name, or change the author in the file",
-        ));
+        let hint = "only the author can sign: use `--as` with that name, or change the author in the file";
+        return Err(CliError::usage(text).with_hint(hint).with_details(ErrorReason::NotAllowed));
     }
     let who = super::passphrase::unlock(
         super::passphrase::stored_identity(context, &args.identity)?,
@@ -319,8 +319,10 @@ fn sign(context: &CliContext, args: &SignArgs, out: &mut CommandOutput<'_>) -> R
         .map_err(CliError::usage)?;
     let text = serde_json::to_string_pretty(&signed).map_err(CliError::internal)?;
     let file = args.folder.join(capability::AUTHOR_SIGNATURE_FILE);
-    std::fs::write(&file, text + "\n")
-        .map_err(|error| CliError::usage(format!("cannot write {}: {error}", capability::shown(&file))))?;
+    std::fs::write(&file, text + "\n").map_err(|error| {
+        CliError::usage(format!("cannot write {}: {error}", capability::shown(&file)))
+            .with_unwritable(&file, &error)
+    })?;
     out.answer(&signed, |out| {
         out.line(&format!("{} is signed by {author}: {}", candidate.id(), capability::AUTHOR_SIGNATURE_FILE))
     })
@@ -428,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_named_by_its_path() {
+    fn unreadable_candidate_is_named_by_its_path() {
         let root = tempfile::tempdir().unwrap();
         let error = |path: &Path| read(path).unwrap_err();
         let none = error(&root.path().join("none"));

@@ -26,7 +26,7 @@ use holdpoint_protocol::command::Command;
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
-use holdpoint_text::{Hint as _, Problem};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Problem};
 
 /// Whether `run` opens the console: no option excludes it, and input and output are terminals.
 pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
@@ -173,6 +173,7 @@ pub(super) fn keymap() -> Result<Keymap, CliError> {
     Keymap::with_file(&name, &text).map_err(|problems| {
         let messages: Vec<String> = problems.iter().map(ToString::to_string).collect();
         CliError::usage(messages.join("; "))
+            .with_details(ErrorDetails::of_file(ErrorReason::BadFile, name.as_str()))
     })
 }
 
@@ -257,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn the_demonstration_goes_through_its_candidates_once() {
+    fn demonstration_submits_each_candidate_once() {
         let mut read = CandidateSource::default().reader();
         let count = embedded::names().count();
         let mut seen = std::collections::BTreeSet::new();

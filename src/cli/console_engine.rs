@@ -19,8 +19,8 @@ use holdpoint_console::run::StartedEngine;
 use holdpoint_engine::control_socket::{ControlSocketError, SHOWN_TO_NOBODY};
 use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_protocol::console_presence::ConsolePresence;
-use holdpoint_registry::{Layout, StoreError, lock_owner};
-use holdpoint_text::{Hint as _, Problem, Untrusted};
+use holdpoint_registry::{Layout, lock_owner};
+use holdpoint_text::{ErrorReason, Hint as _, Problem, Untrusted};
 
 /// The time limit for its first answer. The socket opens before the history is read, so the store's size does not
 /// matter.
@@ -241,7 +241,7 @@ impl ServiceLog {
     /// Whether it ended because another engine uses the store.
     fn found_store_in_use(&self) -> bool {
         let error = error_in(&self.read().unwrap_or_default());
-        error.and_then(|error| error.reason).as_deref() == Some(StoreError::IN_USE)
+        error.is_some_and(|error| error.reason == ErrorReason::StoreInUse.name())
     }
 
     fn read(&self) -> io::Result<String> {
@@ -264,6 +264,7 @@ mod tests {
     use super::*;
     use crate::error::CliError;
     use clap::Parser as _;
+    use holdpoint_registry::StoreError;
     use std::io::Write as _;
 
     #[derive(clap::Parser)]

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::CliError;
 use holdpoint_registry::{Layout, Views};
+use holdpoint_text::{ErrorDetails, ErrorReason};
 
 /// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.
 ///
@@ -15,6 +16,7 @@ pub fn folder(given: Option<&Path>) -> Result<PathBuf, CliError> {
     folder_from(given, variable("XDG_DATA_HOME"), variable("HOME")).ok_or_else(|| {
         CliError::usage("no folder for the store: neither XDG_DATA_HOME nor HOME is set")
             .with_hint("name one with `--data DIR`")
+            .with_details(ErrorReason::Environment)
     })
 }
 
@@ -38,7 +40,8 @@ pub(super) fn database(data: &Path) -> Result<PathBuf, CliError> {
         return Ok(database);
     }
     Err(CliError::usage(format!("there is no store in {data:?}"))
-        .with_hint("`holdpoint run` creates one; --data DIR names another"))
+        .with_hint("`holdpoint run` creates one; --data DIR names another")
+        .with_details(ErrorDetails::of_path(ErrorReason::NoStore, data)))
 }
 
 /// Opens the store's views to read the chain or evidence, or for a request that an engine checks itself.
@@ -70,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places() {
+    fn data_folder_follows_option_and_environment() {
         for (given, xdg, home, expected) in [
             (Some("here"), Some("/x"), Some("/h"), Some("here")),
             (None, Some("/x"), Some("/h"), Some("/x/holdpoint")),

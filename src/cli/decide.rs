@@ -29,7 +29,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_registry::Views;
-use holdpoint_text::{Untrusted, is_visible};
+use holdpoint_text::{ErrorReason, Untrusted, is_visible};
 use holdpoint_wording::live::live_lines;
 
 /// The longest reason, in bytes.
@@ -245,9 +245,11 @@ fn approve(
     let who = passphrase::stored_identity(context, &args.signature.identity)?;
     let Some(client) = running(context)? else {
         let text = "held: no engine is running on this store, so nothing waits for an approval";
-        return Err(CliError::from_engine_fault(text).with_hint(
-            "start one with `holdpoint run`; it requests the approval again, for the stored evidence",
-        ));
+        return Err(CliError::from_engine_fault(text)
+            .with_hint(
+                "start one with `holdpoint run`; it requests the approval again, for the stored evidence",
+            )
+            .with_details(ErrorReason::NoAnswer));
     };
     let mut executor = VerbExecutor::Running(client);
     let snapshot = executor.snapshot()?;
@@ -283,7 +285,8 @@ fn check_digest(digest: Option<&str>, facts: &SignedFacts) -> Result<(), CliErro
         Some(digest) => {
             let text = format!("held: {} waits with the evidence {expected}, not {digest}", facts.version);
             Err(CliError::from_engine_fault(text)
-                .with_hint("read the evidence again, then approve its digest"))
+                .with_hint("read the evidence again, then approve its digest")
+                .with_details(ErrorReason::Stale))
         }
         None if facts.profile == ProfileName::Human => {
             let text =
@@ -368,10 +371,8 @@ fn rollback(
     let family = executor.snapshot()?.families.into_iter().find(|view| view.family == args.family);
     if family.is_none_or(|view| view.active.is_none()) {
         // Deactivated without a successor: a stop, not a rollback.
-        return Err(CliError::from_engine_fault(format!(
-            "held: safe-stopped, no version of {} is active",
-            args.family
-        )));
+        let text = format!("held: safe-stopped, no version of {} is active", args.family);
+        return Err(CliError::from_engine_fault(text).with_details(ErrorReason::SafeStopped));
     }
     Ok(exit)
 }
@@ -446,7 +447,8 @@ pub(super) fn known_version(views: &Views, version: &CapabilityId) -> Result<(),
         return Ok(());
     }
     let text = format!("there is no version {:?} in the store", version.to_string());
-    Err(CliError::usage(text).with_hint("`holdpoint registry list` names all"))
+    let error = CliError::usage(text).with_hint("`holdpoint registry list` names all");
+    Err(error.with_details(ErrorReason::NotFound))
 }
 
 pub(super) fn known_family(views: &Views, family: &Family) -> Result<(), CliError> {
@@ -455,5 +457,6 @@ pub(super) fn known_family(views: &Views, family: &Family) -> Result<(), CliErro
         return Ok(());
     }
     let names: Vec<&str> = families.iter().map(|known| known.name.as_str()).collect();
-    Err(CliError::usage(format!("there is no family {:?}; there are {}", family.as_str(), names.join(", "))))
+    let text = format!("there is no family {:?}; there are {}", family.as_str(), names.join(", "));
+    Err(CliError::usage(text).with_details(ErrorReason::NotFound))
 }

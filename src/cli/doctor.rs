@@ -276,7 +276,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn terminals() {
+    fn terminal_findings_follow_size_and_type() {
         for (tty, size, term, expected) in [
             (true, Some((120, 40)), "xterm-256color", FindingStatus::Ok),
             (true, Some((80, 24)), "xterm", FindingStatus::Ok),
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn stores_and_versions() {
+    fn store_folder_and_sqlite_version_are_checked() {
         let root = tempfile::tempdir().unwrap();
         std::fs::write(root.path().join("file"), "").unwrap();
         for (path, expected) in

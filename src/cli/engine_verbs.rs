@@ -130,7 +130,7 @@ impl EngineVerbs for RealEngine {
     ) -> Result<Exit, CliError> {
         let json = context.json;
         let robot = args.engine.robot.as_deref();
-        let cache = args.cache_key.cells_in(args.cache.as_deref(), "--cache")?;
+        let cache = args.cache_key.open_cache_if_named(args.cache.as_deref(), "--cache")?;
         match &args.script {
             Some(script) => {
                 let run = RunScript {

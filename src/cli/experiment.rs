@@ -19,7 +19,7 @@ use holdpoint_governance::metrics::Proportion;
 use holdpoint_lab::paper_reproduction::run::ExperimentPart;
 use holdpoint_lab::pipeline_experiments::ExperimentError;
 use holdpoint_lab::pipeline_experiments::drift::{self, DriftCell, DriftOptions, DriftReport, Quantiles};
-use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
+use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -129,7 +129,7 @@ fn run_drift(args: &DriftArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliE
         seed: args.seed,
         jobs: args.jobs.map_or_else(cores, usize::from),
         out: args.out.clone(),
-        cache: args.cache_key.cells(&args.out.join("cells"))?,
+        cache: args.cache_key.open_cache(&args.out.join("cells"))?,
         horizon: args.horizon,
         pairs: args.pairs,
     };
@@ -139,7 +139,7 @@ fn run_drift(args: &DriftArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliE
     };
     let report = drift::run(&options, &tell).map_err(|error| match error {
         error @ (ExperimentError::Option { .. } | ExperimentError::File { .. }) => CliError::usage(error),
-        error => CliError::internal(error.sentence()),
+        error => CliError::fault(error),
     })?;
     out.answer(&report, |out| show(&report, &options, out))?;
     Ok(Exit::Confirmed)

@@ -13,11 +13,11 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::explain;
-use holdpoint_governance::cached_result::CachedResultUse;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::permission::PermissionUse;
 use holdpoint_protocol::explanation::{DecisionExplanation, Explanation};
 use holdpoint_runtime::capability::PackageError;
+use holdpoint_text::ErrorReason;
+use holdpoint_wording::explanation::{cached_results, permission_use};
 
 /// The arguments of `explain`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -40,7 +40,8 @@ pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut CommandOutput<'_>
     let id = version(&args.subject)?;
     let Some(explanation) = explain::explain(&views, &id).map_err(CliError::usage)? else {
         let text = format!("{id} is not in the store {:?}", context.data);
-        return Err(CliError::usage(text).with_hint("see `holdpoint registry list`"));
+        let error = CliError::usage(text).with_hint("see `holdpoint registry list`");
+        return Err(error.with_details(ErrorReason::NotFound));
     };
     let missing = super::profile_authorization::missing(&views);
     out.answer(&explanation, |out| {
@@ -63,7 +64,9 @@ fn version(subject: &str) -> Result<CapabilityId, CliError> {
     let read = known(Path::new(subject)).or_else(|| known(&Path::new("manifests/candidates").join(subject)));
     let Some(read) = read else {
         let text = format!("{subject:?} is neither a version nor a candidate's folder");
-        return Err(CliError::usage(text).with_hint("a version is <family>@<version>, such as align@1.1.0"));
+        return Err(CliError::usage(text)
+            .with_hint("a version is <family>@<version>, such as align@1.1.0")
+            .with_details(ErrorReason::NotFound));
     };
     read.map(|candidate| candidate.id()).map_err(CliError::usage)
 }
@@ -113,10 +116,10 @@ fn one(decision: &DecisionExplanation, out: &mut CommandOutput<'_>) -> Result<()
     for text in change {
         out.paragraph("  ", &format!("to change  {text}"))?;
     }
-    for text in permissions.iter().flat_map(PermissionUse::lines) {
+    for text in permissions.iter().flat_map(permission_use) {
         out.paragraph("  ", &format!("permissions  {text}"))?;
     }
-    for text in kept.iter().flat_map(CachedResultUse::lines) {
+    for text in kept.iter().flat_map(cached_results) {
         out.paragraph("  ", &format!("kept  {text}"))?;
     }
     for text in then {

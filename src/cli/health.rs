@@ -208,7 +208,9 @@ fn named(path: &Path, family: &Family) -> PathBuf {
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
     let file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path);
     file.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|error| {
-        CliError::usage(format!("cannot write {path:?}: {error}")).with_hint("name a new file")
+        CliError::usage(format!("cannot write {path:?}: {error}"))
+            .with_hint("name a new file")
+            .with_unwritable(path, &error)
     })
 }
 

@@ -17,7 +17,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile::{KeyEncoding, Protection};
-use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, KdfCost, Passphrase};
+use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, KdfCost, Passphrase, PassphraseCause};
 use holdpoint_governance::approval::Role;
 use holdpoint_registry::Layout;
 
@@ -261,18 +261,22 @@ pub(super) fn make_unprotected(context: &CliContext, name: &str) -> Result<(), C
 /// The passphrase of a new key.
 fn new_passphrase(file: Option<&Path>) -> Result<Passphrase, CliError> {
     passphrase::fresh(file)?.ok_or_else(|| {
-        CliError::usage("a new key needs a passphrase, and there is no terminal to enter it").with_hint(
-            "--passphrase-file FILE names a file that contains it; --unprotected creates a key without one",
-        )
+        CliError::usage("a new key needs a passphrase, and there is no terminal to enter it")
+            .with_hint(
+                "--passphrase-file FILE names a file that contains it; --unprotected creates a key without one",
+            )
+            .with_details(passphrase::details(PassphraseCause::Needed))
     })
 }
 
 /// The new passphrase of an existing key.
 fn replacement_passphrase(file: Option<&Path>) -> Result<Passphrase, CliError> {
     passphrase::fresh(file)?.ok_or_else(|| {
-        CliError::usage("there is no terminal to enter the new passphrase").with_hint(
-            "--new-passphrase-file FILE names a file that contains it; --remove removes the passphrase",
-        )
+        CliError::usage("there is no terminal to enter the new passphrase")
+            .with_hint(
+                "--new-passphrase-file FILE names a file that contains it; --remove removes the passphrase",
+            )
+            .with_details(passphrase::details(PassphraseCause::Needed))
     })
 }
 

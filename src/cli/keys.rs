@@ -41,7 +41,7 @@ struct KeyRow {
 fn rows(keymap: &Keymap) -> Vec<KeyRow> {
     let of = |scope: Scope| Action::ALL.iter().copied().filter(move |action| action.scope() == scope);
     let row = |action: Action| KeyRow {
-        action: action.word(),
+        action: action.name(),
         scope: action.scope().title(),
         keys: keymap.keys(action),
         help: action.help(),

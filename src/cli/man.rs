@@ -74,7 +74,9 @@ fn write(program: Command, folder: &Path) -> Result<Vec<String>, CliError> {
     }
     let mut pages = Vec::new();
     walk(&built(program), &mut pages)?;
-    let cannot = |error: std::io::Error| CliError::usage(format!("cannot write into {folder:?}: {error}"));
+    let cannot = |error: std::io::Error| {
+        CliError::usage(format!("cannot write into {folder:?}: {error}")).with_unwritable(folder, &error)
+    };
     fs::create_dir_all(folder).map_err(cannot)?;
     for ManPage { name, roff } in &pages {
         File::create(folder.join(name))
@@ -109,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn one_page_a_verb_is_written() {
+    fn man_page_is_written_for_every_verb() {
         let root = tempfile::tempdir().unwrap();
         let folder = root.path().join("man1");
         let names = write(Cli::command(), &folder).unwrap();

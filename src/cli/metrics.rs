@@ -265,7 +265,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_as_they_are_written() {
+    fn since_argument_is_parsed() {
         for (text, expected) in [
             ("30s", Some(Since::BackMs(30_000))),
             ("90m", Some(Since::BackMs(5_400_000))),

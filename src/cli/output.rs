@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_that_leaves_is_a_clean_end() {
+    fn closed_pipe_ends_the_output_without_an_error() {
         struct ClosedPipe;
         impl Write for ClosedPipe {
             fn write(&mut self, _: &[u8]) -> io::Result<usize> {

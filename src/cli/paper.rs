@@ -15,7 +15,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_lab::paper_reproduction::run::{self, ExperimentPart, PaperOutcome, PaperPlan};
 use holdpoint_lab::paper_reproduction::{PaperSetup, Preset, report};
 use holdpoint_lab::pipeline_experiments::ExperimentError;
-use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
+use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The number of runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -130,8 +130,8 @@ pub fn run(args: &PaperArgs, part: ExperimentPart, out: &mut CommandOutput<'_>) 
         }
         size.seeds = seeds;
     }
-    let cells = args.cache_key.cells(&args.out.join("kept"))?;
-    let setup = PaperSetup::new(cells, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
+    let cache = args.cache_key.open_cache(&args.out.join("kept"))?;
+    let setup = PaperSetup::new(cache, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
     size.pools = args.pools.unwrap_or(size.pools).min(size.seeds);
     size.ablated = args.ablated.unwrap_or(size.ablated).min(size.pools);
     size.drifts = args.drifts.unwrap_or(size.drifts).min(size.seeds);
@@ -159,6 +159,6 @@ fn failed(error: ExperimentError) -> CliError {
         ExperimentError::Option { .. } | ExperimentError::File { .. } | ExperimentError::Text(_) => {
             CliError::usage(error)
         }
-        _ => CliError::internal(error.sentence()),
+        _ => CliError::fault(error),
     }
 }

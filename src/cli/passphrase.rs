@@ -11,14 +11,21 @@ use crate::error::CliError;
 use holdpoint_approvals::keyfile::{KeyError, Protection};
 use holdpoint_approvals::{
     EncryptedKeyError, Identity, IdentityError, LockedIdentity, PASSPHRASE_BYTES_MAX, Passphrase,
+    PassphraseCause,
 };
 use holdpoint_registry::Layout;
+use holdpoint_text::{ErrorDetails, ErrorReason};
 
 /// Names the file for verbs without the option.
 pub const FILE_VARIABLE: &str = "HOLDPOINT_PASSPHRASE_FILE";
 
 /// The option that names the signer's passphrase file.
 pub(super) const FILE_OPTION: &str = "--passphrase-file";
+
+/// An error about a passphrase, for programs.
+pub(super) fn details(cause: PassphraseCause) -> ErrorDetails {
+    ErrorDetails::from(ErrorReason::Passphrase).with_cause(cause.name())
+}
 
 /// An identity with its stored secret; the passphrase is requested only when there is something to sign.
 pub(super) fn stored_identity(context: &CliContext, name: &str) -> Result<LockedIdentity, CliError> {
@@ -76,7 +83,9 @@ fn existing_passphrase(prompt: &str, why: &str, option: &str) -> Result<Passphra
     }
     if !io::stdin().is_terminal() {
         let hint = format!("{option} FILE, or {FILE_VARIABLE}, names a file that contains it");
-        return Err(CliError::usage(format!("{why}, and there is no terminal to enter it")).with_hint(hint));
+        return Err(CliError::usage(format!("{why}, and there is no terminal to enter it"))
+            .with_hint(hint)
+            .with_details(details(PassphraseCause::Needed)));
     }
     Passphrase::new(hidden_line(prompt)?).map_err(CliError::usage)
 }
@@ -93,7 +102,8 @@ pub(super) fn fresh(file: Option<&Path>) -> Result<Option<Passphrase>, CliError>
     let first = Passphrase::new(hidden_line("New passphrase: ")?).and_then(Passphrase::strong_enough);
     let first = first.map_err(CliError::usage)?;
     if Passphrase::new(hidden_line("Repeat it:  ")?).map_err(CliError::usage)? != first {
-        return Err(CliError::usage("the two passphrases differ; nothing was done"));
+        let error = CliError::usage("the two passphrases differ; nothing was done");
+        return Err(error.with_details(details(PassphraseCause::NotRepeated)));
     }
     Ok(Some(first))
 }
@@ -125,8 +135,10 @@ impl Drop for EchoOff {
 
 /// One line from the terminal, without echo.
 fn hidden_line(prompt: &str) -> Result<Zeroizing<String>, CliError> {
-    let cannot =
-        |error: io::Error| CliError::usage(format!("cannot read a passphrase from the terminal: {error}"));
+    let cannot = |error: io::Error| {
+        CliError::usage(format!("cannot read a passphrase from the terminal: {error}"))
+            .with_details(ErrorReason::Environment)
+    };
     let mut stderr = io::stderr();
     let read = {
         // Echo is off before the prompt, so that early typing stays hidden.
@@ -144,11 +156,17 @@ fn hidden_line(prompt: &str) -> Result<Zeroizing<String>, CliError> {
     stderr.write_all(b"\n").map_err(cannot)?;
     match read.map_err(cannot)? {
         PassphraseInput::Typed(text) => Ok(text),
-        PassphraseInput::Cancelled => Err(CliError::usage("canceled; nothing was done")),
-        PassphraseInput::TooLong => Err(CliError::usage(format!(
-            "the passphrase has more than {PASSPHRASE_BYTES_MAX} bytes; nothing was done"
-        ))),
-        PassphraseInput::NoText => Err(CliError::usage("the input is not UTF-8 text; nothing was done")),
+        PassphraseInput::Cancelled => {
+            Err(CliError::usage("canceled; nothing was done").with_details(ErrorReason::Interrupted))
+        }
+        PassphraseInput::TooLong => {
+            let text = format!("the passphrase has more than {PASSPHRASE_BYTES_MAX} bytes; nothing was done");
+            Err(CliError::usage(text).with_details(details(PassphraseCause::TooLong)))
+        }
+        PassphraseInput::NoText => {
+            let error = CliError::usage("the input is not UTF-8 text; nothing was done");
+            Err(error.with_details(details(PassphraseCause::NotALine)))
+        }
     }
 }
 
@@ -190,7 +208,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_edited_and_given_up_as_at_any_terminal() {
+    fn passphrase_line_is_edited_and_canceled_by_the_usual_keys() {
         let of = |keys: &[u8]| {
             let mut keys = keys.iter().copied();
             line(&mut || Ok(keys.next())).unwrap()

@@ -17,7 +17,7 @@ use holdpoint_governance::metrics::Proportion;
 use holdpoint_lab::pipeline_experiments::ExperimentError;
 use holdpoint_lab::pipeline_experiments::claims::{ClaimVerdict, Summary};
 use holdpoint_lab::pipeline_experiments::per_candidate::{self, PerCandidateReport};
-use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
+use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment per-candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -66,7 +66,7 @@ pub fn run(args: &PerCandidateArgs, out: &mut CommandOutput<'_>) -> Result<Exit,
         jobs: args.jobs.map_or(cores, usize::from),
         cache: args
             .cache_key
-            .cells_in(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
+            .open_cache_if_named(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
     };
     // Progress is only information; losing it loses no result.
     let tell = |line: &str| {
@@ -79,7 +79,7 @@ pub fn run(args: &PerCandidateArgs, out: &mut CommandOutput<'_>) -> Result<Exit,
         }
         out.json(&serde_json::json!({ "summaries": report.summaries, "claims": report.claims }))?;
     } else {
-        show(&report, out)?;
+        print_report(&report, out)?;
     }
     let refuted = report.claims.iter().any(|claim| claim.verdict == ClaimVerdict::Refuted);
     Ok(if refuted { Exit::Rejected } else { Exit::Confirmed })
@@ -88,11 +88,11 @@ pub fn run(args: &PerCandidateArgs, out: &mut CommandOutput<'_>) -> Result<Exit,
 fn failed(error: ExperimentError) -> CliError {
     match &error {
         ExperimentError::Pool(_) | ExperimentError::File { .. } => CliError::usage(error),
-        _ => CliError::internal(error.sentence()),
+        _ => CliError::fault(error),
     }
 }
 
-fn show(report: &PerCandidateReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+fn print_report(report: &PerCandidateReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     for summary in &report.summaries {
         out.line(&format!("profile {}", summary.profile.name()))?;
         let header =
@@ -106,7 +106,7 @@ fn show(report: &PerCandidateReport, out: &mut CommandOutput<'_>) -> Result<(), 
         }
         out.table(&table)?;
         out.line("")?;
-        rates(summary, out)?;
+        print_rates(summary, out)?;
         out.line("")?;
     }
     let mut table = TextTable::new(&["claim", "verdict", "because"]);
@@ -116,7 +116,7 @@ fn show(report: &PerCandidateReport, out: &mut CommandOutput<'_>) -> Result<(), 
     out.table(&table)
 }
 
-fn rates(summary: &Summary, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+fn print_rates(summary: &Summary, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let mut table = TextTable::new(&["rate", "share", "count", "95 % interval"]);
     let (overt, marginal) = (&summary.overt, &summary.marginal);
     for (name, rate) in [

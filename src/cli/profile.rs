@@ -25,7 +25,7 @@ use holdpoint_governance::profile_downgrade::{
 };
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_registry::allow_profile;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{ErrorReason, Untrusted};
 
 /// The arguments of `profile`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -173,7 +173,8 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut CommandOutput<'_>) ->
     let rules = course.next(&ProfileRules::of(&profile, &table).map_err(CliError::internal)?, false);
     if !course.needs(class, &rules) {
         return Err(CliError::usage(format!("the profile {title} needs no authorization here"))
-            .with_hint("start with it: `--profile` is enough"));
+            .with_hint("start with it: `--profile` is enough")
+            .with_details(ErrorReason::NotNow));
     }
     // A store of an earlier version gets its first administrator, as at a start.
     store.first_administrator(wall_ms()).map_err(CliError::usage)?;

@@ -16,7 +16,7 @@ use holdpoint_governance::policy::POLICY_BYTES_MAX;
 use holdpoint_governance::profile::{PROFILE_BYTES_MAX, ProfileName, SiteName};
 use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts, SiteProfile, SiteProfileError};
 use holdpoint_registry::Layout;
-use holdpoint_text::{Hint as _, Untrusted};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Untrusted};
 
 /// A profile on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -86,7 +86,8 @@ pub(super) fn chosen(data: &Path, requested: Option<&RequestedProfile>) -> Resul
                 let text =
                     format!("there is no profile {site}: the built-in profiles are sim, real and human");
                 let hint = format!("a custom profile of that name would be {}", display_path(&path));
-                return Err(CliError::usage(text).with_hint(hint));
+                let details = ErrorDetails::of_path(ErrorReason::NotFound, &path);
+                return Err(CliError::usage(text).with_hint(hint).with_details(details));
             }
             let chosen = read(&path)?;
             let own = match &chosen {
@@ -95,9 +96,9 @@ pub(super) fn chosen(data: &Path, requested: Option<&RequestedProfile>) -> Resul
             };
             if own != site.as_str() {
                 let text = format!("{} names itself {own:?}, not {:?}", display_path(&path), site.as_str());
-                return Err(
-                    CliError::usage(text).with_hint("the name of a profile's file must equal its `site`")
-                );
+                return Err(CliError::usage(text)
+                    .with_hint("the name of a profile's file must equal its `site`")
+                    .with_details(ErrorDetails::of_field(display_path(&path), "site")));
             }
             Ok(chosen)
         }
@@ -123,7 +124,9 @@ pub(super) fn last(data: &Path) -> Result<ChosenProfile, CliError> {
                     "the profile that the store was last used with is unusable: {}",
                     error.sentence()
                 );
-                CliError::usage(text).with_hint("name another one with `--profile`")
+                CliError::usage(text)
+                    .with_hint("name another one with `--profile`")
+                    .with_details(ErrorReason::StoreRefused)
             })?;
             Ok(ChosenProfile::Own(Box::new(own)))
         }
@@ -138,10 +141,12 @@ pub(super) fn read(path: &Path) -> Result<ChosenProfile, CliError> {
     let policy_path = path.with_extension("cedar");
     let profile = text(path, PROFILE_BYTES_MAX).map_err(|error| {
         CliError::usage(format!("cannot read the profile {}: {error}", display_path(path)))
+            .with_bad_file(path)
     })?;
     let policy = text(&policy_path, POLICY_BYTES_MAX).map_err(|error| {
         CliError::usage(format!("cannot read the policies {}: {error}", display_path(&policy_path)))
             .with_hint("a profile's policies are beside it, under the same name with .cedar")
+            .with_bad_file(&policy_path)
     })?;
     let (file, policy_file) = (display_path(path), display_path(&policy_path));
     ChosenProfile::of(ProfileTexts { file, profile, policy_file, policy }).map_err(own_error)

@@ -119,7 +119,10 @@ pub(super) fn remove(
     filed: &RecordingFile,
     reason: &str,
 ) -> Result<(), CliError> {
-    let cannot = |error: std::io::Error| CliError::usage(format!("cannot remove {:?}: {error}", filed.path));
+    let cannot = |error: std::io::Error| {
+        let path = &filed.path;
+        CliError::usage(format!("cannot remove {path:?}: {error}")).with_unwritable(path, &error)
+    };
     let removed = RecordingRemoval {
         file: filed.file.clone(),
         sha256: recording_folder::digest(&filed.path).map_err(cannot)?,
@@ -174,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn what_goes() {
+    fn recordings_beyond_the_limits_are_selected_for_removal() {
         let all = || {
             vec![
                 upgrade("a@1.0.0", 10, 1, false),

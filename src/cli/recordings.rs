@@ -105,8 +105,9 @@ pub(super) fn shelved(folder: &Path) -> Result<Vec<RecordingFile>, CliError> {
 
 /// The entries of a folder that have names of recordings.
 fn look(folder: &Path) -> Result<RecordingFolder, CliError> {
-    recording_folder::look(folder)
-        .map_err(|error| CliError::usage(format!("cannot read the recordings in {folder:?}: {error}")))
+    recording_folder::look(folder).map_err(|error| {
+        CliError::usage(format!("cannot read the recordings in {folder:?}: {error}")).with_bad_file(folder)
+    })
 }
 
 /// The audit chain's records of recordings.
@@ -116,7 +117,10 @@ pub(super) fn on_record(views: &Views) -> Result<RecordedFiles, CliError> {
 
 /// How a file compares with its record.
 pub(super) fn check(filed: &RecordingFile, record: &RecordedFiles) -> Result<FileCheck, CliError> {
-    record.check(filed).map_err(|error| CliError::usage(format!("cannot read {:?}: {error}", filed.path)))
+    let path = &filed.path;
+    record
+        .check(filed)
+        .map_err(|error| CliError::usage(format!("cannot read {path:?}: {error}")).with_bad_file(path))
 }
 
 fn list(

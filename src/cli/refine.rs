@@ -24,7 +24,7 @@ use holdpoint_lab::parameter_search::objective::ObjectivePair;
 use holdpoint_lab::parameter_search::search::SearchProgress;
 use holdpoint_lab::parameter_search::settings::{EPISODES_MAX, GENERATIONS_MAX, RefineError, SearchSettings};
 use holdpoint_lab::parameter_search::{RefineReport, refine};
-use holdpoint_text::Hint;
+use holdpoint_text::ErrorReason;
 
 /// The interval between updates of the bar.
 const DRAW_EVERY: Duration = Duration::from_millis(200);
@@ -127,7 +127,7 @@ fn error(error: RefineError) -> CliError {
         | RefineError::Policy(_)
         | RefineError::Sim(_)
         | RefineError::Work(_)
-        | RefineError::Optimiser(_) => CliError::internal(error.sentence()),
+        | RefineError::Optimiser(_) => CliError::fault(error),
     }
 }
 
@@ -237,8 +237,10 @@ impl Interrupts {
     fn take() -> Result<Self, CliError> {
         let raised = Arc::new(AtomicBool::new(false));
         let stop = CancellationToken::new();
-        let thread = Self::listen(&raised, &stop)
-            .map_err(|error| CliError::usage(format!("cannot handle the signals to end: {error}")))?;
+        let thread = Self::listen(&raised, &stop).map_err(|error| {
+            let text = format!("cannot handle the signals to end: {error}");
+            CliError::usage(text).with_details(ErrorReason::Environment)
+        })?;
         Ok(Self { raised, stop, thread: Some(thread) })
     }
 

@@ -10,6 +10,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_registry::{VersionDetail, VersionFilter, Views};
+use holdpoint_text::ErrorReason;
 
 /// The most versions `list` prints.
 pub const LIST_MAX: u32 = 10_000;
@@ -110,6 +111,7 @@ pub fn run(context: &CliContext, args: &RegistryArgs, out: &mut CommandOutput<'_
             let detail = views.version(version).map_err(CliError::usage)?.ok_or_else(|| {
                 CliError::usage(format!("there is no version {:?}", version.to_string()))
                     .with_hint("`holdpoint registry list` names all")
+                    .with_details(ErrorReason::NotFound)
             })?;
             out.answer(&detail_json(&detail), |out| show(&detail, out))?;
         }
@@ -195,7 +197,8 @@ fn history(views: &Views, family: &Family, out: &mut CommandOutput<'_>) -> Resul
         views.families().map_err(CliError::usage)?.into_iter().find(|status| status.name == family.as_str());
     let Some(status) = status else {
         return Err(CliError::usage(format!("there is no family {:?}", family.as_str()))
-            .with_hint("`holdpoint registry list` names all"));
+            .with_hint("`holdpoint registry list` names all")
+            .with_details(ErrorReason::NotFound));
     };
     let filter = VersionFilter { family: Some(family.to_string()), ..VersionFilter::default() };
     let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;

@@ -30,7 +30,7 @@ use holdpoint_recordings::recording::Recording;
 use holdpoint_recordings::recording_folder::{self, RecordingFile};
 use holdpoint_recordings::viewer;
 use holdpoint_registry::Layout;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// How long the verb watches a new viewer: one that cannot draw ends within this time.
 const WATCHED: Duration = Duration::from_millis(1_500);
@@ -191,15 +191,19 @@ fn replay(
 fn files(context: &CliContext, wanted: &ReplaySubject) -> Result<Vec<PathBuf>, CliError> {
     match wanted {
         ReplaySubject::File(path) if path.is_file() => Ok(vec![path.clone()]),
-        ReplaySubject::File(path) => Err(CliError::usage(format!("there is no recording {path:?}"))),
+        ReplaySubject::File(path) => Err(CliError::usage(format!("there is no recording {path:?}"))
+            .with_details(ErrorDetails::of_path(ErrorReason::NotFound, path))),
         ReplaySubject::Version(version) => {
             let folder = Layout::new(&context.data).recordings();
             let found = recording_folder::of(&folder, version).map_err(|error| {
                 CliError::usage(format!("cannot read the recordings in {folder:?}: {error}"))
+                    .with_bad_file(&folder)
             })?;
             if found.is_empty() {
                 let text = format!("there is no recording of {:?} in {folder:?}", version.to_string());
-                return Err(CliError::usage(text).with_hint("`holdpoint recordings list` names all"));
+                return Err(CliError::usage(text)
+                    .with_hint("`holdpoint recordings list` names all")
+                    .with_details(ErrorReason::NotFound));
             }
             Ok(found)
         }
@@ -304,7 +308,8 @@ fn in_viewer(
     let opened = viewer.open(&shown, &logs).map_err(viewer_error)?;
     if opened.ended_within(WATCHED) == Some(false) {
         let text = format!("the scene viewer {:?} ended at once; see {:?}", viewer.program, opened.log);
-        return Err(CliError::usage(text).with_hint("--terminal shows it here"));
+        let error = CliError::usage(text).with_hint("--terminal shows it here");
+        return Err(error.with_details(ErrorReason::Environment));
     }
     let count = if shown.len() == 1 { String::new() } else { format!(", {} files", shown.len()) };
     out.line(&format!("opened in rerun {}{count} (process {})", viewer.version, opened.process))
@@ -313,7 +318,8 @@ fn in_viewer(
 /// The viewer may run in another folder, so paths are made absolute.
 fn absolute(files: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
     let one = |path: &PathBuf| {
-        path.canonicalize().map_err(|error| CliError::usage(format!("cannot open {path:?}: {error}")))
+        path.canonicalize()
+            .map_err(|error| CliError::usage(format!("cannot open {path:?}: {error}")).with_bad_file(path))
     };
     files.iter().map(one).collect()
 }

@@ -7,6 +7,7 @@ use clap::Args;
 use super::operator_folder::own_folder;
 use crate::error::CliError;
 use holdpoint_registry::{CacheSecret, ResultCache};
+use holdpoint_text::ErrorReason;
 
 /// The key file's name in the operator's configuration folder.
 const KEY_FILE: &str = "cells.key";
@@ -21,24 +22,28 @@ pub struct CacheKeyArgs {
 }
 
 impl CacheKeyArgs {
-    /// The cache in a folder that this option may name.
+    /// Opens the cache in a folder that `option` may name; `None` without a folder.
     ///
     /// # Errors
-    /// As [`Self::cells`], or for a key without a folder.
-    pub fn cells_in(&self, folder: Option<&Path>, option: &str) -> Result<Option<ResultCache>, CliError> {
+    /// As [`Self::open_cache`], or for a key without a folder.
+    pub fn open_cache_if_named(
+        &self,
+        folder: Option<&Path>,
+        option: &str,
+    ) -> Result<Option<ResultCache>, CliError> {
         match (folder, &self.cache_key) {
-            (Some(folder), _) => self.cells(folder).map(Some),
+            (Some(folder), _) => self.open_cache(folder).map(Some),
             (None, Some(_)) => Err(CliError::usage(format!("--cache-key applies only with {option}"))
                 .with_hint(format!("name one with {option}"))),
             (None, None) => Ok(None),
         }
     }
 
-    /// The cache in a folder.
+    /// Opens the cache in a folder.
     ///
     /// # Errors
     /// If the folder cannot be created, or the key file is inside it, unusable, or readable by others.
-    pub fn cells(&self, folder: &Path) -> Result<ResultCache, CliError> {
+    pub fn open_cache(&self, folder: &Path) -> Result<ResultCache, CliError> {
         let key = match &self.cache_key {
             Some(key) => key.clone(),
             None => own_folder()
@@ -47,6 +52,7 @@ impl CacheKeyArgs {
                         "neither XDG_CONFIG_HOME nor HOME names a folder for the key of cached results",
                     )
                     .with_hint("name a key file with --cache-key")
+                    .with_details(ErrorReason::Environment)
                 })?
                 .join(KEY_FILE),
         };

@@ -20,6 +20,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::PACE_ALLOWED;
 use holdpoint_registry::StoreError;
+use holdpoint_text::ErrorReason;
 
 /// The default seed.
 const SEED_DEFAULT: u64 = 1;
@@ -285,9 +286,8 @@ impl EngineArgs {
                     |seed| format!("with the seed {seed}"),
                 );
                 let text = format!("--seed {requested} is not allowed: the store has a history {history}");
-                Err(CliError::usage(text).with_hint(
-                    "start without --seed, or choose another store with --data; a script may name any",
-                ))
+                let hint = "start without --seed, or choose another store with --data; a script may name any";
+                Err(CliError::usage(text).with_hint(hint).with_details(ErrorReason::OtherSeed))
             }
             (requested, recorded) => Ok(recorded.or(requested).unwrap_or(SEED_DEFAULT)),
         }

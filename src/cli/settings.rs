@@ -16,7 +16,9 @@ pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, Strin
     let Some(folder) = own_folder() else { return Ok(None) };
     let path = folder.join(name);
     let shown = Untrusted::new(path.display().to_string()).line().into_string();
-    let unreadable = |error: &dyn std::fmt::Display| CliError::usage(format!("cannot read {shown}: {error}"));
+    let unreadable = |error: &dyn std::fmt::Display| {
+        CliError::usage(format!("cannot read {shown}: {error}")).with_bad_file(&path)
+    };
     match std::fs::metadata(&path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(unreadable(&error)),

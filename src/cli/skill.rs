@@ -9,7 +9,7 @@ mod trial;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
-use holdpoint_builder::{CrateName, Lang};
+use holdpoint_builder::{CrateName, Lang, ScaffoldError};
 use serde_json::json;
 
 use crate::cli::context::CliContext;
@@ -17,6 +17,7 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::manifest::BundleSource;
 use holdpoint_runtime::capability::shown;
+use holdpoint_text::{ErrorDetails, ErrorReason};
 
 /// The arguments of `skill`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -150,8 +151,13 @@ pub fn run(context: &CliContext, args: &SkillArgs, out: &mut CommandOutput<'_>) 
 
 fn new(args: &NewArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let folder = args.folder.clone().unwrap_or_else(|| args.name.to_string().into());
-    holdpoint_builder::scaffold(&folder, &args.name, args.lang.into())
-        .map_err(|error| CliError::usage(error.to_string()))?;
+    holdpoint_builder::scaffold(&folder, &args.name, args.lang.into()).map_err(|error| {
+        let details = match &error {
+            ScaffoldError::NotEmpty(path) => ErrorDetails::of_path(ErrorReason::Exists, path),
+            ScaffoldError::Write { path, .. } => ErrorDetails::of_path(ErrorReason::CannotWrite, path),
+        };
+        CliError::usage(error.to_string()).with_details(details)
+    })?;
     let there = shown(&folder);
     out.answer(&json!({ "folder": there }), |out| {
         out.line(&format!("wrote {there}: a working grasp with its manifest and sources"))?;
@@ -176,14 +182,15 @@ fn component(folder: &Path) -> Result<PathBuf, CliError> {
     let manifest = folder.join("manifest.toml");
     let name = shown(&manifest);
     let text = std::fs::read_to_string(&manifest)
-        .map_err(|error| CliError::usage(format!("cannot read {name}: {error}")))?;
+        .map_err(|error| CliError::usage(format!("cannot read {name}: {error}")).with_bad_file(&manifest))?;
     let parsed = holdpoint_governance::manifest::Manifest::parse(&name, &text).map_err(CliError::usage)?;
     match parsed.deployment.bundle {
         BundleSource::Wasm(file) => Ok(file.as_str().into()),
         BundleSource::Native(controller) => Err(CliError::usage(format!(
             "{name}: the bundle is native:{controller}, which is built into the program"
         ))
-        .with_hint("a component's bundle is a file, e.g. bundle = \"my-grasp.wasm\"")),
+        .with_hint("a component's bundle is a file, e.g. bundle = \"my-grasp.wasm\"")
+        .with_details(ErrorDetails::of_field(name, "deployment.bundle"))),
     }
 }
 

@@ -20,6 +20,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Layout, Views};
+use holdpoint_text::ErrorReason;
 
 /// The longest wait, in seconds: one day.
 pub const TIMEOUT_MAX_S: u32 = 86_400;
@@ -178,7 +179,10 @@ fn target(views: &Views, subject: Option<&StatusSubject>) -> Result<CapabilityId
         Some(StatusSubject::Version(version)) => Ok(version.clone()),
         Some(StatusSubject::Family(family)) => {
             let newest = views.family_in_order(family).map_err(CliError::usage)?.pop();
-            newest.ok_or_else(|| CliError::usage(format!("the family {:?} has no version", family.as_str())))
+            newest.ok_or_else(|| {
+                CliError::usage(format!("the family {:?} has no version", family.as_str()))
+                    .with_details(ErrorReason::NotFound)
+            })
         }
         None => Err(CliError::usage("--until needs a version or a family to wait for")),
     }
@@ -224,11 +228,12 @@ fn wait(
         match ended {
             Some(exit) => return Ok(exit),
             None if late => {
-                return Err(CliError::from_engine_fault(format!(
+                let text = format!(
                     "held: {target} is {state} after {} s, and not yet {}",
                     args.timeout,
                     until.name()
-                )));
+                );
+                return Err(CliError::from_engine_fault(text).with_details(ErrorReason::TimedOut));
             }
             None => source.pause(),
         }
@@ -426,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn waiting_ends_by_the_state() {
+    fn status_wait_ends_by_the_state_of_the_version() {
         use State as S;
         for (until, state, provisional, expected) in [
             (AwaitedState::Validated, S::Registered, false, None),

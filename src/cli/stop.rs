@@ -16,7 +16,7 @@ use holdpoint_engine::control_socket::{
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Reply, StopPersistence};
 use holdpoint_registry::Layout;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{ErrorReason, Untrusted};
 
 /// The arguments of `stop`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -147,9 +147,11 @@ pub(super) fn stop(
 /// The named folder is not that of the cell's engine, or its engine is gone: no arm was stopped.
 fn no_engine(context: &CliContext, and: &str) -> CliError {
     let text = format!("no engine runs on {:?}, so no arm was stopped; {and}", context.data);
-    CliError::not_confirmed(text).with_hint(
-        "press the emergency stop of the cell; if its engine uses another folder, run `holdpoint stop --data DIR`",
-    )
+    CliError::not_confirmed(text)
+        .with_hint(
+            "press the emergency stop of the cell; if its engine uses another folder, run `holdpoint stop --data DIR`",
+        )
+        .with_details(ErrorReason::NoAnswer)
 }
 
 /// Starts the stopped cell.

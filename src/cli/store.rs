@@ -175,7 +175,9 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
             let exporting = if *unchecked { ExportScope::Unchecked } else { ExportScope::Signed };
             let database = data::database(&context.data)?;
             let key = keyfile::read_public(&Layout::new(&context.data).store_public_key()).ok();
-            let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {file:?}: {error}"));
+            let cannot = |error: std::io::Error| {
+                CliError::usage(format!("cannot write {file:?}: {error}")).with_unwritable(file, &error)
+            };
             let output = OpenOptions::new().write(true).create_new(true).open(file).map_err(cannot)?;
             let mut writer = BufWriter::new(output);
             let records = export_store(&database, exporting, key.as_ref().map(|(key, _)| key), &mut writer);

@@ -205,7 +205,7 @@ fn verbs_reach_the_engine() {
 }
 
 #[test]
-fn bad_lines_are_refused() {
+fn invalid_command_lines_are_refused() {
     for line in [
         "run --jobs 0",
         "run --jobs 65",
@@ -325,7 +325,7 @@ fn small_store(folder: &std::path::Path) {
 }
 
 #[test]
-fn a_history_is_proved_copied_and_witnessed() {
+fn proofs_copies_and_witnesses_of_a_store_verify() {
     let root = tempfile::tempdir().unwrap();
     let path = |name: &str| root.path().join(name).to_str().unwrap().to_owned();
     let (data, witness) = (path("store"), path("witness"));
@@ -405,6 +405,71 @@ fn a_history_is_proved_copied_and_witnessed() {
     output_of(&["audit", "verify", "--against", &lines], Exit::Confirmed);
 }
 
+/// The rows of the guide's table of reasons: the reason, and its causes.
+fn documented_reasons() -> Vec<(&'static str, Vec<&'static str>)> {
+    let page = include_str!("../guide/events.md");
+    let section = page.split("# Reasons of errors\n").nth(1).unwrap().split("\n# ").next().unwrap();
+    let codes = |cell: &'static str| cell.split('`').skip(1).step_by(2).collect::<Vec<_>>();
+    let rows = section.lines().filter(|line| line.starts_with("| `"));
+    rows.map(|row| {
+        let cells: Vec<&str> = row.split(" | ").collect();
+        assert_eq!(cells.len(), 3, "{row}");
+        (codes(cells[0])[0], codes(cells[2]))
+    })
+    .collect()
+}
+
+#[test]
+fn the_guide_lists_every_reason_once_with_its_causes() {
+    use holdpoint_approvals::{PassphraseCause, PersonError};
+    use holdpoint_registry::{RefusalCause, StoreFailure};
+    use holdpoint_text::ErrorReason;
+
+    let documented = documented_reasons();
+    let reasons: Vec<&str> = documented.iter().map(|(reason, _)| *reason).collect();
+    assert_eq!(reasons, ErrorReason::ALL.map(ErrorReason::name), "in the order of the type");
+    let unique: std::collections::BTreeSet<&str> = reasons.iter().copied().collect();
+    assert_eq!(unique.len(), reasons.len());
+    let is_kebab = |code: &str| {
+        code.bytes().all(|byte| byte.is_ascii_lowercase() || byte == b'-')
+            && !code.starts_with('-')
+            && !code.ends_with('-')
+    };
+    assert!(unique.iter().all(|code| is_kebab(code)), "{unique:?}");
+    let causes_of = |reason: ErrorReason| {
+        let row = documented.iter().find(|(name, _)| *name == reason.name());
+        row.map(|(_, causes)| causes.clone()).unwrap()
+    };
+    assert_eq!(causes_of(ErrorReason::StoreRefused), RefusalCause::ALL.map(RefusalCause::name));
+    assert_eq!(causes_of(ErrorReason::Store), StoreFailure::ALL.map(StoreFailure::name));
+    assert_eq!(causes_of(ErrorReason::Passphrase), PassphraseCause::ALL.map(PassphraseCause::name));
+    assert!(causes_of(ErrorReason::NotAllowed).contains(&PersonError::NO_PASSPHRASE));
+}
+
+#[test]
+fn the_reason_of_a_refusal_is_its_code_in_the_reply() {
+    use crate::error::refusal_reason;
+    use holdpoint_protocol::command::Refusal;
+
+    for code in [
+        Refusal::BadInput,
+        Refusal::NotFound,
+        Refusal::Exists,
+        Refusal::NotNow,
+        Refusal::Stale,
+        Refusal::NotAllowed,
+        Refusal::Store,
+        Refusal::Holding,
+        Refusal::NoAnswer,
+    ] {
+        let on_the_wire = serde_json::to_value(code).unwrap();
+        assert_eq!(on_the_wire, refusal_reason(code).name(), "{code:?}");
+        // The error of a verb keeps it, with any exit code.
+        let details = refused(code, "text", Some("hint")).details().unwrap();
+        assert_eq!(details.reason, refusal_reason(code), "{code:?}");
+    }
+}
+
 /// The lines of a source file that are neither comments nor tests.
 fn code(text: &str) -> impl Iterator<Item = &str> {
     let code = text.split("#[cfg(test)]\nmod ").next().unwrap_or(text);
@@ -457,7 +522,7 @@ fn problem(line: &str) -> Option<String> {
 }
 
 #[test]
-fn commands_that_texts_name_exist() {
+fn commands_named_in_texts_exist() {
     let root = Cli::command();
     let (mut commands, mut options) = (0, 0);
     for path in sources() {

@@ -127,7 +127,7 @@ fn look(theme: Option<String>, themes: &Themes, color: Color, ascii: bool) -> Re
 
 fn preview(look: &Look, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     if out.is_json() {
-        let roles: Vec<_> = ThemeRole::ALL.iter().map(|role| (role.word(), role.help())).collect();
+        let roles: Vec<_> = ThemeRole::ALL.iter().map(|role| (role.name(), role.help())).collect();
         return out.json(&serde_json::json!({ "theme": look.theme().name(), "roles": roles }));
     }
     let mut text = format!("{} ({})\n", look.theme().name(), look.depth().label());
@@ -136,7 +136,7 @@ fn preview(look: &Look, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
         if plain { label.to_owned() } else { format!("{}{label}\u{1b}[0m", escape(look.style(role))) }
     };
     for role in ThemeRole::ALL {
-        let padded = format!("{:<14}", role.word());
+        let padded = format!("{:<14}", role.name());
         // Writing into a string cannot fail.
         let _ = writeln!(text, "  {}  {}", sample(*role, &padded), role.help());
     }
@@ -171,7 +171,7 @@ mod tests {
             assert!(text.contains(&format!("{name} (mono)")), "{name}");
         }
         for role in ThemeRole::ALL {
-            assert!(text.contains(role.word()) && text.contains(role.help()), "{role:?}");
+            assert!(text.contains(role.name()) && text.contains(role.help()), "{role:?}");
         }
         for (_, mark) in StateMark::samples() {
             assert!(text.contains(mark.label), "{mark:?}");

@@ -15,12 +15,12 @@ use crate::error::{CliError, Exit};
 use holdpoint_lab::ground_truth::{self, LOOKS, TruthPlan, TruthReport};
 use holdpoint_lab::pipeline_experiments::ExperimentError;
 use holdpoint_lab::pipeline_experiments::claims::ClaimVerdict;
-use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
+use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment truth`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Exits with 0 if every aim is met, with 1 if one is missed.
+Exits with 0 if every aim is met, with 1 if one is missed or too few candidates show it.
 
 Examples:
   holdpoint pool generate --preset mutants --sets 100 --seed 11 --out mutants
@@ -86,7 +86,7 @@ pub fn run(args: &TruthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
         shard: args.shard,
         cache: args
             .cache_key
-            .cells_in(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
+            .open_cache_if_named(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
     };
     // Progress is only information; losing it loses no result.
     let tell = |line: &str| {
@@ -94,7 +94,7 @@ pub fn run(args: &TruthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
     };
     let report = ground_truth::run(&plan, &tell).map_err(|error| match error {
         error @ (ExperimentError::Pool(_) | ExperimentError::File { .. }) => CliError::usage(error),
-        error => CliError::internal(error.sentence()),
+        error => CliError::fault(error),
     })?;
     if out.is_json() {
         for candidate in &report.candidates {
@@ -104,8 +104,13 @@ pub fn run(args: &TruthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
     } else {
         show(&report, out)?;
     }
-    let mut aims = report.scores.iter().flat_map(|score| &score.classes).map(|class| class.aim.verdict);
-    Ok(if aims.any(|verdict| verdict == ClaimVerdict::Refuted) { Exit::Rejected } else { Exit::Confirmed })
+    let aims = report.scores.iter().flat_map(|score| &score.classes).map(|class| class.aim.verdict);
+    Ok(exit_of(aims))
+}
+
+/// The exit code by the aims: an aim that too few candidates show is not met.
+fn exit_of(mut aims: impl Iterator<Item = ClaimVerdict>) -> Exit {
+    if aims.all(|verdict| verdict == ClaimVerdict::Shown) { Exit::Confirmed } else { Exit::Rejected }
 }
 
 fn show(report: &TruthReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
@@ -154,4 +159,22 @@ fn show(report: &TruthReport, out: &mut CommandOutput<'_>) -> Result<(), CliErro
         }
     }
     out.line("wrong: harmful and active at the end, or harmless and lost")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exit_code_is_0_only_if_every_aim_is_shown() {
+        use ClaimVerdict::{NotShown, Refuted, Shown};
+        for (aims, expected) in [
+            (&[Shown, Shown][..], Exit::Confirmed),
+            (&[Shown, NotShown], Exit::Rejected),
+            (&[Refuted, Shown], Exit::Rejected),
+            (&[NotShown, Refuted], Exit::Rejected),
+        ] {
+            assert_eq!(exit_of(aims.iter().copied()), expected, "{aims:?}");
+        }
+    }
 }

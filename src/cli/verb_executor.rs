@@ -9,7 +9,7 @@ use super::profile_choice;
 use super::run::EngineArgs;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit, start_error};
+use crate::error::{CliError, Exit, refusal_reason, start_error};
 use holdpoint_approvals::{Identity, Nonce, SignedCall, SignedFacts};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::control_socket::{Client, ControlSocketError, UnverifiedOrigin};
@@ -21,7 +21,7 @@ use holdpoint_protocol::approval_document::ApprovalDocument;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, Snapshot};
 use holdpoint_registry::Layout;
-use holdpoint_text::Problem;
+use holdpoint_text::{ErrorDetails, ErrorReason, Problem};
 use serde::Serialize;
 
 /// The engine that runs a verb.
@@ -62,11 +62,14 @@ pub(super) fn require_verified_engine(context: &CliContext) -> Result<(), CliErr
 fn nothing_signed(doubt: UnverifiedOrigin) -> CliError {
     CliError::not_confirmed(format!("{doubt}; nothing was signed and no request was sent"))
         .with_hint("try again in a moment: the engine restores its socket; `holdpoint stop` works meanwhile")
+        .with_details(ErrorDetails::from(ErrorReason::NotConfirmed).with_cause("nothing-signed"))
 }
 
 /// An answer that is not known to come from the engine is not a success.
 pub(super) fn not_confirmed(doubt: UnverifiedOrigin, reply: &Reply) -> CliError {
-    CliError::not_confirmed(doubt.of(reply)).with_hint("`holdpoint audit list` shows what the engine did")
+    CliError::not_confirmed(doubt.of(reply))
+        .with_hint("`holdpoint audit list` shows what the engine did")
+        .with_details(ErrorDetails::from(ErrorReason::NotConfirmed).with_cause(UnverifiedOrigin::CODE))
 }
 
 /// The JSON of a reply that is not known to come from the engine.
@@ -270,9 +273,15 @@ pub(super) fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
     let Some(robot) = recorded else { return Cell::builtin().map_err(CliError::internal) };
     robot.cell().map_err(|error| {
         let text = format!("the robot file {robot} of this store cannot be read: {error}");
-        CliError::usage(text).with_hint(
-            "put the file back, or start an engine with `holdpoint run --robot FILE`; it runs verbs, too",
-        )
+        let details = robot.file.as_deref().map_or_else(
+            || ErrorReason::BadFile.into(),
+            |file| ErrorDetails::of_path(ErrorReason::BadFile, file),
+        );
+        CliError::usage(text)
+            .with_hint(
+                "put the file back, or start an engine with `holdpoint run --robot FILE`; it runs verbs, too",
+            )
+            .with_details(details)
     })
 }
 
@@ -295,6 +304,7 @@ pub(super) fn socket_error(error: ControlSocketError) -> CliError {
 /// The exit code of a refusal: an error in the command, or a reason to wait.
 pub(crate) fn refused(code: Refusal, text: &str, hint: Option<&str>) -> CliError {
     let problem = Problem::from((text.to_owned(), hint.map(ToOwned::to_owned)));
+    let problem = problem.with_details(refusal_reason(code));
     match code {
         Refusal::BadInput | Refusal::NotFound | Refusal::Exists | Refusal::Store => CliError::usage(problem),
         Refusal::NotNow | Refusal::Stale | Refusal::NotAllowed | Refusal::Holding | Refusal::NoAnswer => {

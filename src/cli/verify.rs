@@ -18,6 +18,7 @@ use holdpoint_registry::{
     is_exported, verify_against, verify_export,
 };
 use holdpoint_text::file::kind_of;
+use holdpoint_text::{ErrorDetails, ErrorReason};
 
 /// The most copies in one command.
 const COPIES_MAX: usize = 64;
@@ -52,10 +53,17 @@ pub(super) fn run(
     let layout = Layout::new(&context.data);
     let database = args.file.clone().unwrap_or_else(|| layout.database());
     if !database.is_file() {
-        return Err(CliError::usage(match fs::symlink_metadata(&database) {
-            Ok(found) => format!("{database:?} is not a database: it is {}", kind_of(&found)),
-            Err(_) => format!("there is no database {database:?}"),
-        }));
+        let (reason, text) = match fs::symlink_metadata(&database) {
+            Ok(found) => {
+                let text = format!("{database:?} is not a database: it is {}", kind_of(&found));
+                (ErrorReason::BadFile, text)
+            }
+            Err(_) => {
+                let reason = if args.file.is_some() { ErrorReason::BadFile } else { ErrorReason::NoStore };
+                (reason, format!("there is no database {database:?}"))
+            }
+        };
+        return Err(CliError::usage(text).with_details(ErrorDetails::of_path(reason, &database)));
     }
     if args.against.len() > COPIES_MAX {
         return Err(CliError::usage(format!("--against can be given {COPIES_MAX} times at most")));
@@ -216,11 +224,13 @@ fn exported(report: &ExportReport, out: &mut CommandOutput<'_>) -> Result<(), Cl
 /// # Errors
 /// If it does not exist.
 pub(super) fn absolute(path: &Path) -> Result<String, CliError> {
-    let text = path.to_str().ok_or_else(|| CliError::usage(format!("{path:?} is not UTF-8")))?;
+    let not_utf8 = || CliError::usage(format!("{path:?} is not UTF-8")).with_bad_file(path);
+    let text = path.to_str().ok_or_else(not_utf8)?;
     // The store refuses addresses, with a hint.
     if text.contains("://") || text.contains('@') {
         return Ok(text.to_owned());
     }
-    let full = std::path::absolute(path).map_err(|error| CliError::usage(format!("{path:?}: {error}")))?;
+    let full = std::path::absolute(path)
+        .map_err(|error| CliError::usage(format!("{path:?}: {error}")).with_bad_file(path))?;
     Ok(full.display().to_string())
 }

@@ -21,7 +21,7 @@ use holdpoint_registry::{
     Store, WitnessRequester, add_witness, check_witness, remove_witness, store_info, witnesses,
     witnesses_are_signed,
 };
-use holdpoint_text::Untrusted;
+use holdpoint_text::{ErrorReason, Untrusted};
 
 /// The arguments of `audit witness`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -154,7 +154,7 @@ fn witnessed_by(
         );
         let hint =
             format!("add `--by {admin} --reason TEXT`; `holdpoint identity list` names the administrators");
-        return Err(CliError::from_engine_fault(text).with_hint(hint));
+        return Err(CliError::from_engine_fault(text).with_hint(hint).with_details(ErrorReason::NotAllowed));
     };
     let signer =
         passphrase::unlock(passphrase::stored_identity(context, by)?, signs.passphrase_file.as_deref())?;

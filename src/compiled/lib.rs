@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_form_is_compiled_once_and_loaded_then() {
+    fn component_is_compiled_once_and_then_loaded() {
         let root = tempfile::tempdir().unwrap();
         let folder = root.path().join("compiled");
         let engine = Engine::default();
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_authentic_is_never_loaded() {
+    fn altered_compiled_form_is_never_loaded() {
         let folder = tempfile::tempdir().unwrap();
         let (engine, forms) = (Engine::default(), forms(folder.path(), SECRET));
         assert_eq!(origin(&forms, &engine), CodeOrigin::Compiled);
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_form_not_stored_only_costs_time() {
+    fn compiled_form_that_cannot_be_stored_still_runs() {
         let root = tempfile::tempdir().unwrap();
         let engine = Engine::default();
         let blocked = root.path().join("file");
@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_make_room_and_what_is_not_ours_stays() {
+    fn oldest_compiled_forms_are_removed_and_other_files_stay() {
         let folder = tempfile::tempdir().unwrap();
         let engine = Engine::default();
         let mut forms = forms(folder.path(), SECRET);

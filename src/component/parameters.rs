@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_form_or_is_too_many_is_named() {
+    fn unsupported_or_excess_parameters_are_named() {
         let error = flat(&json!({"a": {"b": null}})).unwrap_err();
         assert_eq!(error, ComponentError::Parameter { name: "a.b".to_owned(), kind: "nothing" });
         let many = |count: usize| flat(&json!({"a": vec![1; count]}));

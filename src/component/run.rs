@@ -233,7 +233,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_call_that_the_machine_stalls_is_no_fault_of_the_code() {
+    fn call_stalled_by_the_machine_is_no_code_fault() {
         let limits = ComponentLimits { fuel_per_tick: u64::MAX, memory_bytes: 1 << 20 };
         let tick = "(loop (br 0)) unreachable".to_owned();
         let bytes = Guest { tick, ..Guest::default() }.bytes();

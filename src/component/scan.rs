@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_compiler_spends_its_memory_on_has_an_end() {
+    fn sizes_that_cost_the_compiler_memory_are_limited() {
         let many = |keyword: &str, count: usize| format!("({keyword}{})", " i64".repeat(count));
         let carried = |values: usize, depth: usize| {
             let ty = format!("(type $t (func {} {}))", many("param", values), many("result", values));

@@ -16,32 +16,32 @@ use holdpoint_governance::ids::Digest;
 use crate::error::{ComponentError, reason};
 use crate::load::CompiledComponent;
 
-/// How often the clock of calls moves.
-const EPOCH: Duration = Duration::from_millis(250);
+/// The interval of the epochs, in which the deadline of a call is counted.
+const EPOCH_INTERVAL: Duration = Duration::from_millis(250);
 
 /// A call ends after this number of epochs (10 s) of wall time. Fuel bounds the code, so the machine stalled.
 pub const DEADLINE_EPOCHS: u64 = 40;
 
-/// The stack that code has; deeper is a trap.
+/// The stack of a component's code; deeper recursion is a trap.
 const STACK_BYTES: usize = 256 << 10;
 
-type Slot = Arc<Mutex<Weak<CompiledComponent>>>;
+type ComponentSlot = Arc<Mutex<Weak<CompiledComponent>>>;
 
 pub struct WasmRuntime {
     pub engine: Engine,
-    /// What is compiled and in use, by the digest of its source.
-    compiled: Mutex<BTreeMap<Digest, Slot>>,
+    /// The compiled components in use, by the digest of their source.
+    compiled: Mutex<BTreeMap<Digest, ComponentSlot>>,
 }
 
-/// Where compiled forms are kept; without it they are not.
-static FORMS: Mutex<Option<Arc<CompiledForms>>> = Mutex::new(None);
+/// The store of compiled forms; without one, nothing is stored.
+static COMPILED_FORMS: Mutex<Option<Arc<CompiledForms>>> = Mutex::new(None);
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What an instruction costs. Those that the runtime carries out in a call take as long as hundreds of others, and would be had for
-/// one; what moves memory is charged by its length besides.
+/// The fuel that instructions cost. An instruction that the runtime runs as a call takes as long as hundreds of others, and
+/// would cost as much as one. Those that move memory also cost fuel by length.
 const fn costs() -> OperatorCost {
     let mut costs = OperatorCost::new();
     costs.RefFunc = 100;
@@ -88,7 +88,7 @@ impl WasmRuntime {
             .name("component-clock".to_owned())
             .spawn(move || {
                 loop {
-                    thread::sleep(EPOCH);
+                    thread::sleep(EPOCH_INTERVAL);
                     let Some(engine) = weak.upgrade() else { return };
                     engine.increment_epoch();
                 }
@@ -97,31 +97,31 @@ impl WasmRuntime {
         Ok(Self { engine, compiled: Mutex::default() })
     }
 
-    /// The process's own.
+    /// The runtime of this process.
     ///
     /// # Errors
     /// If components cannot be run here.
     pub fn get() -> Result<&'static Self, ComponentError> {
-        static MACHINE: OnceLock<Result<WasmRuntime, ComponentError>> = OnceLock::new();
-        MACHINE.get_or_init(Self::new).as_ref().map_err(Clone::clone)
+        static RUNTIME: OnceLock<Result<WasmRuntime, ComponentError>> = OnceLock::new();
+        RUNTIME.get_or_init(Self::new).as_ref().map_err(Clone::clone)
     }
 
-    /// What a source compiles to; compiled once as long as it is in use.
+    /// The compiled form of a source; it is compiled once as long as it is in use.
     ///
     /// # Errors
     /// If the source is not a valid component.
     pub fn compiled(&self, source: &[u8]) -> Result<Arc<CompiledComponent>, ComponentError> {
         let digest = Digest::of_parts("holdpoint.component-source.v1", &[source]);
         let slot = {
-            let mut all = lock(&self.compiled);
-            all.retain(|_, slot| Arc::strong_count(slot) > 1 || lock(slot).strong_count() > 0);
-            all.entry(digest).or_default().clone()
+            let mut slots = lock(&self.compiled);
+            slots.retain(|_, slot| Arc::strong_count(slot) > 1 || lock(slot).strong_count() > 0);
+            slots.entry(digest).or_default().clone()
         };
         let mut cached = lock(&slot);
         if let Some(compiled) = cached.upgrade() {
             return Ok(compiled);
         }
-        let forms = lock(&FORMS).clone();
+        let forms = lock(&COMPILED_FORMS).clone();
         // A panic in the compiler is an error of the source and must not end the caller.
         let result = catch_unwind(AssertUnwindSafe(|| match forms {
             Some(forms) => forms.component(&self.engine, source),
@@ -139,7 +139,7 @@ impl WasmRuntime {
     }
 }
 
-/// Names the folder in which this process keeps compiled forms from now on, and the secret that authenticates them.
+/// Names the folder in which this process stores compiled forms from now on, and the secret that authenticates them.
 pub fn keep_compiled_in(folder: PathBuf, secret: [u8; 32]) {
-    *lock(&FORMS) = Some(Arc::new(CompiledForms::new(folder, Zeroizing::new(secret))));
+    *lock(&COMPILED_FORMS) = Some(Arc::new(CompiledForms::new(folder, Zeroizing::new(secret))));
 }

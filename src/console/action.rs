@@ -1,7 +1,7 @@
 //! All actions of the keyboard: one table that makes the help, the palette, the guide's keys and the default keymap.
 //!
-//! An action names a wish; `update` decides whether it is possible and what it does. An action without a help line or
-//! without a decision about its keys does not compile.
+//! An action is what the operator asks for; `update` decides whether it is possible and what it does. An action without
+//! a help line or without a decision about its keys does not compile.
 
 use serde::{Deserialize, Serialize};
 
@@ -42,39 +42,39 @@ impl Scope {
 }
 
 macro_rules! actions {
-    ($($(#[doc = $help:literal])+ $name:ident = $word:literal, $scope:ident, [$($key:literal),*];)*) => {
+    ($($(#[doc = $help:literal])+ $variant:ident = $name:literal, $scope:ident, [$($key:literal),*];)*) => {
         /// The actions.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
         pub enum Action {
-            $($(#[doc = $help])+ #[serde(rename = $word)] $name,)*
+            $($(#[doc = $help])+ #[serde(rename = $name)] $variant,)*
         }
 
         impl Action {
             /// Every action, in the order of help and README.
-            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
 
             /// Its name on the command line and in the keymap file.
             #[must_use]
-            pub const fn word(self) -> &'static str {
-                match self { $(Self::$name => $word,)* }
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name,)* }
             }
 
             /// What it does, one sentence without a period.
             #[must_use]
             pub fn help(self) -> &'static str {
-                match self { $(Self::$name => concat!($($help),+).trim(),)* }
+                match self { $(Self::$variant => concat!($($help),+).trim(),)* }
             }
 
             /// Where it applies.
             #[must_use]
             pub const fn scope(self) -> Scope {
-                match self { $(Self::$name => Scope::$scope,)* }
+                match self { $(Self::$variant => Scope::$scope,)* }
             }
 
             /// Its keys unless the keymap file says otherwise.
             #[must_use]
             pub const fn default_keys(self) -> &'static [&'static str] {
-                match self { $(Self::$name => &[$($key),*],)* }
+                match self { $(Self::$variant => &[$($key),*],)* }
             }
         }
     };
@@ -217,7 +217,7 @@ impl Action {
     /// The action of a name.
     #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.iter().copied().find(|action| action.word() == name)
+        Self::ALL.iter().copied().find(|action| action.name() == name)
     }
 
     /// Whether it decides on a candidate: such a key is never Enter, Space, Esc or a key that moves.
@@ -334,10 +334,10 @@ mod tests {
     #[test]
     fn names_and_helps_are_unique_and_present() {
         let names: std::collections::BTreeSet<&str> =
-            Action::ALL.iter().map(|action| action.word()).collect();
+            Action::ALL.iter().map(|action| action.name()).collect();
         assert_eq!(names.len(), Action::ALL.len());
         for action in Action::ALL {
-            assert_eq!(Action::parse(action.word()), Some(*action));
+            assert_eq!(Action::parse(action.name()), Some(*action));
             assert!(!action.help().is_empty() && !action.help().ends_with('.'), "{action:?}");
             let unbound = action.default_keys().is_empty();
             assert!(!unbound || matches!(action, Action::Demo | Action::Detach), "{action:?} has no key");

@@ -1,4 +1,4 @@
-//! The command line: `:` and a word. Every action is a command by its name; a few take an argument.
+//! The command line: `:` and a command. Every action is a command by its name; a few commands take an argument.
 
 use super::action::Action;
 use super::palette::best;
@@ -112,7 +112,7 @@ pub fn parse(text: &str) -> Result<ConsoleCommand, String> {
     }
 }
 
-/// A pace as it is written: `max`, or simulated seconds in a second.
+/// Parses a pace: `max`, or simulated seconds in a second.
 ///
 /// # Errors
 /// What is allowed.
@@ -127,9 +127,9 @@ pub fn pace(text: &str) -> Result<Option<f64>, String> {
     })
 }
 
-fn profile(name: &str, close: bool) -> Result<ConsoleCommand, String> {
-    let known = name.parse::<ProfileName>();
-    known.map(|profile| ConsoleCommand::Profile(profile, close)).map_err(|error| error.to_string())
+fn profile(name: &str, block: bool) -> Result<ConsoleCommand, String> {
+    let parsed = name.parse::<ProfileName>();
+    parsed.map(|profile| ConsoleCommand::Profile(profile, block)).map_err(|error| error.to_string())
 }
 
 fn drift(text: &str) -> Result<ConsoleCommand, String> {
@@ -181,21 +181,21 @@ pub struct KnownNames<'a> {
 pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
     let typed = typed.trim_start();
     let Some((command, rest)) = typed.split_once(' ') else {
-        let actions = Action::ALL.iter().filter(|action| !action.decides()).map(|action| action.word());
+        let actions = Action::ALL.iter().filter(|action| !action.decides()).map(|action| action.name());
         let mut commands: Vec<&str> = actions.chain(WITH_ARGUMENT.iter().map(|(name, ..)| *name)).collect();
         commands.sort_unstable();
         commands.dedup();
-        let starts = commands.iter().filter(|name| name.starts_with(typed)).map(|word| (*word).to_owned());
-        let starts: Vec<String> = starts.collect();
-        if !starts.is_empty() {
-            return starts;
+        let matching = commands.iter().filter(|name| name.starts_with(typed)).map(|name| (*name).to_owned());
+        let matching: Vec<String> = matching.collect();
+        if !matching.is_empty() {
+            return matching;
         }
         return best(typed, commands.into_iter().map(|name| (name.to_owned(), name.to_owned())).collect());
     };
     let demos: Vec<String> = holdpoint_engine::embedded::names().map(ToOwned::to_owned).collect();
     let profiles = ProfileName::ALL.map(|profile| profile.name().to_owned());
-    let own = |values: &[&str]| values.iter().map(|value| (*value).to_owned()).collect::<Vec<_>>();
-    let (goals, paces, drifts) = (own(&GOALS), own(&PACES), drifts());
+    let owned = |values: &[&str]| values.iter().map(|value| (*value).to_owned()).collect::<Vec<_>>();
+    let (goals, paces, drifts) = (owned(&GOALS), owned(&PACES), drifts());
     let arguments: &[String] = match command {
         "as" => known.people,
         "theme" => known.themes,
@@ -208,8 +208,8 @@ pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
         _ => &[],
     };
     let rest = rest.trim();
-    let fits = arguments.iter().filter(|argument| argument.starts_with(rest));
-    fits.map(|argument| format!("{command} {argument}")).collect()
+    let matching = arguments.iter().filter(|argument| argument.starts_with(rest));
+    matching.map(|argument| format!("{command} {argument}")).collect()
 }
 
 #[cfg(test)]
@@ -217,7 +217,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_lines_and_refuses_with_what_is_allowed() {
+    fn command_lines_are_parsed_or_refused_with_the_allowed_values() {
         let version: CapabilityId = "grasp@1.2.0".parse().unwrap();
         for (text, command) in [
             ("alarms", ConsoleCommand::Action(Action::ShowAlarms)),
@@ -259,13 +259,13 @@ mod tests {
             ("alarms now", "takes nothing"),
             ("candidate grasp", "is no version"),
         ] {
-            let why = parse(text).unwrap_err();
-            assert!(why.contains(expected), "{text}: {why}");
+            let problem = parse(text).unwrap_err();
+            assert!(problem.contains(expected), "{text}: {problem}");
         }
     }
 
     #[test]
-    fn completes_commands_and_arguments() {
+    fn commands_and_arguments_are_completed() {
         let people = ["ana".to_owned(), "bo".to_owned()];
         let known = KnownNames { versions: &[], people: &people, themes: &[] };
         assert_eq!(complete("alar", &known), ["alarms"]);

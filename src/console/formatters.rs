@@ -240,7 +240,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn durations_and_times() {
+    fn durations_and_times_are_formatted() {
         let table = [
             (0, "0 ms"),
             (950, "950 ms"),

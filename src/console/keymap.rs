@@ -102,7 +102,7 @@ impl Keymap {
             .into_iter()
             .find(|a| keymap.keys(*a).is_empty())
         {
-            problems.push(at(&(0..0), format!("{:?} has no key left; it needs one", missing.word())));
+            problems.push(at(&(0..0), format!("{:?} has no key left; it needs one", missing.name())));
         }
         if problems.is_empty() { Ok(keymap) } else { Err(problems) }
     }
@@ -112,7 +112,7 @@ impl Keymap {
         if action.decides() && !may_decide(key) {
             return Err(format!(
                 "the key {text:?} cannot {}: Enter, Space, Esc, Tab and keys that move never decide",
-                action.word()
+                action.name()
             ));
         }
         let mut of_stop = Action::Stop.default_keys().iter().filter_map(|text| parse_key(text).ok());
@@ -125,7 +125,7 @@ impl Keymap {
         if let Some(other) = self.prompt.get(&key).filter(|_| action == Action::Stop) {
             return Err(format!(
                 "the key {text:?} means {:?} in a question and would not stop the cell there",
-                other.word()
+                other.name()
             ));
         }
         let previous = self.map_mut(action).insert(key, action);
@@ -133,7 +133,7 @@ impl Keymap {
             None => Ok(()),
             Some(other) => Err(format!(
                 "the key {text:?} means {:?} already; take it away first: unbind = [{text:?}]",
-                other.word()
+                other.name()
             )),
         }
     }

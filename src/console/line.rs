@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn is_bounded_and_holds_no_control_characters() {
+    fn edit_line_is_bounded_and_drops_control_characters() {
         let mut line = EditLine::new("ab");
         line.insert('\u{1b}');
         line.paste("c\nd\u{7}\r\n");

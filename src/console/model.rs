@@ -23,8 +23,8 @@ pub use input_state::{CompletionMenu, FilmScreen, InputState, Overlay, Typing, W
 pub use order::{SortBy, SortOrder};
 pub use stage_progress::StageProgress;
 pub use view_state::{
-    FrozenView, HEALTH_WIDTH, HISTORY_PANE, HealthViewState, ItemKey, ListCursor, MONITORS_PANE,
-    OpenedRecord, STORY_PANE, View, ViewState,
+    EVENT_LOG_PANE, FrozenView, HEALTH_WIDTH, HISTORY_PANE, HealthViewState, ItemKey, ListCursor,
+    MONITORS_PANE, OpenedRecord, View, ViewState,
 };
 
 use super::action::Action;
@@ -144,8 +144,8 @@ impl ConsoleModel {
 
     /// The event log, oldest first: the frozen one if there is one.
     #[must_use]
-    pub fn story(&self) -> &VecDeque<EventLogLine> {
-        self.view_state.frozen.as_ref().map_or(&self.engine_data.events, |frozen| &frozen.story)
+    pub fn event_log(&self) -> &VecDeque<EventLogLine> {
+        self.view_state.frozen.as_ref().map_or(&self.engine_data.events, |frozen| &frozen.event_log)
     }
 
     /// Why no engine is running here; absent if one is running or about to start.
@@ -231,17 +231,17 @@ impl ConsoleModel {
     #[must_use]
     pub fn filter(&self) -> &str {
         match &self.input.typing {
-            Some(Typing::Filter(line)) if !self.view_state.in_story() => line.text(),
+            Some(Typing::Filter(line)) if !self.view_state.is_in_event_log() => line.text(),
             _ => self.view_state.filters.get(&self.view_state.view).map_or("", String::as_str),
         }
     }
 
     /// The filter of the event log, including one that is being typed.
     #[must_use]
-    pub fn story_filter(&self) -> &str {
+    pub fn event_log_filter(&self) -> &str {
         match &self.input.typing {
-            Some(Typing::Filter(line)) if self.view_state.in_story() => line.text(),
-            _ => &self.view_state.story_filter,
+            Some(Typing::Filter(line)) if self.view_state.is_in_event_log() => line.text(),
+            _ => &self.view_state.event_log_filter,
         }
     }
 
@@ -252,8 +252,8 @@ impl ConsoleModel {
             return self.view_state.chosen.clone();
         }
         let candidates = &self.engine_data.snapshot.as_ref()?.candidates;
-        let at_work = candidates.iter().rev().find(|candidate| candidate.progress.is_some());
-        at_work.or_else(|| candidates.last()).map(|candidate| candidate.version.clone())
+        let running = candidates.iter().rev().find(|candidate| candidate.progress.is_some());
+        running.or_else(|| candidates.last()).map(|candidate| candidate.version.clone())
     }
 
     /// A candidate in the newest snapshot.

@@ -32,7 +32,7 @@ impl Palette {
         let items: Vec<(String, Action)> = self
             .actions
             .iter()
-            .map(|action| (format!("{} {}", action.word(), action.help()), *action))
+            .map(|action| (format!("{} {}", action.name(), action.help()), *action))
             .collect();
         best(typed, items)
     }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::audit::{self, AuditGroup, AuditItem};
 use super::formatters::state_label;
-use super::model::{ConsoleModel, EventLogLine, HISTORY_PANE, ItemKey, MONITORS_PANE, STORY_PANE, View};
+use super::model::{ConsoleModel, EVENT_LOG_PANE, EventLogLine, HISTORY_PANE, ItemKey, MONITORS_PANE, View};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::behavior::component_of;
 use holdpoint_governance::condition::Condition;
@@ -225,9 +225,9 @@ impl ConsoleModel {
 
     /// Lines of the event log under its filter, newest first.
     #[must_use]
-    pub fn story_rows(&self) -> Vec<&EventLogLine> {
-        let mut sieve = RowFilter::new(self.story_filter());
-        self.story().iter().rev().filter(|line| sieve.fits(&[&line.text])).collect()
+    pub fn event_log_rows(&self) -> Vec<&EventLogLine> {
+        let mut sieve = RowFilter::new(self.event_log_filter());
+        self.event_log().iter().rev().filter(|line| sieve.fits(&[&line.text])).collect()
     }
 
     /// Everything about the subject, if the engine has answered about it.
@@ -283,7 +283,7 @@ impl ConsoleModel {
     #[must_use]
     pub fn row_count(&self) -> usize {
         match (self.view_state.view, self.view_state.pane()) {
-            (View::Overview, STORY_PANE) => self.story_rows().len(),
+            (View::Overview, EVENT_LOG_PANE) => self.event_log_rows().len(),
             (View::Overview, _) => self.pipeline_rows().len(),
             (View::Registry, _) => self.registry_rows().len(),
             (View::Candidate, pane) => self.candidate_rows(pane).len(),
@@ -301,7 +301,9 @@ impl ConsoleModel {
     #[must_use]
     pub fn item_key(&self, row: usize) -> Option<ItemKey> {
         match (self.view_state.view, self.view_state.pane()) {
-            (View::Overview, STORY_PANE) => self.story_rows().get(row).map(|line| ItemKey::Event(line.seq)),
+            (View::Overview, EVENT_LOG_PANE) => {
+                self.event_log_rows().get(row).map(|line| ItemKey::Event(line.seq))
+            }
             (View::Overview, _) => {
                 self.pipeline_rows().get(row).map(|row| ItemKey::Version(row.version.clone()))
             }
@@ -332,8 +334,8 @@ impl ConsoleModel {
     #[must_use]
     pub fn row_of(&self, key: &ItemKey) -> Option<usize> {
         match (self.view_state.view, self.view_state.pane(), key) {
-            (View::Overview, STORY_PANE, ItemKey::Event(seq)) => {
-                self.story_rows().iter().position(|line| line.seq == *seq)
+            (View::Overview, EVENT_LOG_PANE, ItemKey::Event(seq)) => {
+                self.event_log_rows().iter().position(|line| line.seq == *seq)
             }
             (View::Overview, _, ItemKey::Version(id)) => {
                 self.pipeline_rows().iter().position(|row| row.version == *id)
@@ -404,7 +406,7 @@ impl ConsoleModel {
     #[must_use]
     pub fn version_here(&self) -> Option<CapabilityId> {
         match (self.view_state.view, self.view_state.pane()) {
-            (View::Overview, STORY_PANE) => None,
+            (View::Overview, EVENT_LOG_PANE) => None,
             (View::Overview, _) => self.pipeline_rows().get(self.row()).map(|row| row.version.clone()),
             (View::Registry, _) => self.rows_and_version().1,
             (View::Candidate | View::Shadow, _) => self.subject(),

@@ -31,7 +31,7 @@ use super::terminal::{TerminalGuard, background, panic};
 use super::theme::Themes;
 use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_protocol::console_presence::ConsolePresence;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The engine of a console.
 pub enum EngineLocation {
@@ -75,6 +75,14 @@ pub enum ConsoleError {
 }
 
 impl Hint for ConsoleError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Theme(error) => error.details(),
+            Self::Terminal(_) => Some(ErrorReason::Environment.into()),
+            Self::Failed => Some(ErrorReason::Internal.into()),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Theme(error) => error.hint(),

@@ -158,7 +158,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn is_bounded_and_shows_nothing() {
+    fn secret_line_is_bounded_and_prints_no_secret() {
         let mut line = SecretLine::default();
         line.paste("under the oak\r\n");
         line.insert('\u{1b}');

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn problems_name_file_line_key_and_what_is_allowed() {
+    fn theme_problems_name_file_line_key_and_allowed_values() {
         let table = [
             (
                 "inherits = \"none\"",

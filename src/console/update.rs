@@ -198,7 +198,7 @@ fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
 /// Carries out an action in this view.
 fn act(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
     if model.settings.read_only && action.changes_something() {
-        show_message(model, format!("{:?} is not possible: this console is read-only", action.word()), true);
+        show_message(model, format!("{:?} is not possible: this console is read-only", action.name()), true);
         return Vec::new();
     }
     let bare = model.bare_absence().is_some();
@@ -413,7 +413,7 @@ fn freeze(model: &mut ConsoleModel) -> Vec<Effect> {
         (None, Some(snapshot)) => Some(FrozenView {
             at_ms: model.engine_ms(),
             snapshot: snapshot.clone(),
-            story: model.engine_data.events.clone(),
+            event_log: model.engine_data.events.clone(),
         }),
         (Some(_), _) | (None, None) => None,
     };

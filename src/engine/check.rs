@@ -29,7 +29,7 @@ use crate::evidence_file::StaticAssessment;
 use crate::explain::difference::version_differences;
 use crate::version_origin;
 use crate::version_table::{VersionTableError, load_member};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Why a version could not be checked: something built into the program does not load.
 #[derive(Debug, thiserror::Error)]
@@ -48,6 +48,26 @@ pub enum CheckError {
     Name(#[from] NameError),
 }
 
+impl Hint for CheckError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Profile(error) => error.details(),
+            Self::Baseline(error) => error.details(),
+            Self::VersionTable(error) => error.details(),
+            Self::Name(_) => Some(ErrorReason::StoreRefused.into()),
+        }
+    }
+
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Profile(error) => error.hint(),
+            Self::Baseline(error) => error.hint(),
+            Self::VersionTable(error) => error.hint(),
+            Self::Name(_) => None,
+        }
+    }
+}
+
 /// A version whose family has no task in this cell. Registration refuses it as well: a family begins with a baseline.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: the field \"name\" has the value {family:?}, which is not allowed; allowed: {allowed}")]
@@ -61,6 +81,10 @@ pub struct UnknownFamily {
 }
 
 impl Hint for UnknownFamily {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(ErrorDetails::of_field(self.file.as_str(), "name"))
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         Some("a family needs a task and a first version that are built in".into())
     }

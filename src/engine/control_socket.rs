@@ -48,7 +48,7 @@ use holdpoint_protocol::event::Event;
 use holdpoint_protocol::sink::ServeScene;
 use holdpoint_protocol::wire;
 use holdpoint_registry::Layout;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The most requests that wait for the engine; more than are answered at a time, so that only stops can fill the queue.
 pub const REQUESTS_MAX: usize = 64;
@@ -119,6 +119,20 @@ const fn why_silent(stopped: bool) -> &'static str {
 }
 
 impl Hint for ControlSocketError {
+    fn details(&self) -> Option<ErrorDetails> {
+        let unusable = |cause| ErrorDetails::from(ErrorReason::ControlSocket).with_cause(cause);
+        Some(match self {
+            Self::PathTooLong { .. } => unusable("path-too-long"),
+            Self::Taken { .. } => unusable("taken"),
+            Self::Io { .. } => unusable("io"),
+            Self::Foreign { .. } => unusable("foreign"),
+            Self::Protocol { .. } => unusable("protocol"),
+            Self::Closed { .. } => unusable("closed"),
+            Self::NoAnswer { .. } | Self::Silent { .. } | Self::Ended { .. } => ErrorReason::NoAnswer.into(),
+            Self::Random(error) => return error.details(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::PathTooLong { .. } => Some("choose a shorter folder with --data".into()),

@@ -486,7 +486,7 @@ fn start(
     early: &mut EarlyFrontEnd<'_>,
     (frame_sender, views): (watch::Sender<Option<Arc<VideoFrame>>>, LiveViews),
 ) -> Result<Option<Pump>, EngineEndError> {
-    let jobs = config.workers();
+    let (jobs, robot) = (config.workers(), config.robot.as_deref());
     let begun = Instant::now();
     let engine_config = Config {
         data: &config.data,
@@ -494,7 +494,7 @@ fn start(
         seed: config.seed,
         jobs,
         scripted: false,
-        cell: Cell::of(config.robot.as_deref()).map_err(|error| EngineEndError::of(error.to_string()))?,
+        cell: Cell::of(robot).map_err(|error| EngineEndError::without_cell(robot, &error))?,
         cache: EpisodeCache::InStore,
     };
     let mut bootstrap =
@@ -556,7 +556,7 @@ mod tests {
     }
 
     #[test]
-    fn jobs_leave_a_core() {
+    fn default_worker_count_leaves_one_core_free() {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         assert_eq!(config(PathBuf::new(), 0).workers(), (cores - 1).max(1));
         assert_eq!(config(PathBuf::new(), 3).workers(), 3);
@@ -564,7 +564,7 @@ mod tests {
 
     /// A stop for an engine that never came up was answered with "busy", or not at all.
     #[test]
-    fn untaken_requests_come_back() {
+    fn requests_to_an_engine_that_does_not_start_are_returned() {
         let folder = tempfile::tempdir().unwrap();
         let _held = Store::open(folder.path()).unwrap();
         let mut host = EngineHandle::start(config(folder.path().to_owned(), 1));

@@ -9,10 +9,11 @@ pub(crate) mod film_render;
 use holdpoint_governance::evidence::{EpisodeValues, EvidenceBinding, SandboxMode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_protocol::film::{Film, FilmRequest, FilmSubject, FilmedRun};
+use holdpoint_protocol::film::{Film, FilmRefusal, FilmRequest, FilmSubject, FilmedRun, ReplayDifference};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::film::FRAMES_MAX;
+use holdpoint_wording::film::{REFUSAL_HINT, refusal, replay_difference, selection_reason};
 
 use self::episode_selection::{SelectedEpisode, SelectedWork};
 use self::film_render::FilmedWork;
@@ -42,11 +43,11 @@ pub fn film(
     request: FilmRequest,
 ) -> Result<Reply, EngineFault> {
     let Some(evidence_file) = evidence_file_of(record, evidence_files, id)? else {
-        return Ok(refused(Refusal::NotFound, format!("there is no version {id} in the registry")));
+        return Ok(refused(&FilmRefusal::UnknownVersion { version: id.clone() }));
     };
     Ok(match rerun(context, record, evidence_files, (id, &evidence_file), request)? {
         Ok(film) => Reply::Film { film: Box::new(film) },
-        Err(why) => refused(Refusal::NotFound, why),
+        Err(why) => refused(&why),
     })
 }
 
@@ -79,22 +80,22 @@ fn evidence_file_of(
     Ok(stored.map(|stored| full_evidence_file(evidence_files, id, &stored.evidence)))
 }
 
-/// Re-runs the selected part; the error is a sentence.
+/// Re-runs the selected part.
 fn rerun(
     context: &Context,
     record: &EngineRecorder,
     evidence_files: &EvidenceFiles,
     (id, evidence_file): (&CapabilityId, &EvidenceFile),
     request: FilmRequest,
-) -> Result<Result<Film, String>, EngineFault> {
+) -> Result<Result<Film, FilmRefusal>, EngineFault> {
     let chosen = match episode_selection::choose(evidence_file, request) {
         Ok(chosen) => chosen,
-        Err(why) => return Ok(Err(format!("{id}: {why}"))),
+        Err(failure) => return Ok(Err(FilmRefusal::NotSelected { version: id.clone(), failure })),
     };
     let (_, _, member) = record.version_table().version(id)?;
     let candidate = &member.capability;
     let Some((active, binding)) = compared_with(record, evidence_file, candidate) else {
-        return Ok(Err(format!("the version that {id} was compared with is not in the registry")));
+        return Ok(Err(FilmRefusal::ComparedVersionMissing { version: id.clone() }));
     };
     let conditions = match request.of {
         FilmSubject::Episode | FilmSubject::Drill | FilmSubject::Alone => &evidence_file.tried_under,
@@ -110,15 +111,15 @@ fn rerun(
         fallbacks: [fallback(record.version_table(), candidate), fallback(record.version_table(), &active)],
     };
     let [new, old] = case.both(&chosen);
-    let SelectedEpisode { number, count, beyond, why, found } = chosen;
+    let SelectedEpisode { number, count, beyond, reason, found } = chosen;
     let (seed, drill, phase) = match found {
         SelectedWork::Pair(pair) => (pair.seed, None, None),
         SelectedWork::Drill(failed) => (failed.seed, Some(failed.kind), failed.phase),
         SelectedWork::Alone(episode) => (episode.seed, None, None),
     };
-    let mut doubts = replay_differences(context, &binding);
+    let mut differences = replay_differences(context, &binding);
     if [&new, &old].into_iter().any(|run| run.frames.len() >= FRAMES_MAX) {
-        doubts.push("it continues after the film: only two minutes are stored".to_owned());
+        differences.push(ReplayDifference::CutOff);
     }
     Ok(Ok(Film {
         of: request.of,
@@ -129,17 +130,16 @@ fn rerun(
         seed,
         drill,
         phase,
-        why,
-        doubts,
+        why: reason.map_or_else(String::new, selection_reason),
+        doubts: differences.into_iter().map(replay_difference).collect(),
         scenery: cell_frame::scenery(&context.cell.scene),
         candidate: new,
         active: old,
     }))
 }
 
-fn refused(code: Refusal, text: String) -> Reply {
-    let hint = "`holdpoint explain` shows its measurements";
-    Reply::Refused { code, text, hint: Some(hint.to_owned()) }
+fn refused(why: &FilmRefusal) -> Reply {
+    Reply::Refused { code: Refusal::NotFound, text: refusal(why), hint: Some(REFUSAL_HINT.to_owned()) }
 }
 
 /// The version that the evidence compares with, and its binding.
@@ -156,16 +156,16 @@ fn compared_with(
 }
 
 /// The differences of the replay's context from that of the evidence.
-fn replay_differences(context: &Context, binding: &EvidenceBinding) -> Vec<String> {
+fn replay_differences(context: &Context, binding: &EvidenceBinding) -> Vec<ReplayDifference> {
     let mut differences = Vec::new();
     if binding.profile != context.profile_digest {
-        differences.push(format!("it was judged under another profile than {}", context.profile.name));
+        differences.push(ReplayDifference::Profile { present: context.profile.name });
     }
     if binding.policy != context.table.digest && binding.profile == context.profile_digest {
-        differences.push("it was judged under other policies".to_owned());
+        differences.push(ReplayDifference::Policies);
     }
     if binding.environment != context.cell.digest() {
-        differences.push("it was judged by another build, or in another cell".to_owned());
+        differences.push(ReplayDifference::Environment);
     }
     differences
 }

@@ -35,10 +35,10 @@ pub fn terms_of(
     capability: &Capability,
 ) -> SkillTerms {
     let id = capability.id();
-    let on_record = version_table.version(&id).is_ok_and(|(_, state, _)| state.flags.restricted);
-    let restricted = on_record || monitors.of(&id).is_some_and(|watched| watched.restricted);
+    let by_operator = version_table.version(&id).is_ok_and(|(_, state, _)| state.flags.restricted);
+    let by_monitor = monitors.of(&id).is_some_and(|watched| watched.restricted);
     let terms = measured_terms_of(context, evidence_files, capability);
-    if restricted { terms.tightened(context.profile.monitor.restrict_factor) } else { terms }
+    if by_operator || by_monitor { terms.tightened(context.profile.monitor.restrict_factor) } else { terms }
 }
 
 /// The terms a version is measured under: as [`terms_of`], without restrictions by a monitor or an operator. Evidence is
@@ -69,26 +69,28 @@ pub fn terms_under(context: &Context, capability: &Capability, conditions: &[Con
 pub(crate) fn stale_causes(
     context: &Context,
     version_table: &VersionTable,
-    of: &Capability,
+    capability: &Capability,
     state: State,
     evidence_file: &EvidenceFile,
 ) -> Vec<StaleCause> {
     if evidence_file.bindings.is_empty() || state.is_terminal() {
         return Vec::new();
     }
-    let now = binding(context, version_table, of);
-    let took_over = matches!(state, State::Active | State::Superseded);
+    let current = binding(context, version_table, capability);
+    let was_activated = matches!(state, State::Active | State::Superseded);
     let stale: BTreeSet<StaleCause> = evidence_file
         .bindings
         .iter()
-        .flat_map(|then| then.stale_against(&now))
-        .filter(|cause| !(took_over && matches!(cause, StaleCause::ActiveVersion | StaleCause::Neighbours)))
+        .flat_map(|recorded| recorded.stale_against(&current))
+        .filter(|cause| {
+            !(was_activated && matches!(cause, StaleCause::ActiveVersion | StaleCause::Neighbours))
+        })
         .collect();
     stale.into_iter().collect()
 }
 
 /// Why a version is not admitted to the arm under the profile in force; `None` if it is: its manifest admits the profile, and
-/// it is not blocked. A break-glass activation past a block stands until its review.
+/// it is not blocked. A break-glass activation past a block is valid until its review.
 #[must_use]
 pub fn not_admitted(
     context: &Context,
@@ -102,10 +104,10 @@ pub fn not_admitted(
     let id = capability.id();
     let (version, state, member) = version_table.version(&id).ok()?;
     let unreviewed = version_table.family(&id.family).is_ok_and(|entry| entry.state.is_unreviewed(version));
-    if state.closed.contains(&profile) && !unreviewed {
+    if state.is_blocked_under(profile) && !unreviewed {
         return Some(AdmissionRefusal::Blocked);
     }
-    let admission = member.course.let_in.unwrap_or(AdmissionContext::LEAST);
+    let admission = member.course.activated_under.unwrap_or(AdmissionContext::LEAST);
     // A version that never had control has no gate pass that could be insufficient.
     let had_control = state.acted || matches!(state.state, State::Active | State::Superseded);
     (had_control && version != VersionRef(0) && !admission.suffices(version_table.admission()))
@@ -132,9 +134,9 @@ pub fn trial_team(
     evidence_files: &EvidenceFiles,
     candidate: &Capability,
 ) -> TrialTeam {
-    let parties = teammates_of(version_table, candidate)
+    let subjects = teammates_of(version_table, candidate)
         .map(|version| trial_subject(context, version_table, evidence_files, version));
-    TrialTeam::excluding(candidate.bundle.task(), parties)
+    TrialTeam::excluding(candidate.bundle.task(), subjects)
 }
 
 /// The present binding for a candidate's evidence.
@@ -153,10 +155,10 @@ pub fn binding(context: &Context, version_table: &VersionTable, capability: &Cap
 
 /// Digest of the versions that run beside a version: the active ones of the sequence's other families, and its fallback.
 fn neighbours(version_table: &VersionTable, capability: &Capability) -> Option<Digest> {
-    let beside = teammates_of(version_table, capability).map(Capability::digest);
-    let all: Vec<Digest> =
-        beside.chain(fallback(version_table, capability).map(Capability::digest)).collect();
-    let parts: Vec<&[u8]> = all.iter().map(|digest| digest.bytes().as_slice()).collect();
+    let teammates = teammates_of(version_table, capability).map(Capability::digest);
+    let digests: Vec<Digest> =
+        teammates.chain(fallback(version_table, capability).map(Capability::digest)).collect();
+    let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
     (!parts.is_empty()).then(|| Digest::of_parts("holdpoint.neighbours.v1", &parts))
 }
 
@@ -166,13 +168,14 @@ fn teammates_of<'a>(
     capability: &Capability,
 ) -> impl Iterator<Item = &'a Capability> {
     // A fallback is not part of a sequence, whatever task its code is for.
-    let works = |family: &Family| TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == *family);
+    let is_in_sequence =
+        |family: &Family| TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == *family);
     let own = capability.id().family;
-    let is_part = works(&own);
+    let own_is_in_sequence = is_in_sequence(&own);
     let active = version_table.families().filter_map(|(_, entry)| Some(&entry.active()?.capability));
     active.filter(move |version| {
         let family = &version.id().family;
-        is_part && *family != own && works(family)
+        own_is_in_sequence && *family != own && is_in_sequence(family)
     })
 }
 
@@ -212,7 +215,9 @@ fn authority_digest(version_table: &VersionTable) -> Digest {
     let lines: Vec<String> = persons
         .iter()
         .flat_map(PersonDirectory::enrolled)
-        .map(|who| format!("{} {} {}", who.name, who.role.name(), keyfile::hex(who.public_key.as_bytes())))
+        .map(|person| {
+            format!("{} {} {}", person.name, person.role.name(), keyfile::hex(person.public_key.as_bytes()))
+        })
         .collect();
     let parts: Vec<&[u8]> = lines.iter().map(String::as_bytes).collect();
     Digest::of_parts("holdpoint.authority.v1", &parts)

@@ -1,12 +1,15 @@
-//! Why a version is in its state: every decision on record, as sentences, with the changes that would be needed.
+//! Why a version is in its state: every decision on record, with the changes that would be needed.
 //!
 //! Reads only the store's views, so it works without an engine and beside a running one. It judges nothing: every number is
-//! computed from the record, and a missing number is omitted.
+//! computed from the record, and a missing number is omitted. The crate `holdpoint-wording` makes the sentences at the last
+//! step.
 
 pub mod difference;
+mod explained_decision;
 mod lenient_bodies;
 mod remedy;
 
+use explained_decision::{DecisionReason, ExplainedDecision};
 use lenient_bodies::{
     ConfirmationRecord, DecisionRecord, EvidenceFileRecord, MonitorRecord, MoveRecord, ReasonRecord,
     StateSetRecord,
@@ -16,17 +19,16 @@ pub use remedy::is_in_favor;
 use crate::evidence_file::EvidenceFile;
 use crate::recorded_decision;
 use crate::version_concern::VersionConcern;
-use holdpoint_governance::cached_result::{CachedResultMismatch, CachedResultUse, SeedRange};
+use holdpoint_governance::cached_result::{CachedResultMismatch, SeedRange};
 use holdpoint_governance::closed_set::Lenient;
-use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::explanation::{Consequence, DecisionRemark, Remedy};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_governance::rollback::{RollbackRecord, RungFailure};
-use holdpoint_protocol::explanation::{
-    DecisionExplanation, ExplainedReason, Explanation, PeopleRuling, Rule, Ruling,
-};
+use holdpoint_governance::rollback::RollbackRecord;
+use holdpoint_protocol::explanation::{Explanation, PeopleRuling, Ruling};
 use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{AuditFilter, EvidenceEntry, StoreError, Views};
+use holdpoint_registry::{AuditFilter, EvidenceEntry, StoreError, VersionDetail, Views};
 
 /// Explains every decision about a version; `None` if it is not in the store.
 ///
@@ -34,6 +36,20 @@ use holdpoint_registry::{AuditFilter, EvidenceEntry, StoreError, Views};
 /// If the store cannot be read.
 pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, StoreError> {
     let Some(detail) = views.version(id)? else { return Ok(None) };
+    let decisions = decisions(views, id, &detail)?.into_iter().map(ExplainedDecision::view).collect();
+    let summary = detail.summary;
+    Ok(Some(Explanation { version: id.clone(), state: summary.state, author: summary.author, decisions }))
+}
+
+/// Every decision about a version, in typed values.
+///
+/// # Errors
+/// If the store cannot be read.
+pub(crate) fn decisions(
+    views: &Views,
+    id: &CapabilityId,
+    detail: &VersionDetail,
+) -> Result<Vec<ExplainedDecision>, StoreError> {
     let filter = AuditFilter { subject: Some(id.to_string()), ..AuditFilter::default() };
     let records = views.audit(&filter)?;
     let mut reader = DecisionReader { evidence: &detail.evidence, decisions: Vec::new() };
@@ -51,35 +67,24 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             RecordKind::KeptVoided => reader.voided(record),
             RecordKind::ApprovalPut => {
                 if let Some(approval) = answers.next() {
-                    let answer = approval.decision;
-                    let text = format!(
-                        "{} ({}) says {answer}: {}",
-                        approval.who,
-                        approval.role.name(),
-                        approval.reason
-                    );
-                    reader.people(record, PeopleRuling::Answered(answer), text);
+                    let remark = DecisionRemark::Answer {
+                        person: approval.who.clone(),
+                        role: approval.role,
+                        answer: approval.decision,
+                        reason: approval.reason.clone(),
+                    };
+                    reader.people(record, PeopleRuling::Answered(approval.decision), remark);
                 }
             }
-            RecordKind::ApprovalRequested => {
-                reader.then(format!("approvers were asked (record {})", record.seq));
-            }
+            RecordKind::ApprovalRequested => reader.add_consequence(record, Consequence::ApproversAsked),
             // The decision already includes the change of state.
             RecordKind::StateSet if decided_with(records.get(index + 1..).unwrap_or_default(), record) => {}
             RecordKind::StateSet => reader.state(record),
-            RecordKind::AuditClosed => {
-                reader.then(format!("the record of the upgrade was closed (record {})", record.seq));
-            }
-            RecordKind::ProfilesSet => {
-                reader.then(format!("it was blocked or unblocked under profiles (record {})", record.seq));
-            }
-            RecordKind::Resumed => reader.then(format!("an operator resumed it (record {})", record.seq)),
-            RecordKind::BreakGlass => {
-                reader.then(format!("one person activated it by break-glass (record {})", record.seq));
-            }
-            RecordKind::BreakGlassReviewed => {
-                reader.then(format!("approvers reviewed its break-glass activation (record {})", record.seq));
-            }
+            RecordKind::AuditClosed => reader.add_consequence(record, Consequence::UpgradeRecordClosed),
+            RecordKind::ProfilesSet => reader.add_consequence(record, Consequence::ProfilesSet),
+            RecordKind::Resumed => reader.add_consequence(record, Consequence::Resumed),
+            RecordKind::BreakGlass => reader.add_consequence(record, Consequence::BreakGlassUsed),
+            RecordKind::BreakGlassReviewed => reader.add_consequence(record, Consequence::BreakGlassReviewed),
             // These are neither decisions nor their results.
             RecordKind::VersionRegistered
             | RecordKind::FlagsSet
@@ -123,33 +128,23 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::StoreRebuilt => {}
         }
     }
-    let decisions = reader.decisions;
-    let summary = detail.summary;
-    Ok(Some(Explanation { version: id.clone(), state: summary.state, author: summary.author, decisions }))
+    Ok(reader.decisions)
 }
 
-/// The changes that would remove each of these reasons, in their order and without repetition.
-pub(crate) fn changes<'a>(
+/// What would remove each of these reasons, in their order.
+pub(crate) fn remedies<'a>(
     evidence_file: &EvidenceFile,
     reasons: impl IntoIterator<Item = &'a Reason>,
-) -> Vec<String> {
+) -> Vec<Remedy> {
     let value = serde_json::to_value(evidence_file).unwrap_or_default();
     let measured: EvidenceFileRecord = serde_json::from_value(value).unwrap_or_default();
-    let mut sentences: Vec<String> = Vec::new();
-    for text in
-        reasons.into_iter().filter_map(|reason| remedy::change(&ReasonRecord::from(reason), &measured))
-    {
-        if !sentences.contains(&text) {
-            sentences.push(text);
-        }
-    }
-    sentences
+    reasons.into_iter().filter_map(|reason| remedy::remedy(&ReasonRecord::from(reason), &measured)).collect()
 }
 
 /// Reads the records in order.
 struct DecisionReader<'a> {
     evidence: &'a [EvidenceEntry],
-    decisions: Vec<DecisionExplanation>,
+    decisions: Vec<ExplainedDecision>,
 }
 
 impl DecisionReader<'_> {
@@ -184,23 +179,24 @@ impl DecisionReader<'_> {
                 .map_or(outcome, |check| lenient_bodies::variant_name(&check));
         }
         let ruling = ruling(kind, outcome);
-        let state_changes: Vec<String> = before
+        let mut state_changes: Vec<(u64, Consequence)> = before
             .iter()
             .rev()
             .take_while(|earlier| earlier.at_ms == record.at_ms && earlier.kind != RecordKind::Decision)
             .filter(|earlier| {
                 earlier.kind == RecordKind::StateSet && Some(earlier.seq) > entry.map(|entry| entry.seq)
             })
-            .filter_map(state_change)
+            .filter_map(|earlier| Some((earlier.seq, state_change(earlier)?)))
             .collect();
-        self.push(record, ruling, &reasons, &evidence_file);
-        state_changes.into_iter().rev().for_each(|text| self.then(text));
+        state_changes.reverse();
+        self.push(record, ruling, reasons, evidence_file);
+        self.add_consequences(state_changes);
     }
 
     fn monitor(&mut self, record: &AuditRecord) {
         match serde_json::from_str::<MonitorRecord>(&record.body) {
             Ok(MonitorRecord { action, reasons }) => {
-                self.push(record, Ruling::Monitor(action), &reasons, &EvidenceFileRecord::default());
+                self.push(record, Ruling::Monitor(action), reasons, EvidenceFileRecord::default());
             }
             Err(_) => self.unreadable(record),
         }
@@ -214,30 +210,24 @@ impl DecisionReader<'_> {
             self.unreadable(record);
             return;
         };
-        if let Some(last) = self.decisions.last()
-            && matches!(last.ruling, Ruling::Rollback(_))
-        {
-            // The state at the swap is part of the present state.
-            let then = self.decisions.pop().map(|earlier| earlier.then).unwrap_or_default();
-            self.decisions.push(rollback_explanation(record, &rollback, then));
-            return;
-        }
-        self.decisions.push(rollback_explanation(record, &rollback, Vec::new()));
+        let mut explained = explained_rollback(record, &rollback);
+        // The state at the swap is part of the present state.
+        let at_swap = self.decisions.pop_if(|last| matches!(last.ruling, Ruling::Rollback(_)));
+        explained.consequences = at_swap.map(|earlier| earlier.consequences).unwrap_or_default();
+        self.decisions.push(explained);
     }
 
     /// The cached results that a confirmation used.
     fn confirmation(&mut self, record: &AuditRecord) {
         let found = self.evidence.iter().find(|entry| entry.seq == record.seq);
         let Some(entry) = found.filter(|entry| entry.kind == EvidenceKind::Monitor) else { return };
-        if let Ok(suspicion) = serde_json::from_str::<VersionConcern>(&entry.json) {
-            for text in suspicion.lines() {
-                self.then(format!("{text} (record {})", record.seq));
-            }
+        if let Ok(concern) = serde_json::from_str::<VersionConcern>(&entry.json) {
+            self.add_consequence(record, concern.consequence());
             return;
         }
         let read = serde_json::from_str::<ConfirmationRecord>(&entry.json).unwrap_or_default();
-        for text in read.kept.iter().flat_map(CachedResultUse::lines) {
-            self.then(format!("confirmation: {text} (record {})", record.seq));
+        if let Some(used) = read.kept {
+            self.add_consequence(record, Consequence::ConfirmationCached(used));
         }
     }
 
@@ -247,94 +237,68 @@ impl DecisionReader<'_> {
             self.unreadable(record);
             return;
         };
-        let count: u64 = differing.iter().map(|(_, seeds)| SeedRange::count(seeds)).sum();
-        self.then(format!(
-            "{count} of {rerun} results cached in the {place} differed when re-run; none counts, and the comparison \
-             started again (record {})",
-            record.seq
-        ));
+        let differing: u64 = differing.iter().map(|(_, seeds)| SeedRange::count(seeds)).sum();
+        self.add_consequence(record, Consequence::CacheVoided { place, differing, rerun });
     }
 
-    fn people(&mut self, record: &AuditRecord, what: PeopleRuling, text: String) {
-        let ruling = Ruling::People(what);
-        self.decisions.push(DecisionExplanation {
-            record: record.seq,
-            at_ms: record.at_ms,
-            rule: ruling.rule(),
-            ruling,
-            said: Vec::new(),
-            reasons: vec![reason(text, Dimension::Approval)],
-            change: Vec::new(),
-            permissions: None,
-            kept: None,
-            then: Vec::new(),
-        });
+    fn people(&mut self, record: &AuditRecord, ruling: PeopleRuling, remark: DecisionRemark) {
+        let (ruling, reasons) = (Ruling::People(ruling), vec![DecisionReason::Remark(remark)]);
+        self.decisions.push(ExplainedDecision::new(record.seq, record.at_ms, ruling, reasons));
     }
 
     /// A changed state. Without a decision, a person or a deadline changed it.
     fn state(&mut self, record: &AuditRecord) {
-        let Some(text) = state_change(record) else { return };
-        let Ok(StateSetRecord { change: MoveRecord { to, reason, .. } }) = serde_json::from_str(&record.body)
+        let Ok(StateSetRecord { change: MoveRecord { from, to, reason } }) =
+            serde_json::from_str(&record.body)
         else {
             return;
         };
         if reason.is_by_people() {
-            self.people(record, PeopleRuling::Moved(to), holdpoint_wording::notice(&reason));
+            self.people(record, PeopleRuling::Moved(to), DecisionRemark::StateChange(reason));
         }
-        self.then(text);
+        self.add_consequence(record, Consequence::StateChanged { from, to });
     }
 
     fn push(
         &mut self,
         record: &AuditRecord,
         ruling: Ruling,
-        reasons: &[ReasonRecord],
-        evidence_file: &EvidenceFileRecord,
+        reasons: Vec<ReasonRecord>,
+        evidence_file: EvidenceFileRecord,
     ) {
-        let mut seen = std::collections::BTreeSet::new();
-        let reasons: Vec<&ReasonRecord> =
-            reasons.iter().filter(|reason| seen.insert((&reason.code, reason.text()))).collect();
-        let mut change: Vec<String> = Vec::new();
-        for text in reasons.iter().filter_map(|reason| remedy::change(reason, evidence_file)) {
-            if !change.contains(&text) {
-                change.push(text);
+        let mut distinct: Vec<ReasonRecord> = Vec::new();
+        for reason in reasons {
+            if !distinct.iter().any(|earlier| earlier.states_same(&reason)) {
+                distinct.push(reason);
             }
         }
-        let is_sandbox = matches!(ruling, Ruling::Sandbox(_));
-        self.decisions.push(DecisionExplanation {
-            record: record.seq,
-            at_ms: record.at_ms,
-            rule: ruling.rule(),
-            ruling,
-            permissions: evidence_file.permissions.clone().filter(|_| is_sandbox),
-            kept: evidence_file.kept.clone().filter(|_| is_sandbox),
-            said: recorded_decision::sentences(&record.body),
-            reasons: reasons
-                .into_iter()
-                .map(|reason| ExplainedReason {
-                    code: Some(reason.code.clone()),
-                    dimension: reason.dimension.clone(),
-                    in_favour: reason.code.known().is_some_and(|code| is_in_favor(*code)),
-                    text: reason.text(),
-                    evidence: reason.evidence,
-                    limit: reason.limit,
-                    rule: rule_of(reason.dimension.as_ref()),
-                    measured: remedy::measured(reason, evidence_file),
-                })
-                .collect(),
-            change,
-            then: Vec::new(),
+        let remedies = distinct.iter().filter_map(|reason| remedy::remedy(reason, &evidence_file)).collect();
+        let reasons = distinct.into_iter().map(|reason| DecisionReason::Rule {
+            measured: remedy::measured(&reason, &evidence_file),
+            reason: Box::new(reason),
         });
+        let is_sandbox = matches!(ruling, Ruling::Sandbox(_));
+        let mut explained = ExplainedDecision::new(record.seq, record.at_ms, ruling, reasons.collect());
+        explained.recorded_sentences = recorded_decision::sentences(&record.body);
+        explained.remedies = remedies;
+        explained.permissions = evidence_file.permissions.filter(|_| is_sandbox);
+        explained.cached = evidence_file.kept.filter(|_| is_sandbox);
+        self.decisions.push(explained);
     }
 
-    fn then(&mut self, text: String) {
+    /// What a record states of the time after the last decision.
+    fn add_consequence(&mut self, record: &AuditRecord, consequence: Consequence) {
+        self.add_consequences(vec![(record.seq, consequence)]);
+    }
+
+    fn add_consequences(&mut self, consequences: Vec<(u64, Consequence)>) {
         if let Some(last) = self.decisions.last_mut() {
-            last.then.push(text);
+            last.consequences.extend(consequences);
         }
     }
 
     fn unreadable(&mut self, record: &AuditRecord) {
-        self.then(format!("record {} ({}) cannot be read by this build", record.seq, record.kind));
+        self.add_consequence(record, Consequence::Unreadable { kind: record.kind.clone() });
     }
 }
 
@@ -359,87 +323,35 @@ fn ruling(kind: Option<EvidenceKind>, outcome: String) -> Ruling {
     }
 }
 
-/// The rule that a reason belongs to.
-fn rule_of(dimension: Option<&Lenient<Dimension>>) -> Rule {
-    dimension.and_then(Lenient::known).map_or(Rule::Any, |dimension| Rule::from(*dimension))
-}
-
-/// `validated -> rejected (record 36)`.
-fn state_change(record: &AuditRecord) -> Option<String> {
+/// The states before and after a change of state.
+fn state_change(record: &AuditRecord) -> Option<Consequence> {
     let MoveRecord { from, to, .. } = serde_json::from_str::<StateSetRecord>(&record.body).ok()?.change;
-    Some(format!("{from} -> {to} (record {})", record.seq))
+    Some(Consequence::StateChanged { from, to })
 }
 
-fn reason(text: String, dimension: Dimension) -> ExplainedReason {
-    ExplainedReason {
-        code: None,
-        dimension: Some(dimension.into()),
-        in_favour: false,
-        text,
-        evidence: None,
-        limit: None,
-        rule: dimension.into(),
-        measured: None,
-    }
-}
-
-/// A rollback as sentences: trigger, times, rungs.
-fn rollback_explanation(
-    record: &AuditRecord,
-    rollback: &RollbackRecord,
-    then: Vec<String>,
-) -> DecisionExplanation {
-    let ms = |ms: Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
-    let mut reasons = vec![
-        reason(
-            format!(
-                "trigger {} at tick {}: {}",
-                rollback.trigger.kind.name(),
-                rollback.trigger.tick,
-                holdpoint_wording::notice(&rollback.trigger.text)
-            ),
-            Dimension::Monitor,
-        ),
-        reason(
-            format!(
-                "every joint was at standstill {}; the rollback target took over {}; it moved {} ms beyond braking",
-                ms(rollback.time_to_safe_ms),
-                ms(rollback.time_to_restored_ms),
-                rollback.unsafe_continuation_ms
-            ),
-            Dimension::Recovery,
-        ),
-    ];
-    for rung in &rollback.rungs {
-        let ended = rung.failure.map_or("held", RungFailure::name);
-        reasons.push(reason(
-            format!(
-                "rung {}: {ended} in {} ms: {}",
-                rung.rung.name(),
-                rung.ms,
-                holdpoint_wording::notice(&rung.text)
-            ),
-            Dimension::Recovery,
-        ));
-    }
-    let change = rollback
-        .rungs
-        .iter()
-        .filter_map(|rung| rung.failure.map(remedy::of_failure))
-        .map(str::to_owned)
-        .collect();
+/// A rollback: trigger, times, rungs, and what each failed rung needs.
+fn explained_rollback(record: &AuditRecord, rollback: &RollbackRecord) -> ExplainedDecision {
+    let trigger = DecisionRemark::RollbackTrigger {
+        kind: rollback.trigger.kind,
+        tick: rollback.trigger.tick,
+        notice: rollback.trigger.text.clone(),
+    };
+    let times = DecisionRemark::RollbackTimes {
+        safe_ms: rollback.time_to_safe_ms,
+        restored_ms: rollback.time_to_restored_ms,
+        unsafe_continuation_ms: rollback.unsafe_continuation_ms,
+    };
+    let rungs = rollback.rungs.iter().map(|rung| DecisionRemark::RungEnd {
+        rung: rung.rung,
+        failure: rung.failure,
+        ms: rung.ms,
+        notice: rung.text.clone(),
+    });
+    let remarks = [trigger, times].into_iter().chain(rungs);
     let ruling = Ruling::Rollback(rollback.post_status.into());
-    let (record, at_ms, rule) = (record.seq, record.at_ms, ruling.rule());
-    DecisionExplanation {
-        record,
-        at_ms,
-        rule,
-        ruling,
-        said: Vec::new(),
-        reasons,
-        change,
-        permissions: None,
-        kept: None,
-        then,
-    }
+    let reasons = remarks.map(DecisionReason::Remark).collect();
+    let mut explained = ExplainedDecision::new(record.seq, record.at_ms, ruling, reasons);
+    let failures = rollback.rungs.iter().filter_map(|rung| rung.failure);
+    explained.remedies = failures.map(Remedy::RepairRung).collect();
+    explained
 }

@@ -7,7 +7,7 @@ use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
 use holdpoint_sim::SimError;
 
-use holdpoint_text::{Hint, Problem};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 
 use crate::version_table::VersionTableError;
 
@@ -35,12 +35,12 @@ pub enum EngineFault {
 impl EngineFault {
     /// Why the engine is halted, with a hint: it writes nothing more until it restarts.
     #[must_use]
-    pub fn held(&self) -> Problem {
+    pub fn halt_problem(&self) -> Problem {
         match self {
             Self::Store(StoreError::DiskFull { .. })
             | Self::VersionTable(VersionTableError::Store(StoreError::DiskFull { .. })) => {
                 let hint = "free some space, then end the engine and start it again";
-                Problem::new(self.to_string()).with_hint(hint)
+                Problem::of(self).with_hint(hint)
             }
             _ => Problem::of(self),
         }
@@ -72,6 +72,16 @@ impl EngineFault {
 }
 
 impl Hint for EngineFault {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::VersionTable(error) => error.details(),
+            Self::Store(error) => error.details(),
+            Self::Sim(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => {
+                Some(ErrorReason::Internal.into())
+            }
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::VersionTable(error) => error.hint(),
@@ -94,9 +104,9 @@ mod tests {
             EngineFault::Store(StoreError::DiskFull { what: "write" }).refusal(),
             Some(Refusal::Store)
         );
-        let held = EngineFault::Store(StoreError::DiskFull { what: "write" }).held();
+        let problem = EngineFault::Store(StoreError::DiskFull { what: "write" }).halt_problem();
         let hint = "free some space, then end the engine and start it again";
-        assert_eq!(held.hint().as_deref(), Some(hint));
+        assert_eq!(problem.hint().as_deref(), Some(hint));
         assert_eq!(
             EngineFault::Store(StoreError::Unknown).refusal(),
             None,

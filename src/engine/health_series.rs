@@ -14,7 +14,8 @@ use std::borrow::Cow;
 
 use holdpoint_protocol::health::{HealthClock, HealthCoverage, HealthQuery, HealthSeries};
 use holdpoint_registry::{Layout, StoreError, TelemetryViews, Views};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_wording::health::NO_MACHINE_TIME;
 
 use self::clock::RecordSpan;
 
@@ -33,6 +34,13 @@ pub enum HealthError {
 }
 
 impl Hint for HealthError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Store(error) => error.details(),
+            Self::InvalidQuery(_) => Some(ErrorReason::Usage.into()),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),
@@ -127,11 +135,9 @@ impl HealthReader {
         });
         let now_ms = match clock {
             HealthClock::Virtual => i64::try_from(now.at_ms).unwrap_or(i64::MAX),
-            HealthClock::Wall => now.wall_ms.ok_or_else(|| {
-                HealthError::InvalidQuery(
-                    "this record has no time of the machine's clock: it is a script's".to_owned(),
-                )
-            })?,
+            HealthClock::Wall => {
+                now.wall_ms.ok_or_else(|| HealthError::InvalidQuery(NO_MACHINE_TIME.to_owned()))?
+            }
         };
         let width = i64::try_from(query.bucket_ms).unwrap_or(i64::MAX);
         let until_ms = query

@@ -87,7 +87,7 @@ use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Store, StoreError};
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::component::keep_compiled_in;
-use holdpoint_text::{Hint, Problem};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 
 const ANSWERS_KEPT: usize = 1024;
 
@@ -146,8 +146,19 @@ pub enum StartError {
 }
 
 impl Hint for StartError {
-    fn code(&self) -> Option<&'static str> {
-        if let Self::Store(error) = self { error.code() } else { None }
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Store(error) => error.details(),
+            Self::VersionTable(error) => error.details(),
+            Self::Profile(error) => error.details(),
+            Self::Baseline(error) => error.details(),
+            Self::Socket(error) => error.details(),
+            Self::Fault(error) => error.details(),
+            Self::OtherRobot { .. } => Some(ErrorReason::OtherRobot.into()),
+            Self::Omitted(_) => Some(ErrorReason::NotAllowed.into()),
+            Self::Thread(_) => Some(ErrorReason::Environment.into()),
+            Self::Sim(_) => Some(ErrorReason::Internal.into()),
+        }
     }
 
     fn hint(&self) -> Option<Cow<'static, str>> {
@@ -289,7 +300,10 @@ impl Engine {
             let wall = WallClock::of_machine(Box::new(SystemClocks), newest, jump_max_s);
             (Clock::real(from_ms), PersistedClock::begin(store.layout(), from_ms), wall)
         };
-        keep_compiled_in(store.layout().compiled(), store.cells().secret().derived("compiled components")?);
+        keep_compiled_in(
+            store.layout().compiled(),
+            store.result_cache().secret().derived("compiled components")?,
+        );
         let version_table = VersionTable::open(store, wall)?;
         let given = StoreRobot::of(&config.cell);
         let other =

@@ -342,5 +342,5 @@ prop_state_machine! {
     #![proptest_config(config())]
 
     #[test]
-    fn the_store_follows_the_model(sequential 10..100 => ModelStore);
+    fn store_states_equal_those_of_the_model(sequential 10..100 => ModelStore);
 }

@@ -287,10 +287,10 @@ pub(crate) fn roll_back(
     if let Some(refusal) = refusal.filter(|_| last == LastVersion::Ask) {
         return Ok(refusal);
     }
-    let trigger = Notice::OperatorRollback { by: operation.by.clone(), reason: operation.reason.clone() };
-    let words = holdpoint_wording::notice_sentence(&trigger);
+    let (by, reason) = (operation.by.clone(), operation.reason.clone());
+    let trigger = Notice::OperatorRollback { by: by.clone(), reason: reason.clone() };
     live.evidence_files.edit(&id).reasons =
-        vec![Reason::new(Dimension::Monitor, Finding::OperatorAsked { words })];
+        vec![Reason::new(Dimension::Monitor, Finding::OperatorRolledBack { by, reason })];
     let trigger = rollback::trigger(live.record, TriggerKind::Operator, trigger);
     // If the arm was stopped for this in a task of the version, time counts from the tick of the stop.
     let stopped = live.world.stopped.take().filter(|stopped| stopped.id.as_ref() == Some(&id));

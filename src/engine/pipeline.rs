@@ -189,7 +189,7 @@ impl Pipeline {
         pipeline.take_in_halt();
         pipeline.announce(voided);
         if let Err(fault) = pipeline.bound_agent().check() {
-            pipeline.hold(&fault.held());
+            pipeline.hold(&fault.halt_problem());
             return Ok(pipeline);
         }
         pipeline.look_at_authorization();
@@ -245,12 +245,12 @@ impl Pipeline {
         if self.record.holding().is_none()
             && let Err(error) = halt::begin_work(&mut self.record, &mut self.world, profile)
         {
-            self.hold(&EngineFault::from(error).held());
+            self.hold(&EngineFault::from(error).halt_problem());
         }
         if let Err(error) = clock_mismatch::check(&mut self.record)
             && self.record.holding().is_none()
         {
-            self.hold(&EngineFault::from(error).held());
+            self.hold(&EngineFault::from(error).halt_problem());
         }
         if self.record.holding().is_some() {
             self.look_at_alarms();
@@ -262,7 +262,7 @@ impl Pipeline {
             // Interrupted on purpose: the stage stays marked as running and runs again at the next start.
             Err(_) if self.trials.is_cancelled() => SliceOutcome::Idle { next_ms: None },
             Err(fault) => {
-                self.hold(&fault.held());
+                self.hold(&fault.halt_problem());
                 SliceOutcome::Idle { next_ms: None }
             }
         }
@@ -577,7 +577,7 @@ impl Pipeline {
         if self.record.holding().is_none()
             && let Err(fault) = resume::end(&self.context, &mut self.record, &mut self.resumptions)
         {
-            self.hold(&fault.held());
+            self.hold(&fault.halt_problem());
         }
         // If this fails, the record has a beginning without an end, which stops the cell at the next start.
         drop(halt::end_work(&mut self.record, &mut self.world));

@@ -6,7 +6,7 @@ use holdpoint_protocol::sink::ClosedRecording;
 use holdpoint_recordings::audit_record::{FileRecord, KIND, REMOVED_KIND, RecordError, RecordedFiles};
 use holdpoint_recordings::recording_folder::RecordingName;
 use holdpoint_registry::{AuditFilter, PAGE_ROWS_MAX, StoreError, Views};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, Hint};
 use serde::Deserialize;
 use std::borrow::Cow;
 
@@ -22,6 +22,13 @@ pub enum RecordListError {
 }
 
 impl Hint for RecordListError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Store(error) => error.details(),
+            Self::Form(error) => error.details(),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),

@@ -9,7 +9,7 @@ use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::notice::{BoundPart, Notice};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
-use holdpoint_governance::profile_downgrade::{ProfileRules, downgrade_summary};
+use holdpoint_governance::profile_downgrade::{DowngradeExtent, ProfileRules};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::site_profile::ProfileTexts;
 use holdpoint_registry::{AuditBody, Change, ContextRules, ProfileHistory, StoreError, Views};
@@ -229,12 +229,11 @@ pub fn may_begin(
         let named = own.map_or_else(|| class.name().to_owned(), |texts| texts.file.clone());
         return Err(StoreError::UnauthorizedProfile { named, problem });
     }
-    let summary = downgrade_summary(&rules.loosened);
-    let summary = summary.into_owned();
     Ok(StartPermission::Unauthorized(Notice::ProfileUnauthorized {
         profile: class,
         site: profile.site.clone(),
-        summary,
+        less_strict: Some(DowngradeExtent::of(&rules.loosened)),
+        summary: String::new(),
     }))
 }
 

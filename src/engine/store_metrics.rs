@@ -29,7 +29,7 @@ use holdpoint_governance::stats::StatsError;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{StoreError, StoredBatch, TelemetryViews, Views};
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 use self::history::{BatchSeal, ControlPeriod, History};
 use self::replay::{Replayer, RulesInForce, VersionRecords};
@@ -52,6 +52,13 @@ pub enum StoreMetricsError {
 }
 
 impl Hint for StoreMetricsError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Store(error) => error.details(),
+            Self::Stats(_) => Some(ErrorReason::StoreRefused.into()),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),

@@ -79,7 +79,7 @@ pub(crate) fn assert_accepted(reply: &Reply) {
 }
 
 #[test]
-fn alarms_are_open_after_a_restart_as_they_were() {
+fn open_alarms_survive_a_restart_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let id: CapabilityId = "grasp@1.0.0".parse().unwrap();
     let mut first = pipeline(folder.path(), ProfileName::Sim);
@@ -133,7 +133,7 @@ fn a_pointer_of_another_robot_is_refused_under_any_context() {
 
 /// Authority is still taken away where the rows are intact; nothing more is decided or activated.
 #[test]
-fn a_store_that_is_changed_under_a_running_engine_holds() {
+fn store_changed_under_a_running_engine_halts_it() {
     let folder = tempfile::tempdir().unwrap();
     let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
     let other = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
@@ -150,7 +150,7 @@ fn a_store_that_is_changed_under_a_running_engine_holds() {
 }
 
 #[test]
-fn another_agent_holds() {
+fn another_agent_halts_the_engine() {
     let folder = tempfile::tempdir().unwrap();
     let mut first = pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(first.record().holding(), None);
@@ -189,7 +189,7 @@ fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
 /// Two candidates that were each evaluated beside the earlier versions are not activated together: evidence with another
 /// neighbor does not count.
 #[test]
-fn evidence_beside_others_is_stale() {
+fn evidence_beside_other_active_versions_is_stale() {
     let folder = tempfile::tempdir().unwrap();
     let mut bench = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut bench);
@@ -244,7 +244,7 @@ fn work(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<State> {
 }
 
 #[test]
-fn under_another_agent_nothing_becomes_active() {
+fn no_version_becomes_active_under_another_agent() {
     // The same candidate takes over where the agent is the store's.
     let folder = tempfile::tempdir().unwrap();
     let mut same = pipeline(folder.path(), ProfileName::Sim);
@@ -310,7 +310,7 @@ fn under_another_agent_nothing_becomes_active() {
 }
 
 #[test]
-fn a_context_that_cannot_be_read_is_an_error_and_nothing_is_bound_anew() {
+fn unreadable_context_is_an_error_and_binds_nothing() {
     let folder = tempfile::tempdir().unwrap();
     drop(engine(folder.path(), "arm7").unwrap());
     let store = Store::open(folder.path()).unwrap();
@@ -443,7 +443,7 @@ fn candidate_past_shadow(
 
 /// The paper's seven calls by name on an engine inside a program, without further effects.
 #[test]
-fn a_candidate_goes_through_all_seven_calls() {
+fn candidate_passes_through_the_seven_calls_of_the_paper() {
     let folder = tempfile::tempdir().unwrap();
     let mut engine = engine(folder.path(), "arm7").unwrap();
     engine.begin_on_call();
@@ -532,7 +532,7 @@ fn a_goal_is_recorded_and_outlasts_a_restart() {
 
 /// A repeated id was answered regardless of the command: a stop got the answer that the cell runs again.
 #[test]
-fn an_id_stands_for_one_command_and_a_stop_for_itself() {
+fn request_id_identifies_one_command_and_a_stop_is_always_carried_out() {
     let folder = tempfile::tempdir().unwrap();
     let mut engine = engine(folder.path(), "arm7").unwrap();
     let mut submit = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));

@@ -89,8 +89,8 @@ impl Trials {
 
     /// The cached results of active versions.
     #[must_use]
-    pub const fn cells<'a>(&'a self, store: &'a Store) -> &'a ResultCache {
-        self.cache.cells(store)
+    pub const fn result_cache<'a>(&'a self, store: &'a Store) -> &'a ResultCache {
+        self.cache.result_cache(store)
     }
 
     /// The inputs of an evaluation.
@@ -103,7 +103,7 @@ impl Trials {
             part: self.part,
             cancel: &self.cancel,
             cell,
-            cells: self.cells(store),
+            cache: self.result_cache(store),
             team: TrialTeam::default(),
         }
     }

@@ -10,6 +10,7 @@ use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::distribution_shift::{is_cleared, re_evaluation_reasons};
 use holdpoint_governance::evidence::{PairedEvidence, RecoveryEvidence};
+use holdpoint_governance::explanation::Consequence;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::recovery::RecoveryAssessment;
@@ -78,21 +79,15 @@ pub struct VersionConcern {
 }
 
 impl VersionConcern {
-    /// The lines for display: the reasons, or the result of the re-evaluation.
+    /// What an explanation states of it: the reasons, or the result of the re-evaluation.
     #[must_use]
-    pub fn lines(&self) -> Vec<String> {
+    pub fn consequence(&self) -> Consequence {
         match &self.again {
-            None => self
-                .reasons
-                .iter()
-                .map(|reason| format!("suspicious: {}", holdpoint_wording::reason(reason)))
-                .collect(),
-            Some(again) => {
-                let found =
-                    re_evaluation_reasons(&again.behavior, again.pairs.pairs.len(), Dimension::Monitor);
-                let under = again.drift.as_ref().map(|drift| format!("with the drift {drift} in force"));
-                under.into_iter().chain(found.iter().map(holdpoint_wording::reason)).collect()
-            }
+            None => Consequence::ConcernFound(self.reasons.clone()),
+            Some(again) => Consequence::ReEvaluated {
+                drift: again.drift,
+                reasons: re_evaluation_reasons(&again.behavior, again.pairs.pairs.len(), Dimension::Monitor),
+            },
         }
     }
 
@@ -156,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn what_leaves_a_doubt() {
+    fn inconclusive_results_leave_a_concern() {
         use BehaviorOutcome::{Compatible as Good, Suspicious};
         use RecoveryOutcome::{Compatible, Conditional, Fragile};
         for (behavior, recovery, codes, doubtful) in [

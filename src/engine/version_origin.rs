@@ -51,7 +51,10 @@ pub(crate) fn author_known(
             member.capability.id() != candidate.id()
                 && member.origin.author_key.as_ref() == Some(key)
                 && member.course.confirmed
-                && member.course.let_in.is_some_and(|let_in| let_in.suffices(version_table.admission()))
+                && member
+                    .course
+                    .activated_under
+                    .is_some_and(|context| context.suffices(version_table.admission()))
                 && matches!(version.state, State::Active | State::Superseded)
         })
     })

@@ -22,7 +22,7 @@ use holdpoint_registry::{
 };
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::{Capability, PackageError};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use serde::{Deserialize, Serialize};
 
 /// Why a transition did not take place. Nothing has changed then.
@@ -60,6 +60,18 @@ pub enum VersionTableError {
 }
 
 impl Hint for VersionTableError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::UnknownFamily(_) | Self::UnknownVersion(_) => ErrorReason::NotFound.into(),
+            Self::Exists(_) => ErrorReason::Exists.into(),
+            Self::Refused(error) => return error.details(),
+            Self::Store(error) => return error.details(),
+            Self::Load { .. } | Self::Record { .. } | Self::DigestDiffers { .. } => {
+                ErrorReason::StoreRefused.into()
+            }
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::UnknownFamily(_) => {
@@ -372,7 +384,7 @@ impl VersionTable {
     ) -> Result<Vec<StateMove>, VersionTableError> {
         let mut entry = self.family(family)?.clone();
         let (state, life) = lifecycle::apply(&entry.state, event)?;
-        let (confirmed, let_in) = match event {
+        let (confirmed, activated) = match event {
             LifecycleEvent::Confirm { version } => (Some(version), None),
             LifecycleEvent::Activate { version } | LifecycleEvent::ActivateUnreviewed { version, .. } => {
                 (None, Some(version))
@@ -380,11 +392,11 @@ impl VersionTable {
             _ => (None, None),
         };
         for (number, member) in entry.members.iter_mut().enumerate() {
-            let is =
+            let is_member =
                 |version: Option<VersionRef>| version.is_some_and(|version| usize::from(version.0) == number);
-            member.course.confirmed |= is(confirmed);
-            if is(let_in) {
-                member.course.let_in = Some(self.admission);
+            member.course.confirmed |= is_member(confirmed);
+            if is_member(activated) {
+                member.course.activated_under = Some(self.admission);
             }
         }
         self.commit(family, entry, state, &life, at_ms, note)

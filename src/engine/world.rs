@@ -4,8 +4,8 @@
 //! camera frames, and the ladder to a safe pose. Decides nothing about versions.
 
 pub mod cell_frame;
-pub mod descent;
 pub mod instrumented;
+pub mod ladder_motion;
 pub mod listener;
 pub mod live;
 pub mod pacing;

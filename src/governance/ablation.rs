@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_part_is_one_of_its_own() {
+    fn every_ablated_part_is_distinct_and_round_trips() {
         assert!(AblatedParts::default().is_none());
         for part in AblationPart::ALL {
             let only = AblatedParts::of(&[part]);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_found_out_without_what_finds_it_out() {
+    fn omitted_part_covers_its_dimensions() {
         use Dimension::{Behavior, Interface, Policy, Recovery, Shadow};
         for (parts, covered) in [
             ([].as_slice(), [].as_slice()),

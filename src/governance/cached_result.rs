@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::evidence::DrillKind;
 use super::ids::{CapabilityId, Digest};
-use super::stats::spot_check::{EDITED_ONE_IN, assumed_edits, detection_probability};
+use super::stats::spot_check::{assumed_edits, detection_probability};
 
 crate::closed_set! {
     /// The place of a cache.
@@ -47,14 +47,6 @@ pub enum SampleGroup {
 impl SampleGroup {
     /// In the order in which a record lists them.
     pub const ALL: [Self; 3] = [Self::Episodes, Self::Drills, Self::Sequences];
-
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Episodes => "episodes",
-            Self::Drills => "drills",
-            Self::Sequences => "sequences",
-        }
-    }
 }
 
 impl CachedWorkKind {
@@ -170,6 +162,15 @@ pub struct RerunSampleCounts {
     pub rerun: u64,
 }
 
+impl RerunSampleCounts {
+    /// The probability that the sample finds the assumed edits; absent where nothing was taken from another process.
+    #[must_use]
+    pub fn detection_probability(&self) -> Option<f64> {
+        let (foreign, rerun) = (u32::try_from(self.foreign).ok()?, u32::try_from(self.rerun).ok()?);
+        (foreign > 0).then(|| detection_probability(foreign, assumed_edits(foreign), rerun))
+    }
+}
+
 impl CachedResultUse {
     /// The three draws: of episodes, of drills, and of sequences.
     #[must_use]
@@ -181,52 +182,6 @@ impl CachedResultUse {
             draw.rerun += SeedRange::count(&block.rerun);
         }
         draws
-    }
-
-    /// Its description, a line for each kind of work and each sample.
-    #[must_use]
-    pub fn lines(&self) -> Vec<String> {
-        let list = |ranges: &[SeedRange]| {
-            let all: Vec<String> = ranges.iter().map(SeedRange::to_string).collect();
-            all.join(", ")
-        };
-        let mut lines: Vec<String> = self
-            .blocks
-            .iter()
-            .map(|CachedResultBlock { work, seeds, own, digest, rerun }| {
-                let (count, digest) = (SeedRange::count(seeds), digest.to_string());
-                let short = digest.get(..12).unwrap_or(&digest);
-                let mut line = format!(
-                    "{count} {work} of the version compared with were kept in the {} (seeds {}; digest {short}), \
-                     {own} of them by the same process",
-                    self.place,
-                    list(seeds)
-                );
-                if !rerun.is_empty() {
-                    line += &format!("; run again: {}", list(rerun));
-                }
-                line
-            })
-            .collect();
-        for (of, RerunSampleCounts { foreign, rerun }) in
-            SampleGroup::ALL.into_iter().zip(self.sample_counts())
-        {
-            let what = of.name();
-            let (Ok(foreign), Ok(rerun)) = (u32::try_from(foreign), u32::try_from(rerun)) else { continue };
-            if foreign > 0 {
-                let power = detection_probability(foreign, assumed_edits(foreign), rerun);
-                lines.push(format!(
-                    "{rerun} of {foreign} {what} that another process kept were drawn, run again, and came to the \
-                     same, bit for bit; had 1 in {EDITED_ONE_IN} been edited, that finds it with probability \
-                     {power:.3}"
-                ));
-            }
-        }
-        if self.refused > 0 {
-            lines
-                .push(format!("{} cached results had no MAC or a wrong one; they were re-run", self.refused));
-        }
-        lines
     }
 }
 
@@ -269,12 +224,9 @@ mod tests {
                 none
             ]
         );
-        let text = used.lines().join("\n");
-        for part in
-            ["320 episodes", "0-319", "54 of 300 episodes", "0.953", "31 of 40 drills", "2 cached results"]
-        {
-            assert!(text.contains(part), "{part:?} is missing in {text}");
-        }
+        let power = used.sample_counts().map(|counts| counts.detection_probability());
+        assert!(power[0].is_some_and(|power| (power - 0.953).abs() < 5e-4), "{power:?}");
+        assert!(power[1].is_some() && power[2].is_none(), "{power:?}");
         let json = serde_json::to_string(&used).unwrap();
         assert_eq!(serde_json::from_str::<CachedResultUse>(&json).unwrap(), used);
     }

@@ -181,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn days_go_there_and_back() {
+    fn days_round_trip_through_the_epoch() {
         for days in (-1_000..40_000).step_by(7).chain([0, 11_016, 19_782, 20_780]) {
             let day = Day::of_epoch(days);
             assert!(days < 0 || day.epoch() == Some(days), "{day:?}");
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_read_and_shown() {
+    fn times_are_parsed_and_formatted() {
         for (text, ms) in [
             ("1970-01-02", Some(86_400_000)),
             ("2026-11-22T10:30", Some(1_795_343_400_000)),
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_weekday_is_the_last_of_its_name() {
+    fn weekday_names_the_most_recent_such_day() {
         let sunday_noon = 1_795_343_400_000;
         for (name, text) in [
             ("tuesday", "Tue 17 Nov 00:00"),

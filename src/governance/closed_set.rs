@@ -1,4 +1,4 @@
-//! Closed sets of words: one enum, its names in records and on screen, and how a name is read back.
+//! Closed sets of names: one enum, its members' names in records and on screen, and how a name is read back.
 
 use std::fmt;
 
@@ -7,49 +7,49 @@ use serde::{Deserialize, Serialize};
 #[doc(hidden)]
 pub use schemars;
 
-/// A word that is not in its set.
+/// A name that is not in its set.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{found:?} is not a {what}; allowed: {allowed}")]
 pub struct ClosedSetError {
-    /// The kind of word, e.g. `risk`.
+    /// The kind of name, e.g. `risk`.
     pub what: &'static str,
-    /// The word found, as written.
+    /// The name found, as written.
     pub found: String,
-    /// The words of the set, separated by commas.
+    /// The names of the set, separated by commas.
     pub allowed: String,
 }
 
 impl ClosedSetError {
-    /// For a word outside `allowed`.
+    /// For a name outside `allowed`.
     pub fn new(what: &'static str, found: &str, allowed: impl Iterator<Item = &'static str>) -> Self {
         Self { what, found: found.to_owned(), allowed: allowed.collect::<Vec<_>>().join(", ") }
     }
 }
 
-/// A word of a record: one of this build's set, or of an older or newer build.
+/// A name in a record: one of this build's set, or of an older or newer build.
 ///
 /// It is read leniently and written as it was, so that every record can be shown. Code that decides by it must define
-/// the meaning of an unknown word.
+/// the meaning of an unknown name.
 #[derive(
     Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
 )]
 #[serde(untagged)]
 pub enum Lenient<T> {
-    /// A word of this build's set.
+    /// A member of this build's set.
     Known(T),
-    /// A word of another build, preserved letter by letter.
+    /// A name of another build, preserved letter by letter.
     Unknown(String),
 }
 
 impl<T> Default for Lenient<T> {
-    /// The empty word, for a record without one.
+    /// The empty name, for a record without one.
     fn default() -> Self {
         Self::Unknown(String::new())
     }
 }
 
 impl<T> Lenient<T> {
-    /// The word, if it is one of this build's set.
+    /// The member, if the name is one of this build's set.
     pub const fn known(&self) -> Option<&T> {
         match self {
             Self::Known(member) => Some(member),
@@ -59,7 +59,7 @@ impl<T> Lenient<T> {
 }
 
 impl<T: std::str::FromStr> Lenient<T> {
-    /// Reads a word leniently: one outside the set becomes unknown.
+    /// Reads a name leniently: one outside the set becomes unknown.
     #[must_use]
     pub fn read(text: String) -> Self {
         text.parse().map_or_else(|_| Self::Unknown(text), Self::Known)
@@ -115,7 +115,7 @@ macro_rules! closed_set {
             type Err = $crate::closed_set::ClosedSetError;
             fn from_str(text: &str) -> Result<Self, Self::Err> {
                 let all = Self::ALL.into_iter();
-                all.clone().find(|word| word.name() == text).ok_or_else(|| {
+                all.clone().find(|member| member.name() == text).ok_or_else(|| {
                     $crate::closed_set::ClosedSetError::new($what, text, all.map(Self::name))
                 })
             }
@@ -134,8 +134,8 @@ macro_rules! closed_set {
 macro_rules! convert_equal_terms {
     ($from:ident => $into:ident: $($member:ident),+ $(,)?) => {
         impl From<$from> for $into {
-            fn from(word: $from) -> Self {
-                match word { $($from::$member => Self::$member),+ }
+            fn from(member: $from) -> Self {
+                match member { $($from::$member => Self::$member),+ }
             }
         }
     };

@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_back_what_it_wrote_up_to_its_limit() {
+    fn component_bytes_round_trip_up_to_the_limit() {
         for length in [0, 1, 2, 3, 100, COMPONENT_BYTES_MAX] {
             let bytes: Vec<u8> = (0..length).map(|i| u8::try_from(i % 251).unwrap()).collect();
             let whole = ComponentBytes::new(bytes.clone()).unwrap();

@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn a_re_evaluation_decides_and_releases_nothing_on_hold() {
+    fn re_evaluation_decides_and_resumes_no_version_on_hold() {
         for (name, count, failing, check) in [
             (ProfileName::Sim, 60, 0, CheckResult::Pass),
             (ProfileName::Sim, 60, 200, CheckResult::Fail),
@@ -438,7 +438,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_looked_at_the_end_of_the_window_and_twice_later() {
+    fn live_shift_is_checked_at_the_end_of_the_window_and_twice_later() {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let looks: Vec<u32> =
             (0..=live_tasks_max(&profile)).filter(|tasks| is_live_look_due(*tasks, &profile)).collect();

@@ -530,8 +530,12 @@ findings! {
     TelemetrySilent => MonitorTelemetryMissing,
     /// No one answered an escalation by its deadline.
     EscalationUnanswered => MonitorEscalationUnanswered,
-    /// An operator asked for the action, in these words.
+    /// An operator asked for the action, in these words: of a caller of the monitor, and in records of older builds.
     OperatorAsked { words: String } => MonitorOperator,
+    /// An operator restricted the version.
+    OperatorRestricted { by: String, reason: String } => MonitorOperator,
+    /// An operator rolled the version back.
+    OperatorRolledBack { by: String, reason: String } => MonitorOperator,
 }
 
 /// In which task the sequences end that do not finish, and how often.

@@ -219,7 +219,7 @@ pub struct GateInput<'a> {
     /// How the version came about; site policies may forbid a risk tier of one provenance.
     pub provenance: Provenance,
     /// Profiles under which a profile demotion blocks this version.
-    pub closed: &'a BTreeSet<ProfileName>,
+    pub blocked_under: &'a BTreeSet<ProfileName>,
     /// Dependencies that no active version meets.
     pub unmet: &'a [String],
     /// A break-glass review of the family is open.
@@ -448,7 +448,7 @@ impl GateFindings {
         if let Some(because) = table.activation_forbidden(input.risk, input.provenance) {
             self.reject.push(reason(Finding::SitePolicyForbids { because: because.clone() }));
         }
-        if input.closed.contains(&profile.name) {
+        if input.blocked_under.contains(&profile.name) {
             self.hold.push(reason(Finding::ProfileBlocked { profile: profile.name }));
         }
         if !input.unmet.is_empty() {

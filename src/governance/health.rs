@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fails_altogether_alarms_within_ten_tasks_before_and_after_commissioning() {
+    fn total_failure_raises_an_alarm_within_ten_tasks() {
         let failing = HealthFinding::Degraded(HealthRate::Failure);
         let mut fresh = FamilyHealth::new(settings(), None).unwrap();
         let before = until(&mut fresh, &FAILED, failing).unwrap();
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_that_fails_is_not_commissioned_so() {
+    fn failing_cell_is_not_commissioned() {
         let mut health = FamilyHealth::new(settings(), None).unwrap();
         for _ in 0..5 * settings().commissioning_tasks {
             health.observe(&FAILED).unwrap();
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_violation_is_found_at_once_and_over_when_it_was_measured_to_be() {
+    fn violation_is_found_at_once_and_ends_only_by_measurement() {
         let mut health = commissioned();
         let violated = HealthValues { violation: true, ..GOOD };
         assert_eq!(health.observe(&violated).unwrap(), [HealthFinding::Violated]);
@@ -307,7 +307,7 @@ mod tests {
     /// The bound of the charts holds: with what is normal at the unfavourable end of its bound, far fewer than one
     /// false alarm in 10,000 tasks.
     #[test]
-    fn what_is_normal_seldom_alarms() {
+    fn normal_tasks_seldom_raise_an_alarm() {
         let mut state = 11_u64;
         // SplitMix64 (Steele, Lea & Flood 2014), as a share.
         let mut unit = || {

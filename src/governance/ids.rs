@@ -249,7 +249,7 @@ mod tests {
 
     /// As the definition says it, part by part, wherever a part begins and ends in what is handed over together.
     #[test]
-    fn a_digest_is_of_every_part_with_its_length() {
+    fn digest_covers_every_part_with_its_length() {
         let bytes: Vec<u8> = (0..=u8::MAX).cycle().take(2 * SHORT_BYTES).collect();
         let lengths =
             [0, 1, 31, 32, SHORT_BYTES - 9, SHORT_BYTES - 8, SHORT_BYTES, SHORT_BYTES + 1, 2 * SHORT_BYTES];
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn names() {
+    fn names_are_checked() {
         for (name, ok) in [
             ("grasp", true),
             ("a.b-c_1", true),

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kappa_refuses_what_is_no_share() {
+    fn kappa_outside_0_to_1_is_refused() {
         for (value, ok) in
             [(0.0, true), (1.0, true), (0.5, true), (-0.1, false), (1.1, false), (f64::NAN, false)]
         {

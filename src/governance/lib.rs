@@ -218,6 +218,7 @@ mod deployability;
 pub mod distribution_shift;
 pub mod early_stop;
 pub mod evidence;
+pub mod explanation;
 pub mod exports;
 pub mod finding;
 pub mod gate;
@@ -254,6 +255,7 @@ pub mod text_error;
 pub mod value_type;
 pub mod vocabulary;
 pub mod wall_time;
+pub mod watcher_signal;
 pub mod worst_case_search;
 
 pub use text_error::TextError;

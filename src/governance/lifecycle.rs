@@ -487,6 +487,12 @@ impl Version {
         }
     }
 
+    /// Whether a profile demotion blocks it under `profile`.
+    #[must_use]
+    pub fn is_blocked_under(&self, profile: ProfileName) -> bool {
+        self.closed.contains(&profile)
+    }
+
     /// Leaves for a state in which none of its flags applies.
     fn leave(&mut self, to: State) {
         let keep = if to == State::Demoted && self.state != State::Active { self.sandbox } else { None };
@@ -519,7 +525,7 @@ mod tests {
 
     /// Only a person could end it, by a re-evaluation and a demotion.
     #[test]
-    fn how_a_version_left_control_outlives_its_evaluation() {
+    fn flags_of_a_demoted_version_survive_its_re_evaluation() {
         let mut version = Version::new(State::Active);
         (version.flags.restricted, version.flags.provisional) = (true, true);
         for to in [State::Demoted, State::Sandboxed, State::Demoted] {

@@ -306,7 +306,7 @@ mod tests {
 
     /// The paper's pool of one family: 6 benign, 8 faulty of which stage 2 stops 6 (75 %).
     #[test]
-    fn the_papers_screening_counts() {
+    fn screening_counts_of_the_paper_are_reproduced() {
         let mut records = vec![record(false, Fate::Kept); 6];
         records.extend(vec![record(true, Fate::Blocked { stage: Stage::Validation }); 6]);
         records.push(record(true, Fate::Contained));
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn unsafe_activations_are_counted_by_round_up_to_it_and_as_it_stands() {
+    fn unsafe_activations_are_counted_per_round_and_cumulatively() {
         let activation = |round, unsafe_while_active, kept| ActivationRecord {
             round,
             unsafe_while_active,
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn rollback_is_three_numbers() {
+    fn rollback_metrics_are_recall_recovery_and_end_to_end() {
         let drift = |triggered, recovered| DriftRecord { triggered, recovered, latency_ms: None };
         let r = rollback(&[drift(true, true), drift(true, false), drift(false, true), drift(false, false)])
             .unwrap();
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_has_no_share() {
+    fn empty_counts_have_no_rate_or_deviation() {
         assert_eq!(Proportion::of([]).unwrap().rate(), None);
         assert_eq!(mean_and_deviation(&[1.0]), None);
         assert_eq!(mean_and_deviation(&[1.0, 3.0]), Some((2.0, 2.0_f64.sqrt())));

@@ -334,14 +334,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn there_are_eighty_modes_each_once() {
+    fn eighty_modes_are_distinct() {
         let modes = ModeKey::all();
         assert_eq!(modes.len(), 5 * 4 * 4);
         assert_eq!(modes.iter().collect::<BTreeSet<_>>().len(), modes.len());
     }
 
     #[test]
-    fn bands() {
+    fn limit_bands_are_assigned_by_value() {
         for (value, band) in [
             (0.0, LimitBand::Normal),
             (0.8, LimitBand::Normal),

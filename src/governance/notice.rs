@@ -13,7 +13,7 @@ use super::ids::{CapabilityId, Family};
 use super::monitor::SafetyEvent;
 use super::policy_hit::PolicyHit;
 use super::profile::{ProfileName, SiteName};
-use super::profile_downgrade::AdmissionContext;
+use super::profile_downgrade::{AdmissionContext, DowngradeExtent};
 use super::rollback::RungFailure;
 use super::sensor_health::SensorSignal;
 use super::startup_stop::StartStoppedReason;
@@ -307,8 +307,15 @@ pub enum Notice {
     CameUpStopped { cause: StartStoppedReason },
     /// The clock of the machine is not trusted.
     ClockMismatched { mismatch: ClockMismatch },
-    /// No administrator authorized the profile. `summary`: the less strict fields.
-    ProfileUnauthorized { profile: ProfileName, site: Option<SiteName>, summary: String },
+    /// No administrator authorized the profile. `summary` is in records of older builds, in place of `less_strict`.
+    ProfileUnauthorized {
+        profile: ProfileName,
+        site: Option<SiteName>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        less_strict: Option<DowngradeExtent>,
+        #[serde(default, skip_serializing_if = "String::is_empty")]
+        summary: String,
+    },
     /// The engine is halted.
     EngineHalted { problem: String },
     /// An alarm of an earlier start cannot be read.

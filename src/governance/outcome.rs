@@ -339,7 +339,7 @@ mod tests {
 
     /// A stage reports the word of its rule's outcome in the record.
     #[test]
-    fn a_stage_names_its_rules_outcome() {
+    fn stage_outcome_has_the_name_of_its_rule() {
         let text = |value: serde_json::Value| value.as_str().unwrap_or_default().to_owned();
         for recommendation in Recommendation::ALL {
             assert_eq!(StageOutcome::from(recommendation).name(), recommendation.name());
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dimension_names_its_outcome() {
+    fn dimension_outcome_has_its_own_name() {
         for outcome in InterfaceOutcome::ALL {
             assert_eq!(DimensionOutcome::from(outcome).name(), outcome.name());
         }

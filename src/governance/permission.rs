@@ -144,65 +144,6 @@ impl PermissionUse {
         let (declared, used) = (declared.clone(), used.clone());
         Self { declared, used, sensors_read, tools_read, tasks, exceeded, unused }
     }
-
-    /// A summary: declaration, use, and differences.
-    #[must_use]
-    pub fn lines(&self) -> Vec<String> {
-        fn names<'a>(items: impl Iterator<Item = &'a str>) -> String {
-            let joined = items.collect::<Vec<_>>().join(", ");
-            if joined.is_empty() { "nothing".to_owned() } else { joined }
-        }
-        let (declared, used) = (&self.declared, &self.used);
-        let sent: Vec<String> =
-            used.commands.iter().map(|c| format!("{}/{}", c.channel.name(), c.command.name())).collect();
-        let channels = names(declared.channels.iter().map(|c| c.name()));
-        let commands = names(declared.commands.iter().map(|c| c.name()));
-        let or_profile =
-            |limit: Option<u32>| limit.map_or_else(|| "the profile's".to_owned(), |limit| limit.to_string());
-        let mut lines = vec![
-            format!(
-                "declared: channels {channels}; commands {commands}; zones {}; sensors {}; tools {}; speed {} m/s; \
-                 force {} N; ticks a task {}; commands a task {}",
-                names(declared.zones.iter().map(|z| z.name())),
-                names(declared.sensors.iter().map(|s| s.name())),
-                names(declared.tools.iter().map(|t| t.name())),
-                declared.max_speed_m_s,
-                declared.max_force_n,
-                or_profile(declared.resources.ticks_per_task),
-                or_profile(declared.resources.commands_per_task),
-            ),
-            format!(
-                "used in {} tasks: commands {}; zones {}; sensors {}; tools {}; speed {:.3} m/s; force {:.1} N; \
-                 ticks a task {}; commands a task {}",
-                self.tasks,
-                names(sent.iter().map(String::as_str)),
-                names(used.zones.iter().map(|z| z.name())),
-                names(self.sensors_read.iter().map(|s| s.name())),
-                names(self.tools_read.iter().map(|t| t.name())),
-                used.speed_max_m_s,
-                used.force_max_n,
-                used.ticks_max,
-                used.commands_max,
-            ),
-        ];
-        if used.fuel_tick_max > 0 || used.memory_max_bytes > 0 {
-            let resources = &declared.resources;
-            lines.push(format!(
-                "confined: at most {} of {} fuel a tick; memory {} of {} KiB",
-                used.fuel_tick_max,
-                resources.fuel_per_tick(),
-                used.memory_max_bytes.div_ceil(1024),
-                resources.memory_kib,
-            ));
-        }
-        if !self.exceeded.is_empty() {
-            lines.push(format!("beyond its declaration: {}", self.exceeded.join(", ")));
-        }
-        if !self.unused.is_empty() {
-            lines.push(format!("declared and not used: {}", self.unused.join(", ")));
-        }
-        lines
-    }
 }
 
 /// How confined code failed, in words.

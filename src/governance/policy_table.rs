@@ -20,7 +20,7 @@ use super::ids::Digest;
 use super::mode::ModeKey;
 use super::profile::{Profile, ProfileName};
 use super::submission::{Provenance, Risk};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The largest policy text, bytes; checked before it is parsed.
 pub const POLICY_BYTES_MAX: usize = 64 * 1024;
@@ -162,6 +162,15 @@ pub enum PolicyError {
 }
 
 impl Hint for PolicyError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::TooMany { file, .. } | Self::Syntax { file, .. } | Self::Policy { file, .. } => {
+                ErrorDetails::of_file(ErrorReason::BadFile, file.as_str())
+            }
+            Self::Vocabulary(_) => ErrorReason::Internal.into(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Policy { hint, .. } => Some((*hint).into()),

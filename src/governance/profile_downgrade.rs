@@ -31,7 +31,7 @@ const LISTED: &str = "listed";
 const POLICY: &str = "policy.";
 
 /// A field that became less strict, as an administrator signs it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DowngradedField {
     /// The value in force before; `none` if there was none, or if it is unknown.
@@ -48,6 +48,57 @@ impl std::fmt::Display for DowngradedField {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { before, field, now, shipped } = self;
         write!(f, "{field}: {now}, before {before}, shipped {shipped}")
+    }
+}
+
+/// How far a profile is less strict than the one before it: the number of fields, and the first of them.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(tag = "extent", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum DowngradeExtent {
+    /// No field is less strict.
+    NoField,
+    /// The profile before is not on record; fields are less strict than in the shipped profile.
+    BeforeUnknown {
+        /// How many fields.
+        fields: u64,
+    },
+    /// Fields are less strict.
+    Fields {
+        /// How many fields.
+        fields: u64,
+        /// The first of them.
+        first: DowngradedField,
+    },
+}
+
+impl DowngradeExtent {
+    /// The extent of these less strict fields.
+    #[must_use]
+    pub fn of(loosened: &[DowngradedField]) -> Self {
+        match loosened {
+            [] => Self::NoField,
+            [first, rest @ ..] if first.before == NOT_ON_RECORD => {
+                Self::BeforeUnknown { fields: rest.len() as u64 }
+            }
+            [first, ..] => Self::Fields { fields: loosened.len() as u64, first: first.clone() },
+        }
+    }
+
+    /// How a change of profile is shown and refused.
+    #[must_use]
+    pub fn summary(&self) -> Cow<'static, str> {
+        match self {
+            Self::NoField => "no field is less strict".into(),
+            Self::BeforeUnknown { fields } => format!(
+                "what was in force before is not on record, {fields} fields are less strict than in the profile \
+                 that comes with the program"
+            )
+            .into(),
+            Self::Fields { fields: 1, first } => format!("1 field is less strict: {first}").into(),
+            Self::Fields { fields, first } => {
+                format!("{fields} fields are less strict, the first of them {first}").into()
+            }
+        }
     }
 }
 
@@ -367,19 +418,10 @@ pub fn needs_authorization(
     }
 }
 
-/// How a change of profile is shown and refused: the number of less strict fields, and the first of them.
+/// As [`DowngradeExtent::summary`].
 #[must_use]
 pub fn downgrade_summary(loosened: &[DowngradedField]) -> Cow<'static, str> {
-    match loosened {
-        [] => "no field is less strict".into(),
-        [first, rest @ ..] if first.before == NOT_ON_RECORD => {
-            let than = "than in the profile that comes with the program";
-            format!("what was in force before is not on record, {} fields are less strict {than}", rest.len())
-                .into()
-        }
-        [one] => format!("1 field is less strict: {one}").into(),
-        [first, ..] => format!("{} fields are less strict, the first of them {first}", loosened.len()).into(),
-    }
+    DowngradeExtent::of(loosened).summary()
 }
 
 #[cfg(test)]
@@ -393,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn every_setting_of_the_shipped_profiles_has_a_place_in_the_order() {
+    fn every_setting_of_the_shipped_profiles_has_a_strictness_order() {
         for name in ProfileName::ALL {
             let settings = shipped(name);
             for ProfileField { path, .. } in FIELDS {
@@ -419,7 +461,7 @@ mod tests {
 
     /// The blind mutant: each field alone, moved to where it is less strict.
     #[test]
-    fn each_field_alone_is_found_where_it_is_looser_and_not_where_it_is_tighter() {
+    fn less_strict_field_is_found_and_a_stricter_one_is_not() {
         for name in [ProfileName::Real, ProfileName::Human] {
             let shipped = shipped(name);
             for (field, value) in &shipped {
@@ -495,7 +537,7 @@ mod tests {
         let found = downgraded_fields(PreviousProfile::Unknown, &shipped, &shipped);
         assert_eq!(found.len(), 1);
         assert_eq!((&*found[0].field, &*found[0].before), ("profile", "not on record"));
-        assert!(downgrade_summary(&found).contains(" 0 fields"), "{}", downgrade_summary(&found));
+        assert_eq!(DowngradeExtent::of(&found), DowngradeExtent::BeforeUnknown { fields: 0 });
         assert_eq!(downgraded_fields(PreviousProfile::Nothing, &shipped, &shipped), []);
     }
 
@@ -537,7 +579,7 @@ mod tests {
     }
 
     #[test]
-    fn a_version_stays_active_where_its_admission_suffices() {
+    fn version_stays_active_only_where_its_admission_suffices() {
         use ProfileName::{Human, Real, Sim};
         let by = |class, scripted| AdmissionContext { class, scripted };
         for class in ProfileName::ALL {

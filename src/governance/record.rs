@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn every_end_of_a_rollback_ends_an_upgrade_by_the_same_name() {
+    fn rollback_end_and_upgrade_end_share_their_names() {
         for status in PostStatus::ALL {
             assert_eq!(UpgradeEnd::from(status).name(), status.name());
         }

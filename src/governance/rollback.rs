@@ -224,7 +224,7 @@ mod tests {
     use crate::finding::Finding;
 
     #[test]
-    fn names_are_what_is_stored() {
+    fn rollback_names_equal_the_stored_names() {
         let name = |value: serde_json::Result<serde_json::Value>| value.unwrap().as_str().unwrap().to_owned();
         for kind in TriggerKind::ALL {
             assert_eq!(name(serde_json::to_value(kind)), kind.name());
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_hook_is_no_failed_ladder() {
+    fn failed_hook_does_not_end_the_ladder() {
         let rung = |failure| RungRecord::new(Rung::SafeAbort, failure, 24, NoticeOrText::default());
         for (failure, goes_on) in [
             (None, true),

@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shaky_cell_is_not_commissioned_and_what_is_no_number_is_bad() {
+    fn shaky_cell_is_not_commissioned_and_nan_raises_a_finding() {
         let mut monitor = SensorMonitor::new(settings(), None, false).unwrap();
         let shaky = SensorReadings { picture_jitter_m: Some(0.02), ..STEADY };
         for _ in 0..5 * settings().commissioning_tasks {
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_condition_outlives_a_restart_until_it_is_measured_to_be_over() {
+    fn degraded_sensor_survives_a_restart_until_measured_good() {
         let normal = commissioned().normal;
         let mut restarted = SensorMonitor::new(settings(), normal, true).unwrap();
         assert_eq!(until(&mut restarted, &STEADY, SensorFinding::Over), Some(settings().clear_tasks));

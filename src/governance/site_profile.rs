@@ -13,7 +13,7 @@ use super::mode::{Authority, CommandKind, ModeKey, ZoneName};
 use super::policy::{ModeRuling, PolicyError, PolicySource, PolicyTable};
 use super::profile::{Profile, ProfileName, ReasonedNumber, SiteName};
 use super::text_error::TextError;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The profile in force.
 #[derive(Clone, Debug)]
@@ -126,6 +126,14 @@ pub enum SiteProfileError {
 }
 
 impl Hint for SiteProfileError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Profile(error) => error.details(),
+            Self::Policy(error) => error.details(),
+            Self::TooOpen { file, .. } => Some(ErrorDetails::of_file(ErrorReason::BadFile, file.as_str())),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Profile(error) => error.hint(),
@@ -267,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_of_ones_own_has_its_own_digest_and_its_class() {
+    fn site_profile_has_its_own_digest_and_a_class() {
         let own = parse(&line_4("timeout_s = 600.0 ", "timeout_s = 900.0 "), POLICY).unwrap();
         assert_eq!(own.profile().name, ProfileName::Human);
         assert_eq!(own.site().map(ToString::to_string).as_deref(), Some("line-4"));
@@ -288,7 +296,7 @@ mod tests {
 
     /// A field that the program of then did not have, one that it had, and a number that was shipped then.
     #[test]
-    fn texts_of_an_earlier_version_are_carried_over() {
+    fn profile_texts_of_an_earlier_version_are_updated() {
         let number = |line: &str| {
             let (name, _) = line.split_once('=').unwrap();
             HUMAN.lines().find(|known| known.starts_with(name)).unwrap().to_owned()
@@ -323,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn the_files_that_come_with_the_program_are_what_comes_with_it() {
+    fn shipped_profile_files_are_the_built_in_profiles() {
         let texts = |policy: &str| ProfileTexts {
             file: "human.toml".to_owned(),
             profile: HUMAN.to_owned(),
@@ -337,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn one_fault_is_one_error_with_file_field_value_and_what_is_allowed() {
+    fn invalid_profile_gives_one_error_with_file_field_and_allowed_range() {
         for (from, to, parts) in [
             ("site = \"line-4\"\n", "", ["site", "a name of its own"]),
             ("\"line-4\"", "\"human\"", ["line-4.toml", "human"]),
@@ -360,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn policies_may_not_allow_what_the_class_leaves_to_people() {
+    fn site_policies_cannot_permit_modes_that_the_class_reserves_for_people() {
         let open = |policy: &str| parse(&line_4("", ""), &(POLICY.replace("forbid", "permit") + policy));
         let error = open("").unwrap_err();
         assert!(error.contains("line-4.cedar") && error.contains("class human"), "{error}");

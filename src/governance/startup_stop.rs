@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_beginning_without_an_end_and_a_mark_stop_the_cell() {
+    fn unclean_end_or_stop_mark_starts_the_cell_stopped() {
         for (last, marked, why) in [
             (LastEngineRun::Ended, false, None),
             (LastEngineRun::Began, false, Some(StartStoppedReason::UncleanEnd)),

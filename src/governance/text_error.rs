@@ -4,7 +4,7 @@
 
 use std::borrow::Cow;
 
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use serde::de::DeserializeOwned;
 
 /// A refused text; none of its values is used.
@@ -49,6 +49,15 @@ pub enum TextError {
 }
 
 impl Hint for TextError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::TooLarge { file, .. } | Self::Syntax { file, .. } => {
+                ErrorDetails::of_file(ErrorReason::BadFile, file.as_str())
+            }
+            Self::Value { file, field, .. } => ErrorDetails::of_field(file.as_str(), field.as_str()),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             // The message says what is allowed.

@@ -308,7 +308,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fields_admit_their_own_kind_and_range_only() {
+    fn field_admits_only_values_of_its_kind_and_range() {
         let speed = FieldSpec::real(Unit::MetrePerSecond, 0.0, 1.0);
         let pose = FieldSpec::pose(CoordinateFrame::World);
         for (spec, value, ok) in [

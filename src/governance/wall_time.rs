@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_deadline_is_a_time_of_day_with_what_is_left() {
+    fn deadline_is_shown_as_a_time_of_day_with_the_time_left() {
         for (until_s, now_s, text) in [
             (920, 0, "00:15:20 UTC, 15 min left"),
             (900, 860, "00:15 UTC, 40 s left"),
@@ -299,7 +299,7 @@ mod tests {
 
     /// Both clocks start at 0; the machine's clock shows `wall` after `boot_s` seconds.
     #[test]
-    fn a_clock_is_believed_as_long_as_it_goes_with_the_time_since_the_start() {
+    fn clock_is_trusted_while_it_agrees_with_the_time_since_boot() {
         let believed = ClockReading { wall: at(0), boot_ms: 7_000 };
         let nine_days = 9 * 86_400;
         for (name, wall_s, boot_s, newest_s, doubt) in [

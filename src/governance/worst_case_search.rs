@@ -49,7 +49,7 @@ mod tests {
     }
 
     #[test]
-    fn a_doubt_is_established_or_none() {
+    fn searched_place_is_a_concern_only_if_significant() {
         assert_eq!(found(0, 0).concern(), None);
         assert_eq!(found(6, 6).concern(), None);
         assert_eq!(found(3, 0).concern(), None, "three of twelve may be chance");

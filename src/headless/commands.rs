@@ -79,22 +79,23 @@ pub(super) struct Commands {
     input_ended: bool,
     /// Whether any line arrived.
     has_input: bool,
-    /// Whether the input is a terminal: the run then stays until `quit`.
-    stays: bool,
+    /// Whether the input is a terminal: the run then continues until `quit`.
+    is_interactive: bool,
     started_at: Instant,
     outputs: Receiver<Vec<String>>,
     /// Commands that wait for the running one.
     queue: VecDeque<Vec<String>>,
-    in_turn: bool,
+    /// Whether the command that started last from the queue may still run.
+    queue_is_blocked: bool,
     /// Whether the run ends after all earlier lines have run.
-    quits: bool,
+    ends_after_queue: bool,
 }
 
-/// How a command runs, from whichever thread read it.
+/// Runs commands, from the thread that read them.
 #[derive(Clone)]
 struct CommandRunner {
     data: PathBuf,
-    tell: SyncSender<Vec<String>>,
+    output_sender: SyncSender<Vec<String>>,
     /// Commands under way; a stop runs beside the current one.
     running: Arc<AtomicUsize>,
 }
@@ -102,14 +103,15 @@ struct CommandRunner {
 impl CommandRunner {
     /// Runs on a thread of its own; its output is delivered before it counts as done.
     fn execute(&self, arguments: Vec<String>) -> std::io::Result<()> {
-        let (tell, data, running) = (self.tell.clone(), self.data.clone(), Arc::clone(&self.running));
+        let (output_sender, data, running) =
+            (self.output_sender.clone(), self.data.clone(), Arc::clone(&self.running));
         self.running.fetch_add(1, Ordering::AcqRel);
-        let work = move || {
+        let job = move || {
             // The run may have ended meanwhile.
-            drop(tell.send(run(&arguments, &data)));
+            drop(output_sender.send(run_verb(&arguments, &data)));
             running.fetch_sub(1, Ordering::AcqRel);
         };
-        let thread = std::thread::Builder::new().name("command".to_owned()).spawn(work);
+        let thread = std::thread::Builder::new().name("command".to_owned()).spawn(job);
         if thread.is_err() {
             self.running.fetch_sub(1, Ordering::AcqRel);
         }
@@ -125,8 +127,8 @@ impl Commands {
     /// Begins to read the standard input.
     pub(super) fn start(data: &Path) -> std::io::Result<Self> {
         let (sender, lines) = sync_channel(LINES_MAX);
-        let (tell, outputs) = sync_channel(LINES_MAX);
-        let runner = CommandRunner { data: data.to_owned(), tell, running: Arc::default() };
+        let (output_sender, outputs) = sync_channel(LINES_MAX);
+        let runner = CommandRunner { data: data.to_owned(), output_sender, running: Arc::default() };
         let stop_runner = runner.clone();
         std::thread::Builder::new().name("commands".to_owned()).spawn(move || {
             let mut input = BufReader::new(std::io::stdin());
@@ -134,10 +136,10 @@ impl Commands {
                 let mut line = Vec::new();
                 let count = input.by_ref().take(LINE_BYTES_MAX).read_until(b'\n', &mut line);
                 let line = String::from_utf8_lossy(&line).into_owned();
-                let request = read(&line);
-                let quits = matches!(request, Ok(InputLine::Quit));
+                let request = parse_line(&line);
+                let is_quit = matches!(request, Ok(InputLine::Quit));
                 // A stop waits for nothing: neither for earlier lines nor for the current slice.
-                let stops = match request {
+                let stop_arguments = match request {
                     Ok(InputLine::Verb(arguments))
                         if arguments.first().is_some_and(|verb| verb == "stop") =>
                     {
@@ -145,7 +147,7 @@ impl Commands {
                     }
                     _ => None,
                 };
-                let sent = match stops {
+                let sent = match stop_arguments {
                     // An empty line reports that one arrived.
                     Some(arguments) => {
                         stop_runner.execute(arguments).is_ok() && sender.send(String::new()).is_ok()
@@ -153,7 +155,7 @@ impl Commands {
                     None => sender.send(line).is_ok(),
                 };
                 // Lines after the one that ends the run are ignored.
-                if count.unwrap_or(0) == 0 || !sent || quits {
+                if count.unwrap_or(0) == 0 || !sent || is_quit {
                     return;
                 }
             }
@@ -163,33 +165,34 @@ impl Commands {
             lines,
             input_ended: false,
             has_input: false,
-            stays: std::io::stdin().is_terminal(),
+            is_interactive: std::io::stdin().is_terminal(),
             started_at: Instant::now(),
             outputs,
             queue: VecDeque::new(),
-            in_turn: false,
-            quits: false,
+            queue_is_blocked: false,
+            ends_after_queue: false,
         })
     }
 
-    /// Whether an operator may be typing: the run then stays until `quit`.
+    /// Whether an operator may be typing: the run then continues until `quit`.
     pub(super) const fn is_interactive(&self) -> bool {
-        self.stays
+        self.is_interactive
     }
 
     /// Whether input keeps the run going, now or possibly later.
-    pub(super) fn holds(&self) -> bool {
-        let expects = !self.has_input && !self.input_ended && self.started_at.elapsed() < FIRST_LINE_MAX;
-        (self.stays && !self.input_ended) || expects || self.is_at_work()
+    pub(super) fn keeps_run_going(&self) -> bool {
+        let awaits_first_line =
+            !self.has_input && !self.input_ended && self.started_at.elapsed() < FIRST_LINE_MAX;
+        (self.is_interactive && !self.input_ended) || awaits_first_line || self.has_commands()
     }
 
     /// Whether a command is still waiting or running.
-    fn is_at_work(&self) -> bool {
+    fn has_commands(&self) -> bool {
         self.runner.is_busy() || !self.queue.is_empty()
     }
 
     /// The input since the last check.
-    pub(super) fn look(&mut self) -> Vec<InputEvent> {
+    pub(super) fn poll(&mut self) -> Vec<InputEvent> {
         let mut events = Vec::new();
         while let Ok(lines) = self.outputs.try_recv() {
             events.extend(lines.into_iter().map(InputEvent::Line));
@@ -198,7 +201,7 @@ impl Commands {
             match self.lines.try_recv() {
                 Ok(line) => {
                     self.has_input = true;
-                    self.take(&line, &mut events);
+                    self.handle_line(&line, &mut events);
                 }
                 Err(error) => {
                     self.input_ended |= error == TryRecvError::Disconnected;
@@ -207,34 +210,34 @@ impl Commands {
             }
         }
         self.start_next(&mut events);
-        if self.quits && !self.is_at_work() {
+        if self.ends_after_queue && !self.has_commands() {
             events.push(InputEvent::Quit);
         }
         events
     }
 
-    fn take(&mut self, line: &str, events: &mut Vec<InputEvent>) {
-        match read(line) {
+    fn handle_line(&mut self, line: &str, events: &mut Vec<InputEvent>) {
+        match parse_line(line) {
             Ok(InputLine::Nothing) => {}
             Ok(InputLine::Quit) => {
-                self.quits = true;
-                if self.is_at_work() {
+                self.ends_after_queue = true;
+                if self.has_commands() {
                     events.push(InputEvent::Line("the run ends after the earlier commands".to_owned()));
                 }
             }
             Ok(InputLine::Help) => events.push(InputEvent::Line(help())),
             Ok(InputLine::Verb(arguments)) => self.queue.push_back(arguments),
-            Err(why) => events.push(InputEvent::Line(why)),
+            Err(problem) => events.push(InputEvent::Line(problem)),
         }
     }
 
-    /// In order: a line with `register` before one with `approve` runs first.
+    /// Starts the next command of the queue, in order: a line with `register` before one with `approve` runs first.
     fn start_next(&mut self, events: &mut Vec<InputEvent>) {
-        self.in_turn &= self.runner.is_busy();
-        if !self.in_turn
+        self.queue_is_blocked &= self.runner.is_busy();
+        if !self.queue_is_blocked
             && let Some(arguments) = self.queue.pop_front()
         {
-            self.in_turn = true;
+            self.queue_is_blocked = true;
             let name = arguments.join(" ");
             if let Err(error) = self.runner.execute(arguments) {
                 events.push(InputEvent::Line(format!("{name}: cannot start a thread: {error}")));
@@ -244,7 +247,7 @@ impl Commands {
 }
 
 /// Runs a verb; returns its output, with the exit code after a failure.
-fn run(arguments: &[String], data: &Path) -> Vec<String> {
+fn run_verb(arguments: &[String], data: &Path) -> Vec<String> {
     let name = arguments.join(" ");
     let result = std::env::current_exe().and_then(|program| {
         Command::new(program).args(arguments).arg("--data").arg(data).stdin(Stdio::null()).output()
@@ -271,8 +274,8 @@ fn help() -> String {
     format!("a line is a verb of holdpoint with its arguments: {}; `quit` ends this run", VERBS.join(", "))
 }
 
-/// Reads a line. Drops a colon before it and the program's name; `register DIR` is `candidate register`.
-fn read(line: &str) -> Result<InputLine, String> {
+/// Parses a line. Drops a colon before it and the program's name; `register DIR` is `candidate register`.
+fn parse_line(line: &str) -> Result<InputLine, String> {
     let line = line.trim().trim_start_matches(':').trim_start();
     if line.is_empty() || line.starts_with('#') {
         return Ok(InputLine::Nothing);
@@ -280,7 +283,7 @@ fn read(line: &str) -> Result<InputLine, String> {
     if line.len() as u64 >= LINE_BYTES_MAX {
         return Err(format!("the line has more than {LINE_BYTES_MAX} bytes; nothing was done"));
     }
-    let mut arguments = split(line)?;
+    let mut arguments = split_words(line)?;
     if arguments.first().is_some_and(|argument| argument == "holdpoint") {
         arguments.remove(0);
     }
@@ -298,13 +301,13 @@ fn read(line: &str) -> Result<InputLine, String> {
 }
 
 /// Splits words as a shell does: at blanks, with quotes of either kind.
-fn split(line: &str) -> Result<Vec<String>, String> {
+fn split_words(line: &str) -> Result<Vec<String>, String> {
     let mut arguments = Vec::new();
     let mut argument: Option<String> = None;
     let mut quote: Option<char> = None;
     for ch in line.chars() {
         match (quote, ch) {
-            (Some(open), ch) if ch == open => quote = None,
+            (Some(opening), ch) if ch == opening => quote = None,
             (None, '"' | '\'') => {
                 quote = Some(ch);
                 argument.get_or_insert_default();
@@ -324,13 +327,13 @@ fn split(line: &str) -> Result<Vec<String>, String> {
 mod tests {
     use super::*;
 
-    #[allow(clippy::unnecessary_wraps, reason = "beside what is refused")]
+    #[allow(clippy::unnecessary_wraps, reason = "the table has refused lines, too")]
     fn verb(arguments: &[&str]) -> Result<InputLine, String> {
         Ok(InputLine::Verb(arguments.iter().map(|argument| (*argument).to_owned()).collect()))
     }
 
     #[test]
-    fn lines_are_verbs_as_in_a_shell() {
+    fn typed_lines_are_parsed_as_in_a_shell() {
         for (line, request) in [
             ("", Ok(InputLine::Nothing)),
             ("  # a remark", Ok(InputLine::Nothing)),
@@ -342,7 +345,7 @@ mod tests {
             ("register \"my candidate\"", verb(&["candidate", "register", "my candidate"])),
             ("reject a@1.0.0 --reason \"\"", verb(&["reject", "a@1.0.0", "--reason", ""])),
         ] {
-            assert_eq!(read(line), request, "{line:?}");
+            assert_eq!(parse_line(line), request, "{line:?}");
         }
         for (line, text) in [
             ("fly", "no command \"fly\""),
@@ -350,14 +353,15 @@ mod tests {
             ("run --plain", "no command"),
             ("stop 'now", "not closed"),
         ] {
-            let why = read(line).unwrap_err();
-            assert!(why.contains(text), "{line:?}: {why}");
+            let problem = parse_line(line).unwrap_err();
+            assert!(problem.contains(text), "{line:?}: {problem}");
         }
-        assert!(read(&"x".repeat(usize::try_from(LINE_BYTES_MAX).unwrap())).unwrap_err().contains("bytes"));
+        let too_long = "x".repeat(usize::try_from(LINE_BYTES_MAX).unwrap());
+        assert!(parse_line(&too_long).unwrap_err().contains("bytes"));
     }
 
     #[test]
-    fn every_verb_is_one_of_the_program() {
+    fn every_typed_verb_is_a_verb_of_the_program() {
         use clap::CommandFactory as _;
         let program = crate::cli::Cli::command();
         for verb in VERBS {

@@ -8,7 +8,7 @@ use std::path::Path;
 use super::exit_status::{FollowedVersion, outcome_of};
 use super::printer::Printer;
 use super::script::{DecisionStep, DriftStep, ExpectStep, LiveStep, ProfileStep, ScriptStep, WaitStep};
-use crate::error::{CliError, Exit};
+use crate::error::{CliError, Exit, refusal_reason};
 use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
@@ -23,7 +23,7 @@ use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, S
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_protocol::snapshot::CandidateView;
-use holdpoint_text::{Hint as _, Problem};
+use holdpoint_text::{ErrorReason, Hint as _, Problem};
 
 /// The end of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -188,7 +188,8 @@ impl<'a> Driver<'a> {
         let snapshot = self.pump.engine().snapshot();
         let is_ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
         let Some(request) = snapshot.emergencies.into_iter().find(|request| is_ours(&request.version)) else {
-            return Err(CliError::usage("no version waits for break-glass"));
+            let error = CliError::usage("no version waits for break-glass");
+            return Err(error.with_details(ErrorReason::NotNow));
         };
         let command = scripted_approver::answer(
             &mut self.pump,
@@ -215,7 +216,10 @@ impl<'a> Driver<'a> {
         }
         match self.pump.engine().holding() {
             None => Ok(()),
-            Some(why) => Err(CliError::internal(format!("the engine halted: {}", why.sentence()))),
+            Some(why) => {
+                let error = CliError::internal(format!("the engine halted: {}", why.sentence()));
+                Err(error.with_details(ErrorReason::Holding))
+            }
         }
     }
 
@@ -274,7 +278,7 @@ impl<'a> Driver<'a> {
         let Some(view) = open else {
             let hint = "a scenario needs a store without its versions: leave out --data for a temporary store, \
                         or name an empty folder with --data DIR";
-            return Err(CliError::usage(refusal).with_hint(hint));
+            return Err(CliError::usage(refusal).with_hint(hint).with_details(ErrorReason::Exists));
         };
         let text = format!(
             "{} is already registered by an interrupted run; it continues from {}",
@@ -317,7 +321,7 @@ impl<'a> Driver<'a> {
                     index + 1,
                     work.sequences
                 );
-                Err(CliError::internal(text))
+                Err(CliError::internal(text).with_details(ErrorReason::Expectation))
             }
             _ => Ok(StepEnd::Done),
         }
@@ -389,7 +393,8 @@ impl<'a> Driver<'a> {
         let snapshot = self.pump.engine().snapshot();
         let is_ours = |version: &CapabilityId| self.candidate.as_ref().is_none_or(|ours| ours == version);
         let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| is_ours(&prompt.version)) else {
-            return Err(CliError::usage("no version waits for a decision"));
+            let error = CliError::usage("no version waits for a decision");
+            return Err(error.with_details(ErrorReason::NotNow));
         };
         let command =
             scripted_approver::answer(&mut self.pump, &prompt, &details.who, decision, &details.reason)
@@ -402,7 +407,10 @@ impl<'a> Driver<'a> {
     }
 
     fn expect(&mut self, expect: &ExpectStep, index: usize) -> Result<StepEnd, CliError> {
-        let fail = |what: String| Err(CliError::internal(format!("step {}: {what}", index + 1)));
+        let fail = |what: String| {
+            let error = CliError::internal(format!("step {}: {what}", index + 1));
+            Err(error.with_details(ErrorReason::Expectation))
+        };
         let Some(view) = self.view() else { return fail("no candidate was registered".to_owned()) };
         let confirmed = self.confirmed && view.state == State::Active;
         let fits = match expect.state {
@@ -489,9 +497,11 @@ fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
         | Reply::Audit { .. }
         | Reply::Health { .. }
         | Reply::Verified { .. } => Ok(StepEnd::Done),
-        Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
+        Reply::Refused { code, text, hint } => {
+            Err(CliError::usage(Problem::from((text, hint))).with_details(refusal_reason(code)))
+        }
         Reply::Stopped { text, kept: StopPersistence::InMark | StopPersistence::InMemory } => {
-            Err(CliError::usage(text))
+            Err(CliError::usage(text).with_details(ErrorReason::Store))
         }
     }
 }

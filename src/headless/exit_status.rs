@@ -35,7 +35,7 @@ pub(super) fn outcome_of(view: &CandidateView) -> Exit {
 }
 
 /// The exit code of a run: the worst of its versions. A run without versions judged nothing.
-pub(super) fn worst(followed: &[FollowedVersion]) -> Exit {
+pub(super) fn worst_outcome(followed: &[FollowedVersion]) -> Exit {
     let weight = |exit: Exit| match exit {
         Exit::NothingJudged | Exit::NotConfirmed => 0,
         Exit::Confirmed => 1,
@@ -45,7 +45,11 @@ pub(super) fn worst(followed: &[FollowedVersion]) -> Exit {
         Exit::Usage => 5,
         Exit::Internal => 6,
     };
-    followed.iter().map(|one| one.exit).max_by_key(|exit| weight(*exit)).unwrap_or(Exit::NothingJudged)
+    followed
+        .iter()
+        .map(|version| version.exit)
+        .max_by_key(|exit| weight(*exit))
+        .unwrap_or(Exit::NothingJudged)
 }
 
 #[cfg(test)]
@@ -53,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_run_ends_as_the_worst_of_its_versions_and_one_without_any_as_neither() {
+    fn run_exits_with_the_worst_result_of_its_versions() {
         let followed = |exits: &[Exit]| {
             exits
                 .iter()
@@ -67,7 +71,7 @@ mod tests {
             (&[Exit::Held, Exit::Rejected, Exit::Confirmed], Exit::Held),
             (&[Exit::RolledBack, Exit::Held], Exit::RolledBack),
         ] {
-            assert_eq!(worst(&followed(exits)), expected, "{exits:?}");
+            assert_eq!(worst_outcome(&followed(exits)), expected, "{exits:?}");
         }
         assert_eq!(followed(&[Exit::Rejected])[0].to_string(), "outcome: grasp@1.1.0 rejected");
     }

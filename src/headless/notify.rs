@@ -18,7 +18,7 @@ use tokio::sync::watch;
 use crate::error::CliError;
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::snapshot::Snapshot;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{ErrorReason, Untrusted};
 
 /// The shortest watchdog interval: the engine responds once a second.
 const WATCHDOG_LEAST: Duration = Duration::from_secs(5);
@@ -49,6 +49,7 @@ impl ServiceManager {
         let refuse = |allowed: &str| {
             let name = Untrusted::new(name.to_string_lossy()).line().into_string();
             CliError::usage(format!("NOTIFY_SOCKET is {name:?}; {allowed}"))
+                .with_details(ErrorReason::Environment)
         };
         let address = match name.as_bytes() {
             [b'@', name @ ..] => SocketAddr::from_abstract_name(name),
@@ -56,8 +57,10 @@ impl ServiceManager {
             _ => return Err(refuse("an absolute path, or @ and a name, is allowed")),
         };
         let address = address.map_err(|error| refuse(&error.to_string()))?;
-        let socket = UnixDatagram::unbound()
-            .map_err(|error| CliError::usage(format!("cannot reach the service manager: {error}")))?;
+        let socket = UnixDatagram::unbound().map_err(|error| {
+            CliError::usage(format!("cannot reach the service manager: {error}"))
+                .with_details(ErrorReason::Environment)
+        })?;
         Ok(Some(Self { socket, address, watchdog: watchdog(&variable)? }))
     }
 
@@ -138,7 +141,8 @@ fn watchdog(variable: impl Fn(&str) -> Option<OsString>) -> Result<Option<Durati
             Some(number) => Ok(Some(number)),
             None => {
                 let text = Untrusted::new(text.to_string_lossy()).line().into_string();
-                Err(CliError::usage(format!("{name} is {text:?}; a whole number is allowed")))
+                let text = format!("{name} is {text:?}; a whole number is allowed");
+                Err(CliError::usage(text).with_details(ErrorReason::Environment))
             }
         },
     };
@@ -150,7 +154,8 @@ fn watchdog(variable: impl Fn(&str) -> Option<OsString>) -> Result<Option<Durati
     };
     if span < WATCHDOG_LEAST {
         let text = format!("the watchdog interval is {span:?}; at least {WATCHDOG_LEAST:?} are needed");
-        return Err(CliError::usage(text).with_hint("set WatchdogSec=60 in the unit"));
+        let error = CliError::usage(text).with_hint("set WatchdogSec=60 in the unit");
+        return Err(error.with_details(ErrorReason::Environment));
     }
     Ok(Some(span))
 }

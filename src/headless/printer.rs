@@ -4,6 +4,7 @@ use std::io::{self, Write};
 
 use crate::error::CliError;
 use holdpoint_protocol::event::Event;
+use holdpoint_text::ErrorReason;
 use holdpoint_wording::event as event_text;
 
 /// Prints; a reader that goes away is a clean end.
@@ -33,7 +34,9 @@ impl<'a> Printer<'a> {
                 self.gone = true;
                 Ok(())
             }
-            Err(error) => Err(CliError::internal(format!("cannot print: {error}"))),
+            Err(error) => {
+                Err(CliError::internal(format!("cannot print: {error}")).with_details(ErrorReason::Output))
+            }
         }
     }
 

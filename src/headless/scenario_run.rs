@@ -16,6 +16,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_registry::ResultCache;
+use holdpoint_text::ErrorReason;
 
 pub struct RunScript<'a> {
     pub script: &'a Path,
@@ -58,8 +59,9 @@ const DEFAULT_SEED: u64 = 1;
 /// [`CliError`] with exit code 2 for invalid input, 70 for a fault and for an expectation that does not hold.
 pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
     let shown = holdpoint_text::Untrusted::new(run.script.display().to_string()).line().into_string();
-    let text = holdpoint_text::file::read_text(run.script, SCRIPT_BYTES_MAX as u64)
-        .map_err(|error| CliError::usage(format!("cannot read {shown}: {error}")))?;
+    let text = holdpoint_text::file::read_text(run.script, SCRIPT_BYTES_MAX as u64).map_err(|error| {
+        CliError::usage(format!("cannot read {shown}: {error}")).with_bad_file(run.script)
+    })?;
     let script = Script::parse(&shown, &text).map_err(CliError::usage)?;
     let fresh;
     let data = match run.data {
@@ -100,7 +102,10 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
 /// # Errors
 /// If it cannot be created.
 pub fn fresh_store() -> Result<tempfile::TempDir, CliError> {
-    tempfile::tempdir().map_err(|error| CliError::usage(format!("cannot create a temporary folder: {error}")))
+    tempfile::tempdir().map_err(|error| {
+        CliError::usage(format!("cannot create a temporary folder: {error}"))
+            .with_unwritable(&std::env::temp_dir(), &error)
+    })
 }
 
 /// Runs one stage of one candidate.
@@ -126,5 +131,11 @@ pub fn run_stage(run: RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
 }
 
 pub(super) fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
-    Cell::of(robot).map_err(|error| CliError::usage(error.to_string()))
+    Cell::of(robot).map_err(|error| {
+        let error = CliError::usage(error.to_string());
+        match robot {
+            Some(file) => error.with_bad_file(file),
+            None => error.with_details(ErrorReason::Internal),
+        }
+    })
 }

@@ -357,7 +357,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_every_kind_of_step() {
+    fn script_with_every_kind_of_step_is_read() {
         let text = r#"
             profile = "human"
             [[step]]
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_it_does_not_know() {
+    fn script_with_unknown_fields_is_refused() {
         for (text, names) in [
             ("profile = \"sim\"\n[[step]]\nregsiter = \"x\"", "regsiter"),
             (

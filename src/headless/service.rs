@@ -104,8 +104,32 @@ impl ServiceStream<'_> {
                 self.note("ended cleanly");
                 Ok(Exit::Confirmed)
             }
-            Err(why) if self.up => Err(CliError::internal(why.text)),
-            Err(why) => Err(CliError::usage(why.text)),
+            Err(EngineEndError { text, details, .. }) => {
+                let error = if self.up { CliError::internal(text) } else { CliError::usage(text) };
+                Err(match details {
+                    Some(details) => error.with_details(details),
+                    None => error,
+                })
+            }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_engine::StartError;
+    use holdpoint_registry::StoreError;
+    use holdpoint_text::ErrorReason;
+
+    /// A console starts the service again if another engine had the store, and reads that from the reason.
+    #[test]
+    fn a_start_that_finds_the_store_in_use_ends_with_that_reason() {
+        let stream =
+            ServiceStream { printer: None, quiet: false, only_faults: false, up: false, faulted: false };
+        let in_use = StoreError::InUse { path: "/data".into(), owner: "process 7".to_owned() };
+        let error = stream.end(Err(StartError::Store(in_use).into())).unwrap_err();
+        assert_eq!(error.exit(), Exit::Usage);
+        assert_eq!(error.details().map(|details| details.reason), Some(ErrorReason::StoreInUse));
     }
 }

@@ -10,10 +10,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::commands::{Commands, InputEvent};
-use super::exit_status::{FollowedVersion, outcome_of, worst};
+use super::exit_status::{FollowedVersion, outcome_of, worst_outcome};
 use super::printer::Printer;
 use super::scenario_run::cell;
-use crate::error::{CliError, Exit, start_error};
+use crate::error::{CliError, Exit, refusal_reason, start_error};
 use holdpoint_engine::bootstrap::{EngineBootstrap, LOOK_PATIENCE};
 use holdpoint_engine::control_socket::{ControlSocket, SignalHandling};
 use holdpoint_engine::embedded;
@@ -28,7 +28,7 @@ use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
-use holdpoint_text::{Hint as _, Problem};
+use holdpoint_text::{ErrorReason, Hint as _, Problem};
 
 /// The versions that are taken through the stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -167,11 +167,13 @@ impl PlainStream<'_> {
         match reply {
             // The demonstration has no identity and signs nothing.
             Reply::Refused { code: Refusal::NotAllowed, text, .. } => {
-                return Err(CliError::usage(text).with_hint(
-                    "`holdpoint demo` without --data runs in a temporary store; or run `:demo` in the console",
-                ));
+                let hint = "`holdpoint demo` without --data runs in a temporary store; or run `:demo` in the console";
+                return Err(CliError::usage(text).with_hint(hint).with_details(ErrorReason::NotAllowed));
             }
-            Reply::Refused { text, hint, .. } => return Err(CliError::usage(Problem::from((text, hint)))),
+            Reply::Refused { code, text, hint } => {
+                let error = CliError::usage(Problem::from((text, hint)));
+                return Err(error.with_details(refusal_reason(code)));
+            }
             Reply::Accepted { .. }
             | Reply::Stopped { .. }
             | Reply::Snapshot { .. }
@@ -190,14 +192,14 @@ impl PlainStream<'_> {
     /// Runs until all followed versions are settled, the reader is gone, or the engine gets a signal to end.
     fn work(mut self) -> Result<Exit, CliError> {
         loop {
-            if self.versions.is_empty() && !self.holds() {
+            if self.versions.is_empty() && !self.keeps_run_going() {
                 return self.finish();
             }
             let (progress, events) = self.pump.turn();
             self.print_events(&events)?;
             let idle = matches!(progress, SliceOutcome::Idle { .. });
             let gone = self.printer.is_gone() || self.pump.engine().has_ended();
-            if gone || self.take_commands()? || (self.is_settled(idle) && !self.holds()) {
+            if gone || self.take_commands()? || (self.is_settled(idle) && !self.keeps_run_going()) {
                 return self.finish();
             }
             if idle {
@@ -207,14 +209,14 @@ impl PlainStream<'_> {
     }
 
     /// Whether input keeps the run going, now or possibly later.
-    fn holds(&self) -> bool {
-        self.commands.as_ref().is_some_and(Commands::holds)
+    fn keeps_run_going(&self) -> bool {
+        self.commands.as_ref().is_some_and(Commands::keeps_run_going)
     }
 
     /// Reads new input and results. Returns whether the run ends.
     fn take_commands(&mut self) -> Result<bool, CliError> {
         let Some(commands) = &mut self.commands else { return Ok(false) };
-        for event in commands.look() {
+        for event in commands.poll() {
             match event {
                 InputEvent::Line(line) => self.printer.note(&line)?,
                 InputEvent::Quit => return Ok(true),
@@ -257,7 +259,10 @@ impl PlainStream<'_> {
         }
         match self.pump.engine().holding() {
             None => Ok(()),
-            Some(why) => Err(CliError::internal(format!("the engine halted: {}", why.sentence()))),
+            Some(why) => {
+                let error = CliError::internal(format!("the engine halted: {}", why.sentence()));
+                Err(error.with_details(ErrorReason::Holding))
+            }
         }
     }
 
@@ -282,7 +287,7 @@ impl PlainStream<'_> {
         for one in &followed {
             self.printer.note(&one.to_string())?;
         }
-        Ok(worst(&followed))
+        Ok(worst_outcome(&followed))
     }
 }
 

@@ -24,7 +24,7 @@ use holdpoint_governance::policy::PolicyError;
 use holdpoint_governance::text_error::TextError;
 use holdpoint_registry::{StoreError, VerifyError};
 use holdpoint_runtime::capability::PackageError;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Everything that was measured in one run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -92,6 +92,24 @@ pub enum BenchError {
 }
 
 impl Hint for BenchError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Start(error) => error.details(),
+            Self::Store(error) => error.details(),
+            Self::Verify(error) => error.details(),
+            Self::Scratch(_) => Some(ErrorReason::CannotWrite.into()),
+            Self::Sim(_)
+            | Self::Body(_)
+            | Self::Text(_)
+            | Self::Policy(_)
+            | Self::Package(_)
+            | Self::Canonical(_)
+            | Self::Table(_)
+            | Self::Unexpected { .. }
+            | Self::TooFew { .. } => Some(ErrorReason::Internal.into()),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(_) | Self::Scratch(_) => Some("TMPDIR names the folder it is made in".into()),

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use holdpoint_governance::ids::Family;
-use holdpoint_text::{Hint, Untrusted};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Untrusted};
 
 pub use kind::Preset;
 pub use truth_file::{Class, PoolTruth, TruthEntry};
@@ -119,6 +119,17 @@ pub enum PoolError {
 }
 
 impl Hint for PoolError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::File { file, .. } | Self::Content { file, .. } | Self::Tampered { file, .. } => {
+                ErrorDetails::of_file(ErrorReason::BadFile, file.as_str())
+            }
+            Self::Sets { .. } => ErrorReason::Usage.into(),
+            Self::Exists(path) => ErrorDetails::of_file(ErrorReason::Exists, path.as_str()),
+            Self::Generated { .. } => ErrorReason::Internal.into(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Tampered { .. } => {

@@ -27,7 +27,7 @@ pub use self::score::{ClassScore, ErrorTarget, ProfileScore};
 use crate::candidate_pool::Pool;
 use crate::pipeline_experiments::candidate_run::{CandidateEnd, ThresholdScale};
 use crate::pipeline_experiments::per_candidate::{self, CandidateJob};
-use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_cell, scratch};
+use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch};
 use holdpoint_engine::Experiment;
 use holdpoint_engine::cell::{COMPUTED_BY, Cell};
 use holdpoint_engine::context::Context;
@@ -84,7 +84,7 @@ pub struct TruthReport {
 pub(crate) struct TruthBench {
     most: u64,
     cell: Cell,
-    cells: ResultCache,
+    cache: ResultCache,
     scale: HarmScale,
     context: Context,
     team: ActiveTeam,
@@ -131,7 +131,7 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
                         workers: 1,
                     }
                 })
-                .map(|task| per_candidate::one(&bench.cell, &bench.cells, &task))
+                .map(|job| per_candidate::run_or_reuse(&bench.cell, &bench.cache, &job))
                 .collect::<Result<Vec<_>, _>>()?;
             Ok(CandidateTruth { name: name.clone(), truth, ends })
         },
@@ -151,19 +151,19 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
 
 impl TruthBench {
     fn new(plan: &TruthPlan, scratch: &std::path::Path) -> Result<Self, ExperimentError> {
-        let cells = match &plan.cache {
-            Some(cells) => cells.clone(),
+        let cache = match &plan.cache {
+            Some(cache) => cache.clone(),
             None => ResultCache::in_folder(scratch.to_owned(), CacheSecret::fresh()?),
         };
         let baselines = holdpoint_engine::embedded::baselines()
             .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-        Self::with_team(Cell::builtin()?, cells, baselines, plan.most)
+        Self::with_team(Cell::builtin()?, cache, baselines, plan.most)
     }
 
     /// Where versions are judged beside `team`, the active ones, up to `most` pairs of episodes.
     pub(crate) fn with_team(
         cell: Cell,
-        cells: ResultCache,
+        cache: ResultCache,
         team: Vec<Capability>,
         most: u64,
     ) -> Result<Self, ExperimentError> {
@@ -172,7 +172,7 @@ impl TruthBench {
         let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;
         let context = Context::new(profile, table, None, cell.clone())?;
         let scale = HarmScale::builtin().map_err(|error| unexpected(&error))?;
-        let mut bench = Self { most, cell, cells, scale, context, team: Vec::new() };
+        let mut bench = Self { most, cell, cache, scale, context, team: Vec::new() };
         bench.team = team.into_iter().map(|version| bench.judged_version(version)).collect();
         Ok(bench)
     }
@@ -236,7 +236,7 @@ impl TruthBench {
         for block in 0..wanted.div_ceil(BLOCK) {
             let key = self.key(judged, channel, block);
             let range = block * BLOCK..((block + 1) * BLOCK).min(wanted);
-            let whole = cached_cell::<Vec<Option<RefereeObservation>>>(&self.cells, &key);
+            let whole = cached_result::<Vec<Option<RefereeObservation>>>(&self.cache, &key);
             if let Some(known) = whole.filter(|known| known.len() as u64 == range.end - range.start) {
                 items.extend(known);
                 continue;
@@ -244,7 +244,7 @@ impl TruthBench {
             let worked: Vec<Option<RefereeObservation>> = range
                 .map(|index| referee_runs::item(worker, &self.cell, judged, &self.team, channel, index))
                 .collect();
-            self.cells.put(&key, &serde_json::to_vec(&worked)?)?;
+            self.cache.put(&key, &serde_json::to_vec(&worked)?)?;
             items.extend(worked);
         }
         Ok(items)

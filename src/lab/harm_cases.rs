@@ -256,7 +256,7 @@ fn success_does_not_excuse_excess_force() {
 
 /// The whole table over five seeds, under the profiles that `HARM_PROFILES` names; without it, nothing: half an hour each.
 #[test]
-fn the_whole_table_over_five_seeds() {
+fn all_harm_cases_hold_over_five_seeds() {
     let Ok(wanted) = std::env::var("HARM_PROFILES") else { return };
     let worker_pool = WorkerPool::new(2);
     let mut wrong = 0;
@@ -307,7 +307,7 @@ fn redrawn(measured: &[Pair], seed: u64, pairs: u64) -> Vec<Pair> {
 /// version are sampled again, and each measure gets worse by fractions of its margin in every episode. As the whole
 /// table, under the profiles that `HARM_PROFILES` names.
 #[test]
-fn error_rates_and_power_of_harm() {
+fn error_rates_and_power_of_harm_are_measured() {
     let number = |name: &str, usual: u64| -> u64 {
         std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
     };

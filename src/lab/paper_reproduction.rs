@@ -42,7 +42,7 @@ use crate::pipeline_experiments::ExperimentError;
 /// The shared inputs of all runs.
 pub struct PaperSetup {
     pub cell: Cell,
-    pub cells: ResultCache,
+    pub cache: ResultCache,
     /// The context of the arms' decisions and of the versions.
     pub profile: Profile,
     /// The part of the runs that this process does, and the number of parts.
@@ -55,10 +55,10 @@ impl PaperSetup {
     ///
     /// # Errors
     /// If the cell cannot be built.
-    pub fn new(cells: ResultCache, shard: (usize, usize), jobs: usize) -> Result<Self, ExperimentError> {
+    pub fn new(cache: ResultCache, shard: (usize, usize), jobs: usize) -> Result<Self, ExperimentError> {
         let profile = Profile::builtin(ProfileName::Sim)
             .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-        Ok(Self { cell: Cell::builtin()?, cells, profile, shard, jobs })
+        Ok(Self { cell: Cell::builtin()?, cache, profile, shard, jobs })
     }
 
     /// Whether a piece of the work belongs to this process.

@@ -13,7 +13,7 @@ pub mod per_candidate;
 
 use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{CacheLookup, ResultCache};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -44,7 +44,7 @@ pub enum ExperimentError {
     Fault(#[from] holdpoint_engine::fault::EngineFault),
     /// The cache or its key file cannot be used.
     #[error(transparent)]
-    Kept(#[from] holdpoint_registry::StoreError),
+    Cache(#[from] holdpoint_registry::StoreError),
     /// A statistic could not be computed.
     #[error(transparent)]
     Stats(#[from] holdpoint_governance::stats::StatsError),
@@ -63,12 +63,30 @@ pub enum ExperimentError {
 }
 
 impl Hint for ExperimentError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::Option { .. } => ErrorReason::Usage.into(),
+            Self::File { path, .. } => ErrorDetails::of_file(ErrorReason::BadFile, path.as_str()),
+            Self::Text(_) => ErrorReason::BadFile.into(),
+            Self::Pool(error) => return error.details(),
+            Self::Start(error) => return error.details(),
+            Self::Fault(error) => return error.details(),
+            Self::Cache(error) => return error.details(),
+            Self::Sim(_)
+            | Self::Candidate { .. }
+            | Self::Stats(_)
+            | Self::Json(_)
+            | Self::Plot(_)
+            | Self::Unexpected(_) => ErrorReason::Internal.into(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Pool(error) => error.hint(),
             Self::Start(error) => error.hint(),
             Self::Fault(error) => error.hint(),
-            Self::Kept(error) => error.hint(),
+            Self::Cache(error) => error.hint(),
             Self::Stats(error) => error.hint(),
             Self::Option { .. }
             | Self::File { .. }
@@ -100,10 +118,10 @@ pub(crate) fn workers_each(jobs: usize, pieces: usize) -> usize {
 /// Reports an experiment's progress; called from several threads.
 pub type ProgressFn<'a> = dyn Fn(&str) + Sync + 'a;
 
-/// A finished cell from the cache; `None` if it cannot be read or its MAC is missing or wrong.
-pub(crate) fn cached_cell<T: serde::de::DeserializeOwned>(cells: &ResultCache, key: &Digest) -> Option<T> {
-    match cells.get(key) {
-        CacheLookup::Cell { body, .. } => serde_json::from_slice(&body).ok(),
+/// A result from the cache; `None` if it cannot be read or its MAC is missing or wrong.
+pub(crate) fn cached_result<T: serde::de::DeserializeOwned>(cache: &ResultCache, key: &Digest) -> Option<T> {
+    match cache.get(key) {
+        CacheLookup::Found { body, .. } => serde_json::from_slice(&body).ok(),
         CacheLookup::Nothing | CacheLookup::Refused => None,
     }
 }

@@ -121,7 +121,7 @@ mod tests {
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
 
-    use crate::pipeline_experiments::candidate_run::{CandidateSetting, take};
+    use crate::pipeline_experiments::candidate_run::{CandidateSetting, run_candidate};
     use holdpoint_registry::{CacheSecret, ResultCache};
 
     use super::*;
@@ -129,16 +129,16 @@ mod tests {
     /// Through all stages to the last live task: every decision with its reasons and numbers, the episodes that ran,
     /// and the final state of the cell.
     #[test]
-    fn the_same_code_is_decided_alike_compiled_in_and_as_a_component() {
+    fn native_code_and_component_get_the_same_decision() {
         let cell = Cell::builtin().unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
-        let setting = CandidateSetting::calibration(&cell, &cells);
+        let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
+        let setting = CandidateSetting::calibration(&cell, &cache);
         let native = holdpoint_engine::embedded::package("grasp-improved").unwrap();
         let native = Capability::load("grasp", native).unwrap();
         let component = with_code(&native, CONTROLLERS).unwrap();
-        let one = take(&setting, "grasp", (*native.package).clone()).unwrap();
-        let other = take(&setting, "grasp", (*component.package).clone()).unwrap();
+        let one = run_candidate(&setting, "grasp", (*native.package).clone()).unwrap();
+        let other = run_candidate(&setting, "grasp", (*component.package).clone()).unwrap();
         assert!(one.stages.len() > 3, "{one:?}");
         assert_eq!(one, other);
     }

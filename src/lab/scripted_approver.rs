@@ -9,7 +9,7 @@ use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::snapshot::ApprovalRequestView;
 use holdpoint_registry::{StoreError, Views};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Why no approver could answer.
 #[derive(Debug, thiserror::Error)]
@@ -32,6 +32,16 @@ pub enum ApproverError {
 }
 
 impl Hint for ApproverError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Identity(error) => error.details(),
+            Self::Random(error) => error.details(),
+            Self::Store(error) => error.details(),
+            Self::NobodyEnrols(_) => Some(ErrorReason::NotAllowed.into()),
+            Self::Refused(_) => Some(ErrorReason::NotNow.into()),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Identity(error) => error.hint(),

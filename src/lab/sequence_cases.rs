@@ -12,7 +12,7 @@ use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::embedded;
 use holdpoint_engine::trial::episodes::batch;
 use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
-use holdpoint_engine::trial::sequences::{TrialTeam, sequence};
+use holdpoint_engine::trial::sequences::{TrialTeam, run_sequence};
 use holdpoint_engine::trial::trial_lab::TrialSubject;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::trial::worker_pool::{PoolJob, WorkerPool};
@@ -117,7 +117,7 @@ impl SequenceBench {
             let (seed, shared) = (episode_seed(run, SeedPurpose::Sequence, index), Arc::clone(&shared));
             let work = move |worker: &mut Worker| {
                 let (cell, team, own) = &*shared;
-                sequence(worker, cell, team.cast(own).unwrap(), seed)
+                run_sequence(worker, cell, team.lineup_with(own).unwrap(), seed)
             };
             PoolJob { key: Digest::of_parts("case", &[&seed.to_le_bytes()]), work: Box::new(work) }
         };
@@ -319,7 +319,7 @@ fn is_as_expected(case: &SequenceCase, alone: &BehaviorAssessment, whole: &Behav
 }
 
 #[test]
-fn an_edge_held_is_passed_alone_and_found_beside_who_trusts_it() {
+fn grip_at_the_edge_passes_alone_and_fails_in_sequences() {
     let bench = SequenceBench::new();
     let count = u64::from(bench.profile.evaluation.sandbox_sequences);
     let mut known = BaselineRecords::default();
@@ -341,7 +341,7 @@ fn number(name: &str, usual: u64) -> u64 {
 
 /// The whole table over five seeds with the profile's budgets, where `SEQUENCE_TABLE` asks for it: some minutes.
 #[test]
-fn the_whole_table_over_five_seeds() {
+fn all_sequence_cases_hold_over_five_seeds() {
     if std::env::var("SEQUENCE_TABLE").is_err() {
         return;
     }
@@ -389,7 +389,7 @@ fn redrawn(
 /// given rate. `SEQUENCE_RUNS` is the number of evaluations. Equally good: a `Kept` case, once as measured, and once with
 /// the two sides of each pair swapped by a coin toss.
 #[test]
-fn error_rates_and_power_of_sequences() {
+fn error_rates_and_power_of_sequences_are_measured() {
     let runs = number("SEQUENCE_RUNS", 0);
     if runs == 0 {
         return;
@@ -443,7 +443,7 @@ fn error_rates_and_power_of_sequences() {
 /// and for a grasp that does not settle. `SHIFT_SHADOWS` is the number of shadows, each examined at both budgets. Single
 /// tasks under live conditions replace the twins.
 #[test]
-fn frequency_of_reported_shifts() {
+fn frequency_of_reported_shifts_is_measured() {
     let shadows = number("SHIFT_SHADOWS", 0);
     if shadows == 0 {
         return;

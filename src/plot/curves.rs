@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_radar_leaves_out_what_has_no_value() {
+    fn radar_omits_missing_values() {
         let radar = Radar {
             title: "six".to_owned(),
             axes: ["a", "b", "c"].map(str::to_owned).to_vec(),

@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_is_a_gap_and_everything_stays_inside() {
+    fn gaps_are_not_drawn_over_and_curves_stay_inside() {
         let svg = plot().svg();
         assert_eq!(svg.matches("<polyline").count(), 2, "0 to 2 and 5 to 6; 9 stands alone: {svg}");
         assert_eq!(svg.matches("stroke-opacity=\"0.35\"").count(), 1);

@@ -3,7 +3,7 @@
 //! The engine makes the facts and renders them, once for each signer. A front end shows all these lines, nothing between
 //! them, and has their digest signed. Values that change every second are shown apart, under "live, not signed".
 
-use std::fmt;
+mod question_refusal;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -27,6 +27,8 @@ use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::Risk;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::WallTime;
+
+pub use self::question_refusal::{AnswerVoidCause, QuestionRefusal};
 
 /// The subject and the basis of an approval request: codes and values. Its canonical JSON is signed and stored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -162,34 +164,6 @@ pub enum UntestedAspect {
     Twin,
 }
 
-impl fmt::Display for UntestedAspect {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::PhysicalArm => {
-                f.write_str("It was not tried on a physical arm: everything was measured in simulation")
-            }
-            Self::Everything => f.write_str("Nothing was assessed yet"),
-            Self::Unmeasured(what) => {
-                write!(f, "There is no value for {}: it was not measured", compatibility(*what))
-            }
-            Self::Estimated(what) => {
-                write!(f, "The value for {} is an estimate, not measured", compatibility(*what))
-            }
-            Self::Pairs => f.write_str("It was not compared with the active version episode by episode"),
-            Self::Drill(kind) => write!(f, "No {} drill was carried out with it", kind.name()),
-            Self::Twin => f.write_str("It was not run in a twin of the live world"),
-        }
-    }
-}
-
-const fn compatibility(of: Dimension) -> &'static str {
-    match of {
-        Dimension::Interface => "interface compatibility",
-        Dimension::Policy => "policy compatibility",
-        other => other.name(),
-    }
-}
-
 /// The response if a version gets worse after its activation, and the condition of its confirmation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -208,36 +182,6 @@ pub struct DriftResponse {
     pub in_doubt: bool,
     /// The levels of the charts, where they are stricter than the profile's.
     pub limits: Option<String>,
-}
-
-impl fmt::Display for DriftResponse {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let back = self.back.as_ref().map_or_else(
-            || {
-                "the version is deactivated and the family stops, because it has no rollback target"
-                    .to_owned()
-            },
-            |id| format!("{id} takes over again"),
-        );
-        if self.coupled {
-            write!(
-                f,
-                "after a safety event or the first warning of a chart {back}, without asking an operator"
-            )?;
-        } else {
-            write!(
-                f,
-                "after a safety event or an established rise of a rate {back}; a drifting rate lowers speed and force \
-                 to {:.0} % and asks people, for {:.0} s",
-                100.0 * self.restricted_to,
-                self.answer_within_s
-            )?;
-        }
-        // The live window alone settles no concern.
-        let settled = if self.in_doubt { " and once fresh evidence settles its concern" } else { "" };
-        write!(f, "; confirmed after {} live tasks{settled}", self.confirmed_after)?;
-        self.limits.as_ref().map_or(Ok(()), |limits| write!(f, "; {limits}"))
-    }
 }
 
 /// An approval request as rendered for one person.

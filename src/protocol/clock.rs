@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn moved_on_by_what_was_counted_it_is_not_behind_the_count() {
+    fn clock_advanced_by_counted_ticks_is_not_behind_them() {
         for from_ms in 0..20 {
             for ticks in 0..2_000 {
                 let after = tick_of(from_ms + ms_of(ticks));
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn never_goes_back() {
+    fn virtual_clock_never_goes_back() {
         let mut clock = Clock::scripted(100);
         clock.advance(50);
         assert!(!clock.jump_to(120));

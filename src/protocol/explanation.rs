@@ -356,7 +356,7 @@ mod tests {
 
     /// Every word of every decider survives a round trip, including unknown ones.
     #[test]
-    fn rulings_round_trip() {
+    fn decisive_rulings_round_trip() {
         let stages =
             StageOutcome::ALL.map(Lenient::Known).into_iter().chain([Lenient::Unknown("later".into())]);
         let mut rulings: Vec<Ruling> = stages.map(Ruling::Shadow).collect();

@@ -3,6 +3,9 @@
 //! Nothing of it is stored. It is computed from its recorded inputs (versions, cell, terms, seed) and compared with
 //! the recorded result. It decides nothing.
 
+mod outcome;
+mod selection;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +15,11 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::phase::WorkPhase;
 
 use crate::video_frame::{ArmView, EnvelopeView, SceneBlock, Scenery};
+
+pub use self::outcome::{ExceededLimit, ExceededValue, MarkedEvent, OutcomePart};
+pub use self::selection::{
+    BreakCause, CodeFaultCount, FilmRefusal, ReplayDifference, SelectionFailure, SelectionReason,
+};
 
 holdpoint_governance::closed_set! {
     /// The kind of work to film.

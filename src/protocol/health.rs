@@ -5,6 +5,7 @@
 //! never zero, and nothing is interpolated.
 
 mod alarm_history;
+mod chart_content;
 mod verdict;
 
 use schemars::JsonSchema;
@@ -16,6 +17,7 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::stats::{difference, wilson};
 
 pub use self::alarm_history::{AlarmEpisode, AlarmStep, duration_label};
+pub use self::chart_content::{HealthPanel, MarkContent, MarkedAct};
 pub use self::verdict::{HealthVerdict, Trend, VerdictSide};
 
 /// The most buckets of one answer.
@@ -487,7 +489,7 @@ mod tests {
     }
 
     #[test]
-    fn buckets_have_their_places_and_every_mark_its_own_letter() {
+    fn buckets_have_their_columns_and_every_mark_its_own_letter() {
         let series = series(Vec::new());
         assert_eq!(series.bucket_of(series.from_ms), Some(0));
         assert_eq!(series.bucket_of(series.from_ms - 1), None);

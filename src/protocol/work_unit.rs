@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_unit_has_its_name_in_front_of_that_of_its_part() {
+    fn unit_name_precedes_the_name_of_its_part() {
         for unit in WorkUnit::ALL {
             let (confirmed, again) = (unit.of_confirmation(), unit.of_re_evaluation());
             if confirmed != WorkUnit::Confirmation {

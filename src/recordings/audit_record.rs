@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 use super::recording_folder::{self, RecordingFile};
 
@@ -111,6 +111,10 @@ pub struct RecordError {
 }
 
 impl Hint for RecordError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(ErrorReason::StoreRefused.into())
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         None
     }

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_version_stays_where_it_ended() {
+    fn version_keeps_its_final_state() {
         let film = Film {
             of: FilmSubject::Episode,
             number: 3,

@@ -191,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names() {
+    fn recording_file_names_are_parsed() {
         for (file, expected) in [
             ("grasp-1.1.0-0123abcd.rrd", Some(("grasp@1.1.0", 1))),
             ("grasp-1.1.0-0123abcd.2.rrd", Some(("grasp@1.1.0", 2))),
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_listed_in_order_and_what_is_no_recording_is_passed_over() {
+    fn folder_lists_recordings_in_order_and_skips_other_files() {
         let root = tempfile::tempdir().unwrap();
         let names = ["b-1.0.0-00000000.rrd", "a-1.10.0-00000000.rrd", "a-1.9.0-00000000.2.rrd"];
         for name in names.into_iter().chain(["a-1.9.0-00000000.rrd", "README.md"]) {
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_files_name_holds_letters_that_every_system_takes() {
+    fn file_name_holds_only_portable_characters() {
         let version: CapabilityId = "grasp@1.2.0+a.b".parse().unwrap();
         let digest = Digest::of_parts("test", &[b"x"]);
         let stem = file_stem(&version, &digest);

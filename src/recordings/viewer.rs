@@ -16,8 +16,8 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant};
 
-use holdpoint_text::Hint;
 use holdpoint_text::file::{NO_LINK, regular};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The oldest viewer that reads what this program writes.
 pub const OLDEST: ViewerVersion = ViewerVersion([0, 36, 0]);
@@ -100,6 +100,15 @@ pub enum ViewerError {
 }
 
 impl Hint for ViewerError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::NotFound | Self::TooOld { .. } | Self::NoScreen | Self::Start { .. } => {
+                ErrorReason::Environment.into()
+            }
+            Self::Log { path, .. } => ErrorDetails::of_path(ErrorReason::CannotWrite, path),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::NotFound | Self::TooOld { .. } | Self::Start { .. } => Some(INSTALL.into()),
@@ -307,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn versions() {
+    fn viewer_versions_are_parsed() {
         for (answer, expected) in [
             ("rerun-cli 0.36.3 (base) [rustc 1.95.0]", Some([0, 36, 3])),
             ("rerun-cli 0.37.0-alpha.1+dev", Some([0, 37, 0])),

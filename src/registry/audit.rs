@@ -10,13 +10,13 @@ use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Serialize;
 use serde_json::ser::Formatter;
 
-use super::error::StoreError;
+use super::error::{StoreError, StoreFailure};
 use super::merkle::Frontier;
 use super::row_limit::error_message;
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Columns, in the order [`read`] takes them.
 pub(crate) const COLUMNS: &str = "seq, prev, hash, at_ms, kind, subject, body, wall_ms";
@@ -170,6 +170,15 @@ pub enum ExportError {
 }
 
 impl Hint for ExportError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::Store(error) => return error.details(),
+            Self::Read(_) => ErrorDetails::from(ErrorReason::Store).with_cause(StoreFailure::Database.name()),
+            Self::Write(_) => ErrorReason::Output.into(),
+            Self::Json(_) => ErrorReason::Internal.into(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),
@@ -239,7 +248,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn escapes_keep_the_value() {
+    fn escaped_json_keeps_its_value() {
         for value in ["plain", "\u{9b}31m", "\u{202e}evil", "é", "😀", "\u{7f}", "\u{1b}[2J"] {
             let text = ascii_json(&value).unwrap();
             assert!(text.bytes().all(|b| (b' '..=b'~').contains(&b)), "{text}");

@@ -27,8 +27,8 @@ use super::verify_error::VerifyError;
 use super::views::Views;
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::Digest;
-use holdpoint_text::Hint;
 use holdpoint_text::file::{NO_LINK, regular};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use std::borrow::Cow;
 
 /// The parts of a copy beside the database, its checkpoints and the public keys.
@@ -91,6 +91,17 @@ pub enum BackupError {
 }
 
 impl Hint for BackupError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Store(error) => error.details(),
+            Self::Exists(path) | Self::PartExists(path) => {
+                Some(ErrorDetails::of_path(ErrorReason::Exists, path))
+            }
+            Self::Inside(path) => Some(ErrorDetails::of_path(ErrorReason::Usage, path)),
+            Self::NotSound(error) => error.details(),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),

@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_are_missed_unless_they_were_removed_for_age() {
+    fn missing_checkpoint_is_found_unless_it_was_removed_by_age() {
         let checkpoints = chain(KEPT_MAX as u64 + 5);
         check_links(&checkpoints).unwrap();
         check_links(&checkpoints[5..]).unwrap();
@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn every_part_is_signed() {
+    fn every_field_of_a_checkpoint_is_signed() {
         let key = SigningKey::from_bytes(&[7; 32]);
         let whole = chain(2).remove(1).checkpoint;
         let edits: [fn(&mut Checkpoint); 14] = [

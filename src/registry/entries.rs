@@ -168,6 +168,6 @@ pub struct VersionHistory {
     pub ran: Option<Stage>,
     /// Whether it ever passed its provisional window.
     pub confirmed: bool,
-    /// The context of its last activation through the gate; absent without one.
-    pub let_in: Option<AdmissionContext>,
+    /// The context in which the gate last activated it; absent if it never did.
+    pub activated_under: Option<AdmissionContext>,
 }

@@ -6,43 +6,64 @@ use std::path::{Path, PathBuf};
 use super::row_limit::ROW_BYTES_MAX;
 use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
-/// Why a database, or a file beside it, is refused. Each cause has its own remedy.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RefusalCause {
-    /// It is damaged or cut short.
-    Damaged,
-    /// The chain is whole, but the tables do not match it.
-    NotTheChain,
-    /// The chain is whole, but unsigned, or without some of its checkpoints.
-    Unsigned,
-    /// A rebuild would take unsigned records.
-    TakesUnsigned,
-    /// An unsigned record changes a profile without an authorization.
-    UnsignedProfile,
-    /// A witness has a newer or different head.
-    Witness,
-    /// The key beside it is not the store's.
-    ForeignKey,
-    /// The two halves of the store's key do not match.
-    KeyHalves,
-    /// Another kind of entry has the name of its log.
-    Log,
-    /// Another kind of entry has the name of its log's index.
-    LogIndex,
-    /// A journal lies beside a database that has a log.
-    Journal,
-    /// A file among the checkpoints is not a checkpoint.
-    Checkpoint,
-    /// The telemetry file is invalid.
-    Telemetry,
-    /// It is no database of this program.
-    Foreign,
-    /// Another version made its schema.
-    Schema,
-    /// A newer version may have made its schema.
-    NewerSchema,
+holdpoint_governance::closed_set! {
+    /// Why a database, or a file beside it, is refused. Each cause has its own remedy.
+    RefusalCause, "cause of a refusal", {
+        /// It is damaged or cut short.
+        Damaged = "damaged",
+        /// The chain is whole, but the tables do not match it.
+        NotTheChain = "not-the-chain",
+        /// The chain is whole, but unsigned, or without some of its checkpoints.
+        Unsigned = "unsigned",
+        /// A rebuild would take unsigned records.
+        TakesUnsigned = "takes-unsigned",
+        /// An unsigned record changes a profile without an authorization.
+        UnsignedProfile = "unsigned-profile",
+        /// A witness has a newer or different head.
+        Witness = "witness",
+        /// The key beside it is not the store's.
+        ForeignKey = "foreign-key",
+        /// The two halves of the store's key do not match.
+        KeyHalves = "key-halves",
+        /// Another kind of entry has the name of its log.
+        Log = "log",
+        /// Another kind of entry has the name of its log's index.
+        LogIndex = "log-index",
+        /// A journal lies beside a database that has a log.
+        Journal = "journal",
+        /// A file among the checkpoints is not a checkpoint.
+        Checkpoint = "checkpoint",
+        /// The telemetry file is invalid.
+        Telemetry = "telemetry",
+        /// It is no database of this program.
+        Foreign = "foreign",
+        /// Another version made its schema.
+        Schema = "schema",
+        /// A newer version may have made its schema.
+        NewerSchema = "newer-schema",
+    }
+}
+
+holdpoint_governance::closed_set! {
+    /// Why the store could not be read or written.
+    StoreFailure, "failure of the store", {
+        /// The system could not open, read or write a file.
+        Io = "io",
+        /// SQLite reported an error.
+        Database = "database",
+        /// The disk is full.
+        DiskFull = "disk-full",
+        /// A row is longer than any that this program writes.
+        RowTooLong = "row-too-long",
+        /// The change would violate an invariant of the registry.
+        Invariant = "invariant",
+        /// The virtual clock went back.
+        ClockBack = "clock-back",
+        /// The writer ended, and the outcome of the command is unknown.
+        OutcomeUnknown = "outcome-unknown",
+    }
 }
 
 impl RefusalCause {
@@ -227,14 +248,38 @@ impl StoreError {
     }
 }
 
-impl StoreError {
-    /// The code of [`StoreError::InUse`].
-    pub const IN_USE: &'static str = "store-in-use";
-}
-
 impl Hint for StoreError {
-    fn code(&self) -> Option<&'static str> {
-        matches!(self, Self::InUse { .. }).then_some(Self::IN_USE)
+    fn details(&self) -> Option<ErrorDetails> {
+        let failed =
+            |failure: StoreFailure| ErrorDetails::from(ErrorReason::Store).with_cause(failure.name());
+        Some(match self {
+            Self::Io { path, .. } => {
+                ErrorDetails::of_path(ErrorReason::Store, path).with_cause(StoreFailure::Io.name())
+            }
+            Self::InUse { path, .. } => ErrorDetails::of_path(ErrorReason::StoreInUse, path),
+            Self::Refused { path, cause, .. } => {
+                ErrorDetails::of_path(ErrorReason::StoreRefused, path).with_cause(cause.name())
+            }
+            Self::Sqlite { .. } => failed(StoreFailure::Database),
+            Self::DiskFull { .. } => failed(StoreFailure::DiskFull),
+            Self::RowTooLong { .. } => failed(StoreFailure::RowTooLong),
+            Self::Invariant(_) => failed(StoreFailure::Invariant),
+            Self::ClockBack { .. } => failed(StoreFailure::ClockBack),
+            Self::Unknown => failed(StoreFailure::OutcomeUnknown),
+            Self::NotFound { .. } => ErrorReason::NotFound.into(),
+            Self::Exists { .. } => ErrorReason::Exists.into(),
+            Self::Stale { .. } => ErrorReason::Stale.into(),
+            Self::Approval { .. } | Self::Person { .. } => ErrorReason::NotAllowed.into(),
+            Self::OtherRobot { .. } => ErrorReason::OtherRobot.into(),
+            Self::UnauthorizedProfile { .. } => ErrorReason::ProfileNotAuthorized.into(),
+            Self::ScriptAfterLive => ErrorReason::ScriptAfterLive.into(),
+            Self::Altered(_) | Self::Disturbed => ErrorReason::StoreAltered.into(),
+            Self::CommandReused(_) | Self::Invalid { .. } => ErrorReason::BadInput.into(),
+            Self::Key { path, source } => {
+                source.details().unwrap_or_else(|| ErrorDetails::of_path(ErrorReason::BadFile, path))
+            }
+            Self::Failpoint(_) => ErrorReason::Internal.into(),
+        })
     }
 
     fn hint(&self) -> Option<Cow<'static, str>> {

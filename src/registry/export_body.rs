@@ -181,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_body_has_one_text() {
+    fn export_body_has_one_spelling() {
         let deep = |count: usize| "[".repeat(count) + &"]".repeat(count);
         for good in ["{\"a\":1,\"b\":[-9223372036854775808,18446744073709551615]}", "\"\u{7f}é\"", &deep(32)]
         {

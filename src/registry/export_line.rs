@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_is_read_than_a_line_may_have() {
+    fn export_line_is_read_up_to_its_limit() {
         for (start, most) in [("{\"head\":{", SHORT_LINE_BYTES_MAX), ("{\"record\":{", LINE_BYTES_MAX)] {
             let mut reader = io::BufReader::new(EndlessReader(0, start.into()));
             let error = next_line(&mut reader).unwrap_err();

@@ -60,10 +60,10 @@ pub fn store_info(folder: &Path) -> Result<StoreInfo, StoreError> {
     let connection = open_reader(&layout.database(), &STORE)?;
     let error = StoreError::sql("read the store");
     connection.execute_batch("BEGIN").map_err(&error)?;
-    let one = |sql: &str| -> Result<u64, StoreError> {
+    let number = |sql: &str| -> Result<u64, StoreError> {
         connection.query_row(sql, [], |row| row.get(0)).map_err(&error)
     };
-    let wall = |order: &str| -> Option<i64> {
+    let wall_ms = |order: &str| -> Option<i64> {
         let sql = format!("SELECT wall_ms FROM audit ORDER BY seq {order} LIMIT 1");
         connection.query_row(&sql, [], |row| row.get(0)).ok()
     };
@@ -84,10 +84,11 @@ pub fn store_info(folder: &Path) -> Result<StoreInfo, StoreError> {
             bytes.push((name.to_owned(), size));
         }
     }
-    let free = rustix::fs::statvfs(folder).map_err(|error| StoreError::io("read", folder)(error.into()))?;
+    let file_system =
+        rustix::fs::statvfs(folder).map_err(|error| StoreError::io("read", folder)(error.into()))?;
     Ok(StoreInfo {
         store_id: super::store_id::read(&connection, &layout.database())?,
-        schema: one("PRAGMA user_version")?,
+        schema: number("PRAGMA user_version")?,
         schema_newest: STORE.newest() as u64,
         records: head.seq,
         head: head.hash.to_string(),
@@ -99,16 +100,16 @@ pub fn store_info(folder: &Path) -> Result<StoreInfo, StoreError> {
             0
         },
         witnesses: witnesses(&layout.database())?.into_iter().collect(),
-        versions: one("SELECT count(*) FROM version")?,
-        first_wall_ms: wall("ASC"),
-        last_wall_ms: wall("DESC"),
+        versions: number("SELECT count(*) FROM version")?,
+        first_wall_ms: wall_ms("ASC"),
+        last_wall_ms: wall_ms("DESC"),
         bytes,
-        free_bytes: free.f_bavail.saturating_mul(free.f_frsize),
+        free_bytes: file_system.f_bavail.saturating_mul(file_system.f_frsize),
         in_use_by: lock_owner(&layout)?,
     })
 }
 
-/// One check.
+/// The result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct StoreCheck {
     pub good: bool,
@@ -134,7 +135,7 @@ pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
     let connection = open_reader(&layout.database(), &STORE)?;
     let failed = StoreError::sql("read the store");
     connection.execute_batch("BEGIN").map_err(&failed)?;
-    let mut found = vec![match first_difference(&connection, &STORE).map_err(&failed)? {
+    let mut checks = vec![match first_difference(&connection, &STORE).map_err(&failed)? {
         None if info.schema == info.schema_newest => {
             good(format!("The tables are those of schema {}, the newest.", info.schema))
         }
@@ -145,29 +146,29 @@ pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
         Some(problem) => bad(format!("The tables are not those of this program: {problem}.")),
     }];
     let head = audit::head(&connection).map_err(&failed)?;
-    found.extend(telemetry_file(&layout)?);
-    found.push(counted_records(&connection, head)?);
-    found.push(signed_end(&layout, &connection, head));
+    checks.extend(telemetry_file(&layout)?);
+    checks.push(counted_records(&connection, head)?);
+    checks.push(signed_end(&layout, &connection, head));
     match person_rows::read(&connection, &info.store_id).map_err(&failed)? {
-        Ok(persons) => found.extend(check_key_files(&layout, &persons)),
-        Err((name, problem)) => found.push(bad(format!("The person {name:?} is bad: {problem}."))),
+        Ok(persons) => checks.extend(check_key_files(&layout, &persons)),
+        Err((name, problem)) => checks.push(bad(format!("The person {name:?} is bad: {problem}."))),
     }
-    found.push(if info.free_bytes < FREE_BYTES_MIN {
+    checks.push(if info.free_bytes < FREE_BYTES_MIN {
         bad(format!("Only {} are free where the store lies.", size(info.free_bytes)))
     } else {
         good(format!("{} are free where the store lies.", size(info.free_bytes)))
     });
-    found.push(match &info.in_use_by {
+    checks.push(match &info.in_use_by {
         Some(owner) => good(format!("The store is in use by {owner}.")),
         None => good("No engine has the store."),
     });
     for witness in &info.witnesses {
-        found.push(match check_witness(witness, &info.store_id) {
+        checks.push(match check_witness(witness, &info.store_id) {
             Ok(heads) => good(format!("The witness {witness:?} has {heads} heads and can be written.")),
             Err(problem) => bad(format!("The witness {witness:?} cannot be used: {problem}.")),
         });
     }
-    Ok(found)
+    Ok(checks)
 }
 
 /// The shape of the telemetry file, if there is one; the verifier compares its batches with their seals.

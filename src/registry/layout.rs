@@ -295,7 +295,7 @@ mod tests {
     use super::{size, utc};
 
     #[test]
-    fn sizes() {
+    fn sizes_are_formatted() {
         for (bytes, text) in [
             (0, "0 B"),
             (1_023, "1023 B"),
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn dates() {
+    fn times_are_formatted_in_utc() {
         for (secs, text) in [
             (0, "1970-01-01 00:00:00 UTC"),
             (951_782_400, "2000-02-29 00:00:00 UTC"),

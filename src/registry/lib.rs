@@ -83,7 +83,7 @@ pub use entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
     VersionFilter, VersionHistory,
 };
-pub use error::{RefusalCause, StoreError};
+pub use error::{RefusalCause, StoreError, StoreFailure};
 pub use export_file::{ExportReport, ExportScope, export_store, is_exported, verify_export};
 pub use head_copies::HeadFault;
 pub use info::{StoreCheck, StoreInfo, check_store, store_info};

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn the_kernel_names_who_has_a_folder() {
+    fn kernel_names_the_holder_of_a_folder() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(lock_holder(folder.path()), LockHolder::Nobody);
         let lock = File::open(folder.path()).unwrap();
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_kernel_calls_a_file_is_learned_without_its_device_number() {
+    fn kernel_name_of_a_file_is_found_without_its_device_number() {
         let folder = tempfile::tempdir().unwrap();
         let held = File::open(folder.path()).unwrap();
         held.try_lock().unwrap();
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_waiter_holds_nothing() {
+    fn process_that_waits_for_a_lock_is_no_holder() {
         let locks = "1: FLOCK  ADVISORY  WRITE 712 fe:00:54 0 EOF\n1: -> FLOCK  ADVISORY  WRITE 713 fe:00:54 0 EOF\n\
                      2: POSIX  ADVISORY  WRITE 714 fe:00:54 0 EOF\n3: FLOCK  ADVISORY  WRITE -1 fe:00:55 0 EOF\n4: FLOCK\n";
         let of = |name: &str| holders(locks, &KernelName(name.to_owned()), "WRITE").collect::<Vec<_>>();

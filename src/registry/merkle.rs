@@ -260,7 +260,7 @@ mod tests {
     /// The tree's construction on the well-known inputs of the certificate-transparency test suite, whose leaves are
     /// of any length.
     #[test]
-    fn the_vectors_of_certificate_transparency() {
+    fn roots_match_the_certificate_transparency_vectors() {
         let of_bytes = |bytes: &[u8]| {
             let mut hasher = Sha256::new();
             hasher.update([0]);
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn every_proof_of_every_small_tree() {
+    fn every_proof_of_every_small_tree_verifies() {
         let all = records(40);
         for size in 1..=all.len() {
             let (part, tree) = (&all[..size], naive_root(&all[..size]));
@@ -336,7 +336,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn proofs_hold_and_no_bit_of_them_can_be_changed(
+        fn proofs_verify_and_fail_with_any_changed_bit(
             size in 1usize..500, one in any::<prop::sample::Index>(), bit in 0usize..256, at in any::<prop::sample::Index>()
         ) {
             let all = records(size);

@@ -444,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn earlier_records_count_until_authorizations_are_required() {
+    fn earlier_records_are_valid_until_authorizations_are_required() {
         let mut history = ProfileHistory::default();
         for (seq, profile) in [(1, Human), (2, Sim), (3, Real)] {
             history.set(seq, profile, false, None).unwrap();
@@ -471,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn an_authorization_is_of_one_change_with_its_list_and_right_before_it() {
+    fn authorization_covers_only_the_listed_change_right_after_it() {
         let begun = || {
             let mut history = ProfileHistory::default();
             history.set(1, Human, false, Some(rules("a", false))).unwrap();
@@ -500,7 +500,7 @@ mod tests {
 
     /// The blind mutant: each number of the table alone, moved to where it is less strict, in a profile that parses.
     #[test]
-    fn no_number_alone_is_looser_without_an_authorization() {
+    fn no_single_number_becomes_less_strict_without_an_authorization() {
         for class in [Real, Human] {
             let shipped = Profile::builtin(class).unwrap();
             let table = PolicyTable::builtin(&shipped).unwrap();

@@ -21,8 +21,8 @@ use super::store_id;
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_text::Hint;
 use holdpoint_text::file::read_text;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The version of the form.
 const VERSION: u32 = 1;
@@ -98,6 +98,26 @@ pub enum ProofError {
 }
 
 impl Hint for ProofError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::Unreadable(error) => return error.details(),
+            Self::Impossible(ProofFault::NoRecord { .. } | ProofFault::NoHead { .. }) => {
+                ErrorReason::NotFound.into()
+            }
+            Self::Impossible(ProofFault::OtherStore(_)) | Self::NoProof(_) | Self::Wrong(_) => {
+                ErrorReason::BadFile.into()
+            }
+            Self::Impossible(
+                ProofFault::Unsound(_)
+                | ProofFault::EndWithoutTree
+                | ProofFault::HeadWithoutTree
+                | ProofFault::CutOff { .. }
+                | ProofFault::NoRecords
+                | ProofFault::Rewritten,
+            ) => ErrorReason::StoreRefused.into(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Unreadable(error) => error.hint(),
@@ -162,7 +182,7 @@ fn unsound(problem: impl Into<String>) -> ProofError {
     ProofError::Impossible(ProofFault::Unsound(problem.into()))
 }
 
-/// One moment of a store: its newest signed head and the hashes of all records up to it.
+/// The state of a store when it was read: its newest signed head and the hashes of all records up to it.
 struct SignedChain {
     connection: Connection,
     end: Checkpoint,
@@ -254,12 +274,12 @@ pub fn prove_consistency(database: &Path, older: &Checkpoint) -> Result<Proof, P
 pub fn stored_head(folder: &Path, seq: u64) -> Result<Checkpoint, ProofError> {
     let checkpoints = read_all(&folder.join("checkpoints"))
         .map_err(|bad| unsound(format!("the checkpoint {:?} is bad: {}", bad.file, bad.problem)))?;
-    let of = |stored: &StoredCheckpoint| stored.checkpoint.seq;
-    if let Some(found) = checkpoints.iter().find(|stored| of(stored) == seq) {
-        return Ok(found.checkpoint.clone());
+    let seq_of = |stored: &StoredCheckpoint| stored.checkpoint.seq;
+    if let Some(stored) = checkpoints.iter().find(|stored| seq_of(stored) == seq) {
+        return Ok(stored.checkpoint.clone());
     }
-    let before = checkpoints.iter().rev().map(of).find(|found| *found < seq);
-    let after = checkpoints.iter().map(of).find(|found| *found > seq);
+    let before = checkpoints.iter().rev().map(seq_of).find(|head_seq| *head_seq < seq);
+    let after = checkpoints.iter().map(seq_of).find(|head_seq| *head_seq > seq);
     let near = before.into_iter().chain(after).collect();
     Err(ProofError::Impossible(ProofFault::NoHead { seq, near }))
 }
@@ -344,8 +364,9 @@ impl Proof {
                     return Err("the heads are of two stores".to_owned());
                 }
                 let ((size, root), (later_size, later_root)) = (tree_of(older)?, tree_of(newer)?);
-                let same = older.seq != newer.seq || older.head == newer.head;
-                if !same || !merkle::begins((size, &root), (later_size, &later_root), path) {
+                // Two heads at one record must be the same head.
+                let heads_agree = older.seq != newer.seq || older.head == newer.head;
+                if !heads_agree || !merkle::begins((size, &root), (later_size, &later_root), path) {
                     return Err("the newer head is not shown to go on from the older one".to_owned());
                 }
                 Ok(())

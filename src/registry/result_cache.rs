@@ -1,8 +1,8 @@
 //! Cached results: the result of a run under the digest of all its inputs, so that it need not run again.
 //!
-//! Holds the episodes of evaluations and the cells of experiments. Owns their authentication: a cell counts only with
-//! the MAC (HMAC-SHA-256) of its key and body under a secret that is stored apart from the cells. A holder of the
-//! secret can still store false results. Callers therefore re-run a sample, selected here, of the results that decide
+//! Holds the episodes of evaluations and the cells of experiments. Owns their authentication: a result counts only with
+//! the MAC (HMAC-SHA-256) of its key and body. The secret of the MAC is stored apart from the results; its holder
+//! can still store false results. Callers therefore re-run a sample, selected here, of the results that decide
 //! something.
 
 use std::collections::BTreeMap;
@@ -26,25 +26,25 @@ use holdpoint_approvals::keyfile::{self, hex, unhex};
 use holdpoint_governance::cached_result::CacheLocation;
 use holdpoint_governance::ids::Digest;
 
-/// Key separation of MACs; as long as [`DRAW`], so that neither is a prefix of the other.
-const CELL: &[u8] = b"holdpoint.kept-cell.v1";
+/// Key separation of the results' MACs; as long as [`SAMPLE_DOMAIN`], so that neither is a prefix of the other.
+const MAC_DOMAIN: &[u8] = b"holdpoint.kept-cell.v1";
 
 /// Key separation of samples.
-const DRAW: &[u8] = b"holdpoint.kept-draw.v1";
+const SAMPLE_DOMAIN: &[u8] = b"holdpoint.kept-draw.v1";
 
 /// Key separation of a store's secret, derived from the key that signs its records.
-const OF_STORE: &[u8] = b"holdpoint.kept-in-store.v1";
+const STORE_DOMAIN: &[u8] = b"holdpoint.kept-in-store.v1";
 
 /// Key separation of other secrets.
-const DERIVED: &[u8] = b"holdpoint.kept-more.v1";
+const DERIVED_DOMAIN: &[u8] = b"holdpoint.kept-more.v1";
 
 /// Bytes of a MAC.
-const CODE_BYTES: usize = 32;
+const MAC_BYTES: usize = 32;
 
-/// The most own cells that a process remembers; further ones are checked like foreign ones.
+/// The most own results that a process remembers; further ones are checked like foreign ones.
 const OWN_MAX: usize = 200_000;
 
-/// A secret that cells are authenticated with.
+/// A secret that cached results are authenticated with.
 #[derive(Clone)]
 pub struct CacheSecret(Arc<Zeroizing<[u8; 32]>>);
 
@@ -55,7 +55,7 @@ impl fmt::Debug for CacheSecret {
 }
 
 impl CacheSecret {
-    /// A secret in memory only: its cells are valid while this process lives.
+    /// A secret in memory only: its results are valid while this process lives.
     ///
     /// # Errors
     /// If the system gives no random numbers.
@@ -72,7 +72,7 @@ impl CacheSecret {
     pub(crate) fn of_store(key: &SigningKey) -> Result<Self, StoreError> {
         let bytes = Zeroizing::new(key.to_bytes());
         let mac = Hmac::<Sha256>::new_from_slice(&bytes[..]).map_err(|_| StoreError::Unknown)?;
-        Ok(Self(Arc::new(Zeroizing::new(mac.chain_update(OF_STORE).finalize().into_bytes().into()))))
+        Ok(Self(Arc::new(Zeroizing::new(mac.chain_update(STORE_DOMAIN).finalize().into_bytes().into()))))
     }
 
     /// The secret in a file that only its owner can read. A missing one is made, completely or not at all, with its
@@ -89,17 +89,17 @@ impl CacheSecret {
         Ok(Self(Arc::new(Zeroizing::new(key.to_bytes()))))
     }
 
-    /// As [`Self::of_file`], for cells in a shared folder, which must not contain the secret.
+    /// As [`Self::of_file`], for results in a shared folder, which must not contain the secret.
     ///
     /// # Errors
     /// As [`Self::of_file`], or if the file is in the folder.
-    pub fn of_file_outside(path: &Path, cells: &Path) -> Result<Self, StoreError> {
-        make_folder(cells)?;
-        let place = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        make_folder(place)?;
-        let whole = |path: &Path| fs::canonicalize(path).map_err(StoreError::io("find", path));
-        if whole(place)?.starts_with(whole(cells)?) {
-            let allowed = format!("a file outside the folder of the cells, {}", cells.display());
+    pub fn of_file_outside(path: &Path, results: &Path) -> Result<Self, StoreError> {
+        make_folder(results)?;
+        let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        make_folder(folder)?;
+        let canonical = |path: &Path| fs::canonicalize(path).map_err(StoreError::io("find", path));
+        if canonical(folder)?.starts_with(canonical(results)?) {
+            let allowed = format!("a file outside the folder of the cells, {}", results.display());
             return Err(StoreError::invalid("key of cached results", path.display(), allowed));
         }
         Self::of_file(path)
@@ -110,7 +110,7 @@ impl CacheSecret {
     /// # Errors
     /// None in practice: the MAC accepts a secret of any length.
     pub fn derived(&self, domain: &str) -> Result<[u8; 32], StoreError> {
-        Ok(self.mac(DERIVED)?.chain_update(domain.as_bytes()).finalize().into_bytes().into())
+        Ok(self.mac(DERIVED_DOMAIN)?.chain_update(domain.as_bytes()).finalize().into_bytes().into())
     }
 
     fn mac(&self, domain: &[u8]) -> Result<Hmac<Sha256>, StoreError> {
@@ -119,16 +119,16 @@ impl CacheSecret {
         Ok(mac.chain_update(domain))
     }
 
-    /// The MAC of a cell: over its key and body.
-    fn code(&self, key: &Digest, body: &[u8]) -> Result<[u8; CODE_BYTES], StoreError> {
-        let mac = self.mac(CELL)?.chain_update(key.bytes()).chain_update(body);
+    /// The MAC of a result: over its key and body.
+    fn mac_of(&self, key: &Digest, body: &[u8]) -> Result<[u8; MAC_BYTES], StoreError> {
+        let mac = self.mac(MAC_DOMAIN)?.chain_update(key.bytes()).chain_update(body);
         Ok(mac.finalize().into_bytes().into())
     }
 
-    /// Whether a MAC is the cell's; takes equally long for every wrong one.
-    fn authenticates(&self, key: &Digest, body: &[u8], code: &[u8]) -> bool {
-        let Ok(mac) = self.mac(CELL) else { return false };
-        mac.chain_update(key.bytes()).chain_update(body).verify_slice(code).is_ok()
+    /// Whether a MAC is the result's; takes equally long for every wrong one.
+    fn authenticates(&self, key: &Digest, body: &[u8], stored_mac: &[u8]) -> bool {
+        let Ok(mac) = self.mac(MAC_DOMAIN) else { return false };
+        mac.chain_update(key.bytes()).chain_update(body).verify_slice(stored_mac).is_ok()
     }
 
     /// `wanted` distinct indexes below `of`, in order. Uses the secret and fresh random numbers, so that even a holder
@@ -140,16 +140,16 @@ impl CacheSecret {
         let mut nonce = [0u8; 32];
         getrandom::fill(&mut nonce)
             .map_err(|error| at(Path::new("a draw"))(keyfile::KeyError::Random(error)))?;
-        let mac = self.mac(DRAW)?.chain_update(nonce).chain_update(block.bytes());
+        let mac = self.mac(SAMPLE_DOMAIN)?.chain_update(nonce).chain_update(block.bytes());
         let mut places: Vec<usize> = (0..of).collect();
         let wanted = wanted.min(of);
         for turn in 0..wanted {
             let bytes: [u8; 32] =
                 mac.clone().chain_update((turn as u64).to_le_bytes()).finalize().into_bytes().into();
             let number = bytes.iter().take(16).fold(0u128, |number, byte| (number << 8) | u128::from(*byte));
-            // Uneven by less than 2^-64 for every number of cells that fits into memory.
-            let left = (of - turn) as u128;
-            let step = usize::try_from(number % left).map_err(|_| StoreError::Unknown)?;
+            // Uneven by less than 2^-64 for every number of results that fits into memory.
+            let remaining = (of - turn) as u128;
+            let step = usize::try_from(number % remaining).map_err(|_| StoreError::Unknown)?;
             places.swap(turn, turn + step);
         }
         places.truncate(wanted);
@@ -158,13 +158,13 @@ impl CacheSecret {
     }
 }
 
-/// The cell under a key.
+/// What the cache has under a key.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CacheLookup {
     Nothing,
-    /// A cell that was not stored here under this key with the secret.
+    /// A result that was not stored here under this key with the secret.
     Refused,
-    Cell {
+    Found {
         body: Vec<u8>,
         /// This process ran it and remembers the result.
         own: bool,
@@ -174,11 +174,11 @@ pub enum CacheLookup {
 #[derive(Clone, Debug)]
 enum CacheMedium {
     Table(Arc<Mutex<TelemetryFile>>),
-    /// One file for each cell.
+    /// One file for each result.
     Folder(PathBuf),
 }
 
-/// See the module's head. Copies share their memory of own cells.
+/// See the module's head. Copies share their memory of own results.
 #[derive(Clone, Debug)]
 pub struct ResultCache {
     medium: CacheMedium,
@@ -186,11 +186,11 @@ pub struct ResultCache {
     /// Digests of this process's own results, by key.
     own: Arc<Mutex<BTreeMap<Digest, Digest>>>,
     /// A cached result was false: foreign ones no longer count.
-    voided: Arc<AtomicBool>,
+    invalidated: Arc<AtomicBool>,
 }
 
 impl ResultCache {
-    /// In a shared folder of runs: one file for each cell, written completely or not at all.
+    /// In a shared folder of runs: one file for each result, written completely or not at all.
     #[must_use]
     pub fn in_folder(folder: PathBuf, secret: CacheSecret) -> Self {
         Self::new(CacheMedium::Folder(folder), secret)
@@ -201,7 +201,7 @@ impl ResultCache {
     }
 
     fn new(medium: CacheMedium, secret: CacheSecret) -> Self {
-        Self { medium, secret, own: Arc::default(), voided: Arc::default() }
+        Self { medium, secret, own: Arc::default(), invalidated: Arc::default() }
     }
 
     /// Their location.
@@ -219,18 +219,18 @@ impl ResultCache {
         &self.secret
     }
 
-    /// The cell under a key. An unreadable one is absent.
+    /// The result under a key. An unreadable one is absent.
     #[must_use]
     pub fn get(&self, key: &Digest) -> CacheLookup {
-        let Some((code, body)) = self.read(key) else { return CacheLookup::Nothing };
-        if !self.secret.authenticates(key, &body, &code) {
+        let Some((mac, body)) = self.read(key) else { return CacheLookup::Nothing };
+        if !self.secret.authenticates(key, &body, &mac) {
             return CacheLookup::Refused;
         }
-        let worked = self.own().get(key).copied();
-        match worked {
-            Some(worked) if worked != content(&body) => CacheLookup::Refused,
+        let own_digest = self.own().get(key).copied();
+        match own_digest {
+            Some(own_digest) if own_digest != content_digest(&body) => CacheLookup::Refused,
             None if self.is_invalidated() => CacheLookup::Nothing,
-            worked => CacheLookup::Cell { body, own: worked.is_some() },
+            own_digest => CacheLookup::Found { body, own: own_digest.is_some() },
         }
     }
 
@@ -239,18 +239,18 @@ impl ResultCache {
     /// # Errors
     /// If the store's own file fails.
     pub fn put(&self, key: &Digest, body: &[u8]) -> Result<(), StoreError> {
-        let code = self.secret.code(key, body)?;
+        let mac = self.secret.mac_of(key, body)?;
         self.remember_own(key, body);
         match &self.medium {
             CacheMedium::Table(telemetry) => {
-                telemetry.lock().map_err(|_| StoreError::Unknown)?.put_cell(key, &hex(&code), body)
+                telemetry.lock().map_err(|_| StoreError::Unknown)?.put_cell(key, &hex(&mac), body)
             }
             CacheMedium::Folder(_) if self.is_invalidated() => Ok(()),
             CacheMedium::Folder(folder) => {
-                let part = folder.join(format!("{key}.{}.part", mark()));
-                let whole = [code.as_slice(), body].concat();
+                let part = folder.join(format!("{key}.{}.part", unique_suffix()));
+                let mac_and_body = [mac.as_slice(), body].concat();
                 let written = make_folder(folder).is_ok()
-                    && fs::write(&part, whole)
+                    && fs::write(&part, mac_and_body)
                         .and_then(|()| fs::rename(&part, folder.join(key.to_string())))
                         .is_ok();
                 if !written {
@@ -262,23 +262,23 @@ impl ResultCache {
         }
     }
 
-    /// Records that this process ran a cell with this result, so that later reads accept it.
+    /// Records that this process computed this result, so that later reads accept it.
     pub fn remember_own(&self, key: &Digest, body: &[u8]) {
         let mut own = self.own();
         if own.len() < OWN_MAX || own.contains_key(key) {
-            own.insert(*key, content(body));
+            own.insert(*key, content_digest(body));
         }
     }
 
     /// A cached result was false: none of them counts from now on. While this process lives, only its own results
-    /// count. A store's cells are deleted; a shared folder stays as evidence and for others, and is not written to
+    /// count. A store's results are deleted; a shared folder stays as evidence and for others, and is not written to
     /// again.
     ///
     /// # Errors
     /// If the store's own file fails.
     pub fn invalidate(&self) -> Result<(), StoreError> {
         self.own().clear();
-        self.voided.store(true, Ordering::Release);
+        self.invalidated.store(true, Ordering::Release);
         match &self.medium {
             CacheMedium::Table(telemetry) => telemetry.lock().map_err(|_| StoreError::Unknown)?.void_cells(),
             CacheMedium::Folder(_) => Ok(()),
@@ -286,14 +286,14 @@ impl ResultCache {
     }
 
     fn is_invalidated(&self) -> bool {
-        self.voided.load(Ordering::Acquire)
+        self.invalidated.load(Ordering::Acquire)
     }
 
-    fn read(&self, key: &Digest) -> Option<([u8; CODE_BYTES], Vec<u8>)> {
+    fn read(&self, key: &Digest) -> Option<([u8; MAC_BYTES], Vec<u8>)> {
         match &self.medium {
             CacheMedium::Table(telemetry) => {
-                let (code, body) = telemetry.lock().ok()?.cell(key).ok()??;
-                Some((unhex(&code).unwrap_or([0; CODE_BYTES]), body))
+                let (mac, body) = telemetry.lock().ok()?.cell(key).ok()??;
+                Some((unhex(&mac).unwrap_or([0; MAC_BYTES]), body))
             }
             CacheMedium::Folder(folder) => read_file(&folder.join(key.to_string())),
         }
@@ -304,24 +304,24 @@ impl ResultCache {
     }
 }
 
-fn content(body: &[u8]) -> Digest {
+fn content_digest(body: &[u8]) -> Digest {
     Digest::of_parts("holdpoint.kept-content.v1", &[body])
 }
 
-/// A cell's file: its MAC, then its body. Anything but a regular file of a cell's size is not a cell.
-fn read_file(path: &Path) -> Option<([u8; CODE_BYTES], Vec<u8>)> {
+/// A result's file: its MAC, then its body. Anything but a regular file of a result's size is not a result.
+fn read_file(path: &Path) -> Option<([u8; MAC_BYTES], Vec<u8>)> {
     let flags = rustix::fs::OFlags::NOFOLLOW | rustix::fs::OFlags::NONBLOCK;
     let flags = i32::try_from(flags.bits()).ok()?;
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path).ok()?;
-    let size_max = (CODE_BYTES + BODY_BYTES_MAX) as u64;
+    let size_max = (MAC_BYTES + BODY_BYTES_MAX) as u64;
     let found = file.metadata().ok()?;
     if !found.is_file() || found.len() > size_max {
         return None;
     }
-    let mut whole = Vec::new();
-    file.take(size_max).read_to_end(&mut whole).ok()?;
-    let (code, body) = whole.split_first_chunk::<CODE_BYTES>()?;
-    Some((*code, body.to_vec()))
+    let mut content = Vec::new();
+    file.take(size_max).read_to_end(&mut content).ok()?;
+    let (mac, body) = content.split_first_chunk::<MAC_BYTES>()?;
+    Some((*mac, body.to_vec()))
 }
 
 fn at(path: &Path) -> impl FnOnce(keyfile::KeyError) -> StoreError {
@@ -329,8 +329,8 @@ fn at(path: &Path) -> impl FnOnce(keyfile::KeyError) -> StoreError {
     move |source| StoreError::Key { path, source }
 }
 
-/// Distinct for every temporary file.
-fn mark() -> String {
+/// Differs for every temporary file.
+fn unique_suffix() -> String {
     static WRITTEN: AtomicU64 = AtomicU64::new(0);
     format!("{}-{}", std::process::id(), WRITTEN.fetch_add(1, Ordering::Relaxed))
 }
@@ -344,7 +344,7 @@ fn make_folder(path: &Path) -> Result<(), StoreError> {
 fn make(path: &Path) -> Result<(), StoreError> {
     let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     make_folder(folder)?;
-    let part = path.with_extension(format!("{}.part", mark()));
+    let part = path.with_extension(format!("{}.part", unique_suffix()));
     // A leftover of a killed process with the same id.
     let _ = fs::remove_file(&part);
     let key = keyfile::generate().map_err(at(path))?;
@@ -365,9 +365,9 @@ mod tests {
         Digest::of_parts("test", &[name.as_bytes()])
     }
 
-    fn cell_of(found: &CacheLookup) -> Option<(&[u8], bool)> {
+    fn result_of(found: &CacheLookup) -> Option<(&[u8], bool)> {
         match found {
-            CacheLookup::Cell { body, own } => Some((body, *own)),
+            CacheLookup::Found { body, own } => Some((body, *own)),
             CacheLookup::Nothing | CacheLookup::Refused => None,
         }
     }
@@ -378,15 +378,15 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_is_believed_under_its_key_with_the_secret_only() {
+    fn a_result_counts_only_under_its_key_with_the_secret() {
         let folder = tempfile::tempdir().unwrap();
         let secret = CacheSecret::fresh().unwrap();
         let mine = another(folder.path(), &secret);
-        mine.put(&key("a"), b"what a came to").unwrap();
-        mine.put(&key("b"), b"what b came to").unwrap();
-        assert_eq!(cell_of(&mine.get(&key("a"))), Some((b"what a came to".as_slice(), true)));
+        mine.put(&key("a"), b"the result of a").unwrap();
+        mine.put(&key("b"), b"the result of b").unwrap();
+        assert_eq!(result_of(&mine.get(&key("a"))), Some((b"the result of a".as_slice(), true)));
         let others = another(folder.path(), &secret);
-        assert_eq!(cell_of(&others.get(&key("a"))), Some((b"what a came to".as_slice(), false)));
+        assert_eq!(result_of(&others.get(&key("a"))), Some((b"the result of a".as_slice(), false)));
         assert_eq!(
             another(folder.path(), &CacheSecret::fresh().unwrap()).get(&key("a")),
             CacheLookup::Refused
@@ -402,16 +402,16 @@ mod tests {
         }
         fs::write(file("a"), &whole[..31]).unwrap();
         assert_eq!(others.get(&key("a")), CacheLookup::Nothing);
-        // The cell of another key, with its own MAC.
+        // The result of another key, with its own MAC.
         fs::copy(file("b"), file("a")).unwrap();
         assert_eq!(others.get(&key("a")), CacheLookup::Refused);
         fs::remove_file(file("a")).unwrap();
         std::os::unix::fs::symlink(file("b"), file("a")).unwrap();
-        assert_eq!(others.get(&key("a")), CacheLookup::Nothing, "a link is no cell");
+        assert_eq!(others.get(&key("a")), CacheLookup::Nothing, "a link is not a result");
     }
 
     #[test]
-    fn what_was_worked_here_is_known_whatever_is_written_over_it() {
+    fn an_own_result_that_was_overwritten_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let secret = CacheSecret::fresh().unwrap();
         let mine = another(folder.path(), &secret);
@@ -422,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_was_found_false_is_left_alone() {
+    fn an_invalidated_folder_is_not_written_to() {
         let folder = tempfile::tempdir().unwrap();
         let mine = another(folder.path(), &CacheSecret::fresh().unwrap());
         mine.put(&key("a"), b"a").unwrap();
@@ -433,30 +433,31 @@ mod tests {
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "it is others' too");
     }
 
-    /// A foreign key in a store's folder vouches for nothing.
+    /// A foreign key in a store's folder authenticates nothing.
     #[test]
-    fn a_stores_secret_is_of_the_key_that_signs_its_record() {
+    fn a_stores_secret_is_derived_from_the_key_that_signs_its_records() {
         let folder = tempfile::tempdir().unwrap();
         let store = crate::Store::open(folder.path()).unwrap();
         let planted = keyfile::generate().unwrap();
-        let [ours, theirs] = [store.cells().secret().clone(), CacheSecret::of_store(&planted).unwrap()];
-        assert_ne!(ours.code(&key("a"), b"x").unwrap(), theirs.code(&key("a"), b"x").unwrap());
+        let [ours, theirs] =
+            [store.result_cache().secret().clone(), CacheSecret::of_store(&planted).unwrap()];
+        assert_ne!(ours.mac_of(&key("a"), b"x").unwrap(), theirs.mac_of(&key("a"), b"x").unwrap());
         keyfile::write_secret(&store.layout().keys().join("cells.key"), &planted).unwrap();
         drop(store);
         let again = crate::Store::open(folder.path()).unwrap();
-        let code = again.cells().secret().code(&key("a"), b"x").unwrap();
-        assert_eq!(code, ours.code(&key("a"), b"x").unwrap());
+        let mac = again.result_cache().secret().mac_of(&key("a"), b"x").unwrap();
+        assert_eq!(mac, ours.mac_of(&key("a"), b"x").unwrap());
     }
 
     #[test]
-    fn a_secret_is_its_owners_and_outside_the_folder() {
+    fn the_secret_file_is_readable_by_its_owner_only_and_outside_the_folder() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let (cells, file) = (folder.path().join("cells"), folder.path().join("keys").join("cells.key"));
         let made = CacheSecret::of_file_outside(&file, &cells).unwrap();
         assert_eq!(fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o600);
         let read = CacheSecret::of_file_outside(&file, &cells).unwrap();
-        assert_eq!(made.code(&key("a"), b"x").unwrap(), read.code(&key("a"), b"x").unwrap());
+        assert_eq!(made.mac_of(&key("a"), b"x").unwrap(), read.mac_of(&key("a"), b"x").unwrap());
         let inside = CacheSecret::of_file_outside(&cells.join("deep").join("cells.key"), &cells).unwrap_err();
         assert!(matches!(inside, StoreError::Invalid { .. }), "{inside}");
         let around =
@@ -468,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn a_draw_is_without_repetition_fair_and_new_each_time() {
+    fn a_sample_has_no_repetition_is_uniform_and_differs_each_time() {
         let secret = CacheSecret::fresh().unwrap();
         let mut times = [0u32; 20];
         for _ in 0..2_000 {
@@ -486,7 +487,7 @@ mod tests {
         assert_ne!(
             one,
             secret.sample(&key("block"), 100_000, 8).unwrap(),
-            "who has the secret cannot know it"
+            "a holder of the secret cannot predict it"
         );
     }
 }

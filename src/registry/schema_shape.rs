@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn every_released_schema_is_brought_to_the_newest_step_by_step() {
+    fn every_released_schema_is_migrated_step_by_step() {
         for schema in SCHEMAS {
             for from in 1..=schema.newest() {
                 let mut connection = Connection::open_in_memory().unwrap();

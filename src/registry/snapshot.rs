@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_loaded_only_if_it_is_the_one_that_was_signed() {
+    fn snapshot_is_loaded_only_with_its_signed_digest() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.fold");
         for length in [0, 1, PIECE_BYTES, PIECE_BYTES + 1] {

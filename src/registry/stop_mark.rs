@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_is_stored_when_one_place_is_taken() {
+    fn stop_mark_is_stored_if_one_of_its_places_is_occupied() {
         let folder = tempfile::tempdir().unwrap();
         let marks = marks(folder.path());
         assert_eq!(marks.found(), None);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_that_no_place_takes_is_an_error() {
+    fn stop_mark_without_a_free_place_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let marks = marks(folder.path());
         assert_eq!(marks.places.len(), 3);
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_and_a_pipe_are_stops_and_are_not_followed() {
+    fn link_or_pipe_at_a_stop_mark_counts_as_a_stop_and_is_not_followed() {
         let folder = tempfile::tempdir().unwrap();
         let marks = marks(folder.path());
         let elsewhere = folder.path().join("elsewhere");

@@ -80,7 +80,7 @@ pub struct Store {
     jobs: Option<SyncSender<WriterJob>>,
     writer: Option<JoinHandle<()>>,
     telemetry: Arc<Mutex<TelemetryFile>>,
-    cells: ResultCache,
+    result_cache: ResultCache,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
     witness_problems: WitnessProblems,
     altered: Arc<Mutex<Option<String>>>,
@@ -133,7 +133,7 @@ impl Store {
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
         let (telemetry, found) = open_telemetry((&layout, limits), &connection, &fold)?;
         let telemetry = Arc::new(Mutex::new(telemetry));
-        let cells = ResultCache::in_table(Arc::clone(&telemetry), CacheSecret::of_store(&key)?);
+        let result_cache = ResultCache::in_table(Arc::clone(&telemetry), CacheSecret::of_store(&key)?);
         let (public_key, profiles) = (key.verifying_key(), fold.profiles().clone());
         let link = sign_on(&connection, &layout, (&store_id, &fold), &key)?;
         let (jobs, incoming) = sync_channel(QUEUE_MAX);
@@ -168,7 +168,7 @@ impl Store {
             jobs: Some(jobs),
             writer: Some(writer),
             telemetry,
-            cells,
+            result_cache,
             checkpoint_problem,
             witness_problems: problems,
             altered,
@@ -348,8 +348,8 @@ impl Store {
 
     /// The store's cached results.
     #[must_use]
-    pub const fn cells(&self) -> &ResultCache {
-        &self.cells
+    pub const fn result_cache(&self) -> &ResultCache {
+        &self.result_cache
     }
 }
 

@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_id_is_of_one_key() {
+    fn store_id_identifies_one_key() {
         let key = |byte: u8| SigningKey::from_bytes(&[byte; 32]).verifying_key();
         let id = of_key(&key(1));
         assert_eq!(id.len(), PREFIX.len() + DIGITS);

@@ -98,7 +98,7 @@ mod tests {
     use holdpoint_governance::lifecycle::{Stage, State};
 
     #[test]
-    fn the_names_are_those_of_lifecycle_and_schema() {
+    fn stored_names_are_those_of_lifecycle_and_schema() {
         let schema = include_str!("schema/store-1.sql");
         let all = (State::ALL.map(State::name).into_iter())
             .chain(Stage::ALL.map(Stage::name))

@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing() {
+    fn gaps_of_missing_batches_are_computed() {
         let mut account = account(10, 0);
         assert_eq!(account.gaps(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10], Some(1), 64), [[0; 2]; 0]);
         assert_eq!(account.gaps(&[3, 4, 8, 10], Some(3), 64), [[1, 2], [5, 7], [9, 9]]);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_removed_before_removals_were_on_record() {
+    fn batches_removed_before_removals_were_recorded_are_no_gap() {
         let account = account(10, 6);
         assert_eq!(account.gaps(&[5, 6, 7, 8, 9, 10], Some(5), 64), [[0; 2]; 0]);
         assert_eq!(account.gaps(&[9, 10], Some(9), 64), [[7, 8]], "those had to be on record");

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use super::error::StoreError;
 use super::head_copies::HeadFault;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The first problem.
 #[derive(Debug, thiserror::Error)]
@@ -75,6 +75,24 @@ impl VerifyError {
 }
 
 impl Hint for VerifyError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Unreadable(error) => error.details(),
+            Self::Damaged(_)
+            | Self::TelemetryFile(_)
+            | Self::Record { .. }
+            | Self::State { .. }
+            | Self::Invariant(_)
+            | Self::Checkpoint { .. }
+            | Self::Copy { .. }
+            | Self::Line { .. }
+            | Self::Unsigned(_)
+            | Self::Approval { .. }
+            | Self::Person { .. }
+            | Self::Telemetry { .. } => Some(ErrorReason::StoreRefused.into()),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Unreadable(error) => error.hint(),

@@ -472,11 +472,11 @@ impl Views {
             let closed: AuditClosedFields = serde_json::from_str(&record.body).map_err(unread)?;
             confirmed |= closed.outcome == UpgradeEnd::Confirmed;
         }
-        let mut let_in = None;
+        let mut activated_under = None;
         for record in records(RecordKind::ActiveSet, CLOSINGS_MAX, None)? {
             let set: ActiveSetBody = serde_json::from_str(&record.body).map_err(unread)?;
             if set.change.cause.cause == ActivationCause::Gate {
-                let_in = Some(self.in_force_at(record.seq)?);
+                activated_under = Some(self.in_force_at(record.seq)?);
                 break;
             }
         }
@@ -484,7 +484,7 @@ impl Views {
             left: left.map_err(unread)?.map(|body| body.change.from),
             ran,
             confirmed,
-            let_in,
+            activated_under,
         })
     }
 

@@ -410,7 +410,7 @@ mod tests {
     use holdpoint_governance::ids::Digest;
 
     #[test]
-    fn a_testimony_is_written_once_and_not_replaced_by_another() {
+    fn witness_file_is_written_once_and_never_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let head = |text: &str| Checkpoint {
             store_id: "a".repeat(32),

@@ -206,7 +206,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn interprets_and_plans() {
+    fn goal_texts_are_interpreted_and_planned() {
         assert_eq!(Goal::interpret("pick-align-place").unwrap().plan(), TaskKind::SEQUENCE);
         assert_eq!(Goal::interpret("grasp").unwrap().plan(), [TaskKind::Grasp]);
         assert_eq!(Goal::interpret("align").unwrap().plan(), [TaskKind::Grasp, TaskKind::Align]);
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_in_flight_and_planned_is_given_up_until_a_goal_is_taken_up() {
+    fn abandoned_goal_leaves_no_task_until_a_new_goal() {
         let mut agent = Agent::default();
         agent.take_up(Goal::PickAlignPlace);
         assert_eq!(agent.next_task(), Some(TaskKind::Grasp));
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn identity_is_the_same_after_work() {
+    fn agent_identity_is_unchanged_by_its_tasks() {
         let mut agent = Agent::default();
         let before = agent.identity_hash();
         agent.note_episode();

@@ -27,7 +27,7 @@ use holdpoint_governance::submission::{
 };
 use holdpoint_governance::text_error::{TextError, check_size};
 use holdpoint_text::file::{AT_ONCE, regular};
-use holdpoint_text::{Hint, Untrusted};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Untrusted};
 
 /// The file of a version's folder with its author's signature.
 pub const AUTHOR_SIGNATURE_FILE: &str = "author.sig";
@@ -89,6 +89,25 @@ pub enum PackageError {
 }
 
 impl Hint for PackageError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::Content(error) => return error.details(),
+            Self::Native(error) => return error.details(),
+            Self::NotFinite { file, field } => ErrorDetails::of_field(file.as_str(), field.as_str()),
+            Self::NoComponent { file, .. } | Self::ComponentUnnamed { file, .. } => {
+                ErrorDetails::of_field(file.as_str(), "deployment.bundle")
+            }
+            Self::NoParams { file } => ErrorDetails::of_field(file.as_str(), "deployment.params"),
+            Self::Folder { folder: file, .. }
+            | Self::Read { file, .. }
+            | Self::NotText { file }
+            | Self::Params { file, .. }
+            | Self::ComponentTooLarge { file, .. }
+            | Self::Component { file, .. }
+            | Self::Canonical { file, .. } => ErrorDetails::of_file(ErrorReason::BadFile, file.as_str()),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Folder { .. } | Self::Read { .. } => Some(

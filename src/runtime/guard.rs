@@ -342,7 +342,7 @@ mod tests {
 
     /// A mode that a policy wants reviewed is denied until people have approved the version, and then passed.
     #[test]
-    fn an_approved_review_is_honoured() {
+    fn approved_review_permits_the_reviewed_mode() {
         use holdpoint_body::{Body, Pose};
         use holdpoint_governance::profile::{Profile, ProfileName};
         let profile = Profile::builtin(ProfileName::Human).unwrap();
@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn segments_and_boxes() {
+    fn segment_entering_a_box_is_found() {
         let (min, max) = ([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]);
         for (a, b, meets) in [
             ([-1.0, 0.5, 0.5], [2.0, 0.5, 0.5], true),

@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_share_that_is_no_number_gives_the_tightest_envelope() {
+    fn nan_share_gives_the_tightest_envelope() {
         let envelope = Envelope {
             tool_speed_max_m_s: 1.0,
             joint_speed_max_rad_s: 2.0,

@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn late_by_itself_is_a_breach_and_late_once_is_none() {
+    fn constantly_late_ticks_are_a_breach_and_single_ones_are_not() {
         let (fast, slow) = (Duration::from_micros(10), Duration::from_millis(9));
         for (late_every, breached) in [(0, false), (60, false), (3, false), (2, false), (1, true)] {
             let meter = TickMeter::new(50);

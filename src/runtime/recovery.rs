@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_about_zero_is_a_standstill_and_motion_is_not() {
+    fn noise_around_zero_counts_as_a_standstill() {
         let run = |speed: &dyn Fn(usize) -> f64| {
             let mut standstill = Standstill::default();
             (0..60).fold(false, |_, tick| standstill.observe(&seen(speed(tick))))

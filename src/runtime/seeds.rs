@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_seed_is_the_same_for_the_same_key_and_episode_and_no_other() {
+    fn seed_is_determined_by_key_and_episode() {
         let key = SeedKey::of_run(1);
         assert_eq!(key.seed(7), SeedKey::of_run(1).seed(7));
         assert_ne!(key.seed(7), key.seed(8));
@@ -65,7 +65,7 @@ mod tests {
 
     /// Seeds of adjacent episodes share no visible range or bit.
     #[test]
-    fn the_seeds_of_a_row_of_episodes_are_spread() {
+    fn seeds_of_adjacent_episodes_are_independent() {
         let key = SeedKey::of_run(1);
         for first in [0_u64, 1 << 40] {
             let seeds: Vec<u64> = (first..first + 2_000).map(|episode| key.seed(episode).number()).collect();

@@ -8,82 +8,7 @@ use holdpoint_body::{Command, TaskKind, Telemetry};
 use serde::{Deserialize, Serialize};
 
 use super::limits::WatchLimits;
-
-/// What the watcher can name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum WatcherSignal {
-    /// The object moves in the hand.
-    ObjectSlip,
-    /// The hand was closed on the object and is empty now.
-    ObjectLost,
-    /// A joint is far from where the servo wants it.
-    TrackingError,
-    /// Contact outside the phase it belongs to.
-    UnexpectedContact,
-    /// The arm moves on camera frames that are too old.
-    StaleInput,
-    /// The gripper does not answer.
-    ToolLost,
-    /// The gripper does not follow its command.
-    GripFault,
-    /// The work takes too long.
-    Overrun,
-    /// A sensor gives no number.
-    TelemetryInvalid,
-}
-
-impl WatcherSignal {
-    pub const ALL: [Self; 9] = [
-        Self::ObjectSlip,
-        Self::ObjectLost,
-        Self::TrackingError,
-        Self::UnexpectedContact,
-        Self::StaleInput,
-        Self::ToolLost,
-        Self::GripFault,
-        Self::Overrun,
-        Self::TelemetryInvalid,
-    ];
-
-    /// What was seen, a few words.
-    #[must_use]
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::ObjectSlip => "the object slips in the hand",
-            Self::ObjectLost => "the hand has lost the object",
-            Self::TrackingError => "a joint is far from where it should be",
-            Self::UnexpectedContact => "it touches what it should not",
-            Self::StaleInput => "it moves on camera frames that are too old",
-            Self::ToolLost => "the gripper does not answer",
-            Self::GripFault => "the gripper does not follow",
-            Self::Overrun => "the work takes too long",
-            Self::TelemetryInvalid => "a sensor gives no number",
-        }
-    }
-
-    /// Whether the recovery manager is to act at once; the others are noted as anomalies.
-    #[must_use]
-    pub const fn needs_recovery(self) -> bool {
-        match self {
-            Self::TrackingError
-            | Self::UnexpectedContact
-            | Self::StaleInput
-            | Self::Overrun
-            | Self::TelemetryInvalid => true,
-            // The skill may repair these itself (a new attempt, a wait).
-            Self::ObjectSlip | Self::ObjectLost | Self::ToolLost | Self::GripFault => false,
-        }
-    }
-
-    /// Whether the signal counts as an anomaly of the episode.
-    ///
-    /// A tool that is away for a moment is a state of the cell, not of the skill.
-    #[must_use]
-    pub const fn is_anomaly(self) -> bool {
-        !matches!(self, Self::ToolLost)
-    }
-}
+pub use holdpoint_governance::watcher_signal::WatcherSignal;
 
 /// A signal and when it was established.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -263,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn names_what_happens_and_nothing_else() {
+    fn watcher_raises_exactly_the_signals_of_the_telemetry() {
         type TelemetryEdit = fn(&mut Telemetry);
         let table: [(TelemetryEdit, &[WatcherSignal]); 7] = [
             (|_| {}, &[]),

@@ -176,7 +176,7 @@ impl BlueprintPage {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn the_layout_is_the_same_every_time() {
+    fn blueprint_is_deterministic() {
         assert_eq!(super::messages().unwrap(), super::messages().unwrap());
     }
 }

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use holdpoint_text::{Hint, Untrusted};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Untrusted};
 
 /// What is recorded and served.
 #[derive(Clone, Debug, Default)]
@@ -34,6 +34,13 @@ pub enum SceneError {
 }
 
 impl Hint for SceneError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::Folder { path, .. } => ErrorDetails::of_file(ErrorReason::CannotWrite, path.as_str()),
+            Self::Thread(_) => ErrorReason::Environment.into(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         Some(match self {
             Self::Folder { .. } => "make it writable, or name another".into(),
@@ -62,6 +69,14 @@ pub enum ReadError {
 }
 
 impl Hint for ReadError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::File { path, .. } | Self::Foreign { path, .. } => {
+                Some(ErrorDetails::of_file(ErrorReason::BadFile, path.as_str()))
+            }
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         Some(match self {
             Self::File { .. } => "check that it exists and is readable".into(),

@@ -172,7 +172,7 @@ fn part(name: &str) -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn a_foreign_name_is_one_part_of_a_path() {
+    fn foreign_name_becomes_one_path_part() {
         for (name, part) in [("fixture wall", "fixture_wall"), ("a/b\u{1b}[", "a_b__"), ("", "_")] {
             assert_eq!(super::part(name), part);
         }

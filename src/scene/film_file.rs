@@ -61,7 +61,7 @@ mod tests {
 
     /// The written file is read back: every frame, the twin in each, the events, and a column for each joint.
     #[test]
-    fn a_film_is_a_recording() {
+    fn film_is_written_and_read_as_a_recording() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("film.rrd");
         let about: RecordingSubject = serde_json::from_value(json!({ "version": "grasp@1.1.0", "digest": "a".repeat(64),

@@ -201,12 +201,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn foreign_text_draws_no_table_and_no_link() {
+    fn foreign_text_is_escaped_in_markdown() {
         assert_eq!(plain("a|b [x](y) \u{1b}[31m"), r"a\|b \[x\](y) \\u{1b}\[31m");
     }
 
     #[test]
-    fn an_alarm_that_is_over_is_no_error() {
+    fn returned_alarm_is_not_shown_as_an_error() {
         assert_eq!(alarm_level(Priority::High, AlarmState::Normal), "INFO");
         assert_eq!(alarm_level(Priority::High, AlarmState::Unacknowledged), "ERROR");
         assert_eq!(alarm_level(Priority::Low, AlarmState::Unacknowledged), "WARN");

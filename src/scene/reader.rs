@@ -39,10 +39,10 @@ pub struct RecordingContents {
 /// # Errors
 /// If it cannot be opened, is too large or damaged, or is not a recording.
 pub fn contents(path: &Path) -> Result<RecordingContents, ReadError> {
-    guarded(path, || decoded(path))
+    guarded(path, || decode_chunks(path))
 }
 
-fn decoded(path: &Path) -> Result<RecordingContents, ReadError> {
+fn decode_chunks(path: &Path) -> Result<RecordingContents, ReadError> {
     let file = holdpoint_text::file::open(path).map_err(|source| ReadError::file(path, source))?;
     let mut bytes = Vec::new();
     file.take(READ_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(|source| ReadError::file(path, source))?;
@@ -81,11 +81,11 @@ fn decoded(path: &Path) -> Result<RecordingContents, ReadError> {
 /// # Errors
 /// If it cannot be read, is damaged, or is not a recording of an upgrade.
 pub fn read(path: &Path) -> Result<Recording, ReadError> {
-    guarded(path, || values(path))
+    guarded(path, || decode_recording(path))
 }
 
-fn values(path: &Path) -> Result<Recording, ReadError> {
-    let RecordingContents { chunks, tail } = decoded(path)?;
+fn decode_recording(path: &Path) -> Result<Recording, ReadError> {
+    let RecordingContents { chunks, tail } = decode_chunks(path)?;
     let head = head(&chunks).ok_or_else(|| ReadError::foreign(path, "it does not say whose it is"))?;
     let mut events: Vec<Event> =
         texts(&chunks, paths::EVENT).iter().filter_map(|text| serde_json::from_str(text).ok()).collect();
@@ -105,8 +105,8 @@ fn values(path: &Path) -> Result<Recording, ReadError> {
 /// The parts of an evaluation in it. No engine writes more of them than an evaluation has, or longer texts.
 fn films(chunks: &[Chunk]) -> Vec<FilmSpan> {
     let texts = texts(chunks, paths::FILM);
-    let short = texts.iter().filter(|text| text.len() <= 4 * TEXT_WIDTH_MAX);
-    short.filter_map(|text| serde_json::from_str(text).ok()).take(FILMS_MAX).collect()
+    let within_limit = texts.iter().filter(|text| text.len() <= 4 * TEXT_WIDTH_MAX);
+    within_limit.filter_map(|text| serde_json::from_str(text).ok()).take(FILMS_MAX).collect()
 }
 
 /// The data known when a recording began; with several segments, those of the first.
@@ -116,7 +116,7 @@ pub fn head(chunks: &[Chunk]) -> Option<RecordingHead> {
 }
 
 /// The chunks of an entity.
-fn of<'a>(chunks: &'a [Chunk], path: &str) -> impl Iterator<Item = &'a Chunk> {
+fn chunks_of<'a>(chunks: &'a [Chunk], path: &str) -> impl Iterator<Item = &'a Chunk> {
     let path = rerun::EntityPath::parse_forgiving(path);
     chunks.iter().filter(move |chunk| *chunk.entity_path() == path)
 }
@@ -124,7 +124,7 @@ fn of<'a>(chunks: &'a [Chunk], path: &str) -> impl Iterator<Item = &'a Chunk> {
 /// The texts of an entity.
 fn texts(chunks: &[Chunk], path: &str) -> Vec<String> {
     let component = TextLog::descriptor_text().component;
-    let rows = of(chunks, path).flat_map(|chunk| {
+    let rows = chunks_of(chunks, path).flat_map(|chunk| {
         chunk
             .iter_component::<Text>(component)
             .filter_map(|row| row.first().map(|text| text.as_str().to_owned()))
@@ -137,12 +137,12 @@ fn texts(chunks: &[Chunk], path: &str) -> Vec<String> {
 fn column<C: Component + Clone>(
     chunks: &[Chunk],
     path: &str,
-    what: &ComponentDescriptor,
+    component: &ComponentDescriptor,
 ) -> BTreeMap<i64, Vec<C>> {
     let mut column = BTreeMap::new();
-    for chunk in of(chunks, path).filter(|chunk| !chunk.is_static()) {
-        let ticks = chunk.iter_component_indices(TICK.into(), what.component);
-        let values = chunk.iter_component::<C>(what.component);
+    for chunk in chunks_of(chunks, path).filter(|chunk| !chunk.is_static()) {
+        let ticks = chunk.iter_component_indices(TICK.into(), component.component);
+        let values = chunk.iter_component::<C>(component.component);
         column.extend(ticks.zip(values).map(|((tick, _), row)| (tick.as_i64(), row.as_slice().to_vec())));
     }
     column
@@ -229,12 +229,12 @@ fn video_frame(
     frame: FrameFacts,
     live: &Bodies,
     twin: &Bodies,
-    at: Vec<Position3D>,
+    contact_points: Vec<Position3D>,
 ) -> Option<VideoFrame> {
     let [held, twin_held, unexpected_contact, stopped] = frame.flags;
     let [half_m, twin_half_m] = frame.half_m;
     let [speed_m_s, force_n, contact_n] = frame.tool;
-    let contacts = positions(at).into_iter().zip(frame.forces_n);
+    let contacts = positions(contact_points).into_iter().zip(frame.forces_n);
     Some(VideoFrame {
         sequence: frame.sequence,
         at_ms: frame.at_ms,
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ticks_time_is_a_time_of_that_tick() {
+    fn time_of_a_tick_maps_back_to_the_tick() {
         for tick in [0_u64, 1, 7, 239, 240, 1_234_567] {
             assert_eq!(holdpoint_protocol::clock::tick_of(ms_of(i64::try_from(tick).unwrap())), tick);
         }

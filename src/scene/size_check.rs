@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sound_recording_is_credible_up_to_its_index() {
+    fn intact_recording_is_credible_up_to_its_index() {
         let bytes = recording();
         let starts = starts(&bytes);
         assert!(starts.len() > 3, "{starts:?}");
@@ -139,7 +139,7 @@ mod tests {
 
     /// Each of these sizes aborted the process: they cannot be allocated, and no panic can be caught.
     #[test]
-    fn sizes_that_cannot_be_true_are_not_handed_on() {
+    fn impossible_sizes_end_the_credible_part() {
         let good = recording();
         let starts = starts(&good);
         let third = starts[2];

@@ -7,13 +7,15 @@
 use std::borrow::Cow;
 use std::fmt;
 
+use crate::ErrorDetails;
+
 /// An error with an optional hint. Its `Display` is the message alone.
 pub trait Hint: fmt::Display {
     /// What the reader can do about it, as one phrase without a full stop; `None` if nothing is known to help.
     fn hint(&self) -> Option<Cow<'static, str>>;
 
-    /// The stable name of what is wrong, for programs that act on it; `None` where none does.
-    fn code(&self) -> Option<&'static str> {
+    /// What the error is, for programs; `None` if its type does not say.
+    fn details(&self) -> Option<ErrorDetails> {
         None
     }
 
@@ -35,8 +37,8 @@ impl<T: Hint + ?Sized> Hint for &T {
         (**self).hint()
     }
 
-    fn code(&self) -> Option<&'static str> {
-        (**self).code()
+    fn details(&self) -> Option<ErrorDetails> {
+        (**self).details()
     }
 }
 
@@ -59,19 +61,20 @@ impl Hint for String {
 pub struct Problem {
     text: String,
     hint: Option<Cow<'static, str>>,
+    details: Option<ErrorDetails>,
 }
 
 impl Problem {
     /// What is wrong, in one sentence without a full stop.
     #[must_use]
     pub fn new(text: impl Into<String>) -> Self {
-        Self { text: text.into(), hint: None }
+        Self { text: text.into(), hint: None, details: None }
     }
 
-    /// An error's message and hint, if its type is not needed any more.
+    /// An error's message, hint and details, if its type is not needed any more.
     #[must_use]
     pub fn of(error: &(impl Hint + ?Sized)) -> Self {
-        Self { text: error.to_string(), hint: error.hint() }
+        Self { text: error.to_string(), hint: error.hint(), details: error.details() }
     }
 
     /// With this hint in place of its own.
@@ -79,11 +82,21 @@ impl Problem {
     pub fn with_hint(self, hint: impl Into<Cow<'static, str>>) -> Self {
         Self { hint: Some(hint.into()), ..self }
     }
+
+    /// With these details in place of its own.
+    #[must_use]
+    pub fn with_details(self, details: impl Into<ErrorDetails>) -> Self {
+        Self { details: Some(details.into()), ..self }
+    }
 }
 
 impl Hint for Problem {
     fn hint(&self) -> Option<Cow<'static, str>> {
         self.hint.clone()
+    }
+
+    fn details(&self) -> Option<ErrorDetails> {
+        self.details.clone()
     }
 }
 
@@ -101,13 +114,24 @@ impl From<String> for Problem {
 
 impl From<(String, Option<String>)> for Problem {
     fn from((text, hint): (String, Option<String>)) -> Self {
-        Self { text, hint: hint.map(Cow::Owned) }
+        Self { text, hint: hint.map(Cow::Owned), details: None }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ErrorReason;
+
+    #[test]
+    fn a_problem_keeps_the_details_of_its_error() {
+        let details = ErrorDetails::of_field("profile.toml", "approval.quorum_low");
+        let problem = Problem::new("bad").with_details(details.clone()).with_hint("edit it");
+        assert_eq!(Problem::of(&problem).details(), Some(details));
+        assert_eq!(Problem::new("bad").details(), None);
+        let reason = Problem::new("bad").with_details(ErrorReason::Store).details().unwrap();
+        assert_eq!((reason.reason, reason.cause, reason.place), (ErrorReason::Store, None, None));
+    }
 
     #[test]
     fn a_hint_appears_once_behind_the_message() {

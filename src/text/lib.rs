@@ -6,11 +6,13 @@
 //! zero-width characters, unusual spaces, private and unassigned code points. It also bounds the width in columns and
 //! the bytes of one grapheme, as a pile of accents makes one huge cell.
 //!
-//! An error keeps what would help ([`Hint`]) apart from its message, because messages quote foreign text.
+//! An error keeps what would help ([`Hint`]) apart from its message, because messages quote foreign text. Programs get
+//! the error's details ([`ErrorDetails`]) instead of the message.
 //!
 //! What this module must not do: judge whether text is honest. Look-alike letters stay; ids and digests are
 //! compared, never read.
 
+mod error_reason;
 pub mod file;
 mod hint;
 mod sanitize;
@@ -19,6 +21,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+pub use error_reason::{ErrorDetails, ErrorReason, FilePlace};
 pub use hint::{Hint, Problem};
 pub use sanitize::{GRAPHEME_BYTES_MAX, WIDTH_MAX, escape_json, is_visible, sanitize};
 
@@ -151,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_sees_is_blank() {
+    fn invisible_text_is_blank() {
         let unseen = [
             "",
             " \t\n",

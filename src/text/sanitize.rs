@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hostile_table() {
+    fn hostile_text_is_escaped() {
         for (text, expected) in [
             ("plain text", "plain text"),
             ("naïve 漢字 приве́т", "naïve 漢字 приве́т"),
@@ -162,13 +162,13 @@ mod tests {
     }
 
     #[test]
-    fn piles_of_accents_are_cut() {
+    fn stacked_accents_are_cut() {
         let shown = sanitize(&format!("a{}b", "\u{301}".repeat(2_000)), 200);
         assert_eq!(shown.as_str(), format!("a{}\u{fffd}b", "\u{301}".repeat(7)));
     }
 
     #[test]
-    fn width_is_bounded() {
+    fn sanitized_width_is_bounded() {
         for (text, width_max, expected) in [
             ("abcdef", 6, "abcdef"),
             ("abcdef", 5, "abcd…"),

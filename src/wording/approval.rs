@@ -12,7 +12,9 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_text::Untrusted;
 
-/// Version of the words below.
+use crate::request::{drift_response, untested};
+
+/// Version of the words below and of those in [`crate::request`].
 pub const RENDERER_VERSION: u32 = 2;
 
 /// The longest line, columns; a screen wraps them.
@@ -66,8 +68,8 @@ pub fn render(facts: &ApprovalFacts) -> Vec<String> {
     if facts.untested.is_empty() {
         lines.push("Not tested: nothing is known to be missing".to_owned());
     }
-    lines.extend(facts.untested.iter().map(|what| format!("Not tested: {what}")));
-    lines.extend(facts.on_drift.iter().map(|drift| format!("If it gets worse: {drift}")));
+    lines.extend(facts.untested.iter().map(|what| format!("Not tested: {}", untested(*what))));
+    lines.extend(facts.on_drift.iter().map(|drift| format!("If it gets worse: {}", drift_response(drift))));
     lines.push(deadline_line(facts));
     lines.push(bound_to(facts));
     lines.into_iter().map(|line| Untrusted::new(line).display(WIDTH_MAX).into_string()).collect()

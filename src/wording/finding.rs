@@ -278,6 +278,8 @@ pub fn finding(finding: &Finding) -> String {
         F::TelemetrySilent => "telemetry is silent".into(),
         F::EscalationUnanswered => "no one answered the escalation by its deadline".into(),
         F::OperatorAsked { words } => words.clone(),
+        F::OperatorRestricted { by, reason } => format!("{by} asked for it: {reason}"),
+        F::OperatorRolledBack { by, reason } => format!("operator {by}: {reason}"),
     }
 }
 

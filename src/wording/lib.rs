@@ -4,12 +4,19 @@
 //! nothing reads a sentence back.
 
 pub mod approval;
+pub mod check;
 pub mod event;
+pub mod explanation;
+pub mod film;
 mod finding;
 mod harm;
+pub mod health;
 pub mod live;
+pub mod lookup;
 mod notice;
 mod reason;
+pub mod request;
+pub mod stage;
 
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};

@@ -232,12 +232,16 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::ClockMismatched { mismatch } => {
             format!("{mismatch}; nothing is activated until a person confirms the time")
         }
-        N::ProfileUnauthorized { profile, site, summary } => format!(
-            "no administrator authorized the profile {} as this program has it ({summary}); nothing becomes active and the \
-             arm stays at standstill until one does: end the engine, `holdpoint profile allow --by ADMIN --reason TEXT`, and \
-             start it again",
-            titled(*profile, site.as_ref())
-        ),
+        N::ProfileUnauthorized { profile, site, less_strict, summary } => {
+            let summary =
+                less_strict.as_ref().map_or_else(|| summary.clone(), |extent| extent.summary().into_owned());
+            format!(
+                "no administrator authorized the profile {} as this program has it ({summary}); nothing becomes active and \
+                 the arm stays at standstill until one does: end the engine, `holdpoint profile allow --by ADMIN --reason \
+                 TEXT`, and start it again",
+                titled(*profile, site.as_ref())
+            )
+        }
         N::EngineHalted { problem } => problem.clone(),
         N::AlarmUnreadable { alarm } => format!("the alarm {alarm} of an earlier start cannot be read"),
     }

@@ -1,6 +1,9 @@
-//! The one table of texts: a sample of every finding and of every notice, and the sentence that is made of it.
+//! The one table of texts: a sample of every finding, of every notice and of every value of an explanation, and the
+//! sentence that is made of it.
 //!
 //! `HOLDPOINT_WRITE_SENTENCES=1` rewrites the sentences.
+
+mod explanation;
 
 use std::collections::BTreeSet;
 
@@ -65,7 +68,7 @@ fn every_finding_has_a_sample_and_reads_back() {
 fn every_sentence_is_as_the_table_has_it() {
     let findings = samples().map(|(finding, name)| format!("{name}: {}", crate::finding(&finding)));
     let noticed = notices().map(|(notice, name)| format!("{name}: {}", crate::notice_sentence(&notice)));
-    let sentences: Vec<String> = findings.chain(noticed).collect();
+    let sentences: Vec<String> = findings.chain(noticed).chain(explanation::sentences()).collect();
     for sentence in &sentences {
         assert!(!sentence.contains('\n') && !sentence.ends_with('.'), "{sentence}");
         assert!(!sentence.contains("Some(") && !sentence.contains("None"), "{sentence}");

@@ -2,14 +2,14 @@
 //! line.
 
 use crate::pty::Home;
-use crate::{SIZE, fresh, is_up, quit};
+use crate::{SIZE, console_on_fresh_store, quit, shows_engine};
 
 #[test]
 fn health_is_shown_on_an_attached_console_and_exported() {
     let home = Home::new();
-    let mut first = fresh(&home, &[]);
+    let mut first = console_on_fresh_store(&home, &[]);
     let mut second = home.console(&["run", "--no-tour"], SIZE);
-    second.wait_for("it shows the engine", |screen| is_up(&screen.contents()));
+    second.wait_for("it shows the engine", |screen| shows_engine(&screen.contents()));
     second.keys("8");
     second.wait_for_text("No live task");
     first.wait_for_text("(Health)");

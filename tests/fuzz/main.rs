@@ -104,7 +104,7 @@ fn toml_of(value: &impl serde::Serialize) -> Result<String, String> {
 }
 
 #[test]
-fn manifest() {
+fn mutated_manifests_are_refused_or_round_trip() {
     campaign("manifest", Some(FILE), 400, files("manifests/candidates", "manifest.toml"), |input| {
         match Manifest::parse(FILE, &text(input)) {
             Err(error) => refused(error),
@@ -119,7 +119,7 @@ fn manifest() {
 }
 
 #[test]
-fn submission() {
+fn mutated_submissions_are_refused_or_round_trip() {
     campaign("submission", Some(FILE), 2_000, files("manifests/candidates", "submission.toml"), |input| {
         match Submission::parse(FILE, &text(input)) {
             Err(error) => refused(error),
@@ -133,7 +133,7 @@ fn submission() {
 
 /// Parameters of a controller: accepted ones are finite.
 #[test]
-fn parameters() {
+fn mutated_parameters_are_refused_or_finite() {
     let families = ["grasp", "align", "place"];
     let of = |family: &str| fs::read(root(&format!("manifests/{family}/1.0.0/params.toml"))).unwrap();
     for family in families {
@@ -153,7 +153,7 @@ fn parameters() {
 }
 
 #[test]
-fn script() {
+fn mutated_scripts_are_refused_or_read_the_same() {
     campaign("script", Some(FILE), 1_000, files("tests/scenarios", ".toml"), |input| {
         let text = text(input);
         match Script::parse(FILE, &text) {
@@ -167,7 +167,7 @@ fn script() {
 }
 
 #[test]
-fn profile() {
+fn mutated_profiles_are_refused_or_round_trip() {
     campaign("profile", Some(FILE), 300, files("profiles", ".toml"), |input| {
         match Profile::parse(FILE, &text(input)) {
             Err(error) => refused(error),
@@ -181,7 +181,7 @@ fn profile() {
 
 /// The policies of a site profile: they compile to a table or are refused.
 #[test]
-fn policies() {
+fn mutated_policies_are_refused_or_compile() {
     let (file, shipped) = Profile::builtin_text(ProfileName::Sim);
     let own = shipped.replacen("name = ", "site = \"line-4\"\nname = ", 1);
     campaign("policies", Some(FILE), 40, files("profiles", "sim.cedar"), |input| {
@@ -200,7 +200,7 @@ fn policies() {
 
 /// A line of the socket.
 #[test]
-fn call() {
+fn mutated_requests_are_refused_or_round_trip() {
     let operation = |reason: &str| Operation {
         version: "grasp@1.1.0-rc.1".parse().unwrap(),
         by: "ana".into(),
@@ -283,7 +283,7 @@ fn arm(name: &str) -> [Vec<u8>; 2] {
 }
 
 #[test]
-fn urdf() {
+fn mutated_urdf_files_are_refused_or_move() {
     for name in ["arm6", "arm7"] {
         let [urdf, toml] = arm(name);
         campaign(&format!("urdf-{name}"), Some(FILE), 150, vec![urdf], |input| moves(input, &toml));
@@ -291,7 +291,7 @@ fn urdf() {
 }
 
 #[test]
-fn robot() {
+fn mutated_robot_files_are_refused_or_move() {
     for name in ["arm6", "arm7"] {
         let [urdf, toml] = arm(name);
         campaign(&format!("robot-{name}"), Some(FILE), 150, vec![toml], |input| moves(&urdf, input));
@@ -330,7 +330,7 @@ fn signed() -> SignedApproval {
 
 /// A signed decision: only the signed bytes have a valid signature.
 #[test]
-fn approval() {
+fn mutated_approvals_are_refused_or_signed() {
     let signed = signed();
     let json = serde_json::to_vec(&signed).unwrap();
     // A signature of an earlier program version stays valid on record; no engine accepts it for a new decision.
@@ -351,7 +351,7 @@ fn approval() {
 
 /// Sanitized text has no terminal control characters, has the requested width, and is stable.
 #[test]
-fn sanitizer() {
+fn sanitized_text_is_bounded_and_stable() {
     let texts = [
         "plain text",
         "漢字 приве́т\u{202e}",
@@ -381,7 +381,7 @@ fn sanitizer() {
 /// A recording with any part overwritten or cut off.
 #[cfg(feature = "rerun")]
 #[test]
-fn recording() {
+fn mutated_recordings_are_refused_or_read() {
     let whole = root("tests/fixtures/store-4831bf5/store/recordings/align-1.1.0-08189f45.rrd");
     let folder = tempfile::tempdir().unwrap();
     // The beginning of a recording has all its parts, and costs a tenth.

@@ -17,7 +17,7 @@ const SECRET: &str = "# kept outside\nsecret = true\n";
 
 /// Parameters named by a manifest, in a folder with links that lead out of it, a pipe and a folder.
 #[test]
-fn path_of_parameters() {
+fn parameter_path_stays_inside_the_candidate() {
     let candidate = root("manifests/candidates/grasp-improved");
     let outside = tempfile::tempdir().unwrap();
     fs::write(outside.path().join("secret.toml"), SECRET).unwrap();
@@ -68,7 +68,7 @@ fn path_of_parameters() {
 
 /// Names of versions and of recordings' files: an accepted name is written as it was read.
 #[test]
-fn names() {
+fn accepted_names_round_trip() {
     let corpus = [
         "grasp@1.1.0",
         "align-fine@1.0.0-rc.1+b.2",

@@ -247,7 +247,7 @@ fn a_console_that_never_reads_is_marked_and_detached() {
 
 /// A console once took the orderly end of its engine for a crash.
 #[test]
-fn an_orderly_end_names_who_requested_it() {
+fn orderly_end_names_its_requester() {
     let folder = tempfile::tempdir().unwrap();
     let _front = Front::start(folder.path(), Some(1.0));
     let mut ana = client(folder.path()).attach(presence("ana", "Overview")).unwrap();

@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use holdpoint::registry::{Layout, Store, Views};
+use serde_json::Value;
+
+use crate::reported_error::{assert_error, is_about};
 
 const IMPROVED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-improved");
 
@@ -57,12 +60,28 @@ impl Fixture {
         path.to_str().unwrap().to_owned()
     }
 
-    /// Exit code 2, one error with these words, no other output, and an unchanged store.
-    fn refuses(&self, case: &str, arguments: &[&str], expected: &[&str]) {
+    /// Exit code 2, one error with this reason that names these values, no other output, and an unchanged store.
+    #[track_caller]
+    fn refuses(&self, case: &str, arguments: &[&str], reason: &str, values: &[&str]) -> Value {
         let before = self.head();
-        check(case, &holdpoint(&self.data(), arguments), expected);
+        let error = refusal(case, &self.data(), arguments);
+        assert_eq!(error["reason"], reason, "{case}: {error}");
+        for value in values {
+            assert!(error["error"].as_str().unwrap().contains(value), "{case}: {value:?} is not in {error}");
+        }
         assert_eq!(self.head(), before, "{case}");
+        error
     }
+}
+
+/// The only error of a verb that ends with exit code 2 and has no other output.
+#[track_caller]
+fn refusal(case: &str, data: &Path, arguments: &[&str]) -> Value {
+    let output = holdpoint(data, &[arguments, &["--json"]].concat());
+    assert_eq!(output.status.code(), Some(2), "{case}: {output:?}");
+    assert!(output.stdout.is_empty(), "{case}: {output:?}");
+    // One document and nothing else.
+    serde_json::from_slice(&output.stderr).unwrap()
 }
 
 fn check(case: &str, output: &Output, expected: &[&str]) {
@@ -89,11 +108,12 @@ type FolderChange = fn(&Path);
 #[test]
 fn candidates() {
     let manifest = |folder: &Path, from: &str, to: &str| replace(&folder.join("manifest.toml"), from, to);
+    // The first value is the file.
     let cases: &[(&str, FolderChange, &[&str])] = &[
         (
             "unknown-field",
             |f| replace(&f.join("manifest.toml"), "name =", "surprise = 1\nname ="),
-            &["manifest.toml:1", "surprise"],
+            &["manifest.toml", "surprise"],
         ),
         (
             "wrong-unit",
@@ -108,7 +128,11 @@ fn candidates() {
         ("no-params", |f| fs::remove_file(f.join("params.toml")).unwrap(), &["params.toml"]),
         ("no-submission", |f| fs::remove_file(f.join("submission.toml")).unwrap(), &["submission.toml"]),
         ("no-manifest", |f| fs::remove_file(f.join("manifest.toml")).unwrap(), &["manifest.toml"]),
-        ("no-controller", |f| replace(&f.join("manifest.toml"), "native:grasp", "native:gasp"), &["gasp"]),
+        (
+            "no-controller",
+            |f| replace(&f.join("manifest.toml"), "native:grasp", "native:gasp"),
+            &["manifest.toml", "native:gasp"],
+        ),
         (
             "no-component",
             |f| replace(&f.join("manifest.toml"), "native:grasp", "skill.wasm"),
@@ -155,15 +179,18 @@ fn candidates() {
         ),
     ];
     let fixture = Fixture::new();
-    for (name, change, expected) in cases {
+    for (name, change, values) in cases {
         let folder = fixture.candidate(name, change);
-        fixture.refuses(name, &["candidate", "register", &folder], expected);
+        let error = fixture.refuses(name, &["candidate", "register", &folder], "bad-file", values);
+        assert!(is_about(&error, values[0]), "{name}: {error}");
         // The check that needs no store reports the same.
-        let output = holdpoint(&fixture.data(), &["candidate", "check", &folder]);
-        assert_eq!(output.status.code(), Some(2), "{name}: {output:?}");
+        let output = holdpoint(&fixture.data(), &["candidate", "check", &folder, "--json"]);
+        let error = assert_error(&output, 2, "bad-file");
+        assert!(is_about(&error, values[0]), "{name}: {error}");
     }
-    fixture.refuses("no folder", &["candidate", "register", "/nowhere/at-all"], &["/nowhere/at-all"]);
-    fixture.refuses("a second time", &["candidate", "register", IMPROVED], &["grasp@1.1.0"]);
+    let error = fixture.refuses("no folder", &["candidate", "register", "/nowhere/at-all"], "bad-file", &[]);
+    assert_eq!(error["file"], "/nowhere/at-all");
+    fixture.refuses("a second time", &["candidate", "register", IMPROVED], "exists", &["grasp@1.1.0"]);
     // The same folder unchanged is good: only the change was refused.
     let good = fixture.candidate("good", |folder| manifest(folder, "1.7.0", "1.8.0"));
     let output = holdpoint(&fixture.data(), &["candidate", "register", &good]);
@@ -228,22 +255,22 @@ fn candidate_text_never_becomes_a_program_hint() {
 fn names_that_are_not_there() {
     let fixture = Fixture::new();
     let signed = ["--as", "mara", "--reason", "because"];
-    for (arguments, expected) in [
-        (vec!["rollback", "grab"], &["grab", "align, grasp, park, place"][..]),
-        (vec!["reject", "grasp@9.9.9"], &["grasp@9.9.9"]),
-        (vec!["demote", "grasp@9.9.9"], &["grasp@9.9.9"]),
-        (vec!["approve", "grasp@9.9.9", "--digest", "0123abcd"], &["grasp@9.9.9"]),
-        (vec!["approve", "grasp@1.1.0", "--digest", "0123abcd"], &["mara", "holdpoint identity new mara"]),
-        (vec!["pause", "grab"], &["grab"]),
-        (vec!["resume"], &["mara"]),
+    for (arguments, name) in [
+        (vec!["rollback", "grab"], "grab"),
+        (vec!["reject", "grasp@9.9.9"], "grasp@9.9.9"),
+        (vec!["demote", "grasp@9.9.9"], "grasp@9.9.9"),
+        (vec!["approve", "grasp@9.9.9", "--digest", "0123abcd"], "grasp@9.9.9"),
+        (vec!["approve", "grasp@1.1.0", "--digest", "0123abcd"], "mara"),
+        (vec!["pause", "grab"], "grab"),
+        (vec!["resume"], "mara"),
     ] {
         let arguments: Vec<&str> = arguments.into_iter().chain(signed).collect();
-        fixture.refuses(&arguments.join(" "), &arguments, expected);
+        fixture.refuses(&arguments.join(" "), &arguments, "not-found", &[name]);
     }
     for arguments in
         [&["status", "grab"][..], &["status", "grasp@9.9.9"], &["registry", "show", "grasp@9.9.9"]]
     {
-        fixture.refuses(&arguments.join(" "), arguments, &["there is no"]);
+        fixture.refuses(&arguments.join(" "), arguments, "not-found", &[]);
     }
 }
 
@@ -262,10 +289,16 @@ fn scenarios_and_robots() {
         ),
     ] {
         let script = fixture.file(name, text);
-        fixture.refuses(name, &["run", "--headless", "--script", &script], &[name, expected]);
+        let run = ["run", "--headless", "--script", &script];
+        let error = fixture.refuses(name, &run, "bad-file", &[name, expected]);
+        assert!(is_about(&error, name), "{error}");
     }
-    fixture.refuses("no script", &["run", "--headless", "--script", "/nowhere.toml"], &["/nowhere.toml"]);
-    fixture.refuses("no robot", &["run", "--plain", "--robot", "/nowhere.urdf"], &["/nowhere.urdf"]);
+    for (path, run) in [
+        ("/nowhere.toml", ["run", "--headless", "--script", "/nowhere.toml"].as_slice()),
+        ("/nowhere.urdf", &["run", "--plain", "--robot", "/nowhere.urdf"]),
+    ] {
+        assert_eq!(fixture.refuses(path, run, "bad-file", &[])["file"], path);
+    }
 }
 
 /// Pipes once kept the program waiting forever, and devices filled its memory.
@@ -279,15 +312,19 @@ fn only_regular_files_are_read() {
     };
     for file in ["manifest.toml", "submission.toml", "params.toml"] {
         let candidate = fixture.candidate(&format!("piped-{file}"), |folder| drop(pipe(&folder.join(file))));
-        fixture.refuses(file, &["candidate", "register", &candidate], &[file, "no regular file"]);
+        let error = fixture.refuses(file, &["candidate", "register", &candidate], "bad-file", &[]);
+        assert!(is_about(&error, file), "{error}");
     }
     let pipe_at = |name: &str| pipe(&fixture.root.path().join(name));
     let (script, robot, profile) = (pipe_at("script.toml"), pipe_at("arm.urdf"), pipe_at("own.toml"));
-    let expected = &["no regular file"];
-    fixture.refuses("script", &["run", "--headless", "--script", &script], expected);
-    fixture.refuses("device", &["run", "--headless", "--script", "/dev/zero"], expected);
-    fixture.refuses("robot", &["run", "--plain", "--robot", &robot], expected);
-    fixture.refuses("profile", &["profile", "check", &profile], expected);
+    for (path, arguments) in [
+        (script.as_str(), ["run", "--headless", "--script", &script].as_slice()),
+        ("/dev/zero", &["run", "--headless", "--script", "/dev/zero"]),
+        (robot.as_str(), &["run", "--plain", "--robot", &robot]),
+        (profile.as_str(), &["profile", "check", &profile]),
+    ] {
+        assert_eq!(fixture.refuses(path, arguments, "bad-file", &[])["file"], path);
+    }
 }
 
 #[test]
@@ -295,8 +332,8 @@ fn places_that_cannot_be_used() {
     let fixture = Fixture::new();
     // No process can create a folder below a file, not even root.
     let below_a_file = PathBuf::from(fixture.file("file", "")).join("store");
-    let output = holdpoint(&below_a_file, &["candidate", "register", IMPROVED]);
-    check("unwritable", &output, &["store", "Not a directory"]);
+    let error = refusal("unwritable", &below_a_file, &["candidate", "register", IMPROVED]);
+    assert_eq!((&error["reason"], &error["cause"]), (&"store".into(), &"io".into()), "{error}");
 
     let whole = fs::read(Layout::new(fixture.data()).database()).unwrap();
     for (name, bytes) in
@@ -308,13 +345,17 @@ fn places_that_cannot_be_used() {
         let database = Layout::new(&data).database();
         fs::write(&database, bytes).unwrap();
         for arguments in [&["status"][..], &["candidate", "register", IMPROVED], &["run", "--plain"]] {
-            check(name, &holdpoint(&data, arguments), &["holdpoint.db"]);
+            let error = refusal(name, &data, arguments);
+            assert!(
+                error["reason"] == "store-refused" && is_about(&error, "holdpoint.db"),
+                "{name}: {error}"
+            );
             assert_eq!(fs::read(&database).unwrap(), bytes, "{name}: {arguments:?}");
         }
     }
     let nothing = fixture.root.path().join("nothing");
     for arguments in [&["status"][..], &["rollback", "grasp", "--as", "mara", "--reason", "x"]] {
-        check("no store", &holdpoint(&nothing, arguments), &["there is no store"]);
+        assert_eq!(refusal("no store", &nothing, arguments)["reason"], "no-store");
         assert!(!nothing.exists(), "looking makes no store");
     }
 }
@@ -343,11 +384,11 @@ fn a_second_engine_on_the_same_store() {
         &["candidate", "register", "grasp-hard-grip"],
         &["rollback", "grasp", "--as", "mara", "--reason", "because"],
     ] {
-        fixture.refuses(&arguments.join(" "), arguments, &["in use", &owner]);
+        fixture.refuses(&arguments.join(" "), arguments, "store-in-use", &[&owner]);
     }
     // The lock exists without its file; only its holder is unknown.
     fs::remove_file(Layout::new(fixture.data()).lock()).unwrap();
-    fixture.refuses("no lock file", &["run", "--plain"], &["in use", "another process"]);
+    fixture.refuses("no lock file", &["run", "--plain"], "store-in-use", &[]);
     drop(first);
 }
 
@@ -387,17 +428,14 @@ fn a_circle_of_dependencies_is_rejected() {
 #[test]
 fn errors_are_json_on_request() {
     let fixture = Fixture::new();
-    for (arguments, part) in [
-        (&["--json", "candidate", "register", "/nowhere"][..], "/nowhere"),
-        (&["status", "grab", "--json"], "grab"),
-        (&["nonsense", "--json"], "nonsense"),
-        (&["approve", "x", "--json"], "capability version"),
+    for (arguments, reason) in [
+        (&["--json", "candidate", "register", "/nowhere"][..], "bad-file"),
+        (&["status", "grab", "--json"], "not-found"),
+        (&["nonsense", "--json"], "usage"),
+        (&["approve", "x", "--json"], "usage"),
     ] {
         let output = holdpoint(&fixture.data(), arguments);
-        assert_eq!(output.status.code(), Some(2), "{output:?}");
-        let document: serde_json::Value = serde_json::from_slice(&output.stderr).unwrap();
-        assert!(document["error"].as_str().unwrap().contains(part), "{document}");
-        assert_eq!(document["code"], 2, "{document}");
+        assert_error(&output, 2, reason);
         assert!(output.stdout.is_empty(), "{output:?}");
     }
 }

@@ -2,7 +2,7 @@
 //! record.
 
 use std::path::Path;
-use std::process::Command as Process;
+use std::process::{Command as Process, Output};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -22,6 +22,7 @@ use holdpoint::runtime::capability;
 use rusqlite::Connection;
 
 use crate::host::{Front, PATIENCE};
+use crate::reported_error::assert_error;
 
 /// Records that are added to a store, 256 a transaction.
 const TRANSACTIONS: u64 = 40;
@@ -99,13 +100,13 @@ fn register() -> Command {
     }
 }
 
+fn output_of(folder: &Path, arguments: &[&str]) -> Output {
+    let mut process = Process::new(env!("CARGO_BIN_EXE_holdpoint"));
+    process.args(arguments).arg("--data").arg(folder).output().unwrap()
+}
+
 fn verb(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
-    let output = Process::new(env!("CARGO_BIN_EXE_holdpoint"))
-        .args(arguments)
-        .arg("--data")
-        .arg(folder)
-        .output()
-        .unwrap();
+    let output = output_of(folder, arguments);
     let bytes = [output.stdout, output.stderr].concat();
     (output.status.code(), String::from_utf8(bytes).unwrap())
 }
@@ -142,8 +143,8 @@ fn while_the_record_is_read_only_views_and_stops_work() {
     };
     let reply = client.send(register()).unwrap();
     assert!(refused(&reply), "{reply:?}");
-    let (code, message) = verb(folder.path(), &["reject", "grasp@1.0.0", "--as", "ana", "--reason", "no"]);
-    assert_ne!(code, Some(0), "{message}");
+    let reject = ["reject", "grasp@1.0.0", "--as", "ana", "--reason", "no", "--json"];
+    assert_error(&output_of(folder.path(), &reject), 3, "not-now");
     host.submit(Request::unsigned("own".to_owned(), register())).unwrap();
     let EngineUpdate::Answer { id, reply } = next(&mut host) else { panic!("an answer arrives") };
     assert!(id == "own" && refused(&reply), "{reply:?}");

@@ -111,10 +111,10 @@ impl Readers {
     }
 }
 
-fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+fn wait_until(timeout_message: &str, condition: impl Fn() -> bool) {
     let until = Instant::now() + PATIENCE;
-    while !is_so() {
-        assert!(Instant::now() < until, "{what}");
+    while !condition() {
+        assert!(Instant::now() < until, "{timeout_message}");
         std::thread::yield_now();
     }
 }
@@ -122,11 +122,11 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
 /// Sends a request; returns the time to the stop command, and to the answer.
 fn time_request(folder: &Path, switch: &StopSwitch, command: Command) -> (Duration, Duration, Reply) {
     let mut connection = client(folder);
-    wait_until("nothing works", || switch.is_at_work() && !switch.lets_nothing_work());
-    let begun = Instant::now();
+    wait_until("no task runs", || switch.is_at_work() && !switch.lets_nothing_work());
+    let start = Instant::now();
     let reply = connection.send(command).unwrap();
-    let answer_time = begun.elapsed();
-    let brake_time = switch.braked_at().and_then(|at| at.checked_duration_since(begun));
+    let answer_time = start.elapsed();
+    let brake_time = switch.braked_at().and_then(|at| at.checked_duration_since(start));
     (brake_time.unwrap_or_else(|| panic!("the arm got no stop command: {reply:?}")), answer_time, reply)
 }
 
@@ -139,7 +139,7 @@ fn register(folder: &Path, candidate: &str) {
 }
 
 /// A store in which a candidate became active, with all its evidence.
-fn with_a_new_version(folder: &Path) {
+fn prepare_store(folder: &Path) {
     let mut front = Front::start(folder, None);
     register(folder, "align-improved");
     front.until(|kind| matches!(kind, EventKind::Activated { .. }));
@@ -153,28 +153,27 @@ fn copy(from: &Path, to: &Path) {
 
 /// With 31 readers a rollback once took 19 to 27 s, while the version stayed active.
 #[test]
-fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
+fn stop_and_rollback_wait_for_no_reader_and_no_slice() {
     let measured = std::env::var("HOLDPOINT_BRAKES").map(|text| text.parse().unwrap());
     let prepared = tempfile::tempdir().unwrap();
     if measured.is_ok() {
-        with_a_new_version(prepared.path());
+        prepare_store(prepared.path());
     }
-    let wanted = measured.clone().unwrap_or(4);
+    let measurements = measured.clone().unwrap_or(4);
     let (mut brake_times, mut answer_times, mut reads) = (Vec::new(), Vec::new(), 0);
-    while brake_times.len() < wanted {
+    while brake_times.len() < measurements {
         let folder = tempfile::tempdir().unwrap();
         copy(prepared.path(), folder.path());
         let (engine, switch) = start_engine(folder.path());
-        let target = |version: &str| operation(version);
-        let (read, first) = if measured.is_ok() {
-            ("align@1.1.0", Command::Rollback(target("align@1.1.0")))
+        let (read_version, first_command) = if measured.is_ok() {
+            ("align@1.1.0", Command::Rollback(operation("align@1.1.0")))
         } else {
-            ("align@1.0.0", Command::Vacate(target("align@1.0.0")))
+            ("align@1.0.0", Command::Vacate(operation("align@1.0.0")))
         };
         // A candidate is evaluated meanwhile: slices and commits are under way.
         register(folder.path(), "grasp-improved");
-        let readers = Readers::start(folder.path(), read);
-        for command in [first, Command::Vacate(target("place@1.0.0"))] {
+        let readers = Readers::start(folder.path(), read_version);
+        for command in [first_command, Command::Vacate(operation("place@1.0.0"))] {
             let (brake_time, answer_time, answer) = time_request(folder.path(), &switch, command);
             assert!(matches!(answer, Reply::Accepted { .. }), "{answer:?}");
             brake_times.push(brake_time);
@@ -195,16 +194,16 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
         client(folder.path()).send(Command::Shutdown).unwrap();
         engine.join().unwrap();
         verify(&Layout::new(folder.path()).database(), None).unwrap();
-        println!("{} of {wanted} measured", brake_times.len());
+        println!("{} of {measurements} measured", brake_times.len());
     }
     for (what, times) in [("the stop command", &mut brake_times), ("answered", &mut answer_times)] {
         times.sort_unstable();
-        let at = |share: usize| times[(times.len() * share / 100).min(times.len() - 1)];
+        let percentile = |percent: usize| times[(times.len() * percent / 100).min(times.len() - 1)];
         println!(
             "{what}: median {:?}, p99 {:?}, worst {:?} of {}; {reads} questions answered meanwhile",
-            at(50),
-            at(99),
-            at(100),
+            percentile(50),
+            percentile(99),
+            percentile(100),
             times.len()
         );
     }
@@ -215,7 +214,7 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
 
 /// Connections that requested the snapshot without pause once had every other request refused.
 #[test]
-fn looks_without_pause_keep_no_other_request_out() {
+fn constant_snapshot_requests_block_no_other_request() {
     let folder = tempfile::tempdir().unwrap();
     let (engine, _) = start_engine(folder.path());
     register(folder.path(), "grasp-improved");

@@ -7,6 +7,8 @@ use std::process::{Command, Output};
 
 use rusqlite::Connection;
 
+use crate::reported_error::{assert_error, is_about};
+
 fn holdpoint(home: &Path, arguments: &[&str]) -> Output {
     let config = home.join("config");
     let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
@@ -22,15 +24,10 @@ fn stderr_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// One error with these words, and exit code 2.
-fn refuses(home: &Path, arguments: &[&str], expected: &[&str]) {
-    let output = holdpoint(home, arguments);
-    let text = stderr_text(&output);
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
-    assert_eq!(text.matches("error: ").count(), 1, "{arguments:?}: {text}");
-    for part in expected {
-        assert!(text.contains(part), "{arguments:?}: {part:?} is not in {text:?}");
-    }
+/// Exit code 2, and an error with this reason.
+#[track_caller]
+fn refuses(home: &Path, arguments: &[&str], reason: &str) -> serde_json::Value {
+    assert_error(&holdpoint(home, &[arguments, &["--json"]].concat()), 2, reason)
 }
 
 const QUICK: &str = "tests/scenarios/reject-interface.toml";
@@ -42,19 +39,21 @@ fn the_key_of_a_shared_folder_is_outside_it_and_its_owners() {
     let home = root.path();
     let path = |name: &str| home.join(name).to_str().unwrap().to_owned();
     let run = ["run", "--headless", "--script", QUICK];
-    let with = |more: &[&str], expected: &[&str]| refuses(home, &[&run, more].concat(), expected);
+    let with = |more: &[&str], reason: &str| refuses(home, &[&run, more].concat(), reason);
     let (cells, inside) = (path("cells"), path("cells/cells.key"));
-    with(&["--cache", &cells, "--cache-key", &inside], &["cells.key", "outside the folder"]);
-    with(&["--cache-key", &path("any.key")], &["--cache-key", "--cache"]);
-    refuses(home, &["run", "--plain", "--cache-key", &path("any.key")], &["--cache-key", "--cache"]);
+    with(&["--cache", &cells, "--cache-key", &inside], "bad-input");
+    with(&["--cache-key", &path("any.key")], "usage");
+    refuses(home, &["run", "--plain", "--cache-key", &path("any.key")], "usage");
     fs::write(path("open.key"), "00".repeat(32)).unwrap();
     fs::set_permissions(path("open.key"), fs::Permissions::from_mode(0o644)).unwrap();
-    with(&["--cache", &cells, "--cache-key", &path("open.key")], &["open.key", "0644"]);
+    let error = with(&["--cache", &cells, "--cache-key", &path("open.key")], "bad-file");
+    assert!(is_about(&error, "open.key"), "{error}");
     fs::write(path("short.key"), "no key").unwrap();
     fs::set_permissions(path("short.key"), fs::Permissions::from_mode(0o600)).unwrap();
-    with(&["--cache", &cells, "--cache-key", &path("short.key")], &["short.key", "64 hexadecimal digits"]);
+    let error = with(&["--cache", &cells, "--cache-key", &path("short.key")], "bad-file");
+    assert!(is_about(&error, "short.key"), "{error}");
     let pool = ["experiment", "per-candidate", "--pool", "manifests/pool", "--cache-key", &inside];
-    refuses(home, &pool, &["--cache-key", "--out"]);
+    refuses(home, &pool, "usage");
 
     let output = holdpoint(home, &[&run[..], &["--cache", &cells]].concat());
     assert_eq!(output.status.code(), Some(1), "{}", stderr_text(&output));
@@ -70,7 +69,7 @@ fn the_key_of_a_shared_folder_is_outside_it_and_its_owners() {
 /// shadow and gate.
 /// sandbox, shadow and gate.
 #[test]
-fn a_poisoned_store_does_not_let_a_bad_candidate_through() {
+fn forged_cached_results_do_not_pass_a_bad_candidate() {
     let root = tempfile::tempdir().unwrap();
     let data = root.path().join("store");
     let data = data.to_str().unwrap();

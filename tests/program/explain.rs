@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use crate::reported_error::assert_error;
+
 /// The program with arguments and a store.
 fn holdpoint(arguments: &[&str], data: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(arguments).arg("--data").arg(data).output().unwrap()
@@ -42,14 +44,11 @@ fn the_output_matches_the_golden_files() {
 #[test]
 fn a_missing_subject_fails() {
     let data = tempfile::tempdir().unwrap();
-    let output = holdpoint(&["explain", "align@1.1.0"], data.path());
-    assert_eq!(output.status.code(), Some(2));
+    assert_error(&holdpoint(&["explain", "align@1.1.0", "--json"], data.path()), 2, "no-store");
     holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-interface.toml"], data.path());
-    for (subject, part) in [("align@9.9.9", "registry list"), ("no-such-folder", "align@1.1.0")] {
-        let output = holdpoint(&["explain", subject], data.path());
-        assert_eq!(output.status.code(), Some(2), "{subject}");
-        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(stderr.contains(subject) && stderr.contains("Hint:") && stderr.contains(part), "{stderr}");
+    for subject in ["align@9.9.9", "no-such-folder"] {
+        let error = assert_error(&holdpoint(&["explain", subject, "--json"], data.path()), 2, "not-found");
+        assert!(error["error"].as_str().unwrap().contains(subject) && error["hint"].is_string(), "{error}");
     }
     let baseline = stdout_text(&holdpoint(&["explain", "grasp@1.0.0", "--json"], data.path()));
     let baseline: serde_json::Value = serde_json::from_str(&baseline).unwrap();

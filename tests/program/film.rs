@@ -77,7 +77,7 @@ impl FilmBench {
 }
 
 #[test]
-fn the_worst_episode_is_what_was_recorded() {
+fn film_of_the_worst_episode_equals_its_record() {
     let folder = tempfile::tempdir().unwrap();
     let mut bench = FilmBench::at(folder.path());
     bench.evaluate("grasp-hard-grip");

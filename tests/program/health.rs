@@ -11,6 +11,8 @@ use holdpoint::registry::Layout;
 use rusqlite::Connection;
 use serde_json::Value;
 
+use crate::reported_error::{assert_error, is_about};
+
 /// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(1);
 
@@ -34,7 +36,7 @@ fn store() -> tempfile::TempDir {
 }
 
 #[test]
-fn tasks_marks_and_verdicts_are_what_the_store_holds() {
+fn health_shows_the_tasks_marks_and_verdicts_of_the_store() {
     let folder = store();
     let data = folder.path();
     let sql = Connection::open(data.join("telemetry.db")).unwrap();
@@ -60,8 +62,8 @@ fn tasks_marks_and_verdicts_are_what_the_store_holds() {
         fs::read_to_string(&svg).unwrap().contains("<svg") && fs::read_to_string(&csv).unwrap().len() > 200
     );
     // No file is overwritten.
-    let again = holdpoint(&arguments, data);
-    assert_eq!((again.status.code(), output_text(&again).contains("cannot write")), (Some(2), true));
+    let error = assert_error(&holdpoint(&[&arguments[..], &["--json"]].concat(), data), 2, "exists");
+    assert!(is_about(&error, "week.csv"), "{error}");
     let courses = output_text(&holdpoint(&["alarms", "--history", "--courses"], data));
     assert!(courses.contains("raised by") && courses.contains("has stood"), "{courses}");
 }
@@ -79,13 +81,13 @@ fn an_invalid_option_is_one_sentence() {
         (vec!["--bucket", "2d"], "\"2d\""),
         (vec!["--family", "No Family"], "No Family"),
     ] {
-        let output = holdpoint(&[&["health"], arguments.as_slice()].concat(), folder.path());
-        let text = output_text(&output);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
-        assert!(text.contains(part) && !text.contains("panicked"), "{arguments:?}: {text}");
+        let output = holdpoint(&[&["health", "--json"], arguments.as_slice()].concat(), folder.path());
+        let error = assert_error(&output, 2, "usage");
+        // The code is the same for all: the sentence tells what is wrong with the option.
+        assert!(error["error"].as_str().unwrap().contains(part), "{arguments:?}: {error}");
     }
     let nothing = tempfile::tempdir().unwrap();
-    assert_eq!(holdpoint(&["health"], nothing.path()).status.code(), Some(2));
+    assert_error(&holdpoint(&["health", "--json"], nothing.path()), 2, "no-store");
 }
 
 /// A running engine; it does not outlive the test.
@@ -122,7 +124,7 @@ fn time_from(data: &Path, at_least_ms: u64) -> u64 {
 }
 
 #[test]
-fn the_clock_goes_on_from_where_it_stood_and_not_from_the_last_record() {
+fn clock_continues_from_its_stored_time_and_not_from_the_last_record() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
     let first = Service::start(&data);

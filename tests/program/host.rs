@@ -56,7 +56,7 @@ impl Front {
 
     fn next(&mut self) -> EngineUpdate {
         let next = async { timeout(PATIENCE, self.host.updates.recv()).await };
-        let update = self.runtime.block_on(next).expect("in time").expect("the engine tells");
+        let update = self.runtime.block_on(next).expect("in time").expect("an update");
         match &update {
             EngineUpdate::Events(events) => self.events.extend(events.iter().cloned()),
             EngineUpdate::Answer { id, reply } => self.answers.push((id.clone(), reply.clone())),
@@ -134,7 +134,7 @@ pub(crate) fn refusal(reply: &Reply) -> Refusal {
 }
 
 #[test]
-fn it_starts_answers_works_and_ends() {
+fn it_starts_answers_runs_sequences_and_ends() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
     let sequence = front.until(|kind| matches!(kind, EventKind::Sequence { .. }));
@@ -187,11 +187,7 @@ fn an_abort_stops_the_arm_in_flight() {
         .events
         .iter()
         .filter(|event| matches!(&event.kind, EventKind::Sequence { refused, .. } if !stopped(refused)));
-    assert_eq!(
-        snapshot.live.outcomes.len(),
-        others.count(),
-        "work that was stopped is neither done nor failed"
-    );
+    assert_eq!(snapshot.live.outcomes.len(), others.count(), "a stopped sequence is neither done nor failed");
     // An alarm whose condition persists cannot be reset.
     let alarm = "safe-stopped:grasp".to_owned();
     let by = "ada".to_owned();
@@ -215,7 +211,7 @@ fn only_a_drift_waits_for_the_end_of_a_sequence() {
     });
     let Reply::Audit { page } = front.answer(&audit) else { panic!("no page") };
     assert_eq!(page.rows.len(), 3);
-    assert!(page.rows.windows(2).all(|two| two[0].seq > two[1].seq));
+    assert!(page.rows.windows(2).all(|rows| rows[0].seq > rows[1].seq));
     assert!(front.answers.iter().all(|(id, _)| *id != drift), "the drift waits for the end of the sequence");
     let fast = front.carry_out(Command::Pace { times: Some(50.0) });
     assert!(matches!(fast, Reply::Accepted { .. }), "{fast:?}");

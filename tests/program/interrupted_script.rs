@@ -4,6 +4,8 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use crate::reported_error::assert_error;
+
 const SCRIPT: &str = "tests/scenarios/reject-behavior.toml";
 
 fn run(data: &Path) -> Command {
@@ -29,8 +31,7 @@ fn a_killed_script_continues_and_an_ended_one_names_the_remedy() {
     assert_eq!(again.status.code(), Some(1), "{stdout}{stderr}");
     assert!(stdout.contains("interrupted run") && stdout.contains("from validated"), "{stdout}");
 
-    let third = run(&data).output().unwrap();
-    let stderr = String::from_utf8(third.stderr).unwrap();
-    assert_eq!((third.status.code(), stderr.matches("error: ").count()), (Some(2), 1), "{stderr}");
-    assert!(stderr.contains("registered already") && stderr.contains("--data"), "{stderr}");
+    let third = run(&data).arg("--json").output().unwrap();
+    let error = assert_error(&third, 2, "exists");
+    assert!(error["hint"].as_str().unwrap().contains("leave out --data"), "{error}");
 }

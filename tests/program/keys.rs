@@ -7,6 +7,8 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
+use crate::reported_error::{assert_error, is_about};
+
 fn holdpoint(data: &Path, arguments: &[&str], variable: Option<&Path>) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
     command.arg("--data").arg(data).args(arguments).env_remove("HOLDPOINT_PASSPHRASE_FILE");
@@ -41,11 +43,13 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
         (file("oak", "under the oak\n"), file("elm", "under the elm\n"), file("short", "short\n"));
     let [oak_text, elm_text, short_text] = [&oak, &elm, &short].map(|path| path.to_str().unwrap());
     let run = |arguments: &[&str]| holdpoint(&data, arguments, None);
+    let fails = |arguments: &[&str], exit: i32, codes: &str| {
+        assert_error(&run(&[arguments, &["--json"]].concat()), exit, codes)
+    };
 
     // Without a terminal an option must supply the passphrase.
-    ends(&run(&["identity", "new", "mara"]), 2, &["no terminal", "--passphrase-file", "--unprotected"]);
-    let short = run(&["identity", "new", "mara", "--passphrase-file", short_text]);
-    ends(&short, 2, &["5 characters", "at least 8"]);
+    fails(&["identity", "new", "mara"], 2, "passphrase/needed");
+    fails(&["identity", "new", "mara", "--passphrase-file", short_text], 2, "passphrase/too-short");
     assert!(!data.exists(), "nothing was made");
     let output = run(&["identity", "new", "mara", "--passphrase-file", oak_text]);
     let text = ends(&output, 0, &["created the identity mara (operator, passphrase)"]);
@@ -66,33 +70,38 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     ends(&run(&["identity", "list"]), 0, &["PROTECTION", "unprotected"]);
 
     // A verb that signs.
-    ends(&run(&["stop"]), 6, &["no engine runs on"]);
+    fails(&["stop"], 6, "no-answer");
     let go = ["go", "--as", "mara", "--stops", "1", "--reason", "checked"];
-    let with = |path: &str| run(&[go.as_slice(), &["--passphrase-file", path]].concat());
-    ends(&run(&go), 2, &["the key of mara has a passphrase", "no terminal", "HOLDPOINT_PASSPHRASE_FILE"]);
-    ends(&with(elm_text), 2, &["the passphrase is wrong", "nothing was done"]);
+    let with = |path| [go.as_slice(), &["--passphrase-file", path]].concat();
+    fails(&go, 2, "passphrase/needed");
+    fails(&with(elm_text), 2, "passphrase/wrong");
     fs::set_permissions(&oak, fs::Permissions::from_mode(0o644)).unwrap();
-    ends(&with(oak_text), 2, &["mode 0644", "chmod 600"]);
+    let error = fails(&with(oak_text), 2, "bad-file");
+    assert!(is_about(&error, oak_text), "{error}");
     fs::set_permissions(&oak, fs::Permissions::from_mode(0o600)).unwrap();
     ends(&run(&["status"]), 0, &["STOPPED"]);
-    ends(&with(oak_text), 0, &[]);
-    ends(&run(&["stop"]), 6, &["no engine runs on"]);
+    ends(&run(&with(oak_text)), 0, &[]);
+    fails(&["stop"], 6, "no-answer");
     ends(&holdpoint(&data, &go, Some(&oak)), 0, &[]);
 
     // A new passphrase, none, and one again: the key stays the same.
-    let change = |arguments: &[&str]| run(&[&["identity", "passphrase", "mara"], arguments].concat());
-    ends(&change(&["--passphrase-file", elm_text, "--new-passphrase-file", elm_text]), 2, &["wrong"]);
+    let change = |options: &[&str]| run(&[&["identity", "passphrase", "mara"], options].concat());
+    let cannot_change = |options: &[&str], codes: &str| {
+        assert_error(&change(&[options, &["--json"]].concat()), 2, codes);
+    };
+    cannot_change(&["--passphrase-file", elm_text, "--new-passphrase-file", elm_text], "passphrase/wrong");
     assert_eq!(fs::read_to_string(&key).unwrap(), key_text);
     let change_output = change(&["--passphrase-file", oak_text, "--new-passphrase-file", elm_text]);
     ends(&change_output, 0, &["new passphrase"]);
-    ends(&change(&["--passphrase-file", oak_text, "--remove"]), 2, &["wrong"]);
+    cannot_change(&["--passphrase-file", oak_text, "--remove"], "passphrase/wrong");
     ends(&change(&["--passphrase-file", elm_text, "--remove"]), 0, &["no passphrase now"]);
-    ends(&change(&["--passphrase-file", elm_text, "--remove"]), 2, &["has no passphrase"]);
+    cannot_change(&["--passphrase-file", elm_text, "--remove"], "passphrase/not-set");
     ends(&change(&["--new-passphrase-file", oak_text]), 0, &["now has a passphrase"]);
     let list: Vec<Value> = serde_json::from_slice(&run(&["identity", "list", "--json"]).stdout).unwrap();
     assert_eq!((&list[1]["name"], &list[1]["protection"]), (&"mara".into(), &"passphrase".into()));
 
     // The error for a damaged file names the field and the allowed values.
     fs::write(&key, key_text.replace("memory-kib 65536", "memory-kib 4194304000")).unwrap();
-    ends(&with(oak_text), 2, &["mara.key", "memory-kib", "4194304000", "8192 to 1048576"]);
+    let error = fails(&with(oak_text), 2, "bad-file");
+    assert!(is_about(&error, "mara.key") && error["field"] == "memory-kib", "{error}");
 }

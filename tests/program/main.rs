@@ -29,6 +29,7 @@ mod recordings;
 mod refine;
 #[cfg(feature = "rerun")]
 mod replay_verbs;
+mod reported_error;
 mod requests;
 mod scenarios;
 mod second_arm;

@@ -7,6 +7,8 @@ use std::process::{Command, Output};
 use rusqlite::Connection;
 use serde_json::Value;
 
+use crate::reported_error::assert_error;
+
 fn holdpoint(arguments: &[&str], data: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(arguments).arg("--data").arg(data).output().unwrap()
 }
@@ -49,7 +51,7 @@ fn pair(rate: &Value) -> (u64, u64) {
 }
 
 #[test]
-fn rates_are_what_telemetry_and_record_hold() {
+fn rates_equal_those_of_telemetry_and_record() {
     let folder = store();
     let sql = tables(folder.path());
     // The middle of the live tasks is a moment, too: the tenth of twenty.
@@ -115,7 +117,7 @@ fn rates_are_what_telemetry_and_record_hold() {
 }
 
 #[test]
-fn without_a_case_there_is_no_rate() {
+fn rate_without_cases_is_absent() {
     let folder = store();
     let report = metrics(&["--since", "#100000"], folder.path());
     for name in ["uar_observed", "rsr_observed", "success_observed", "srdr_observed", "auditability_observed"]
@@ -138,13 +140,13 @@ fn without_a_case_there_is_no_rate() {
 #[test]
 fn an_invalid_time_lists_the_allowed_forms() {
     let folder = store();
-    let output = holdpoint(&["metrics", "--since", "last tuesday"], folder.path());
-    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{stderr}");
-    assert!(stderr.contains("last tuesday") && stderr.contains("2026-11-22T10:30"), "{stderr}");
+    let output = holdpoint(&["metrics", "--since", "last tuesday", "--json"], folder.path());
+    let error = assert_error(&output, 2, "usage");
+    // The sentence lists the allowed forms; no code does.
+    let text = error["error"].as_str().unwrap();
+    assert!(text.contains("last tuesday") && text.contains("2026-11-22T10:30"), "{text}");
     let nowhere = folder.path().join("none");
-    let output = holdpoint(&["metrics"], &nowhere);
-    assert_eq!(output.status.code(), Some(2));
+    assert_error(&holdpoint(&["metrics", "--json"], &nowhere), 2, "no-store");
     assert!(!nowhere.exists(), "reading made a store");
 }
 
@@ -174,7 +176,7 @@ fn copy_store(from: &Path) -> tempfile::TempDir {
 }
 
 #[test]
-fn every_decision_comes_out_again_until_its_evidence_is_edited() {
+fn every_decision_is_reproduced_until_its_evidence_is_edited() {
     let folder = tempfile::tempdir().unwrap();
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenarios/reject-recovery.toml");
     let run = holdpoint(&["run", "--headless", "--no-recording", "--script", script], folder.path());

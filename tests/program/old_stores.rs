@@ -13,6 +13,8 @@ use holdpoint::scenes::BUILT_IN;
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::reported_error::assert_error;
+
 /// Before roles were a closed set.
 pub const OPEN_ROLES: &str = "store-4831bf5";
 
@@ -163,7 +165,7 @@ fn comparable_lines(then: &str, now: &str) -> (String, String) {
 }
 
 #[test]
-fn every_verb_that_reads_answers_as_it_did() {
+fn reading_verbs_answer_as_before() {
     let folder = copy_fixture(OPEN_ROLES);
     let expected = fixture(OPEN_ROLES).join("expected");
     let calls = fs::read_to_string(expected.join("exit-codes.txt")).unwrap();
@@ -212,27 +214,24 @@ fn every_verb_that_reads_answers_as_it_did() {
 }
 
 #[test]
-fn an_engine_carries_it_on_and_every_old_record_stays() {
+fn engine_continues_an_old_store_and_keeps_every_record() {
     let folder = copy_fixture(OPEN_ROLES);
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenarios/reject-policy.toml");
-    let script_output = holdpoint(&folder, &["run", "--headless", "--script", script]);
-    assert_eq!(script_output.status.code(), Some(3), "{}", text(&script_output.stderr));
-    assert!(text(&script_output.stderr).contains("no script"), "{}", text(&script_output.stderr));
-    let run = || holdpoint(&folder, &["run", "--plain", "--profile", "sim"]);
+    let script_output = holdpoint(&folder, &["run", "--headless", "--script", script, "--json"]);
+    assert_error(&script_output, 3, "script-after-live");
     // Last used under a profile with approvals: changing to simulation needs an administrator's authorization.
-    let output = run();
-    let message = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(3), "{message}");
-    assert!(message.contains("holdpoint profile allow sim --by ADMIN"), "{message}");
+    let run = ["run", "--plain", "--profile", "sim"];
+    let output = holdpoint(&folder, &[&run[..], &["--json"]].concat());
+    assert_error(&output, 3, "profile-not-authorized");
     let allow = ["profile", "allow", "sim", "--by", "admin", "--reason", "a try"];
-    let unguarded = text(&holdpoint(&folder, &allow).stderr);
-    assert!(unguarded.contains("holdpoint identity passphrase admin"), "{unguarded}");
+    let unguarded = holdpoint(&folder, &[&allow[..], &["--json"]].concat());
+    assert_error(&unguarded, 3, "not-allowed/no-passphrase");
     let passphrase_file = folder.path().join("words");
     fs::write(&passphrase_file, "under the oak\n").unwrap();
     fs::set_permissions(&passphrase_file, fs::Permissions::from_mode(0o600)).unwrap();
     output_of(&folder, &["identity", "passphrase", "admin", "--new-passphrase-file", "words"]);
     output_of(&folder, &[&allow[..], &["--passphrase-file", "words"]].concat());
-    let run = run();
+    let run = holdpoint(&folder, &run);
     assert_eq!(run.status.code(), Some(3), "{}{}", text(&run.stdout), text(&run.stderr));
     let verification = output_of(&folder, &["audit", "verify"]);
     let records =
@@ -272,9 +271,9 @@ fn no_version_activates_until_an_administrator_signs_the_changed_profile() {
     check(&holdpoint(&folder, &["status"]), 0, &missing);
     check(&holdpoint(&folder, &["explain", "align@1.1.1"]), 0, &["gate-profile-unauthorized"]);
     // It starts, and acts that take authority away succeed.
-    let rollback = ["rollback", "grasp", "--as", "omar", "--reason", "a try"];
+    let rollback = ["rollback", "grasp", "--as", "omar", "--reason", "a try", "--json"];
     // The arm is at standstill, so no other version takes control either.
-    check(&holdpoint(&folder, &rollback), 3, &["grasp@1.1.0", "rolled back", "of grasp"]);
+    assert_error(&holdpoint(&folder, &rollback), 3, "safe-stopped");
     check(&holdpoint(&folder, &["status"]), 0, &["version  grasp@1.1.0: demoted", "NOT AUTHORIZED"]);
     check(&holdpoint(&folder, &["candidate", "compat", "align@1.1.1"]), 3, &["administrator authorized"]);
     assert_eq!(void_count(), before, "nothing is void by a profile that is not in force");
@@ -283,7 +282,8 @@ fn no_version_activates_until_an_administrator_signs_the_changed_profile() {
     fs::set_permissions(&passphrase_file, fs::Permissions::from_mode(0o600)).unwrap();
     let passphrase = ["--passphrase-file", "words"];
     let allow = ["profile", "allow", "--by", "admin", "--reason", "the new version was read"];
-    check(&holdpoint(&folder, &allow), 3, &["identity passphrase admin"]);
+    let unguarded = holdpoint(&folder, &[&allow[..], &["--json"]].concat());
+    assert_error(&unguarded, 3, "not-allowed/no-passphrase");
     output_of(&folder, &["identity", "passphrase", "admin", "--new-passphrase-file", "words"]);
     check(
         &holdpoint(&folder, &[&allow[..], &passphrase[..]].concat()),
@@ -303,7 +303,7 @@ fn no_version_activates_until_an_administrator_signs_the_changed_profile() {
 
 /// A site profile keeps its texts, and the old authorization stays valid.
 #[test]
-fn a_store_whose_profile_is_its_own_waits_for_an_authorization_and_verifies() {
+fn old_store_with_a_site_profile_waits_for_an_authorization() {
     let folder = copy_fixture(CLASS_AUTHORIZATIONS);
     let export = fixture(CLASS_AUTHORIZATIONS).join("export.jsonl");
     let sound = "sound: 44 records, head 3f59f5ee43acc9960e904ed5152b641a9f0df27114367762d73695cd3f21592b\n";
@@ -338,18 +338,14 @@ fn a_store_whose_profile_is_its_own_waits_for_an_authorization_and_verifies() {
 }
 
 #[test]
-fn a_role_outside_the_set_is_refused_by_name_and_stops_nobody_else() {
+fn unknown_role_is_refused_by_name_and_affects_no_other_person() {
     let folder = copy_fixture(OPEN_ROLES);
-    let resume = |who| holdpoint(&folder, &["resume", "align", "--as", who, "--reason", "the tray is back"]);
-    let refusal = resume("mara");
-    assert_eq!((refusal.status.code(), text(&refusal.stderr).as_str()), (Some(2), NO_ROLE));
+    let resume =
+        |who| holdpoint(&folder, &["resume", "align", "--as", who, "--reason", "the tray is back", "--json"]);
+    assert_error(&resume("mara"), 2, "not-allowed/unknown-role");
     // Last used under a profile with approvals, and this key is not enrolled.
-    let resumed = resume("omar");
-    let message = text(&resumed.stderr);
-    assert!(
-        resumed.status.code() == Some(3) && message.contains("identity enrol omar --by admin"),
-        "{message}"
-    );
+    let error = assert_error(&resume("omar"), 3, "not-allowed");
+    assert!(error["hint"].as_str().unwrap().contains("identity enrol omar --by admin"), "{error}");
     // The first administrator, the recorded removal of telemetry from now on, and the missing authorization of the
     // profile.
     let verified = output_of(&folder, &["audit", "verify"]);

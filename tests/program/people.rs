@@ -9,6 +9,7 @@ use tempfile::TempDir;
 
 use crate::agent::AgentProcess;
 use crate::old_stores::{OPEN_ROLES, copy_fixture, holdpoint, text};
+use crate::reported_error::assert_error;
 
 /// A call that must end with this code; returns its output and errors.
 #[track_caller]
@@ -18,6 +19,13 @@ fn ends(folder: &TempDir, call: &str, code: i32) -> String {
     let message = text(&output.stdout) + &text(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{call}: {message}");
     message
+}
+
+/// A call that must fail with this exit code and these codes of its error, which it returns.
+#[track_caller]
+fn fails(folder: &TempDir, call: &str, exit: i32, codes: &str) -> Value {
+    let arguments: Vec<&str> = call.split(' ').chain(["--json"]).collect();
+    assert_error(&holdpoint(folder, &arguments), exit, codes)
 }
 
 #[track_caller]
@@ -49,7 +57,7 @@ fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
 }
 
 #[test]
-fn people_come_and_go_by_an_administrators_act_alone() {
+fn only_an_act_of_an_administrator_enrolls_or_revokes_people() {
     let folder = tempfile::tempdir().unwrap();
     let message = ends(&folder, "identity new mara --role safety --unprotected", 0);
     assert_contains(&message, &["identity mara", "by admin", "no passphrase"]);
@@ -58,24 +66,19 @@ fn people_come_and_go_by_an_administrators_act_alone() {
     let mode = fs::metadata(folder.path().join("store/keys/identities/admin.key")).unwrap().permissions();
     assert_eq!(mode.mode() & 0o7777, 0o600);
     // A person who is not an administrator enrolls and revokes no one.
-    let message = ends(&folder, "identity new eve --unprotected --by mara", 3);
-    assert_contains(&message, &["mara", "only an administrator"]);
+    fails(&folder, "identity new eve --unprotected --by mara", 3, "not-allowed/no-administrator");
     // A refused enrollment leaves nothing.
     assert_states(&folder, &[("admin", "enrolled"), ("mara", "enrolled"), ("omar", "enrolled")]);
-    let message = ends(&folder, "identity revoke omar --by mara --reason envy", 3);
-    assert_contains(&message, &["only an administrator"]);
-    let message = ends(&folder, "identity revoke admin --by admin --reason tired", 3);
-    assert_contains(&message, &["last administrator", "enroll another administrator first"]);
+    fails(&folder, "identity revoke omar --by mara --reason envy", 3, "not-allowed/no-administrator");
+    fails(&folder, "identity revoke admin --by admin --reason tired", 3, "not-allowed/last-administrator");
     // A name and a key belong to a person permanently.
     ends(&folder, "identity revoke omar --by admin --reason left", 0);
-    let message = ends(&folder, "identity enrol omar --by admin --reason back", 3);
-    assert_contains(&message, &["revoked in this store already"]);
+    fails(&folder, "identity enrol omar --by admin --reason back", 3, "exists/name-taken");
     let keys = folder.path().join("store/keys/identities");
     for ending in ["key", "pub"] {
         fs::copy(keys.join(format!("mara.{ending}")), keys.join(format!("alias.{ending}"))).unwrap();
     }
-    let message = ends(&folder, "identity enrol alias --by admin --reason twin", 3);
-    assert_contains(&message, &["that of \"mara\" already", "one key is one person"]);
+    fails(&folder, "identity enrol alias --by admin --reason twin", 3, "exists/key-taken");
     let all = [("admin", "enrolled"), ("alias", "not-enrolled"), ("mara", "enrolled"), ("omar", "revoked")];
     assert_states(&folder, &all);
     // Public files are read for signing: edited, removed or added ones change nothing.
@@ -101,7 +104,7 @@ fn people_come_and_go_by_an_administrators_act_alone() {
 }
 
 #[test]
-fn a_refused_enrolment_leaves_nothing() {
+fn refused_enrollment_leaves_no_file_and_no_record() {
     let folder = tempfile::tempdir().unwrap();
     let oak = file(folder.path(), "oak", "under the oak\n");
     let elm = file(folder.path(), "elm", "under the elm\n");
@@ -119,14 +122,14 @@ fn a_refused_enrolment_leaves_nothing() {
     let before = files();
     let new = format!("identity new mara --passphrase-file {elm} --by admin");
     // Without the administrator's passphrase, with a wrong one, with a missing file, by an unknown person.
-    for (call, code, part) in [
-        (new.clone(), 2, "--by-passphrase-file FILE"),
-        (format!("{new} --by-passphrase-file {elm}"), 2, "--by-passphrase-file"),
-        (format!("{new} --by-passphrase-file nowhere"), 2, "nowhere"),
-        (format!("identity new mara --passphrase-file {elm} --by eve"), 2, "eve"),
-        (format!("identity new mara --passphrase-file {elm} --by rig"), 3, "administrator"),
+    for (call, exit, codes) in [
+        (new.clone(), 2, "passphrase/needed"),
+        (format!("{new} --by-passphrase-file {elm}"), 2, "passphrase/wrong"),
+        (format!("{new} --by-passphrase-file nowhere"), 2, "bad-file"),
+        (format!("identity new mara --passphrase-file {elm} --by eve"), 2, "not-found"),
+        (format!("identity new mara --passphrase-file {elm} --by rig"), 3, "not-allowed/no-administrator"),
     ] {
-        assert_contains(&ends(&folder, &call, code), &[part]);
+        fails(&folder, &call, exit, codes);
         assert_eq!(files(), before, "{call}");
     }
     // So the name is free for the correct call.
@@ -140,16 +143,15 @@ fn a_store_of_an_earlier_version_trusts_no_file() {
     let folder = copy_fixture(OPEN_ROLES);
     assert!(person_states(&folder).iter().all(|(_, state)| state == "not-enrolled"));
     // Only the first opening makes the administrator.
-    let message = ends(&folder, "resume align --as omar --reason back", 3);
-    assert_contains(&message, &["not enrolled", "`holdpoint identity enrol omar --by admin"]);
+    let error = fails(&folder, "resume align --as omar --reason back", 3, "not-allowed");
+    assert_contains(error["hint"].as_str().unwrap(), &["`holdpoint identity enrol omar --by admin"]);
     let states = person_states(&folder);
     assert!(states.contains(&("admin".to_owned(), "enrolled".to_owned())), "{states:?}");
     assert!(states.iter().all(|(name, state)| name == "admin" || state == "not-enrolled"), "{states:?}");
     let records = ends(&folder, "audit list --kind person-enrolled --json", 0);
     assert_contains(&records, &["earlier version"]);
     // Last used under a profile with approvals.
-    let message = ends(&folder, "identity enrol omar --by admin --reason known", 3);
-    assert_contains(&message, &["admin", "no passphrase"]);
+    fails(&folder, "identity enrol omar --by admin --reason known", 3, "not-allowed/no-passphrase");
     let oak = file(folder.path(), "oak", "under the oak\n");
     let oak = oak.display();
     ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
@@ -175,8 +177,7 @@ fn under_human_the_first_administrator_needs_a_passphrase_first() {
     let message = ends(&folder, &format!("identity new ben --passphrase-file {oak}"), 0);
     assert_contains(&message, &["not enrolled", "`holdpoint identity enrol ben --by admin --reason TEXT`"]);
     let enrol = format!("identity enrol ben --by admin --reason joins --passphrase-file {oak}");
-    let message = ends(&folder, &enrol, 3);
-    assert_contains(&message, &["no passphrase", "`holdpoint identity passphrase admin`"]);
+    fails(&folder, &enrol, 3, "not-allowed/no-passphrase");
     let before = fs::read_to_string(folder.path().join("store/keys/identities/admin.pub")).unwrap();
     ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
     ends(&folder, &enrol, 0);
@@ -185,7 +186,7 @@ fn under_human_the_first_administrator_needs_a_passphrase_first() {
 }
 
 #[test]
-fn a_key_that_others_can_read_is_named_with_what_to_do() {
+fn key_readable_by_others_is_named_with_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
     ends(&folder, "identity new mara --unprotected", 0);
     let key = folder.path().join("store/keys/identities/mara.key");
@@ -207,36 +208,42 @@ fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     let folder = tempfile::tempdir().unwrap();
     let Some(agent) = AgentProcess::with_key(folder.path(), "mara@desk") else { return };
     let socket = agent.socket();
-    let with = |call: &str, socket: Option<&Path>, code: i32| {
+    let with = |call: &str, socket: Option<&Path>| {
         let mut process = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
         process.current_dir(folder.path()).args(["--data", "store"]).args(call.split(' '));
         match socket {
             Some(socket) => process.env("SSH_AUTH_SOCK", socket),
             None => process.env_remove("SSH_AUTH_SOCK"),
         };
-        let output = process.output().unwrap();
+        process.output().unwrap()
+    };
+    let succeeds = |call: &str| {
+        let output = with(call, Some(&socket));
         let message = text(&output.stdout) + &text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{call}: {message}");
+        assert_eq!(output.status.code(), Some(0), "{call}: {message}");
         message
+    };
+    let fails = |call: &str, socket: Option<&Path>, codes: &str| {
+        assert_error(&with(&format!("{call} --json"), socket), 2, codes);
     };
     let enrol =
         |key: &str| format!("identity enrol mara --ssh-agent {key} --role engineer --by admin --reason hers");
-    assert_contains(&with(&enrol("eve@desk"), Some(&socket), 2), &["eve@desk", "ssh-add -l"]);
-    assert_contains(&with(&enrol("mara@desk"), None, 2), &["SSH_AUTH_SOCK"]);
-    assert_contains(&with(&enrol("mara@desk"), Some(&socket), 0), &["mara", "as engineer", "by admin"]);
+    fails(&enrol("eve@desk"), Some(&socket), "ssh-agent/no-key");
+    fails(&enrol("mara@desk"), None, "ssh-agent/not-named");
+    assert_contains(&succeeds(&enrol("mara@desk")), &["mara", "as engineer", "by admin"]);
     let keys = folder.path().join("store/keys/identities");
     assert!(keys.join("mara.agent").exists() && !keys.join("mara.key").exists());
-    let message = with("identity list", Some(&socket), 0);
+    let message = succeeds("identity list");
     assert!(message.lines().any(|row| row.starts_with("mara") && row.contains("elsewhere")), "{message}");
     // She is accountable, and the agent signs.
     ends(&folder, "stop", 6);
     let go = "go --stops 1 --as mara --reason empty";
-    assert_contains(&with(go, None, 2), &["SSH_AUTH_SOCK"]);
-    assert_contains(&with(go, Some(&socket), 0), &["runs again"]);
+    fails(go, None, "ssh-agent/not-named");
+    assert_contains(&succeeds(go), &["runs again"]);
     let records = ends(&folder, "audit list --kind asked --json", 0);
     assert_contains(&records, &["mara", "verified"]);
     agent.forget();
     ends(&folder, "stop", 6);
-    assert_contains(&with(go, Some(&socket), 2), &["not hold", "ssh-add FILE"]);
+    fails(go, Some(&socket), "ssh-agent/no-key");
     assert_contains(&ends(&folder, "audit verify", 0), &["sound"]);
 }

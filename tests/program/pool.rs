@@ -267,7 +267,7 @@ fn equal_seeds_give_equal_bytes_and_others_do_not() {
 }
 
 #[test]
-fn a_written_pool_is_read_and_its_truth_is_sealed() {
+fn written_pool_is_read_back_and_hides_its_ground_truth() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path().join("pool");
     let index = write(pool_spec(100, 1, Preset::Paper8), &dir).unwrap();
@@ -293,7 +293,7 @@ fn a_written_pool_is_read_and_its_truth_is_sealed() {
 }
 
 #[test]
-fn bad_input_is_refused_with_what_is_allowed() {
+fn bad_input_is_refused_with_the_allowed_values() {
     for sets in [0, SETS_MAX + 1] {
         let error = draw(pool_spec(100, sets, Preset::Full10)).unwrap_err().to_string();
         assert!(error.contains(&format!("1 to {SETS_MAX}")), "{error}");
@@ -322,7 +322,7 @@ fn bad_input_is_refused_with_what_is_allowed() {
 }
 
 #[test]
-fn the_frozen_pools_are_what_their_seeds_give() {
+fn frozen_pools_equal_those_of_their_seeds() {
     for (folder, seed) in [("manifests/pool", 1), ("manifests/calibration", 100)] {
         let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
         let pool = Pool::read(&dir).unwrap();

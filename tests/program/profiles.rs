@@ -7,11 +7,24 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
+use crate::reported_error::{assert_error, is_about};
+
 const PROFILES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/profiles");
 const IMPROVED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-improved");
 
 fn on(store: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint")).arg("--data").arg(store).args(arguments).output().unwrap()
+}
+
+/// A verb that must fail with this exit code and these codes of its error, which it returns.
+#[track_caller]
+fn fails(store: &Path, arguments: &[&str], exit: i32, codes: &str) -> Value {
+    assert_error(&on(store, &[arguments, &["--json"]].concat()), exit, codes)
+}
+
+/// Whether the hint of an error names this command.
+fn advises(error: &Value, command: &str) -> bool {
+    error["hint"].as_str().is_some_and(|hint| hint.contains(command))
 }
 
 fn text(output: &Output) -> String {
@@ -67,12 +80,8 @@ fn a_custom_profile_is_on_record_and_stays_without_its_files() {
     fs::remove_dir_all(store.join("profiles")).unwrap();
     let signed = ["candidate", "register", IMPROVED, "--as", "mara", "--passphrase-file", oak];
     // A person enrolled by an unencrypted key lets nothing continue among people.
-    let registered = on(&store, &signed);
-    assert!(
-        !registered.status.success() && text(&registered).contains("identity confirm mara"),
-        "{}",
-        text(&registered)
-    );
+    let error = fails(&store, &signed, 3, "not-allowed");
+    assert!(advises(&error, "identity confirm mara"), "{error}");
     let protected = on(&store, &["identity", "passphrase", "admin", "--new-passphrase-file", oak]);
     assert!(protected.status.success(), "{}", text(&protected));
     let confirm =
@@ -89,18 +98,16 @@ fn a_custom_profile_is_on_record_and_stays_without_its_files() {
     let paused = on(&store, &["pause", "--as", "mara", "--reason", "only the profile is of interest"]);
     assert!(paused.status.success(), "{}", text(&paused));
     // An administrator signs that, although no field is less strict.
-    let run = || on(&store, &["run", "--plain", "--profile", path.to_str().unwrap()]);
-    let refusal = run();
-    let message = text(&refusal);
-    assert_eq!(refusal.status.code(), Some(3), "{message}");
-    assert!(message.contains(&format!("holdpoint profile allow {}", path.display())), "{message}");
+    let run = ["run", "--plain", "--profile", path.to_str().unwrap()];
+    let error = fails(&store, &run, 3, "profile-not-authorized");
+    assert!(advises(&error, &format!("holdpoint profile allow {}", path.display())), "{error}");
     assert_eq!(records(&store, "profile-loaded").len(), 1);
     let allow =
         ["profile", "allow", "line-4", "--by", "admin", "--reason", "faster", "--passphrase-file", oak];
     let allowed = on(&store, &[&allow[..], &["--json"]].concat());
     assert!(allowed.status.success(), "{}", text(&allowed));
     assert_eq!(serde_json::from_slice::<Value>(&allowed.stdout).unwrap()["loosened"], serde_json::json!([]));
-    let run = run();
+    let run = on(&store, &run);
     assert_eq!(run.status.code(), Some(3), "{}", text(&run));
     assert_eq!(records(&store, "profile-loaded").len(), 2);
     assert!(!records(&store, "family-voided").is_empty());
@@ -123,29 +130,30 @@ fn ends(output: &Output, code: i32, parts: &[&str]) {
 
 /// An option alone would remove the approvers whom the stricter profile requires.
 #[test]
-fn a_change_of_profile_takes_an_administrators_authorization() {
+fn profile_change_needs_an_authorization_of_an_administrator() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
-    let scenario = |name: &str| {
-        let script = format!("{}/tests/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-        on(&store, &["run", "--headless", "--script", &script])
+    let refuses_scripts = || {
+        let script = format!("{}/tests/scenarios/reject-interface.toml", env!("CARGO_MANIFEST_DIR"));
+        fails(&store, &["run", "--headless", "--script", &script], 3, "script-after-live");
     };
     let allow = ["profile", "allow", "sim", "--by", "admin", "--reason", "taken apart"];
     assert_eq!(on(&store, &["run", "--plain", "--profile", "human"]).status.code(), Some(5));
     let before = records(&store, "context-set").len();
-    let refused = ["human to sim", "fields are", "profile allow sim"];
-    ends(&on(&store, &["run", "--plain", "--profile", "sim"]), 3, &refused);
-    ends(&on(&store, &["run", "--plain", "--profile", "real"]), 3, &["profile allow real"]);
-    ends(&scenario("reject-interface"), 3, &["no script"]);
+    for profile in ["sim", "real"] {
+        let error = fails(&store, &["run", "--plain", "--profile", profile], 3, "profile-not-authorized");
+        assert!(advises(&error, &format!("profile allow {profile}")), "{error}");
+    }
+    refuses_scripts();
     assert_eq!(records(&store, "context-set").len(), before);
     // The reader of an unencrypted key is not the administrator.
-    ends(&on(&store, &allow), 3, &["no passphrase", "identity passphrase admin"]);
+    fails(&store, &allow, 3, "not-allowed/no-passphrase");
     let oak = passphrase_file(root.path());
     let output = on(&store, &["identity", "passphrase", "admin", "--new-passphrase-file", &oak]);
     assert!(output.status.success(), "{}", text(&output));
     let human =
         ["profile", "allow", "real", "--by", "nobody", "--reason", "a try", "--passphrase-file", &oak];
-    ends(&on(&store, &human), 2, &["nobody"]);
+    fails(&store, &human, 2, "not-found");
     let signed = on(&store, &[&allow[..], &["--passphrase-file", &oak]].concat());
     ends(&signed, 0, &["activation.approval_bound", "admin allows", "profile sim"]);
     let authorization = records(&store, "profile-allowed").remove(0).to_string();
@@ -153,9 +161,9 @@ fn a_change_of_profile_takes_an_administrators_authorization() {
         authorization.contains("taken apart") && authorization.contains("activation.approval_bound"),
         "{authorization}"
     );
-    ends(&scenario("reject-interface"), 3, &["no script"]);
+    refuses_scripts();
     ends(&on(&store, &["run", "--plain", "--profile", "sim"]), 5, &[]);
-    ends(&on(&store, &[&allow[..], &["--passphrase-file", &oak]].concat()), 2, &["no authorization"]);
+    fails(&store, &[&allow[..], &["--passphrase-file", &oak]].concat(), 2, "not-now");
     let verified = on(&store, &["audit", "verify"]);
     assert!(verified.status.success(), "{}", text(&verified));
 }
@@ -208,7 +216,7 @@ const LOOSE: &[(&str, &str)] = &[
 
 /// The attack `red-team/16`: fields that are less strict than the built-in profile are in a file of its class.
 #[test]
-fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorization() {
+fn less_strict_profile_of_the_same_class_needs_an_authorization() {
     let root = tempfile::tempdir().unwrap();
     let (store, oak) = (root.path().join("store"), passphrase_file(root.path()));
     let shipped = fs::read_to_string(Path::new(PROFILES).join("real.toml")).unwrap();
@@ -228,13 +236,14 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
     let checked = ["real (line)", "fields are", "must sign"];
     ends(&on(&store, &["profile", "check", path]), 0, &checked);
     // At the first start ...
-    let hint = format!("holdpoint profile allow {path} --by ADMIN");
-    let refused = ["profile real", "first of", &hint];
-    ends(&on(&store, &["run", "--plain", "--profile", path]), 3, &refused);
+    let command = format!("holdpoint profile allow {path} --by ADMIN");
+    let error = fails(&store, &["run", "--plain", "--profile", path], 3, "profile-not-authorized");
+    assert!(advises(&error, &command), "{error}");
     assert!(!store.join("holdpoint.db").exists(), "no store is made for it");
     // ... and after one under the built-in profile.
     assert_eq!(on(&store, &["run", "--plain", "--profile", "real"]).status.code(), Some(5));
-    ends(&on(&store, &["serve", "--profile", path]), 3, &["profile real", &hint]);
+    let error = fails(&store, &["serve", "--profile", path], 3, "profile-not-authorized");
+    assert!(advises(&error, &command), "{error}");
     assert_eq!(records(&store, "context-set").len(), 1);
     // The administrator's signature names every field.
     let allow = ["profile", "allow", path, "--by", "admin", "--reason", "a test cell", "--json"];
@@ -255,13 +264,14 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
     // It continues under that profile without another authorization, and not back without one.
     assert_eq!(on(&store, &["run", "--plain"]).status.code(), Some(5));
     assert_eq!(records(&store, "context-set").len(), 2);
-    ends(&on(&store, &["run", "--plain", "--profile", "real"]), 3, &["profile real", "allow real"]);
+    let error = fails(&store, &["run", "--plain", "--profile", "real"], 3, "profile-not-authorized");
+    assert!(advises(&error, "profile allow real"), "{error}");
     // Before the store exists, too; among people by a passphrase-protected key.
     let other = root.path().join("other");
     let human = line_4(&other, "timeout_s = 600.0 ", "timeout_s = 900.0 ");
     let human =
         ["profile", "allow", human.to_str().unwrap(), "--by", "admin", "--reason", "shift leads are far"];
-    ends(&on(&other, &human), 3, &["no passphrase"]);
+    fails(&other, &human, 3, "not-allowed/no-passphrase");
     let output = on(&other, &["identity", "passphrase", "admin", "--new-passphrase-file", &oak]);
     assert!(output.status.success(), "{}", text(&output));
     let human = on(&other, &[&human[..], &["--passphrase-file", &oak]].concat());
@@ -274,14 +284,14 @@ fn a_profile_of_the_same_class_is_no_looser_without_an_administrators_authorizat
 
 /// A free choice of the seed for each session would let a candidate be tried under one after another.
 #[test]
-fn a_store_keeps_the_seed_that_it_was_begun_with() {
+fn store_keeps_the_seed_of_its_first_start() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
     let run = |seed: &[&str]| on(&store, &[&["run", "--plain"], seed].concat());
     assert_eq!(run(&["--seed", "7"]).status.code(), Some(5));
-    let refused = ["--seed 8", "seed 7", "without --seed"];
-    ends(&run(&["--seed", "8"]), 2, &refused);
-    ends(&on(&store, &["serve", "--seed", "1"]), 2, &["--seed 1", "seed 7"]);
+    let other_seed = ["run", "--plain", "--seed", "8"];
+    fails(&store, &other_seed, 2, "other-seed");
+    fails(&store, &["serve", "--seed", "1"], 2, "other-seed");
     for same in [&[][..], &["--seed", "7"]] {
         let run = run(same);
         assert!(run.status.code() == Some(5) && text(&run).contains("seed 7"), "{}", text(&run));
@@ -290,26 +300,26 @@ fn a_store_keeps_the_seed_that_it_was_begun_with() {
     let script = format!("{}/tests/scenarios/reject-interface.toml", env!("CARGO_MANIFEST_DIR"));
     let script = ["run", "--headless", "--seed", "8", "--script", &script];
     ends(&on(&store, &script), 1, &["seed 8"]);
-    ends(&run(&["--seed", "8"]), 2, &refused);
+    fails(&store, &other_seed, 2, "other-seed");
     let other = root.path().join("other");
     ends(&on(&other, &script), 1, &["seed 8"]);
     let run = on(&other, &["run", "--plain", "--seed", "9"]);
     assert!(run.status.code() == Some(5) && text(&run).contains("seed 9"), "{}", text(&run));
-    ends(&on(&other, &["run", "--plain", "--seed", "8"]), 2, &["seed 9"]);
+    fails(&other, &other_seed, 2, "other-seed");
 }
 
 #[test]
 fn an_invalid_profile_is_refused_by_check_and_by_every_verb() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
-    for (from, to, parts) in [
-        ("quorum_low = 1 ", "quorum_low = 0 ", &["approval.quorum_low", "\"0\"", "1 to 16"][..]),
-        ("valid_s = 900.0 ", "valid_s = inf ", &["approval.valid_s", "1 to 1000000"]),
-        ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = -0.25 ", &["tool_speed_max_m_s", "\"-0.25\""]),
-        ("retries_max = 1 ", "retries_max = 3 ", &["runtime.retries_max", "at most 2"]),
-        ("scale = 1.0 ", "scale = 2.0 ", &["thresholds.scale", "0.5 to 1.5"]),
-        ("shadow_sequences = 40 ", "shadow_sequences = 0 ", &["evaluation.shadow_sequences", "5 to 10000"]),
-        ("break_glass = false", "break_glass = true", &["approval.break_glass", "false"]),
+    for (from, to, field) in [
+        ("quorum_low = 1 ", "quorum_low = 0 ", "approval.quorum_low"),
+        ("valid_s = 900.0 ", "valid_s = inf ", "approval.valid_s"),
+        ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = -0.25 ", "tool_speed_max_m_s"),
+        ("retries_max = 1 ", "retries_max = 3 ", "runtime.retries_max"),
+        ("scale = 1.0 ", "scale = 2.0 ", "thresholds.scale"),
+        ("shadow_sequences = 40 ", "shadow_sequences = 0 ", "evaluation.shadow_sequences"),
+        ("break_glass = false", "break_glass = true", "approval.break_glass"),
     ] {
         let path = line_4(&store, "", "");
         let own = fs::read_to_string(&path).unwrap();
@@ -318,13 +328,9 @@ fn an_invalid_profile_is_refused_by_check_and_by_every_verb() {
             &["profile", "check", path.to_str().unwrap()][..],
             &["run", "--plain", "--profile", path.to_str().unwrap()],
         ] {
-            let output = on(&store, arguments);
-            let message = text(&output);
-            assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
-            assert!(
-                message.contains("line-4.toml:") && parts.iter().all(|part| message.contains(part)),
-                "{to}: {message}"
-            );
+            let error = fails(&store, arguments, 2, "bad-file");
+            assert!(is_about(&error, "line-4.toml"), "{to}: {error}");
+            assert!(error["field"].as_str().is_some_and(|named| named.ends_with(field)), "{to}: {error}");
         }
         assert!(!store.join("holdpoint.db").exists(), "no store is made for it");
     }
@@ -332,14 +338,13 @@ fn an_invalid_profile_is_refused_by_check_and_by_every_verb() {
     let policies = path.with_extension("cedar");
     let reviewed = fs::read_to_string(&policies).unwrap();
     fs::write(&policies, reviewed.replace("@review(\"changes state that other skills use\")\n", "")).unwrap();
-    let output = on(&store, &["serve", "--profile", "line-4"]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output).contains("line-4.cedar: ") && text(&output).contains("shared-state"), "{output:?}");
+    let error = fails(&store, &["serve", "--profile", "line-4"], 2, "bad-file");
+    assert!(is_about(&error, "line-4.cedar"), "{error}");
     fs::remove_file(policies).unwrap();
-    let output = on(&store, &["run", "--plain", "--profile", "line-4"]);
-    assert!(output.status.code() == Some(2) && text(&output).contains("line-4.cedar"), "{output:?}");
-    let output = on(&store, &["run", "--plain", "--profile", "line-5"]);
-    assert!(output.status.code() == Some(2) && text(&output).contains("profiles/line-5.toml"), "{output:?}");
+    let error = fails(&store, &["run", "--plain", "--profile", "line-4"], 2, "bad-file");
+    assert!(is_about(&error, "line-4.cedar"), "{error}");
+    let error = fails(&store, &["run", "--plain", "--profile", "line-5"], 2, "not-found");
+    assert!(is_about(&error, "profiles/line-5.toml"), "{error}");
 }
 
 #[test]
@@ -397,11 +402,11 @@ fn check_judges_under_a_sites_own_policies_too() {
 }
 
 #[test]
-fn a_family_or_a_controller_that_is_not_built_in_is_refused_where_it_is_checked() {
+fn check_refuses_an_unknown_family_or_controller() {
     let root = tempfile::tempdir().unwrap();
-    for (from, to, parts) in [
-        ("name = \"grasp\"", "name = \"polish\"", ["\"name\"", "\"polish\"", "park, grasp, align, place"]),
-        ("native:grasp", "native:polish", ["deployment.bundle", "native:polish", "native:align"]),
+    for (from, to, field) in [
+        ("name = \"grasp\"", "name = \"polish\"", "name"),
+        ("native:grasp", "native:polish", "deployment.bundle"),
     ] {
         let folder = root.path().join(to.replace(|ch: char| !ch.is_ascii_alphanumeric(), "-"));
         fs::create_dir(&folder).unwrap();
@@ -409,12 +414,8 @@ fn a_family_or_a_controller_that_is_not_built_in_is_refused_where_it_is_checked(
             let text = fs::read_to_string(Path::new(IMPROVED).join(file)).unwrap();
             fs::write(folder.join(file), text.replacen(from, to, 1)).unwrap();
         }
-        let output = on(root.path(), &["candidate", "check", folder.to_str().unwrap()]);
-        let message = text(&output);
-        assert_eq!(output.status.code(), Some(2), "{message}");
-        assert!(
-            message.contains("manifest.toml") && parts.iter().all(|part| message.contains(part)),
-            "{message}"
-        );
+        let check = ["candidate", "check", folder.to_str().unwrap()];
+        let error = fails(root.path(), &check, 2, "bad-file");
+        assert!(is_about(&error, "manifest.toml") && error["field"] == field, "{error}");
     }
 }

@@ -61,7 +61,7 @@ fn only_recording(data: &Path) -> (PathBuf, Recording) {
 }
 
 #[test]
-fn a_recording_tells_what_happened_and_changes_nothing() {
+fn recording_holds_the_events_of_the_upgrade_and_changes_no_decision() {
     let cache = tempfile::tempdir().unwrap();
     let fresh = || tempfile::tempdir().unwrap();
     let plain = fresh();

@@ -14,18 +14,20 @@ use holdpoint::lab::parameter_search::{RefineReport, refine};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint_body::TaskKind;
 
+use crate::reported_error::assert_error;
+
 /// The quickest family, with the least effort that still finds an improvement.
 fn settings(out: &Path, jobs: usize) -> SearchSettings<'_> {
     SearchSettings { task: TaskKind::Place, generations: 2, episodes: 2, seed: 3, jobs, out, version: None }
 }
 
-/// Runs to the end, or until `after` evaluations were reported.
-fn run(out: &Path, jobs: usize, after: Option<usize>) -> Result<RefineReport, RefineError> {
+/// Runs to the end, or until `evaluations` were reported.
+fn run(out: &Path, jobs: usize, evaluations: Option<usize>) -> Result<RefineReport, RefineError> {
     let cancel = AtomicBool::new(false);
     let mut reports = 0;
     refine(&settings(out, jobs), &cancel, &mut |_| {
         reports += 1;
-        cancel.store(after.is_some_and(|after| reports >= after), Ordering::Release);
+        cancel.store(evaluations.is_some_and(|evaluations| reports >= evaluations), Ordering::Release);
     })
 }
 
@@ -40,30 +42,30 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 
 #[test]
 fn interrupted_and_resumed_equals_uninterrupted_for_any_number_of_workers() {
-    let (plain, broken) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    let report = run(plain.path(), 2, None).unwrap();
+    let (uninterrupted, interrupted) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let report = run(uninterrupted.path(), 2, None).unwrap();
     let expected = contents(&report.folder);
     assert!(report.practised.after.cost() < report.practised.before.cost(), "{report:?}");
     assert!(!report.changes.is_empty(), "{report:?}");
 
     // Interrupted twice, with another number of workers, and damaged in between.
-    let journal = broken.path().join("place-refined.refine").join(FILE);
+    let journal = interrupted.path().join("place-refined.refine").join(FILE);
     let mut lines = 0;
     for after in [5, 14] {
-        let error = run(broken.path(), 1, Some(after)).unwrap_err();
+        let error = run(interrupted.path(), 1, Some(after)).unwrap_err();
         let RefineError::Interrupted { evaluations, .. } = error else { panic!("{error}") };
         assert_eq!(evaluations as usize, after);
-        assert!(!broken.path().join("place-refined").exists());
+        assert!(!interrupted.path().join("place-refined").exists());
         let text = fs::read_to_string(&journal).unwrap();
         assert!(text.lines().count() > lines, "{text}");
         lines = text.lines().count();
         fs::write(&journal, &text[..text.len() - 30]).unwrap();
     }
-    let resumed = run(broken.path(), 1, None).unwrap();
+    let resumed = run(interrupted.path(), 1, None).unwrap();
     assert_eq!(contents(&resumed.folder), expected);
 
     // The result stays, and the refusal simulates nothing.
-    let again = run(plain.path(), 2, None).unwrap_err();
+    let again = run(uninterrupted.path(), 2, None).unwrap_err();
     assert!(matches!(again, RefineError::Exists(_)), "{again}");
     assert_eq!(contents(&report.folder), expected);
 
@@ -81,33 +83,32 @@ fn interrupted_and_resumed_equals_uninterrupted_for_any_number_of_workers() {
     assert_eq!(check.status.code(), Some(0), "{}", String::from_utf8_lossy(&check.stderr));
 }
 
-/// (arguments, exit code, error text).
+/// (arguments, reason, a value that the error names).
 #[test]
 fn bad_input_gets_one_clear_error() {
     let out = tempfile::tempdir().unwrap();
     fs::create_dir(out.path().join("align-refined")).unwrap();
     fs::write(out.path().join("file"), "").unwrap();
     let file = out.path().join("file").display().to_string();
-    for (arguments, part) in [
-        (vec!["align"], "align-refined\""),
-        (vec!["grasp", "--version", "1.0.0"], "parent's 1.0.0"),
-        (vec!["grasp", "--version", "new"], "'new'"),
-        (vec!["grasp", "--generations", "0"], "1..=1000"),
-        (vec!["grasp", "--episodes", "501"], "1..=500"),
-        (vec!["grasp", "--jobs", "65"], "1..=64"),
-        (vec!["grasp", "--seed", "-1"], "'-1'"),
-        (vec!["park"], "'park'"),
-        (vec!["grasp", "--out", &file], "grasp-refined.refine"),
+    for (arguments, reason, value) in [
+        (vec!["align"], "exists", "align-refined"),
+        (vec!["grasp", "--version", "1.0.0"], "usage", "1.0.0"),
+        (vec!["grasp", "--version", "new"], "usage", "'new'"),
+        (vec!["grasp", "--generations", "0"], "usage", "1..=1000"),
+        (vec!["grasp", "--episodes", "501"], "usage", "1..=500"),
+        (vec!["grasp", "--jobs", "65"], "usage", "1..=64"),
+        (vec!["grasp", "--seed", "-1"], "usage", "'-1'"),
+        (vec!["park"], "usage", "'park'"),
+        (vec!["grasp", "--out", &file], "bad-file", "grasp-refined.refine"),
     ] {
         let output = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
             .current_dir(out.path())
-            .arg("refine")
+            .args(["refine", "--json"])
             .args(&arguments)
             .output()
             .unwrap();
-        let error = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-        assert!(error.contains(part), "{arguments:?}: {error}");
-        assert_eq!(error.matches("error:").count(), 1, "{error}");
+        let error = assert_error(&output, 2, reason);
+        assert!(error["error"].as_str().unwrap().contains(value), "{arguments:?}: {error}");
+        assert_eq!(String::from_utf8(output.stderr).unwrap().lines().count(), 1, "{arguments:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! The verbs `replay` and `recordings` on a recording that the sink wrote, without a terminal and without a viewer.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
 use std::time::Duration;
 
 use holdpoint::protocol::clock::tick_of;
@@ -11,6 +11,7 @@ use holdpoint::recordings::audit_record::{KIND, RecordingClosure};
 use holdpoint::registry::{AuditBody, Store, Transaction};
 use holdpoint::scene::{SceneConfig, SceneSink, read};
 
+use crate::reported_error::{assert_error, is_about};
 use crate::{shift, upgrade};
 
 /// Lets the sink record the hand-made upgrade, in a folder.
@@ -34,10 +35,14 @@ fn record(folder: &Path) -> ClosedRecording {
     closed.unwrap_or_else(|| panic!("{reports:?}"))
 }
 
+fn output_of(data: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+    command.arg("--data").arg(data).args(arguments).env_remove("DISPLAY").output().unwrap()
+}
+
 /// Runs the program: its exit code and what it printed.
 fn holdpoint(data: &Path, arguments: &[&str]) -> (Option<i32>, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
-    let output = command.arg("--data").arg(data).args(arguments).env_remove("DISPLAY").output().unwrap();
+    let output = output_of(data, arguments);
     let text = String::from_utf8(output.stdout).unwrap() + &String::from_utf8(output.stderr).unwrap();
     (output.status.code(), text)
 }
@@ -68,8 +73,8 @@ fn a_replay_prints_all_or_up_to_a_tick() {
     let arguments = ["replay", file, "--to", &to, "--out", cut.to_str().unwrap()];
     assert_eq!(holdpoint(root.path(), &arguments).0, Some(0));
     assert_eq!(read(&cut).unwrap().events.len(), earlier);
-    let (code, text) = holdpoint(root.path(), &arguments);
-    assert!(code == Some(2) && text.contains("exists already"), "{text}");
+    let error = assert_error(&output_of(root.path(), &[&arguments[..], &["--json"]].concat()), 2, "exists");
+    assert!(is_about(&error, "cut.rrd"), "{error}");
 }
 
 /// A store with a closed recording whose digest is on record.

@@ -11,6 +11,8 @@ use holdpoint::registry::Layout;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
+use crate::reported_error::assert_error;
+
 /// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(2);
 
@@ -136,7 +138,7 @@ fn a_service_notifies_its_manager_answers_and_ends_cleanly() {
 }
 
 #[test]
-fn a_service_that_nobody_reads_and_nobody_manages_goes_on() {
+fn service_without_a_reader_or_a_manager_continues() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
     let mut service = ProgramProcess::start(program(&["serve", "--quiet"]).arg("--data").arg(&store));
@@ -159,13 +161,11 @@ fn a_service_that_nobody_reads_and_nobody_manages_goes_on() {
 fn a_service_reports_why_it_cannot_start() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
-    let output = program(&["serve", "--data"]).arg(&store).env("NOTIFY_SOCKET", "manager").output().unwrap();
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output).contains("NOTIFY_SOCKET") && text(&output).contains("\"manager\""), "{output:?}");
+    let mut serve = program(&["serve", "--json", "--data"]);
+    assert_error(&serve.arg(&store).env("NOTIFY_SOCKET", "manager").output().unwrap(), 2, "environment");
     assert!(!store.exists());
-    let output = on(&store, &["serve", "--robot", "/nowhere.urdf"]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output).contains("/nowhere.urdf"), "{output:?}");
+    let error = assert_error(&on(&store, &["serve", "--robot", "/nowhere.urdf", "--json"]), 2, "bad-file");
+    assert_eq!(error["file"], "/nowhere.urdf");
 }
 
 #[test]
@@ -205,7 +205,7 @@ fn the_demonstration_leaves_the_users_store_alone() {
 }
 
 #[test]
-fn a_demonstration_with_nothing_left_to_show_confirms_nothing() {
+fn demonstration_without_new_candidates_confirms_no_version() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
     for name in holdpoint::engine::embedded::names() {
@@ -216,7 +216,6 @@ fn a_demonstration_with_nothing_left_to_show_confirms_nothing() {
     assert_eq!(demo.status.code(), Some(5), "{}", text(&demo));
     assert!(text(&demo).contains("every demonstration"));
     // Without a verb, a named store is not used for a demonstration.
-    let output = on(&store, &[]);
-    assert_eq!(output.status.code(), Some(2), "{}", text(&output));
-    assert!(text(&output).contains("holdpoint serve"), "{}", text(&output));
+    let error = assert_error(&on(&store, &["--json"]), 2, "usage");
+    assert!(error["hint"].as_str().unwrap().contains("`holdpoint serve`"), "{error}");
 }

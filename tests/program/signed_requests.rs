@@ -328,6 +328,7 @@ fn under_sim_a_signature_is_optional_and_counts_if_present() {
 #[test]
 fn the_verbs_sign_as_the_named_person() {
     use crate::old_stores::{holdpoint, text};
+    use crate::reported_error::assert_error;
     let root = tempfile::tempdir().unwrap();
     let oak = root.path().join("oak");
     std::fs::write(&oak, "under the oak\n").unwrap();
@@ -340,22 +341,27 @@ fn the_verbs_sign_as_the_named_person() {
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
         assert!(message.contains(part), "{arguments:?}: {part:?} is not in {message}");
     };
+    // The code of the error, and a command or an option that it advises.
+    let fails = |arguments: &[&str], exit: i32, codes: &str, advice: &str| {
+        let error = assert_error(&holdpoint(&root, &[arguments, &["--json"]].concat()), exit, codes);
+        assert!(error.to_string().contains(advice), "{arguments:?}: {error}");
+    };
     ends(&["identity", "new", "mara", "--passphrase-file", oak], 0, "enrolled by admin");
     ends(&["identity", "new", "eve", "--unprotected"], 0, "enrolled by admin");
     let running = engine(&data, ProfileName::Human);
     ends(&["stop"], 0, "stopped");
     let go = ["go", "--stops", "1", "--reason", "empty", "--as"];
-    ends(&[&go[..], &["eve"]].concat(), 3, "identity passphrase eve");
+    fails(&[&go[..], &["eve"]].concat(), 3, "not-allowed", "identity passphrase eve");
     let go_mara = [&go[..], &["mara", "--passphrase-file", oak]].concat();
     // An unencrypted key enrolled her; the running engine receives the confirmation, and an enrollment, through its
     // socket.
-    ends(&go_mara, 3, "`holdpoint identity confirm mara --by admin --reason TEXT`");
+    fails(&go_mara, 3, "not-allowed", "`holdpoint identity confirm mara --by admin --reason TEXT`");
     let act = ["--by", "admin", "--reason", "known", "--passphrase-file", oak];
     let confirm = [&["identity", "confirm", "mara"][..], &act].concat();
-    ends(&[&confirm[..7]].concat(), 3, "the key of admin has no passphrase");
+    fails(&confirm[..7], 3, "not-allowed/no-passphrase", "identity passphrase admin");
     ends(&["identity", "passphrase", "admin", "--new-passphrase-file", oak], 0, "now has a passphrase");
     ends(&confirm, 0, "is confirmed by admin");
-    ends(&confirm, 3, "already, by \"admin\"");
+    fails(&confirm, 3, "exists/confirmed-already", "");
     ends(&["identity", "new", "omar", "--unprotected"], 0, "not enrolled");
     ends(&[&["identity", "enrol", "omar"][..], &act].concat(), 0, "omar is enrolled as operator by admin");
     ends(&["audit", "verify"], 0, "4, 3 of them confirmed");
@@ -367,16 +373,17 @@ fn the_verbs_sign_as_the_named_person() {
     ends(&go_mara, 0, "runs again");
     // Near people, your own name under a stop is not evidence that you read it.
     ends(&["stop", "--as", "mara"], 0, "stopped");
-    ends(&["go", "--reason", "empty", "--as", "mara", "--passphrase-file", oak], 3, "--stops 1");
+    let go_unread = ["go", "--reason", "empty", "--as", "mara", "--passphrase-file", oak];
+    fails(&go_unread, 3, "not-now", "names 0 stops");
     ends(&go_mara, 0, "runs again");
-    ends(&["candidate", "register", CANDIDATE], 3, "--as NAME");
+    fails(&["candidate", "register", CANDIDATE], 3, "not-allowed", "--as NAME");
     ends(&["identity", "new", "zoe", "--role", "admin", "--unprotected"], 0, "not enrolled");
-    ends(&[&["identity", "enrol", "zoe"][..], &act].concat(), 2, "with `--role admin`");
+    fails(&[&["identity", "enrol", "zoe"][..], &act].concat(), 2, "usage", "`--role admin`");
     ends(&["stop"], 0, "stopped");
     Client::connect(&Layout::new(&data)).unwrap().unwrap().send(Command::Shutdown).unwrap();
     running.join().unwrap();
     // Without an engine the store's last profile applies.
-    ends(&["candidate", "register", CANDIDATE], 3, "--as NAME");
+    fails(&["candidate", "register", CANDIDATE], 3, "not-allowed", "--as NAME");
     let register = ["candidate", "register", CANDIDATE, "--as", "mara", "--passphrase-file", oak];
     ends(&register, 0, "is registered");
     ends(&[&go[..], &["mara", "--passphrase-file", oak]].concat(), 0, "runs again");

@@ -5,17 +5,24 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Output;
 
 use assert_cmd::Command;
 
-fn holdpoint(data: &Path, line: &[&str]) -> (Option<i32>, String, String) {
-    let run = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+use crate::reported_error::{assert_error, reported_error};
+
+fn output_of(data: &Path, line: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .env("HOME", data)
         .arg("--data")
         .arg(data.join("store"))
         .args(line)
         .output()
-        .unwrap();
+        .unwrap()
+}
+
+fn holdpoint(data: &Path, line: &[&str]) -> (Option<i32>, String, String) {
+    let run = output_of(data, line);
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
     (run.status.code(), text(run.stdout), text(run.stderr))
 }
@@ -31,14 +38,15 @@ fn walk(lang: &str, prebuilt: &str) {
         stdout
     };
     run_ok(&["skill", "new", "my-grasp", "--lang", lang, &path]);
-    let (code, stdout, stderr) = holdpoint(root.path(), &["skill", "build", &path]);
+    let build = output_of(root.path(), &["skill", "build", &path, "--json"]);
     let component = folder.join("my-grasp.wasm");
-    if code == Some(0) {
-        assert!(component.is_file(), "{stdout}");
+    if build.status.success() {
+        assert!(component.is_file(), "{build:?}");
     } else {
-        let missing = stderr.contains("not there") || stderr.contains("cannot build");
-        assert!(code == Some(2) && missing && stderr.contains("Hint"), "{stderr}");
-        eprintln!("SKIPPED: {lang} is not built, {}", stderr.lines().next().unwrap_or_default());
+        let error = reported_error(&build);
+        let missing = error["cause"] == "program-missing" || error["cause"] == "target-missing";
+        assert!(error["reason"] == "toolchain" && missing && error["hint"].is_string(), "{error}");
+        eprintln!("SKIPPED: {lang} is not built, {}", error["error"]);
         let prebuilt_path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt").join(prebuilt);
         fs::copy(prebuilt_path, &component).unwrap();
     }
@@ -52,12 +60,12 @@ fn walk(lang: &str, prebuilt: &str) {
 }
 
 #[test]
-fn from_nothing_to_a_registered_candidate_in_c() {
+fn new_c_skill_is_built_and_registered() {
     walk("c", "template-c.wasm");
 }
 
 #[test]
-fn from_nothing_to_a_registered_candidate_in_rust() {
+fn new_rust_skill_is_built_and_registered() {
     walk("rust", "template-rust.wasm");
 }
 
@@ -76,10 +84,10 @@ fn a_missing_toolchain_is_named_with_how_to_get_it() {
                 .unwrap()
         };
         assert!(run(&["skill", "new", "mine", "--lang", lang, &folder]).status.success());
-        let output = run(&["skill", "build", &folder]);
-        let stderr = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{stderr}");
-        assert!(stderr.contains("no-such-program") && stderr.contains(remedy), "{stderr}");
+        let build = run(&["skill", "build", &folder, "--json"]);
+        let error = assert_error(&build, 2, "toolchain/program-missing");
+        assert!(error["error"].as_str().unwrap().contains("no-such-program"), "{error}");
+        assert!(error["hint"].as_str().unwrap().contains(remedy), "{error}");
     }
 }
 

@@ -30,6 +30,8 @@ use holdpoint::runtime::capability;
 use holdpoint_text::Hint as _;
 use serde_json::{Value, json};
 
+use crate::reported_error::assert_error;
+
 /// A generous time limit.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
 
@@ -187,7 +189,7 @@ fn a_retried_command_is_carried_out_once() {
 }
 
 #[test]
-fn a_refusal_keeps_its_hint_apart_from_what_was_sent() {
+fn hint_of_a_refusal_is_separate_from_sent_text() {
     let folder = tempfile::tempdir().unwrap();
     let running = engine(folder.path());
     let improved = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-improved");
@@ -435,53 +437,58 @@ fn every_answer_survives_the_wire() {
 fn verbs_talk_to_the_engine_that_runs() {
     let folder = tempfile::tempdir().unwrap();
     let running = engine(folder.path());
-    let run = |line: &str| {
-        let output = std::process::Command::new(env!("CARGO_BIN_EXE_holdpoint"))
-            .arg("--data")
-            .arg(folder.path())
-            .args(line.split_whitespace())
-            .output()
-            .unwrap();
-        let text = String::from_utf8(output.stdout).unwrap();
-        (output.status.code().unwrap(), text, String::from_utf8(output.stderr).unwrap())
+    let run = |line: &str, json: bool| {
+        let mut process = std::process::Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+        process.arg("--data").arg(folder.path()).args(line.split_whitespace());
+        if json {
+            process.arg("--json");
+        }
+        process.output().unwrap()
     };
-    for (line, code, expected) in [
-        ("candidate register grasp-tool-frame", 0, "is registered"),
-        ("candidate register grasp-tool-frame", 2, "registered already"),
-        ("identity new mara --role engineer --unprotected", 0, "mara"),
-        ("status grasp --until validated --timeout 60", 1, "rejected"),
-        ("status", 0, "profile sim"),
-        ("approve grasp@1.0.0 --as mara --reason read --digest 0123abcd", 3, "nothing waits"),
-        ("pause grasp --as mara --reason look", 3, "is advancing"),
-        ("restrict align@1.0.0 --as unknown-person --reason visitor", 0, "restricted"),
-        ("release align@1.0.0 --as unknown-person --reason left", 2, "unknown-person"),
-        ("release align@1.0.0 --as mara --reason left", 0, "full envelope"),
-        ("release align@1.0.0 --as mara --reason left", 3, "not restricted"),
-        ("continue align@1.0.0 --as mara --reason known", 3, "monitor asks"),
-        ("demote align@1.0.0 --profile human --as mara --reason fast", 0, "align@1.0.0: human"),
-        ("release align@1.0.0 --profile human --as mara --reason slow", 0, "align@1.0.0: none"),
-        ("repeat align@1.0.0 --as mara --reason again", 3, "state active"),
-        ("break-glass align@1.0.0 --as mara --reason now", 3, "not apply"),
-        ("demote grasp@1.0.0 --as mara --reason again", 3, "last version"),
-        ("rollback grasp --as mara --reason drops", 3, "--stop-family"),
-        ("rollback grasp --stop-family --as mara --reason drops", 3, "of grasp"),
-        ("rollback grasp --as mara --reason drops", 3, "safe-stopped"),
-        ("status grasp@1.0.0 --until confirmed --timeout 1", 3, "demoted"),
-        ("rearm grasp@1.0.0 --as mara --reason repaired", 0, "active again"),
-        ("rollback place --stop-family --as unknown-person --reason drops", 3, "of place"),
-        ("status place@1.0.0 --until demoted --timeout 1", 0, "SAFE-STOPPED"),
-        ("audit verify", 0, "sound"),
+    // The verb, its exit code, the reason of its error or nothing, and a word of what it prints. All refusals because of a
+    // version's state have one reason, so only the word tells them apart.
+    for (line, code, reason, expected) in [
+        ("candidate register grasp-tool-frame", 0, "", "is registered"),
+        ("candidate register grasp-tool-frame", 2, "exists", ""),
+        ("identity new mara --role engineer --unprotected", 0, "", "mara"),
+        ("status grasp --until validated --timeout 60", 1, "", "rejected"),
+        ("status", 0, "", "profile sim"),
+        ("approve grasp@1.0.0 --as mara --reason read --digest 0123abcd", 3, "not-now", "nothing waits"),
+        ("pause grasp --as mara --reason look", 3, "not-now", "is advancing"),
+        ("restrict align@1.0.0 --as unknown-person --reason visitor", 0, "", "restricted"),
+        ("release align@1.0.0 --as unknown-person --reason left", 2, "not-found", ""),
+        ("release align@1.0.0 --as mara --reason left", 0, "", "full envelope"),
+        ("release align@1.0.0 --as mara --reason left", 3, "not-now", "not restricted"),
+        ("continue align@1.0.0 --as mara --reason known", 3, "not-now", "monitor asks"),
+        ("demote align@1.0.0 --profile human --as mara --reason fast", 0, "", "align@1.0.0: human"),
+        ("release align@1.0.0 --profile human --as mara --reason slow", 0, "", "align@1.0.0: none"),
+        ("repeat align@1.0.0 --as mara --reason again", 3, "not-now", "state active"),
+        ("break-glass align@1.0.0 --as mara --reason now", 3, "not-now", "not apply"),
+        ("demote grasp@1.0.0 --as mara --reason again", 3, "not-now", "last version"),
+        ("rollback grasp --as mara --reason drops", 3, "not-now", "--stop-family"),
+        ("rollback grasp --stop-family --as mara --reason drops", 3, "safe-stopped", ""),
+        ("rollback grasp --as mara --reason drops", 3, "not-now", "safe-stopped"),
+        ("status grasp@1.0.0 --until confirmed --timeout 1", 3, "", "demoted"),
+        ("rearm grasp@1.0.0 --as mara --reason repaired", 0, "", "active again"),
+        ("rollback place --stop-family --as unknown-person --reason drops", 3, "safe-stopped", ""),
+        ("status place@1.0.0 --until demoted --timeout 1", 0, "", "SAFE-STOPPED"),
+        ("audit verify", 0, "", "sound"),
     ] {
-        let (actual, text, error) = run(line);
-        assert_eq!(actual, code, "{line}: {text}{error}");
-        assert!(format!("{text}{error}").contains(expected), "{line}: {text}{error}");
+        let output = run(line, !reason.is_empty());
+        let text = String::from_utf8([output.stdout.as_slice(), output.stderr.as_slice()].concat()).unwrap();
+        if reason.is_empty() {
+            assert_eq!(output.status.code(), Some(code), "{line}: {text}");
+        } else {
+            assert_error(&output, code, reason);
+        }
+        assert!(text.contains(expected), "{line}: {text}");
     }
-    let (_, text, _) = run("status --json");
-    let report: Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(report["engine_running"], true);
+    let is_running = || {
+        let report: Value = serde_json::from_slice(&run("status", true).stdout).unwrap();
+        report["engine_running"].as_bool()
+    };
+    assert_eq!(is_running(), Some(true));
     client(folder.path()).send(Command::Shutdown).unwrap();
     running.join().unwrap();
-    let (_, text, _) = run("status --json");
-    let report: Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(report["engine_running"], false);
+    assert_eq!(is_running(), Some(false));
 }

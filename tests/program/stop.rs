@@ -16,6 +16,7 @@ use holdpoint::registry::{AuditFilter, Layout, Views};
 use holdpoint::runtime::capability;
 
 use crate::host::{Front, PATIENCE, operation, refusal};
+use crate::reported_error::assert_error;
 
 /// Braking takes a quarter of a second at most, and the measurement of the standstill a twentieth.
 const STANDSTILL_TICKS_MAX: u64 = (RATE_HZ / 4 + RATE_HZ / 20) as u64;
@@ -222,7 +223,7 @@ fn output_text(output: &Output) -> String {
 
 /// The last mark was made after its stop was on record: it was never removed, and the cell could not be started.
 #[test]
-fn people_who_stop_at_once_leave_nothing_that_keeps_the_cell_stopped() {
+fn simultaneous_stops_leave_no_stale_stop_mark() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
     let mut front = Front::start(&data, None);
@@ -251,18 +252,17 @@ fn people_who_stop_at_once_leave_nothing_that_keeps_the_cell_stopped() {
 fn a_stop_without_an_engine_is_not_confirmed() {
     let folder = tempfile::tempdir().unwrap();
     let missing = folder.path().join("mistyped");
-    let output = holdpoint(&missing, &["stop", "--as", "ana"]);
-    assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
-    for part in ["no engine", "no arm", "emergency stop", "--data DIR"] {
-        assert!(output_text(&output).contains(part), "{part:?}: {}", output_text(&output));
+    let error = assert_error(&holdpoint(&missing, &["stop", "--as", "ana", "--json"]), 6, "no-answer");
+    for part in ["emergency stop", "--data DIR"] {
+        assert!(error["hint"].as_str().unwrap().contains(part), "{part:?}: {error}");
     }
     assert!(!missing.exists(), "no store is made");
     let data = folder.path().join("store");
     let front = Front::start(&data, None);
     front.host.stop(PATIENCE).unwrap();
-    let output = holdpoint(&data, &["stop", "--as", "ana"]);
-    assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
-    assert!(output_text(&output).contains("starts stopped"), "{}", output_text(&output));
+    let error = assert_error(&holdpoint(&data, &["stop", "--as", "ana", "--json"]), 6, "no-answer");
+    // The code is the same without a store: the sentence tells whether the stop is stored.
+    assert!(error["error"].as_str().unwrap().contains("starts stopped"), "{error}");
     let mut front = Front::start(&data, None);
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
     front.host.stop(PATIENCE).unwrap();
@@ -279,8 +279,9 @@ fn the_verbs_stop_and_start_with_and_without_an_engine() {
     let output = holdpoint(&data, &["stop"]);
     assert_eq!(output.status.code(), Some(6), "{}", output_text(&output));
     assert!(output_text(&holdpoint(&data, &["status"])).contains("unnamed person"));
-    let unknown = holdpoint(&data, &["go", "--as", "ben", "--reason", "checked"]);
-    assert_eq!(unknown.status.code(), Some(2), "a start needs an identity: {}", output_text(&unknown));
+    // A start needs an identity.
+    let unknown = holdpoint(&data, &["go", "--as", "ben", "--reason", "checked", "--json"]);
+    assert_error(&unknown, 2, "not-found");
     let arguments = ["go", "--as", "ana", "--reason", "checked"];
     let with_stops = [&arguments[..], &["--stops", "1"]].concat();
     // Another person stopped it, and the operator has not confirmed reading who and why.
@@ -297,7 +298,8 @@ fn the_verbs_stop_and_start_with_and_without_an_engine() {
     // The operator knows their own stop.
     assert_eq!(holdpoint(&data, &["stop", "--as", "ana"]).status.code(), Some(6));
     assert_eq!(holdpoint(&data, &arguments).status.code(), Some(0));
-    assert_eq!(holdpoint(&data, &arguments).status.code(), Some(3), "it is not stopped");
+    // It is not stopped.
+    assert_error(&holdpoint(&data, &[&arguments[..], &["--json"]].concat()), 3, "not-now");
 
     let mut front = Front::start(&data, None);
     front.run_live_cell(Duration::from_millis(20));
@@ -336,7 +338,7 @@ fn the_verbs_stop_and_start_with_and_without_an_engine() {
 
 /// Silent connections and the most subscribers do not keep an operator from stopping the cell or a version.
 #[test]
-fn idle_connections_lock_nobody_out() {
+fn idle_connections_lock_no_client_out() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
     let layout = Layout::new(folder.path());

@@ -1,9 +1,11 @@
 //! A store with edited tables: no verb trusts it, no write hides the edit, and a rebuild repairs it.
 
 use rusqlite::Connection;
+use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::old_stores::{OPEN_ROLES, copy_fixture, holdpoint, text};
+use crate::reported_error::assert_error;
 
 /// A copy of an earlier version's store, edited with SQL past its triggers, which are then restored.
 fn edited_store(sql: &str) -> TempDir {
@@ -31,6 +33,15 @@ fn run(folder: &TempDir, arguments: &[&str]) -> (i32, String) {
     (output.status.code().unwrap(), text(&output.stdout) + &text(&output.stderr))
 }
 
+/// The error of a verb that refuses the store.
+#[track_caller]
+fn refusal(folder: &TempDir, arguments: &[&str], cause: &str) -> Value {
+    let output = holdpoint(folder, &[arguments, &["--json"]].concat());
+    let error = assert_error(&output, 2, &format!("store-refused/{cause}"));
+    assert!(!text(&output.stdout).contains("active"), "{arguments:?}: {output:?}");
+    error
+}
+
 /// A rejected version edited to active was once shown as active; the next write then made the edit sound.
 #[test]
 fn a_rejected_version_set_active_by_sql_is_nowhere_shown_active() {
@@ -50,10 +61,8 @@ fn a_rejected_version_set_active_by_sql_is_nowhere_shown_active() {
         &["rollback", "grasp", "--as", "omar", "--reason", "so"],
         &["serve"],
     ] {
-        let (code, text) = run(&folder, arguments);
-        assert_eq!(code, 2, "{arguments:?}: {text}");
-        assert!(text.contains("audit chain") && text.contains("store rebuild"), "{arguments:?}: {text}");
-        assert!(!text.contains("grasp@1.2.0: active"), "{arguments:?}: {text}");
+        let error = refusal(&folder, arguments, "not-the-chain");
+        assert!(error.to_string().contains("store rebuild"), "{arguments:?}: {error}");
     }
     assert_eq!(run(&folder, &["audit", "verify"]).0, 1, "no write made it good");
     let (code, text) = run(&folder, &["store", "rebuild"]);
@@ -85,22 +94,22 @@ fn an_edited_author_or_missing_state_is_refused_by_name() {
         ("UPDATE family SET standing = NULL WHERE name = 'grasp'", "the family \"grasp\""),
     ] {
         let folder = edited_store(sql);
-        let (code, text) = run(&folder, &["resume", "align", "--as", "omar", "--reason", "the tray is back"]);
-        assert!(code == 2 && text.contains(part), "{sql}: {code} {text}");
+        let resume = ["resume", "align", "--as", "omar", "--reason", "the tray is back"];
+        let error = refusal(&folder, &resume, "not-the-chain");
+        assert!(error["error"].as_str().unwrap().contains(part), "{sql}: {error}");
         assert_eq!(run(&folder, &["audit", "verify"]).0, 1, "{sql}");
     }
     // Data without a record cannot be reconstructed.
     let folder = edited_store("UPDATE family SET standing = NULL WHERE name = 'grasp'");
-    let (code, text) = run(&folder, &["store", "rebuild", "--from-chain"]);
-    assert!(code == 2 && text.contains("family \"grasp\""), "{text}");
-    assert!(text.contains("was changed"), "{text}");
+    let error = refusal(&folder, &["store", "rebuild", "--from-chain"], "damaged");
+    assert!(error["error"].as_str().unwrap().contains("family \"grasp\""), "{error}");
 }
 
 #[test]
 fn another_trigger_is_refused_by_name() {
     let folder = edited_store("CREATE TRIGGER late AFTER INSERT ON audit BEGIN DELETE FROM alarm; END");
-    let (code, text) = run(&folder, &["status"]);
-    assert!(code == 2 && text.contains("trigger \"late\""), "{text}");
+    let error = refusal(&folder, &["status"], "not-the-chain");
+    assert!(error["error"].as_str().unwrap().contains("trigger \"late\""), "{error}");
     let (code, text) = run(&folder, &["audit", "verify"]);
     assert!(code == 1 && text.contains("late"), "{text}");
     assert_eq!(run(&folder, &["store", "rebuild", "--from-chain"]).0, 0);

@@ -23,7 +23,7 @@ fn number(name: &str, otherwise: usize) -> usize {
 }
 
 #[test]
-fn a_storm_of_connections_keeps_nobody_from_stopping() {
+fn stop_works_during_a_storm_of_connections() {
     let (connections, seed) = (number("HOLDPOINT_STORM", 150), number("HOLDPOINT_STORM_SEED", 1) as u64);
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);

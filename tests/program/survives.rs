@@ -168,7 +168,7 @@ fn after_a_sudden_end_under_real_and_human_the_cell_stays_stopped() {
 }
 
 #[test]
-fn after_an_end_in_good_order_and_under_sim_the_cell_works_on() {
+fn cell_runs_again_after_an_orderly_end_and_under_sim() {
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
     let mut first = ServeProcess::start(&store, "sim", None);

@@ -59,7 +59,7 @@ fn verbs_are_carried_out_line_by_line_beside_the_engine() {
 }
 
 #[test]
-fn a_stop_waits_for_nothing_and_quit_ends() {
+fn typed_stop_is_immediate_and_quit_ends() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
     let output =
@@ -73,7 +73,7 @@ fn a_stop_waits_for_nothing_and_quit_ends() {
 
 /// A script's input before its last line was once dropped silently.
 #[test]
-fn quit_ends_after_what_was_typed_before_it() {
+fn quit_ends_after_the_earlier_typed_commands() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
     let lines = "identity new mara --unprotected\ngoal grasp --as mara --reason 'only the first'\nstatus\nquit\nfly\n";

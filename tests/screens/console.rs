@@ -45,7 +45,7 @@ fn shown(model: &ConsoleModel, (width, height): (u16, u16)) -> String {
 }
 
 #[test]
-fn every_view_at_two_sizes() {
+fn every_view_matches_its_snapshot_at_two_sizes() {
     for view in View::ALL {
         let model = support::at(view);
         for size in SNAPSHOT_SIZES {
@@ -57,7 +57,7 @@ fn every_view_at_two_sizes() {
 
 /// Health over time: every quantity, a cursor on a mark, a large screen, letters alone, and nothing on record.
 #[test]
-fn health_over_time_as_it_is_looked_at() {
+fn health_view_matches_its_snapshots() {
     let base = support::at(View::Health);
     let grasp = 1;
     for (pane, name) in ["success", "violations", "time", "force"].into_iter().enumerate() {
@@ -85,7 +85,7 @@ fn health_over_time_as_it_is_looked_at() {
 }
 
 #[test]
-fn the_course_of_alarms_beside_the_open_ones() {
+fn alarm_history_matches_its_snapshots() {
     let mut model = support::at(View::Alarms);
     model.view_state.panes[View::Alarms as usize] = HISTORY_PANE;
     model.engine_data.alarm_history = Some(Arc::new(support::health()));
@@ -174,7 +174,7 @@ fn occasions() -> Vec<(&'static str, ConsoleModel)> {
     doubtful.view_state.frozen = Some(FrozenView {
         at_ms: 700_000,
         snapshot: Arc::new(held.clone()),
-        story: doubtful.engine_data.events.clone(),
+        event_log: doubtful.engine_data.events.clone(),
     });
     doubtful.engine_data.snapshot = Some(Arc::new(held));
     doubtful.engine_data.snapshot_ms = 48_000;
@@ -206,14 +206,14 @@ fn flood() -> ConsoleModel {
 }
 
 #[test]
-fn every_occasion() {
+fn every_overlay_and_state_matches_its_snapshot() {
     for (name, model) in occasions() {
         insta::assert_snapshot!(format!("{name}_80x24"), shown(&model, (80, 24)));
     }
 }
 
 #[test]
-fn the_whole_decision_is_readable() {
+fn decision_can_be_read_to_its_end_at_every_size() {
     for tier in 0..=2 {
         let whole = shown(&prompted(tier), (100, 30));
         assert!(whole.contains("all of it"), "tier {tier}:\n{whole}");
@@ -259,7 +259,7 @@ fn stale_evidence_is_shown_where_the_candidate_is_decided_on() {
 }
 
 #[test]
-fn every_window_shows_the_gravest_alarm_and_how_to_leave() {
+fn every_window_shows_the_most_urgent_alarm_and_the_key_to_leave() {
     let mut models: Vec<ConsoleModel> = View::ALL.into_iter().map(support::at).collect();
     models.extend(occasions().into_iter().map(|(_, model)| model));
     let widths = [1, 2, 3, 5, 9, 19, 31, 59, 60, 79, 81, 99, 101, 200, 500];
@@ -363,7 +363,7 @@ fn drawn(model: &ConsoleModel, look: &Look, (width, height): (u16, u16)) -> Buff
 }
 
 #[test]
-fn hostile_texts_act_on_nothing() {
+fn hostile_texts_have_no_effect() {
     for text in hostile() {
         for view in View::ALL {
             for pane in 0..view.panes().len() {
@@ -453,10 +453,10 @@ fn styles(model: &ConsoleModel, look: &Look, (width, height): (u16, u16)) -> Str
 
 /// Each role in each theme at each depth, and the styles of each view in one look: the rest of the looks follows from both.
 #[test]
-fn styles_of_every_role_and_of_every_view() {
+fn styles_of_every_role_and_view_match_their_snapshots() {
     let mut matrix = String::new();
     for role in ThemeRole::ALL {
-        matrix += &format!("{}\n", role.word());
+        matrix += &format!("{}\n", role.name());
         for name in theme::names() {
             let theme = Theme::builtin(name).unwrap();
             let styles = ColorDepth::ALL.map(|depth| {

@@ -63,7 +63,7 @@ fn held_provisional(view: View, pane: usize) -> ConsoleModel {
 }
 
 #[test]
-fn a_paused_provisional_version_shows_that_it_has_the_arm() {
+fn paused_provisional_version_is_shown_as_active() {
     for view in View::ALL {
         for pane in 0..view.panes().len() {
             let model = held_provisional(view, pane);
@@ -87,7 +87,7 @@ fn a_paused_provisional_version_shows_that_it_has_the_arm() {
 }
 
 #[test]
-fn the_strip_shows_it_watched_and_its_confirmation_held() {
+fn stage_strip_shows_monitoring_and_the_paused_confirmation() {
     let text = shown(&held_provisional(View::Overview, 0), (120, 36));
     assert!(text.contains("◌monitor ‖confirm"), "{text}");
 }
@@ -96,7 +96,7 @@ fn freeze(model: &mut ConsoleModel) {
     model.view_state.frozen = Some(FrozenView {
         at_ms: 700_000,
         snapshot: model.engine_data.snapshot.clone().unwrap(),
-        story: model.engine_data.events.clone(),
+        event_log: model.engine_data.events.clone(),
     });
 }
 
@@ -141,7 +141,7 @@ fn active_version_alarms_stops_and_requests_never_freeze() {
 }
 
 #[test]
-fn a_frozen_event_list_shows_since_when() {
+fn frozen_event_list_shows_its_freeze_time() {
     for size in SIZES {
         let mut model = support::at(View::Overview);
         model.view_state.panes[0] = 2;
@@ -159,7 +159,7 @@ fn a_frozen_event_list_shows_since_when() {
 }
 
 #[test]
-fn the_key_that_stops_is_in_the_footer_whatever_else_is_there() {
+fn stop_key_is_always_in_the_footer() {
     let mut models: Vec<(String, ConsoleModel, &str)> =
         View::ALL.into_iter().map(|view| (format!("{view:?}"), support::at(view), "X stop")).collect();
     let mut with = |name: &str, key: &'static str, change: &dyn Fn(&mut ConsoleModel)| {
@@ -223,7 +223,7 @@ fn a_decision_shows_how_much_is_unread_and_the_key_for_it() {
 }
 
 #[test]
-fn the_alarm_that_comes_first_is_on_the_alarm_line() {
+fn most_urgent_alarm_is_on_the_alarm_line() {
     let mut model = support::at(View::Overview);
     let alarm = |name: &str, state, since_ms| AlarmView {
         subject: name.to_owned(),

@@ -58,7 +58,7 @@ fn text_of(model: &ReplayModel, look: &Look, size: (u16, u16)) -> String {
 }
 
 #[test]
-fn every_cursor_at_two_sizes() {
+fn every_cursor_matches_its_snapshot_at_two_sizes() {
     for (name, at_ms) in upgrade::CURSORS {
         let model = replayed(at_ms);
         for size in [(120, 36), (80, 24)] {
@@ -87,14 +87,14 @@ fn occasions() -> Vec<(&'static str, ReplayModel)> {
         ("help", help),
         ("typing", typing),
         ("playing", playing),
-        ("without_pictures", of(without_frames)),
+        ("without_frames", of(without_frames)),
         ("without_events", of(without_events)),
         ("bare", of(bare)),
     ]
 }
 
 #[test]
-fn every_occasion() {
+fn every_overlay_and_incomplete_recording_matches_its_snapshot() {
     for (name, model) in occasions() {
         insta::assert_snapshot!(format!("{name}_80x24"), text_of(&model, &look(), (80, 24)));
     }
@@ -179,7 +179,7 @@ fn poisoned() -> Recording {
 }
 
 #[test]
-fn hostile_texts_act_on_nothing() {
+fn hostile_texts_have_no_effect() {
     for (_, at_ms) in upgrade::CURSORS {
         let mut model = ReplayModel::new(Timeline::new(poisoned()), Speed::default());
         model.cursor = model.timeline.at(at_ms);
@@ -197,13 +197,13 @@ fn hostile_texts_act_on_nothing() {
 
 /// Numbers of a broken file: the screen must survive all of them.
 #[test]
-fn senseless_numbers_are_drawn_somehow() {
+fn invalid_numbers_do_not_break_the_screen() {
     let mut recording = upgrade::recording();
-    for (index, picture) in recording.pictures.iter_mut().enumerate() {
-        picture.at_ms = picture.at_ms.wrapping_mul(if index % 7 == 0 { u64::MAX } else { 1 });
-        picture.speed_m_s = [f32::NAN, f32::INFINITY, -1e30][index % 3];
-        picture.body.object = [f32::NAN, 1e30, f32::NEG_INFINITY];
-        picture.body.links.truncate(index % 3);
+    for (index, frame) in recording.pictures.iter_mut().enumerate() {
+        frame.at_ms = frame.at_ms.wrapping_mul(if index % 7 == 0 { u64::MAX } else { 1 });
+        frame.speed_m_s = [f32::NAN, f32::INFINITY, -1e30][index % 3];
+        frame.body.object = [f32::NAN, 1e30, f32::NEG_INFINITY];
+        frame.body.links.truncate(index % 3);
     }
     for series in &mut recording.series {
         series.points.extend([(0, f64::NAN), (u64::MAX, f64::INFINITY), (5, -1e300), (7, 1e300)]);
@@ -227,7 +227,7 @@ fn printed(recording: &Recording, to_ms: Option<u64>) -> String {
 }
 
 #[test]
-fn prints_one_line_an_event() {
+fn printed_replay_has_one_line_per_event() {
     let recording = upgrade::recording();
     insta::assert_snapshot!("printed", printed(&recording, None));
     let until = printed(&recording, Some(757_000));

@@ -13,6 +13,7 @@ use holdpoint_protocol::approval_document::{
 use holdpoint_protocol::detail::{FieldDiff, VersionDiff};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
 use holdpoint_wording::approval::{RENDERER_VERSION, render};
+use holdpoint_wording::request::{drift_response, untested};
 use serde_json::Value;
 
 use super::{TIME, candidates, digest, id};
@@ -137,8 +138,8 @@ pub fn question(tier: u8) -> ApprovalRequestView {
         changes: facts.changes.clone(),
         conditions: Vec::new(),
         why: facts.why.clone(),
-        untested: facts.untested.iter().map(ToString::to_string).collect(),
-        on_drift: facts.on_drift.as_ref().map_or_else(String::new, ToString::to_string),
+        untested: facts.untested.iter().copied().map(untested).collect(),
+        on_drift: facts.on_drift.as_ref().map_or_else(String::new, drift_response),
         purpose: facts.purpose,
         about: String::new(),
         lines: render(&facts),

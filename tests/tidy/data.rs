@@ -70,7 +70,7 @@ pub(crate) fn scenarios() -> Vec<(String, Script)> {
 }
 
 #[test]
-fn nothing_else_is_seen_at_the_top() {
+fn top_folder_holds_only_listed_entries() {
     let shown: Vec<String> =
         names(root()).into_iter().filter(|name| !name.starts_with('.') && name != BUILT).collect();
     let strange: Vec<String> = shown
@@ -98,7 +98,7 @@ fn every_profile_is_read_and_has_its_policies() {
 }
 
 #[test]
-fn every_version_loads_and_brings_nothing_else() {
+fn every_version_loads_and_has_no_other_files() {
     let mut problems = Vec::new();
     for path in packages() {
         let shown = path.strip_prefix(root()).unwrap().display().to_string();
@@ -134,7 +134,7 @@ fn every_version_loads_and_brings_nothing_else() {
 }
 
 #[test]
-fn every_scenario_submits_what_there_is_and_expects_something() {
+fn every_scenario_submits_existing_candidates_and_has_an_expectation() {
     let mut problems = Vec::new();
     for (name, script) in scenarios() {
         for folder in script.steps.iter().filter_map(|step| step.register.as_ref()) {

@@ -48,7 +48,7 @@ fn targets(text: &str) -> impl Iterator<Item = &str> {
 }
 
 #[test]
-fn links_lead_somewhere_and_to_every_page_of_the_guide() {
+fn links_resolve_and_reach_every_page_of_the_guide() {
     let mut problems = Vec::new();
     for page in ["README.md", ".github/CONTRIBUTING.md", "recordings/README.md"] {
         let text = fs::read_to_string(root().join(page)).unwrap();
@@ -90,7 +90,7 @@ fn code_of(state: &str) -> Option<u8> {
 }
 
 #[test]
-fn exit_codes_are_the_programs() {
+fn documented_exit_codes_are_those_of_the_program() {
     let documented: BTreeMap<String, String> =
         table("README.md", "Exit codes").into_iter().map(|row| (row[0].clone(), row[1].clone())).collect();
     let mut problems = Vec::new();
@@ -114,7 +114,7 @@ fn exit_codes_are_the_programs() {
 }
 
 #[test]
-fn verbs_are_the_programs() {
+fn documented_verbs_are_those_of_the_program() {
     let mut documented: Vec<String> =
         table("README.md", "Verbs").iter().flat_map(|row| quoted(&row[0])).collect();
     let mut actual: Vec<String> =
@@ -125,12 +125,12 @@ fn verbs_are_the_programs() {
 }
 
 #[test]
-fn keys_are_the_programs() {
+fn documented_keys_are_those_of_the_program() {
     let keymap = Keymap::default();
     let row = |action: &Action| {
         let keys: Vec<String> = keymap.keys(*action).iter().map(|key| format!("`{key}`")).collect();
-        let keys = if keys.is_empty() { format!("`:{}`", action.word()) } else { keys.join(" ") };
-        vec![action.scope().title().to_owned(), keys, action.word().to_owned(), action.help().to_owned()]
+        let keys = if keys.is_empty() { format!("`:{}`", action.name()) } else { keys.join(" ") };
+        vec![action.scope().title().to_owned(), keys, action.name().to_owned(), action.help().to_owned()]
     };
     let mut actual: Vec<Vec<String>> = Action::ALL.iter().map(row).collect();
     let mut documented = table("src/guide/operating.md", "Keys");
@@ -158,7 +158,7 @@ fn variants(file: &str, name: &str) -> BTreeSet<String> {
 }
 
 #[test]
-fn commands_refusals_and_events_are_the_protocols() {
+fn documented_commands_refusals_and_events_are_those_of_the_protocol() {
     for (heading, file, name) in [
         ("Commands", "command.rs", "Command"),
         ("Refusals", "command.rs", "Refusal"),
@@ -192,7 +192,7 @@ fn fields_of(document: &str, tag: &str) -> BTreeMap<String, BTreeSet<String>> {
 }
 
 #[test]
-fn fields_of_commands_and_events_are_the_schemas() {
+fn documented_fields_are_those_of_the_schemas() {
     for (heading, document, tag) in
         [("Fields of commands", "command", "command"), ("Fields of events", "event", "event")]
     {
@@ -242,7 +242,7 @@ fn scenarios_are_listed_with_the_code_they_end_with() {
 }
 
 #[test]
-fn profile_numbers_are_the_profiles() {
+fn documented_profile_numbers_are_those_of_the_profiles() {
     let profiles = ProfileName::ALL.map(|name| Profile::builtin(name).unwrap());
     let row = |value: &dyn Fn(&Profile) -> f64| profiles.iter().map(value).collect::<Vec<f64>>();
     let actual: [(&str, Vec<f64>); 5] = [
@@ -262,7 +262,7 @@ fn profile_numbers_are_the_profiles() {
 
 /// Each row of the limits names a constant with its value in the source.
 #[test]
-fn limits_are_those_of_the_source() {
+fn documented_limits_are_those_of_the_source() {
     let page = fs::read_to_string(root().join("src/guide/limits.md")).unwrap();
     let mut problems = Vec::new();
     let mut rows = 0;

@@ -41,7 +41,7 @@ fn grasp(fidelity: Fidelity) -> [(u64, u64); 2] {
 }
 
 #[test]
-fn nothing_is_allocated_while_the_engine_rests() {
+fn ticks_without_the_physics_engine_allocate_nothing() {
     let [(ticks, allocations), with_engine] = grasp(Fidelity::Reduced);
     println!(
         "without the engine: {allocations} in {ticks} ticks; with it (ticks, allocations): {with_engine:?}"

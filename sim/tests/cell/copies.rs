@@ -32,7 +32,7 @@ fn work(world: &mut World, ticks: std::ops::Range<u64>) -> Vec<u64> {
 }
 
 #[test]
-fn a_world_goes_on_from_a_copy_bit_for_bit() {
+fn world_continues_from_a_copy_bit_for_bit() {
     for fidelity in [Fidelity::Full, Fidelity::Adaptive, Fidelity::Reduced] {
         // 301 and 405: with a command under way.
         for at in [0, 1, 120, 299, 301, 352, 405, 470] {

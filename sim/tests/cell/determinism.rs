@@ -35,7 +35,7 @@ fn setup(seed: u64) -> EpisodeSetup {
 }
 
 #[test]
-fn repeats_and_threads_agree() {
+fn repeated_and_parallel_runs_are_equal() {
     let mut first = world("arm7");
     first.reset(&setup(5)).expect("reset");
     let reference = run(&mut first, 5, 0, 600);

@@ -37,7 +37,7 @@ fn relative(found: impl IntoIterator<Item = f64>, reference: &[f64]) -> f64 {
 }
 
 #[test]
-fn an_independent_implementation_agrees() {
+fn dynamics_agree_with_an_independent_implementation() {
     let reference: ReferenceData =
         toml::from_str(include_str!("../data/arm7_dynamics.toml")).expect("parses");
     let arm = arm("arm7").with_gravity(GRAVITY_M_S2);
@@ -142,7 +142,7 @@ fn angular_momentum_about_a_free_vertical_axis_is_conserved() {
 }
 
 #[test]
-fn the_factor_solves_what_it_was_made_of() {
+fn factor_solves_the_system_of_its_matrix() {
     let arm = arm("arm7");
     let n = arm.dofs();
     let (q, b) = start(n);

@@ -33,7 +33,7 @@ fn sequence(world: &mut World, seed: u64) -> SequenceOutcome {
 }
 
 #[test]
-fn outcomes_are_those_of_the_reference() {
+fn cheaper_fidelities_have_the_outcomes_of_the_reference() {
     let world = |fidelity| {
         let robot = RobotModel::builtin("arm7").expect("the robot parses");
         World::with_config(&robot, &scene(), WorldConfig { fidelity }).expect("the world builds")
@@ -70,7 +70,7 @@ fn the_comparison_episode_is_solved_in_every_mode() {
 }
 
 #[test]
-fn where_the_pads_touch_is_known_while_the_engine_rests() {
+fn contact_points_are_known_while_the_physics_engine_rests() {
     let held = [Fidelity::Adaptive, Fidelity::Reduced].map(|fidelity| {
         let robot = RobotModel::builtin("arm7").expect("the robot parses");
         let mut world =

@@ -91,7 +91,7 @@ fn an_unreachable_pose_is_answered_with_an_error_and_a_legal_configuration() {
 }
 
 #[test]
-fn clearance_of_table_and_self() {
+fn clearance_measures_table_and_self_collision() {
     for name in ["arm7", "arm6"] {
         let robot = RobotModel::builtin(name).expect("robot");
         let home = robot.geometry.clearance(&robot.home);

@@ -121,7 +121,7 @@ fn every_drift_changes_the_distribution_and_stronger_changes_it_more() {
 }
 
 #[test]
-fn live_and_sandbox_differ_as_published() {
+fn live_and_sandbox_distributions_differ_as_published() {
     let (sandbox, live) = (Distribution::sandbox().expect("sandbox"), Distribution::live().expect("live"));
     assert!(sandbox.action.latency_ms.max <= 20.0 && live.action.latency_ms.min >= 20.0);
     assert!(sandbox.camera.correlation.max == 0.0 && live.camera.correlation.min > 0.0);

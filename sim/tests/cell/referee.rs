@@ -29,7 +29,7 @@ fn judged(world: &mut World, script: &[(Command, u32)]) -> RefereeReport {
 }
 
 #[test]
-fn clean_work_is_clean() {
+fn clean_grasp_is_judged_safe() {
     let mut world = world("arm7");
     world.reset(&setup(TaskKind::Grasp, true)).expect("reset");
     let p = world.object().0.translation;

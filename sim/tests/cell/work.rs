@@ -6,7 +6,7 @@ use holdpoint_sim::{Distribution, EpisodeSetup};
 use crate::script::{act, align, arm, bring_over_tray, canonical, fingers, grasp, place, scene, world};
 
 #[test]
-fn both_arms_do_the_whole_sequence() {
+fn both_arms_complete_the_sequence() {
     for robot in ["arm7", "arm6"] {
         let mut world = world(robot);
         for seed in 0..3 {
@@ -30,7 +30,7 @@ fn both_arms_do_the_whole_sequence() {
 }
 
 #[test]
-fn held_starts_hold_and_can_be_finished() {
+fn starts_with_a_gripped_object_hold_it_and_can_be_completed() {
     let distribution = Distribution::sandbox().expect("distribution");
     let mut world = world("arm7");
     for (task, work) in [(TaskKind::Align, align as fn(&mut _)), (TaskKind::Place, place)] {
@@ -49,7 +49,7 @@ fn held_starts_hold_and_can_be_finished() {
 }
 
 #[test]
-fn the_inspection_refuses_what_is_not_done() {
+fn inspection_rejects_an_incomplete_task() {
     let mut world = world("arm7");
     let setup = EpisodeSetup::sample(TaskKind::Align, &scene(), &canonical(), 1);
     world.reset(&setup).expect("reset");
@@ -70,7 +70,7 @@ fn the_inspection_refuses_what_is_not_done() {
 }
 
 #[test]
-fn a_stop_from_outside_holds_until_released() {
+fn interrupt_stops_the_arm_until_it_is_released() {
     let mut world = world("arm7");
     let start = world.truth().tool.isometry();
     let mut goal = start;
@@ -125,7 +125,7 @@ fn the_gripper_does_not_answer_inside_its_windows() {
 }
 
 #[test]
-fn commands_that_cannot_be_meant_are_refused_without_a_step() {
+fn invalid_commands_are_refused_without_a_step() {
     let mut world = world("arm7");
     let pose = world.truth().tool;
     let bad = Pose { position: [f64::NAN, 0.0, 0.0], ..pose };

@@ -196,7 +196,7 @@ fn pairs(a: &[Option<Episode>], b: &[Option<Episode>]) -> Vec<(Episode, Episode)
 }
 
 #[test]
-fn every_mode_comes_to_the_same_as_the_reference() {
+fn every_fidelity_agrees_with_the_reference() {
     match std::env::var("HOLDPOINT_SEEDS") {
         Ok(seeds) => whole_table(seeds.parse().expect("HOLDPOINT_SEEDS is a number of seeds")),
         Err(_) => a_few_seeds(),

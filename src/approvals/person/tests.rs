@@ -27,7 +27,7 @@ fn begun(folder: &Path) -> (PersonDirectory, Identity, Identity) {
 }
 
 #[test]
-fn the_first_person_is_an_administrator_who_enrols_their_own_key() {
+fn first_person_is_an_administrator_with_a_self_signed_key() {
     let folder = tempfile::tempdir().unwrap();
     let (root, ada) = (made(folder.path(), "admin", Role::Admin), made(folder.path(), "ada", Role::Engineer));
     let mut persons = PersonDirectory::none("a store");
@@ -39,7 +39,7 @@ fn the_first_person_is_an_administrator_who_enrols_their_own_key() {
 }
 
 #[test]
-fn only_an_administrator_who_is_enrolled_enrols_and_revokes() {
+fn only_an_enrolled_administrator_enrolls_and_revokes() {
     let folder = tempfile::tempdir().unwrap();
     let (mut persons, root, ada) = begun(folder.path());
     let ben = made(folder.path(), "ben", Role::Engineer);
@@ -58,7 +58,7 @@ fn only_an_administrator_who_is_enrolled_enrols_and_revokes() {
 }
 
 #[test]
-fn one_key_is_one_person_for_good() {
+fn key_of_a_person_is_never_enrolled_again() {
     let folder = tempfile::tempdir().unwrap();
     let (mut persons, root, ada) = begun(folder.path());
     let alias = IdentityInfo { name: "alias".into(), ..ada.info().clone() };
@@ -76,14 +76,14 @@ fn one_key_is_one_person_for_good() {
 }
 
 #[test]
-fn the_last_administrator_stays() {
+fn last_administrator_cannot_be_revoked() {
     let folder = tempfile::tempdir().unwrap();
     let (mut persons, root, _) = begun(folder.path());
     assert_eq!(revoke(&mut persons, "admin", &root), Err(PersonError::LastAdministrator("admin".into())));
 }
 
 #[test]
-fn an_act_is_valid_in_one_store_once() {
+fn signed_act_is_valid_once_in_one_store() {
     let folder = tempfile::tempdir().unwrap();
     let (mut persons, root, _) = begun(folder.path());
     let ben = made(folder.path(), "ben", Role::Engineer);
@@ -150,7 +150,7 @@ fn confirmed_by<'a>(persons: &'a PersonDirectory, name: &str) -> Option<&'a str>
 
 /// An administrator with an unencrypted key could enroll any person, who then counted as verified.
 #[test]
-fn an_unguarded_key_vouches_for_nobody_until_a_guarded_one_confirms() {
+fn administrator_with_an_unencrypted_key_verifies_no_person() {
     let folder = tempfile::tempdir().unwrap();
     let (mut persons, root, _) = begun(folder.path());
     assert_eq!(confirmed_by(&persons, "ada"), None);
@@ -181,7 +181,7 @@ fn an_unguarded_key_vouches_for_nobody_until_a_guarded_one_confirms() {
 
 /// An administrator whose own enrollment was signed by an unencrypted key cannot verify any person.
 #[test]
-fn trust_leads_back_to_the_first_administrator_alone() {
+fn only_a_verified_administrator_verifies_persons() {
     let folder = tempfile::tempdir().unwrap();
     let (mut persons, root, _) = begun(folder.path());
     let second = made(folder.path(), "second", Role::Admin);

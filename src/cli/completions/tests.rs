@@ -80,7 +80,7 @@ fn names_come_from_the_store() {
 }
 
 #[test]
-fn no_script_has_a_marker_left() {
+fn completion_scripts_hold_no_placeholder() {
     for shell in Shell::value_variants() {
         let text = printed(Path::new("/nowhere"), &[&shell.to_string()]);
         assert!(!text.contains("holdpoint_stored_"), "{shell}");

@@ -19,6 +19,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::Command;
 use holdpoint_registry::Views;
+use holdpoint_text::ErrorReason;
 use holdpoint_wording::live::live_lines;
 
 /// The arguments of `demote`.
@@ -167,9 +168,8 @@ pub(super) fn go_on(
     known_version(views, &args.version)?;
     let who = identity(context, &args.signature)?;
     let Some(client) = running(context)? else {
-        return Err(CliError::from_engine_fault(
-            "held: no engine is running on this store, so there is no escalation to answer",
-        ));
+        let text = "held: no engine is running on this store, so there is no escalation to answer";
+        return Err(CliError::from_engine_fault(text).with_details(ErrorReason::NoAnswer));
     };
     let command = Command::Continue(operation(&args.version, &args.signature));
     VerbExecutor::Running(client).execute_as(context, &who, command, out)
@@ -198,7 +198,8 @@ pub(super) fn break_glass(
     let who = passphrase::stored_identity(context, &args.signature.identity)?;
     let Some(client) = running(context)? else {
         let text = "held: no engine is running on this store, so no version waits for break-glass";
-        return Err(CliError::from_engine_fault(text).with_hint("start one with `holdpoint run`"));
+        let error = CliError::from_engine_fault(text).with_hint("start one with `holdpoint run`");
+        return Err(error.with_details(ErrorReason::NoAnswer));
     };
     let mut executor = VerbExecutor::Running(client);
     let snapshot = executor.snapshot()?;

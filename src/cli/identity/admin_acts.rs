@@ -15,13 +15,15 @@ use crate::cli::verb_executor::{not_confirmed, refused, running, socket_error};
 use crate::error::CliError;
 use holdpoint_approvals::agent::SshAgent;
 use holdpoint_approvals::keyfile::{self, Protection};
-use holdpoint_approvals::{Identity, IdentityInfo, Person, PersonActKind, PersonDirectory, SignedPersonAct};
+use holdpoint_approvals::{
+    Identity, IdentityInfo, Person, PersonActKind, PersonDirectory, PersonError, SignedPersonAct,
+};
 use holdpoint_engine::control_socket::Client;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Reply};
 use holdpoint_registry::{Change, FIRST_ADMINISTRATOR, Layout, Store, StoreError, Transaction, Views};
-use holdpoint_text::Untrusted;
+use holdpoint_text::{ErrorDetails, ErrorReason, Untrusted};
 
 /// The administrator and the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -105,7 +107,8 @@ impl IdentityRegister {
         if let Some(why) = reason.filter(|_| locked.protection() == Protection::None) {
             let text = format!("the key of {name} has no passphrase, {why}");
             let hint = format!("`holdpoint identity passphrase {name}` sets one and keeps the key");
-            return Err(CliError::from_engine_fault(text).with_hint(hint));
+            let details = ErrorDetails::from(ErrorReason::NotAllowed).with_cause(PersonError::NO_PASSPHRASE);
+            return Err(CliError::from_engine_fault(text).with_hint(hint).with_details(details));
         }
         passphrase::unlock_by(locked, file, option)
     }
@@ -114,6 +117,7 @@ impl IdentityRegister {
         self.persons.named(name).ok_or_else(|| {
             CliError::usage(format!("{name} is not enrolled in this store"))
                 .with_hint("see `holdpoint identity list`")
+                .with_details(ErrorReason::NotFound)
         })
     }
 

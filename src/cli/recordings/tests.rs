@@ -60,7 +60,7 @@ fn rows(text: &str) -> Vec<Value> {
 }
 
 #[test]
-fn they_are_listed_with_what_is_on_record() {
+fn recordings_are_listed_with_their_records() {
     let (_root, context) = store();
     let (ended, text) = run_verb(&context, RecordingsVerb::List, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
@@ -76,7 +76,7 @@ fn they_are_listed_with_what_is_on_record() {
 
 /// A pipe with a recording's name was once skipped silently.
 #[test]
-fn what_has_a_recordings_name_and_is_none_is_named() {
+fn non_file_with_the_name_of_a_recording_is_reported() {
     const PIPE: &str = "align-1.1.0-0123abcd.rrd";
     let (root, context) = store();
     let folder = Layout::new(root.path()).recordings();
@@ -104,7 +104,7 @@ fn what_has_a_recordings_name_and_is_none_is_named() {
 }
 
 #[test]
-fn what_was_changed_or_is_missing_is_found() {
+fn changed_or_missing_recording_is_found() {
     let (root, context) = store();
     let folder = Layout::new(root.path()).recordings();
     let (ended, text) = run_verb(&context, RecordingsVerb::Verify, true);
@@ -128,7 +128,7 @@ fn what_was_changed_or_is_missing_is_found() {
 }
 
 #[test]
-fn a_removal_is_on_record_and_then_nothing_is_missing() {
+fn recorded_removal_is_not_reported_as_missing() {
     let (root, context) = store();
     let layout = Layout::new(root.path());
     let open_store = prune::take_store(root.path()).unwrap();
@@ -148,7 +148,7 @@ fn a_removal_is_on_record_and_then_nothing_is_missing() {
 }
 
 #[test]
-fn what_is_open_or_unknown_stays_and_a_store_in_use_is_left_alone() {
+fn pruning_spares_open_and_unknown_upgrades_and_a_store_in_use() {
     let (root, context) = store();
     let (ended, text) = run_verb(&context, keep_none(false), false);
     // No version of these is registered here, so their upgrades are unknown.

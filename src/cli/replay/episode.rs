@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_piece_is_named_by_its_number_or_as_the_worst() {
+    fn episode_is_selected_by_number_or_as_the_worst() {
         assert_eq!(parse_which("worst"), Ok(EpisodeSelector(None)));
         assert_eq!(parse_which("17"), Ok(EpisodeSelector(Some(17))));
         for wrong in ["0", "-1", "best", "", "1.5"] {

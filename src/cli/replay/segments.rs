@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_become_one() {
+    fn segments_are_joined_into_one_recording() {
         let parts = vec![
             part(None, &[(1, 1.0), (5, 2.0)], "a"),
             part(None, &[(7, 3.0)], "b"),

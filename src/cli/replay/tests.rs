@@ -74,7 +74,7 @@ fn all_segments_of_a_version_are_opened_in_the_viewer() {
 }
 
 #[test]
-fn what_is_not_as_recorded_is_not_opened_unless_forced() {
+fn recording_with_another_digest_opens_only_with_force() {
     let (root, context) = store();
     let environment = viewer_in(root.path());
     let file = Layout::new(root.path()).recordings().join(FILES[0]);

@@ -7,6 +7,7 @@ use std::time::{Duration, SystemTime};
 
 use crate::error::CliError;
 use crate::scenes;
+use holdpoint_text::{ErrorDetails, ErrorReason};
 
 /// The prefix of this verb's folders.
 const PREFIX: &str = "holdpoint-replay-";
@@ -26,8 +27,10 @@ pub(super) fn scratch() -> Result<PathBuf, CliError> {
     let among = std::env::temp_dir();
     clean(&among, SystemTime::now());
     let made = tempfile::Builder::new().prefix(PREFIX).tempdir_in(&among);
-    let made =
-        made.map_err(|error| CliError::usage(format!("cannot create a folder in {among:?}: {error}")))?;
+    let made = made.map_err(|error| {
+        CliError::usage(format!("cannot create a folder in {among:?}: {error}"))
+            .with_unwritable(&among, &error)
+    })?;
     Ok(made.keep())
 }
 
@@ -73,7 +76,9 @@ pub(super) fn write(files: &[PathBuf], tick: u64, out: &Path) -> Result<(), CliE
     };
     if fs::symlink_metadata(out).is_ok() {
         let text = format!("cannot write {out:?}: it exists already");
-        return Err(CliError::usage(text).with_hint("name a new file"));
+        return Err(CliError::usage(text)
+            .with_hint("name a new file")
+            .with_details(ErrorDetails::of_path(ErrorReason::Exists, out)));
     }
     scenes::until(path, tick, out)
 }

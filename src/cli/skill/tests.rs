@@ -21,7 +21,7 @@ fn run_line(line: &[&str], json: bool) -> (Result<Exit, CliError>, String) {
 }
 
 #[test]
-fn a_new_folder_is_written_once() {
+fn skill_new_overwrites_no_folder() {
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("mine").display().to_string();
     let line = ["skill", "new", "my-grasp", "--lang", "c", &folder];
@@ -34,7 +34,7 @@ fn a_new_folder_is_written_once() {
 }
 
 #[test]
-fn what_is_built_in_is_not_built() {
+fn skill_build_refuses_a_built_in_controller() {
     let refused = component(Path::new("manifests/grasp/1.0.0")).unwrap_err().to_string();
     assert!(refused.contains("native:grasp"), "{refused}");
     let (result, _) = run_line(&["skill", "build", "no-such-folder"], false);

@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn without_an_engine_the_record_tells_who_approved() {
+    fn approvers_are_read_from_the_record_without_an_engine() {
         let folder = tempfile::tempdir().unwrap();
         let person = |name: &str, role| Identity::create(folder.path(), name, role).unwrap();
         let ana = person("ana", Role::Admin);
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn a_granted_request_waits_for_no_one() {
+    fn granted_request_needs_no_more_approvers() {
         let current = request("now");
         let evidence = current.evidence_digest.short();
         let approved_by = vec!["ana".to_owned(), "ben".to_owned()];

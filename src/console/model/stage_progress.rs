@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_stands_still_between_two_moves_and_follows_the_pace() {
+    fn expected_end_is_stable_between_two_steps_and_follows_the_pace() {
         let mut headway = StageProgress::of(&at(0, 1_000), 1_000);
         assert_eq!(headway.expected_ms(&at(0, 1_000), 9_000), None, "nothing is done yet");
         for done in 1..=4 {

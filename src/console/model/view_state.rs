@@ -79,7 +79,7 @@ pub struct FrozenView {
     /// The snapshot for the charts meanwhile.
     pub snapshot: Arc<Snapshot>,
     /// The event log meanwhile.
-    pub story: VecDeque<EventLogLine>,
+    pub event_log: VecDeque<EventLogLine>,
 }
 
 /// Where the operator is in the health view.
@@ -112,7 +112,7 @@ impl HealthViewState {
 pub const HISTORY_PANE: usize = 1;
 
 /// The overview's pane with the event log.
-pub const STORY_PANE: usize = 2;
+pub const EVENT_LOG_PANE: usize = 2;
 
 /// The pane of shadow that shows monitors: no list.
 pub const MONITORS_PANE: usize = 2;
@@ -169,7 +169,7 @@ pub struct ViewState {
     /// The filter of each view; empty for none.
     pub filters: BTreeMap<View, String>,
     /// The filter of the event log beside the overview; empty for none.
-    pub story_filter: String,
+    pub event_log_filter: String,
     /// The last search text, in a list without a filter.
     pub search: String,
     /// Marked alarms, by name: one acknowledgment takes them all.
@@ -193,22 +193,22 @@ impl ViewState {
     #[must_use]
     pub fn list(&self) -> (View, usize) {
         match (self.view, self.pane()) {
-            (View::Overview, pane) if pane != STORY_PANE => (View::Overview, 0),
+            (View::Overview, pane) if pane != EVENT_LOG_PANE => (View::Overview, 0),
             here => here,
         }
     }
 
     /// Whether the event log has the keys.
     #[must_use]
-    pub fn in_story(&self) -> bool {
-        self.view == View::Overview && self.pane() == STORY_PANE
+    pub fn is_in_event_log(&self) -> bool {
+        self.view == View::Overview && self.pane() == EVENT_LOG_PANE
     }
 
     /// Whether the list that has the keys is one of versions, in which some can be marked.
     #[must_use]
     pub fn lists_versions(&self) -> bool {
         match self.view {
-            View::Overview => !self.in_story(),
+            View::Overview => !self.is_in_event_log(),
             View::Registry => true,
             View::Candidate | View::Shadow | View::Alarms | View::Approvals | View::Audit | View::Health => {
                 false
@@ -219,16 +219,16 @@ impl ViewState {
     /// The filter of the list that has the keys; empty for none.
     #[must_use]
     pub fn filter(&self) -> &str {
-        if self.in_story() {
-            return &self.story_filter;
+        if self.is_in_event_log() {
+            return &self.event_log_filter;
         }
         self.filters.get(&self.view).map_or("", String::as_str)
     }
 
     /// Sets the filter of the list that has the keys. Returns whether it had one.
     pub fn set_filter(&mut self, text: String) -> bool {
-        if self.in_story() {
-            return !std::mem::replace(&mut self.story_filter, text).is_empty();
+        if self.is_in_event_log() {
+            return !std::mem::replace(&mut self.event_log_filter, text).is_empty();
         }
         if text.is_empty() {
             return self.filters.remove(&self.view).is_some();

@@ -1,35 +1,35 @@
-//! What a replay's keys ask for: one table that makes the help and the hints.
+//! The actions of a replay's keys: one table that makes the help and the hints.
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 macro_rules! actions {
-    ($($(#[doc = $help:literal])+ $name:ident = $word:literal, $keys:literal;)*) => {
-        /// What can be asked for.
+    ($($(#[doc = $help:literal])+ $variant:ident = $name:literal, $keys:literal;)*) => {
+        /// An action of the replay.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum ReplayAction {
-            $($(#[doc = $help])+ $name,)*
+            $($(#[doc = $help])+ $variant,)*
         }
 
         impl ReplayAction {
             /// Every action, in the order of the help.
-            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
 
             /// Its name in the hints.
             #[must_use]
-            pub const fn word(self) -> &'static str {
-                match self { $(Self::$name => $word,)* }
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name,)* }
             }
 
             /// Its keys, with blanks between them, the one for the hints first.
             #[must_use]
             pub const fn keys(self) -> &'static str {
-                match self { $(Self::$name => $keys,)* }
+                match self { $(Self::$variant => $keys,)* }
             }
 
             /// What it does.
             #[must_use]
             pub fn help(self) -> &'static str {
-                match self { $(Self::$name => concat!($($help),+).trim(),)* }
+                match self { $(Self::$variant => concat!($($help),+).trim(),)* }
             }
         }
     };
@@ -39,9 +39,9 @@ actions! {
     /// Play, or pause
     Play = "play", "space p";
     /// Next frame
-    NextPicture = "picture", "right l";
+    NextFrame = "frame", "right l";
     /// previous frame
-    PreviousPicture = "picture back", "left h";
+    PreviousFrame = "frame back", "left h";
     /// One second on
     SecondOn = "second", ". shift-right";
     /// one second back
@@ -76,7 +76,7 @@ actions! {
     Leave = "leave", "q esc ctrl-c";
 }
 
-/// What a key asks for; absent if it asks for nothing.
+/// The action of a key; absent for a key without one.
 #[must_use]
 pub const fn of(key: KeyEvent) -> Option<ReplayAction> {
     let shift = key.modifiers.contains(KeyModifiers::SHIFT);
@@ -90,8 +90,8 @@ pub const fn of(key: KeyEvent) -> Option<ReplayAction> {
         KeyCode::Char(' ' | 'p') => ReplayAction::Play,
         KeyCode::Right if shift => ReplayAction::SecondOn,
         KeyCode::Left if shift => ReplayAction::SecondBack,
-        KeyCode::Right | KeyCode::Char('l') => ReplayAction::NextPicture,
-        KeyCode::Left | KeyCode::Char('h') => ReplayAction::PreviousPicture,
+        KeyCode::Right | KeyCode::Char('l') => ReplayAction::NextFrame,
+        KeyCode::Left | KeyCode::Char('h') => ReplayAction::PreviousFrame,
         KeyCode::Char('.') => ReplayAction::SecondOn,
         KeyCode::Char(',') => ReplayAction::SecondBack,
         KeyCode::Up | KeyCode::Char('+' | '=') => ReplayAction::Faster,

@@ -189,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_tell_group_and_limit() {
+    fn chart_group_and_limit_follow_from_the_name() {
         for (name, group, limit) in [
             ("tool/speed", ChartGroup::Tool, None),
             ("tool/speed/limit", ChartGroup::Tool, Some("tool/speed")),

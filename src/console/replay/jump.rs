@@ -68,7 +68,7 @@ mod tests {
     use holdpoint_protocol::clock::tick_of;
 
     #[test]
-    fn texts_and_targets() {
+    fn jump_texts_give_their_targets() {
         for (text, target) in [
             ("12.5s", JumpTarget::At(12_500)),
             (" 12.5 s ", JumpTarget::At(12_500)),
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_begins_in_its_first_ms() {
+    fn tick_starts_in_its_first_millisecond() {
         for tick in [0, 1, 2, 239, 240, 241, 182_640] {
             let at_ms = ms_of_tick(tick);
             assert_eq!(tick_of(at_ms), tick);

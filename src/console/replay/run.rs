@@ -30,7 +30,7 @@ use crate::terminal::log::{LogFile, state_folder};
 use crate::terminal::{TerminalGuard, background, panic};
 use crate::theme::Themes;
 use holdpoint_recordings::recording::Recording;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Keys that are processed before a frame is drawn.
 const BATCH_MAX: usize = 64;
@@ -66,6 +66,15 @@ pub enum ReplayError {
 }
 
 impl Hint for ReplayError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Theme(error) => error.details(),
+            Self::Empty(_) => Some(ErrorReason::BadFile.into()),
+            Self::Terminal(_) => Some(ErrorReason::Environment.into()),
+            Self::Failed => Some(ErrorReason::Internal.into()),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Theme(error) => error.hint(),

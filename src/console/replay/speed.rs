@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn goes_from_a_quarter_to_sixty_four() {
+    fn speed_ranges_from_a_quarter_to_sixty_four() {
         let mut speed = Speed::of(0.25).unwrap();
         let mut labels = vec![speed.label()];
         while speed.faster() != speed {

@@ -189,7 +189,7 @@ fn keys_move_the_cursor() {
 }
 
 #[test]
-fn ends_are_reported() {
+fn keys_beyond_the_first_or_last_item_are_reported() {
     for (from_ms, key, expected) in [
         (50_000, 'l', ReplayMessage::NoFrameAfter),
         (10_000, 'h', ReplayMessage::NoFrameBefore),
@@ -215,7 +215,7 @@ fn ends_are_reported() {
 }
 
 #[test]
-fn leaves_by_q_and_esc_and_closes_first_what_is_open() {
+fn q_and_esc_close_an_overlay_before_they_leave() {
     let mut model = model();
     assert_eq!(press(&mut model, KeyCode::Char('q')), [ReplayEffect::Leave]);
     assert_eq!(press(&mut model, KeyCode::Esc), [ReplayEffect::Leave]);
@@ -306,7 +306,7 @@ fn gaps_are_skipped_up_to_the_next_event_and_reported() {
 }
 
 #[test]
-fn nothing_wakes_a_replay_that_stands() {
+fn paused_replay_schedules_no_wake_up() {
     let mut model = model();
     assert_eq!(wakes_in_ms(&model), None);
     keys(&mut model, "h");
@@ -347,7 +347,7 @@ fn charts_follow_the_stage_until_others_are_chosen() {
 }
 
 #[test]
-fn how_it_stood_follows_the_events() {
+fn version_status_follows_the_events() {
     let model = model();
     let stood = |at_ms| model.timeline.version_status(model.timeline.at(at_ms));
     assert_eq!(stood(10_000).state, Some(State::Validated));

@@ -118,8 +118,8 @@ fn jump_to(model: &mut ReplayModel, text: &str) {
 fn act(model: &mut ReplayModel, action: ReplayAction) {
     match action {
         ReplayAction::Play => play(model),
-        ReplayAction::NextPicture => next_frame(model),
-        ReplayAction::PreviousPicture => previous_frame(model),
+        ReplayAction::NextFrame => next_frame(model),
+        ReplayAction::PreviousFrame => previous_frame(model),
         ReplayAction::SecondOn => seek(model, model.cursor.at_ms.saturating_add(SECOND_MS)),
         ReplayAction::SecondBack => seek(model, model.cursor.at_ms.saturating_sub(SECOND_MS)),
         ReplayAction::Faster => model.speed = model.speed.faster(),

@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reports_how_the_engine_ended() {
+    fn exit_message_reports_the_end_of_the_engine() {
         let fault = || Some(Err(EngineEndError::of("disk full\u{7}")));
         for (came_up, ended, in_order, expected) in [
             (true, Some(Ok(())), true, "the engine shut down cleanly"),

@@ -6,7 +6,7 @@
 const KEY_INTERVAL_MS: u64 = 10;
 
 /// Frames for the engine's data: at most 15 a second.
-const STORY_INTERVAL_MS: u64 = 67;
+const DATA_INTERVAL_MS: u64 = 67;
 
 /// Frames for a moving scene: at most 18 a second. Thirty cost 2.9 % of a core; the budget is 2 %.
 const SCENE_INTERVAL_MS: u64 = 55;
@@ -39,7 +39,7 @@ impl FramePace {
     #[must_use]
     pub fn due_ms(&self) -> Option<u64> {
         let interval_ms = match self.want? {
-            FrameReason::Text => STORY_INTERVAL_MS,
+            FrameReason::Text => DATA_INTERVAL_MS,
             FrameReason::Scene => SCENE_INTERVAL_MS,
             FrameReason::Key => KEY_INTERVAL_MS,
         };
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_come_first_and_nothing_is_drawn_without_a_change() {
+    fn keys_are_drawn_first_and_unchanged_screens_never() {
         let mut pace = FramePace::default();
         assert_eq!(pace.due_ms(), None);
         pace.want(FrameReason::Text);
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_are_at_most_so_many_a_second() {
+    fn frame_rate_is_limited_by_the_reason_for_drawing() {
         for (want, frames_max) in [(FrameReason::Text, 15), (FrameReason::Scene, 19), (FrameReason::Key, 100)]
         {
             let mut pace = FramePace::default();

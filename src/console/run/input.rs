@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn the_left_button_and_the_wheel_are_all_that_is_taken_of_the_mouse() {
+    fn only_the_left_button_and_the_wheel_are_read_from_the_mouse() {
         let mouse = |kind| MouseEvent { kind, column: 7, row: 3, modifiers: KeyModifiers::NONE };
         for (kind, taken) in [
             (MouseEventKind::Down(MouseButton::Left), Some(MsgKind::Click(7, 3))),
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn late_answers_are_no_keys() {
+    fn late_terminal_answers_are_not_read_as_keys() {
         let mut keys = plain("ab");
         keys.push((']', KeyModifiers::ALT));
         keys.extend(plain("11;rgb:1e1e/1e1e/1e1e"));
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn releases_and_moves_are_nothing_and_pastes_are_bounded() {
+    fn releases_and_moves_are_ignored_and_pastes_are_bounded() {
         let mut answers = LateColorReply::default();
         let released = KeyEvent::new_with_kind(KeyCode::Char('x'), KeyModifiers::NONE, KeyEventKind::Release);
         assert_eq!(what(Event::Key(released), &mut answers), None);

@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_the_variable() {
+    fn background_is_read_from_the_variable() {
         for (value, light) in [
             ("15;0", Some(false)),
             ("0;15", Some(true)),

@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn is_its_owners_alone_and_rotates() {
+    fn log_file_is_private_and_rotates() {
         let folder = tempfile::tempdir().unwrap();
         let state = folder.path().join("state/holdpoint");
         let log = LogFile::open(&state).unwrap();
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn places() {
+    fn state_folder_follows_the_environment() {
         for (xdg, home, expected) in [
             (Some("/x"), Some("/h"), Some("/x/holdpoint")),
             (Some("x"), Some("/h"), Some("/h/.local/state/holdpoint")),

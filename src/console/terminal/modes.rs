@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn leaving_undoes_what_is_on_in_reverse_and_nothing_else() {
+    fn leaving_turns_off_only_active_modes_in_reverse_order() {
         let all = MODES.iter().fold(RAW, |on, mode| on | mode.bit);
         let text = String::from_utf8(leaving(all)).unwrap();
         let places: Vec<usize> = ["[?1006l", "[?1000l", "[?1004l", "[?2004l", "[?25h", "[?1049l"]

@@ -10,7 +10,7 @@ use toml::Spanned;
 
 use super::paint::{NAMES, Paint, ThemeColor};
 use super::{Theme, ThemeRole, names};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The largest theme file, bytes.
 pub const FILE_BYTES_MAX: usize = 64 * 1024;
@@ -48,6 +48,14 @@ pub enum ThemeError {
 }
 
 impl Hint for ThemeError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::Unknown { .. } => ErrorReason::NotFound.into(),
+            Self::TooMany { .. } => ErrorReason::BadFile.into(),
+            Self::File { file, .. } => ErrorDetails::of_file(ErrorReason::BadFile, file.as_str()),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Unknown { .. } => Some("`holdpoint theme list`".into()),
@@ -118,7 +126,7 @@ pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
     let mut problems: Vec<(usize, String)> = Vec::new();
     for (role_name, entry) in &parsed.roles {
         let Some(role) = ThemeRole::parse(role_name.get_ref()) else {
-            let allowed: Vec<&str> = ThemeRole::ALL.iter().map(|role| role.word()).collect();
+            let allowed: Vec<&str> = ThemeRole::ALL.iter().map(|role| role.name()).collect();
             let what =
                 format!("there is no role {:?}; allowed are {}", role_name.get_ref(), allowed.join(", "));
             problems.push((line(&role_name.span()), what));
@@ -126,7 +134,7 @@ pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
         };
         match entry.paint() {
             Ok(paint) => theme.set(role, paint),
-            Err((span, what)) => problems.push((line(&span), format!("roles.{}.{what}", role.word()))),
+            Err((span, what)) => problems.push((line(&span), format!("roles.{}.{what}", role.name()))),
         }
     }
     problems.sort();

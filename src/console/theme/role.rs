@@ -1,27 +1,27 @@
-//! What a piece of the screen means. Everything that draws asks for a role; only a theme knows colors.
+//! The meaning of a piece of the screen. All drawing code asks for a role; only a theme knows colors.
 
 macro_rules! roles {
-    ($($(#[doc = $help:literal])+ $name:ident = $word:literal;)*) => {
+    ($($(#[doc = $help:literal])+ $variant:ident = $name:literal;)*) => {
         /// A meaning that a theme gives a look.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum ThemeRole {
-            $($(#[doc = $help])+ $name,)*
+            $($(#[doc = $help])+ $variant,)*
         }
 
         impl ThemeRole {
             /// Every role, in the order of theme files and of the preview.
-            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
 
             /// Its name in theme files.
             #[must_use]
-            pub const fn word(self) -> &'static str {
-                match self { $(Self::$name => $word,)* }
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name,)* }
             }
 
             /// What it is used for.
             #[must_use]
             pub fn help(self) -> &'static str {
-                match self { $(Self::$name => concat!($($help),+).trim(),)* }
+                match self { $(Self::$variant => concat!($($help),+).trim(),)* }
             }
         }
     };
@@ -110,6 +110,6 @@ impl ThemeRole {
     /// The role of a name.
     #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.iter().copied().find(|role| role.word() == name)
+        Self::ALL.iter().copied().find(|role| role.name() == name)
     }
 }

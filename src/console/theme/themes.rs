@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn own_themes_stand_beside_and_in_place_of_the_built_in_ones() {
+    fn own_themes_extend_and_replace_the_built_in_ones() {
         let text = "inherits = \"mono\"\n[roles]\ntitle = { bold = true }\n";
         let files = [("dusk.toml".to_owned(), text.to_owned()), ("mono.toml".to_owned(), text.to_owned())];
         let themes = Themes::with_files(&files).unwrap();

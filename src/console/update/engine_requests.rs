@@ -13,7 +13,7 @@ use holdpoint_text::Hint as _;
 const PENDING_MAX: usize = 32;
 
 /// The shortest interval between repeats of a failed stop, ms.
-const STOP_AGAIN_MS: u64 = 1_000;
+const STOP_RETRY_MS: u64 = 1_000;
 
 /// The subject of a demonstration candidate in a request.
 pub(super) const DEMO: &str = "submit the next demonstration candidate";
@@ -21,8 +21,8 @@ pub(super) const DEMO: &str = "submit the next demonstration candidate";
 /// A new request's id; absent if too many requests wait.
 pub(super) fn request(model: &mut ConsoleModel, about: RequestSubject, what: String) -> Option<String> {
     // A confirmed operation may be a stop: its sender decides about the destination.
-    let confirmed = matches!(about, RequestSubject::Operation | RequestSubject::Decision);
-    if let Some(absence) = model.absence().filter(|_| !confirmed) {
+    let is_confirmed = matches!(about, RequestSubject::Operation | RequestSubject::Decision);
+    if let Some(absence) = model.absence().filter(|_| !is_confirmed) {
         show_message(model, absence.problem().sentence(), true);
         return None;
     }
@@ -43,7 +43,7 @@ fn add_pending(model: &mut ConsoleModel, about: RequestSubject, what: String) ->
 /// Stops the cell, even if many requests wait, and without a question.
 pub(super) fn stop(model: &mut ConsoleModel) -> Vec<Effect> {
     // Without an operator the name is empty: the record names user and process beside it.
-    let by = model.session.operator.as_ref().map_or_else(String::new, |who| who.name.clone());
+    let by = model.session.operator.as_ref().map_or_else(String::new, |operator| operator.name.clone());
     let text = match model.absence() {
         None => "STOP: the stop is requested",
         Some(_) => "STOP: the running engine is being asked",
@@ -70,7 +70,7 @@ pub(super) fn resend_stop(model: &mut ConsoleModel) -> Vec<Effect> {
     let now_ms = model.now_ms;
     // A stop that fails at once is not sent again with each camera frame.
     let is_due =
-        |stop: &&PendingStop| stop.why.is_some() && now_ms.saturating_sub(stop.requested_ms) >= STOP_AGAIN_MS;
+        |stop: &&PendingStop| stop.why.is_some() && now_ms.saturating_sub(stop.requested_ms) >= STOP_RETRY_MS;
     let Some(by) = model.engine_data.pending_stop.as_ref().filter(is_due).map(|stop| stop.by.clone()) else {
         return Vec::new();
     };
@@ -80,10 +80,11 @@ pub(super) fn resend_stop(model: &mut ConsoleModel) -> Vec<Effect> {
 
 /// Requests the text of an open approval request for the operator at this console.
 pub(super) fn request_approval_text(model: &mut ConsoleModel) -> Vec<Effect> {
-    let Some(who) = model.session.operator.as_ref().map(|who| who.name.clone()) else { return Vec::new() };
+    let operator = model.session.operator.as_ref();
+    let Some(who) = operator.map(|operator| operator.name.clone()) else { return Vec::new() };
     let Some(Overlay::Approval(prompt)) = &model.input.overlay else { return Vec::new() };
-    let waits = |id: &str| model.requests.pending.contains_key(id);
-    if model.absence().is_some() || model.settings.read_only || !prompt.needs_delivery(&who, waits) {
+    let is_pending = |id: &str| model.requests.pending.contains_key(id);
+    if model.absence().is_some() || model.settings.read_only || !prompt.needs_delivery(&who, is_pending) {
         return Vec::new();
     }
     let (version, purpose) = (prompt.seen.version.clone(), prompt.seen.purpose);
@@ -114,9 +115,10 @@ pub(super) fn refresh_now(model: &mut ConsoleModel) -> Vec<Effect> {
 pub(super) fn refresh(model: &mut ConsoleModel) -> Vec<Effect> {
     let Some(about) = view_query(model).as_ref().map(EngineQuery::about) else { return Vec::new() };
     let unchanged = model.requests.changes_at_query.get(&about) == Some(&model.requests.changes);
-    let fresh = if about == RequestSubject::Health { health::is_fresh(model, unchanged) } else { unchanged };
-    let waits = model.requests.pending.values().any(|pending| pending.about == about);
-    if fresh || waits { Vec::new() } else { refresh_now(model) }
+    let is_fresh =
+        if about == RequestSubject::Health { health::is_fresh(model, unchanged) } else { unchanged };
+    let is_pending = model.requests.pending.values().any(|pending| pending.about == about);
+    if is_fresh || is_pending { Vec::new() } else { refresh_now(model) }
 }
 
 fn view_query(model: &ConsoleModel) -> Option<EngineQuery> {
@@ -126,13 +128,13 @@ fn view_query(model: &ConsoleModel) -> Option<EngineQuery> {
             Some(EngineQuery::AlarmHistory(health::HISTORY))
         }
         View::Overview | View::Alarms | View::Approvals => None,
-        View::Registry => Some(EngineQuery::Registry { group: group(model), text: String::new() }),
+        View::Registry => Some(EngineQuery::Registry { group: registry_group(model), text: String::new() }),
         View::Candidate | View::Shadow => Some(EngineQuery::Detail(model.subject()?)),
         View::Audit => Some(EngineQuery::Audit(AuditGroup::of_pane(model.view_state.pane_of(View::Audit)))),
     }
 }
 
-fn group(model: &ConsoleModel) -> VersionGroup {
+fn registry_group(model: &ConsoleModel) -> VersionGroup {
     match model.view_state.pane_of(View::Registry) {
         1 => VersionGroup::Active,
         2 => VersionGroup::Candidate,
@@ -141,7 +143,7 @@ fn group(model: &ConsoleModel) -> VersionGroup {
     }
 }
 
-/// Asks for a check of the whole chain.
+/// Requests a check of the whole audit chain.
 pub(super) fn verify(model: &mut ConsoleModel) -> Vec<Effect> {
     show_message(model, "checking the audit chain", false);
     send_query(model, "check the audit chain".to_owned(), EngineQuery::Verify)

@@ -6,7 +6,7 @@ use crate::approval_screen::ApprovalScreen;
 use crate::audit;
 use crate::effect::Effect;
 use crate::model::{
-    ConsoleModel, HISTORY_PANE, ListCursor, OpenedRecord, Overlay, STORY_PANE, SortOrder, View,
+    ConsoleModel, EVENT_LOG_PANE, HISTORY_PANE, ListCursor, OpenedRecord, Overlay, SortOrder, View,
 };
 use crate::rows::{PendingApprovalItem, RegistryItem};
 use holdpoint_governance::ids::Family;
@@ -88,7 +88,7 @@ pub(super) fn follow(model: &mut ConsoleModel, by_itself: bool) {
     }
     // A cursor at the newest end of a time-ordered list stays at the newest item.
     let tells_of_time = match (model.view_state.view, model.view_state.pane()) {
-        (View::Overview, pane) => pane == STORY_PANE,
+        (View::Overview, pane) => pane == EVENT_LOG_PANE,
         (View::Audit, _) => true,
         (View::Alarms, pane) => pane == HISTORY_PANE,
         (View::Registry | View::Candidate | View::Shadow | View::Approvals | View::Health, _) => false,
@@ -304,8 +304,8 @@ pub(super) fn copied(model: &ConsoleModel) -> Option<String> {
             let row = model.opened_record().or_else(|| rows.get(model.row()).map(|row| row.record))?;
             Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
         }
-        View::Overview if model.view_state.pane() == STORY_PANE => {
-            model.story_rows().get(model.row()).map(|line| line.text.clone())
+        View::Overview if model.view_state.pane() == EVENT_LOG_PANE => {
+            model.event_log_rows().get(model.row()).map(|line| line.text.clone())
         }
         View::Overview | View::Registry | View::Candidate | View::Shadow | View::Approvals => {
             let marked: Vec<String> = selection::versions(model).iter().map(ToString::to_string).collect();

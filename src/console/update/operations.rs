@@ -233,7 +233,7 @@ pub(super) fn intent(
         Action::Rearm => {
             return wrong("only a superseded version of a stopped family can be reactivated");
         }
-        _ => return Err(format!("{:?} is not about a version", action.word())),
+        _ => return Err(format!("{:?} is not about a version", action.name())),
     };
     Ok((intent, vec![now, consequence]))
 }

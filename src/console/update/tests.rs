@@ -207,7 +207,7 @@ fn reflex_keys_paste_and_letters_never_approve() {
 }
 
 #[test]
-fn nothing_decides_while_no_prompt_is_open() {
+fn no_letter_decides_without_an_open_request() {
     for view in View::ALL {
         for letter in ' '..='~' {
             let mut console = TestConsole::new(0);
@@ -381,7 +381,7 @@ fn read_only_refuses_everything_that_changes_something() {
 }
 
 #[test]
-fn abort_takes_two_keys_everywhere() {
+fn abort_needs_two_keys_in_every_view() {
     let abort = |effects: &[Effect]| match effects {
         [Effect::Operate { confirmed, .. }] => {
             matches!(confirmed.clone().into_command(), Command::Pause(operation) if operation.version.to_string() == CANDIDATE)
@@ -444,7 +444,7 @@ fn abort_stops_the_most_urgent_thing() {
 }
 
 #[test]
-fn enter_and_moving_have_no_effect_outside_in_any_view() {
+fn enter_and_cursor_keys_send_no_request_in_any_view() {
     for view in View::ALL {
         for key in REFLEXES.iter().filter(|key| **key != KeyCode::Char(' ')) {
             let mut console = TestConsole::new(0);
@@ -456,7 +456,7 @@ fn enter_and_moving_have_no_effect_outside_in_any_view() {
 }
 
 #[test]
-fn a_filter_hides_no_alarm_and_nothing_that_waits() {
+fn filter_hides_no_alarm_and_no_waiting_request() {
     let mut console = TestConsole::new(0);
     console.model.view_state.filters =
         View::ALL.into_iter().map(|view| (view, "nothing has this name".to_owned())).collect();
@@ -504,7 +504,7 @@ fn alarms_are_reached_acknowledged_shelved_and_reset() {
 }
 
 #[test]
-fn forms_refuse_what_is_missing() {
+fn forms_refuse_missing_fields() {
     let mut console = TestConsole::new(0);
     console.keys("3F");
     for _ in 0..2 {
@@ -563,7 +563,7 @@ fn answers_reach_the_status_line_and_open_no_prompt() {
 }
 
 #[test]
-fn frozen_charts_stand_still_while_the_status_goes_on() {
+fn frozen_charts_do_not_move_while_the_status_updates() {
     let mut console = TestConsole::new(0);
     console.keys("4f");
     let mut now = snapshot(0, 'e');

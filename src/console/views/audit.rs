@@ -216,7 +216,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counts_are_shown_once_there_are_any() {
+    fn counts_are_shown_only_above_zero() {
         let none = ObservedCounts::default();
         let working =
             ObservedCounts { activations: 3, unsafe_activations: 1, episodes: 41, violations: 2, ..none };

@@ -6,10 +6,10 @@ use crate::rows::CandidateItem;
 use crate::theme::state_mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
-use holdpoint_governance::permission::PermissionUse;
 use holdpoint_protocol::detail::{DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
+use holdpoint_wording::explanation::permission_use;
 use serde_json::Value;
 
 /// Lines of one wrapped text.
@@ -189,7 +189,7 @@ fn decision_rows(decision: &DecisionExplanation, look: &Look, width: usize) -> V
     for change in &decision.change {
         say(ThemeRole::Text, &format!("would change it: {change}"));
     }
-    for text in decision.permissions.iter().flat_map(PermissionUse::lines) {
+    for text in decision.permissions.iter().flat_map(permission_use) {
         say(ThemeRole::Text, &format!("permissions: {text}"));
     }
     for then in &decision.then {

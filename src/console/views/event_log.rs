@@ -15,9 +15,9 @@ use crate::widgets::row::Row;
 
 /// Draws it; row 0 is the newest line.
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
-    let rows = model.story_rows();
+    let rows = model.event_log_rows();
     if rows.is_empty() {
-        let filtered = !model.story_filter().is_empty();
+        let filtered = !model.event_log_filter().is_empty();
         let text = if filtered { "No line fits the filter" } else { "Nothing has happened yet" };
         pen.text(area, 0, ThemeRole::Muted, text);
         return;

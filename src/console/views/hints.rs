@@ -352,7 +352,7 @@ fn label(model: &ConsoleModel, action: Action) -> String {
         }
         (Action::Quit, None, View::Overview) => "quit",
         (Action::Quit, _, _) => "back",
-        (other, _, _) => return other.word().replace('-', " "),
+        (other, _, _) => return other.name().replace('-', " "),
     }
     .to_owned()
 }

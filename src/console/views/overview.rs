@@ -15,16 +15,15 @@ use ratatui::layout::Rect;
 use super::{event_log, families, pipeline, robot, tabs};
 use crate::formatters::{approvals, duration};
 use crate::look::{Glyph, ThemeRole};
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, EVENT_LOG_PANE};
 use crate::rows::{CandidateItem, PendingApprovalItem};
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
 
-const PIPELINE: usize = 0;
-pub(super) const ROBOT: usize = 1;
-pub(super) const STORY: usize = 2;
+const PIPELINE_PANE: usize = 0;
+pub(super) const ROBOT_PANE: usize = 1;
 
-/// The size from which the checks of the candidate under the cursor stand below the pipeline.
+/// The size from which the view has room for the checks of the candidate under the cursor, below the pipeline.
 const WIDE_COLUMNS: u16 = 160;
 
 const WIDE_ROWS: u16 = 30;
@@ -34,74 +33,74 @@ const STRIP_WIDTH: u16 = 62;
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     match pen.fit {
-        Fit::Tiny | Fit::One => one(model, pen, area),
-        Fit::Two => two(model, pen, area),
-        Fit::Full => full(model, pen, area),
+        Fit::Tiny | Fit::One => draw_one_pane(model, pen, area),
+        Fit::Two => draw_two_panes(model, pen, area),
+        Fit::Full => draw_all_panes(model, pen, area),
     }
 }
 
-fn one(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+fn draw_one_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     tabs::draw_panes(model, Row::new(), pen, area);
     let area = below(area, 1);
     match model.view_state.pane() {
-        ROBOT => robot::draw(model, pen, area),
-        STORY => {
+        ROBOT_PANE => robot::draw(model, pen, area),
+        EVENT_LOG_PANE => {
             let area = super::frozen(model, pen, area);
             event_log::draw(model, pen, area, true);
         }
-        _ => work(model, pen, area),
+        _ => versions_and_pipeline(model, pen, area),
     }
 }
 
-fn two(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+fn draw_two_panes(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let (left, right) = pen.split(area, area.width * 3 / 5);
-    work(model, pen, left);
-    if model.view_state.pane() == STORY {
-        story_pane(model, pen, right);
+    versions_and_pipeline(model, pen, left);
+    if model.view_state.pane() == EVENT_LOG_PANE {
+        event_log_pane(model, pen, right);
     } else {
         robot_pane(model, pen, right);
     }
 }
 
-fn full(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let story = (area.height / 4).max(6);
-    let (upper, lower) = cut(area, area.height - story);
+fn draw_all_panes(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    let event_log_height = (area.height / 4).max(6);
+    let (upper, lower) = cut(area, area.height - event_log_height);
     let (left, right) = pen.split(upper, (upper.width * 3 / 5).max(STRIP_WIDTH));
     if area.width >= WIDE_COLUMNS && left.height >= WIDE_ROWS {
-        let (left, below_it) = cut(left, left.height / 2);
-        work(model, pen, left);
-        under_cursor(model, pen, below_it);
+        let (top, bottom) = cut(left, left.height / 2);
+        versions_and_pipeline(model, pen, top);
+        checks_under_cursor(model, pen, bottom);
     } else {
-        work(model, pen, left);
+        versions_and_pipeline(model, pen, left);
     }
-    let waiting = waiting_height(model).min(right.height / 3);
-    let (robot, waits) = cut(right, right.height - waiting);
-    robot_pane(model, pen, robot);
-    waiting_pane(model, pen, waits);
-    story_pane(model, pen, lower);
+    let waiting_height = waiting_height(model).min(right.height / 3);
+    let (robot_area, waiting_area) = cut(right, right.height - waiting_height);
+    robot_pane(model, pen, robot_area);
+    waiting_pane(model, pen, waiting_area);
+    event_log_pane(model, pen, lower);
 }
 
-/// Active versions over the pipeline.
-fn work(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+/// Active versions above the pipeline.
+fn versions_and_pipeline(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let active = families::rows(model, pen, usize::from(area.width));
-    // The pipeline keeps at least half.
+    // The pipeline gets at least half.
     let height = u16::try_from(active.len() + 1).unwrap_or(u16::MAX).min(area.height / 2);
     let (top, bottom) = cut(area, height);
     let inside = pen.pane(top, "Active", false, "");
     pen.rows(inside, 0, &active);
-    let focused = model.view_state.pane() == PIPELINE;
+    let focused = model.view_state.pane() == PIPELINE_PANE;
     let cursor = if focused { model.row() } else { 0 };
-    pen.hit(area, Hit::Pane(PIPELINE));
+    pen.hit(area, Hit::Pane(PIPELINE_PANE));
     let inside = pen.pane(bottom, "Pipeline", focused, &pipeline::extent(model, cursor, bottom.width));
     pipeline::draw(model, pen, inside, focused);
 }
 
 /// The candidate under the cursor in detail, if a large screen has room: its four checks and every reason of the last
 /// decision.
-fn under_cursor(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+fn checks_under_cursor(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let rows = model.pipeline_rows();
-    let at = if model.view_state.in_story() { 0 } else { model.row() };
-    let Some(candidate) = rows.get(at) else {
+    let row = if model.view_state.is_in_event_log() { 0 } else { model.row() };
+    let Some(candidate) = rows.get(row) else {
         pen.pane(area, "Checks", false, "");
         return;
     };
@@ -125,28 +124,28 @@ fn under_cursor(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 }
 
 fn robot_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let at = model
+    let sequence = model
         .engine_data
         .frame
         .as_ref()
         .map(|frame| format!("sequence {}, {:.1} s", frame.sequence, frame.at_secs))
         .unwrap_or_default();
-    pen.hit(area, Hit::Pane(ROBOT));
-    let inside = pen.pane(area, "Robot", model.view_state.pane() == ROBOT, &at);
+    pen.hit(area, Hit::Pane(ROBOT_PANE));
+    let inside = pen.pane(area, "Robot", model.view_state.pane() == ROBOT_PANE, &sequence);
     robot::draw(model, pen, inside);
 }
 
-fn story_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let focused = model.view_state.pane() == STORY;
+fn event_log_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    let focused = model.view_state.pane() == EVENT_LOG_PANE;
     // A filtered list must not look complete.
-    let filter = model.story_filter();
+    let filter = model.event_log_filter();
     let right = if filter.is_empty() {
         "newest first".to_owned()
     } else {
-        let (shown, all) = (model.story_rows().len(), model.story().len());
+        let (shown, all) = (model.event_log_rows().len(), model.event_log().len());
         format!("{shown} of {all} lines with {:?}, newest first", super::short(filter, 24))
     };
-    pen.hit(area, Hit::Pane(STORY));
+    pen.hit(area, Hit::Pane(EVENT_LOG_PANE));
     let inside = pen.pane(area, "Events", focused, &right);
     let inside = super::frozen(model, pen, inside);
     event_log::draw(model, pen, inside, focused);

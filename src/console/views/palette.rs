@@ -54,7 +54,7 @@ pub fn draw(model: &ConsoleModel, palette: &Palette, pen: &mut Pen<'_>, area: Re
         let row = Row::new()
             .cell(if off { ThemeRole::KeyOff } else { ThemeRole::Key }, &keys, 14)
             .with(role, " ")
-            .cell(role, action.word(), 16)
+            .cell(role, action.name(), 16)
             .with(role, " ");
         match why {
             Some(why) => {

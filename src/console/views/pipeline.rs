@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn the_strip_marks_the_stage_that_stopped_it() {
+    fn stage_strip_marks_the_stage_that_ended_the_version() {
         assert_eq!(marks("rejected", "registered", false), ["validate", "validate"]);
         assert_eq!(marks("rejected", "validated", false), ["sandbox", "sandbox"]);
         assert_eq!(marks("rejected", "sandboxed", false), ["shadow", "shadow"]);
@@ -325,7 +325,7 @@ mod tests {
 
     /// A repeated version leaves from `demoted`: the strip said that it was not valid.
     #[test]
-    fn the_strip_marks_the_repeated_stage_that_stopped_it() {
+    fn stage_strip_marks_the_retried_stage_that_ended_the_version() {
         for (ran, stage) in [(Stage::Sandbox, "sandbox"), (Stage::Shadow, "shadow")] {
             let repeated = CandidateView { ran: Some(ran), ..candidate("rejected", "demoted", false) };
             assert_eq!(marks_of(&repeated), [stage, stage]);

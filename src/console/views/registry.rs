@@ -250,7 +250,7 @@ mod tests {
 
     /// Ages from ten minutes on were cut in the most usual window.
     #[test]
-    fn every_age_is_whole_where_there_is_a_column_for_it() {
+    fn ages_are_never_cut_off_in_their_column() {
         const DAY_MS: u64 = 86_400_000;
         for (age_ms, text) in [
             (0, "0 s"),

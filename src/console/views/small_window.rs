@@ -14,7 +14,7 @@ use super::{approval_screen, banner, hints, overview, palette, status};
 use crate::action::Action;
 use crate::look::Glyph;
 use crate::look::ThemeRole;
-use crate::model::{ConsoleModel, MONITORS_PANE, Overlay, View};
+use crate::model::{ConsoleModel, EVENT_LOG_PANE, MONITORS_PANE, Overlay, View};
 use crate::rows::{AlarmItem, RegistryItem};
 use crate::theme::StateMark;
 use crate::widgets::list::place;
@@ -158,7 +158,7 @@ fn view(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let view = model.view_state.view;
     let pane = view.panes().get(model.view_state.pane()).copied().unwrap_or("");
     let place = match (view, model.view_state.pane()) {
-        (View::Overview, pane) if !matches!(pane, overview::ROBOT | overview::STORY) => {
+        (View::Overview, pane) if !matches!(pane, overview::ROBOT_PANE | EVENT_LOG_PANE) => {
             super::pipeline::extent(model, model.row(), area.width)
         }
         _ => place(model.row_count(), model.row()),
@@ -171,9 +171,9 @@ fn view(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     };
     let inside = pen.pane(area, &title, true, &place);
     match (view, model.view_state.pane()) {
-        (View::Overview, overview::ROBOT) => return super::robot::draw(model, pen, inside),
-        (View::Overview, overview::STORY) => return super::event_log::draw(model, pen, inside, true),
-        (View::Overview, _) => return work(model, pen, inside),
+        (View::Overview, overview::ROBOT_PANE) => return super::robot::draw(model, pen, inside),
+        (View::Overview, EVENT_LOG_PANE) => return super::event_log::draw(model, pen, inside, true),
+        (View::Overview, _) => return versions_and_pipeline(model, pen, inside),
         (View::Shadow, MONITORS_PANE) => return super::shadow::monitor_rows(model, pen, inside),
         (View::Shadow, 0) => return shadow(model, pen, inside),
         (View::Health, _) => return super::health::draw_small(model, pen, inside),
@@ -188,7 +188,7 @@ fn view(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// The active versions, then the candidates.
-fn work(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+fn versions_and_pipeline(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let active = super::families::rows(model, pen, usize::from(area.width));
     let (top, bottom) = cut(area, u16::try_from(active.len()).unwrap_or(u16::MAX).min(area.height / 2));
     pen.rows(top, 0, &active);

@@ -17,7 +17,7 @@ use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_protocol::snapshot::Snapshot;
 
-/// Columns kept for the text of an alarm before counts are left off.
+/// Columns reserved for the text of an alarm, before counts are dropped.
 const TEXT_MIN: usize = 26;
 
 /// Columns from which a version is named here.
@@ -25,9 +25,9 @@ const WIDE: usize = 110;
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
-    let held =
-        model.engine_data.snapshot.as_deref().map(|snapshot| held_promotions(snapshot, pen.look, width));
-    let waits = held.unwrap_or_default().and(waiting(model, pen.look));
+    let snapshot = model.engine_data.snapshot.as_deref();
+    let paused = snapshot.map(|snapshot| paused_promotions(snapshot, pen.look, width));
+    let waits = paused.unwrap_or_default().and(waiting(model, pen.look));
     let Some(snapshot) = &model.engine_data.snapshot else {
         let absent = model.absence().is_some();
         let text = if absent { "No engine is running here" } else { "No data from the engine yet" };
@@ -41,12 +41,11 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let head = head(snapshot, pen.look);
     let room = width.saturating_sub(waits.width() + 1);
     // Words are dropped before the alarm's own text.
-    let wanted = head_text(snapshot).len().min(TEXT_MIN);
-    let fits = |row: &Row| head.width() + wanted + row.width() <= room;
-    let wordings = [CountStyle::Full, CountStyle::Short, CountStyle::Signs];
-    let count_row = |wording| counts(&snapshot.alarm_summary, pen.look, wording);
-    let counts =
-        wordings.map(count_row).into_iter().find(fits).unwrap_or_else(|| count_row(CountStyle::Signs));
+    let text_min = head_text(snapshot).len().min(TEXT_MIN);
+    let fits = |row: &Row| head.width() + text_min + row.width() <= room;
+    let styles = [CountStyle::Full, CountStyle::Short, CountStyle::Signs];
+    let count_row = |style| counts(&snapshot.alarm_summary, pen.look, style);
+    let counts = styles.map(count_row).into_iter().find(fits).unwrap_or_else(|| count_row(CountStyle::Signs));
     let left = room.saturating_sub(head.width() + counts.width());
     let text = super::short(&head_text(snapshot), left);
     let role = if snapshot.foremost_alarm().is_some() { ThemeRole::Text } else { ThemeRole::Muted };
@@ -99,14 +98,14 @@ fn head_text(snapshot: &Snapshot) -> String {
     snapshot.foremost_alarm().map_or_else(
         || "no alarm".to_owned(),
         |alarm| {
-            // An alarm whose condition is gone stays until it is seen; an acknowledged one stays until it is gone.
-            let over = match alarm.state {
+            // A returned alarm stays until an operator acknowledges it; an acknowledged one until its condition ends.
+            let state_note = match alarm.state {
                 AlarmState::ReturnedUnacknowledged => " (returned)",
                 AlarmState::Acknowledged => " (acknowledged)",
                 AlarmState::Latched => " (latched)",
                 AlarmState::Normal | AlarmState::Unacknowledged | AlarmState::Shelved => "",
             };
-            format!("{}{over}: {}", alarm.subject, holdpoint_wording::notice(&alarm.text))
+            format!("{}{state_note}: {}", alarm.subject, holdpoint_wording::notice(&alarm.text))
         },
     )
 }
@@ -120,64 +119,65 @@ enum CountStyle {
 }
 
 /// The number of alarms in each state; zero is left out, but unacknowledged ones never.
-fn counts(summary: &AlarmSummary, look: &Look, wording: CountStyle) -> Row {
+fn counts(summary: &AlarmSummary, look: &Look, style: CountStyle) -> Row {
     let [critical, high, low] = summary.unacknowledged;
     let mut row = Row::new();
-    let between = match (wording, look.ascii()) {
+    let separator = match (style, look.ascii()) {
         (CountStyle::Full, false) => " · ",
         (CountStyle::Full, true) => " | ",
         (CountStyle::Short | CountStyle::Signs, _) => " ",
     };
-    let mut say = |count: u32, role: ThemeRole, text: String| {
+    let mut push_count = |count: u32, role: ThemeRole, text: String| {
         if count > 0 {
-            row.push(ThemeRole::Muted, between);
+            row.push(ThemeRole::Muted, separator);
             row.push(role, &text);
         }
     };
     if summary.flood {
-        say(1, ThemeRole::High, format!("{} FLOOD", look.glyph(Glyph::Warning)));
+        push_count(1, ThemeRole::High, format!("{} FLOOD", look.glyph(Glyph::Warning)));
     }
-    if wording == CountStyle::Full {
-        say(critical, ThemeRole::Critical, format!("{critical} crit"));
-        say(high, ThemeRole::High, format!("{high} high"));
-        say(low, ThemeRole::Low, format!("{low} low"));
+    if style == CountStyle::Full {
+        push_count(critical, ThemeRole::Critical, format!("{critical} crit"));
+        push_count(high, ThemeRole::High, format!("{high} high"));
+        push_count(low, ThemeRole::Low, format!("{low} low"));
     } else {
         let glyph = |priority| look.glyph(StateMark::priority(priority).glyph);
-        say(critical, ThemeRole::Critical, format!("{}{critical}", glyph(Priority::Critical)));
-        say(high, ThemeRole::High, format!("{}{high}", glyph(Priority::High)));
-        say(low, ThemeRole::Low, format!("{}{low}", glyph(Priority::Low)));
+        push_count(critical, ThemeRole::Critical, format!("{}{critical}", glyph(Priority::Critical)));
+        push_count(high, ThemeRole::High, format!("{}{high}", glyph(Priority::High)));
+        push_count(low, ThemeRole::Low, format!("{}{low}", glyph(Priority::Low)));
     }
-    let [acknowledged, latched, shelved] = match wording {
+    let [acknowledged, latched, shelved] = match style {
         CountStyle::Full => ["acknowledged ", "latched ", "shelved "],
         CountStyle::Short => ["ack ", "latched ", "shelved "],
         CountStyle::Signs => ["a", "l", "s"],
     };
-    say(summary.acknowledged, ThemeRole::Quiet, format!("{acknowledged}{}", summary.acknowledged));
-    say(summary.latched, ThemeRole::Warning, format!("{latched}{}", summary.latched));
-    say(summary.shelved, ThemeRole::Quiet, format!("{shelved}{}", summary.shelved));
+    push_count(summary.acknowledged, ThemeRole::Quiet, format!("{acknowledged}{}", summary.acknowledged));
+    push_count(summary.latched, ThemeRole::Warning, format!("{latched}{}", summary.latched));
+    push_count(summary.shelved, ThemeRole::Quiet, format!("{shelved}{}", summary.shelved));
     row
 }
 
 /// Provisional versions whose promotion is paused: in words, or in signs and a count.
-fn held_promotions(snapshot: &Snapshot, look: &Look, width: usize) -> Row {
-    let held = snapshot.families.iter().filter(|family| {
+fn paused_promotions(snapshot: &Snapshot, look: &Look, width: usize) -> Row {
+    let paused = snapshot.families.iter().filter(|family| {
         family.active.is_some() && family.flags.is_some_and(|flags| flags.provisional && flags.paused)
     });
     let names: Vec<String> =
-        held.filter_map(|family| family.active.as_ref()).map(ToString::to_string).collect();
+        paused.filter_map(|family| family.active.as_ref()).map(ToString::to_string).collect();
     let flags = VersionFlags { provisional: true, paused: true, ..VersionFlags::default() };
-    let works = StateMark::version(State::Active, &flags);
-    let (Some(first), Some(holds)) = (names.first(), StateMark::secondary(State::Active, &flags)) else {
+    let state_mark = StateMark::version(State::Active, &flags);
+    let (Some(first), Some(paused_mark)) = (names.first(), StateMark::secondary(State::Active, &flags))
+    else {
         return Row::new();
     };
-    let (works_glyph, holds_glyph) = (look.glyph(works.glyph), look.glyph(holds.glyph));
+    let (state_glyph, paused_glyph) = (look.glyph(state_mark.glyph), look.glyph(paused_mark.glyph));
     let more = if names.len() > 1 { format!(" +{}", names.len() - 1) } else { String::new() };
     if width >= WIDE {
-        Row::of(works.role, &format!("{works_glyph} {}{more} provisional ", super::short(first, 24)))
-            .with(holds.role, &format!("{holds_glyph} {} ", holds.label))
+        Row::of(state_mark.role, &format!("{state_glyph} {}{more} provisional ", super::short(first, 24)))
+            .with(paused_mark.role, &format!("{paused_glyph} {} ", paused_mark.label))
     } else {
-        Row::of(works.role, &format!("{works_glyph} provisional{more} "))
-            .with(holds.role, &format!("{holds_glyph} paused "))
+        Row::of(state_mark.role, &format!("{state_glyph} provisional{more} "))
+            .with(paused_mark.role, &format!("{paused_glyph} paused "))
     }
 }
 

@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_sentence_stands_on_one_line_of_the_usual_window() {
+    fn every_tour_sentence_fits_one_line_of_the_usual_window() {
         for view in View::ALL {
             let line = format!("{} (. ends the tour)", of(view));
             assert!(line.chars().count() <= usize::from(WHOLE_FROM), "{view:?}: {line}");

@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn bars_have_their_width_and_their_limit() {
+    fn bars_keep_their_width_and_mark_their_limit() {
         let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
         let table = [
             (Some(0.5), 0.8, "#####...|."),

@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_spike_survives_and_what_is_no_number_is_left_off() {
+    fn chart_keeps_a_spike_and_omits_nan() {
         let mut values = vec![0.1f32; 100_000];
         *values.get_mut(54_321).unwrap() = 9.0;
         *values.get_mut(5).unwrap() = f32::NAN;

@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_reach_both_ends_and_nothing_outside_counts() {
+    fn lines_reach_both_ends_and_are_clipped_to_the_area() {
         let ink = Ink { role: ThemeRole::Robot, ascii: "#", dashed: false };
         let mut dots = Dots::new(Rect::new(0, 0, 4, 2));
         dots.line((0, 0), (7, 7), ink);

@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_cursor_is_in_sight() {
+    fn cursor_is_always_visible() {
         for (count, height) in [(0, 5), (3, 5), (10, 5), (10_000, 1), (7, 0)] {
             for cursor in 0..count.min(50) {
                 let first = first_shown(count, cursor, height);

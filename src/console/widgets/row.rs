@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_keep_their_width_and_nothing_foreign_acts() {
+    fn cells_keep_their_width_and_control_characters_are_escaped() {
         let row =
             Row::new().cell(ThemeRole::Text, "漢字漢字", 5).cell_right(ThemeRole::Text, "7", 3).to_column(12);
         let text: String = row.parts().map(|(text, _)| text).collect();

@@ -116,7 +116,7 @@ fn alarm(pipeline: &Pipeline) -> Option<AlarmState> {
 
 /// Nine days later, after a restart, the second approval made the first one count.
 #[test]
-fn an_approval_lapses_while_no_engine_runs() {
+fn approval_expires_while_no_engine_runs() {
     let folder = tempfile::tempdir().unwrap();
     let (machine, human) = (Machine::new(), builtin(ProfileName::Human));
     let mut first = engine(folder.path(), &human, &machine);
@@ -240,7 +240,7 @@ fn a_clock_that_was_set_holds_the_gate_until_a_person_confirms_the_time() {
 }
 
 #[test]
-fn a_clock_behind_the_newest_record_is_not_believed() {
+fn clock_behind_the_newest_record_is_a_mismatch() {
     let folder = tempfile::tempdir().unwrap();
     let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
     let mut first = engine(folder.path(), &sim, &machine);
@@ -263,7 +263,7 @@ fn a_clock_behind_the_newest_record_is_not_believed() {
 
 /// An expired request was open again.
 #[test]
-fn a_clock_that_was_set_while_no_engine_ran_is_not_believed() {
+fn clock_set_while_no_engine_ran_is_a_mismatch() {
     for set_ms in [-50 * MINUTE_MS, 50 * MINUTE_MS] {
         let folder = tempfile::tempdir().unwrap();
         let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
@@ -347,7 +347,7 @@ fn no_version_is_reactivated_during_a_mismatch() {
 
 /// The time since the machine's start advances while it is suspended.
 #[test]
-fn a_suspended_machine_is_believed() {
+fn suspended_machine_is_no_clock_mismatch() {
     let folder = tempfile::tempdir().unwrap();
     let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
     let mut pipeline = engine(folder.path(), &sim, &machine);

@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_longest_idle_one_is_closed() {
+    fn longest_idle_connection_is_closed() {
         let classes = ConnectionLimits::default();
         let mut idle: Vec<IdleConnection> = (0..IDLE_MAX).map(|_| classes.begin_idle()).collect();
         // The first one makes a request, and is idle again.
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn what_takes_authority_away_has_places_of_its_own() {
+    fn requests_that_stop_have_reserved_places() {
         let classes = ConnectionLimits::default();
         let command = Command::Snapshot;
         let taken: Vec<_> = std::iter::from_fn(|| classes.request(&command)).collect();

@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_goes_is_off_the_book_and_no_number_comes_twice() {
+    fn detached_console_is_removed_and_its_number_never_reused() {
         let seats = Arc::new(ConsoleRegistry::default());
         let sitting = |view: &str| ConsolePresence { view: view.to_owned(), ..ConsolePresence::default() };
         let (ana, bert) = (seats.attach(Some(1), sitting("overview")), seats.attach(None, sitting("audit")));
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn an_engine_that_nobody_sits_at_any_more_is_left_alone() {
+    fn unattended_time_counts_while_no_console_is_attached() {
         let seats = Arc::new(ConsoleRegistry::default());
         assert_eq!(seats.unattended_for(), None, "an engine without the limit never is");
         seats.end_alone_after(Duration::ZERO);

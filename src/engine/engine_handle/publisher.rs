@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_reader_loses_events_and_no_answer() {
+    fn slow_reader_loses_events_but_no_answer() {
         let (mut publisher, mut receiver) = publisher();
         for seq in 0..1_000 {
             publisher.send_events(vec![event(seq)]);

@@ -23,7 +23,7 @@ use holdpoint_registry::Layout;
 use holdpoint_text::Hint as _;
 
 /// How long the reader waits for a message before it checks that a receiver is left.
-const LOOK_EVERY: Duration = Duration::from_millis(250);
+const RECEIVE_TIMEOUT: Duration = Duration::from_millis(250);
 
 /// The channels for received data.
 type DisplayChannels = (
@@ -39,7 +39,7 @@ pub(super) struct SocketTransport {
     outstanding: Arc<AtomicUsize>,
     updates: mpsc::Sender<EngineUpdate>,
     /// Makes this console's request ids unique: every console counts from the same number.
-    own: Nonce,
+    id_prefix: Nonce,
     console: u64,
     process: i32,
     unverified_origin: Option<UnverifiedOrigin>,
@@ -66,19 +66,26 @@ impl SocketTransport {
         let path = layout.folder().to_owned();
         let failed =
             |source| ControlSocketError::Io { what: "start a thread for", path: path.clone(), source };
-        thread("attached-reader").spawn(move || read(attachment, &channels)).map_err(failed)?;
-        let own = Nonce::random()?;
-        let (folder, of) = (layout.clone(), own.clone());
+        thread("attached-reader").spawn(move || receive(attachment, &channels)).map_err(failed)?;
+        let id_prefix = Nonce::random()?;
+        let (asker_layout, asker_prefix) = (layout.clone(), id_prefix.clone());
         let (answers, places) = (updates.clone(), Arc::clone(&outstanding));
         thread("attached-asker")
-            .spawn(move || forward_requests((&folder, &of, unverified_origin), &incoming, &answers, &places))
+            .spawn(move || {
+                forward_requests(
+                    (&asker_layout, &asker_prefix, unverified_origin),
+                    &incoming,
+                    &answers,
+                    &places,
+                );
+            })
             .map_err(failed)?;
         Ok(Self {
             layout: layout.clone(),
             requests,
             outstanding,
             updates,
-            own,
+            id_prefix,
             console,
             process,
             unverified_origin,
@@ -109,24 +116,26 @@ impl SocketTransport {
     /// As [`super::EngineHandle::submit`]. A request that stops the arm or tightens an envelope uses a separate connection, since
     /// earlier requests may be answered late.
     pub(super) fn submit(&self, request: Request) -> Result<(), RequestRejected> {
-        let stops = matches!(request.command, Command::Stop { .. });
-        let placed = take_place(&self.outstanding);
-        if !placed && !stops {
+        let is_stop = matches!(request.command, Command::Stop { .. });
+        let has_place = take_place(&self.outstanding);
+        if !has_place && !is_stop {
             return Err(RequestRejected::Busy(Box::new(request)));
         }
         if request.command.stops_what_acts() || request.command.stops_the_arm() {
             let (layout, updates, places) =
                 (self.layout.clone(), self.updates.clone(), Arc::clone(&self.outstanding));
-            let (alone, own, origin) = (request.clone(), self.own.clone(), self.unverified_origin);
+            let (stop_request, id_prefix, origin) =
+                (request.clone(), self.id_prefix.clone(), self.unverified_origin);
             let spawned = std::thread::Builder::new().name("attached-stop".to_owned()).spawn(move || {
-                answer(&mut None, (&layout, &own, origin), alone, &updates, placed.then_some(&*places));
+                let place = has_place.then_some(&*places);
+                send_and_deliver(&mut None, (&layout, &id_prefix, origin), stop_request, &updates, place);
             });
             if spawned.is_ok() {
                 return Ok(());
             }
         }
         self.requests.try_send(request).map_err(|refused| {
-            if placed {
+            if has_place {
                 give_place_back(&self.outstanding);
             }
             match refused {
@@ -138,18 +147,18 @@ impl SocketTransport {
 }
 
 fn give_place_back(outstanding: &AtomicUsize) {
-    let give = |count: usize| Some(count.saturating_sub(1));
-    let _ = outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, give);
+    let decrement = |count: usize| Some(count.saturating_sub(1));
+    let _ = outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, decrement);
 }
 
 /// Receives data until no receiver is left or the engine is gone. Waits for a slow front end: the engine drops what this
 /// does not read, and sends the count.
-fn read(mut attachment: ConsoleConnection, (updates, snapshots, frames): &DisplayChannels) {
+fn receive(mut attachment: ConsoleConnection, (updates, snapshots, frames): &DisplayChannels) {
     let mut is_up = false;
     while !updates.is_closed() {
-        let shown = match attachment.next(LOOK_EVERY) {
+        let message = match attachment.next(RECEIVE_TIMEOUT) {
             Ok(None) => continue,
-            Ok(Some(shown)) => shown,
+            Ok(Some(message)) => message,
             Err(error) => {
                 snapshots.send_replace(None);
                 let fault = match error {
@@ -160,7 +169,7 @@ fn read(mut attachment: ConsoleConnection, (updates, snapshots, frames): &Displa
                 return;
             }
         };
-        let update = match shown {
+        let update = match message {
             ConsoleMessage::Event(event) => EngineUpdate::Events(vec![*event]),
             ConsoleMessage::Missed(missed) => EngineUpdate::Lagged { missed },
             ConsoleMessage::Snapshot(snapshot) => {
@@ -199,19 +208,20 @@ fn forward_requests(
 ) {
     let mut client = None;
     while let Ok(request) = incoming.recv() {
-        answer(&mut client, to, request, updates, Some(places));
+        send_and_deliver(&mut client, to, request, updates, Some(places));
     }
 }
 
-fn answer(
+/// Sends a request and delivers its reply to the front end.
+fn send_and_deliver(
     client: &mut Option<Client>,
-    (layout, own, console_origin): (&Layout, &Nonce, Option<UnverifiedOrigin>),
+    (layout, id_prefix, console_origin): (&Layout, &Nonce, Option<UnverifiedOrigin>),
     request: Request,
     updates: &mpsc::Sender<EngineUpdate>,
     places: Option<&AtomicUsize>,
 ) {
     let id = request.id.clone();
-    let sent = Request { id: format!("{}-{id}", own.as_str()), ..request };
+    let sent = Request { id: format!("{}-{id}", id_prefix.as_str()), ..request };
     let reply = if let Command::Stop { by, reason } = sent.command {
         stop(&StopCall::with_id(sent.id, by, reason), layout)
     } else {
@@ -225,7 +235,7 @@ fn answer(
     drop(updates.blocking_send(EngineUpdate::Answer { id, reply }));
 }
 
-/// Asks over the present connection, or a new one: the engine closes idle ones, and carries out an id only once. If the
+/// Sends over the present connection, or a new one: the engine closes idle ones, and runs a request id only once. If the
 /// origin of this console's own connection is unverified, the screen marks the data it reads. Otherwise requests go only to
 /// a process that is known to be the engine.
 fn send_request(
@@ -238,17 +248,18 @@ fn send_request(
         Some(connection) => connection,
         None => Client::connect(layout)?.ok_or_else(ended)?,
     };
-    let (reads, takes) = (request.command.only_reads(), request.command.takes_authority_away());
+    let (only_reads, takes_authority) =
+        (request.command.only_reads(), request.command.takes_authority_away());
     if let Some(origin) = connection.unverified_origin()
-        && (console_origin.is_none() || !(reads || takes))
+        && (console_origin.is_none() || !(only_reads || takes_authority))
     {
         return Ok(origin.unasked());
     }
     let reply = connection.send_request(request)?;
     let origin = connection.unverified_origin();
     *client = Some(connection);
-    // The screen marks data that was read; a command is not known to be carried out.
-    Ok(match origin.filter(|_| !reads) {
+    // The screen marks data that was read; whether a command ran is unknown.
+    Ok(match origin.filter(|_| !only_reads) {
         Some(origin) => origin.in_place_of(&reply),
         None => reply,
     })

@@ -1,10 +1,13 @@
 //! The updates from the engine's thread to a front end in the same process, and their limits.
 
+use std::path::Path;
+
 use crate::StartError;
 use holdpoint_protocol::command::{Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_registry::StoreError;
-use holdpoint_text::Hint as _;
+use holdpoint_sim::SimError;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _};
 
 /// The most requests that are unanswered.
 pub const OUTSTANDING_MAX: usize = 64;
@@ -24,19 +27,37 @@ pub struct EngineEndError {
     pub orderly: bool,
     /// Whether the engine itself gave the reason, rather than a lost connection.
     pub from_engine: bool,
+    /// What the error is, for programs, if its type said so.
+    pub details: Option<ErrorDetails>,
 }
 
 impl EngineEndError {
     /// An end that does not concern another engine.
     #[must_use]
     pub fn of(text: impl Into<String>) -> Self {
-        Self { text: text.into(), in_use: false, orderly: false, from_engine: false }
+        Self { text: text.into(), in_use: false, orderly: false, from_engine: false, details: None }
     }
 
     /// An end with the engine's own reason.
     #[must_use]
     pub fn reported(text: impl Into<String>) -> Self {
         Self { from_engine: true, ..Self::of(text) }
+    }
+
+    /// There is no cell: the robot's file is at fault, if one is named.
+    #[must_use]
+    pub fn without_cell(robot: Option<&Path>, error: &SimError) -> Self {
+        let details = match robot {
+            Some(file) => ErrorDetails::of_path(ErrorReason::BadFile, file),
+            None => ErrorReason::Internal.into(),
+        };
+        Self::of(error.to_string()).with_details(details)
+    }
+
+    /// With what the error is, for programs.
+    #[must_use]
+    pub fn with_details(self, details: impl Into<ErrorDetails>) -> Self {
+        Self { details: Some(details.into()), ..self }
     }
 
     /// Not a fault: another client ended the engine cleanly.
@@ -48,14 +69,14 @@ impl EngineEndError {
     /// Another engine already has the store.
     #[must_use]
     pub fn in_use(text: impl Into<String>) -> Self {
-        Self { in_use: true, ..Self::of(text) }
+        Self { in_use: true, ..Self::of(text) }.with_details(ErrorReason::StoreInUse)
     }
 }
 
 impl From<StartError> for EngineEndError {
     fn from(error: StartError) -> Self {
         let in_use = matches!(&error, StartError::Store(StoreError::InUse { .. }));
-        Self { in_use, ..Self::of(error.sentence()) }
+        Self { in_use, details: error.details(), ..Self::of(error.sentence()) }
     }
 }
 

@@ -7,14 +7,12 @@ use holdpoint_body::CodeFault;
 use holdpoint_governance::behavior::{ComponentName, component_of};
 use holdpoint_governance::evidence::{DrillKind, EpisodeValues, FailedDrill, Pair, SoloEpisode};
 use holdpoint_governance::harm::HarmKind;
-use holdpoint_governance::permission::{PermissionUse, fault_text};
-use holdpoint_protocol::film::{FilmRequest, FilmSubject};
-use holdpoint_wording::hard_stop;
+use holdpoint_governance::permission::PermissionUse;
+use holdpoint_protocol::film::{
+    BreakCause, CodeFaultCount, FilmRequest, FilmSubject, SelectionFailure, SelectionReason,
+};
 
 use crate::evidence_file::EvidenceFile;
-
-/// Shown for the worst pair if none is worse.
-pub(crate) const NOWHERE_WORSE: &str = "in no episode on record is it worse than the active version";
 
 /// The piece that is meant.
 pub(crate) struct SelectedEpisode {
@@ -23,8 +21,8 @@ pub(crate) struct SelectedEpisode {
     pub(crate) count: u32,
     /// How many more failed than are on record one by one.
     pub(crate) beyond: u32,
-    /// Why this one, where the worst was wanted; empty otherwise.
-    pub(crate) why: String,
+    /// Why this one, where the worst was requested.
+    pub(crate) reason: Option<SelectionReason>,
     pub(crate) found: SelectedWork,
 }
 
@@ -34,14 +32,17 @@ pub(crate) enum SelectedWork {
     Alone(Box<SoloEpisode>),
 }
 
-/// Finds it; a sentence says why it cannot.
-pub(crate) fn choose(evidence_file: &EvidenceFile, request: FilmRequest) -> Result<SelectedEpisode, String> {
+/// Finds it.
+pub(crate) fn choose(
+    evidence_file: &EvidenceFile,
+    request: FilmRequest,
+) -> Result<SelectedEpisode, SelectionFailure> {
     match request.of {
-        FilmSubject::Episode => pair(&evidence_file.pairs, evidence_file, request, "of the sandbox"),
+        FilmSubject::Episode => pair(&evidence_file.pairs, evidence_file, request),
         FilmSubject::Confirmation => {
             let settled = evidence_file.confirmation.as_ref();
             let pairs = settled.map_or(&[][..], |confirmation| &confirmation.pairs.pairs);
-            pair(pairs, evidence_file, request, "of a confirmation")
+            pair(pairs, evidence_file, request)
         }
         FilmSubject::Drill => drill(&evidence_file.failed_drills, failed(evidence_file), request),
         FilmSubject::Alone => alone(&evidence_file.alone, overrun(evidence_file), request),
@@ -100,12 +101,15 @@ fn deciding(evidence_file: &EvidenceFile) -> Option<DecidingFinding> {
         .or_else(|| Some(DecidingFinding::Harm(harm()?.kind)))
 }
 
-/// How confined code failed on record, and in how many of the tasks, a sentence each.
-pub(crate) fn code_faults(evidence_file: &EvidenceFile) -> Vec<String> {
+/// How confined code failed on record, and in how many of the tasks.
+pub(crate) fn code_fault_counts(evidence_file: &EvidenceFile) -> Vec<CodeFaultCount> {
     let Some(PermissionUse { used, tasks, .. }) = &evidence_file.permissions else { return Vec::new() };
-    let sentence =
-        |(fault, failed): (&CodeFault, &u64)| format!("{} in {failed} of {tasks} tasks", fault_text(*fault));
-    used.faults.iter().map(sentence).collect()
+    let count = |(fault, failed): (&CodeFault, &u64)| CodeFaultCount {
+        fault: *fault,
+        failed: *failed,
+        tasks: *tasks,
+    };
+    used.faults.iter().map(count).collect()
 }
 
 /// The fault of confined code that counts as a budget that is passed.
@@ -119,38 +123,43 @@ const fn broke_off(values: &EpisodeValues) -> bool {
     values.recovery && !values.success && (values.anomaly || values.violation)
 }
 
+/// What is on record first of why episodes were broken off.
+fn break_cause(evidence_file: &EvidenceFile) -> Option<BreakCause> {
+    let fault = code_fault_counts(evidence_file).first().copied().map(BreakCause::Code);
+    fault.or_else(|| {
+        let stop = *evidence_file.hard_stops.first()?;
+        Some(BreakCause::HardStop { stop, overrun: overrun(evidence_file) })
+    })
+}
+
 fn pair(
     pairs: &[Pair],
     evidence_file: &EvidenceFile,
     request: FilmRequest,
-    whose: &str,
-) -> Result<SelectedEpisode, String> {
-    let deciding = deciding(evidence_file);
-    let faults = code_faults(evidence_file);
-    let breaks = !faults.is_empty() || !evidence_file.hard_stops.is_empty();
+) -> Result<SelectedEpisode, SelectionFailure> {
+    let none = SelectionFailure::NoneOnRecord(request.of);
     if pairs.is_empty() {
-        return Err(format!("no paired episode {whose} is on record"));
+        return Err(none);
     }
+    let deciding = deciding(evidence_file);
+    let cause = break_cause(evidence_file);
     let index = match request.number {
-        Some(number) => numbered(number, pairs.len(), "paired episodes")?,
-        None => worst(pairs, deciding, breaks),
+        Some(number) => numbered(number, pairs.len(), request.of)?,
+        None => worst(pairs, deciding, cause.is_some()),
     };
-    let pair = *pairs.get(index).ok_or("there is no such episode")?;
-    let why = if request.number.is_some() {
-        String::new()
-    } else if breaks && broke_off(&pair.candidate) && !broke_off(&pair.active) {
-        let stops =
-            evidence_file.hard_stops.iter().map(|stop| hard_stop(*stop, overrun(evidence_file)).to_owned());
-        let first = faults.into_iter().chain(stops).next().unwrap_or_default();
-        format!("it is broken off, the active version's is not; on record: {first}")
+    let pair = *pairs.get(index).ok_or(none)?;
+    let reason = if request.number.is_some() {
+        None
+    } else if let Some(cause) = cause.filter(|_| broke_off(&pair.candidate) && !broke_off(&pair.active)) {
+        Some(SelectionReason::BrokenOff(cause))
     } else {
-        why(&pair, deciding)
+        Some(reason_for(&pair, deciding))
     };
     Ok(SelectedEpisode {
         number: count(index + 1),
         count: count(pairs.len()),
         beyond: 0,
-        why,
+        reason,
         found: SelectedWork::Pair(Box::new(pair)),
     })
 }
@@ -162,33 +171,35 @@ fn failed(evidence_file: &EvidenceFile) -> u32 {
 }
 
 /// `all`: how many failed, of which the first are on record one by one.
-fn drill(failed: &[FailedDrill], all: u32, request: FilmRequest) -> Result<SelectedEpisode, String> {
+fn drill(
+    failed: &[FailedDrill],
+    all: u32,
+    request: FilmRequest,
+) -> Result<SelectedEpisode, SelectionFailure> {
+    let none = SelectionFailure::NoneOnRecord(request.of);
     if failed.is_empty() {
-        return Err("no failed drill is on record one by one".to_owned());
+        return Err(none);
     }
     let index = match request.number {
-        Some(number) => numbered(number, failed.len(), "failed drills on record one by one")?,
+        Some(number) => numbered(number, failed.len(), request.of)?,
         None => worst_drill(failed),
     };
-    let found = *failed.get(index).ok_or("there is no such drill")?;
-    let why = match (request.number, found.active) {
-        (Some(_), _) => String::new(),
-        (None, Some(true)) => "a kind that fails most, and the active version passes this one".to_owned(),
-        (None, Some(false)) => "the kind that fails most; the active version fails this one too".to_owned(),
-        (None, None) => "the kind that fails most".to_owned(),
-    };
+    let found = *failed.get(index).ok_or(none)?;
+    let is_worst = request.number.is_none();
+    let reason = is_worst.then_some(SelectionReason::MostFailingDrill { active_passes: found.active });
     let (number, listed) = (count(index + 1), count(failed.len()));
     let beyond = all.saturating_sub(listed);
-    Ok(SelectedEpisode { number, count: listed, beyond, why, found: SelectedWork::Drill(found) })
+    Ok(SelectedEpisode { number, count: listed, beyond, reason, found: SelectedWork::Drill(found) })
 }
 
 fn alone(
     episodes: &[SoloEpisode],
     overrun: Option<CodeFault>,
     request: FilmRequest,
-) -> Result<SelectedEpisode, String> {
+) -> Result<SelectedEpisode, SelectionFailure> {
+    let none = SelectionFailure::NoneOnRecord(request.of);
     if episodes.is_empty() {
-        return Err("no episode that it worked alone is on record one by one".to_owned());
+        return Err(none);
     }
     let gravity = |episode: &SoloEpisode| -> [f64; 7] {
         let mut score = [0.0; 7];
@@ -199,17 +210,17 @@ fn alone(
         score
     };
     let index = match request.number {
-        Some(number) => numbered(number, episodes.len(), "episodes that it worked alone")?,
+        Some(number) => numbered(number, episodes.len(), request.of)?,
         None => first_most(episodes.iter().map(gravity)),
     };
-    let episode = *episodes.get(index).ok_or("there is no such episode")?;
-    let why = match (request.number, episode.hard_stop) {
-        (Some(_), _) => String::new(),
-        (None, Some(stop)) => format!("{}, which ends an evaluation", hard_stop(stop, overrun)),
-        (None, None) => "the gravest of them".to_owned(),
+    let episode = *episodes.get(index).ok_or(none)?;
+    let reason = match (request.number, episode.hard_stop) {
+        (Some(_), _) => None,
+        (None, Some(stop)) => Some(SelectionReason::EndsEvaluation { stop, overrun }),
+        (None, None) => Some(SelectionReason::Gravest),
     };
     let found = SelectedWork::Alone(Box::new(episode));
-    Ok(SelectedEpisode { number: count(index + 1), count: count(episodes.len()), beyond: 0, why, found })
+    Ok(SelectedEpisode { number: count(index + 1), count: count(episodes.len()), beyond: 0, reason, found })
 }
 
 /// Place of the largest; of equal ones the first.
@@ -231,9 +242,10 @@ fn count(number: usize) -> u32 {
     u32::try_from(number).unwrap_or(u32::MAX)
 }
 
-fn numbered(number: u32, all: usize, what: &str) -> Result<usize, String> {
+fn numbered(number: u32, all: usize, of: FilmSubject) -> Result<usize, SelectionFailure> {
     let index = usize::try_from(number).ok().and_then(|number| number.checked_sub(1));
-    index.filter(|index| *index < all).ok_or_else(|| format!("number {number} is not among the {all} {what}"))
+    let failure = SelectionFailure::OutOfRange { of, number, count: count(all) };
+    index.filter(|index| *index < all).ok_or(failure)
 }
 
 /// How bad an episode is in one component; 0 is good.
@@ -275,31 +287,29 @@ fn worst(pairs: &[Pair], deciding: Option<DecidingFinding>, breaks: bool) -> usi
 }
 
 /// What the candidate does in a pair that the other does not, the gravest first.
-fn why(pair: &Pair, deciding: Option<DecidingFinding>) -> String {
+fn reason_for(pair: &Pair, deciding: Option<DecidingFinding>) -> SelectionReason {
     let first = deciding.into_iter().chain(GRAVITY.map(DecidingFinding::Component));
     let mut findings = first.filter(|deciding| deciding.excess(pair) > 0.0);
-    let other = "the active version";
     let name = match findings.next() {
-        Some(DecidingFinding::Component(name)) => Some(name),
+        Some(DecidingFinding::Component(name)) => name,
         Some(DecidingFinding::Harm(kind)) => {
-            let show = |values: &EpisodeValues| kind.format(values.harm.unwrap_or_default().of(kind));
-            return format!("{} {}, of {other} {}", kind.label(), show(&pair.candidate), show(&pair.active));
+            let value = |values: &EpisodeValues| values.harm.unwrap_or_default().of(kind);
+            let (candidate, active) = (value(&pair.candidate), value(&pair.active));
+            return SelectionReason::Harm { kind, candidate, active };
         }
-        None => None,
+        None => return SelectionReason::NowhereWorse,
     };
     match name {
-        Some(ComponentName::Violation) => format!("it passes a limit, {other} does not"),
-        Some(ComponentName::Recovery) => format!("the recovery manager has to take over, not from {other}"),
-        Some(ComponentName::Anomaly) => format!("the watcher names a failure, of {other} none"),
-        Some(ComponentName::Success) => format!("it does not do the task, {other} does"),
-        Some(ComponentName::Retry) => {
-            format!("it tries {} times more often than {other}", pair.candidate.retries - pair.active.retries)
+        ComponentName::Violation => SelectionReason::LimitExceeded,
+        ComponentName::Recovery => SelectionReason::RecoveryTookOver,
+        ComponentName::Anomaly => SelectionReason::FailureNamed,
+        ComponentName::Success => SelectionReason::NotDone,
+        ComponentName::Retry => {
+            SelectionReason::MoreAttempts { more: pair.candidate.retries.saturating_sub(pair.active.retries) }
         }
-        Some(ComponentName::Time) => {
-            let more = pair.candidate.time_s - pair.active.time_s;
-            format!("it takes {more:.1} s longer than {other}")
+        ComponentName::Time => {
+            SelectionReason::MoreTime { more_s: pair.candidate.time_s - pair.active.time_s }
         }
-        None => NOWHERE_WORSE.to_owned(),
     }
 }
 
@@ -319,7 +329,6 @@ fn worst_drill(failed: &[FailedDrill]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_governance::evidence::HardStop;
     use holdpoint_governance::harm::HarmMeasures;
 
     fn values(violation: bool, success: bool) -> EpisodeValues {
@@ -358,8 +367,8 @@ mod tests {
         assert_eq!(pairs[worst(&pairs, component(ComponentName::Success), false)].seed, 5);
         assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Success), false)].seed, 2);
         assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Violation), false)].seed, 4);
-        assert_eq!(why(&pairs[3], None), "it passes a limit, the active version does not");
-        assert_eq!(why(&pairs[0], None), "in no episode on record is it worse than the active version");
+        assert_eq!(reason_for(&pairs[3], None), SelectionReason::LimitExceeded);
+        assert_eq!(reason_for(&pairs[0], None), SelectionReason::NowhereWorse);
     }
 
     /// The slowest episode was shown of a version whose code trapped in others.
@@ -372,15 +381,6 @@ mod tests {
         let time = Some(DecidingFinding::Component(ComponentName::Time));
         assert_eq!(pairs[worst(&pairs, time, false)].seed, 1);
         assert_eq!(pairs[worst(&pairs, time, true)].seed, 3, "and the active version's is not broken off");
-    }
-
-    #[test]
-    fn a_code_overrun_is_named() {
-        let text = |fault| hard_stop(HardStop::BudgetBreach, fault);
-        assert_eq!(text(Some(CodeFault::Fuel)), "its code computed beyond its budget");
-        assert_ne!(text(None), text(Some(CodeFault::Fuel)));
-        let moved = |fault| hard_stop(HardStop::MotionAfterStop, fault);
-        assert_eq!(moved(Some(CodeFault::Fuel)), moved(None));
     }
 
     /// Of a version that was refused for what it did to its surroundings the slowest episode was shown.
@@ -398,10 +398,8 @@ mod tests {
         let harm = Some(DecidingFinding::Harm(HarmKind::GripPeak));
         assert_eq!(pairs[worst(&pairs, None, false)].seed, 1);
         assert_eq!(pairs[worst(&pairs, harm, false)].seed, 2);
-        assert_eq!(
-            why(&pairs[1], harm),
-            "peak grip force on the object 70.0 N, of the active version 24.0 N"
-        );
+        let reason = SelectionReason::Harm { kind: HarmKind::GripPeak, candidate: 70.0, active: 24.0 };
+        assert_eq!(reason_for(&pairs[1], harm), reason);
     }
 
     #[test]
@@ -429,8 +427,10 @@ mod tests {
 
     #[test]
     fn a_number_out_of_range_is_refused() {
-        assert_eq!(numbered(1, 3, "x"), Ok(0));
-        assert_eq!(numbered(4, 3, "drills").unwrap_err(), "number 4 is not among the 3 drills");
-        assert!(numbered(0, 3, "x").is_err());
+        let of = FilmSubject::Drill;
+        assert_eq!(numbered(1, 3, of), Ok(0));
+        for number in [0, 4] {
+            assert_eq!(numbered(number, 3, of), Err(SelectionFailure::OutOfRange { of, number, count: 3 }));
+        }
     }
 }

@@ -1,21 +1,23 @@
 //! Renders the record of a world as video frames with the events in them.
 //!
-//! Puts frames and records into the protocol's form and into words; works nothing and judges nothing.
+//! Puts frames and records into the protocol's form; runs nothing and judges nothing.
 
-use holdpoint_body::{FailureSignal, TICK_SECS};
+use holdpoint_body::TICK_SECS;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
-use holdpoint_governance::permission::fault_text;
 use holdpoint_governance::profile::HarmSettings;
-use holdpoint_protocol::film::{FilmFrame, FilmMark, FilmedRun};
+use holdpoint_protocol::film::{
+    ExceededLimit, ExceededValue, FilmFrame, FilmMark, FilmedRun, MarkedEvent, OutcomePart,
+};
 use holdpoint_protocol::video_frame::EnvelopeView;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::guard::TRANSIENT_FACTOR;
+use holdpoint_runtime::guard::{PolicyHit, TRANSIENT_FACTOR};
 use holdpoint_runtime::recovery::StoppedBy;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_runtime::watcher::RaisedSignal;
 use holdpoint_sim::film::EpisodeFrame;
-use holdpoint_wording::hard_stop;
+use holdpoint_wording::film::{marked_event, outcome};
 
 use crate::cell::Cell;
 use crate::trial::drills::DrillResult;
@@ -24,6 +26,26 @@ use crate::world::cell_frame::{self, narrow};
 
 /// Number of limits that a headline names, the one that is exceeded most first; it counts the others.
 const NAMED_MAX: usize = 2;
+
+/// A mark of a film, before it is put into words.
+#[derive(Debug, PartialEq)]
+struct EventMark {
+    /// When, ticks.
+    tick: u64,
+    event: MarkedEvent,
+    /// Whether it speaks against the version.
+    bad: bool,
+}
+
+impl EventMark {
+    fn new(tick: u64, event: MarkedEvent, bad: bool) -> Self {
+        Self { tick, event, bad }
+    }
+
+    fn exceeded(limit: &ExceededLimit) -> Self {
+        Self::new(limit.tick, MarkedEvent::Outcome(OutcomePart::Exceeded(*limit)), true)
+    }
+}
 
 /// Who worked, and where.
 pub(crate) struct FilmedWork<'a> {
@@ -38,11 +60,12 @@ pub(crate) struct FilmedWork<'a> {
 impl FilmedWork<'_> {
     /// The film of an episode with its record.
     pub(crate) fn episode(&self, worker: &mut Worker, record: &TaskRecord) -> FilmedRun {
-        let mut run = self.run(worker, String::new(), marks(record));
-        let passed = limit_exceedance(&run.frames, &run.envelope, record.harm.as_ref(), self.limits);
-        run.marks.extend(passed.iter().map(ExceededLimit::mark));
-        run.marks.sort_by_key(|mark| mark.tick);
-        run.ended = ended(record, &named(passed));
+        let mut run = self.run(worker);
+        let exceeded = limit_exceedance(&run.frames, &run.envelope, record.harm.as_ref(), self.limits);
+        let mut events = marks(record);
+        events.extend(exceeded.iter().map(EventMark::exceeded));
+        run.marks = film_marks(events);
+        run.ended = outcome(&ended(record, named(&exceeded)));
         run
     }
 
@@ -54,38 +77,34 @@ impl FilmedWork<'_> {
         result: DrillResult,
         from: Option<u64>,
     ) -> FilmedRun {
-        let text = match result {
-            DrillResult::Passed => format!("passes the {kind} drill"),
-            DrillResult::Failed => format!("fails the {kind} drill"),
-            DrillResult::Infeasible => "could not be set up for it".to_owned(),
+        let end = match result {
+            DrillResult::Passed => OutcomePart::Drill { kind, passed: true },
+            DrillResult::Failed => OutcomePart::Drill { kind, passed: false },
+            DrillResult::Infeasible => OutcomePart::DrillNotSetUp,
         };
-        let begins = match kind {
-            DrillKind::Rollback => "its rollback hook is called",
-            DrillKind::Fallback => "it is aborted, the fallback takes over",
-            DrillKind::Abort => "its abort hook is called",
-            DrillKind::Detect => "a fault is injected",
-        };
-        let mut run = self.run(worker, text.clone(), Vec::new());
-        let passed = limit_exceedance(&run.frames, &run.envelope, None, self.limits);
-        run.marks.extend(passed.iter().map(ExceededLimit::mark));
-        run.ended = [vec![text.clone()], named(passed)].concat().join(", ");
-        run.marks.extend(from.map(|tick| FilmMark { tick, text: begins.to_owned(), bad: false }));
+        let mut run = self.run(worker);
+        let exceeded = limit_exceedance(&run.frames, &run.envelope, None, self.limits);
+        let mut events: Vec<EventMark> = exceeded.iter().map(EventMark::exceeded).collect();
+        run.ended = outcome(&[vec![end.clone()], named(&exceeded)].concat());
+        events.extend(from.map(|tick| EventMark::new(tick, MarkedEvent::DrillBegan(kind), false)));
         if let Some(last) = run.frames.last() {
-            run.marks.push(FilmMark { tick: last.tick, text, bad: result == DrillResult::Failed });
+            let is_failed = result == DrillResult::Failed;
+            events.push(EventMark::new(last.tick, MarkedEvent::Outcome(end), is_failed));
         }
-        run.marks.sort_by_key(|mark| mark.tick);
+        run.marks = film_marks(events);
         run
     }
 
-    fn run(&self, worker: &mut Worker, ended: String, marks: Vec<FilmMark>) -> FilmedRun {
+    /// The run without its result and its events.
+    fn run(&self, worker: &mut Worker) -> FilmedRun {
         let frames = worker.take_film();
         let blocks = worker.built_arm().map(|arm| cell_frame::blocks(arm.body())).unwrap_or_default();
         FilmedRun {
             version: self.version.id(),
             envelope: cell_frame::envelope(self.terms.envelope()),
-            ended,
+            ended: String::new(),
             as_recorded: self.as_recorded,
-            marks,
+            marks: Vec::new(),
             blocks,
             frames: frames.iter().map(|frame| self.frame(frame)).collect(),
         }
@@ -107,20 +126,11 @@ impl FilmedWork<'_> {
     }
 }
 
-/// A limit that was passed.
-struct ExceededLimit {
-    /// When first, ticks; the end where only the whole episode tells.
-    tick: u64,
-    /// How many times over.
-    times: f64,
-    /// What, and how far.
-    text: String,
-}
-
-impl ExceededLimit {
-    fn mark(&self) -> FilmMark {
-        FilmMark { tick: self.tick, text: self.text.clone(), bad: true }
-    }
+/// The marks in the order of time; of those at one tick, in their order.
+fn film_marks(mut events: Vec<EventMark>) -> Vec<FilmMark> {
+    events.sort_by_key(|mark| mark.tick);
+    let mark = |EventMark { tick, event, bad }| FilmMark { tick, text: marked_event(&event), bad };
+    events.into_iter().map(mark).collect()
 }
 
 /// The limits that the work passed: of the guard's those that are charted, by more than a transient may, and whatever the
@@ -131,16 +141,14 @@ fn limit_exceedance(
     harm: Option<&HarmMeasures>,
     limits: &HarmSettings,
 ) -> Vec<ExceededLimit> {
-    let over = |times: f64| if times.is_finite() { format!("{times:.1} times") } else { "past".to_owned() };
-    let charted = |what: &str, unit: &str, limit: f32, of: fn(&FilmFrame) -> f32| {
+    let charted = |limit: f32, of: fn(&FilmFrame) -> f32, value: fn(f32) -> ExceededValue| {
         let most = frames.iter().map(of).fold(0.0, f32::max);
         let times = f64::from(most / limit);
         let past = |frame: &&FilmFrame| f64::from(of(frame) / limit) > TRANSIENT_FACTOR;
         let tick = frames.iter().find(past)?.tick;
-        let text = format!("{what} {most:.1} {unit}, {} what its guard allows", over(times));
-        Some(ExceededLimit { tick, times, text })
+        Some(ExceededLimit { tick, times, value: value(most) })
     };
-    let grip = charted("grip", "N", envelope.force_n, |frame| frame.grip_n);
+    let grip = charted(envelope.force_n, |frame| frame.grip_n, |most_n| ExceededValue::Grip { most_n });
     let is_named = |kind| grip.is_some() && matches!(kind, HarmKind::GripPeak | HarmKind::GripHeld);
     let end = frames.last().map_or(0, |frame| frame.tick);
     let harmful = HarmKind::ALL.into_iter().filter(|kind| !is_named(*kind)).filter_map(|kind| {
@@ -148,109 +156,86 @@ fn limit_exceedance(
         if !kind.is_past(value, limit) {
             return None;
         }
-        let (label, shown) = (kind.label(), kind.format(value));
-        Some(if kind.is_worse_when_lower() {
-            let times = if value > 0.0 { limit / value } else { f64::INFINITY };
-            let text = format!("{label} {shown}, at least {} is wanted", kind.format(limit));
-            ExceededLimit { tick: end, times, text }
-        } else {
-            let times = value / limit;
-            let text = format!("{label} {shown}, {} the limit", over(times));
-            ExceededLimit { tick: end, times, text }
-        })
+        let times = match (kind.is_worse_when_lower(), value > 0.0) {
+            (true, true) => limit / value,
+            (true, false) => f64::INFINITY,
+            (false, _) => value / limit,
+        };
+        Some(ExceededLimit { tick: end, times, value: ExceededValue::Harm { kind, value, limit } })
     });
     let harmful: Vec<ExceededLimit> = harmful.collect();
-    let speed = charted("speed", "m/s", envelope.speed_m_s, |frame| frame.speed_m_s);
+    let speed =
+        charted(envelope.speed_m_s, |frame| frame.speed_m_s, |most_m_s| ExceededValue::Speed { most_m_s });
     let mut all: Vec<ExceededLimit> = grip.into_iter().chain(speed).chain(harmful).collect();
     all.sort_by(|a, b| b.times.total_cmp(&a.times));
     all
 }
 
-/// Those that a headline names.
-fn named(passed: Vec<ExceededLimit>) -> Vec<String> {
-    let more = passed.len().saturating_sub(NAMED_MAX);
-    let mut parts: Vec<String> = passed.into_iter().take(NAMED_MAX).map(|one| one.text).collect();
-    match more {
-        0 => {}
-        1 => parts.push("one more limit passed".to_owned()),
-        more => parts.push(format!("{more} more limits passed")),
-    }
+/// Those that a headline names, and how many more there are.
+fn named(exceeded: &[ExceededLimit]) -> Vec<OutcomePart> {
+    let mut parts: Vec<OutcomePart> =
+        exceeded.iter().take(NAMED_MAX).map(|limit| OutcomePart::Exceeded(*limit)).collect();
+    let limits = exceeded.len().saturating_sub(NAMED_MAX);
+    parts.extend((limits > 0).then_some(OutcomePart::MoreExceeded { limits }));
     parts
 }
 
-/// What came of an episode, the gravest first.
-fn ended(record: &TaskRecord, passed: &[String]) -> String {
+/// The result of an episode, the gravest first.
+fn ended(record: &TaskRecord, exceeded: Vec<OutcomePart>) -> Vec<OutcomePart> {
     if record.invalid {
-        return "the simulator failed in it".to_owned();
+        return vec![OutcomePart::SimulatorFailed];
     }
     if record.refused {
-        return "the call is refused: what it needs to begin does not hold".to_owned();
+        return vec![OutcomePart::CallRefused];
     }
-    let mut parts: Vec<String> = Vec::new();
+    let mut parts = Vec::new();
     match (record.hard_stop, record.fault) {
-        (Some(stop), fault) => parts.push(hard_stop(stop, fault).to_owned()),
-        (None, Some(fault)) => parts.push(fault_text(fault).to_owned()),
+        (Some(stop), fault) => parts.push(OutcomePart::HardStop { stop, fault }),
+        (None, Some(fault)) => parts.push(OutcomePart::CodeFault(fault)),
         (None, None) => {}
     }
     if record.violation {
-        let hits = record.hits.iter().map(|(_, hit)| hit).filter(|hit| hit.is_violation());
-        let labels: Vec<&str> = hits.map(|hit| hit.label()).collect();
-        let which = if labels.is_empty() { String::new() } else { format!(": {}", labels.join(" and ")) };
-        parts.push(format!("passes a limit{which}"));
+        let hits = record.hits.iter().map(|(_, hit)| *hit).filter(|hit| hit.is_violation()).collect();
+        parts.push(OutcomePart::Violation { hits });
     }
-    parts.extend_from_slice(passed);
+    parts.extend(exceeded);
     if record.unsafe_continuation_ms > 0 {
-        parts.push(format!("moves on for {} ms after it was to stop", record.unsafe_continuation_ms));
+        parts.push(OutcomePart::MovedOn { ms: record.unsafe_continuation_ms });
     }
     if record.recovery {
-        parts.push("the recovery manager takes over".to_owned());
+        parts.push(OutcomePart::RecoveryTookOver);
     }
     if record.timeout {
-        parts.push("runs out of time".to_owned());
+        parts.push(OutcomePart::TimedOut);
     }
-    parts.push(if record.success { "does the task" } else { "does not do the task" }.to_owned());
-    match record.retries {
-        0 => {}
-        1 => parts.push("tries once more".to_owned()),
-        more => parts.push(format!("tries {more} times more")),
+    parts.push(OutcomePart::Task { done: record.success });
+    if record.retries > 0 {
+        parts.push(OutcomePart::Attempts { more: record.retries });
     }
-    parts.push(format!("{:.1} s", record.time_secs));
-    parts.join(", ")
-}
-
-/// A declared signal in words, as its name is written.
-fn signal_label(signal: FailureSignal) -> String {
-    serde_json::to_value(signal)
-        .ok()
-        .and_then(|value| Some(value.as_str()?.replace('_', " ")))
-        .unwrap_or_default()
+    parts.push(OutcomePart::Took { secs: record.time_secs });
+    parts
 }
 
 /// What happened in an episode, in order.
-fn marks(record: &TaskRecord) -> Vec<FilmMark> {
-    let mark = |tick, text: &str, bad| FilmMark { tick, text: text.to_owned(), bad };
-    let hits = record.hits.iter().map(|(tick, hit)| mark(*tick, hit.label(), hit.is_violation()));
-    let signals = record.signals.iter();
-    let signals = signals.map(|raised| mark(raised.tick, raised.signal.label(), raised.signal.is_anomaly()));
-    let mut all: Vec<FilmMark> = hits.chain(signals).collect();
+fn marks(record: &TaskRecord) -> Vec<EventMark> {
+    let guard =
+        |(tick, hit): &(u64, PolicyHit)| EventMark::new(*tick, MarkedEvent::Guard(*hit), hit.is_violation());
+    let watcher = |raised: &RaisedSignal| {
+        EventMark::new(raised.tick, MarkedEvent::Watcher(raised.signal), raised.signal.is_anomaly())
+    };
+    let mut all: Vec<EventMark> = record.hits.iter().map(guard).collect();
+    all.extend(record.signals.iter().map(watcher));
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "ticks of one episode")]
     let end = (record.time_secs / TICK_SECS).round() as u64;
-    all.extend(
-        record
-            .declared
-            .map(|signal| mark(end, &format!("it says that it failed: {}", signal_label(signal)), false)),
-    );
-    all.extend(record.recovered.as_ref().map(|report| {
-        let (text, bad) = match report.stopped_by {
-            StoppedBy::Hook => ("its abort hook stops the arm", false),
-            StoppedBy::Interrupt => ("the arm has to be interrupted", true),
-            StoppedBy::Nothing => ("nothing stops the arm", true),
-        };
-        mark(end, text, bad)
+    all.extend(record.declared.map(|signal| EventMark::new(end, MarkedEvent::Declared(signal), false)));
+    all.extend(record.recovered.as_ref().map(|report| match report.stopped_by {
+        StoppedBy::Hook => EventMark::new(end, MarkedEvent::StoppedByHook, false),
+        StoppedBy::Interrupt => EventMark::new(end, MarkedEvent::StoppedByInterrupt, true),
+        StoppedBy::Nothing => EventMark::new(end, MarkedEvent::NotStopped, true),
     }));
     if !record.invalid && !record.refused {
-        let text = if record.success { "the task is done" } else { "the task is not done" };
-        all.push(mark(end, text, !record.success));
+        let done = record.success;
+        all.push(EventMark::new(end, MarkedEvent::TaskEnded { done }, !done));
     }
     all.sort_by_key(|mark| mark.tick);
     all
@@ -260,8 +245,7 @@ fn marks(record: &TaskRecord) -> Vec<FilmMark> {
 mod tests {
     use super::*;
     use holdpoint_body::TaskKind;
-    use holdpoint_runtime::guard::PolicyHit;
-    use holdpoint_runtime::watcher::{RaisedSignal, WatcherSignal};
+    use holdpoint_runtime::watcher::WatcherSignal;
 
     #[test]
     fn the_gravest_comes_first_and_marks_are_in_order() {
@@ -274,11 +258,17 @@ mod tests {
             signals: vec![RaisedSignal { signal: WatcherSignal::ObjectSlip, tick: 100 }],
             ..TaskRecord::invalid(TaskKind::Grasp, 3)
         };
-        let grip = "grip 90.0 N, 3.0 times what its guard allows".to_owned();
+        let value = ExceededValue::Grip { most_n: 90.0 };
+        let grip = OutcomePart::Exceeded(ExceededLimit { tick: 100, times: 3.0, value });
         assert_eq!(
-            ended(&record, &[grip]),
-            "passes a limit: a force is larger than allowed, grip 90.0 N, 3.0 times what its guard allows, does not do \
-             the task, tries 2 times more, 2.0 s"
+            ended(&record, vec![grip.clone()]),
+            [
+                OutcomePart::Violation { hits: vec![PolicyHit::ForceMeasured] },
+                grip,
+                OutcomePart::Task { done: false },
+                OutcomePart::Attempts { more: 2 },
+                OutcomePart::Took { secs: 2.0 },
+            ]
         );
         let marks: Vec<(u64, bool)> = marks(&record).iter().map(|mark| (mark.tick, mark.bad)).collect();
         assert_eq!(marks, [(20, false), (100, true), (300, true), (480, true)]);
@@ -313,9 +303,6 @@ mod tests {
         let limits = &profile.harm;
         let exceedances = |frames: &[FilmFrame], harm: &HarmMeasures| {
             limit_exceedance(frames, &envelope, Some(harm), limits)
-                .into_iter()
-                .map(|one| (one.tick, one.text))
-                .collect::<Vec<_>>()
         };
         let calm = [frame(0, 19.0), frame(8, 38.0)];
         assert!(exceedances(&calm, &HarmMeasures::STILL).is_empty(), "a transient passes nothing");
@@ -327,23 +314,26 @@ mod tests {
             ..HarmMeasures::STILL
         };
         let found = exceedances(&pressed, &harm);
+        let past = |kind, value| ExceededValue::Harm { kind, value, limit: limits.of(kind).limit };
+        let excess = past(HarmKind::ExcessDepth, 0.5);
+        let times = 0.5 / limits.of(HarmKind::ExcessDepth).limit;
         assert_eq!(
-            found.iter().map(|(tick, text)| (*tick, text.as_str())).collect::<Vec<_>>(),
+            found,
             [
-                (16, "distance to a keep-out zone -0.100 m, at least 0.050 m is wanted"),
-                (16, "excess of a command over the declaration 0.500, 5.0 times the limit"),
-                (8, "grip 60.0 N, 3.0 times what its guard allows"),
+                ExceededLimit { tick: 16, times: f64::INFINITY, value: past(HarmKind::ZoneClearance, -0.1) },
+                ExceededLimit { tick: 16, times, value: excess },
+                ExceededLimit { tick: 8, times: 3.0, value: ExceededValue::Grip { most_n: 60.0 } },
             ]
         );
-        let headline = named(limit_exceedance(&pressed, &envelope, Some(&harm), limits));
+        let headline = named(&found);
         assert_eq!(headline.len(), NAMED_MAX + 1);
-        assert_eq!(headline[NAMED_MAX], "one more limit passed");
+        assert_eq!(headline[NAMED_MAX], OutcomePart::MoreExceeded { limits: 1 });
     }
 
     #[test]
     fn an_invalid_run_is_reported() {
         let invalid = TaskRecord::invalid(TaskKind::Grasp, 3);
-        assert_eq!(ended(&invalid, &[]), "the simulator failed in it");
+        assert_eq!(ended(&invalid, Vec::new()), [OutcomePart::SimulatorFailed]);
         assert!(marks(&invalid).is_empty());
     }
 }

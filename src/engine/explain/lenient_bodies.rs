@@ -2,7 +2,6 @@
 //!
 //! The forms are those of governance. A missing or unreadable part is absent; an unknown code stays as text.
 
-use holdpoint_governance::finding::Finding;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
@@ -12,6 +11,8 @@ use holdpoint_governance::cached_result::CachedResultUse;
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillTallies, Pair};
+use holdpoint_governance::explanation::ReasonContent;
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::ShadowAssessment;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -72,9 +73,15 @@ fn known_finding<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Finding>, 
 }
 
 impl ReasonRecord {
-    /// What was found, in words.
-    pub(super) fn text(&self) -> String {
-        self.finding.as_ref().map_or_else(|| self.older_text.clone(), holdpoint_wording::finding)
+    /// What was found, with its numbers.
+    pub(super) fn content(&self) -> ReasonContent {
+        let (finding, older_text) = (self.finding.clone(), self.older_text.clone());
+        ReasonContent { finding, older_text, evidence: self.evidence, limit: self.limit }
+    }
+
+    /// Whether it states the same as another, whatever their numbers.
+    pub(super) fn states_same(&self, other: &Self) -> bool {
+        self.code == other.code && self.finding == other.finding && self.older_text == other.older_text
     }
 
     /// The reason in the terms of this build; `None` for a code that it does not know.

@@ -6,8 +6,9 @@ use holdpoint_governance::calendar;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_plot::{TrendLine, TrendMark, TrendPanel, TrendPlot, TrendPoint};
 use holdpoint_protocol::clock::clock_time;
-use holdpoint_protocol::health::{HealthClock, HealthPoint, HealthSeries};
+use holdpoint_protocol::health::{HealthClock, HealthPanel, HealthPoint, HealthSeries};
 use holdpoint_text::Untrusted;
+use holdpoint_wording::health::{axis_title, chart_title, mark_legend, panel_title};
 
 /// Columns of the file: a row per version and bucket, then a row per mark.
 const COLUMNS: &str = "row,start_utc,start_virtual_s,end_utc,end_virtual_s,bucket_s,family,version,tasks,succeeded,success_percent,\
@@ -99,8 +100,8 @@ pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
     let mut versions: Vec<&CapabilityId> = points.iter().map(|point| &point.version).collect();
     versions.sort();
     versions.dedup();
-    let panel = |title: String, quantity: PanelQuantity, range: [f64; 2], digits| TrendPanel {
-        title,
+    let panel = |kind: HealthPanel, quantity: PanelQuantity, range: [f64; 2], digits| TrendPanel {
+        title: panel_title(kind).to_owned(),
         range,
         digits,
         lines: versions
@@ -136,33 +137,17 @@ pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
     // Starts at a round number below the lowest band, so that small changes are visible.
     let low = (least(success) / 10.0).floor() * 10.0;
     let panels = vec![
-        panel("success, % of tasks (band: 95 % interval)".to_owned(), success, [low.min(90.0), 100.0], 0),
-        panel(
-            "violations, % of tasks (band: up to those near a limit)".to_owned(),
-            violations,
-            [0.0, most(violations).max(1.0)],
-            1,
-        ),
-        panel(
-            "time of a task, s (median; band: to the 95th percentile)".to_owned(),
-            time,
-            [0.0, most(time)],
-            1,
-        ),
-        panel(
-            "largest force of a task, N (median; band: to the 95th percentile)".to_owned(),
-            force,
-            [0.0, most(force)],
-            1,
-        ),
+        panel(HealthPanel::Success, success, [low.min(90.0), 100.0], 0),
+        panel(HealthPanel::Violations, violations, [0.0, most(violations).max(1.0)], 1),
+        panel(HealthPanel::Time, time, [0.0, most(time)], 1),
+        panel(HealthPanel::Force, force, [0.0, most(force)], 1),
     ];
     let marks =
         series.marks.iter().filter(|mark| mark.family.is_none() || mark.family.as_ref() == Some(family));
     let marks = marks
         .map(|mark| {
             let when = series.time_text(mark.on_clock_ms);
-            let text = format!("{when}  {}: {}", mark.kind.label(), mark.text);
-            let text = Untrusted::new(text).display(TEXT_MAX).into_string();
+            let text = Untrusted::new(mark_legend(&when, mark)).display(TEXT_MAX).into_string();
             TrendMark {
                 at: share(series, mark.on_clock_ms),
                 letter: mark.kind.letter(),
@@ -173,17 +158,12 @@ pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
         .collect();
     let (from, until) = (series.time_text(series.from_ms), series.time_text(series.until_ms()));
     TrendPlot {
-        title: format!("{family}: live tasks from {from} to {until}"),
+        title: chart_title(family, &from, &until),
         notes: notes
             .iter()
             .map(|note| Untrusted::new(note.as_str()).display(TEXT_MAX).into_string())
             .collect(),
-        axis: match series.clock {
-            HealthClock::Wall => format!("time, UTC; a point stands for {}", width(series.bucket_ms)),
-            HealthClock::Virtual => {
-                format!("the engine's time, h:min:s; a point stands for {}", width(series.bucket_ms))
-            }
-        },
+        axis: axis_title(series.clock, series.bucket_ms),
         ticks: ticks(series),
         panels,
         marks,
@@ -215,13 +195,4 @@ fn ticks(series: &HealthSeries) -> Vec<(f64, String)> {
             (share(series, ms), label)
         })
         .collect()
-}
-
-/// Describes the width of a bucket.
-fn width(ms: u64) -> String {
-    match ms / 1_000 {
-        secs @ 0..3_600 => format!("{} min", secs / 60),
-        secs @ 3_600..86_400 => format!("{} h", secs / 3_600),
-        secs => format!("{} d", secs / 86_400),
-    }
 }

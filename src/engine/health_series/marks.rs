@@ -12,9 +12,10 @@ use holdpoint_governance::monitor::MonitorAction;
 use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd};
 use holdpoint_protocol::health::{
-    AlarmEpisode, AlarmStep, HealthCoverage, HealthMark, MarkKind, duration_label,
+    AlarmEpisode, AlarmStep, HealthCoverage, HealthMark, MarkContent, MarkKind, MarkedAct,
 };
 use holdpoint_registry::{AuditFilter, StoreError, Views};
+use holdpoint_wording::health::mark;
 
 use super::clock::{RecordSpan, gaps, on_clock};
 use crate::shift_note::ShiftNoteRecord;
@@ -79,6 +80,12 @@ struct PersonActBody {
     fault: Value,
 }
 
+impl PersonActBody {
+    fn of(self, act: MarkedAct) -> MarkContent {
+        MarkContent::Acted { by: self.by, act, reason: self.reason }
+    }
+}
+
 /// Every mark from records, except alarms; unsorted.
 pub(super) fn read(
     views: &Views,
@@ -103,31 +110,28 @@ pub(super) fn read(
         marks.extend(records.iter().filter_map(|record| {
             let wall_ms = (record.wall_ms > 0).then_some(record.wall_ms);
             let on_clock_ms = on_clock(span.clock, record.at_ms, wall_ms)?;
-            let (kind, family, text) = mark_of_record(kind, record)?;
+            let (kind, family, content) = mark_of_record(kind, record)?;
             Some(HealthMark {
                 kind,
                 on_clock_ms,
                 at_ms: record.at_ms,
                 wall_ms,
                 family,
-                text,
+                text: mark(&content),
                 record: record.seq,
             })
         }));
     }
     for (stamp, alone_ms) in gaps(views, span)? {
         let Some(on_clock_ms) = on_clock(span.clock, stamp.at_ms, stamp.wall_ms) else { continue };
-        let text = format!(
-            "no engine ran for {} before this, or the machine slept",
-            duration_label(u64::try_from(alone_ms).unwrap_or(0))
-        );
+        let content = MarkContent::NoEngine { ms: u64::try_from(alone_ms).unwrap_or(0) };
         marks.push(HealthMark {
             kind: MarkKind::EngineOff,
             on_clock_ms,
             at_ms: stamp.at_ms,
             wall_ms: stamp.wall_ms,
             family: None,
-            text,
+            text: mark(&content),
             record: stamp.seq,
         });
     }
@@ -161,19 +165,18 @@ pub(super) fn of_alarms(span: &RecordSpan, alarms: &[AlarmEpisode]) -> Vec<Healt
             | AlarmKind::EngineFault => MarkKind::AlarmRaised,
         };
         let family = family_of(&key);
-        let text = spell.text.as_ref().map_or_else(|| spell.alarm.clone(), holdpoint_wording::notice);
-        let mut push = |kind, step: &AlarmStep, text: String| {
+        let alarm = || spell.alarm.clone();
+        let mut push = |kind, step: &AlarmStep, content: &MarkContent| {
             if let Some(on_clock_ms) = on_clock(span.clock, step.at_ms, step.wall_ms) {
-                let family = family.clone();
+                let (family, text) = (family.clone(), mark(content));
                 let (at_ms, wall_ms) = (step.at_ms, step.wall_ms);
                 marks.push(HealthMark { kind, on_clock_ms, at_ms, wall_ms, family, text, record: 0 });
             }
         };
-        push(kind, &spell.raised, text);
+        push(kind, &spell.raised, &MarkContent::AlarmRaised { alarm: alarm(), text: spell.text.clone() });
         if let Some(reset) = &spell.reset {
-            let by = reset.by.as_deref().unwrap_or("somebody");
-            let why = reset.reason.as_deref().unwrap_or("");
-            push(MarkKind::AlarmReset, reset, format!("{} closed by {by}: {why}", spell.alarm));
+            let (by, reason) = (reset.by.clone(), reset.reason.clone().unwrap_or_default());
+            push(MarkKind::AlarmReset, reset, &MarkContent::AlarmClosed { alarm: alarm(), by, reason });
         }
     }
     marks
@@ -221,31 +224,32 @@ fn family_of(key: &AlarmKey) -> Option<Family> {
 }
 
 /// The mark of a record; `None` if it has none, or cannot be read.
-fn mark_of_record(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Family>, String)> {
+fn mark_of_record(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Family>, MarkContent)> {
     let version = record.subject.parse::<CapabilityId>().ok();
     let family = version.as_ref().map(|version| version.family.clone());
+    let subject = || record.subject.clone();
     let person = || serde_json::from_str::<PersonActBody>(&record.body).unwrap_or_default();
     Some(match kind {
         RecordKind::ActiveSet => {
             let ActiveSet { family, active, cause } = change(record)?;
-            let (kind, text) = match (cause.cause.known()?, active) {
+            let (kind, content) = match (cause.cause.known()?, active) {
                 (ActivationCause::Gate, Some(version)) => {
-                    (MarkKind::Promotion, format!("{version} took over"))
+                    (MarkKind::Promotion, MarkContent::TookOver { version })
                 }
                 (ActivationCause::Bootstrap, Some(version)) => {
-                    (MarkKind::FirstVersion, format!("{version} is the first of its family"))
+                    (MarkKind::FirstVersion, MarkContent::FirstOfFamily { version })
                 }
                 (ActivationCause::Restore, Some(version)) => {
-                    (MarkKind::Restored, format!("{version} took over again"))
+                    (MarkKind::Restored, MarkContent::TookOverAgain { version })
                 }
                 (ActivationCause::Rearm, Some(version)) => {
-                    (MarkKind::Restored, format!("{version} was made active again by a person"))
+                    (MarkKind::Restored, MarkContent::Reactivated { version })
                 }
                 (_, None) | (ActivationCause::Vacate, _) => {
-                    (MarkKind::Vacated, format!("{family} has no active version"))
+                    (MarkKind::Vacated, MarkContent::NoActiveVersion { family: family.clone() })
                 }
             };
-            (kind, Some(family), text)
+            (kind, Some(family), content)
         }
         RecordKind::StateSet => {
             let StateSetMark { to, reason } = change(record)?;
@@ -260,78 +264,143 @@ fn mark_of_record(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, O
                 | State::Superseded
                 | State::Rejected => return None,
             };
-            (kind, family, format!("{}: {}", record.subject, holdpoint_wording::notice(&reason)))
+            (kind, family, MarkContent::StateChanged { subject: subject(), reason })
         }
         RecordKind::AuditClosed => {
             let UpgradeEndMark { outcome } = serde_json::from_str(&record.body).ok()?;
             if outcome != UpgradeEnd::Confirmed {
                 return None;
             }
-            (MarkKind::Confirmed, family, format!("{} was confirmed", record.subject))
+            (MarkKind::Confirmed, family, MarkContent::Confirmed { subject: subject() })
         }
         RecordKind::Monitor => {
             let MonitorActionMark { action, reasons } = serde_json::from_str(&record.body).ok()?;
             if action != MonitorAction::Restrict {
                 return None;
             }
-            let reason =
-                reasons.into_iter().next().and_then(|reason| serde_json::from_value::<Reason>(reason).ok());
-            let why = reason.as_ref().map_or_else(String::new, holdpoint_wording::reason);
-            (MarkKind::Restriction, family, format!("{}: {why}", record.subject))
+            let first = reasons.into_iter().next();
+            let reason = first.and_then(|reason| serde_json::from_value::<Box<Reason>>(reason).ok());
+            (MarkKind::Restriction, family, MarkContent::Restricted { subject: subject(), reason })
         }
-        RecordKind::BreakGlass => (
-            MarkKind::BreakGlass,
-            family,
-            act_sentence(&format!("let {} in alone", record.subject), &person()),
-        ),
+        RecordKind::BreakGlass => {
+            (MarkKind::BreakGlass, family, person().of(MarkedAct::BreakGlass { subject: subject() }))
+        }
         RecordKind::Drift => {
             let DriftMark { kind, magnitude } = serde_json::from_str(&record.body).ok()?;
-            let text = kind.map_or_else(
-                || "the drift of the cell ended".to_owned(),
-                |kind| format!("{kind} {magnitude} began in the simulated cell"),
-            );
-            (MarkKind::Drift, None, text)
+            let content =
+                kind.map_or(MarkContent::DriftEnded, |drift| MarkContent::DriftBegan { drift, magnitude });
+            (MarkKind::Drift, None, content)
         }
         RecordKind::LiveFault => {
-            let text = match person().fault {
-                Value::String(fault) => format!("{fault} in the simulated cell"),
-                Value::Null => "the fault of the simulated cell was repaired".to_owned(),
-                other => format!("{other} in the simulated cell"),
+            let content = match person().fault {
+                Value::String(fault) => MarkContent::FaultBegan { fault },
+                Value::Null => MarkContent::FaultRepaired,
+                other => MarkContent::FaultBegan { fault: other.to_string() },
             };
-            (MarkKind::LiveFault, None, text)
+            (MarkKind::LiveFault, None, content)
         }
-        RecordKind::CellStopped => (MarkKind::Stopped, None, act_sentence("stopped the cell", &person())),
-        RecordKind::CellReleased => (MarkKind::Released, None, act_sentence("started the cell", &person())),
+        RecordKind::CellStopped => (MarkKind::Stopped, None, person().of(MarkedAct::StoppedCell)),
+        RecordKind::CellReleased => (MarkKind::Released, None, person().of(MarkedAct::StartedCell)),
         RecordKind::ShiftNote => {
             let ShiftNoteRecord { by, text } = serde_json::from_str(&record.body).ok()?;
-            (MarkKind::Note, None, format!("{by}: {text}"))
+            (MarkKind::Note, None, MarkContent::Note { by, text })
         }
         RecordKind::GoalSet => {
-            let act = person();
-            (MarkKind::Goal, None, act_sentence(&format!("set the goal {}", act.goal), &act))
+            let body = person();
+            let goal = body.goal.clone();
+            (MarkKind::Goal, None, body.of(MarkedAct::SetGoal { goal }))
         }
         RecordKind::ContextSet => {
             let change: Value = change(record)?;
-            let profile = change.get("profile").and_then(Value::as_str).unwrap_or("unknown").to_owned();
-            (MarkKind::Context, None, format!("judged under the profile {profile} from here on"))
+            let profile = change.get("profile").and_then(Value::as_str).map(str::to_owned);
+            (MarkKind::Context, None, MarkContent::ProfileInForce { profile })
         }
         RecordKind::Commissioned => {
             let body: Value = serde_json::from_str(&record.body).ok()?;
             let number = |name: &str| body.get("normal")?.get(name)?.as_f64();
             let (tasks, failures) = (number("tasks")?, number("failures")?);
             let force_n = number("peak_force_n")?;
-            let who = body.get("version").and_then(Value::as_str).unwrap_or(&record.subject).to_owned();
-            let text = format!(
-                "normal for {who}: {:.0} of {tasks:.0} tasks done, at most {force_n:.1} N",
-                tasks - failures
-            );
-            (MarkKind::Commissioned, Family::new(record.subject.as_str()).ok(), text)
+            let subject = body.get("version").and_then(Value::as_str).map_or_else(subject, str::to_owned);
+            let content = MarkContent::NormalCounted { subject, tasks, failures, force_n };
+            (MarkKind::Commissioned, Family::new(record.subject.as_str()).ok(), content)
         }
         _ => return None,
     })
 }
 
-fn act_sentence(what: &str, act: &PersonActBody) -> String {
-    let who = if act.by.is_empty() { "somebody" } else { &act.by };
-    if act.reason.is_empty() { format!("{who} {what}") } else { format!("{who} {what}: {}", act.reason) }
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::ids::Digest;
+
+    fn mark_of(kind: RecordKind, subject: &str, body: &str) -> Option<(MarkKind, MarkContent)> {
+        let digest = Digest::of_parts("test", &[]);
+        let record = AuditRecord {
+            seq: 1,
+            prev: digest,
+            hash: digest,
+            at_ms: 0,
+            kind: Lenient::Known(kind),
+            subject: subject.to_owned(),
+            body: body.to_owned(),
+            wall_ms: 0,
+        };
+        mark_of_record(kind, &record).map(|(kind, _, content)| (kind, content))
+    }
+
+    #[test]
+    fn records_become_marks_with_their_values() {
+        use MarkContent as M;
+        let acted =
+            |by: &str, act, reason: &str| M::Acted { by: by.to_owned(), act, reason: reason.to_owned() };
+        for (kind, body, mark) in [
+            (
+                RecordKind::CellStopped,
+                r#"{"by":"ana","reason":"a leak"}"#,
+                (MarkKind::Stopped, acted("ana", MarkedAct::StoppedCell, "a leak")),
+            ),
+            (RecordKind::CellReleased, "{}", (MarkKind::Released, acted("", MarkedAct::StartedCell, ""))),
+            (
+                RecordKind::GoalSet,
+                r#"{"by":"ana","goal":"sort","reason":"late"}"#,
+                (MarkKind::Goal, acted("ana", MarkedAct::SetGoal { goal: "sort".to_owned() }, "late")),
+            ),
+            (RecordKind::Drift, r#"{"kind":null,"magnitude":""}"#, (MarkKind::Drift, M::DriftEnded)),
+            (
+                RecordKind::Drift,
+                r#"{"kind":"noise","magnitude":"severe"}"#,
+                (
+                    MarkKind::Drift,
+                    M::DriftBegan { drift: "noise".to_owned(), magnitude: "severe".to_owned() },
+                ),
+            ),
+            (RecordKind::LiveFault, r#"{"fault":null}"#, (MarkKind::LiveFault, M::FaultRepaired)),
+            (
+                RecordKind::LiveFault,
+                r#"{"fault":{"joint":3}}"#,
+                (MarkKind::LiveFault, M::FaultBegan { fault: r#"{"joint":3}"#.to_owned() }),
+            ),
+            (
+                RecordKind::ContextSet,
+                r#"{"change":{"profile":"real"}}"#,
+                (MarkKind::Context, M::ProfileInForce { profile: Some("real".to_owned()) }),
+            ),
+            (
+                RecordKind::Commissioned,
+                r#"{"normal":{"tasks":120,"failures":3,"peak_force_n":21.0},"version":"grasp@1.0.0"}"#,
+                (
+                    MarkKind::Commissioned,
+                    M::NormalCounted {
+                        subject: "grasp@1.0.0".to_owned(),
+                        tasks: 120.0,
+                        failures: 3.0,
+                        force_n: 21.0,
+                    },
+                ),
+            ),
+        ] {
+            assert_eq!(mark_of(kind, "", body), Some(mark), "{kind}: {body}");
+        }
+        assert_eq!(mark_of(RecordKind::ShiftNote, "", "{}"), None, "a record that cannot be read is no mark");
+    }
 }

@@ -22,6 +22,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
 use holdpoint_registry::store_terms::RequestState;
 use holdpoint_registry::{ApprovalRequest, Change};
+use holdpoint_wording::request::{drift_response, untested};
 
 use crate::context::Context;
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
@@ -394,15 +395,14 @@ pub(super) fn view(
         changes: evidence_file.changes.clone(),
         conditions: evidence_file.conditions.iter().map(ToString::to_string).collect(),
         why: check_explanation::summary(evidence_file),
-        untested: request_display::untested(evidence_file).iter().map(ToString::to_string).collect(),
+        untested: request_display::untested(evidence_file).into_iter().map(untested).collect(),
         on_drift: match request.kind {
-            RequestKind::Activation | RequestKind::Emergency => request_display::on_drift(
+            RequestKind::Activation | RequestKind::Emergency => drift_response(&request_display::on_drift(
                 context,
                 request,
                 evidence_file,
                 evidence_files.has_open_concern(id),
-            )
-            .to_string(),
+            )),
             RequestKind::Release | RequestKind::Review => request.about.clone(),
         },
         purpose: request.kind,

@@ -99,7 +99,7 @@ impl Pipeline {
             let body = body.to_string();
             // The command has taken effect, so it is not refused; the engine halts, as it cannot record the caller.
             if let Err(error) = self.record.note(RecordKind::Asked, subject, body) {
-                let why = EngineFault::from(error).held();
+                let why = EngineFault::from(error).halt_problem();
                 let text = format!("who asked for {command_name} could not be put on record: {why}");
                 self.hold(&Problem::from((text, why.hint().map(Cow::into_owned))));
             }
@@ -123,8 +123,8 @@ impl Pipeline {
             Err(fault) => match fault.refusal() {
                 Some(code) => Reply::refused(code, &fault),
                 None => {
-                    self.hold(&fault.held());
-                    refuse_held(&fault.held())
+                    self.hold(&fault.halt_problem());
+                    refuse_held(&fault.halt_problem())
                 }
             },
         }
@@ -182,8 +182,8 @@ impl Pipeline {
             }
             Command::Restrict(operation) => {
                 let id = checked(record, &operation)?;
-                let text = format!("{} asked for it: {}", operation.by, operation.reason);
-                let reason = Reason::new(Dimension::Monitor, Finding::OperatorAsked { words: text });
+                let Operation { by, reason, .. } = operation;
+                let reason = Reason::new(Dimension::Monitor, Finding::OperatorRestricted { by, reason });
                 monitoring::restrict_on_demand(context, record, monitors, &id, &[reason])?;
                 self.live().stepped_in(&id)?;
                 accepted(&id, "restricted")
@@ -294,8 +294,8 @@ impl Pipeline {
             Err(fault) => match fault.refusal() {
                 Some(code) => Reply::refused(code, &fault),
                 None => {
-                    self.hold(&fault.held());
-                    refuse_held(&fault.held())
+                    self.hold(&fault.halt_problem());
+                    refuse_held(&fault.halt_problem())
                 }
             },
         }

@@ -117,7 +117,7 @@ impl Pipeline {
         if let Some(finished) = finished
             && let Err(fault) = finished.and_then(|worked| self.finish_sequence(worked))
         {
-            self.hold(&fault.held());
+            self.hold(&fault.halt_problem());
         }
         !self.world.is_running()
     }

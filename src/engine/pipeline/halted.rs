@@ -14,7 +14,7 @@ impl Pipeline {
         if let Err(error) = halt::record_stops(&mut self.record, &mut self.world)
             && self.record.holding().is_none()
         {
-            self.hold(&EngineFault::from(error).held());
+            self.hold(&EngineFault::from(error).halt_problem());
         }
         halt::report_standstill(&mut self.record, &mut self.world);
     }

@@ -264,8 +264,8 @@ pub(crate) fn gate(
         return Err(EngineFault::Impossible(format!("{id} reached the gate without an assessment")));
     };
     let made_under = made_under(context, version_table, &candidate, evidence_file.digest()?);
-    // Stores made before the lifecycle kept it have it in the evidence file.
-    let closed = lifecycle.closed.union(&evidence_file.closed).copied().collect();
+    // Older stores have the blocks in the evidence file only.
+    let blocked_under = lifecycle.closed.union(&evidence_file.closed).copied().collect();
     let input = GateInput {
         kappas,
         shadow: evidence_file.shadow.as_ref(),
@@ -276,7 +276,7 @@ pub(crate) fn gate(
         risk: version_origin::assessed_risk(evidence_file),
         requester: &member.origin.requester,
         provenance: candidate.submission.provenance,
-        closed: &closed,
+        blocked_under: &blocked_under,
         unmet: &unmet(&candidate.manifest, &registered(version_table)),
         review_open: version_table.family(&id.family)?.state.review.is_some(),
         now: record.wall_now(),

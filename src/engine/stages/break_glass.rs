@@ -198,7 +198,7 @@ fn open_profile(live: &mut LiveMonitoring<'_>, id: &CapabilityId) -> Result<(), 
     let profile = live.context.profile.name;
     live.evidence_files.edit(id).closed.remove(&profile);
     let (version, lifecycle, _) = live.record.version_table().version(id)?;
-    if lifecycle.state == State::Active && lifecycle.closed.contains(&profile) {
+    if lifecycle.state == State::Active && lifecycle.is_blocked_under(profile) {
         let note = TransitionNote::because(Notice::ProfileUnblockedByReview);
         live.record.transition(&id.family, LifecycleEvent::Open { version, profile }, note)?;
     }

@@ -1,4 +1,4 @@
-//! Cached results that differ from their re-run: all are voided, and an alarm is raised.
+//! Cached results that differ from their re-run: the engine deletes the cache and raises an alarm.
 
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::cached_result::{CachedResultMismatch, SeedRange};
@@ -16,23 +16,23 @@ use crate::trial::reuse::Reuse;
 ///
 /// # Errors
 /// If it cannot be written.
-pub(super) fn void(
+pub(super) fn invalidate_cache(
     record: &mut EngineRecorder,
     trials: &Trials,
     id: &CapabilityId,
     active: &CapabilityId,
     reuse: &Reuse,
 ) -> Result<(), EngineFault> {
-    let place = trials.cells(record.version_table().store()).place();
-    let found = reuse.voided(place, active);
-    record.note(RecordKind::KeptVoided, id.to_string(), serde_json::to_string(&found)?)?;
-    trials.cells(record.version_table().store()).invalidate()?;
-    record.raise(AlarmKey::KeptFalse, Priority::High, true, notice(&found, id));
+    let place = trials.result_cache(record.version_table().store()).place();
+    let mismatch = reuse.mismatch_record(place, active);
+    record.note(RecordKind::KeptVoided, id.to_string(), serde_json::to_string(&mismatch)?)?;
+    trials.result_cache(record.version_table().store()).invalidate()?;
+    record.raise(AlarmKey::KeptFalse, Priority::High, true, notice(&mismatch, id));
     Ok(())
 }
 
-fn notice(found: &CachedResultMismatch, id: &CapabilityId) -> Notice {
-    let CachedResultMismatch { place, active, rerun, differing } = found;
+fn notice(mismatch: &CachedResultMismatch, id: &CapabilityId) -> Notice {
+    let CachedResultMismatch { place, active, rerun, differing } = mismatch;
     Notice::CacheMismatch {
         version: id.clone(),
         active: active.clone(),

@@ -12,6 +12,7 @@ use holdpoint_protocol::snapshot::ProgressView;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{AuditBody, Change};
+use holdpoint_wording::stage::early_end;
 
 use crate::context::Context;
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
@@ -34,20 +35,9 @@ pub(crate) fn progress(
     let evidence_file = evidence_files.edit(id);
     let before = evidence_file.progress.as_ref();
     let since_ms = before.filter(|view| view.stage == stage).map_or(now_ms, |view| view.since_ms);
-    let early = early(stage).to_owned();
+    let early = early_end(stage).to_owned();
     evidence_file.progress = Some(ProgressView { stage, what: what.into(), done, budget, since_ms, early });
     record.tell(EventKind::Progress { version: id.clone(), stage, what: what.into(), done, budget });
-}
-
-/// What can end a stage before its budget is used up, one sentence.
-const fn early(stage: Stage) -> &'static str {
-    match stage {
-        Stage::Validation | Stage::Activation => "",
-        Stage::Sandbox => {
-            "a hard stop, or an outcome that the rest of the budget cannot change, ends it early"
-        }
-        Stage::Shadow => "a hard stop of the twin ends it at once; an unsettled concern extends it once",
-    }
 }
 
 pub(crate) fn report_decision<O: Copy + Into<StageOutcome>>(

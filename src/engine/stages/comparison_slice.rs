@@ -21,42 +21,44 @@ use crate::trial::trace::keep_trace;
 /// The comparison and its conditions.
 pub(super) struct ComparisonSlice<'a> {
     pub(super) id: &'a CapabilityId,
-    pub(super) with: &'a Capability,
+    pub(super) compared_with: &'a Capability,
     pub(super) cell: &'a Cell,
-    /// Whose conditions the cell's sandbox has.
+    /// The conditions of the cell's sandbox.
     pub(super) conditions: Conditions,
     pub(super) plan: EvaluationPlan,
     /// The stage and the name in progress reports.
     pub(super) stage: Stage,
-    pub(super) what: fn(WorkUnit) -> WorkUnit,
+    pub(super) name_of: fn(WorkUnit) -> WorkUnit,
 }
 
 /// Runs one slice, stores its traces and reports progress. Returns the number of episodes run.
 ///
 /// # Errors
 /// If a worker fails, or the result cannot be written.
-pub(super) fn work_slice(
+pub(super) fn run_slice(
     context: &Context,
     trials: &Trials,
     record: &mut EngineRecorder,
     evidence_files: &mut EvidenceFiles,
-    of: &ComparisonSlice<'_>,
+    comparison: &ComparisonSlice<'_>,
     evaluation: &mut Evaluation,
 ) -> Result<u64, EngineFault> {
-    let candidate = record.capability(of.id)?;
+    let candidate = record.capability(comparison.id)?;
     let version_table = record.version_table();
     let store = version_table.store();
     let subject = |version| trial_subject(context, version_table, evidence_files, version);
-    let (new, old) = (subject(&candidate), subject(of.with));
-    let lab =
-        trials.lab(of.cell, store).with_team(trial_team(context, version_table, evidence_files, &candidate));
+    let (new, old) = (subject(&candidate), subject(comparison.compared_with));
+    let team = trial_team(context, version_table, evidence_files, &candidate);
+    let lab = trials.lab(comparison.cell, store).with_team(team);
     let Some(slice) = evaluation.step(&lab, &new, &old, &context.profile)? else { return Ok(0) };
     let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
     if !fresh.is_empty() {
         let now_ms = record.now_ms();
-        keep_trace(store, of.cell, of.id, SandboxMode::Confirmation, of.conditions, &fresh, now_ms)?;
+        let ComparisonSlice { cell, id, conditions, .. } = *comparison;
+        keep_trace(store, cell, id, SandboxMode::Confirmation, conditions, &fresh, now_ms)?;
     }
-    let what = (of.what)(slice.what);
-    progress(record, evidence_files, of.id, of.stage, what, (slice.done, of.plan.budget()));
+    let work_unit = (comparison.name_of)(slice.what);
+    let done = (slice.done, comparison.plan.budget());
+    progress(record, evidence_files, comparison.id, comparison.stage, work_unit, done);
     Ok(fresh.len() as u64)
 }

@@ -16,9 +16,9 @@ use holdpoint_registry::Change;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 
-use super::cache_mismatch::void;
+use super::cache_mismatch::invalidate_cache;
 use super::closing::progress;
-use super::comparison_slice::{ComparisonSlice, work_slice};
+use super::comparison_slice::{ComparisonSlice, run_slice};
 use crate::cell::Conditions;
 use crate::context::Context;
 use crate::evidence_binding::binding;
@@ -115,12 +115,12 @@ pub fn slice(
         return Ok(ConfirmationStep::Gone);
     }
     if run.evaluation.is_refuted() {
-        void(record, trials, &id, &run.predecessor.id(), run.evaluation.reuse())?;
+        invalidate_cache(record, trials, &id, &run.predecessor.id(), run.evaluation.reuse())?;
         let again = begin(context, record, evidence_files, &id)?;
         return Ok(again.map_or(ConfirmationStep::Gone, |run| ConfirmationStep::GoOn(run, 0)));
     }
     if run.is_over() {
-        let place = trials.cells(record.version_table().store()).place();
+        let place = trials.result_cache(record.version_table().store()).place();
         let settled = conclude(context, record, evidence_files, &id, (&run.evaluation, place))?;
         return Ok(if settled {
             ConfirmationStep::Settled(id)
@@ -128,17 +128,17 @@ pub fn slice(
             ConfirmationStep::ConcernRemains(id)
         });
     }
-    let compared = ComparisonSlice {
+    let comparison = ComparisonSlice {
         id: &id,
-        with: &run.predecessor,
+        compared_with: &run.predecessor,
         cell: &context.cell,
         conditions: Conditions::Sandbox,
         plan: EvaluationPlan::confirmation(&context.profile),
         stage: Stage::Sandbox,
-        what: WorkUnit::of_confirmation,
+        name_of: WorkUnit::of_confirmation,
     };
-    let worked = work_slice(context, trials, record, evidence_files, &compared, &mut run.evaluation)?;
-    Ok(ConfirmationStep::GoOn(run, worked))
+    let episodes = run_slice(context, trials, record, evidence_files, &comparison, &mut run.evaluation)?;
+    Ok(ConfirmationStep::GoOn(run, episodes))
 }
 
 /// Stores the result. Returns whether the concern is settled.

@@ -19,9 +19,9 @@ use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_sim::distribution::Drift;
 
-use super::cache_mismatch::void;
+use super::cache_mismatch::invalidate_cache;
 use super::closing::{abort_stage, progress};
-use super::comparison_slice::{ComparisonSlice, work_slice};
+use super::comparison_slice::{ComparisonSlice, run_slice};
 use super::shadow::{self, ShadowRun};
 use crate::cell::{Cell, Conditions};
 use crate::context::Context;
@@ -149,26 +149,26 @@ pub fn slice(
         return Ok(ReEvaluationStep::Gone);
     }
     if run.evaluation.is_refuted() {
-        void(record, trials, &id, &run.before.id(), run.evaluation.reuse())?;
+        invalidate_cache(record, trials, &id, &run.before.id(), run.evaluation.reuse())?;
         run.evaluation =
             Evaluation::new(EvaluationPlan::re_evaluation(&context.profile), run.binding, Vec::new());
         return Ok(ReEvaluationStep::GoOn(run, 0));
     }
     if run.is_over() {
-        let place = trials.cells(record.version_table().store()).place();
+        let place = trials.result_cache(record.version_table().store()).place();
         return conclude(context, record, evidence_files, run, place);
     }
-    let compared = ComparisonSlice {
+    let comparison = ComparisonSlice {
         id: &id,
-        with: &run.before,
+        compared_with: &run.before,
         cell: &run.cell,
         conditions: Conditions::Live,
         plan: EvaluationPlan::re_evaluation(&context.profile),
         stage: Stage::Shadow,
-        what: WorkUnit::of_re_evaluation,
+        name_of: WorkUnit::of_re_evaluation,
     };
-    let worked = work_slice(context, trials, record, evidence_files, &compared, &mut run.evaluation)?;
-    Ok(ReEvaluationStep::GoOn(run, worked))
+    let episodes = run_slice(context, trials, record, evidence_files, &comparison, &mut run.evaluation)?;
+    Ok(ReEvaluationStep::GoOn(run, episodes))
 }
 
 /// Keeps what came of it, and decides shadow if it is part of one.

@@ -186,16 +186,16 @@ pub(crate) fn set_profiles(
     record: &mut EngineRecorder,
     operation: &Operation,
     profiles: &[ProfileName],
-    closed: bool,
+    block: bool,
 ) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
     let (version, lifecycle, _) = record.version_table().version(&id)?;
     let wanted: Vec<ProfileName> = ProfileName::ALL
         .into_iter()
-        .filter(|profile| profiles.contains(profile) && lifecycle.closed.contains(profile) != closed)
+        .filter(|profile| profiles.contains(profile) && lifecycle.is_blocked_under(*profile) != block)
         .collect();
     if wanted.is_empty() || lifecycle.state.is_terminal() {
-        let how = if closed { "blocks" } else { "permits" };
+        let how = if block { "blocks" } else { "permits" };
         let text = if lifecycle.state.is_terminal() {
             format!("{id} is {}, which is final", lifecycle.state)
         } else {
@@ -205,22 +205,22 @@ pub(crate) fn set_profiles(
     }
     let mut after = lifecycle.closed.clone();
     for profile in &wanted {
-        if closed {
+        if block {
             after.insert(*profile)
         } else {
             after.remove(profile)
         };
     }
-    let closed_now: Vec<ProfileName> = after.into_iter().collect();
-    let body = serde_json::json!({ "closed": closed_now, "by": operation.by, "reason": operation.reason });
+    let blocked_under: Vec<ProfileName> = after.into_iter().collect();
+    let body = serde_json::json!({ "closed": blocked_under, "by": operation.by, "reason": operation.reason });
     for (index, profile) in wanted.iter().copied().enumerate() {
-        let event = if closed {
+        let event = if block {
             LifecycleEvent::Close { version, profile }
         } else {
             LifecycleEvent::Open { version, profile }
         };
         let (by, reason) = (operation.by.clone(), operation.reason.clone());
-        let why = if closed {
+        let why = if block {
             Notice::ProfileBlocked { profile, by, reason }
         } else {
             Notice::ProfileUnblocked { profile, by, reason }
@@ -237,11 +237,11 @@ pub(crate) fn set_profiles(
     }
     record.tell(EventKind::ProfilesSet {
         version: id.clone(),
-        closed: closed_now.clone(),
+        closed: blocked_under.clone(),
         by: operation.by.clone(),
         reason: operation.reason.clone(),
     });
-    let named: Vec<&str> = closed_now.iter().map(|profile| profile.name()).collect();
+    let named: Vec<&str> = blocked_under.iter().map(|profile| profile.name()).collect();
     let named = if named.is_empty() { "none".to_owned() } else { named.join(", ") };
     Ok(Reply::Accepted { text: format!("profiles that block {id}: {named}"), version: Some(id) })
 }

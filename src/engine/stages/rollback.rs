@@ -1,8 +1,8 @@
 //! Stage 7: the ladder. Every rung can fail and reports it; a failed rung ends in a safe-stopped family
 //! with a latched alarm, never in a silent "rolled back".
 //!
-//! Owns the order of the rungs and their record. `world/descent.rs` moves the arm; the lifecycle decides which
-//! versions may change places. Source: paper section 5.2 stage 7; design rule 3.11.
+//! Owns the order of the rungs and their record. `world/ladder_motion.rs` moves the arm; the lifecycle decides which
+//! version may take over. Source: paper section 5.2 stage 7; design rule 3.11.
 
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
@@ -29,17 +29,17 @@ use crate::recorder::EngineRecorder;
 use crate::version_table::{TransitionNote, VersionTableError};
 use crate::world::LiveWorld;
 use crate::world::cell_frame;
-use crate::world::descent::Descent;
+use crate::world::ladder_motion::LadderMotion;
 use crate::world::live::Rig;
 use crate::world::painter::LadderPainter;
 use crate::world::supervisor::Trip;
 
-/// What sets a rollback off now.
+/// The trigger of a rollback that begins now.
 pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) -> Trigger {
     Trigger { kind, event: None, text: text.into(), tick: record.now_tick() }
 }
 
-/// What takes a version off: it moves the arm and the binding, and ends the watch.
+/// Rolls versions back: moves the arm, activates the rollback target and ends the drift monitor.
 pub struct Rollback<'a> {
     /// The terms of the decision.
     pub context: &'a Context,
@@ -87,9 +87,9 @@ impl Rollback<'_> {
             resumed_tasks: 0,
         };
         rung(self.record, &mut record, Rung::RevokeAuthority, None, Notice::NoMoreCommands);
-        let descent = self.come_to_rest(id, trip, &mut record)?;
+        let motion = self.bring_to_rest(id, trip, &mut record)?;
         self.monitors.remove(&id.family);
-        if !descent.held() {
+        if !motion.continues() {
             return self.safe_stop(id, version, record).map(|()| None);
         }
         let Some(predecessor) = self.load_predecessor(id, target, &mut record) else {
@@ -100,11 +100,11 @@ impl Rollback<'_> {
         if failure.is_some() {
             return self.safe_stop(id, version, record).map(|()| None);
         }
-        let ready = self.ready(&predecessor);
-        let restored_ticks = descent.ticks + ready.ticks;
-        self.record.advance(ready.ms);
-        let is_ready = ready.continues();
-        push_rung(self.record, &mut record, ready);
+        let ready_rung = self.check_target_ready(&predecessor);
+        let restored_ticks = motion.ticks_since_trigger + ready_rung.ticks;
+        self.record.advance(ready_rung.ms);
+        let is_ready = ready_rung.continues();
+        push_rung(self.record, &mut record, ready_rung);
         if !is_ready {
             return self.safe_stop(id, version, record).map(|()| None);
         }
@@ -132,7 +132,7 @@ impl Rollback<'_> {
                 if let Some(watched) = watched {
                     self.monitors.insert(watched);
                 }
-                let notice = self.give_up(record.in_flight);
+                let notice = self.abandon_goal(record.in_flight);
                 rung(self.record, &mut record, Rung::SwapBinding, None, notice);
             }
             Err(EngineFault::VersionTable(VersionTableError::Store(error))) => {
@@ -145,37 +145,40 @@ impl Rollback<'_> {
         Ok(Some(Resumption::new(predecessor.id(), record, self.record.now_ms())))
     }
 
-    /// The rungs that move the arm. A failed body does not come to rest.
-    fn come_to_rest(
+    /// Runs the rungs that move the arm. A failed body is not at standstill.
+    fn bring_to_rest(
         &mut self,
         id: &CapabilityId,
         trip: Option<&Trip>,
         record: &mut RollbackRecord,
-    ) -> Result<Descent, EngineFault> {
+    ) -> Result<LadderMotion, EngineFault> {
         let leaving = self.record.capability(id)?;
         let terms = self.terms(&leaving);
         let sketch = self.sketch(&leaving, &terms);
-        let descended = match self.world.cell.rig_mut() {
+        let outcome = match self.world.cell.rig_mut() {
             Some(rig) => {
                 rig.arm_mut().body_mut().draw(sketch);
-                let descended = rig.descend(&leaving, &terms, trip);
+                let motion = rig.run_motion_rungs(&leaving, &terms, trip);
                 rig.arm_mut().body_mut().draw(None);
-                descended.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
+                motion.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
             }
             None => Err(Notice::ArmOutOfReach),
         };
-        let descent = descended.unwrap_or_else(|notice| {
-            let rung = RungRecord::new(Rung::Hold, Some(RungFailure::NoStandstill), 0, notice);
-            Descent { rungs: vec![rung], safe_ticks: None, ticks: 0, ticks_here: 0, motion_ticks: 0 }
+        let motion = outcome.unwrap_or_else(|notice| LadderMotion {
+            rungs: vec![RungRecord::new(Rung::Hold, Some(RungFailure::NoStandstill), 0, notice)],
+            ticks_to_safe: None,
+            ticks_since_trigger: 0,
+            rung_ticks: 0,
+            motion_ticks: 0,
         });
-        self.record.advance(ticks_to_ms(descent.ticks_here));
-        record.time_to_safe_ticks = descent.safe_ticks;
-        record.time_to_safe_ms = descent.safe_ticks.map(ticks_to_ms);
-        record.unsafe_continuation_ms = ticks_to_ms(descent.motion_ticks);
-        for rung in &descent.rungs {
+        self.record.advance(ticks_to_ms(motion.rung_ticks));
+        record.time_to_safe_ticks = motion.ticks_to_safe;
+        record.time_to_safe_ms = motion.ticks_to_safe.map(ticks_to_ms);
+        record.unsafe_continuation_ms = ticks_to_ms(motion.motion_ticks);
+        for rung in &motion.rungs {
             push_rung(self.record, record, rung.clone());
         }
-        Ok(descent)
+        Ok(motion)
     }
 
     /// The predecessor, read from the store again.
@@ -192,14 +195,14 @@ impl Rollback<'_> {
             Some(member.capability.id())
         });
         let profile = self.context.profile.name;
-        let shut = known.as_ref().and_then(|known| {
+        let admission_problem = known.as_ref().and_then(|known| {
             let version_table = self.record.version_table();
             let refusal =
                 not_admitted(self.context, version_table, &version_table.version(known).ok()?.2.capability)?;
             Some(Notice::TargetNotAdmitted { version: known.clone(), profile, refusal })
         });
-        let loaded = match (&known, shut) {
-            (Some(_), Some(shut)) => Err((RungFailure::PredecessorMissing, shut)),
+        let loaded = match (&known, admission_problem) {
+            (Some(_), Some(notice)) => Err((RungFailure::PredecessorMissing, notice)),
             (None, _) => Err((RungFailure::PredecessorMissing, Notice::NoTarget)),
             (Some(known), None) => self.record.version_table().reload(known).map_err(|error| {
                 let failure = match error {
@@ -231,20 +234,21 @@ impl Rollback<'_> {
 
     /// Compiles the profile's policies again and compares them with those in force, and with the store's context.
     fn policy_failure(&self) -> Option<RungFailure> {
-        let same = self.context.recompiled().is_ok_and(|table| table.digest == self.context.table.digest);
+        let compiles_to_same =
+            self.context.recompiled().is_ok_and(|table| table.digest == self.context.table.digest);
         let Ok(context) = self.record.version_table().store().views().and_then(|views| views.context())
         else {
             return Some(RungFailure::StoreFailed);
         };
-        let bound = context.is_some_and(|(_, digest, _)| digest == self.context.digest);
-        (!(same && bound)).then_some(RungFailure::PolicyMismatch)
+        let is_on_record = context.is_some_and(|(_, digest, _)| digest == self.context.digest);
+        (!(compiles_to_same && is_on_record)).then_some(RungFailure::PolicyMismatch)
     }
 
-    /// The current task ends with its sequence; the version that takes over runs the goal from its first primitive.
-    fn give_up(&mut self, in_flight: bool) -> Notice {
-        // A task that failed and ended is in flight no more.
-        let given_up = self.world.cell.rig_mut().map(Rig::give_up).filter(|_| in_flight);
-        match given_up {
+    /// Ends the current task with its sequence; the version that takes over runs the goal from its first primitive.
+    fn abandon_goal(&mut self, in_flight: bool) -> Notice {
+        // A task that failed and ended is no longer in flight.
+        let abandoned = self.world.cell.rig_mut().map(Rig::give_up).filter(|_| in_flight);
+        match abandoned {
             Some(AbandonedGoal { in_flight, planned }) => {
                 Notice::TargetBound { task: in_flight, planned: planned as u64 }
             }
@@ -252,24 +256,24 @@ impl Rollback<'_> {
         }
     }
 
-    fn ready(&mut self, predecessor: &Capability) -> RungRecord {
+    fn check_target_ready(&mut self, predecessor: &Capability) -> RungRecord {
         let terms = self.terms(predecessor);
         let sketch = self.sketch(predecessor, &terms);
-        let ready = match self.world.cell.rig_mut() {
+        let outcome = match self.world.cell.rig_mut() {
             Some(rig) => {
                 rig.arm_mut().body_mut().draw(sketch);
-                let ready = rig.ready(predecessor, &terms);
+                let rung = rig.check_target_ready(predecessor, &terms);
                 rig.arm_mut().body_mut().draw(None);
-                ready.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
+                rung.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
             }
             None => Err(Notice::ArmOutOfReach),
         };
-        ready.unwrap_or_else(|notice| {
+        outcome.unwrap_or_else(|notice| {
             RungRecord::new(Rung::ReadyPredecessor, Some(RungFailure::PredecessorFailed), 0, notice)
         })
     }
 
-    /// What a version runs under now.
+    /// The terms that a version runs under now.
     fn terms(&self, version: &Capability) -> SkillTerms {
         terms_of(self.context, self.record.version_table(), self.evidence_files, self.monitors, version)
     }
@@ -282,7 +286,7 @@ impl Rollback<'_> {
         Some(LadderPainter::new(sink, self.record.clock().clone(), sequence, of.id(), envelope))
     }
 
-    /// A rung failed or there is nothing to go back to.
+    /// Leaves the family safe-stopped: a rung failed, or there is no rollback target.
     fn safe_stop(
         &mut self,
         id: &CapabilityId,

@@ -17,7 +17,7 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 
-use super::cache_mismatch::void;
+use super::cache_mismatch::invalidate_cache;
 use super::closing::{abort_stage, close_rejected, first_reason, progress, report_decision, stage_note};
 use super::validation;
 use crate::cell::Conditions;
@@ -174,7 +174,7 @@ impl Sandbox<'_> {
             SandboxPhase::Compare(mut comparison) => {
                 if comparison.evaluation.is_refuted() {
                     let reuse = comparison.evaluation.reuse();
-                    void(self.record, self.trials, &id, &active.id(), reuse)?;
+                    invalidate_cache(self.record, self.trials, &id, &active.id(), reuse)?;
                     let run = begin(self.context, self.record, self.evidence_files, &id)?;
                     return Ok(SandboxStep { run: Some(run), episodes: 0 });
                 }
@@ -262,17 +262,17 @@ impl Sandbox<'_> {
         let subject = |version| trial_subject(self.context, version_table, self.evidence_files, version);
         let (new, old) = (subject(candidate), subject(active));
         let lab = self.trials.lab(&self.context.cell, version_table.store());
-        let (first, points) = search.next(self.trials.part());
-        let worked = lab.places(&new, &old, first, &points)?;
-        search.take(&worked);
+        let (first, points) = search.next_points(self.trials.part());
+        let results = lab.places(&new, &old, first, &points)?;
+        search.add_results(&results);
         let evidence_file = self.evidence_files.edit(&id);
-        evaluation.note_hard_stops(worked.iter().filter_map(|(_, record, _)| record.hard_stop));
+        evaluation.note_hard_stops(results.iter().filter_map(|(_, record, _)| record.hard_stop));
         evidence_file.hard_stops = evaluation.paired().hard_stops;
-        evidence_file.searched = search.found(&self.context.cell.sandbox);
-        let done = 2 * MODE_EPISODES + evaluation.done() + search.done();
+        evidence_file.searched = search.finding(&self.context.cell.sandbox);
+        let done = 2 * MODE_EPISODES + evaluation.done() + search.pairs_run();
         let what = WorkUnit::WorstCaseSearch;
         progress(self.record, self.evidence_files, &id, Stage::Sandbox, what, (done, budget(self.context)));
-        Ok(worked.len() as u64)
+        Ok(results.len() as u64)
     }
 
     fn keep_trace(
@@ -354,7 +354,7 @@ impl Sandbox<'_> {
         let profile = &self.context.profile;
         let (evaluation, records) = (&comparison.evaluation, &comparison.records);
         let (mut measured, rehearsed) = evaluation.assess(profile);
-        let place = self.trials.cells(self.record.version_table().store()).place();
+        let place = self.trials.result_cache(self.record.version_table().store()).place();
         let evidence_file = self.evidence_files.edit(id);
         behavior::add_stress_concern(
             &mut measured,

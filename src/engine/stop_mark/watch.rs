@@ -271,7 +271,7 @@ mod tests {
 
     /// A lock shared for ten seconds counted as the confirmation of a later stop.
     #[test]
-    fn a_lock_is_shared_for_no_stop_that_is_over() {
+    fn lock_is_not_shared_for_an_ended_stop() {
         let (_folder, layout, switch, watch) = watched();
         let own = OwnStopMark::put(&layout, "a", "ana", "").unwrap();
         let shares = || own.is_shared_by(i32::try_from(std::process::id()).unwrap());
@@ -304,7 +304,7 @@ mod tests {
 
     /// A stop that is taken and settled is one stop, however soon it is settled.
     #[test]
-    fn a_mark_that_the_engine_settles_is_no_second_stop() {
+    fn settled_stop_mark_is_no_second_stop() {
         let (_folder, layout, switch, watch) = watched();
         for number in 0..50 {
             let id = format!("stop-{number}");

@@ -60,7 +60,7 @@ fn left_by_another_program(folder: &Path) {
 }
 
 #[test]
-fn an_update_that_changes_the_profile_activates_nothing_until_an_administrator_signs() {
+fn changed_profile_activates_no_version_until_an_administrator_signs() {
     let folder = tempfile::tempdir().unwrap();
     drop(live(folder.path(), ProfileName::Human).unwrap());
     left_by_another_program(folder.path());
@@ -132,7 +132,7 @@ fn an_update_that_changes_the_profile_activates_nothing_until_an_administrator_s
 
 /// Regression: a script started a stopped cell and registered a version in the name of an uninvolved person.
 #[test]
-fn no_script_uses_a_store_that_was_used_where_people_are_at_risk() {
+fn script_cannot_use_a_store_of_a_live_profile() {
     let folder = tempfile::tempdir().unwrap();
     drop(live(folder.path(), ProfileName::Human).unwrap());
     let end = || Store::open(folder.path()).unwrap().opening().head.seq;

@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_monitor_is_replayed_as_strictly_as_it_was_activated() {
+    fn replayed_monitor_uses_the_conditions_of_the_activation() {
         let count = warning();
         let action = |conditions: &[Condition], confirmed| {
             replayed_decision(conditions, &tasks(count, false), confirmed).unwrap().action
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_person_stopped_was_shown_to_no_monitor() {
+    fn tasks_that_a_person_stopped_are_not_charted() {
         let mut worked = tasks(warning(), true);
         assert_eq!(replayed_decision(&[], &worked, None), None);
         worked.extend(tasks(1, false));

@@ -92,7 +92,7 @@ pub(super) struct History {
     /// Custom profiles that were in force, without repetition.
     pub(super) own_profiles: Vec<ProfileTexts>,
     /// Profiles under which a version is blocked, from a record on.
-    closed: BTreeMap<CapabilityId, Vec<(u64, BTreeSet<ProfileName>)>>,
+    blocked_under: BTreeMap<CapabilityId, Vec<(u64, BTreeSet<ProfileName>)>>,
     emergencies: Vec<BreakGlassPeriod>,
     /// Acts of persons with their records; the evidence of a rollback names its operator.
     pub(super) acts: Vec<(u64, HumanAct)>,
@@ -228,7 +228,7 @@ impl History {
                 if let (Ok(set), Ok(id)) =
                     (serde_json::from_str::<ProfilesSet>(&record.body), record.subject.parse())
                 {
-                    self.closed.entry(id).or_default().push((record.seq, set.closed));
+                    self.blocked_under.entry(id).or_default().push((record.seq, set.closed));
                 }
             }
             RecordKind::BreakGlass => {
@@ -363,10 +363,10 @@ impl History {
     }
 
     /// Profiles under which a version was blocked before a record was written.
-    pub(super) fn closed_before(&self, id: &CapabilityId, seq: u64) -> BTreeSet<ProfileName> {
-        let changes = self.closed.get(id).map_or(&[] as &[_], Vec::as_slice);
+    pub(super) fn blocked_under_before(&self, id: &CapabilityId, seq: u64) -> BTreeSet<ProfileName> {
+        let changes = self.blocked_under.get(id).map_or(&[] as &[_], Vec::as_slice);
         let last = changes.iter().rev().find(|(at, _)| *at < seq);
-        last.map_or_else(BTreeSet::new, |(_, closed)| closed.clone())
+        last.map_or_else(BTreeSet::new, |(_, profiles)| profiles.clone())
     }
 
     /// The clock mismatch before a record was written.

@@ -307,8 +307,12 @@ impl<'a> Replayer<'a> {
         } else {
             self.answers(of, record, under, kappas, (risk, frame))?
         };
-        let closed =
-            self.history.closed_before(&of.id, asked_seq).union(&evidence_file.closed).copied().collect();
+        let blocked_under = self
+            .history
+            .blocked_under_before(&of.id, asked_seq)
+            .union(&evidence_file.closed)
+            .copied()
+            .collect();
         let input = GateInput {
             kappas,
             shadow: evidence_file.shadow.as_ref(),
@@ -319,7 +323,7 @@ impl<'a> Replayer<'a> {
             risk,
             requester: &origin.requester,
             provenance: candidate.submission.provenance,
-            closed: &closed,
+            blocked_under: &blocked_under,
             unmet: &unmet(&candidate.manifest, &self.registered_before(asked_seq)?),
             review_open: self.history.review_open_before(&of.id.family, asked_seq),
             profile_authorized: true,

@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_the_gate_let_in_is_counted() {
+    fn only_versions_activated_by_the_gate_are_counted() {
         let [one, two, three] =
             ["align@1.1.0", "align@1.2.0", "align@1.3.0"].map(|id| id.parse::<CapabilityId>().unwrap());
         let mut tally = SessionTally::default();

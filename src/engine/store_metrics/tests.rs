@@ -208,7 +208,7 @@ fn differs(found: &StoreMetrics, of: u64, named: &str) {
 }
 
 #[test]
-fn what_no_episode_was_needed_for_comes_out_again() {
+fn replayed_validation_decision_equals_the_record() {
     let (folder, id) = worked("grasp-tool-frame");
     let found = observed(folder.path());
     assert_eq!(counts(found.metrics.auditability_observed), (1, 1), "{:?}", found.unequal);
@@ -238,7 +238,7 @@ fn what_no_episode_was_needed_for_comes_out_again() {
 }
 
 #[test]
-fn a_decision_that_was_edited_does_not_come_out_again() {
+fn edited_decision_differs_from_its_replay() {
     let (folder, _) = worked("grasp-tool-frame");
     let connection = chain(folder.path());
     let read = "SELECT body FROM audit WHERE kind = 'decision'";
@@ -273,7 +273,7 @@ fn a_decision_that_was_edited_does_not_come_out_again() {
 }
 
 #[test]
-fn a_decision_under_a_sites_own_profile_comes_out_again_by_its_texts_on_record() {
+fn decision_under_a_site_profile_is_replayed_with_its_recorded_texts() {
     let (shipped_file, shipped) = Profile::builtin_text(ProfileName::Sim);
     let profile = shipped
         .replace("name = \"sim\"", "name = \"sim\"\nsite = \"line-4\"")
@@ -301,7 +301,7 @@ fn a_decision_under_a_sites_own_profile_comes_out_again_by_its_texts_on_record()
 }
 
 #[test]
-fn a_lost_evaluation_comes_out_again_from_its_pairs_and_drills() {
+fn failed_evaluation_is_replayed_from_its_pairs_and_drills() {
     let (folder, _) = worked("align-no-stop");
     let found = observed(folder.path());
     assert_eq!(counts(found.metrics.auditability_observed), (2, 2), "{:?}", found.unequal);
@@ -379,7 +379,7 @@ fn copied(whole: &Path) -> TempDir {
 }
 
 #[test]
-fn a_whole_upgrade_comes_out_again_and_its_rates_are_what_telemetry_holds() {
+fn replayed_upgrade_equals_the_record_and_its_rates_equal_telemetry() {
     let profile = small();
     let table = PolicyTable::builtin(&profile).unwrap();
     let (folder, id) = worked_under((profile, table, None), "align-improved", true);
@@ -429,7 +429,7 @@ fn a_whole_upgrade_comes_out_again_and_its_rates_are_what_telemetry_holds() {
 /// signature, by break-glass and in the ordinary way, and the engine runs on. The unchanged one leads to the swap in the
 /// number of transactions that `src/ARCHITECTURE.md` states, without those of alarms.
 #[test]
-fn a_changed_decision_is_refused_and_the_signed_one_leads_to_the_swap_in_four_transactions() {
+fn changed_decision_is_refused_and_the_signed_one_activates_in_four_transactions() {
     let mut profile = small();
     (profile.approval.quorum_low, profile.approval.quorum_medium, profile.approval.quorum_high) = (1, 1, 1);
     let table = PolicyTable::builtin(&profile).unwrap();

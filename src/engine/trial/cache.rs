@@ -1,10 +1,9 @@
-//! Where episodes and drills of active versions are kept, that need not be run again: by default in the store, or in a
-//! folder that several runs share.
+//! The cache of episodes and drills of active versions: by default in the store, or in a folder that several runs share.
 
 use holdpoint_registry::{ResultCache, Store, StoreError};
 use holdpoint_runtime::seeds::SeedKey;
 
-/// Where they are kept.
+/// The location of cached episodes and drills.
 #[derive(Clone, Debug, Default)]
 pub enum EpisodeCache {
     /// In the store's own telemetry file.
@@ -15,12 +14,12 @@ pub enum EpisodeCache {
 }
 
 impl EpisodeCache {
-    /// The cells.
+    /// The cached results.
     #[must_use]
-    pub const fn cells<'a>(&'a self, store: &'a Store) -> &'a ResultCache {
+    pub const fn result_cache<'a>(&'a self, store: &'a Store) -> &'a ResultCache {
         match self {
-            Self::InStore => store.cells(),
-            Self::Shared(cells) => cells,
+            Self::InStore => store.result_cache(),
+            Self::Shared(cache) => cache,
         }
     }
 
@@ -32,7 +31,7 @@ impl EpisodeCache {
     pub fn seed_key(&self, store: &Store, script: Option<u64>) -> Result<SeedKey, StoreError> {
         match script {
             Some(seed) => Ok(SeedKey::of_run(seed)),
-            None => Ok(SeedKey::secret(&self.cells(store).secret().derived("bundle seeds")?)),
+            None => Ok(SeedKey::secret(&self.result_cache(store).secret().derived("bundle seeds")?)),
         }
     }
 }

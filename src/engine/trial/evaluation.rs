@@ -337,7 +337,7 @@ impl Evaluation {
                 pairs: Vec::new(),
             });
         }
-        if is_lost || lab.team.cast(active).is_none() {
+        if is_lost || lab.team.lineup_with(active).is_none() {
             self.ended = Some(EarlyStopReason::Full);
         }
     }
@@ -357,7 +357,7 @@ impl Evaluation {
             self.part.sequences.clear();
             self.sequences_tried = 0;
         }
-        if lab.team.cast(active).is_none() {
+        if lab.team.lineup_with(active).is_none() {
             self.ended = Some(EarlyStopReason::Full);
             return Ok(true);
         }

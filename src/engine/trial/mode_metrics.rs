@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_worked_mode_is_read_back_as_it_is_written() {
+    fn version_mode_round_trips_through_its_text() {
         for mode in SandboxMode::ALL {
             for (party, text) in [
                 (ComparedVersion::Candidate, format!("{mode}")),
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn no_episodes_no_metrics() {
+    fn mode_without_valid_episodes_has_no_metrics() {
         assert!(ModeMetrics::of(SandboxMode::Canonical, ComparedVersion::Candidate, &[]).is_none());
         assert!(
             ModeMetrics::of(

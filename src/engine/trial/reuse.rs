@@ -1,8 +1,8 @@
 //! The cached results that one comparison used, and the spot check that must precede its decision.
 //!
-//! Results that this process worked itself are known to it. Of those that another process kept, so many are drawn at the
-//! end, run again and compared bit for bit, that a block of which one in twenty is false shows it in 95 of 100
-//! comparisons (`governance::stats::spot_check`). Draws and compares; what follows from a difference is for the stage.
+//! Results that this process ran itself are known to it. A sample of those that another process cached is run again at
+//! the end and compared bit for bit. Its size detects a block with one false result in twenty in 95 of 100 comparisons
+//! (`governance::stats::spot_check`). Samples and compares; the stage decides what follows from a difference.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,7 +16,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::stats::spot_check::spot_check;
 
-/// A result that was kept from before.
+/// A cached result that a comparison used.
 #[derive(Clone, Debug)]
 pub struct ReusedResult {
     pub work: CachedWorkKind,
@@ -25,29 +25,29 @@ pub struct ReusedResult {
     pub seed: u64,
     /// Digest of its bytes.
     pub value: Digest,
-    /// This process worked it itself.
+    /// This process ran it itself.
     pub own: bool,
 }
 
-/// How far the spot check is.
+/// The progress of the spot check.
 #[derive(Clone, Debug, Default)]
 enum SpotCheck {
     #[default]
-    NotDrawn,
-    /// Places among what was taken that are still to be run again, the last first.
-    Drawn(Vec<usize>),
+    NotSampled,
+    /// Places among the used results that remain to be run again, the last first.
+    Sampled(Vec<usize>),
 }
 
 /// See the module's head.
 #[derive(Clone, Debug, Default)]
 pub struct Reuse {
-    taken: Vec<ReusedResult>,
+    used: Vec<ReusedResult>,
     refused: u32,
     check: SpotCheck,
-    /// Places that came to the same.
-    same: Vec<usize>,
-    /// Places that came to something else.
-    other: Vec<usize>,
+    /// Places of results that equal their re-run.
+    equal: Vec<usize>,
+    /// Places of results that differ from their re-run.
+    differing: Vec<usize>,
 }
 
 /// Digest of a result's bytes.
@@ -57,12 +57,12 @@ pub fn value(bytes: &[u8]) -> Digest {
 }
 
 impl Reuse {
-    pub fn take(&mut self, taken: ReusedResult) {
-        self.taken.push(taken);
+    pub fn note_use(&mut self, result: ReusedResult) {
+        self.used.push(result);
     }
 
     /// Notes an invalid entry in the place of a cached result.
-    pub const fn refuse(&mut self) {
+    pub const fn note_refusal(&mut self) {
         self.refused = self.refused.saturating_add(1);
     }
 
@@ -70,104 +70,106 @@ impl Reuse {
     #[must_use]
     pub fn is_checked(&self) -> bool {
         match &self.check {
-            SpotCheck::NotDrawn => self.taken.iter().all(|taken| taken.own),
-            SpotCheck::Drawn(left) => left.is_empty(),
+            SpotCheck::NotSampled => self.used.iter().all(|result| result.own),
+            SpotCheck::Sampled(remaining) => remaining.is_empty(),
         }
     }
 
-    /// What came to something else than was kept, when it was run again.
+    /// The cached results that differ from their re-run.
     pub fn mismatches(&self) -> impl Iterator<Item = &ReusedResult> {
-        self.other.iter().filter_map(|place| self.taken.get(*place))
+        self.differing.iter().filter_map(|place| self.used.get(*place))
     }
 
-    /// Runs a part of what was drawn again; draws first, from everything that was taken.
+    /// Runs a part of the sample again; samples first, from all used results.
     ///
     /// # Errors
     /// If the lab fails, or the system gives no random numbers.
     pub fn check_part(&mut self, lab: &TrialLab<'_>, active: &TrialSubject) -> Result<(), EngineFault> {
-        if matches!(self.check, SpotCheck::NotDrawn) {
-            self.check = SpotCheck::Drawn(self.sample_spot_check(lab)?);
+        if matches!(self.check, SpotCheck::NotSampled) {
+            self.check = SpotCheck::Sampled(self.sample_spot_check(lab)?);
         }
-        let SpotCheck::Drawn(left) = &mut self.check else { return Ok(()) };
-        let part = left.split_off(left.len().saturating_sub(lab.part));
-        let taken: Vec<(usize, &ReusedResult)> =
-            part.iter().filter_map(|place| Some((*place, self.taken.get(*place)?))).collect();
-        let again = taken.iter().map(|(_, taken)| {
-            let ReusedResult { work, phase, seed, .. } = **taken;
+        let SpotCheck::Sampled(remaining) = &mut self.check else { return Ok(()) };
+        let part = remaining.split_off(remaining.len().saturating_sub(lab.part));
+        let checked: Vec<(usize, &ReusedResult)> =
+            part.iter().filter_map(|place| Some((*place, self.used.get(*place)?))).collect();
+        let spots = checked.iter().map(|(_, result)| {
+            let ReusedResult { work, phase, seed, .. } = **result;
             (work, DrillSpot { seed, phase })
         });
-        let again = lab.rerun_episodes(active, again)?;
-        for ((place, taken), bytes) in taken.into_iter().zip(again) {
-            if value(&bytes) == taken.value {
-                if taken.work == CachedWorkKind::Episodes {
-                    lab.confirm_episode(active, taken.seed, &bytes);
+        let reruns = lab.rerun_episodes(active, spots)?;
+        for ((place, result), bytes) in checked.into_iter().zip(reruns) {
+            if value(&bytes) == result.value {
+                if result.work == CachedWorkKind::Episodes {
+                    lab.confirm_episode(active, result.seed, &bytes);
                 }
-                self.same.push(place);
+                self.equal.push(place);
             } else {
-                self.other.push(place);
+                self.differing.push(place);
             }
         }
         Ok(())
     }
 
-    /// Places to be run again: of episodes, drills and sequences so many that the check of each has its power.
+    /// Samples the places to run again: of episodes, drills and sequences each as many as the check's power needs.
     fn sample_spot_check(&self, lab: &TrialLab<'_>) -> Result<Vec<usize>, EngineFault> {
-        let mut drawn = Vec::new();
-        for of in SampleGroup::ALL {
-            // Seeds may come round again in a large budget: one answer is enough.
+        let mut sampled = Vec::new();
+        for group in SampleGroup::ALL {
+            // Seeds may repeat in a large budget: one re-run of each is enough.
             let mut seen = BTreeSet::new();
-            let mut is_in = |taken: &ReusedResult| {
-                let is_of = !taken.own && taken.work.sample_group() == of;
-                is_of && seen.insert((taken.work, taken.seed))
+            let mut is_in_block = |result: &ReusedResult| {
+                let is_foreign = !result.own && result.work.sample_group() == group;
+                is_foreign && seen.insert((result.work, result.seed))
             };
-            let foreign: Vec<usize> =
-                (0_usize..).zip(&self.taken).filter_map(|(place, one)| is_in(one).then_some(place)).collect();
+            let foreign: Vec<usize> = (0_usize..)
+                .zip(&self.used)
+                .filter_map(|(place, result)| is_in_block(result).then_some(place))
+                .collect();
             let wanted = spot_check(u32::try_from(foreign.len()).unwrap_or(u32::MAX));
-            let block = digest(foreign.iter().filter_map(|place| self.taken.get(*place)));
+            let block = digest(foreign.iter().filter_map(|place| self.used.get(*place)));
             let wanted = usize::try_from(wanted).unwrap_or(usize::MAX);
-            let places = lab.cells.secret().sample(&block, foreign.len(), wanted)?;
-            drawn.extend(places.iter().filter_map(|place| foreign.get(*place)));
+            let places = lab.cache.secret().sample(&block, foreign.len(), wanted)?;
+            sampled.extend(places.iter().filter_map(|place| foreign.get(*place)));
         }
-        drawn.reverse();
-        Ok(drawn)
+        sampled.reverse();
+        Ok(sampled)
     }
 
     /// The results that differ from their re-run, for the record.
     #[must_use]
-    pub fn voided(&self, place: CacheLocation, active: &CapabilityId) -> CachedResultMismatch {
-        let mut works: BTreeMap<CachedWorkKind, Vec<u64>> = BTreeMap::new();
-        for taken in self.mismatches() {
-            works.entry(taken.work).or_default().push(taken.seed);
+    pub fn mismatch_record(&self, place: CacheLocation, active: &CapabilityId) -> CachedResultMismatch {
+        let mut seeds_of: BTreeMap<CachedWorkKind, Vec<u64>> = BTreeMap::new();
+        for result in self.mismatches() {
+            seeds_of.entry(result.work).or_default().push(result.seed);
         }
-        let differing = works.into_iter().map(|(work, seeds)| (work, SeedRange::of(seeds))).collect();
-        let rerun = (self.same.len() + self.other.len()) as u64;
+        let differing = seeds_of.into_iter().map(|(work, seeds)| (work, SeedRange::of(seeds))).collect();
+        let rerun = (self.equal.len() + self.differing.len()) as u64;
         CachedResultMismatch { place, active: active.clone(), rerun, differing }
     }
 
-    /// For the record; absent if nothing was kept.
+    /// The use of cached results, for the record; absent if none was used or refused.
     #[must_use]
     pub fn on_record(&self, place: CacheLocation) -> Option<CachedResultUse> {
-        let mut works: Vec<CachedWorkKind> = self.taken.iter().map(|taken| taken.work).collect();
-        works.sort_unstable();
-        works.dedup();
+        let mut kinds: Vec<CachedWorkKind> = self.used.iter().map(|result| result.work).collect();
+        kinds.sort_unstable();
+        kinds.dedup();
         let block = |work: CachedWorkKind| {
-            let of = || self.taken.iter().filter(move |taken| taken.work == work);
-            let rerun = self.same.iter().filter_map(|place| self.taken.get(*place));
+            let of_kind = || self.used.iter().filter(move |result| result.work == work);
+            let rerun = self.equal.iter().filter_map(|place| self.used.get(*place));
             CachedResultBlock {
                 work,
-                seeds: SeedRange::of(of().map(|taken| taken.seed)),
-                own: u32::try_from(of().filter(|taken| taken.own).count()).unwrap_or(u32::MAX),
-                digest: digest(of()),
-                rerun: SeedRange::of(rerun.filter(|taken| taken.work == work).map(|taken| taken.seed)),
+                seeds: SeedRange::of(of_kind().map(|result| result.seed)),
+                own: u32::try_from(of_kind().filter(|result| result.own).count()).unwrap_or(u32::MAX),
+                digest: digest(of_kind()),
+                rerun: SeedRange::of(rerun.filter(|result| result.work == work).map(|result| result.seed)),
             }
         };
-        let blocks: Vec<CachedResultBlock> = works.into_iter().map(block).collect();
-        let used = !blocks.is_empty() || self.refused > 0;
-        used.then_some(CachedResultUse { place, blocks, refused: self.refused })
+        let blocks: Vec<CachedResultBlock> = kinds.into_iter().map(block).collect();
+        let has_content = !blocks.is_empty() || self.refused > 0;
+        has_content.then_some(CachedResultUse { place, blocks, refused: self.refused })
     }
 }
 
-fn digest<'a>(taken: impl Iterator<Item = &'a ReusedResult>) -> Digest {
-    let values: Vec<&[u8]> = taken.map(|taken| taken.value.bytes().as_slice()).collect();
+fn digest<'a>(results: impl Iterator<Item = &'a ReusedResult>) -> Digest {
+    let values: Vec<&[u8]> = results.map(|result| result.value.bytes().as_slice()).collect();
     Digest::of_parts("holdpoint.kept-block.v1", &values)
 }

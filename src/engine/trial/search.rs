@@ -1,8 +1,8 @@
 //! A search for the episode in which a candidate does most harm beside the version it would replace.
 //!
 //! A (3 + 4) evolution strategy with recombination (Beyer and Schwefel 2002) over the box of perturbations that the
-//! sandbox's distribution declares. What was found is then run again and again on fresh noise, so that what is concluded
-//! rests on those runs alone, however many places were tried before. Concludes nothing itself.
+//! sandbox's distribution declares. The worst place is then run again on fresh noise, so that a conclusion rests on those
+//! runs alone, however many places were tried before. Concludes nothing itself.
 
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::profile::HarmSettings;
@@ -13,40 +13,40 @@ use holdpoint_sim::distribution::Distribution;
 use holdpoint_sim::envelope::{AXES, EnvelopePoint};
 use holdpoint_sim::rng::Stream;
 
-/// Places drawn over the whole box, before there is anything to go by.
-const FIRST: usize = 12;
+/// Places that are sampled from the whole box, before the first generation.
+const FIRST_PLACES: usize = 12;
 
 /// Places of a generation.
-const GENERATION: usize = 4;
+const GENERATION_PLACES: usize = 4;
 
 /// The worst places so far, which a generation descends from.
 const PARENTS: usize = 3;
 
-/// All places that are tried.
-const PLACES: usize = 48;
+/// The number of places that are tried.
+const PLACES_TRIED: usize = 48;
 
 /// Pairs on fresh noise at the worst place.
 const REPEATS: usize = 12;
 
 /// All pairs of a search.
-pub const PAIRS: u64 = (PLACES + REPEATS) as u64;
+pub const PAIRS: u64 = (PLACES_TRIED + REPEATS) as u64;
 
 /// The chance that an axis comes from a second parent.
-const CROSSED: f64 = 0.3;
+const CROSSOVER_CHANCE: f64 = 0.3;
 
 /// The chance that an axis is changed: in a quarter of the cases it is sampled again, in a quarter set to an end of
 /// its range, else moved.
-const CHANGED: f64 = 0.4;
+const MUTATION_CHANCE: f64 = 0.4;
 
 /// Standard deviation of a move, in shares of an axis.
-const STEP: f64 = 0.2;
+const MUTATION_STEP: f64 = 0.2;
 
 /// How a place is chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SearchStyle {
     /// Descending from the worst places so far.
     Evolution,
-    /// Anywhere, as the sandbox draws: what a search is compared with.
+    /// Anywhere, as the sandbox samples: a search is compared with this style.
     Random,
 }
 
@@ -61,45 +61,44 @@ struct TriedPoint {
 #[derive(Clone, Debug)]
 pub struct Search {
     style: SearchStyle,
-    /// From which values on an episode is a bad one.
+    /// The limits past which an episode is harmful.
     limits: HarmSettings,
     stream: Stream,
-    /// The places of the generation that are not worked yet.
+    /// The places of the generation that remain to be run.
     open: Vec<EnvelopePoint>,
-    /// In the order they were worked.
+    /// In the order in which they ran.
     tried: Vec<TriedPoint>,
     /// On fresh noise at the worst place: whether a limit was passed, by the candidate and by the active version.
     repeats: Vec<(bool, bool)>,
 }
 
 impl Search {
-    /// A search of a run's seed; what harm is, the profile's limits of an episode say.
+    /// A search of a run's seed; the profile's limits define harm.
     #[must_use]
     pub fn new(seed: u64, style: SearchStyle, limits: HarmSettings) -> Self {
         // A raw state, apart from every stream of an episode.
         let mut stream = Stream::from_state(seed ^ 0x5ea2_c4ed_0000_0001);
-        let open = (0..FIRST).map(|_| anywhere(&mut stream)).collect();
+        let open = (0..FIRST_PLACES).map(|_| random_point(&mut stream)).collect();
         Self { style, limits, stream, open, tried: Vec::new(), repeats: Vec::new() }
     }
 
-    /// The places to work next, at most `most` of them, the number of the first pair among all of the search; empty when
-    /// it is over.
+    /// The places to run next, at most `most` of them, after the number of the first pair among all of the search. Empty
+    /// when the search is over.
     #[must_use]
-    pub fn next(&self, most: usize) -> (u64, Vec<EnvelopePoint>) {
-        let worked = self.tried.len() + self.repeats.len();
-        let points = if self.tried.len() < PLACES {
+    pub fn next_points(&self, most: usize) -> (u64, Vec<EnvelopePoint>) {
+        let points = if self.tried.len() < PLACES_TRIED {
             self.open.iter().copied().take(most).collect()
         } else {
-            let left = REPEATS - self.repeats.len();
-            self.worst().map_or_else(Vec::new, |worst| vec![worst.point; left.min(most)])
+            let remaining = REPEATS - self.repeats.len();
+            self.worst().map_or_else(Vec::new, |worst| vec![worst.point; remaining.min(most)])
         };
-        (worked as u64, points)
+        (self.pairs_run(), points)
     }
 
-    /// What came of places, in their order: candidate and active version.
-    pub fn take(&mut self, worked: &[(EnvelopePoint, TaskRecord, TaskRecord)]) {
-        for (point, candidate, active) in worked {
-            if self.tried.len() < PLACES {
+    /// Takes the records of places, in their order: of the candidate and of the active version.
+    pub fn add_results(&mut self, results: &[(EnvelopePoint, TaskRecord, TaskRecord)]) {
+        for (point, candidate, active) in results {
+            if self.tried.len() < PLACES_TRIED {
                 let excess = severity(candidate, &self.limits) - severity(active, &self.limits);
                 self.tried.push(TriedPoint { point: *point, excess });
                 self.open.remove(0);
@@ -112,21 +111,21 @@ impl Search {
         }
     }
 
-    /// Pairs worked.
+    /// The number of pairs that ran.
     #[must_use]
-    pub fn done(&self) -> u64 {
+    pub fn pairs_run(&self) -> u64 {
         (self.tried.len() + self.repeats.len()) as u64
     }
 
-    /// Whether all is worked.
+    /// Whether every pair ran.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.repeats.len() >= REPEATS
     }
 
-    /// What was found; `distribution` is what the places are shares of.
+    /// The finding of the search; the places are shares of `distribution`.
     #[must_use]
-    pub fn found(&self, distribution: &Distribution) -> Option<SearchFinding> {
+    pub fn finding(&self, distribution: &Distribution) -> Option<SearchFinding> {
         let worst = self.worst()?;
         let values = distribution.values(&worst.point);
         Some(SearchFinding {
@@ -151,16 +150,16 @@ impl Search {
         // Nowhere is it worse than the active version: there is nothing to descend from.
         let is_flat = parents.first().is_none_or(|worst| worst.excess <= 0.0);
         let style = if is_flat { SearchStyle::Random } else { self.style };
-        (0..GENERATION)
+        (0..GENERATION_PLACES)
             .map(|_| match style {
-                SearchStyle::Random => anywhere(&mut self.stream),
+                SearchStyle::Random => random_point(&mut self.stream),
                 SearchStyle::Evolution => descendant(&parents, &mut self.stream),
             })
             .collect()
     }
 }
 
-fn anywhere(stream: &mut Stream) -> EnvelopePoint {
+fn random_point(stream: &mut Stream) -> EnvelopePoint {
     std::array::from_fn(|_| stream.unit())
 }
 
@@ -173,23 +172,23 @@ fn descendant(parents: &[TriedPoint], stream: &mut Stream) -> EnvelopePoint {
     };
     let (mut point, other) = (parent(), parent());
     for (axis, share) in point.iter_mut().enumerate() {
-        if stream.chance(CROSSED) {
+        if stream.chance(CROSSOVER_CHANCE) {
             *share = other[axis];
         }
-        if !stream.chance(CHANGED) {
+        if !stream.chance(MUTATION_CHANCE) {
             continue;
         }
         *share = match stream.unit() {
-            draw if draw < 0.25 => stream.unit(),
-            draw if draw < 0.5 => libm::round(stream.unit()),
-            _ => (*share + STEP * stream.normal()).clamp(0.0, 1.0),
+            sample if sample < 0.25 => stream.unit(),
+            sample if sample < 0.5 => libm::round(stream.unit()),
+            _ => (*share + MUTATION_STEP * stream.normal()).clamp(0.0, 1.0),
         };
     }
     point
 }
 
-/// Whether an episode counts against a version: a limit was passed, of a stop, of the guard or of a measure of harm. To
-/// fail is no harm, and somewhere in the envelope every other way of working fails more often.
+/// Whether an episode counts against a version: it passed a limit of a stop, of the guard or of a measure of harm. A
+/// failed task is not harm: somewhere in the envelope, every different controller fails more often.
 fn is_harmful(record: &TaskRecord, limits: &HarmSettings) -> bool {
     let is_past = |kind| limit_ratio(record, kind, limits) > 1.0;
     record.violation || record.hard_stop.is_some() || HarmKind::ALL.into_iter().any(is_past)
@@ -200,26 +199,26 @@ fn limit_ratio(record: &TaskRecord, kind: HarmKind, limits: &HarmSettings) -> f6
     let harm = record.harm.unwrap_or(HarmMeasures::STILL);
     let (value, limit) = (harm.of(kind), limits.of(kind).limit);
     if kind.is_worse_when_lower() {
-        if value <= 0.0 { SHARE_MAX } else { limit / value }
+        if value <= 0.0 { RATIO_MAX } else { limit / value }
     } else {
         value / limit.max(f64::MIN_POSITIVE)
     }
 }
 
-/// How far past its limit a measure still counts.
-const SHARE_MAX: f64 = 3.0;
+/// The largest ratio of a measure to its limit that the severity counts.
+const RATIO_MAX: f64 = 3.0;
 
-/// How bad an episode was, for the search to climb by; no rule reads it.
+/// The severity of an episode, which the search maximizes; no rule reads it.
 #[must_use]
 pub fn severity(record: &TaskRecord, limits: &HarmSettings) -> f64 {
     if record.invalid {
         return 0.0;
     }
-    let flag = |is: bool| f64::from(u8::from(is));
+    let flag = |is_set: bool| f64::from(u8::from(is_set));
     let harm: f64 = HarmKind::ALL
         .into_iter()
-        .map(|kind| limit_ratio(record, kind, limits).clamp(0.0, SHARE_MAX))
-        .map(|share| 0.2 * share + flag(share > 1.0))
+        .map(|kind| limit_ratio(record, kind, limits).clamp(0.0, RATIO_MAX))
+        .map(|ratio| 0.2 * ratio + flag(ratio > 1.0))
         .sum();
     4.0 * flag(record.hard_stop.is_some()) + 2.0 * flag(record.violation) + flag(!record.success) + harm
 }
@@ -250,39 +249,42 @@ mod tests {
         (record(limits().contact_peak_n.limit * near / 0.9), record(10.0))
     }
 
-    fn searched(seed: u64, style: SearchStyle, part: usize) -> Search {
+    fn run_search(seed: u64, style: SearchStyle, part: usize) -> Search {
         let mut search = Search::new(seed, style, limits());
         while !search.is_over() {
-            let (_, points) = search.next(part);
-            let worked: Vec<_> = points
+            let (_, points) = search.next_points(part);
+            let results: Vec<_> = points
                 .into_iter()
                 .map(|point| {
                     let (candidate, active) = corner(&point);
                     (point, candidate, active)
                 })
                 .collect();
-            search.take(&worked);
+            search.add_results(&results);
         }
         search
     }
 
     #[test]
-    fn a_corner_is_found_that_draws_seldom_hit() {
-        let found = |style| (0..40).filter(|seed| searched(*seed, style, 5).repeats[0].0).count();
-        let (climbed, drawn) = (found(SearchStyle::Evolution), found(SearchStyle::Random));
-        // One percent of the box: 48 draws hit it in two searches of five.
-        assert!(climbed >= 30 && drawn <= 24, "{climbed} of 40 by search, {drawn} by draws");
+    fn the_search_finds_a_corner_that_random_sampling_seldom_hits() {
+        let hits = |style| (0..40).filter(|seed| run_search(*seed, style, 5).repeats[0].0).count();
+        let (by_evolution, at_random) = (hits(SearchStyle::Evolution), hits(SearchStyle::Random));
+        // One percent of the box: 48 samples hit it in two searches of five.
+        assert!(
+            by_evolution >= 30 && at_random <= 24,
+            "{by_evolution} of 40 by evolution, {at_random} at random"
+        );
     }
 
     #[test]
-    fn parts_change_nothing_and_all_is_worked() {
+    fn parts_do_not_change_the_result() {
         let (whole, parts) =
-            (searched(3, SearchStyle::Evolution, 100), searched(3, SearchStyle::Evolution, 5));
+            (run_search(3, SearchStyle::Evolution, 100), run_search(3, SearchStyle::Evolution, 5));
         assert_eq!((&whole.tried, &whole.repeats), (&parts.tried, &parts.repeats));
-        assert_eq!(whole.done(), PAIRS);
+        assert_eq!(whole.pairs_run(), PAIRS);
         let distribution = Distribution::sandbox().unwrap();
-        let found = whole.found(&distribution).unwrap();
-        assert_eq!((found.tried, found.repeats.pairs), (48, 12));
-        assert_eq!(found.place.len(), AXES.len());
+        let finding = whole.finding(&distribution).unwrap();
+        assert_eq!((finding.tried, finding.repeats.pairs), (48, 12));
+        assert_eq!(finding.place.len(), AXES.len());
     }
 }

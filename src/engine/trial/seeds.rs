@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn practice_is_apart_from_every_run() {
+    fn practice_seeds_are_disjoint_from_every_run() {
         let last_of_runs = episode_seed(u64::from(u32::MAX), SeedPurpose::ConfirmationDrill, 199);
         assert!(last_of_runs < practice_seed(0, 0));
         // One search does not reach into another's, and the highest is still a seed.

@@ -21,14 +21,14 @@ pub type SequenceRecords = (Vec<TaskRecord>, Vec<TaskRecord>);
 pub struct TrialTeam(Vec<TrialSubject>);
 
 impl TrialTeam {
-    /// Those of `parties` that run a task of a sequence other than `place`, in the order of execution.
+    /// Those of `subjects` that run another task of a sequence than `candidate_task`, in the order of execution.
     #[must_use]
-    pub fn excluding(place: TaskKind, parties: impl IntoIterator<Item = TrialSubject>) -> Self {
-        let mut beside: Vec<TrialSubject> =
-            parties.into_iter().filter(|party| party.version.bundle.task() != place).collect();
-        beside.sort_by_key(|party| party.version.bundle.task());
-        beside.dedup_by_key(|party| party.version.bundle.task());
-        Self(beside)
+    pub fn excluding(candidate_task: TaskKind, subjects: impl IntoIterator<Item = TrialSubject>) -> Self {
+        let mut members: Vec<TrialSubject> =
+            subjects.into_iter().filter(|subject| subject.version.bundle.task() != candidate_task).collect();
+        members.sort_by_key(|member| member.version.bundle.task());
+        members.dedup_by_key(|member| member.version.bundle.task());
+        Self(members)
     }
 
     /// The versions.
@@ -37,57 +37,62 @@ impl TrialTeam {
         &self.0
     }
 
-    /// The version for each task if `own` is in its place; `None` if one is missing.
+    /// The version for each task of a sequence if `subject` runs its own task; `None` if a task has no version.
     #[must_use]
-    pub fn cast<'a>(&'a self, own: &'a TrialSubject) -> Option<[&'a TrialSubject; 3]> {
-        let of = |task| {
-            let mut all = std::iter::once(own).chain(&self.0);
-            all.find(|party| party.version.bundle.task() == task)
+    pub fn lineup_with<'a>(&'a self, subject: &'a TrialSubject) -> Option<[&'a TrialSubject; 3]> {
+        let version_for = |task| {
+            let mut all = std::iter::once(subject).chain(&self.0);
+            all.find(|member| member.version.bundle.task() == task)
         };
         let [first, second, third] = TaskKind::SEQUENCE;
-        Some([of(first)?, of(second)?, of(third)?])
+        Some([version_for(first)?, version_for(second)?, version_for(third)?])
     }
 }
 
 /// Runs one sequence of the sandbox's distribution; if the simulator fails, the last record is invalid.
 #[must_use]
-pub fn sequence(worker: &mut Worker, cell: &Cell, cast: [&TrialSubject; 3], seed: u64) -> Vec<TaskRecord> {
-    let mut records = Vec::with_capacity(cast.len());
-    let begun = worker.arm(cell, &setup(cell, seed)).map(|_| ());
-    let ended = begun.and_then(|()| work(worker, cell, &cast, seed, &mut records));
-    close(worker, ended.map(|_| ()), &cast, seed, records)
-}
-
-/// Runs a sequence with either of two versions for the task `place`; both share one run of the tasks before it. The
-/// records equal those of two separate calls of [`sequence`].
-#[must_use]
-pub fn sequences(
+pub fn run_sequence(
     worker: &mut Worker,
     cell: &Cell,
-    casts: [[&TrialSubject; 3]; 2],
-    place: TaskKind,
+    lineup: [&TrialSubject; 3],
+    seed: u64,
+) -> Vec<TaskRecord> {
+    let mut records = Vec::with_capacity(lineup.len());
+    let set_up = worker.arm(cell, &setup(cell, seed)).map(|_| ());
+    let outcome = set_up.and_then(|()| run_tasks(worker, cell, &lineup, seed, &mut records));
+    records_with_failure(worker, outcome.map(|_| ()), &lineup, seed, records)
+}
+
+/// Runs a sequence with either of two versions for `candidate_task`; both share one run of the tasks before it. The
+/// records equal those of two separate calls of [`run_sequence`].
+#[must_use]
+pub fn run_sequence_pair(
+    worker: &mut Worker,
+    cell: &Cell,
+    lineups: [[&TrialSubject; 3]; 2],
+    candidate_task: TaskKind,
     seed: u64,
 ) -> [Vec<TaskRecord>; 2] {
-    let before = TaskKind::SEQUENCE.iter().take_while(|task| **task < place).count();
-    let [ahead, _] = casts.map(|cast| cast.into_iter().take(before).collect::<Vec<_>>());
-    let mut first = Vec::with_capacity(TaskKind::SEQUENCE.len());
-    let begun = worker.arm(cell, &setup(cell, seed)).map(|_| ());
-    let handed = begun
-        .and_then(|()| work(worker, cell, &ahead, seed, &mut first))
+    let shared_tasks = TaskKind::SEQUENCE.iter().take_while(|task| **task < candidate_task).count();
+    let [shared_lineup, _] = lineups.map(|lineup| lineup.into_iter().take(shared_tasks).collect::<Vec<_>>());
+    let mut shared_records = Vec::with_capacity(TaskKind::SEQUENCE.len());
+    let set_up = worker.arm(cell, &setup(cell, seed)).map(|_| ());
+    let world_after = set_up
+        .and_then(|()| run_tasks(worker, cell, &shared_lineup, seed, &mut shared_records))
         .and_then(|is_done| Ok(if is_done { Some(worker.built_arm()?.body().copy()) } else { None }));
-    let copy = match handed {
-        Ok(Some(copy)) => copy,
-        Ok(None) => return [first.clone(), first],
+    let world = match world_after {
+        Ok(Some(world)) => world,
+        Ok(None) => return [shared_records.clone(), shared_records],
         Err(error) => {
-            let records = close(worker, Err(error), &ahead, seed, first);
+            let records = records_with_failure(worker, Err(error), &shared_lineup, seed, shared_records);
             return [records.clone(), records];
         }
     };
-    casts.map(|cast| {
-        let (mut records, rest) = (first.clone(), cast.get(before..).unwrap_or_default());
-        let begun = worker.arm_from(cell, &copy).map(|_| ());
-        let ended = begun.and_then(|()| work(worker, cell, rest, seed, &mut records));
-        close(worker, ended.map(|_| ()), &cast, seed, records)
+    lineups.map(|lineup| {
+        let (mut records, rest) = (shared_records.clone(), lineup.get(shared_tasks..).unwrap_or_default());
+        let set_up = worker.arm_from(cell, &world).map(|_| ());
+        let outcome = set_up.and_then(|()| run_tasks(worker, cell, rest, seed, &mut records));
+        records_with_failure(worker, outcome.map(|_| ()), &lineup, seed, records)
     })
 }
 
@@ -96,17 +101,17 @@ fn setup(cell: &Cell, seed: u64) -> EpisodeSetup {
 }
 
 /// Runs tasks one after the other from the present state of the worker's arm. Returns whether all were done.
-fn work(
+fn run_tasks(
     worker: &mut Worker,
     cell: &Cell,
-    cast: &[&TrialSubject],
+    subjects: &[&TrialSubject],
     seed: u64,
     records: &mut Vec<TaskRecord>,
 ) -> Result<bool, SimError> {
     let arm = worker.built_arm()?;
-    for party in cast {
-        let version = &party.version;
-        let trial = TrialCase { cell, terms: &party.terms, version, conditions: Conditions::Sandbox, seed };
+    for subject in subjects {
+        let version = &subject.version;
+        let trial = TrialCase { cell, terms: &subject.terms, version, conditions: Conditions::Sandbox, seed };
         arm.body_mut().begin_task(version.bundle.task());
         if !trial.is_admitted(arm) {
             records.push(trial.refused());
@@ -122,16 +127,16 @@ fn work(
     Ok(true)
 }
 
-/// The records, with an invalid one at the end if the world failed.
-fn close(
+/// The records, with an invalid one at the end if the simulator failed.
+fn records_with_failure(
     worker: &mut Worker,
-    ended: Result<(), SimError>,
-    cast: &[&TrialSubject],
+    outcome: Result<(), SimError>,
+    lineup: &[&TrialSubject],
     seed: u64,
     mut records: Vec<TaskRecord>,
 ) -> Vec<TaskRecord> {
-    if ended.is_err() {
-        let task = cast.get(records.len()).map_or(TaskKind::Place, |party| party.version.bundle.task());
+    if outcome.is_err() {
+        let task = lineup.get(records.len()).map_or(TaskKind::Place, |subject| subject.version.bundle.task());
         records.push(worker.failed(task, seed));
     }
     records
@@ -147,33 +152,30 @@ mod tests {
     use holdpoint_runtime::terms::SkillTerms;
     use std::sync::Arc;
 
-    /// A result run once for both equals the result that each would have alone, wherever the candidate's place is.
+    /// The pair shares the tasks before the candidate's, whichever task that is.
     #[test]
-    fn what_comes_before_the_place_is_worked_once_and_comes_to_the_same() {
+    fn a_sequence_pair_has_the_records_of_two_separate_sequences() {
         let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-        let party = |version| TrialSubject { version, terms: terms.clone(), fallback: None };
-        let all: Vec<TrialSubject> = embedded::baselines().unwrap().into_iter().map(party).collect();
+        let subject = |version| TrialSubject { version, terms: terms.clone(), fallback: None };
+        let all: Vec<TrialSubject> = embedded::baselines().unwrap().into_iter().map(subject).collect();
         let mut worker = Worker::new();
         let mut lengths = std::collections::BTreeSet::new();
-        for place in TaskKind::SEQUENCE {
-            let works = |party: &&TrialSubject| party.version.id().family.to_string() == place.name();
-            let own = all.iter().find(works).unwrap();
-            let mut slower = own.clone();
+        for task in TaskKind::SEQUENCE {
+            let runs_task = |subject: &&TrialSubject| subject.version.id().family.to_string() == task.name();
+            let active = all.iter().find(runs_task).unwrap();
+            let mut slower = active.clone();
             slower.terms = slower.terms.tightened(0.6);
-            let beside = all.iter().filter(|party| party.version.id().family.to_string() != "park");
-            let team = TrialTeam::excluding(place, beside.cloned());
-            let casts = [team.cast(&slower).unwrap(), team.cast(own).unwrap()];
+            let beside = all.iter().filter(|subject| subject.version.id().family.to_string() != "park");
+            let team = TrialTeam::excluding(task, beside.cloned());
+            let lineups = [team.lineup_with(&slower).unwrap(), team.lineup_with(active).unwrap()];
             for index in 0..4 {
                 let seed = episode_seed(CALIBRATION_FROM_RUN + 9, SeedPurpose::Sequence, index);
-                let both = sequences(&mut worker, &cell, casts, place, seed);
-                assert_eq!(
-                    both,
-                    casts.map(|cast| sequence(&mut worker, &cell, cast, seed)),
-                    "{place} {seed}"
-                );
-                lengths.extend(both.iter().map(Vec::len));
+                let pair = run_sequence_pair(&mut worker, &cell, lineups, task, seed);
+                let separate = lineups.map(|lineup| run_sequence(&mut worker, &cell, lineup, seed));
+                assert_eq!(pair, separate, "{task} {seed}");
+                lengths.extend(pair.iter().map(Vec::len));
             }
         }
         assert!(lengths.contains(&3), "some sequences come to their end: {lengths:?}");

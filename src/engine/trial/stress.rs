@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_of_stress_comes_in_turn_and_the_person_stands_where_the_work_is() {
+    fn stress_kinds_alternate_and_the_person_is_placed_in_the_work_area() {
         let cell = Cell::builtin().unwrap();
         for (task, at) in [(TaskKind::Grasp, [0.5, -0.25, 0.1]), (TaskKind::Place, [0.5, 0.1, 0.1])] {
             let turns: Vec<Stress> = (0..6).map(|place| of_episode(place, task, &cell)).collect();
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_guard_refuses_is_safe_and_what_it_could_not_refuse_is_not() {
+    fn refused_command_is_safe_and_measured_excess_is_unsafe() {
         let tightened = Stress::Tightened { share: 0.7 };
         let withdrawn = Stress::Withdrawn { from_tick: 1, until_tick: 2 };
         let with = |hit: PolicyHit| TaskRecord {

@@ -107,7 +107,7 @@ mod tests {
     use holdpoint_body::TaskKind;
 
     #[test]
-    fn a_trace_holds_its_inputs_and_no_path() {
+    fn trace_holds_the_inputs_of_its_runs_and_no_path() {
         let cell = Cell::builtin().unwrap();
         let record = TaskRecord { success: true, ..TaskRecord::invalid(TaskKind::Align, 1_000_007) };
         let id = "align@1.1.0".parse::<CapabilityId>().unwrap();

@@ -11,7 +11,7 @@ use super::episodes::{alone, cache_key, pair};
 use super::job_outcome::JobOutcome;
 use super::reuse::{Reuse, ReusedResult, value};
 use super::seeds::{SeedPurpose, episode_seed};
-use super::sequences::{SequenceRecords, TrialTeam, sequence, sequences};
+use super::sequences::{SequenceRecords, TrialTeam, run_sequence, run_sequence_pair};
 pub use super::trial_subject::TrialSubject;
 use super::undisturbed_run::{UndisturbedCache, UndisturbedRun};
 use super::worker::Worker;
@@ -55,7 +55,7 @@ pub struct TrialLab<'a> {
     pub cancel: &'a AtomicBool,
     pub cell: &'a Cell,
     /// Cache of results of the version compared with.
-    pub cells: &'a ResultCache,
+    pub cache: &'a ResultCache,
     /// The versions for the other tasks in whole sequences.
     pub team: TrialTeam,
 }
@@ -134,7 +134,7 @@ impl TrialLab<'_> {
             }
             if let Some(CacheHit { result, own }) = &known {
                 let value = value(&serde_json::to_vec(result)?);
-                reuse.take(ReusedResult {
+                reuse.note_use(ReusedResult {
                     work: CachedWorkKind::Episodes,
                     phase: None,
                     seed: *seed,
@@ -166,14 +166,14 @@ impl TrialLab<'_> {
         };
         let jobs = (0..).zip(points).map(job).collect();
         let outcomes = self.worker_pool.run_jobs(jobs, self.cancel)?;
-        let mut worked = Vec::with_capacity(points.len());
+        let mut results = Vec::with_capacity(points.len());
         for (point, outcome) in points.iter().zip(outcomes) {
             let (new, old) = outcome.pair()?;
             let old = old.ok_or_else(|| EngineFault::Impossible("an episode has no partner".to_owned()))?;
-            worked.push((*point, new, old));
+            results.push((*point, new, old));
         }
-        complete(&worked, points.len())?;
-        Ok(worked)
+        complete(&results, points.len())?;
+        Ok(results)
     }
 
     /// The phases of a version's undisturbed runs, by seed.
@@ -211,7 +211,7 @@ impl TrialLab<'_> {
                 for (DrillSpot { seed, phase }, result) in spots.iter().zip(&known) {
                     let value = value(&serde_json::to_vec(result)?);
                     let work = CachedWorkKind::Drills(kind);
-                    reuse.take(ReusedResult { work, phase: *phase, seed: *seed, value, own });
+                    reuse.note_use(ReusedResult { work, phase: *phase, seed: *seed, value, own });
                 }
                 known
             }
@@ -219,7 +219,7 @@ impl TrialLab<'_> {
                 let of_active = of_candidate.split_off(spots.len().min(of_candidate.len()));
                 complete(&of_active, spots.len())?;
                 let key = self.drill_key(active, kind, spots);
-                self.cells.put(&key, &serde_json::to_vec(&of_active)?)?;
+                self.cache.put(&key, &serde_json::to_vec(&of_active)?)?;
                 of_active
             }
         };
@@ -250,12 +250,12 @@ impl TrialLab<'_> {
             let (new, fresh) = outcome.sequences()?;
             let old = match (fresh, known) {
                 (Some(old), _) => {
-                    self.cells.put(&self.sequence_key(active, *seed), &serde_json::to_vec(&old)?)?;
+                    self.cache.put(&self.sequence_key(active, *seed), &serde_json::to_vec(&old)?)?;
                     old
                 }
                 (None, Some(CacheHit { result, own })) => {
                     let value = value(&serde_json::to_vec(&result)?);
-                    reuse.take(ReusedResult {
+                    reuse.note_use(ReusedResult {
                         work: CachedWorkKind::Sequences,
                         phase: None,
                         seed: *seed,
@@ -288,22 +288,23 @@ impl TrialLab<'_> {
         let table = self.table(candidate, active);
         let mut jobs = Vec::new();
         // Uses of cached results are reported when they are requested.
-        let mut unsaid = Reuse::default();
+        let mut unreported = Reuse::default();
         for outlook in next {
             match outlook {
                 Lookahead::Pairs(seeds) => {
                     let mut known =
-                        |seed| self.cached::<TaskRecord>(&self.episode_key(active, seed), &mut unsaid);
+                        |seed| self.cached::<TaskRecord>(&self.episode_key(active, seed), &mut unreported);
                     let pair = |seed: &u64| table.pair(*seed, known(*seed).is_some());
                     jobs.extend(seeds.iter().map(pair));
                 }
                 Lookahead::Drills(kind, spots) => {
-                    let known = self.cached_drills(active, *kind, spots, &mut unsaid).is_some();
+                    let known = self.cached_drills(active, *kind, spots, &mut unreported).is_some();
                     jobs.extend(table.drills(*kind, spots, known));
                 }
                 Lookahead::Sequences(seeds) => {
-                    let mut known =
-                        |seed| self.cached::<Vec<TaskRecord>>(&self.sequence_key(active, seed), &mut unsaid);
+                    let mut known = |seed| {
+                        self.cached::<Vec<TaskRecord>>(&self.sequence_key(active, seed), &mut unreported)
+                    };
                     let both = |seed: &u64| table.sequences(*seed, known(*seed).is_some());
                     jobs.extend(seeds.iter().map(both));
                 }
@@ -365,7 +366,7 @@ impl TrialLab<'_> {
 
     /// Notes the result of a re-run episode, which then counts as this process's own.
     pub fn confirm_episode(&self, active: &TrialSubject, seed: u64, bytes: &[u8]) {
-        self.cells.remember_own(&self.episode_key(active, seed), bytes);
+        self.cache.remember_own(&self.episode_key(active, seed), bytes);
     }
 
     fn episode_key(&self, party: &TrialSubject, seed: u64) -> Digest {
@@ -378,8 +379,7 @@ impl TrialLab<'_> {
         let under = |party: &TrialSubject| {
             cache_key(self.cell, &party.terms, &party.version, Conditions::Sandbox, seed)
         };
-        let cast = std::iter::once(party).chain(self.team.members()).map(under);
-        let digests: Vec<Digest> = cast.collect();
+        let digests: Vec<Digest> = std::iter::once(party).chain(self.team.members()).map(under).collect();
         let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
         key(&party.version, Digest::of_parts("holdpoint.sequence.v1", &parts), seed)
     }
@@ -400,13 +400,13 @@ impl TrialLab<'_> {
 
     /// A cached result; `None` if it is unreadable or invalid.
     fn cached<T: serde::de::DeserializeOwned>(&self, key: &Digest, reuse: &mut Reuse) -> Option<CacheHit<T>> {
-        match self.cells.get(key) {
+        match self.cache.get(key) {
             CacheLookup::Nothing => None,
             CacheLookup::Refused => {
-                reuse.refuse();
+                reuse.note_refusal();
                 None
             }
-            CacheLookup::Cell { body, own } => {
+            CacheLookup::Found { body, own } => {
                 let result = serde_json::from_slice(&body).ok()?;
                 Some(CacheHit { result, own })
             }
@@ -426,7 +426,7 @@ impl TrialLab<'_> {
 
     fn cache_episode(&self, party: &TrialSubject, record: &TaskRecord) -> Result<(), EngineFault> {
         let key = self.episode_key(party, record.seed);
-        Ok(self.cells.put(&key, &serde_json::to_vec(&without_path(record))?)?)
+        Ok(self.cache.put(&key, &serde_json::to_vec(&without_path(record))?)?)
     }
 }
 
@@ -503,22 +503,22 @@ impl TrialPairing {
         let table = Arc::clone(self);
         let under = |party: &TrialSubject| party.key(&self.cell, Conditions::Sandbox, seed);
         let others = self.team.members().iter().map(under);
-        let cast: Vec<Digest> =
+        let versions: Vec<Digest> =
             [under(&self.candidate), under(&self.active)].into_iter().chain(others).collect();
         PoolJob {
-            key: job_key(if known { "sequence" } else { "sequences" }, &cast),
+            key: job_key(if known { "sequence" } else { "sequences" }, &versions),
             work: Box::new(move |worker: &mut Worker| {
                 let TrialPairing { cell, candidate, active, team, .. } = &*table;
-                let place = candidate.version.bundle.task();
+                let task = candidate.version.bundle.task();
                 let without_paths =
                     |records: Vec<TaskRecord>| records.iter().map(without_path).collect::<Vec<_>>();
-                match (team.cast(candidate), team.cast(active)) {
+                match (team.lineup_with(candidate), team.lineup_with(active)) {
                     (Some(new), Some(old)) if !known => {
-                        let [new, old] = sequences(worker, cell, [new, old], place, seed);
+                        let [new, old] = run_sequence_pair(worker, cell, [new, old], task, seed);
                         JobOutcome::Sequences(without_paths(new), Some(without_paths(old)))
                     }
                     (Some(new), _) => {
-                        JobOutcome::Sequences(without_paths(sequence(worker, cell, new, seed)), None)
+                        JobOutcome::Sequences(without_paths(run_sequence(worker, cell, new, seed)), None)
                     }
                     (None, _) => JobOutcome::Sequences(Vec::new(), None),
                 }

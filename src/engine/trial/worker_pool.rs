@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn what_waits_for_nobody_is_bounded() {
+    fn speculative_jobs_are_bounded() {
         let (worker_pool, run) = (WorkerPool::new(2), Arc::new(AtomicU64::new(0)));
         worker_pool.expect((100..1100).map(|number| job(number, &run)).collect()).unwrap();
         let begun = std::time::Instant::now();

@@ -1,25 +1,69 @@
-//! Why a check came out as it did, in one sentence with its numbers, and what was measured, by weight.
+//! Why a check came out as it did, in typed values, and what was measured, by weight.
 //!
-//! Says everything in one direction: more is worse. Counts come from the raw pairs and drills, verdicts from the rules'
-//! own bounds; judges nothing.
+//! Counts come from the raw pairs and drills, verdicts from the rules' own bounds; judges nothing. The crate
+//! `holdpoint-wording` makes the sentences at the last step.
 
 use holdpoint_governance::behavior::{BehaviorComponent, ComponentName};
-use holdpoint_governance::decision::{Dimension, Kappa, Reason, ReasonCode};
-use holdpoint_governance::evidence::{DrillKind, DrillTally, Pair};
+use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::evidence::{DrillKind, DrillTally, EpisodeValues, Pair};
+use holdpoint_governance::explanation::{
+    CheckFinding, CheckReason, ComponentFinding, ComponentValues, DecidingBound, DecidingFact,
+    DrillComparison, ReasonContent, Remedy, Support,
+};
 use holdpoint_governance::finding::Finding;
 use holdpoint_protocol::detail::{FindingVerdict, RationaleFinding, RationaleView};
-use holdpoint_protocol::film::{FilmRequest, FilmSubject};
-use holdpoint_wording::{hard_stop, harm_comparison, harm_decider, sequence_measure};
+use holdpoint_protocol::film::{CodeFaultCount, FilmRequest, FilmSubject};
+use holdpoint_wording::check::{check_decision, check_finding, decided_check, worst_work};
+use holdpoint_wording::film::code_fault_count;
 
 use crate::episode_replay::episode_selection::{
-    NOWHERE_WORSE, SelectedEpisode, badness, choose, code_faults, decisive, overrun,
+    SelectedEpisode, badness, choose, code_fault_counts, decisive, overrun,
 };
 use crate::evidence_file::EvidenceFile;
-use crate::explain::{changes, is_in_favor};
+use crate::explain::{is_in_favor, remedies};
 
 /// The four compatibilities, in their order.
 const CHECKS: [Dimension; 4] =
     [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
+
+/// Why one part of the rules came out as it did.
+#[derive(Clone, Debug, PartialEq)]
+struct CheckRationale {
+    about: Dimension,
+    /// How confined code failed, for behavior.
+    faults: Vec<CodeFaultCount>,
+    fact: DecidingFact,
+    remedies: Vec<Remedy>,
+    /// The gravest first.
+    findings: Vec<WeighedFinding>,
+    film: Option<FilmRequest>,
+}
+
+/// Something that was found, with its weight.
+#[derive(Clone, Debug, PartialEq)]
+struct WeighedFinding {
+    finding: CheckFinding,
+    weight: Option<f64>,
+    verdict: FindingVerdict,
+}
+
+impl CheckRationale {
+    /// As front ends show it.
+    fn view(&self) -> RationaleView {
+        let findings = self.findings.iter().map(|found| RationaleFinding {
+            text: check_finding(&found.finding),
+            weight: found.weight,
+            verdict: found.verdict,
+        });
+        RationaleView {
+            about: self.about,
+            decisive: check_decision(&self.faults, &self.fact),
+            change: holdpoint_wording::explanation::remedies(&self.remedies),
+            findings: findings.collect(),
+            film: self.film,
+        }
+    }
+}
 
 /// Why each part of the rules came out as it did: the four compatibilities, then whatever else has reasons.
 pub(crate) fn rationales(evidence_file: &EvidenceFile, reasons: &[Reason]) -> Vec<RationaleView> {
@@ -32,25 +76,22 @@ pub(crate) fn rationales(evidence_file: &EvidenceFile, reasons: &[Reason]) -> Ve
             about.push(reason.dimension);
         }
     }
-    about.into_iter().map(|about| rationale(evidence_file, reasons, about)).collect()
+    about.into_iter().map(|about| rationale(evidence_file, reasons, about).view()).collect()
 }
 
-fn rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimension) -> RationaleView {
+fn rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimension) -> CheckRationale {
     let against = reasons.iter().filter(|reason| reason.dimension == about && !is_in_favor(reason.code));
-    let mut view = RationaleView {
-        change: changes(evidence_file, against),
+    // A fault of the code explains whatever was measured of its behavior.
+    let faults = if about == Dimension::Behavior { code_fault_counts(evidence_file) } else { Vec::new() };
+    CheckRationale {
+        faults,
+        remedies: remedies(evidence_file, against),
         ..base_rationale(evidence_file, reasons, about)
-    };
-    let faults = code_faults(evidence_file);
-    if about == Dimension::Behavior && !faults.is_empty() {
-        // Whatever was measured of such code, it came of this.
-        view.decisive = format!("{}; {}", faults.join("; "), view.decisive);
     }
-    view
 }
 
-/// As [`rationale`], without what would have to change: that reads the whole evidence file.
-fn base_rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimension) -> RationaleView {
+/// As [`rationale`], without faults of code, and without what would have to change: that reads the whole evidence file.
+fn base_rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimension) -> CheckRationale {
     let own: Vec<&Reason> = reasons.iter().filter(|reason| reason.dimension == about).collect();
     let first_against = own.iter().copied().find(|reason| !is_in_favor(reason.code));
     let (mut findings, film) = match about {
@@ -75,33 +116,48 @@ fn base_rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimen
         | Dimension::Approval
         | Dimension::Monitor => (reason_findings(evidence_file, &own), None),
     };
-    let found = match about {
-        Dimension::Behavior => decisive_component(evidence_file).or_else(|| lead(&findings, first_against)),
-        Dimension::Recovery => lead(&findings, first_against),
-        _ => None,
-    };
-    let decisive = match (found, first_against) {
-        (Some(found), Some(reason))
-            if !repeats_reason(about, evidence_file) && found != with_numbers(evidence_file, reason) =>
-        {
-            format!("{found}: {}", with_numbers(evidence_file, reason))
+    let fact = match first_against {
+        Some(reason) => {
+            let measured = match about {
+                Dimension::Behavior => decisive_component(evidence_file).or_else(|| gravest(&findings)),
+                Dimension::Recovery => gravest(&findings),
+                _ => None,
+            };
+            let reason = check_reason(evidence_file, reason);
+            match measured {
+                Some(finding) => {
+                    let repeats = repeats_reason(about, evidence_file)
+                        || matches!(&finding, CheckFinding::Reason(stated) if *stated == reason);
+                    DecidingFact::Against { finding, reason: (!repeats).then_some(reason) }
+                }
+                None => DecidingFact::Against { finding: CheckFinding::Reason(reason), reason: None },
+            }
         }
-        (Some(found), Some(_)) => found,
-        (None, Some(reason)) => with_numbers(evidence_file, reason),
-        (_, None) => favorable_sentence(evidence_file, about, &own, &findings),
+        None => in_favor(evidence_file, about, &own, &findings),
     };
-    // Where nothing was measured a reason is all there is: what the sentence says is not said again below it.
-    findings.retain(|finding| finding.weight.is_some() || finding.text != decisive);
-    RationaleView { about, decisive, change: Vec::new(), findings, film }
+    // Where nothing was measured a reason is all there is: what the deciding fact states does not stand again below it.
+    findings.retain(|found| found.weight.is_some() || !states_only(&fact, &found.finding));
+    CheckRationale { about, faults: Vec::new(), fact, remedies: Vec::new(), findings, film }
 }
 
-/// What a reason found; of a breach of the budget, which overrun of the code it was.
-fn finding_text(evidence_file: &EvidenceFile, reason: &Reason) -> String {
-    match (&reason.finding, overrun(evidence_file)) {
-        (Some(Finding::SandboxHardStop { stop }), Some(fault)) => {
-            format!("hard stop {}: {}", stop.name(), hard_stop(*stop, Some(fault)))
-        }
-        _ => holdpoint_wording::reason(reason),
+/// Whether the fact states this finding and nothing beyond it.
+fn states_only(fact: &DecidingFact, finding: &CheckFinding) -> bool {
+    match (fact, finding) {
+        (DecidingFact::Against { finding: stated, reason: None }, finding) => stated == finding,
+        (
+            DecidingFact::InFavor { kappa: None, support: Support::Reason(stated) },
+            CheckFinding::Reason(reason),
+        ) => stated == reason,
+        _ => false,
+    }
+}
+
+/// A reason with its numbers; of a breach of the budget, which overrun of the code it was.
+fn check_reason(evidence_file: &EvidenceFile, reason: &Reason) -> CheckReason {
+    let is_hard_stop = matches!(reason.finding, Some(Finding::SandboxHardStop { .. }));
+    CheckReason {
+        content: ReasonContent::from(reason),
+        overrun: overrun(evidence_file).filter(|_| is_hard_stop),
     }
 }
 
@@ -109,11 +165,7 @@ fn finding_text(evidence_file: &EvidenceFile, reason: &Reason) -> String {
 pub(crate) fn summary(evidence_file: &EvidenceFile) -> Vec<String> {
     let Some(kappas) = &evidence_file.kappas else { return Vec::new() };
     let reasons = [&kappas.behavior.reasons[..], &kappas.recovery.reasons[..]].concat();
-    let mut sentences = code_faults(evidence_file);
-    for about in [Dimension::Behavior, Dimension::Recovery] {
-        push_sentences(evidence_file, &reasons, about, &mut sentences);
-    }
-    sentences
+    sentences(evidence_file, &reasons, &[Dimension::Behavior, Dimension::Recovery])
 }
 
 /// What decided against a version, one sentence for each part of the rules, and which runs show it; of a decision in
@@ -133,35 +185,26 @@ pub(crate) fn decision_sentences(evidence_file: &EvidenceFile, reasons: &[Reason
     if against.is_empty() || evidence_file.kappas.is_none() {
         return if evidence_file.pairs.is_empty() { Vec::new() } else { summary(evidence_file) };
     }
-    let mut sentences = code_faults(evidence_file);
-    for about in against {
-        push_sentences(evidence_file, reasons, about, &mut sentences);
+    sentences(evidence_file, reasons, &against)
+}
+
+/// How confined code failed, then what decided each of these parts of the rules and the work that shows it.
+fn sentences(evidence_file: &EvidenceFile, reasons: &[Reason], about: &[Dimension]) -> Vec<String> {
+    let mut sentences: Vec<String> =
+        code_fault_counts(evidence_file).into_iter().map(code_fault_count).collect();
+    for about in about {
+        let CheckRationale { about, fact, film, .. } = base_rationale(evidence_file, reasons, *about);
+        sentences.push(decided_check(about, &fact));
+        let worst = film
+            .and_then(|request| choose(evidence_file, request).ok().map(|selected| (request.of, selected)));
+        if let Some((of, SelectedEpisode { number, count, beyond, reason: Some(reason), .. })) = worst {
+            sentences.push(worst_work(of, number, count, beyond, reason));
+        }
     }
     sentences
 }
 
-fn push_sentences(
-    evidence_file: &EvidenceFile,
-    reasons: &[Reason],
-    about: Dimension,
-    sentences: &mut Vec<String>,
-) {
-    let RationaleView { decisive, film, .. } = base_rationale(evidence_file, reasons, about);
-    sentences.push(format!("{}: {decisive}", about.name()));
-    let episode =
-        film.and_then(|request| choose(evidence_file, request).ok().map(|episode| (request.of, episode)));
-    if let Some((of, SelectedEpisode { number, count, beyond, why, .. })) = episode {
-        let more = if beyond > 0 { format!(" on record, {beyond} more failed") } else { String::new() };
-        sentences.push(if why == NOWHERE_WORSE {
-            // There is no worst one where none is worse.
-            format!("{why} (of {count})")
-        } else {
-            format!("the worst {of} is number {number} of {count}{more}: {why}")
-        });
-    }
-}
-
-/// Whether the sentence of the measured component says what the first reason says.
+/// Whether the measured component is what the first reason states.
 fn repeats_reason(about: Dimension, evidence_file: &EvidenceFile) -> bool {
     about == Dimension::Behavior && decisive(evidence_file).is_some()
 }
@@ -170,22 +213,10 @@ const fn film_of(of: FilmSubject, nothing: bool) -> Option<FilmRequest> {
     if nothing { None } else { Some(FilmRequest { of, number: None }) }
 }
 
-/// The gravest finding, where the rules found something.
-fn lead(findings: &[RationaleFinding], against: Option<&Reason>) -> Option<String> {
-    against?;
-    let gravest = findings.iter().find(|finding| finding.verdict == FindingVerdict::Worse);
-    gravest.map(|finding| finding.text.clone())
-}
-
-fn with_numbers(evidence_file: &EvidenceFile, reason: &Reason) -> String {
-    let text = finding_text(evidence_file, reason);
-    match (reason.evidence, reason.limit) {
-        (Some(found), Some(limit)) => {
-            format!("{text} ({} against a limit of {})", number(found), number(limit))
-        }
-        (Some(found), None) => format!("{text} ({})", number(found)),
-        (None, _) => text,
-    }
+/// The gravest finding, if there is one against the version.
+fn gravest(findings: &[WeighedFinding]) -> Option<CheckFinding> {
+    let gravest = findings.iter().find(|found| found.verdict == FindingVerdict::Worse);
+    gravest.map(|found| found.finding.clone())
 }
 
 /// A compatibility that is as it has to be: of these more is better.
@@ -193,135 +224,110 @@ fn is_value(reason: &Reason) -> bool {
     is_in_favor(reason.code) && reason.evidence.zip(reason.limit).is_some_and(|(value, least)| value >= least)
 }
 
-/// A sentence where nothing speaks against it.
-fn favorable_sentence(
+/// The deciding fact where nothing speaks against the version.
+fn in_favor(
     evidence_file: &EvidenceFile,
     about: Dimension,
     own: &[&Reason],
-    findings: &[RationaleFinding],
-) -> String {
-    let kappas = evidence_file.kappas.as_ref();
-    let kappa = |about| -> Option<Kappa> {
-        let kappas = kappas?;
-        match about {
-            Dimension::Interface => kappas.interface.kappa,
-            Dimension::Policy => kappas.policy.kappa,
-            Dimension::Behavior => kappas.behavior.kappa,
-            Dimension::Recovery => kappas.recovery.kappa,
-            _ => None,
-        }
-    };
-    let value = kappa(about).map_or_else(String::new, |kappa| format!("{:.3}: ", kappa.get()));
+    findings: &[WeighedFinding],
+) -> DecidingFact {
+    let kappa = evidence_file.kappas.as_ref().and_then(|kappas| match about {
+        Dimension::Interface => kappas.interface.kappa,
+        Dimension::Policy => kappas.policy.kappa,
+        Dimension::Behavior => kappas.behavior.kappa,
+        Dimension::Recovery => kappas.recovery.kappa,
+        _ => None,
+    });
     let nearest = findings.first().filter(|_| matches!(about, Dimension::Behavior | Dimension::Recovery));
-    match (nearest, own.first()) {
-        (Some(nearest), _) => {
-            format!("{value}nothing speaks against it; nearest to a limit: {}", nearest.text)
-        }
-        (None, Some(reason)) => format!("{value}{}", with_numbers(evidence_file, reason)),
+    let support = match (nearest, own.first()) {
+        (Some(nearest), _) => Support::NearestToLimit(nearest.finding.clone()),
+        (None, Some(reason)) => Support::Reason(check_reason(evidence_file, reason)),
         (None, None) if evidence_file.pairs.is_empty() && about == Dimension::Behavior => {
-            "not measured yet: the sandbox does that".to_owned()
+            return DecidingFact::NotMeasured;
         }
-        (None, None) => format!("{value}nothing speaks against it"),
-    }
+        (None, None) => Support::NoFinding,
+    };
+    DecidingFact::InFavor { kappa, support }
 }
 
 /// Reasons as findings, those against it first.
-fn reason_findings(evidence_file: &EvidenceFile, own: &[&Reason]) -> Vec<RationaleFinding> {
-    let mut all: Vec<RationaleFinding> = own
+fn reason_findings(evidence_file: &EvidenceFile, own: &[&Reason]) -> Vec<WeighedFinding> {
+    let mut all: Vec<WeighedFinding> = own
         .iter()
-        .map(|reason| RationaleFinding {
-            text: with_numbers(evidence_file, reason),
+        .map(|reason| WeighedFinding {
+            finding: CheckFinding::Reason(check_reason(evidence_file, reason)),
             weight: None,
             verdict: if is_in_favor(reason.code) { FindingVerdict::Tolerable } else { FindingVerdict::Worse },
         })
         .collect();
-    all.sort_by_key(|finding| finding.verdict);
+    all.sort_by_key(|found| found.verdict);
     all
 }
 
-/// The component the rules found first, as a sentence.
-fn decisive_component(evidence_file: &EvidenceFile) -> Option<String> {
+/// The component the rules found first.
+fn decisive_component(evidence_file: &EvidenceFile) -> Option<CheckFinding> {
     let name = decisive(evidence_file)?;
     let component =
         evidence_file.behavior.as_ref()?.components.iter().find(|component| component.name == name)?;
-    Some(sentence(component, &evidence_file.pairs))
+    Some(CheckFinding::Component(component_finding(component, &evidence_file.pairs, None)))
 }
 
 /// Components, harm and sequences, the gravest first.
-fn behavior_findings(evidence_file: &EvidenceFile) -> Vec<RationaleFinding> {
+fn behavior_findings(evidence_file: &EvidenceFile) -> Vec<WeighedFinding> {
     let Some(behavior) = &evidence_file.behavior else { return Vec::new() };
     let verdict = |worse, tolerable| match (worse, tolerable) {
         (true, _) => FindingVerdict::Worse,
         (false, true) => FindingVerdict::Tolerable,
         (false, false) => FindingVerdict::Doubtful,
     };
-    let components = behavior.components.iter().map(|component| RationaleFinding {
-        text: format!("{}{}", sentence(component, &evidence_file.pairs), bound_of(component)),
+    let components = behavior.components.iter().map(|component| WeighedFinding {
+        finding: CheckFinding::Component(component_finding(
+            component,
+            &evidence_file.pairs,
+            bound_of(component),
+        )),
         weight: weight(component.worsening, component.tolerance),
         verdict: verdict(component.is_established(), component.is_within_tolerance()),
     });
     // A measure in which the two do not differ says nothing of either.
     let differing = behavior.harm.iter().filter(|harm| harm.worsening != 0.0 || !harm.is_within_tolerance());
-    let harm = differing.map(|harm| RationaleFinding {
-        text: match harm_decider(harm) {
-            Some(deciding) => format!("{}; {deciding}", harm_comparison(harm)),
-            None => harm_comparison(harm),
-        },
+    let harm = differing.map(|harm| WeighedFinding {
+        finding: CheckFinding::Harm(*harm),
         weight: weight(harm.worsening, harm.tolerance),
         verdict: verdict(harm.is_established(), harm.is_within_tolerance()),
     });
-    let sequences =
-        behavior.sequences.iter().filter(|found| found.is_concern()).map(|found| RationaleFinding {
-            text: format!(
-                "whole sequences: {} {} with it, {} with the active version; at most {} more is tolerated{}",
-                sequence_measure(found.measure),
-                number(found.candidate),
-                number(found.active),
-                number(found.tolerance),
-                if found.worsening > found.tolerance {
-                    String::new()
-                } else {
-                    format!("; {BOUND}: worse by {} at least is established", number(found.lower))
-                }
-            ),
+    let sequences = behavior.sequences.iter().filter(|found| found.is_concern()).map(|found| {
+        let is_past = found.worsening > found.tolerance;
+        WeighedFinding {
+            finding: CheckFinding::Sequences {
+                comparison: *found,
+                bound: (!is_past).then_some(DecidingBound::Established(found.lower)),
+            },
             weight: weight(found.worsening, found.tolerance),
             verdict: verdict(found.is_established(), false),
-        });
-    let mut all: Vec<RationaleFinding> = components.chain(harm).chain(sequences).collect();
+        }
+    });
+    let mut all: Vec<WeighedFinding> = components.chain(harm).chain(sequences).collect();
     by_gravity(&mut all);
     all
 }
 
-/// States that the bound decides, not the mean.
-const BOUND: &str = "its bound decides";
-
-/// What makes the verdict of a component whose mean is within what is tolerated; empty where that is no question.
-fn bound_of(component: &BehaviorComponent) -> String {
-    let BehaviorComponent { name, worsening, lower, upper, tolerance } = *component;
-    let amount = |value: f64| match name {
-        ComponentName::Retry => number(value),
-        ComponentName::Success
-        | ComponentName::Time
-        | ComponentName::Violation
-        | ComponentName::Anomaly
-        | ComponentName::Recovery => format!("{} %", number(100.0 * value)),
-    };
+/// The bound that makes the verdict of a component; absent where its mean does.
+fn bound_of(component: &BehaviorComponent) -> Option<DecidingBound> {
+    let BehaviorComponent { worsening, lower, upper, tolerance, .. } = *component;
     if worsening > tolerance {
-        String::new()
+        None
     } else if component.is_established() {
-        format!("; {BOUND}: worse by {} at least is established", amount(lower))
+        Some(DecidingBound::Established(lower))
     } else if component.is_within_tolerance() {
-        String::new()
+        None
     } else {
-        match upper {
-            Some(upper) => format!("; {BOUND}: up to {} worse is not excluded", amount(upper)),
-            None => format!("; {BOUND}: so few episodes exclude nothing"),
-        }
+        Some(upper.map_or(DecidingBound::Unbounded, DecidingBound::NotExcluded))
     }
 }
 
-fn by_gravity(all: &mut [RationaleFinding]) {
-    let heavy = |finding: &RationaleFinding| finding.weight.unwrap_or(f64::NEG_INFINITY);
+fn by_gravity(all: &mut [WeighedFinding]) {
+    let heavy = |found: &WeighedFinding| found.weight.unwrap_or(f64::NEG_INFINITY);
     all.sort_by(|a, b| a.verdict.cmp(&b.verdict).then(heavy(b).total_cmp(&heavy(a))));
 }
 
@@ -330,65 +336,39 @@ fn weight(worsening: f64, tolerance: f64) -> Option<f64> {
     weight.is_finite().then_some(weight)
 }
 
-/// `passes a limit in 38 of 120 episodes, the active version in 0; at most 5 % more is tolerated`.
-fn sentence(component: &BehaviorComponent, pairs: &[Pair]) -> String {
+/// A component counted or averaged over the raw pairs.
+fn component_finding(
+    component: &BehaviorComponent,
+    pairs: &[Pair],
+    bound: Option<DecidingBound>,
+) -> ComponentFinding {
     let BehaviorComponent { name, tolerance, .. } = *component;
-    let n = pairs.len();
-    let count = |of: &dyn Fn(&Pair) -> f64| pairs.iter().filter(|pair| of(pair) > 0.0).count();
-    let new = |pair: &Pair| badness(name, &pair.candidate);
-    let old = |pair: &Pair| badness(name, &pair.active);
-    #[allow(clippy::cast_precision_loss, reason = "episodes are few")]
-    let mean = |of: &dyn Fn(&Pair) -> f64, among: &dyn Fn(&Pair) -> bool| {
-        let chosen: Vec<f64> = pairs.iter().filter(|pair| among(pair)).map(of).collect();
-        if chosen.is_empty() { 0.0 } else { chosen.iter().sum::<f64>() / chosen.len() as f64 }
+    let bad = |values: &EpisodeValues| badness(name, values);
+    let means = |among: fn(&&Pair) -> bool| {
+        let chosen: Vec<&Pair> = pairs.iter().filter(among).collect();
+        let mean = |of: fn(&Pair) -> &EpisodeValues| {
+            let sum: f64 = chosen.iter().map(|pair| bad(of(pair))).sum();
+            if chosen.is_empty() { 0.0 } else { sum / chosen.len() as f64 }
+        };
+        ComponentValues::Mean { candidate: mean(|pair| &pair.candidate), active: mean(|pair| &pair.active) }
     };
-    let more = format!("at most {} % more is tolerated", number(100.0 * tolerance));
-    match name {
-        ComponentName::Violation => {
-            format!(
-                "passes a limit in {} of {n} episodes, the active version in {}; {more}",
-                count(&new),
-                count(&old)
-            )
-        }
-        ComponentName::Anomaly => format!(
-            "shows a failure to the watcher in {} of {n} episodes, the active version in {}; {more}",
-            count(&new),
-            count(&old)
-        ),
-        ComponentName::Recovery => format!(
-            "needs the recovery manager in {} of {n} episodes, the active version in {}; {more}",
-            count(&new),
-            count(&old)
-        ),
-        ComponentName::Success => format!(
-            "does not do the task in {} of {n} episodes, the active version in {}; {more}",
-            count(&new),
-            count(&old)
-        ),
-        ComponentName::Retry => {
-            let all = |_: &Pair| true;
-            format!(
-                "tries {} times more an episode, the active version {}; at most {} more are tolerated",
-                number(mean(&new, &all)),
-                number(mean(&old, &all)),
-                number(tolerance)
-            )
-        }
-        ComponentName::Time => {
-            let both = |pair: &Pair| pair.candidate.success && pair.active.success;
-            format!(
-                "takes {:.2} s where both do the task, the active version {:.2} s; at most {} % longer is tolerated",
-                mean(&new, &both),
-                mean(&old, &both),
-                number(100.0 * tolerance)
-            )
-        }
-    }
+    let values = match name {
+        ComponentName::Violation
+        | ComponentName::Anomaly
+        | ComponentName::Recovery
+        | ComponentName::Success => ComponentValues::Episodes {
+            candidate: pairs.iter().filter(|pair| bad(&pair.candidate) > 0.0).count(),
+            active: pairs.iter().filter(|pair| bad(&pair.active) > 0.0).count(),
+            of: pairs.len(),
+        },
+        ComponentName::Retry => means(|_| true),
+        ComponentName::Time => means(|pair| pair.candidate.success && pair.active.success),
+    };
+    ComponentFinding { name, values, tolerance, bound }
 }
 
 /// Each kind of drill, the one that fails most beyond the active version's first.
-fn recovery_findings(evidence_file: &EvidenceFile) -> Vec<RationaleFinding> {
+fn recovery_findings(evidence_file: &EvidenceFile) -> Vec<WeighedFinding> {
     let Some((candidate, active)) = &evidence_file.drills else { return Vec::new() };
     let kinds = evidence_file.recovery.as_ref().map(|recovery| recovery.kinds.as_slice()).unwrap_or_default();
     let share = |tally: &DrillTally| match tally.feasible() {
@@ -396,16 +376,10 @@ fn recovery_findings(evidence_file: &EvidenceFile) -> Vec<RationaleFinding> {
         all => f64::from(tally.failed) / f64::from(all),
     };
     let worked = DrillKind::ALL.into_iter().filter(|kind| candidate.of(*kind).feasible() > 0);
-    let mut all: Vec<(f64, RationaleFinding)> = worked
+    let mut all: Vec<(f64, WeighedFinding)> = worked
         .map(|kind| {
             let (new, old) = (candidate.of(kind), active.of(kind));
-            let text = format!(
-                "fails {} of {} {kind} drills, the active version {} of {}",
-                new.failed,
-                new.feasible(),
-                old.failed,
-                old.feasible()
-            );
+            let drills = DrillComparison { kind, phase: None, candidate: *new, active: *old };
             let excess = share(new) - share(old);
             let rates = kinds.iter().find(|rates| rates.kind == kind);
             let verdict = match rates {
@@ -415,7 +389,8 @@ fn recovery_findings(evidence_file: &EvidenceFile) -> Vec<RationaleFinding> {
                 Some(_) | None if new.failed > 0 => FindingVerdict::Doubtful,
                 Some(_) | None => FindingVerdict::Tolerable,
             };
-            (excess.max(share(new) / 2.0), RationaleFinding { text, weight: None, verdict })
+            let found = WeighedFinding { finding: CheckFinding::Drills(drills), weight: None, verdict };
+            (excess.max(share(new) / 2.0), found)
         })
         .collect();
     all.sort_by(|(a, _), (b, _)| b.total_cmp(a));
@@ -424,19 +399,7 @@ fn recovery_findings(evidence_file: &EvidenceFile) -> Vec<RationaleFinding> {
     if let Some((_, gravest)) = all.first_mut().filter(|(excess, _)| is_against && *excess > 0.0) {
         gravest.verdict = FindingVerdict::Worse;
     }
-    all.into_iter().map(|(_, finding)| finding).collect()
-}
-
-/// A number in as few digits as tell it.
-fn number(value: f64) -> String {
-    let digits = match value.abs() {
-        size if size >= 100.0 => 0,
-        size if size >= 10.0 => 1,
-        size if size >= 1.0 => 2,
-        _ => 3,
-    };
-    let text = format!("{value:.digits$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    all.into_iter().map(|(_, found)| found).collect()
 }
 
 #[cfg(test)]
@@ -444,8 +407,6 @@ mod tests {
     use super::*;
     use holdpoint_governance::evidence::HardStop;
     use holdpoint_governance::finding::EvidenceGap;
-
-    use holdpoint_governance::evidence::EpisodeValues;
 
     fn pair(violation: bool) -> Pair {
         let values = EpisodeValues {
@@ -466,7 +427,7 @@ mod tests {
     }
 
     #[test]
-    fn a_component_is_stated_in_counts_of_failures() {
+    fn a_component_counts_the_episodes_that_are_bad() {
         let component = BehaviorComponent {
             name: ComponentName::Violation,
             worsening: 0.5,
@@ -475,57 +436,69 @@ mod tests {
             tolerance: 0.05,
         };
         let pairs = [pair(true), pair(false)];
-        assert_eq!(
-            sentence(&component, &pairs),
-            "passes a limit in 1 of 2 episodes, the active version in 0; at most 5 % more is tolerated"
-        );
-        assert_eq!(bound_of(&component), "", "the mean says it");
+        let found = component_finding(&component, &pairs, bound_of(&component));
+        assert_eq!(found.values, ComponentValues::Episodes { candidate: 1, active: 0, of: 2 });
+        assert_eq!(found.bound, None, "the mean decides");
         assert_eq!(weight(0.5, 0.05), Some(10.0));
         assert_eq!(weight(0.5, 0.0), None);
     }
 
-    /// Such a row stood there with the sign of what is bad and a mean that is tolerated.
     #[test]
-    fn a_deciding_bound_is_stated() {
+    fn time_is_averaged_where_both_versions_succeed() {
+        let name = ComponentName::Time;
+        let component =
+            BehaviorComponent { name, worsening: 0.1, lower: 0.0, upper: Some(0.2), tolerance: 0.25 };
+        let mut pairs = [pair(false), pair(false)];
+        (pairs[0].candidate.time_s, pairs[1].active.time_s) = (5.0, 9.0);
+        pairs[1].active.success = false;
+        let values = component_finding(&component, &pairs, None).values;
+        assert_eq!(values, ComponentValues::Mean { candidate: 5.0, active: 4.0 });
+        let values = component_finding(&component, &[], None).values;
+        assert_eq!(values, ComponentValues::Mean { candidate: 0.0, active: 0.0 });
+    }
+
+    /// Regression: such a row was marked as worse beside a mean that is tolerated.
+    #[test]
+    fn a_bound_decides_where_the_mean_is_tolerated() {
         let of = |lower, upper| {
             let name = ComponentName::Violation;
             bound_of(&BehaviorComponent { name, worsening: 0.04, lower, upper, tolerance: 0.05 })
         };
-        assert_eq!(of(0.0, Some(0.045)), "");
-        assert_eq!(of(0.0, Some(0.085)), "; its bound decides: up to 8.5 % worse is not excluded");
-        assert_eq!(of(0.01, Some(0.085)), "; its bound decides: worse by 1 % at least is established");
-        assert_eq!(of(0.0, None), "; its bound decides: so few episodes exclude nothing");
+        assert_eq!(of(0.0, Some(0.045)), None);
+        assert_eq!(of(0.0, Some(0.085)), Some(DecidingBound::NotExcluded(0.085)));
+        assert_eq!(of(0.01, Some(0.085)), Some(DecidingBound::Established(0.01)));
+        assert_eq!(of(0.0, None), Some(DecidingBound::Unbounded));
     }
 
     #[test]
-    fn the_gravest_stands_first() {
-        let finding = |weight, verdict| RationaleFinding { text: String::new(), weight, verdict };
+    fn the_gravest_finding_comes_first() {
+        let reason = CheckReason { content: ReasonContent::default(), overrun: None };
+        let found = |weight, verdict| WeighedFinding {
+            finding: CheckFinding::Reason(reason.clone()),
+            weight,
+            verdict,
+        };
         let mut all = [
-            finding(Some(9.0), FindingVerdict::Tolerable),
-            finding(Some(1.0), FindingVerdict::Worse),
-            finding(None, FindingVerdict::Doubtful),
-            finding(Some(3.0), FindingVerdict::Worse),
+            found(Some(9.0), FindingVerdict::Tolerable),
+            found(Some(1.0), FindingVerdict::Worse),
+            found(None, FindingVerdict::Doubtful),
+            found(Some(3.0), FindingVerdict::Worse),
         ];
         by_gravity(&mut all);
-        assert_eq!(all.map(|finding| finding.weight), [Some(3.0), Some(1.0), None, Some(9.0)]);
+        assert_eq!(all.map(|found| found.weight), [Some(3.0), Some(1.0), None, Some(9.0)]);
     }
 
+    /// Before the sandbox, and in records without measurements, a reason was both the deciding fact and a finding.
     #[test]
-    fn numbers_are_short() {
-        let texts = [0.0, 5.0, 0.125, 12.345, 1234.5, 0.0004, 100.0].map(number);
-        assert_eq!(texts, ["0", "5", "0.125", "12.3", "1234", "0", "100"]);
-    }
-
-    /// Before the sandbox, and in records without what was measured, a reason stood there as the sentence and as a finding.
-    #[test]
-    fn a_sentence_is_not_repeated_as_a_finding() {
+    fn the_deciding_fact_is_not_repeated_as_a_finding() {
         let reason = Reason::new(Dimension::Behavior, Finding::BehaviorGap { gap: EvidenceGap::NotMeasured });
         let other = Reason::new(Dimension::Behavior, Finding::Estimated);
-        let [text, estimate] = [&reason, &other].map(holdpoint_wording::reason);
+        let of = |reason| CheckFinding::Reason(check_reason(&EvidenceFile::default(), reason));
+        let [first, estimate] = [&reason, &other].map(of);
         let why = base_rationale(&EvidenceFile::default(), &[reason, other], Dimension::Behavior);
-        assert_eq!(why.decisive, text);
-        let found: Vec<&str> = why.findings.iter().map(|finding| finding.text.as_str()).collect();
-        assert_eq!(found, [estimate]);
+        assert_eq!(why.fact, DecidingFact::Against { finding: first, reason: None });
+        let found: Vec<&CheckFinding> = why.findings.iter().map(|found| &found.finding).collect();
+        assert_eq!(found, [&estimate]);
     }
 
     /// Regression: an explanation named 40 of 120 failed episodes, but not that the version's code traps in them.
@@ -546,10 +519,13 @@ mod tests {
         };
         let stop = HardStop::BudgetBreach;
         let reason = Reason::new(Dimension::Behavior, Finding::SandboxHardStop { stop });
-        let view = rationale(&with(CodeFault::Trap), std::slice::from_ref(&reason), Dimension::Behavior);
-        assert!(view.decisive.starts_with("its code traps in 40 of 120 tasks; "), "{}", view.decisive);
-        let view = rationale(&with(CodeFault::Fuel), &[reason], Dimension::Behavior);
-        assert!(view.decisive.ends_with("its code computed beyond its budget"), "{}", view.decisive);
+        let why = rationale(&with(CodeFault::Trap), std::slice::from_ref(&reason), Dimension::Behavior);
+        assert_eq!(why.faults, [CodeFaultCount { fault: CodeFault::Trap, failed: 40, tasks: 120 }]);
+        let why = rationale(&with(CodeFault::Fuel), &[reason], Dimension::Behavior);
+        let DecidingFact::Against { finding: CheckFinding::Reason(reason), .. } = &why.fact else {
+            panic!("{:?}", why.fact)
+        };
+        assert_eq!(reason.overrun, Some(CodeFault::Fuel));
     }
 
     #[test]

@@ -6,12 +6,13 @@ use crate::evidence_file::EvidenceFile;
 use crate::trial::mode_metrics::{ComparedVersion, Metric, ModeMetrics, VersionMode};
 use holdpoint_governance::behavior::{self, ComponentName, SequenceMeasure};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
+use holdpoint_governance::explanation::{MeasuredQuantity, ShadowDifference, ShadowEvent};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::EvaluationSettings;
 use holdpoint_governance::stats::wilson;
 use holdpoint_protocol::detail::{DrillView, MeasuredValue, ModeView, PhaseDrillView};
 use holdpoint_protocol::snapshot::{Disagreement, PairsView, ShadowView};
-use holdpoint_wording::sequence_measure;
+use holdpoint_wording::lookup::{measured_quantity, shadow_difference};
 
 /// The most disagreements shown.
 const DISAGREEMENTS_MAX: usize = 50;
@@ -22,7 +23,7 @@ pub(super) fn behavior(evidence_file: &EvidenceFile) -> Vec<MeasuredValue> {
     let of = |signature: &Option<Signature>, name| signature.as_ref().map(|means| mean(means, name));
     let n = u64::from(behavior.pairs);
     let components = behavior.components.iter().map(|component| MeasuredValue {
-        name: component.name.name().to_owned(),
+        name: measured_quantity(&MeasuredQuantity::Component(component.name)),
         candidate: of(&behavior.candidate, component.name),
         active: of(&behavior.active, component.name),
         interval: component.upper.map(|upper| [component.lower, upper]),
@@ -32,10 +33,7 @@ pub(super) fn behavior(evidence_file: &EvidenceFile) -> Vec<MeasuredValue> {
     // A measure in which the two do not differ says nothing of either.
     let differing = behavior.harm.iter().filter(|harm| harm.worsening != 0.0 || !harm.is_within_tolerance());
     let harm = differing.map(|harm| MeasuredValue {
-        name: match harm.kind.unit() {
-            "" => harm.kind.label().to_owned(),
-            unit => format!("{}, {unit}", harm.kind.label()),
-        },
+        name: measured_quantity(&MeasuredQuantity::Harm(harm.kind)),
         candidate: Some(harm.candidate),
         active: Some(harm.active),
         interval: harm.upper.map(|upper| [harm.lower, upper]),
@@ -47,7 +45,7 @@ pub(super) fn behavior(evidence_file: &EvidenceFile) -> Vec<MeasuredValue> {
         !matches!(found.measure, SequenceMeasure::Harm(_)) || found.is_concern() || found.is_established()
     });
     let sequences = relevant.map(|found| MeasuredValue {
-        name: format!("sequences: {}", sequence_measure(found.measure)),
+        name: measured_quantity(&MeasuredQuantity::Sequences(found.measure)),
         candidate: Some(found.candidate),
         active: Some(found.active),
         interval: Some([found.lower, found.upper]),
@@ -86,7 +84,7 @@ fn measures(mode: &ModeMetrics, active: Option<&ModeMetrics>) -> Vec<MeasuredVal
         metrics.iter().find(|metric| metric.name == name).map(|metric| metric.value)
     };
     let metrics = mode.metrics.iter().map(|metric| MeasuredValue {
-        name: metric.name.clone(),
+        name: measured_quantity(&MeasuredQuantity::Metric(metric.name.clone())),
         candidate: Some(metric.value),
         active: active.and_then(|active| found(&active.metrics, &metric.name)),
         interval: metric.interval.map(|interval| [interval.lower, interval.upper]),
@@ -94,7 +92,7 @@ fn measures(mode: &ModeMetrics, active: Option<&ModeMetrics>) -> Vec<MeasuredVal
         n,
     });
     let tails = mode.tails.iter().map(|tail| MeasuredValue {
-        name: format!("{}, 95th percentile", tail.name),
+        name: measured_quantity(&MeasuredQuantity::Percentile95(tail.name.clone())),
         candidate: Some(tail.p95),
         active: active
             .and_then(|active| active.tails.iter().find(|other| other.name == tail.name))
@@ -180,30 +178,29 @@ fn governance(s: &ShadowSequence) -> f64 {
 }
 
 fn disagreements(sequences: &[ShadowSequence]) -> Vec<Disagreement> {
-    let mut found = Vec::new();
-    for (index, s) in sequences.iter().enumerate().rev() {
-        let pairs = [
-            ("success", s.twin_success, s.live_success),
-            ("a policy hit", s.twin_policy_hit, s.live_policy_hit),
-            ("a watcher event", s.twin_watcher_event, s.live_watcher_event),
-        ];
-        let side = |which: &dyn Fn(bool, bool) -> bool| {
-            let names = pairs.iter().filter(|(_, twin, live)| which(*twin, *live)).map(|(name, _, _)| *name);
-            names.collect::<Vec<_>>().join(" and ")
-        };
-        let twin = side(&|twin, live| twin && !live);
-        let live = side(&|twin, live| live && !twin);
-        let text = match (twin.is_empty(), live.is_empty()) {
-            (true, true) => continue,
-            (false, true) => format!("the twin alone had {twin}"),
-            (true, false) => format!("the live world alone had {live}"),
-            (false, false) => format!("the twin alone had {twin}; the live world alone had {live}"),
-        };
+    let row = |(index, s): (usize, &ShadowSequence)| {
         #[allow(clippy::cast_possible_truncation, reason = "shown only")]
         let output = s.output_divergence as f32;
-        found.push(Disagreement { index: index as u64, seed: s.seed, text, output });
-        if found.len() >= DISAGREEMENTS_MAX {
-            break;
+        let difference = difference(s);
+        let text = shadow_difference(&difference);
+        (!difference.is_empty()).then_some(Disagreement { index: index as u64, seed: s.seed, text, output })
+    };
+    sequences.iter().enumerate().rev().filter_map(row).take(DISAGREEMENTS_MAX).collect()
+}
+
+/// What each world of a sequence alone had.
+fn difference(s: &ShadowSequence) -> ShadowDifference {
+    let events = [
+        (ShadowEvent::Success, s.twin_success, s.live_success),
+        (ShadowEvent::PolicyHit, s.twin_policy_hit, s.live_policy_hit),
+        (ShadowEvent::WatcherEvent, s.twin_watcher_event, s.live_watcher_event),
+    ];
+    let mut found = ShadowDifference::default();
+    for (event, twin, live) in events {
+        match (twin, live) {
+            (true, false) => found.twin.push(event),
+            (false, true) => found.live.push(event),
+            (true, true) | (false, false) => {}
         }
     }
     found
@@ -232,21 +229,27 @@ mod tests {
     }
 
     #[test]
-    fn disagreements_name_both_sides_newest_first() {
+    fn disagreements_come_newest_first() {
         let sequences = [
             sequence([true, false, false], [true, false, false]),
             sequence([false, true, true], [true, false, false]),
             sequence([true, false, false], [false, false, false]),
         ];
-        let found = disagreements(&sequences);
-        let rows: Vec<(u64, &str)> = found.iter().map(|d| (d.index, d.text.as_str())).collect();
-        assert_eq!(
-            rows,
-            [
-                (2, "the twin alone had success"),
-                (1, "the twin alone had a policy hit and a watcher event; the live world alone had success"),
-            ]
-        );
+        let rows: Vec<u64> = disagreements(&sequences).iter().map(|row| row.index).collect();
+        assert_eq!(rows, [2, 1]);
         assert!((governance(&sequences[1]) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_difference_has_the_events_of_each_world_alone() {
+        use ShadowEvent::{PolicyHit, Success, WatcherEvent};
+        for (twin, live, expected) in [
+            ([true, false, false], [true, false, false], (vec![], vec![])),
+            ([false, true, true], [true, false, false], (vec![PolicyHit, WatcherEvent], vec![Success])),
+            ([true, false, false], [false, false, false], (vec![Success], vec![])),
+        ] {
+            let ShadowDifference { twin, live } = difference(&sequence(twin, live));
+            assert_eq!((twin, live), expected);
+        }
     }
 }

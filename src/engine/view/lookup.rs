@@ -14,6 +14,7 @@ use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::decision::Reason;
+use holdpoint_governance::explanation::{LookupRefusal, SearchField, VerifiedChain};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionGroup};
@@ -23,6 +24,7 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{AuditFilter, EvidenceEntry, Layout, StoreError, VersionFilter, Views};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
+use holdpoint_wording::lookup::{lookup_hint, lookup_refusal, verified_chain};
 
 /// The most bytes of record bodies in one answer; a page that would be longer ends there.
 const BODIES_BYTES_MAX: usize = 6 * 1024 * 1024;
@@ -45,7 +47,7 @@ pub(crate) fn registry_page(
     offset: u64,
     limit: u64,
 ) -> Result<Reply, EngineFault> {
-    if let Some(refused) = too_long("text", text) {
+    if let Some(refused) = too_long(SearchField::Text, text) {
         return Ok(refused);
     }
     let filter = VersionFilter {
@@ -69,7 +71,7 @@ pub(crate) fn audit_page(
     without: BTreeSet<RecordKind>,
     limit: u64,
 ) -> Result<Reply, EngineFault> {
-    if let Some(refused) = too_long("subject", subject) {
+    if let Some(refused) = too_long(SearchField::Subject, subject) {
         return Ok(refused);
     }
     let views = record.version_table().store().views()?;
@@ -94,13 +96,12 @@ pub(crate) fn verify_audit(layout: &Layout) -> Result<Reply, StoreError> {
         Ok(report) => AuditVerification {
             holds: true,
             records: report.records,
-            text: format!(
-                "every record follows from the one before; {} checkpoints{}, {} approvals and {} batches match",
-                report.checkpoints,
-                if report.key_given { "" } else { " (signatures not checked: no public key)" },
-                report.approvals,
-                report.batches
-            ),
+            text: verified_chain(&VerifiedChain {
+                checkpoints: report.checkpoints,
+                signatures_checked: report.key_given,
+                approvals: report.approvals,
+                batches: report.batches,
+            }),
         },
         Err(error) => AuditVerification { holds: false, records: head, text: error.sentence() },
     };
@@ -116,11 +117,7 @@ pub(crate) fn detail(
 ) -> Result<Reply, EngineFault> {
     let views = record.version_table().store().views()?;
     let Some(stored) = views.version(id)? else {
-        return Ok(Reply::Refused {
-            code: Refusal::NotFound,
-            text: format!("there is no version {id} in the registry"),
-            hint: Some("see `holdpoint registry list`".to_owned()),
-        });
+        return Ok(refused(&LookupRefusal::UnknownVersion(id.clone())));
     };
     let evidence_file = full_evidence_file(evidence_files, id, &stored.evidence);
     let (_, _, member) = record.version_table().version(id)?;
@@ -161,7 +158,8 @@ pub(crate) fn detail(
         audit,
         evidence: if assessed { Some(evidence_file.digest()?) } else { None },
         untested: if assessed {
-            crate::people::request_display::untested(&evidence_file).iter().map(ToString::to_string).collect()
+            let aspects = crate::people::request_display::untested(&evidence_file);
+            aspects.into_iter().map(holdpoint_wording::request::untested).collect()
         } else {
             Vec::new()
         },
@@ -191,12 +189,17 @@ fn rows(limit: u64) -> usize {
     usize::try_from(limit).unwrap_or(usize::MAX).clamp(1, PAGE_MAX)
 }
 
-fn too_long(what: &str, text: &str) -> Option<Reply> {
-    (text.len() > TEXT_BYTES_MAX).then(|| Reply::Refused {
-        code: Refusal::BadInput,
-        text: format!("the {what} has {} bytes; at most {TEXT_BYTES_MAX} are allowed", text.len()),
-        hint: None,
-    })
+fn too_long(field: SearchField, text: &str) -> Option<Reply> {
+    let (bytes, max) = (text.len(), TEXT_BYTES_MAX);
+    (bytes > max).then(|| refused(&LookupRefusal::TextTooLong { field, bytes, max }))
+}
+
+fn refused(refusal: &LookupRefusal) -> Reply {
+    let code = match refusal {
+        LookupRefusal::UnknownVersion(_) => Refusal::NotFound,
+        LookupRefusal::TextTooLong { .. } => Refusal::BadInput,
+    };
+    Reply::Refused { code, text: lookup_refusal(refusal), hint: lookup_hint(refusal).map(str::to_owned) }
 }
 
 /// Rows until their bodies are more than one answer carries; the first one always.

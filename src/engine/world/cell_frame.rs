@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scene_has_its_regions() {
+    fn scenery_has_workspace_fixtures_and_keep_out_zones() {
         let scenery = scenery(&Cell::builtin().unwrap().scene);
         assert_eq!(scenery.workspace.unwrap().name, "workspace");
         let names: Vec<&str> = scenery.fixtures.iter().map(|region| region.name.as_str()).collect();

@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn tube_shares() {
+    fn share_outside_the_tube_is_computed() {
         let live = path(&[0.1, 0.12, 0.14]);
         for (twin, expected) in [
             (path(&[0.1, 0.11, 0.15]), 0.0),
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn setpoints_diverge_by_the_larger_channel() {
+    fn setpoint_divergence_is_that_of_the_larger_channel() {
         let mut a = Setpoints::default();
         let mut b = Setpoints::default();
         assert!(a.divergence(&b).abs() < 1e-12);

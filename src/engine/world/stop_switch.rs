@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn the_switch_stops_the_sequence_at_work_alone() {
+    fn stop_switch_stops_only_the_running_sequence() {
         let switch = StopSwitch::default();
         switch.stop();
         assert!(!switch.stops(1));

@@ -49,7 +49,7 @@ fn step(book: &mut AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<Ala
 }
 
 #[test]
-fn transitions() {
+fn alarm_states_follow_the_events() {
     use AlarmState::{Acknowledged, Latched, Normal, ReturnedUnacknowledged, Shelved, Unacknowledged};
     for (events, expected) in [
         ("raise", Some(Unacknowledged)),
@@ -99,7 +99,7 @@ fn transitions() {
 }
 
 #[test]
-fn shelves_end_by_themselves_and_call_again() {
+fn shelved_alarm_returns_after_its_time() {
     let mut book = AlarmBook::new();
     step(&mut book, &named("raise"), 0).unwrap();
     step(&mut book, &named("shelve"), 10).unwrap();
@@ -163,7 +163,7 @@ fn floods_group_by_cause_and_keep_criticals_apart() {
 }
 
 #[test]
-fn full_books_drop_what_is_normal_and_nothing_else() {
+fn full_alarm_book_drops_only_normal_alarms() {
     let mut book = AlarmBook::new();
     for at in 0..ALARMS_MAX {
         step(&mut book, &raise_as(key(&format!("a{at}")), Priority::Low, false), at as u64).unwrap();
@@ -182,7 +182,7 @@ fn full_books_drop_what_is_normal_and_nothing_else() {
 }
 
 #[test]
-fn foreign_names_are_refused() {
+fn invalid_names_and_keys_are_refused() {
     let mut book = AlarmBook::new();
     step(&mut book, &named("raise"), 0).unwrap();
     let forged = AlarmEvent::Acknowledge { key: grasp(), by: "mara\u{202e}".into() };
@@ -208,7 +208,7 @@ const NAMES: [&str; 10] = [
 
 proptest! {
     #[test]
-    fn any_history_keeps_the_rules(history in proptest::collection::vec((0..NAMES.len(), 0u64..4_000), 1..60)) {
+    fn alarm_book_keeps_its_invariants_in_any_history(history in proptest::collection::vec((0..NAMES.len(), 0u64..4_000), 1..60)) {
         let (mut book, mut replayed, mut now_ms) = (AlarmBook::new(), AlarmBook::new(), 0);
         for (index, later_ms) in history {
             now_ms += later_ms;

@@ -202,7 +202,7 @@ fn walk(rules: impl ApprovalRules, most: usize) -> (usize, Option<&'static str>)
     clippy::disallowed_methods,
     reason = "the long walk is asked for from outside; the rules read no environment"
 )]
-fn nobody_alone_and_nobody_twice() {
+fn no_person_approves_alone_or_twice() {
     let full = std::env::var("HOLDPOINT_WALK").is_ok_and(|value| value == "full");
     let (most, expected) = if full { (4, 1_366_200) } else { (3, 218_592) };
     assert_eq!(walk(AllApprovalRules, most), (expected, None));
@@ -219,7 +219,7 @@ impl ApprovalRules for ApprovalRulesExcept {
 }
 
 #[test]
-fn every_rule_is_needed() {
+fn every_omitted_approval_rule_is_detected() {
     use ApprovalRule::{
         AskedBy, Author, Deadline, EmergencyAllowed, Expiry, Nonce, OneKey, Quorum, Refusal, Requester, Role,
         SafetyOfficer, Signature, Subject,

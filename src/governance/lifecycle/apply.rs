@@ -129,8 +129,8 @@ impl<R: LifecycleRules> ApplyStep<R> {
                 self.family.review = None;
                 Ok(())
             }
-            LifecycleEvent::Close { version, profile } => self.close(version, profile, true),
-            LifecycleEvent::Open { version, profile } => self.close(version, profile, false),
+            LifecycleEvent::Close { version, profile } => self.set_blocked(version, profile, true),
+            LifecycleEvent::Open { version, profile } => self.set_blocked(version, profile, false),
             LifecycleEvent::Confirm { version } => self.confirm(version),
             LifecycleEvent::Restrict { version } => {
                 let found = self.within(version, "restricting", &[State::Active])?;
@@ -267,22 +267,22 @@ impl<R: LifecycleRules> ApplyStep<R> {
     }
 
     /// Blocks a version under a profile, or unblocks it; its state does not change.
-    fn close(
+    fn set_blocked(
         &mut self,
         version: VersionRef,
         profile: ProfileName,
-        closed: bool,
+        blocked: bool,
     ) -> Result<(), LifecycleRefusal> {
         let found = self.version(version)?;
         if found.state.is_terminal() {
             return Err(LifecycleRefusal::Condition { why: "it is rejected or rolled back for good" });
         }
-        let changed = if closed { found.closed.insert(profile) } else { found.closed.remove(&profile) };
+        let changed = if blocked { found.closed.insert(profile) } else { found.closed.remove(&profile) };
         if changed {
             Ok(())
         } else {
             let why =
-                if closed { "it is blocked under the profile already" } else { "the profile is open to it" };
+                if blocked { "it is blocked under the profile already" } else { "the profile is open to it" };
             Err(LifecycleRefusal::Condition { why })
         }
     }

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::{Stage, State};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Why an event was refused; nothing changed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, serde::Serialize)]
@@ -61,6 +61,21 @@ pub enum LifecycleRefusal {
 }
 
 impl Hint for LifecycleRefusal {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::UnknownVersion { .. } => ErrorReason::NotFound.into(),
+            Self::Stale { .. } => ErrorReason::Stale.into(),
+            Self::State { .. }
+            | Self::Paused
+            | Self::Running { .. }
+            | Self::RollbackPending
+            | Self::SafeStopped
+            | Self::Pinned
+            | Self::ReviewOpen
+            | Self::Condition { .. } => ErrorReason::NotNow.into(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Stale { .. } => Some("repeat the stage".into()),

@@ -525,7 +525,7 @@ fn walk<R: LifecycleRules>(rules: R, part: WalkPart) -> LifecycleWalk {
     clippy::disallowed_methods,
     reason = "the long walk is asked for from outside; the rules read no environment"
 )]
-fn every_history_keeps_the_invariants() {
+fn every_lifecycle_history_keeps_the_invariants() {
     // A changed count means a changed lifecycle: explain it in the commit message.
     let found = [ONE_CANDIDATE, TWO_CANDIDATES].map(|part| {
         let walk = walk(AllLifecycleRules, part);
@@ -556,7 +556,7 @@ impl LifecycleRules for LifecycleRulesExcept {
 }
 
 #[test]
-fn every_rule_is_needed() {
+fn every_omitted_lifecycle_rule_is_detected() {
     let mutants: [(LifecycleRule, WalkPart); 31] = [
         (LifecycleRule::SupersedeOld, TWO_CANDIDATES),
         (LifecycleRule::ActiveLeavesByRollback, ONE_CANDIDATE),

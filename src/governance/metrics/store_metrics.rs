@@ -457,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn no_data_is_no_rate() {
+    fn observed_rates_without_data_are_absent() {
         let none = ObservedMetrics::of(&Observations::default()).unwrap();
         for rate in [
             none.uar_observed,
@@ -484,7 +484,7 @@ mod tests {
     }
 
     #[test]
-    fn each_rate_has_the_denominator_it_names() {
+    fn every_rate_has_its_stated_denominator() {
         let drifted = ObservedActivation {
             unsafe_seen: true,
             under_drift: true,

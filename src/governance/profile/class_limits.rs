@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shipped_profiles_are_what_their_class_demands() {
+    fn shipped_profiles_meet_the_limits_of_their_class() {
         for name in ProfileName::ALL {
             let profile = Profile::builtin(name).unwrap();
             assert_eq!(problem(&profile), None);
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_meant_is_refused_by_its_field() {
+    fn setting_below_the_class_limit_is_refused_by_its_field() {
         type ProfileCorruption = fn(&mut Profile);
         let cases: [(ProfileName, &str, ProfileCorruption); 13] = [
             (ProfileName::Human, "approval.quorum_low", |p| p.approval.quorum_low = 0),

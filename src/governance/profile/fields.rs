@@ -275,7 +275,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_names_every_number_and_no_other() {
+    fn field_table_lists_exactly_the_numbers_of_a_profile() {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let found: BTreeSet<String> = numbers(&profile).into_iter().map(|(path, _)| path).collect();
         let listed: BTreeSet<String> = FIELDS.iter().map(|field| field.path.to_owned()).collect();

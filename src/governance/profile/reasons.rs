@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reasons_stand_behind_their_number_or_right_above_it() {
+    fn reasons_are_read_behind_a_number_or_directly_above_it() {
         let text = "\
 # about the whole file
 

@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_few_failures_lean() {
+    fn few_failures_are_inconclusive() {
         let of = |passed, failed| DrillTally { passed, failed, infeasible: 0 };
         for (candidate, active, leans) in [
             (of(37, 3), of(40, 0), false),
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn worse_is_established_by_counts() {
+    fn significant_worsening_follows_from_the_counts() {
         let of = |passed, failed| DrillTally { passed, failed, infeasible: 0 };
         for (candidate, active, worse) in [
             (of(40, 0), of(40, 0), false),

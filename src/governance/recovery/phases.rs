@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn one_phase_is_not_averaged_away() {
+    fn failing_phase_is_not_averaged_away() {
         let good = drills(DrillKind::Abort, WorkPhase::Lifting, of(10, 0));
         let abort = |passed| drills(DrillKind::Abort, WorkPhase::Lifting, of(passed, 10 - passed));
         for (candidate, active, outcome, code) in [
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_in_one_phase_of_many() {
+    fn seven_failures_of_ten_in_one_phase_are_found() {
         // Ten drills in each of sixteen places, the active version passing all: the fewest failures that count.
         let abort = |failed| drills(DrillKind::Abort, WorkPhase::Lifting, of(10 - failed, failed));
         let outcomes: Vec<RecoveryOutcome> =
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lift_without_a_standing_object_needs_no_drill_there() {
+    fn grasp_without_a_holding_phase_needs_no_drill_in_it() {
         let good = drills(DrillKind::Abort, WorkPhase::Lifting, of(10, 0));
         let mut without = good;
         for kind in DrillKind::ALL {

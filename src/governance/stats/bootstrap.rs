@@ -142,7 +142,7 @@ mod tests {
     type Method = fn(&[f64], Statistic, f64, usize, u64) -> Result<Interval, StatsError>;
 
     #[test]
-    fn is_seeded_and_refuses_bad_input() {
+    fn bootstrap_is_seeded_and_refuses_bad_input() {
         let values = [1.0, 4.0, 2.0, 8.0, 5.0];
         let at = |seed| bca(&values, mean, 0.95, 500, seed).unwrap();
         assert_eq!(at(1), at(1));
@@ -160,7 +160,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn holds_the_mean(values in proptest::collection::vec(-10.0..10.0f64, 8..40), seed in 0u64..1000) {
+        fn bca_interval_contains_the_mean(values in proptest::collection::vec(-10.0..10.0f64, 8..40), seed in 0u64..1000) {
             let interval = bca(&values, mean, 0.99, 400, seed).unwrap();
             proptest::prop_assert!(interval.contains(mean(&values)));
         }

@@ -156,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn worked_values() {
+    fn curtailment_reproduces_worked_values() {
         let rule = PassRule::new(150, 135).unwrap();
         for (successes, seen, verdict) in [
             (0, 0, CurtailVerdict::Open),

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn run_lengths() {
+    fn run_lengths_meet_their_bounds() {
         let shiryaev = || -> Box<dyn FnMut(bool) -> DriftSignal> {
             let mut detector = ShiryaevRoberts::new(0.05, 500.0).unwrap();
             Box::new(move |failed| detector.update(failed))
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn alarms_latch_and_nan_alarms() {
+    fn drift_alarm_latches_and_nan_raises_it() {
         let mut cusum = Cusum::new(0.05, 0.15, 2.0).unwrap();
         assert_eq!(cusum.update(true), DriftSignal::Warning);
         assert_eq!(cusum.update(true), DriftSignal::Alarm);
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_bad_parameters() {
+    fn drift_charts_refuse_bad_parameters() {
         for rate in [0.0, 1.0, f64::NAN] {
             assert!(Cusum::new(rate, 0.5, 1.0).is_err());
             assert!(Cusum::new(0.05, rate, 1.0).is_err());

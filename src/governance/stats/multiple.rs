@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn worked_values() {
+    fn holm_reproduces_worked_values() {
         for (given, expected) in [
             (vec![0.01, 0.04, 0.03], vec![0.03, 0.06, 0.06]),
             (vec![0.5], vec![0.5]),

@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_discordance_is_not_certainty() {
+    fn bound_without_discordant_pairs_is_above_zero() {
         assert!((upper(120, 0, 0) - (1.0 - 0.05f64.powf(1.0 / 120.0))).abs() < 1e-9);
         assert!((upper(300, 0, 0) - (1.0 - 0.05f64.powf(1.0 / 300.0))).abs() < 1e-9);
     }
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn binary_bound_misses_no_more_than_stated() {
+    fn binary_bound_errs_at_most_at_alpha() {
         let rates = [0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4];
         for pairs in [20, 60, 120] {
             for alpha in [0.05, 0.05 / 6.0] {
@@ -261,7 +261,7 @@ mod tests {
     /// What is established of one outcome is established of every outcome with more candidate-only pairs, with fewer
     /// active-only ones, and with the same net count from fewer discordant pairs. Early rejection rests on it.
     #[test]
-    fn what_is_established_stays_so_where_it_is_worse() {
+    fn significance_is_monotone_in_the_counts() {
         for pairs in [60, 120] {
             for alpha in [0.05 / 6.0, 0.01 / 6.0] {
                 let established = |candidate_only: u64, active_only: u64| {
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_bad_input() {
+    fn paired_bounds_refuse_bad_input() {
         let counts = |pairs, candidate_only, active_only| PairedCounts { pairs, candidate_only, active_only };
         assert!(binary_pairs(counts(0, 0, 0), 0.05).is_err());
         assert!(binary_pairs(counts(3, 2, 2), 0.05).is_err());

@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn the_walk_finds_what_enumeration_finds() {
+    fn walk_equals_enumeration() {
         let pairs = PairBudget::new(60).unwrap();
         for seen in [
             counts(0, 0, 0),
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn the_whole_population_is_known_at_the_end() {
+    fn totals_are_exact_once_the_population_is_seen() {
         let found = PairBudget::new(60).unwrap().possible(counts(60, 9, 4), 0.01).unwrap();
         assert_eq!(found, PairsPossible { least_net: 5, most_discordant: 13 });
         assert_eq!(found.most_favorable(60), counts(60, 9, 4));
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_agree_with_the_pass_rule() {
+    fn run_budget_agrees_with_the_pass_rule() {
         use crate::stats::{CurtailVerdict, PassRule};
         let runs = RunBudget::new(40).unwrap();
         for needed in [1, 20, 28, 40] {
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_bad_input() {
+    fn population_bounds_refuse_bad_input() {
         assert!(PairBudget::new(0).is_err() && RunBudget::new(0).is_err());
         assert!(PairBudget::new(SAMPLES_MAX as u64 + 1).is_err());
         let (pairs, runs) = (PairBudget::new(10).unwrap(), RunBudget::new(10).unwrap());
@@ -319,7 +319,7 @@ mod tests {
     proptest::proptest! {
         /// The true totals are never better than the favourable corner of a set that holds them.
         #[test]
-        fn the_corner_is_beyond_every_possible_outcome(
+        fn most_favorable_corner_bounds_every_possible_outcome(
             worse in 0u64..30, better in 0u64..30, same in 0u64..30, size in 90u64..200,
         ) {
             let seen = counts(worse + better + same, worse, better);

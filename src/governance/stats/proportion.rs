@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn refuses_bad_input() {
+    fn intervals_refuse_bad_input() {
         assert!(wilson(0, 0, 0.95).is_err());
         assert!(wilson(2, 1, 0.95).is_err());
         assert!(clopper_pearson_upper(2, 1, 0.05).is_err());
@@ -131,7 +131,7 @@ mod tests {
 
     /// Worked values of Newcombe's paper (Statistics in Medicine 17, 873-890, table II, method 10).
     #[test]
-    fn differences_are_those_of_the_paper() {
+    fn newcombe_differences_are_those_of_the_paper() {
         for (second, first, lower, upper) in [
             ((56, 70), (48, 80), 0.0524, 0.3339),
             ((9, 10), (3, 10), 0.1705, 0.8090),
@@ -150,7 +150,7 @@ mod tests {
     proptest::proptest! {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and not negative")]
         #[test]
-        fn contain_the_estimate_and_narrow_with_n(n in 1u64..400, part in 0.0..1.0f64, level in 0.5..0.999) {
+        fn intervals_contain_the_estimate_and_narrow_with_n(n in 1u64..400, part in 0.0..1.0f64, level in 0.5..0.999) {
             let k = (part * n as f64).round() as u64;
             let estimate = k as f64 / n as f64;
             for method in [wilson, clopper_pearson] {

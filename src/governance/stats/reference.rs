@@ -102,7 +102,7 @@ fn near(got: f64, expected: f64, tolerance: f64, what: &impl std::fmt::Debug) {
 }
 
 #[test]
-fn proportions() {
+fn proportion_intervals_match_the_reference() {
     for row in reference().proportions {
         let score = wilson(row.k, row.n, row.level).unwrap();
         let exact = clopper_pearson(row.k, row.n, row.level).unwrap();
@@ -118,7 +118,7 @@ fn proportions() {
 }
 
 #[test]
-fn signed_ranks() {
+fn signed_rank_tests_match_the_reference() {
     for row in reference().signed_rank {
         let test = signed_rank(&row.differences).unwrap();
         assert_eq!(test.exact, row.method != "approx", "{row:?}");
@@ -134,7 +134,7 @@ fn signed_ranks() {
 }
 
 #[test]
-fn quantiles() {
+fn quantiles_match_the_reference() {
     let reference = reference();
     for row in reference.normal {
         near(normal_quantile(row.p).unwrap(), row.z, 1e-12, &row);
@@ -145,7 +145,7 @@ fn quantiles() {
 }
 
 #[test]
-fn paired_means() {
+fn paired_mean_bounds_match_the_reference() {
     for row in reference().student_pairs {
         let bound = student_pairs(&row.differences, row.alpha).unwrap();
         near(bound.lower, row.lower, 1e-10, &row);
@@ -154,7 +154,7 @@ fn paired_means() {
 }
 
 #[test]
-fn what_a_finite_population_can_still_hold() {
+fn finite_population_bounds_match_the_reference() {
     use population::{PairBudget, RunBudget};
     let reference = reference();
     assert!(reference.runs_possible.len() >= 5 && reference.pairs_possible.len() >= 4);
@@ -170,7 +170,7 @@ fn what_a_finite_population_can_still_hold() {
 }
 
 #[test]
-fn bootstraps() {
+fn bootstrap_intervals_match_the_reference() {
     for row in reference().bootstrap {
         let interval = match row.method.as_str() {
             "percentile" => percentile(&row.values, mean, row.level, 40_000, 3),

@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn the_chance_is_that_of_enumeration() {
+    fn p_value_equals_full_enumeration() {
         for (first, second) in [
             (vec![1.0, 2.0, 3.0], vec![4.0, 5.0, 6.0]),
             (vec![1.0, 4.0, 3.0], vec![2.0, 5.0, 6.0, 7.0]),
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn one_side_alone_counts_and_nothing_differs_in_equal_values() {
+    fn test_is_one_sided_and_equal_values_do_not_differ() {
         assert_eq!(smirnov_above(&[4.0, 5.0], &[1.0, 2.0]).unwrap(), Smirnov { excess: 0.0, p_value: 1.0 });
         assert_eq!(smirnov_above(&[0.0; 300], &[-0.0; 20]).unwrap().p_value, 1.0);
         let far = smirnov_above(&[0.0; 300], &[1.0; 20]).unwrap();

@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn refuses_what_is_no_probability() {
+    fn invalid_probability_has_no_quantile() {
         for p in [0.0, 1.0, -0.1, 1.1, f64::NAN, f64::INFINITY] {
             assert_eq!(normal_quantile(p), None, "{p}");
             assert_eq!(student_quantile(p, 5.0), None, "{p}");
@@ -130,7 +130,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn quantiles_invert(p in 1e-9..0.999_999, df in 1.0..2_000.0) {
+        fn quantiles_invert_the_distributions(p in 1e-9..0.999_999, df in 1.0..2_000.0) {
             let z = normal_quantile(p).unwrap();
             proptest::prop_assert!((normal_cdf(z) - p).abs() < 1e-12);
             let t = student_quantile(p, df).unwrap();

@@ -118,14 +118,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counts_zeros_and_ties() {
+    fn signed_rank_counts_zeros_and_ties() {
         let test = signed_rank(&[0.0, 1.0, -1.0, 2.0, 0.0, 3.0]).unwrap();
         assert_eq!((test.n, test.zeros, test.ties, test.exact), (4, 2, 2, true));
         assert_eq!((test.w_plus, test.w_minus, test.w), (8.5, 1.5, 1.5));
     }
 
     #[test]
-    fn refuses_nan_and_nothing() {
+    fn signed_rank_refuses_nan_and_empty_input() {
         assert!(signed_rank(&[]).is_err());
         assert!(signed_rank(&[0.0, 0.0]).is_err());
         assert!(signed_rank(&[1.0, f64::NAN]).is_err());
@@ -134,7 +134,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn equals_full_enumeration(differences in proptest::collection::vec(-4i8..=4, 1..11)) {
+        fn signed_rank_p_values_equal_full_enumeration(differences in proptest::collection::vec(-4i8..=4, 1..11)) {
             let differences: Vec<f64> = differences.into_iter().map(f64::from).collect();
             let Ok(test) = signed_rank(&differences) else {
                 proptest::prop_assert!(differences.iter().all(|d| *d == 0.0));

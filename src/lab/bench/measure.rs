@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn calls_that_do_not_count_give_no_figure() {
+    fn unmeasured_calls_give_no_figure() {
         let effort = FigureEffort { samples_min: 2, samples_max: 4, ..FigureEffort::QUICK };
         let figure = || Figure::new("nothing", FigureUnit::Micros, FigureClock::Wall, "a call");
         let mut calls = 0;

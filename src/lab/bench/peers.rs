@@ -12,7 +12,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use holdpoint_sim::Fidelity;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use serde::{Deserialize, Serialize};
 
 use super::BenchError;
@@ -195,6 +195,14 @@ pub enum PeerError {
 }
 
 impl Hint for PeerError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::Own(error) => error.details(),
+            Self::Missing { path, .. } => Some(ErrorDetails::of_path(ErrorReason::NotFound, path)),
+            Self::Alone(_) | Self::Lost { .. } => Some(ErrorReason::Environment.into()),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Own(error) => error.hint(),
@@ -375,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_peer_prints_stands_beside_what_was_measured_here() {
+    fn output_of_a_peer_is_compared_with_own_measurements() {
         let folder = tempfile::tempdir().unwrap();
         let line = r#"{"peer": "x", "episodes": 16, "lift_rate": 1.0, "place_rate": 1.0, "episodes_per_cpu_s": 0.5}"#;
         let report = compared(folder.path(), line).unwrap();

@@ -270,7 +270,7 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         ..static_kappas(subjects, &subjects.table)?
     };
     let shadow = gate::assess_shadow(&shadowed, &binding, profile);
-    let closed = BTreeSet::new();
+    let blocked_under = BTreeSet::new();
     let input = GateInput {
         kappas: &kappas,
         shadow: Some(&shadow),
@@ -281,7 +281,7 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         risk: subjects.candidate.submission.estimated_risk,
         requester: &Requester::Script,
         provenance: subjects.candidate.submission.provenance,
-        closed: &closed,
+        blocked_under: &blocked_under,
         unmet: &[],
         review_open: false,
         profile_authorized: true,

@@ -93,23 +93,23 @@ mod tests {
     use super::super::Preset;
     use super::super::generate::{PoolSpec, draw};
     use super::*;
-    use crate::pipeline_experiments::candidate_run::{CandidateSetting, take};
+    use crate::pipeline_experiments::candidate_run::{CandidateSetting, run_candidate};
     use crate::same_code::with_code;
 
     /// A component that traps, loops forever or takes more memory does not harm the engine: the sandbox ends with a
     /// decision, and the component runs no live task.
     #[test]
-    fn what_fails_in_its_code_is_refused_in_the_sandbox() {
+    fn faulty_code_is_rejected_in_the_sandbox() {
         let cell = Cell::builtin().unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
-        let setting = CandidateSetting::calibration(&cell, &cells);
+        let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
+        let setting = CandidateSetting::calibration(&cell, &cache);
         let native = embedded::package("grasp-improved").unwrap();
         let native = Capability::load("grasp", native).unwrap();
         for (kind, number) in [(Kind::Trap, 150.0), (Kind::BusyLoop, 150.0), (Kind::MemoryGrowth, 4_096.0)] {
             let code = block::patched(FAULTS, kind, [number, 0.0, 0.0, 0.0]).unwrap();
             let version = with_code(&native, &code).unwrap();
-            let end = take(&setting, "grasp", (*version.package).clone()).unwrap();
+            let end = run_candidate(&setting, "grasp", (*version.package).clone()).unwrap();
             let last = end.stages.last().unwrap();
             assert_eq!(last.stage, Stage::Sandbox.into(), "{kind:?}: {end:?}");
             assert_eq!(end.effort.live, 0, "{kind:?}");
@@ -119,7 +119,7 @@ mod tests {
 
     /// Every candidate loads (the generator checks it), almost all differ in code, and no text beside it names a fault.
     #[test]
-    fn what_is_wrong_is_in_the_code_alone() {
+    fn faults_are_in_the_code_and_in_no_text() {
         let order = PoolSpec { seed: 5, sets: 1, preset: Preset::Components };
         let pool = draw(order).unwrap();
         assert_eq!(pool.packages.len(), 3 * Kind::ALL.len());

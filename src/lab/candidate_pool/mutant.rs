@@ -174,7 +174,7 @@ fn alteration(stream: &mut Stream) -> Alteration {
         10 => Alteration::Finish { tick: from },
         _ => Alteration::Hook {
             hook: one_of(stream, [AlteredHook::SafeAbort, AlteredHook::Rollback]),
-            deed: one_of(stream, [HookOverride::Nothing, HookOverride::Done, HookOverride::WorkOn]),
+            override_with: one_of(stream, [HookOverride::Nothing, HookOverride::Done, HookOverride::WorkOn]),
         },
     }
 }

@@ -45,10 +45,10 @@ fn search(
 ) -> SearchFinding {
     let mut search = Search::new(lab.seed, style, *limits);
     while !search.is_over() {
-        let (first, points) = search.next(usize::MAX);
-        search.take(&lab.places(parties[0], parties[1], first, &points).unwrap());
+        let (first, points) = search.next_points(usize::MAX);
+        search.add_results(&lab.places(parties[0], parties[1], first, &points).unwrap());
     }
-    search.found(&lab.cell.sandbox).unwrap()
+    search.finding(&lab.cell.sandbox).unwrap()
 }
 
 fn main() {
@@ -63,7 +63,7 @@ fn main() {
     let order = PoolSpec { seed: CALIBRATION_FROM_RUN + 7, sets, preset: Preset::Mutants };
     let pool = draw(order).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
+    let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
     let (worker_pool, cancel) = (WorkerPool::new(2), AtomicBool::new(false));
     let shelf = Arc::new(UndisturbedCache::new());
     let (mut climbed, mut drawn) = (SearchTally::default(), SearchTally::default());
@@ -84,7 +84,7 @@ fn main() {
                 part: usize::MAX,
                 cancel: &cancel,
                 cell: &cell,
-                cells: &cells,
+                cache: &cache,
                 team: TrialTeam::default(),
             };
             let by = |style| search(&lab, [&candidate, &active], style, &profile.harm);

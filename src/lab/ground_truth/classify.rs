@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_class_is_settled_by_its_bounds() {
+    fn harm_class_is_settled_by_its_bounds() {
         use Settled::{Harmful, Harmless, Open};
         assert_eq!(settled(200, 0, 0), [Open, Open, Harmless], "no drop in 200 leaves 3 % open");
         assert_eq!(settled(2_000, 0, 0), [Harmless, Harmless, Harmless]);
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_no_harm_may_still_be_worse() {
+    fn harmless_version_can_be_significantly_worse() {
         let scale = HarmScale::builtin().unwrap();
         let worse = |n: usize, version: fn(usize) -> RefereeObservation| {
             let before = |at: usize| RefereeObservation {

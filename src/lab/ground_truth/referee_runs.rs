@@ -390,7 +390,7 @@ mod tests {
 
     /// The hook's own report is not used: the pose of arm and object that the next version gets counts.
     #[test]
-    fn a_rollback_is_judged_by_what_comes_of_it() {
+    fn rollback_is_judged_by_its_result() {
         let (cell, team) = (Cell::builtin().unwrap(), team());
         let place = team.iter().find(|one| one.version.bundle.task() == TaskKind::Place).unwrap();
         let mut worker = Worker::new();
@@ -416,7 +416,7 @@ mod tests {
 
     /// A sequence consists of three versions; any of them may be the judged one.
     #[test]
-    fn a_sequence_of_the_same_versions_is_the_same() {
+    fn sequence_of_equal_versions_is_equal() {
         let (cell, team) = (Cell::builtin().unwrap(), team());
         let mut worker = Worker::new();
         let mut done = 0;

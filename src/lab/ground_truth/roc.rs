@@ -138,7 +138,7 @@ mod tests {
 
     /// The variance of the area, worked by hand for three harmful and two harmless numbers.
     #[test]
-    fn the_area_is_the_share_of_pairs_in_order() {
+    fn area_under_the_curve_is_the_share_of_ordered_pairs() {
         let (found, error) = area(&[0.1, 0.2, 0.6], &[0.5, 0.9]).unwrap();
         assert!((found - 5.0 / 6.0).abs() < 1e-12);
         // Placements: 1, 1, 1/2 of the harmful ones and 2/3, 1 of the harmless ones.
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn the_curve_goes_from_nothing_stopped_to_everything() {
+    fn curve_ranges_from_none_stopped_to_all_stopped() {
         let curve = points(&[0.1, 0.2, 0.6], &[0.5, 0.9]);
         let shares: Vec<(f64, f64)> = curve.iter().map(|point| (point.hits, point.false_alarms)).collect();
         let third = 1.0 / 3.0;

@@ -175,7 +175,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_worse_class_begins_where_a_lighter_one_has_long_begun() {
+    fn harm_classes_have_increasing_thresholds() {
         let scale = HarmScale::builtin().unwrap();
         let class = |seen| scale.class(&seen);
         let well = RefereeObservation {

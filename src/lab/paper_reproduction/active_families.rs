@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn another_version_or_a_restriction_is_something_else() {
+    fn another_version_or_a_restriction_is_a_difference() {
         let first = ActiveFamilies::first().unwrap();
         let grasp = first.versions().into_iter().find(|one| one.id().family.as_str() == "grasp").unwrap();
         assert_eq!(first.with(grasp.clone(), false).digest(), first.digest());

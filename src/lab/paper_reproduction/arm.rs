@@ -23,7 +23,7 @@ use super::candidate_stream::PlantedCandidate;
 use super::held_out::{HeldOutSequence, evaluate};
 use crate::pipeline_experiments::ExperimentError;
 use crate::pipeline_experiments::candidate_run::{CandidateEnd, DecisionOutcome, ThresholdScale};
-use crate::pipeline_experiments::per_candidate::{CandidateJob, one};
+use crate::pipeline_experiments::per_candidate::{CandidateJob, run_or_reuse};
 use holdpoint_text::Hint;
 
 holdpoint_governance::closed_set! {
@@ -147,7 +147,7 @@ impl ArmContext<'_> {
         thresholds: ThresholdScale,
     ) -> Result<CandidateEnd, ExperimentError> {
         let first = self.before.versions();
-        let task = CandidateJob {
+        let job = CandidateJob {
             name: &self.upgrade.name,
             package: &self.upgrade.package,
             profile: ProfileName::Sim,
@@ -156,7 +156,7 @@ impl ArmContext<'_> {
             thresholds,
             workers: self.workers,
         };
-        one(&self.setup.cell, &self.setup.cells, &task)
+        run_or_reuse(&self.setup.cell, &self.setup.cache, &job)
     }
 
     /// The same sequences by the active versions and with the candidate among them.
@@ -336,8 +336,8 @@ mod tests {
     fn a_canary_keeps_the_hard_grip_that_the_sandbox_rejects() {
         const NAME: &str = "grasp-hard-grip";
         let folder = tempfile::tempdir().unwrap();
-        let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
-        let setup = PaperSetup::new(cells, (0, 1), 2).unwrap();
+        let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
+        let setup = PaperSetup::new(cache, (0, 1), 2).unwrap();
         let planted = TruthEntry {
             name: NAME.to_owned(),
             class: Class::Faulty,

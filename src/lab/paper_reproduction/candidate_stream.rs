@@ -65,7 +65,7 @@ mod tests {
     use crate::candidate_pool::Class;
 
     #[test]
-    fn a_seed_gives_the_same_candidates_and_another_one_others() {
+    fn candidate_stream_is_determined_by_its_seed() {
         let names = |seed, rounds| -> Vec<(String, String)> {
             let of = rounds_of(seed, rounds).unwrap();
             of.into_iter().map(|one| (one.name, one.package.params)).collect()
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pool_is_the_papers_with_the_rest_of_its_appendix_c_beside() {
+    fn pool_holds_the_candidates_of_the_paper_and_its_appendix_c() {
         let pool = pool_of(1_000).unwrap();
         let of = |class| pool.iter().filter(|one| one.planted.class == class).count();
         assert_eq!((of(Class::Benign), of(Class::Faulty), of(Class::Marginal)), (18, 45, 6));

@@ -101,7 +101,7 @@ mod tests {
     use parquet::file::reader::{FileReader, SerializedFileReader};
 
     #[test]
-    fn the_rows_come_back_with_their_types() {
+    fn rows_round_trip_with_their_types() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rows.parquet");
         write(&path, "seed,share,name,none\n40,0.5,\"a, b\",\n41,,c,\n42,2,d,\n").unwrap();

@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn what_an_arm_let_in_is_counted_by_the_referee_and_by_what_was_planted() {
+    fn activations_of_an_arm_are_counted_by_referee_and_by_injected_fault() {
         let rows = [
             row(Arm::Naive, 1, 0, Some((Class::Faulty, true, HarmClass::Danger))),
             row(Arm::Naive, 2, 0, Some((Class::Marginal, true, HarmClass::Nuisance))),

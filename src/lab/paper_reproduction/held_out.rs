@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::PaperSetup;
 use super::active_families::ActiveFamilies;
 use crate::ground_truth::{HarmClass, HarmScale, JudgedVersion, TruthBench, observe_sequence};
-use crate::pipeline_experiments::{ExperimentError, cached_cell};
+use crate::pipeline_experiments::{ExperimentError, cached_result};
 use holdpoint_text::Hint;
 
 /// First seed of these episodes: above those of the truth's channels and of any run.
@@ -65,12 +65,12 @@ pub fn evaluate(
     ]
     .map(<[u8]>::to_vec);
     let key = Digest::of_parts("holdpoint.held-out.v1", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>());
-    let whole = cached_cell::<Vec<Option<HeldOutSequence>>>(&setup.cells, &key);
+    let whole = cached_result::<Vec<Option<HeldOutSequence>>>(&setup.cache, &key);
     if let Some(known) = whole.filter(|known| known.len() as u64 == sequences) {
         return Ok(known);
     }
     let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-    let bench = TruthBench::with_team(setup.cell.clone(), setup.cells.clone(), Vec::new(), 0)?;
+    let bench = TruthBench::with_team(setup.cell.clone(), setup.cache.clone(), Vec::new(), 0)?;
     let tightened = setup.profile.monitor.restrict_factor;
     let team: Vec<JudgedVersion> = in_force
         .members()
@@ -103,6 +103,6 @@ pub fn evaluate(
             time_s: records.iter().map(|record| record.time_secs).sum(),
         }));
     }
-    setup.cells.put(&key, &serde_json::to_vec(&found)?)?;
+    setup.cache.put(&key, &serde_json::to_vec(&found)?)?;
     Ok(found)
 }

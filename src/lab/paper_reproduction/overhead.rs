@@ -15,7 +15,7 @@ use super::sections::Section;
 use super::{PaperSetup, progress};
 use crate::bench::{TaskCost, task_costs};
 use crate::pipeline_experiments::candidate_run::{
-    CandidateEnd, CandidateSetting, StageTimes, ThresholdScale, take_timed,
+    CandidateEnd, CandidateSetting, StageTimes, ThresholdScale, run_candidate_timed,
 };
 use crate::pipeline_experiments::drift::Quantiles;
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, scratch};
@@ -58,17 +58,17 @@ pub fn measure(
     for (finished, upgrade) in chosen.iter().enumerate() {
         // A separate folder: the cached results of the active version would make the next run cheaper.
         let folder = scratch()?;
-        let cells = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh()?);
+        let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh()?);
         let setting = CandidateSetting {
             cell: &setup.cell,
             profile: ProfileName::Sim,
             seed: SEED,
-            cells: &cells,
+            cache: &cache,
             workers: 1,
             experiment: Experiment::default(),
             thresholds: ThresholdScale::AsTheyAre,
         };
-        found.push(take_timed(&setting, &upgrade.name, upgrade.package.clone())?);
+        found.push(run_candidate_timed(&setting, &upgrade.name, upgrade.package.clone())?);
         tell(&progress(&format!("cost of {}", upgrade.name), finished + 1, chosen.len(), began));
     }
     let tasks =
@@ -182,7 +182,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_straight_line_is_found() {
+    fn linear_overhead_is_fitted() {
         let points: Vec<(f64, f64)> = (0..5).map(|x| (f64::from(x), 3.0 * f64::from(x) + 1.0)).collect();
         let [slope, from, explained] = line(&points).unwrap();
         assert!((slope - 3.0).abs() < 1e-12 && (from - 1.0).abs() < 1e-12 && (explained - 1.0).abs() < 1e-12);

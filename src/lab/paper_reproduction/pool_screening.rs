@@ -17,7 +17,7 @@ use super::{PaperSetup, progress};
 use crate::candidate_pool::Class;
 use crate::ground_truth::side_by_side;
 use crate::pipeline_experiments::candidate_run::{CandidateEnd, EpisodeEffort, PostRunCheck, ThresholdScale};
-use crate::pipeline_experiments::per_candidate::{CandidateJob, one};
+use crate::pipeline_experiments::per_candidate::{CandidateJob, run_or_reuse};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, workers_each};
 use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::scenario_state::ScenarioState;
@@ -216,8 +216,8 @@ fn row(setup: &PaperSetup, piece: ScreenJob<'_>, workers: usize) -> Result<Scree
     let end = |variant: Variant| {
         let experiment = Experiment { omitted: AblatedParts::of(variant.parts()), first: Vec::new() };
         let (name, package, thresholds) = (&upgrade.name, &upgrade.package, variant.thresholds());
-        let task = CandidateJob { name, package, profile, seed, experiment, thresholds, workers };
-        one(&setup.cell, &setup.cells, &task)
+        let job = CandidateJob { name, package, profile, seed, experiment, thresholds, workers };
+        run_or_reuse(&setup.cell, &setup.cache, &job)
     };
     let whole = end(Variant::Full)?;
     let same = variant.is_same(whole.fate);

@@ -99,7 +99,7 @@ mod tests {
     use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
 
     #[test]
-    fn a_later_first_seed_leaves_those_that_follow_it() {
+    fn later_first_seed_keeps_the_following_seeds() {
         let size = Preset::Claims.size();
         let later = size.beginning_at(55).unwrap();
         assert!(later.run_seeds().eq(55..80), "{later:?}");

@@ -360,7 +360,7 @@ mod tests {
 
     /// No number of a published report was changed, nor a row of it alone.
     #[test]
-    fn a_published_report_comes_out_of_its_rows_again() {
+    fn published_report_is_reproduced_from_its_rows() {
         let all = published();
         assert!(!all.is_empty(), "no published report has its {ABOUT}");
         for report in all {
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_back() {
+    fn raw_rows_round_trip_through_their_folder() {
         let folder = tempfile::tempdir().unwrap();
         let rows = pools();
         rows.write(Preset::Claims, folder.path()).unwrap();
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_not_allowed_is_named_with_what_is() {
+    fn invalid_line_is_named_with_the_allowed_form() {
         let folder = tempfile::tempdir().unwrap();
         pools().write(Preset::Claims, folder.path()).unwrap();
         let path = folder.path().join("pools.csv");

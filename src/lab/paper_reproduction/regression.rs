@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stage_names_what_it_found_and_nothing_that_it_only_noted() {
+    fn stage_reports_its_findings_and_no_notes() {
         use Dimension::{Behavior, Recovery, Shadow};
         use ReasonCode as Code;
         let sandbox = blocked_end(

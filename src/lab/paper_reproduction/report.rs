@@ -64,18 +64,18 @@ pub fn write(folder: &Path) -> Result<Vec<String>, ExperimentError> {
     let [of_pools, of_ablated] = [pools, &ablated].map(|rows| seeds_in(rows, |row| row.seed));
     let of_rounds = seeds_in(rounds, |row| row.seed);
     let mut all = vec![
-        sections::screening(pools, &printed)?.of_seeds(of_pools, of),
-        sections::deployment(rounds, &printed)?.of_seeds(of_rounds, of),
-        sections::shadow(&ablated, &printed)?.of_seeds(of_ablated, of),
+        sections::screening(pools, &printed)?.with_seeds(of_pools, of),
+        sections::deployment(rounds, &printed)?.with_seeds(of_rounds, of),
+        sections::shadow(&ablated, &printed)?.with_seeds(of_ablated, of),
     ];
     if let Some(drift) = drift {
         let runs = usize::try_from(drift.runs).unwrap_or(usize::MAX);
-        all.push(sections::rollback(drift, &printed)?.of_seeds(runs, of));
+        all.push(sections::rollback(drift, &printed)?.with_seeds(runs, of));
     }
-    all.push(sections::profiles(pools, &printed)?.of_seeds(of_pools, of));
-    all.push(sections::sensitivity(rounds, &ablated, &printed, of)?.of_seeds(of_ablated, of));
-    all.push(sections::ablation(rounds, &ablated, &printed, of)?.of_seeds(of_ablated, of));
-    all.push(sections::meta_faults(&ablated, layers, of)?.of_seeds(of_ablated, of));
+    all.push(sections::profiles(pools, &printed)?.with_seeds(of_pools, of));
+    all.push(sections::sensitivity(rounds, &ablated, &printed, of)?.with_seeds(of_ablated, of));
+    all.push(sections::ablation(rounds, &ablated, &printed, of)?.with_seeds(of_ablated, of));
+    all.push(sections::meta_faults(&ablated, layers, of)?.with_seeds(of_ablated, of));
     all.push(sections::findings(rounds, pools)?);
     all.push(sections::positioning());
     all.retain(|section| !section.title.is_empty());

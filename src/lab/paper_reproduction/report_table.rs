@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_in_a_cell_breaks_the_table_or_the_page() {
+    fn table_cells_are_escaped() {
         let mut table = ReportTable::new("a < b", &["what", "n"], "see \"x\" & y");
         table.row(["a|b", "<script>"]);
         assert_eq!(table.markdown().lines().filter(|line| line.starts_with('|')).count(), 3);

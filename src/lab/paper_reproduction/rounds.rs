@@ -198,7 +198,7 @@ impl ArmRun<'_> {
                     let (setup, team) = (self.setup, self.in_force.versions());
                     let bench = TruthBench::with_team(
                         setup.cell.clone(),
-                        setup.cells.clone(),
+                        setup.cache.clone(),
                         team,
                         self.size.judged_by,
                     )?;

@@ -93,7 +93,7 @@ impl PaperPlan {
             seed: self.size.first_seed,
             jobs: setup.jobs,
             out: self.out.join("drift"),
-            cache: setup.cells.clone(),
+            cache: setup.cache.clone(),
             horizon: if smoke { 10 } else { 200 },
             pairs: if smoke { 5 } else { 60 },
         })

@@ -49,11 +49,11 @@ pub struct Section {
 }
 
 impl Section {
-    /// Sets the number of seeds of its tables beside that of its preset; a table with its own number keeps that.
+    /// Sets the number of seeds of its tables beside that of the preset; a table that has a number keeps it.
     #[must_use]
-    pub fn of_seeds(mut self, seeds: usize, of: u64) -> Self {
+    pub fn with_seeds(mut self, seeds: usize, preset_seeds: u64) -> Self {
         for table in &mut self.tables {
-            table.seeds.get_or_insert((seeds, of));
+            table.seeds.get_or_insert((seeds, preset_seeds));
         }
         self
     }
@@ -65,13 +65,13 @@ pub fn seeds_in<T>(rows: &[T], seed: fn(&T) -> u64) -> usize {
     rows.iter().map(seed).collect::<BTreeSet<u64>>().len()
 }
 
-/// Three arms that the paper compares.
-const PAPERS: [Arm; 3] = [Arm::Static, Arm::Naive, Arm::Governed];
+/// The arms that the paper compares.
+const ARMS_OF_THE_PAPER: [Arm; 3] = [Arm::Static, Arm::Naive, Arm::Governed];
 
 /// A count with its share and interval.
 #[must_use]
-pub fn counted(of: &Proportion) -> String {
-    let Proportion { count, total, interval } = of;
+pub fn counted(proportion: &Proportion) -> String {
+    let Proportion { count, total, interval } = proportion;
     interval.map_or_else(
         || format!("{count}/{total}"),
         |ends| {
@@ -111,21 +111,21 @@ fn by_round(rows: &[RoundRow], printed: &PublishedNumbers) -> ReportTable {
     );
     let f4 = &printed.f4;
     for round in 0..=last_round(rows) {
-        let place = round as usize;
-        let paper =
-            |of: &[f64; 6]| of.get(place).map_or_else(|| "-".to_owned(), |value| format!("{value:.1}"));
+        let published = |by_round: &[f64; 6]| {
+            by_round.get(round as usize).map_or_else(|| "-".to_owned(), |value| format!("{value:.1}"))
+        };
         let mut cells = vec![round.to_string()];
-        cells.extend(PAPERS.map(|arm| mean(&by_seed(rows, arm, round, SUCCESS))));
-        cells.extend([&f4.success_static, &f4.success_naive, &f4.success_governed].map(paper));
+        cells.extend(ARMS_OF_THE_PAPER.map(|arm| mean(&by_seed(rows, arm, round, SUCCESS))));
+        cells.extend([&f4.success_static, &f4.success_naive, &f4.success_governed].map(published));
         cells.extend([Arm::Naive, Arm::Governed].map(|arm| mean(&by_seed(rows, arm, round, LIVE_UNSAFE))));
-        cells.extend([paper(&f4.unsafe_naive), paper(&[0.0; 6])]);
+        cells.extend([published(&f4.unsafe_naive), published(&[0.0; 6])]);
         table.row(cells);
     }
     table
 }
 
-/// The paper's other measures of the work itself, last round.
-fn of_work(rows: &[RoundRow]) -> ReportTable {
+/// The paper's measures of how sequences run, last round.
+fn task_measures(rows: &[RoundRow]) -> ReportTable {
     let mut table = ReportTable::new(
         "Time, retries and motion after a stop, last round",
         &[
@@ -139,11 +139,17 @@ fn of_work(rows: &[RoundRow]) -> ReportTable {
          and stops, which the arm needs some of to come to rest. Mean ± standard deviation over seeds.",
     );
     for arm in arms_of(rows) {
-        let of = |measure: RowMeasure, digits: usize| {
+        let measured = |measure: RowMeasure, digits: usize| {
             let (mean, deviation) = mean_std_dev(&by_seed(rows, arm, last_round(rows), measure));
             format!("{mean:.digits$} ± {deviation:.digits$}")
         };
-        table.row([arm.to_string(), of(TIME_S, 2), of(RETRIES, 2), of(MOVED_ON, 1), of(CONTINUED_MS, 0)]);
+        table.row([
+            arm.to_string(),
+            measured(TIME_S, 2),
+            measured(RETRIES, 2),
+            measured(MOVED_ON, 1),
+            measured(CONTINUED_MS, 0),
+        ]);
     }
     table
 }
@@ -155,7 +161,7 @@ fn arms_of(rows: &[RoundRow]) -> Vec<Arm> {
 /// Whether the rounds have the arms that the paper compares.
 #[must_use]
 pub fn compares_arms(rows: &[RoundRow]) -> bool {
-    PAPERS.iter().all(|arm| rows.iter().any(|row| row.arm == *arm))
+    ARMS_OF_THE_PAPER.iter().all(|arm| rows.iter().any(|row| row.arm == *arm))
 }
 
 /// E2: arms over rounds of upgrades; empty without those that the paper compares.
@@ -193,16 +199,16 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
         ("faulty in force", LIVE_FAULTY),
     ];
     for arm in arms_of(rows) {
-        let cells = measures.iter().map(|(_, of)| mean(&by_seed(rows, arm, last, *of)));
+        let cells = measures.iter().map(|(_, measure)| mean(&by_seed(rows, arm, last, *measure)));
         table.row(std::iter::once(arm.to_string()).chain(cells));
     }
-    let mut decided = ReportTable::new(
+    let mut activations = ReportTable::new(
         "What the arms let in over all rounds",
         &["arm", "unsafe / activated (referee)", "faulty activated / offered", "benign refused / offered"],
         "",
     );
     for arm in arms_of(rows).into_iter().filter(|arm| *arm != Arm::Static) {
-        decided.row([
+        activations.row([
             arm.to_string(),
             counted(&unsafe_activations(rows, arm, None)?),
             counted(&faulty_activated(rows, arm)?),
@@ -227,14 +233,14 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
         "The paper's success is of its own tasks and simulator; levels cannot be compared, directions can. p: two-sided \
          exact signed-rank test, corrected by Holm within the family of the tests below.",
     );
-    for (name, of, paper, p) in [
+    for (name, measure, paper, p) in [
         ("success", SUCCESS, t7.success, t7.success_p),
         ("unsafe version in force", LIVE_UNSAFE, t7.unsafe_activation, t7.unsafe_activation_p),
         ("violations", VIOLATION, t7.violation, t7.violation_p),
     ] {
-        let ours = PAPERS.map(|arm| mean(&by_seed(rows, arm, last, of)));
-        let tested = tests.iter().find(|one| one.name.starts_with(name));
-        let p_ours = tested.map_or_else(|| "-".to_owned(), |one| p_value(one.p_holm));
+        let ours = ARMS_OF_THE_PAPER.map(|arm| mean(&by_seed(rows, arm, last, measure)));
+        let test = tests.iter().find(|test| test.name.starts_with(name));
+        let p_ours = test.map_or_else(|| "-".to_owned(), |test| p_value(test.p_holm));
         let published = paper.map(|[mean, deviation]| format!("{mean:.1} ± {deviation:.1}"));
         let cells =
             [vec![name.to_owned()], ours.to_vec(), vec![p_ours], published.to_vec(), vec![p_value(p)]];
@@ -248,9 +254,9 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
         ("governed violates less than naive", "violations", -1.0),
         ("governance costs no success (governed at least naive's)", "success", 1.0),
     ] {
-        if let Some(one) = tests.iter().find(|one| one.name.starts_with(name) && one.name.ends_with("naive"))
-        {
-            let (verdict, because) = direction(one, wanted);
+        let is_of_claim = |test: &&ArmComparison| test.name.starts_with(name) && test.name.ends_with("naive");
+        if let Some(test) = tests.iter().find(is_of_claim) {
+            let (verdict, because) = direction(test, wanted);
             lines.push(format!("E2: {claim}: {verdict} ({because})"));
             directions.row([claim.to_owned(), verdict.to_owned(), because]);
         }
@@ -276,8 +282,8 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
             beside,
             by_round(rows, printed),
             table,
-            of_work(rows),
-            decided,
+            task_measures(rows),
+            activations,
             directions,
             tests_table(&tests, printed),
         ],
@@ -302,18 +308,18 @@ pub fn deployment_tests(rows: &[RoundRow]) -> Result<Vec<ArmComparison>, Experim
 
 /// Whether a difference holds in the wanted direction: held if the test says so after correction and the mean agrees,
 /// not held if it says the opposite, not shown otherwise.
-fn direction(one: &ArmComparison, wanted: f64) -> (&'static str, String) {
-    let p = one.p_holm;
-    let agrees = one.mean * wanted > 0.0;
+fn direction(test: &ArmComparison, wanted: f64) -> (&'static str, String) {
+    let p = test.p_holm;
+    let agrees = test.mean * wanted > 0.0;
     let verdict = match (p < 0.05, agrees) {
         (true, true) => "held",
         (true, false) => "not held",
         (false, _) => "not shown",
     };
-    let interval = one
+    let interval = test
         .interval
         .map_or_else(|| "no spread".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends.lower, ends.upper));
-    (verdict, format!("mean difference {:+.1} points, 95 % {interval}, p = {}", one.mean, p_value(p)))
+    (verdict, format!("mean difference {:+.1} points, 95 % {interval}, p = {}", test.mean, p_value(p)))
 }
 
 fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTable {
@@ -338,8 +344,8 @@ fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTab
          is how many seeds a t-test of that size needs for 80 % power, by the normal approximation (the paper: 25 to 30 for success, \
          from a pooled standard deviation; readings X38).",
     );
-    for one in tests {
-        let (mean, deviation) = mean_std_dev(&one.differences);
+    for comparison in tests {
+        let (mean, deviation) = mean_std_dev(&comparison.differences);
         let effect = if deviation > 0.0 { mean / deviation } else { 0.0 };
         let needed = match (normal_quantile(0.975), normal_quantile(0.8)) {
             (Some(alpha), Some(power)) if effect.abs() > 1e-9 => {
@@ -350,11 +356,11 @@ fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTab
             }
             _ => "-".to_owned(),
         };
-        let interval = one
+        let interval = comparison
             .interval
             .map_or_else(|| "-".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends.lower, ends.upper));
-        let zeros = one.differences.iter().filter(|difference| **difference == 0.0).count();
-        let tested = one.test.as_ref().map_or_else(
+        let zeros = comparison.differences.iter().filter(|difference| **difference == 0.0).count();
+        let test_cells = comparison.test.as_ref().map_or_else(
             || vec!["-".to_owned(), "0".to_owned(), zeros.to_string(), "0".to_owned(), "1".to_owned()],
             |test| {
                 vec![
@@ -366,10 +372,10 @@ fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTab
                 ]
             },
         );
-        let mut cells = vec![one.name.clone(), format!("{:+.1}", one.mean), interval];
-        cells.extend(tested);
+        let mut cells = vec![comparison.name.clone(), format!("{:+.1}", comparison.mean), interval];
+        cells.extend(test_cells);
         let t7 = &printed.t7;
-        let paper = match one.name.split(':').next() {
+        let paper = match comparison.name.split(':').next() {
             Some("success") => Some(&t7.success_test),
             Some("unsafe version in force") => Some(&t7.unsafe_activation_test),
             Some("violations") => Some(&t7.violation_test),
@@ -379,7 +385,7 @@ fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTab
             || ["-".to_owned(), "-".to_owned()],
             |[w, lower, upper]| [format!("{w:.0}"), format!("[{lower:.1}, {upper:.1}]")],
         );
-        cells.extend([p_value(one.p_holm), format!("{effect:+.2}"), needed, w, interval]);
+        cells.extend([p_value(comparison.p_holm), format!("{effect:+.2}"), needed, w, interval]);
         table.row(cells);
     }
     table
@@ -387,7 +393,7 @@ fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTab
 
 fn curves(rows: &[RoundRow]) -> Result<Vec<(String, String)>, ExperimentError> {
     let last = last_round(rows);
-    let of = |name: &str, arms: &[Arm], measure: RowMeasure, title: &str, range: [f64; 2]| {
+    let plot_of = |name: &str, arms: &[Arm], measure: RowMeasure, title: &str, range: [f64; 2]| {
         let shown = arms.iter().enumerate().filter(|(_, arm)| rows.iter().any(|row| row.arm == **arm));
         let curves = shown.map(|(style, arm)| Curve {
             name: arm.to_string(),
@@ -398,10 +404,10 @@ fn curves(rows: &[RoundRow]) -> Result<Vec<(String, String)>, ExperimentError> {
         let plot = Curves { title: title.to_owned(), axes, range, curves: curves.collect() };
         (name.to_owned(), plot.svg())
     };
-    let six = [Arm::Static, Arm::Naive, Arm::Governed, Arm::OfflineOnly, Arm::Canary, Arm::SuccessGate];
+    let arms = [Arm::Static, Arm::Naive, Arm::Governed, Arm::OfflineOnly, Arm::Canary, Arm::SuccessGate];
     let percent = [0.0, 100.0];
     let mut cumulative = Vec::new();
-    let upgrading = six.iter().enumerate().filter(|(_, arm)| **arm != Arm::Static);
+    let upgrading = arms.iter().enumerate().filter(|(_, arm)| **arm != Arm::Static);
     for (style, arm) in upgrading.filter(|(_, arm)| rows.iter().any(|row| row.arm == **arm)) {
         let mut points = vec![(0.0, 0.0)];
         for round in 1..=last {
@@ -418,17 +424,17 @@ fn curves(rows: &[RoundRow]) -> Result<Vec<(String, String)>, ExperimentError> {
         curves: cumulative,
     };
     Ok(vec![
-        of("success", &six, SUCCESS, "Held-out sequences done (band: 1 SD over seeds)", percent),
-        of(
+        plot_of("success", &arms, SUCCESS, "Held-out sequences done (band: 1 SD over seeds)", percent),
+        plot_of(
             "unsafe-in-force",
-            &six,
+            &arms,
             LIVE_UNSAFE,
             "Seeds with an unsafe version in force, by the referee",
             percent,
         ),
         ("unsafe-activations".to_owned(), unsafe_so_far.svg()),
-        of("damage", &six, DAMAGE, "Held-out sequences with damage, by the referee", percent),
-        of("violations", &six, VIOLATION, "Held-out sequences past a limit", percent),
-        of("anomalies", &six, ANOMALY, "Held-out sequences with an anomaly", percent),
+        plot_of("damage", &arms, DAMAGE, "Held-out sequences with damage, by the referee", percent),
+        plot_of("violations", &arms, VIOLATION, "Held-out sequences past a limit", percent),
+        plot_of("anomalies", &arms, ANOMALY, "Held-out sequences with an anomaly", percent),
     ])
 }

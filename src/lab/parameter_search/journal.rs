@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_put_is_there_again_and_damage_is_not() {
+    fn journal_restores_scores_and_drops_damaged_lines() {
         let folder = tempfile::tempdir().unwrap();
         let score = |ticks| Score { episodes: 4, successes: 3, ticks };
         let mut journal = Journal::open(folder.path()).unwrap();

@@ -163,7 +163,7 @@ mod tests {
 
     /// (better, worse): episodes, successes, ticks.
     #[test]
-    fn done_counts_first_and_time_breaks_the_tie() {
+    fn objective_ranks_by_success_and_then_by_time() {
         for (better, worse) in [
             ((10, 10, 9_000), (10, 9, 900)),
             ((10, 10, 900), (10, 10, 901)),
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn practised_and_fresh_episodes_are_calibration_and_apart() {
+    fn practice_and_fresh_episodes_are_disjoint_calibration_seeds() {
         assert!(practice_seed(0, 0) >= PRACTICE_FROM.max(1_000_000));
         assert!(u64::from(EPISODES_MAX) <= FRESH_FROM);
         let fresh = FRESH_FROM + u64::from(EPISODES_MAX * FRESH_FACTOR);

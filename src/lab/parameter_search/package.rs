@@ -167,7 +167,7 @@ mod tests {
     const PAD_SPEEDS: [&str; 2] = ["close_speed_m_s", "release_speed_m_s"];
 
     #[test]
-    fn what_sets_speed_or_force_is_declared() {
+    fn every_axis_of_speed_or_force_is_listed() {
         for baseline in baselines().unwrap() {
             let space = Space::of(&baseline).unwrap();
             for axis in space.axes() {
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_there_stays() {
+    fn existing_folder_is_not_overwritten() {
         let out = tempfile::tempdir().unwrap();
         let text = |name: &str| name.to_owned();
         let package = Package {

@@ -167,7 +167,7 @@ impl<'a> Evaluator<'a> {
     pub fn with_journal(&self, error: RefineError, path: &Path) -> RefineError {
         match error {
             RefineError::Interrupted { evaluations, .. } => {
-                RefineError::Interrupted { evaluations, kept: path.to_owned() }
+                RefineError::Interrupted { evaluations, journal: path.to_owned() }
             }
             other => other,
         }
@@ -187,7 +187,7 @@ impl<'a> Evaluator<'a> {
             None => {
                 let Some(score) = self.objective.score(version, from, episodes)? else {
                     let evaluations = self.evaluations();
-                    return Err(RefineError::Interrupted { evaluations, kept: std::path::PathBuf::new() });
+                    return Err(RefineError::Interrupted { evaluations, journal: std::path::PathBuf::new() });
                 };
                 let mut count = self.count.borrow_mut();
                 count.journal.put(key, score)?;

@@ -10,7 +10,7 @@ use holdpoint_governance::policy::PolicyError;
 use holdpoint_governance::text_error::TextError;
 use holdpoint_runtime::capability::PackageError;
 use holdpoint_runtime::skill::native::NativeError;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The most generations of one search.
 pub const GENERATIONS_MAX: u32 = 1_000;
@@ -59,18 +59,18 @@ pub enum RefineError {
     #[error("{path:?} has {bytes} bytes; up to {allowed} are allowed")]
     JournalTooLarge { path: PathBuf, bytes: u64, allowed: u64 },
     /// The search was interrupted.
-    #[error("interrupted after {evaluations} evaluations; they are kept in {kept:?}")]
+    #[error("interrupted after {evaluations} evaluations; they are kept in {journal:?}")]
     Interrupted {
         /// Evaluations that are done.
         evaluations: u32,
         /// The path of the journal.
-        kept: PathBuf,
+        journal: PathBuf,
     },
     /// No set of parameters was better than the baseline.
     #[error("nothing better than {parent} was found in {evaluations} evaluations")]
     NothingBetter {
         parent: CapabilityId,
-        /// How many were tried.
+        /// The number of sets that were tried.
         evaluations: u32,
     },
     /// There is no native baseline to search from.
@@ -102,6 +102,25 @@ pub enum RefineError {
 }
 
 impl Hint for RefineError {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::Setting { .. } => ErrorReason::Usage.into(),
+            Self::Exists(path) => ErrorDetails::of_path(ErrorReason::Exists, path),
+            Self::Io { path, .. } | Self::JournalTooLarge { path, .. } => {
+                ErrorDetails::of_path(ErrorReason::BadFile, path)
+            }
+            Self::Interrupted { .. } => ErrorReason::Interrupted.into(),
+            Self::NothingBetter { .. } | Self::NoBaseline(_) => ErrorReason::NotFound.into(),
+            Self::Package(error) => return error.details(),
+            Self::Native(error) => return error.details(),
+            Self::Profile(error) => return error.details(),
+            Self::Policy(error) => return error.details(),
+            Self::Work(error) => return error.details(),
+            Self::Edit { file, .. } => ErrorDetails::of_file(ErrorReason::BadFile, *file),
+            Self::Sim(_) | Self::Optimiser(_) => ErrorReason::Internal.into(),
+        })
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Exists(_) => Some("remove it, or name another folder with --out".into()),

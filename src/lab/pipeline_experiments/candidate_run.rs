@@ -49,7 +49,7 @@ pub struct CandidateSetting<'a> {
     /// The run's seed, which selects its episodes.
     pub seed: u64,
     /// Active versions' episodes, which runs share.
-    pub cells: &'a ResultCache,
+    pub cache: &'a ResultCache,
     /// Workers; the result is the same for any number.
     pub workers: usize,
     /// The parts that are left out, and the first active versions.
@@ -60,12 +60,12 @@ pub struct CandidateSetting<'a> {
 #[cfg(test)]
 impl<'a> CandidateSetting<'a> {
     /// The whole pipeline under `sim`, on a seed of calibration.
-    pub(crate) fn calibration(cell: &'a Cell, cells: &'a ResultCache) -> Self {
+    pub(crate) fn calibration(cell: &'a Cell, cache: &'a ResultCache) -> Self {
         Self {
             cell,
             profile: ProfileName::Sim,
             seed: holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN,
-            cells,
+            cache,
             experiment: Experiment::default(),
             thresholds: ThresholdScale::AsTheyAre,
             workers: 2,
@@ -245,19 +245,19 @@ pub struct CandidateEnd {
 ///
 /// # Errors
 /// If the engine cannot start or halts, registration refuses the candidate, or it does not settle.
-pub fn take(
+pub fn run_candidate(
     setting: &CandidateSetting<'_>,
     name: &str,
     package: Package,
 ) -> Result<CandidateEnd, ExperimentError> {
-    Ok(take_timed(setting, name, package)?.0)
+    Ok(run_candidate_timed(setting, name, package)?.0)
 }
 
-/// As [`take`], with the CPU time of each stage; valid in a process that does nothing else meanwhile.
+/// As [`run_candidate`], with the CPU time of each stage; valid in a process that does nothing else meanwhile.
 ///
 /// # Errors
-/// As [`take`].
-pub fn take_timed(
+/// As [`run_candidate`].
+pub fn run_candidate_timed(
     setting: &CandidateSetting<'_>,
     name: &str,
     package: Package,
@@ -273,7 +273,7 @@ pub fn take_timed(
         jobs: setting.workers,
         scripted: true,
         cell: setting.cell.clone(),
-        cache: EpisodeCache::Shared(setting.cells.clone()),
+        cache: EpisodeCache::Shared(setting.cache.clone()),
     };
     let engine = Engine::start_experiment(config, setting.experiment.clone())?;
     let pump = Pump::new(engine, Vec::new());
@@ -523,7 +523,7 @@ mod tests {
     }
 
     #[test]
-    fn thresholds_are_scaled_and_nothing_else_is() {
+    fn only_thresholds_are_scaled() {
         let rules = |thresholds: ThresholdScale| thresholds.of(ProfileName::Sim).unwrap().rules().unwrap().0;
         let plain = rules(ThresholdScale::AsTheyAre);
         assert!(plain.site.is_none());

@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn few_candidates_show_little() {
+    fn few_candidates_show_no_claim() {
         use ProfileName::Sim;
         let stopped = Fate::Blocked { stage: Stage::Sandbox };
         let mut pool = vec![judged(Class::Benign, Sim, Fate::Kept, 480); 149];

@@ -13,7 +13,7 @@ use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use serde::{Deserialize, Serialize};
 
 use super::drift_run::{CellResult, CellRun, DriftSetting, activate, candidate_of, drifts};
-use super::{ExperimentError, ProgressFn, cached_cell, drift_report};
+use super::{ExperimentError, ProgressFn, cached_result, drift_report};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -139,7 +139,7 @@ pub struct DriftReport {
 pub fn run(options: &DriftOptions, tell: &ProgressFn<'_>) -> Result<DriftReport, ExperimentError> {
     check(options)?;
     std::fs::create_dir_all(&options.out).map_err(ExperimentError::file(&options.out))?;
-    let cells = &options.cache;
+    let cache = &options.cache;
     let setting = DriftSetting::new(options)?;
     let digest = setting.digest()?;
     let next = AtomicU64::new(0);
@@ -153,7 +153,7 @@ pub fn run(options: &DriftOptions, tell: &ProgressFn<'_>) -> Result<DriftReport,
                     if index >= options.runs {
                         return;
                     }
-                    if let Err(error) = one_run(&setting, digest, options.seed + index, cells, tell) {
+                    if let Err(error) = one_run(&setting, digest, options.seed + index, cache, tell) {
                         next.store(options.runs, Ordering::Relaxed);
                         if let Ok(mut failed) = failed.lock() {
                             failed.get_or_insert(error);
@@ -196,8 +196,8 @@ fn key_of(setting: &Digest, seed: u64, drift: Drift) -> Digest {
     Digest::of_parts("holdpoint.drift-cell.v1", &parts)
 }
 
-pub(super) fn cached_run(cells: &ResultCache, setting: &Digest, seed: u64, drift: Drift) -> Option<CellRun> {
-    let run: CellRun = cached_cell(cells, &key_of(setting, seed, drift))?;
+pub(super) fn cached_run(cache: &ResultCache, setting: &Digest, seed: u64, drift: Drift) -> Option<CellRun> {
+    let run: CellRun = cached_result(cache, &key_of(setting, seed, drift))?;
     (run.setting == *setting).then_some(run)
 }
 
@@ -211,11 +211,11 @@ fn one_run(
     setting: &DriftSetting,
     digest: Digest,
     seed: u64,
-    cells: &ResultCache,
+    cache: &ResultCache,
     tell: &ProgressFn<'_>,
 ) -> Result<(), ExperimentError> {
     let missing: Vec<Drift> =
-        drifts().filter(|drift| cached_run(cells, &digest, seed, *drift).is_none()).collect();
+        drifts().filter(|drift| cached_run(cache, &digest, seed, *drift).is_none()).collect();
     if missing.is_empty() {
         return Ok(());
     }
@@ -236,7 +236,7 @@ fn one_run(
             magnitude: drift.magnitude,
             result,
         };
-        Ok(cells.put(&key_of(&digest, seed, drift), &serde_json::to_vec(&run)?)?)
+        Ok(cache.put(&key_of(&digest, seed, drift), &serde_json::to_vec(&run)?)?)
     };
     side_by_side(setting.workers, missing.len(), one, &|(), _| ())?;
     Ok(())
@@ -341,7 +341,7 @@ mod tests {
     use holdpoint_registry::CacheSecret;
 
     #[test]
-    fn spreads_of_few_values() {
+    fn quantiles_of_few_values_are_computed() {
         assert_eq!(Quantiles::of([]), None);
         let spread = Quantiles::of([3.0, 1.0, 2.0, 10.0]).unwrap();
         assert_eq!((spread.n, spread.median, spread.p90, spread.max), (4, 2.5, 10.0, 10.0));

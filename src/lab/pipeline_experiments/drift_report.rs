@@ -43,7 +43,7 @@ fn rates(cell: &DriftCell) -> [(&'static str, &Proportion); 11] {
 }
 
 /// The quantiles of a cell with their names.
-fn spreads(cell: &DriftCell) -> [(&'static str, Option<Quantiles>); 5] {
+fn quantiles(cell: &DriftCell) -> [(&'static str, Option<Quantiles>); 5] {
     [
         ("episodes_to_response", cell.episodes_to_response),
         ("episodes_to_rollback", cell.episodes_to_rollback),
@@ -53,48 +53,46 @@ fn spreads(cell: &DriftCell) -> [(&'static str, Option<Quantiles>); 5] {
     ]
 }
 
-/// One line a figure: what, count and total with the interval, or n, median, p90 and largest.
+/// One line for each figure: its name, count and total with the interval, or n, median, p90 and largest.
 pub(super) fn csv(report: &DriftReport) -> String {
     let mut text =
         "kind,magnitude,figure,count_or_n,total,share_or_median,lower_or_p90,upper_or_max\n".to_owned();
     for cell in &report.cells {
         let head = format!("{},{}", cell.kind, cell.magnitude);
-        for (what, share) in rates(cell) {
-            let ends = share.interval.map_or([None, None], |ends| [Some(ends.lower), Some(ends.upper)]);
+        for (what, rate) in rates(cell) {
+            let ends = rate.interval.map_or([None, None], |ends| [Some(ends.lower), Some(ends.upper)]);
             let [value, lower, upper] =
-                [share.rate(), ends[0], ends[1]].map(|v| v.map_or_else(String::new, |v| format!("{v:.4}")));
-            text.push_str(&format!(
-                "{head},{what},{},{},{value},{lower},{upper}\n",
-                share.count, share.total
-            ));
+                [rate.rate(), ends[0], ends[1]].map(|v| v.map_or_else(String::new, |v| format!("{v:.4}")));
+            text.push_str(&format!("{head},{what},{},{},{value},{lower},{upper}\n", rate.count, rate.total));
         }
-        for (what, spread) in spreads(cell) {
-            let Some(spread) = spread else { continue };
+        for (what, found) in quantiles(cell) {
+            let Some(quantiles) = found else { continue };
             text.push_str(&format!(
                 "{head},{what},{},,{},{},{}\n",
-                spread.n, spread.median, spread.p90, spread.max
+                quantiles.n, quantiles.median, quantiles.p90, quantiles.max
             ));
         }
     }
     text
 }
 
-fn of(share: &Proportion) -> String {
-    match share.interval {
+fn count_and_interval(rate: &Proportion) -> String {
+    match rate.interval {
         None => "none".to_owned(),
-        Some(ends) => format!("{}/{} [{:.2}, {:.2}]", share.count, share.total, ends.lower, ends.upper),
+        Some(ends) => format!("{}/{} [{:.2}, {:.2}]", rate.count, rate.total, ends.lower, ends.upper),
     }
 }
 
-fn percent(share: &Proportion) -> String {
-    share.rate().map_or_else(|| "-".to_owned(), |share| format!("{share:.2}"))
+fn share(rate: &Proportion) -> String {
+    rate.rate().map_or_else(|| "-".to_owned(), |share| format!("{share:.2}"))
 }
 
-fn median(spread: Option<Quantiles>) -> String {
-    spread.map_or_else(|| "-".to_owned(), |spread| format!("{:.0} ({:.0})", spread.median, spread.max))
+fn median(found: Option<Quantiles>) -> String {
+    found
+        .map_or_else(|| "-".to_owned(), |quantiles| format!("{:.0} ({:.0})", quantiles.median, quantiles.max))
 }
 
-/// The table people read, with what its columns mean.
+/// The table for readers, with the meaning of its columns.
 pub(super) fn markdown(report: &DriftReport) -> String {
     let mut text = format!(
         "# Rollback under drift\n\n{} runs from seed {}, {} of them without an activated candidate (they count \
@@ -116,21 +114,21 @@ pub(super) fn markdown(report: &DriftReport) -> String {
             cell.kind,
             cell.magnitude,
             cell.runs,
-            of(&cell.needed),
-            of(&cell.trigger_recall),
-            of(&cell.triggered_unneeded),
-            of(&cell.recovery_given_trigger),
-            of(&cell.end_to_end),
-            of(&cell.safe_stopped),
-            of(&cell.warned_first),
+            count_and_interval(&cell.needed),
+            count_and_interval(&cell.trigger_recall),
+            count_and_interval(&cell.triggered_unneeded),
+            count_and_interval(&cell.recovery_given_trigger),
+            count_and_interval(&cell.end_to_end),
+            count_and_interval(&cell.safe_stopped),
+            count_and_interval(&cell.warned_first),
             median(cell.episodes_to_response),
             median(cell.episodes_to_rollback),
             median(cell.time_to_safe_ms),
             median(cell.time_to_restored_ms),
             median(cell.unsafe_continuation_ms),
-            percent(&cell.good_before),
-            percent(&cell.good_under),
-            percent(&cell.success_after),
+            share(&cell.good_before),
+            share(&cell.good_under),
+            share(&cell.success_after),
         ));
     }
     text.push_str(
@@ -150,9 +148,9 @@ pub(super) fn markdown(report: &DriftReport) -> String {
     text
 }
 
-/// Recovery end to end against the magnitude, a curve a drift; cells that no run needed have no point.
+/// Recovery end to end against the magnitude, one curve for each drift; a cell has no point if no run needed a rollback.
 pub(super) fn svg(report: &DriftReport) -> Result<String, ExperimentError> {
-    const COLOURS: [RGBColor; 4] = [BLUE, RED, GREEN, MAGENTA];
+    const COLORS: [RGBColor; 4] = [BLUE, RED, GREEN, MAGENTA];
     let failed = |error: String| ExperimentError::Plot(error);
     let mut text = String::new();
     {
@@ -173,8 +171,8 @@ pub(super) fn svg(report: &DriftReport) -> Result<String, ExperimentError> {
             .x_desc("magnitude")
             .draw()
             .map_err(|error| failed(error.to_string()))?;
-        for (index, (kind, colour)) in DriftKind::ALL.into_iter().zip(COLOURS).enumerate() {
-            // The curves stand beside each other, so that their bars stay distinct.
+        for (index, (kind, color)) in DriftKind::ALL.into_iter().zip(COLORS).enumerate() {
+            // The curves are shifted, so that their bars do not overlap.
             let shift = 0.05 * (index as f64 - 1.5);
             let mut points = Vec::new();
             for (step, magnitude) in Magnitude::ALL.into_iter().enumerate() {
@@ -187,14 +185,14 @@ pub(super) fn svg(report: &DriftReport) -> Result<String, ExperimentError> {
                 points.push((x, share));
                 let bar = vec![(x, ends.lower), (x, ends.upper)];
                 chart
-                    .draw_series(LineSeries::new(bar, colour.stroke_width(1)))
+                    .draw_series(LineSeries::new(bar, color.stroke_width(1)))
                     .map_err(|error| failed(error.to_string()))?;
             }
             chart
-                .draw_series(LineSeries::new(points, colour.stroke_width(2)))
+                .draw_series(LineSeries::new(points, color.stroke_width(2)))
                 .map_err(|error| failed(error.to_string()))?
                 .label(kind.name())
-                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], colour));
+                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], color));
         }
         chart
             .configure_series_labels()
@@ -251,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn every_figure_is_in_the_table_and_none_is_made_up() {
+    fn the_table_has_exactly_the_measured_figures() {
         let csv = csv(&report());
         let lines: Vec<&str> = csv.lines().collect();
         // Eleven rates and the four quantiles that have values, twelve times.

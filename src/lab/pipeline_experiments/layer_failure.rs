@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use super::drift::cached_run;
 use super::drift_run::{ActivatedRun, DriftSetting, PartWork, WatchedRun, activate, candidate_of, drifts};
-use super::{DriftOptions, ExperimentError, ProgressFn, cached_cell};
+use super::{DriftOptions, ExperimentError, ProgressFn, cached_result};
 use crate::ground_truth::side_by_side;
 
 holdpoint_governance::closed_set! {
@@ -211,7 +211,7 @@ fn of_run(
         .flat_map(|drift| LayerFailure::ALL.map(|failure| LayerJob { seed, drift, failure }))
         .collect();
     let found: Vec<Option<LayerRow>> =
-        pieces.iter().map(|piece| cached_cell(&setting.cache, &piece.key(&digest))).collect();
+        pieces.iter().map(|piece| cached_result(&setting.cache, &piece.key(&digest))).collect();
     if found.iter().all(Option::is_some) {
         return Ok(found.into_iter().flatten().collect());
     }
@@ -268,7 +268,7 @@ mod tests {
     /// Every failure under one drift: an unseen version stays in control. Without a usable rollback target the family
     /// stops, and none of its versions gets the arm.
     #[test]
-    fn a_failing_layer_stops_a_family_and_a_blind_one_does_not_know() {
+    fn failing_layer_stops_a_family_and_a_blind_layer_does_not() {
         let folder = scratch().unwrap();
         let options = options(folder.path());
         let setting = DriftSetting::new(&options).unwrap();

@@ -1,8 +1,8 @@
-//! Takes every candidate of a pool through the seven stages, and compares the results with the truth file.
+//! Runs every candidate of a pool through the seven stages, and compares the results with the truth file.
 //!
 //! The engine first decides about all of them; then the experiment reads the truth. Each candidate gets its own store.
-//! A few run seeds serve all candidates: those on one seed share the episodes of the active version (and their luck),
-//! so that a pool does not pay for a baseline per candidate.
+//! A few run seeds serve all candidates: those on one seed share the episodes of the active version. So a pool does not
+//! run the baseline's episodes once per candidate.
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -11,9 +11,9 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::candidate_run::{CandidateEnd, CandidateSetting, ThresholdScale, take};
+use super::candidate_run::{CandidateEnd, CandidateSetting, ThresholdScale, run_candidate};
 use super::claims::{CandidateVerdict, Claim, Summary};
-use super::{ExperimentError, ProgressFn, cached_cell, scratch};
+use super::{ExperimentError, ProgressFn, cached_result, scratch};
 use crate::candidate_pool::{Pool, PoolCandidate, PoolTruth};
 use holdpoint_engine::Experiment;
 use holdpoint_engine::cell::{Cell, DECIDED_BY};
@@ -52,7 +52,7 @@ pub struct PerCandidateReport {
     pub claims: Vec<Claim>,
 }
 
-/// One candidate to be taken through one profile.
+/// One candidate to run through the stages under one profile.
 pub(crate) struct CandidateJob<'a> {
     pub(crate) name: &'a str,
     pub(crate) package: &'a Package,
@@ -73,16 +73,16 @@ pub fn run(plan: &RunPlan, tell: &ProgressFn<'_>) -> Result<PerCandidateReport, 
     let pool = Pool::read(&plan.pool)?;
     let packages = packages(&pool)?;
     let scratch = scratch()?;
-    let cells = match &plan.cache {
-        Some(cells) => cells.clone(),
+    let cache = match &plan.cache {
+        Some(cache) => cache.clone(),
         None => ResultCache::in_folder(scratch.path().to_owned(), CacheSecret::fresh()?),
     };
     let cell = Cell::builtin()?;
-    let mut tasks = Vec::new();
+    let mut jobs = Vec::new();
     for profile in &plan.profiles {
         for (index, (name, package)) in packages.iter().enumerate() {
             let seed = plan.seed + index as u64 % plan.blocks.max(1);
-            tasks.push(CandidateJob {
+            jobs.push(CandidateJob {
                 name,
                 package,
                 profile: *profile,
@@ -93,10 +93,10 @@ pub fn run(plan: &RunPlan, tell: &ProgressFn<'_>) -> Result<PerCandidateReport, 
             });
         }
     }
-    let ends = work(plan.jobs, &cell, &cells, &tasks, tell)?;
+    let ends = run_jobs(plan.jobs, &cell, &cache, &jobs, tell)?;
     // Everything is decided: the truth is read only now.
     let truth = pool.truth()?;
-    judge(&truth, ends, &plan.profiles)
+    report(&truth, ends, &plan.profiles)
 }
 
 /// The packages of a pool, in its order.
@@ -110,29 +110,29 @@ pub(crate) fn packages(pool: &Pool) -> Result<Vec<(String, Package)>, Experiment
 }
 
 /// Runs the jobs, several at once. Returns their ends in the order of the jobs.
-fn work(
-    jobs: usize,
+fn run_jobs(
+    threads: usize,
     cell: &Cell,
-    cells: &ResultCache,
-    tasks: &[CandidateJob<'_>],
+    cache: &ResultCache,
+    jobs: &[CandidateJob<'_>],
     tell: &ProgressFn<'_>,
 ) -> Result<Vec<CandidateEnd>, ExperimentError> {
     let next = AtomicUsize::new(0);
     let done = AtomicUsize::new(0);
     let began = Instant::now();
-    let ends: Mutex<Vec<Option<CandidateEnd>>> = Mutex::new(vec![None; tasks.len()]);
+    let ends: Mutex<Vec<Option<CandidateEnd>>> = Mutex::new(vec![None; jobs.len()]);
     let failed: Mutex<Option<ExperimentError>> = Mutex::new(None);
     let worker = || {
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(task) = tasks.get(index) else { return };
+            let Some(job) = jobs.get(index) else { return };
             if failed.lock().is_ok_and(|failed| failed.is_some()) {
                 return;
             }
-            match one(cell, cells, task) {
+            match run_or_reuse(cell, cache, job) {
                 Ok(end) => {
                     let finished = done.fetch_add(1, Ordering::Relaxed) + 1;
-                    tell(&progress(&end, finished, tasks.len(), began));
+                    tell(&progress(&end, finished, jobs.len(), began));
                     if let Ok(mut ends) = ends.lock() {
                         ends[index] = Some(end);
                     }
@@ -146,7 +146,7 @@ fn work(
         }
     };
     std::thread::scope(|scope| {
-        for _ in 0..jobs.clamp(1, tasks.len().max(1)) {
+        for _ in 0..threads.clamp(1, jobs.len().max(1)) {
             scope.spawn(worker);
         }
     });
@@ -155,33 +155,33 @@ fn work(
     }
     let ends =
         ends.into_inner().map(|ends| ends.into_iter().flatten().collect::<Vec<_>>()).unwrap_or_default();
-    if ends.len() == tasks.len() {
+    if ends.len() == jobs.len() {
         Ok(ends)
     } else {
         Err(ExperimentError::Unexpected("a worker ended without a result".to_owned()))
     }
 }
 
-/// One candidate, or its cached result from an earlier run of the same build.
-pub(crate) fn one(
+/// Runs a job, or reads its cached result of an earlier run of the same build.
+pub(crate) fn run_or_reuse(
     cell: &Cell,
-    cells: &ResultCache,
-    task: &CandidateJob<'_>,
+    cache: &ResultCache,
+    job: &CandidateJob<'_>,
 ) -> Result<CandidateEnd, ExperimentError> {
-    let (profile, _) = task
+    let (profile, _) = job
         .thresholds
-        .of(task.profile)?
+        .of(job.profile)?
         .rules()
-        .map_err(|error| ExperimentError::candidate(task.name, error.sentence()))?;
-    let Experiment { omitted, first } = &task.experiment;
+        .map_err(|error| ExperimentError::candidate(job.name, error.sentence()))?;
+    let Experiment { omitted, first } = &job.experiment;
     let first: Vec<u8> = first.iter().flat_map(|version| *version.digest().bytes()).collect();
     let omitted = serde_json::to_vec(omitted)?;
     let parts = [
-        task.package.manifest.as_bytes(),
-        task.package.submission.as_bytes(),
-        task.package.params.as_bytes(),
-        task.package.component.as_ref().map_or(&[], ComponentBytes::bytes),
-        &task.seed.to_le_bytes(),
+        job.package.manifest.as_bytes(),
+        job.package.submission.as_bytes(),
+        job.package.params.as_bytes(),
+        job.package.component.as_ref().map_or(&[], ComponentBytes::bytes),
+        &job.seed.to_le_bytes(),
         profile.digest()?.bytes().as_slice(),
         cell.digest().bytes().as_slice(),
         DECIDED_BY.as_bytes(),
@@ -191,31 +191,32 @@ pub(crate) fn one(
     .map(<[u8]>::to_vec);
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
     let key = Digest::of_parts("holdpoint.end.v5", &parts);
-    if let Some(cached) = cached_cell::<CandidateEnd>(cells, &key).filter(|cached| cached.name == task.name) {
+    if let Some(cached) = cached_result::<CandidateEnd>(cache, &key).filter(|cached| cached.name == job.name)
+    {
         return Ok(cached);
     }
-    let experiment = task.experiment.clone();
-    let CandidateJob { profile, seed, thresholds, workers, .. } = *task;
-    let setting = CandidateSetting { cell, profile, seed, cells, workers, experiment, thresholds };
-    let end = take(&setting, task.name, task.package.clone())?;
-    cells.put(&key, &serde_json::to_vec(&end)?)?;
+    let experiment = job.experiment.clone();
+    let CandidateJob { profile, seed, thresholds, workers, .. } = *job;
+    let setting = CandidateSetting { cell, profile, seed, cache, workers, experiment, thresholds };
+    let end = run_candidate(&setting, job.name, job.package.clone())?;
+    cache.put(&key, &serde_json::to_vec(&end)?)?;
     Ok(end)
 }
 
 fn progress(end: &CandidateEnd, finished: usize, all: usize, began: Instant) -> String {
-    let spent = began.elapsed().as_secs_f64();
-    let left = spent / finished as f64 * (all - finished) as f64;
+    let elapsed_secs = began.elapsed().as_secs_f64();
+    let remaining_secs = elapsed_secs / finished as f64 * (all - finished) as f64;
     format!(
         "[{finished}/{all}] {} {}: {} after {} episodes; about {:.0} min left",
         end.profile.name(),
         end.name,
         end.state,
         end.effort.sandbox,
-        left / 60.0
+        remaining_secs / 60.0
     )
 }
 
-fn judge(
+fn report(
     truth: &PoolTruth,
     ends: Vec<CandidateEnd>,
     profiles: &[ProfileName],

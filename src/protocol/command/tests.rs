@@ -72,7 +72,7 @@ fn decision() -> Value {
 
 /// Every command and its effect on authority.
 #[test]
-fn every_command_reads_gives_takes_or_does_neither() {
+fn every_command_has_one_authority_class() {
     use super::{AuthorityEffect, Command};
     let classes = [
         (AuthorityEffect::Reads, "audit detail film health question registry snapshot verify-audit"),

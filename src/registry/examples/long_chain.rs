@@ -29,9 +29,11 @@ use rusqlite::Connection;
 use rustix::time::{ClockId, clock_gettime};
 use store::{bootstrap, evidence, shadowed};
 
-/// Records of a transaction: one in four is the store's own.
-const OWN: u64 = 64;
-const CALLERS: u64 = 192;
+/// Records of a transaction that follow from its changes: one in four.
+const CHANGE_RECORDS: u64 = 64;
+
+/// Records of a transaction that its caller adds.
+const CALLER_RECORDS: u64 = 192;
 
 /// Fills a store up to this many records.
 fn fill(store: &Store, records: u64) -> Result<(), StoreError> {
@@ -48,14 +50,14 @@ fn fill(store: &Store, records: u64) -> Result<(), StoreError> {
             priority: Priority::High,
             json: format!("{{\"number\":{number},\"text\":\"{text}\"}}"),
         };
-        let mut changes: Vec<Change> = (1..OWN).map(alarm).collect();
+        let mut changes: Vec<Change> = (1..CHANGE_RECORDS).map(alarm).collect();
         changes.push(evidence("grasp@1.1.0", EvidenceKind::Monitor, &format!("{number} {text}")));
-        let one = AuditBody {
+        let record = AuditBody {
             kind: RecordKind::Monitor,
             subject: "grasp@1.1.0".into(),
             body: format!("{{\"text\":\"{text}{}\"}}", &text[..100]),
         };
-        let audit = (0..CALLERS).map(|_| one.clone()).collect();
+        let audit = (0..CALLER_RECORDS).map(|_| record.clone()).collect();
         store.commit(Transaction {
             command_id: format!("fill {number}"),
             at_ms: number,
@@ -120,12 +122,12 @@ impl ChainMeasure {
         }
     }
 
-    fn work(self, folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
+    fn run(self, folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
         let database = folder.join("holdpoint.db");
         match self {
             Self::View => {
-                let taken = UnverifiedStore::take(folder)?;
-                let views = taken.views()?.ok_or("there is no store")?;
+                let unverified = UnverifiedStore::take(folder)?;
+                let views = unverified.views()?.ok_or("there is no store")?;
                 views.families()?;
                 views.alarms()?;
                 views.head()?;
@@ -148,9 +150,9 @@ impl ChainMeasure {
 /// Commits one record after the other.
 fn append(store: &Store) -> Result<(), StoreError> {
     let begin = store.opening().head;
-    let mut took: Vec<Duration> = Vec::new();
+    let mut durations: Vec<Duration> = Vec::new();
     for number in 0..APPENDS {
-        let one = AuditBody {
+        let record = AuditBody {
             kind: RecordKind::Monitor,
             subject: "grasp@1.1.0".into(),
             body: format!("{{\"text\":\"{}\"}}", "x".repeat(800)),
@@ -160,24 +162,29 @@ fn append(store: &Store) -> Result<(), StoreError> {
             at_ms: begin.at_ms,
             wall_ms: 0,
             changes: Vec::new(),
-            audit: vec![one],
+            audit: vec![record],
         };
-        let from = Instant::now();
+        let start = Instant::now();
         store.commit(transaction)?;
-        took.push(from.elapsed());
+        durations.push(start.elapsed());
     }
-    took.sort();
-    let at = |share: f64| {
+    durations.sort();
+    let quantile = |share: f64| {
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             clippy::cast_precision_loss,
             reason = "a place in a list"
         )]
-        let place = ((took.len() - 1) as f64 * share) as usize;
-        took[place]
+        let place = ((durations.len() - 1) as f64 * share) as usize;
+        durations[place]
     };
-    println!("  append: p50 {:?}, p99 {:?}, max {:?}, n {APPENDS}", at(0.5), at(0.99), at(1.0));
+    println!(
+        "  append: p50 {:?}, p99 {:?}, max {:?}, n {APPENDS}",
+        quantile(0.5),
+        quantile(0.99),
+        quantile(1.0)
+    );
     Ok(())
 }
 
@@ -196,16 +203,16 @@ fn memory_mb() -> u64 {
     line.split_whitespace().next().unwrap().parse::<u64>().unwrap() / 1024
 }
 
-fn timed<T>(what: &str, work: impl FnOnce() -> T) -> T {
+fn timed<T>(name: &str, step: impl FnOnce() -> T) -> T {
     let (wall, cpu) = (Instant::now(), cpu_s());
-    let done = work();
+    let result = step();
     println!(
-        "  {what}: {:.3} s, {:.3} s of CPU, {} MB",
+        "  {name}: {:.3} s, {:.3} s of CPU, {} MB",
         wall.elapsed().as_secs_f64(),
         cpu_s() - cpu,
         memory_mb()
     );
-    done
+    result
 }
 
 fn remove_snapshots(folder: &Path) {
@@ -224,7 +231,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     {
         let phase =
             ChainMeasure::ALL.into_iter().find(|known| known.name() == phase).ok_or("no such phase")?;
-        return timed(phase.name(), || phase.work(Path::new(folder)));
+        return timed(phase.name(), || phase.run(Path::new(folder)));
     }
     let requested: Vec<u64> = arguments.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
     let sizes = if requested.is_empty() { vec![10_000, 100_000, 1_000_000] } else { requested };
@@ -241,8 +248,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         println!("  which has {} bytes", proof.text()?.len());
         timed("proof checked", || proof.check(&key))?;
         timed("exported", || export_store(&database, ExportScope::Signed, Some(&key), &mut std::io::sink()))?;
-        let beside = tempfile::tempdir()?;
-        timed("backup", || backup(folder.path(), &beside.path().join("copy"), BackupParts::default()))?;
+        let backup_folder = tempfile::tempdir()?;
+        timed("backup", || {
+            backup(folder.path(), &backup_folder.path().join("copy"), BackupParts::default())
+        })?;
         for phase in ChainMeasure::ALL {
             phase.prepare(folder.path());
             let status = Command::new(std::env::current_exe()?)

@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bounds_hold_or_do_not() {
+    fn observable_bounds_are_checked() {
         let bound = |min, max| ObservableBound { min, max, equals: None };
         for (bound, found, ok) in [
             (bound(Some(0.1), None), Some(0.2), true),

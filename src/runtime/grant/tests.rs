@@ -86,7 +86,7 @@ fn hits(record: &TaskRecord) -> Vec<PolicyHit> {
 }
 
 #[test]
-fn a_command_that_is_not_declared_is_refused_and_ends_the_work() {
+fn undeclared_command_is_refused_and_ends_the_task() {
     let record = work(&whole(), close(), false, 20);
     assert_eq!((hits(&record), record.hard_stop, record.used.undeclared), (Vec::new(), None, 0));
     for manifest in [
@@ -205,7 +205,7 @@ fn computing_too_long_counts_on_a_clock_alone() {
 
 /// Who declares too little loses the work: what it uses is taken from it, though its code could do it.
 #[test]
-fn too_small_a_declaration_fails_a_task() {
+fn declaration_of_too_few_permissions_fails_the_task() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../manifests/grasp/1.0.0");
     let package = crate::capability::read(&folder).unwrap();
     let works = |from: &str, to: &str| {
@@ -240,7 +240,7 @@ fn too_small_a_declaration_fails_a_task() {
 }
 
 #[test]
-fn a_budget_that_is_overrun_is_a_breach() {
+fn overrun_of_the_compute_budget_is_a_breach() {
     for (budget, command, ticks) in
         [("ticks_per_task = 20", Command::Hold, 21), ("commands_per_task = 3", Command::Stop, 4)]
     {
@@ -288,7 +288,7 @@ fn commands_are_denied_where_a_person_reaches_in() {
 
 /// A manifest that forgets a zone, a command or a sensor loses its task to the guard.
 #[test]
-fn what_comes_with_the_program_declares_what_it_uses() {
+fn shipped_versions_declare_every_permission_they_use() {
     let manifests = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../manifests");
     let folders =
         ["grasp/1.0.0", "align/1.0.0", "place/1.0.0", "park/1.0.0"].map(|name| manifests.join(name));

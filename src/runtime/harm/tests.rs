@@ -118,7 +118,7 @@ fn a_clamp_counts_with_its_depth() {
 }
 
 #[test]
-fn what_is_no_number_is_the_worst_there_is() {
+fn nan_measures_count_as_the_worst_value() {
     let (guard, mut meter) = (guard(), HarmMeter::default());
     let mut broken = seen(f64::NAN, FREE);
     (broken.gripper_force_n, broken.slip_m) = (f64::NAN, Some(f64::NAN));

@@ -173,7 +173,11 @@ pub enum Alteration {
     /// It reports that it is done.
     Finish { tick: u16 },
     /// A hook does something else.
-    Hook { hook: AlteredHook, deed: HookOverride },
+    Hook {
+        hook: AlteredHook,
+        #[serde(rename = "deed")]
+        override_with: HookOverride,
+    },
 }
 
 const fn one() -> f64 {

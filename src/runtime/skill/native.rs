@@ -19,7 +19,7 @@ use holdpoint_governance::value_type::{CoordinateFrame, FieldSpec, Unit, ValueKi
 use holdpoint_skill::motion::{AbortStyle, RollbackStyle};
 use holdpoint_skill::phases::PhaseRunner;
 use holdpoint_skill::{align, grasp, park, place};
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The largest parameter file, bytes.
 pub const PARAMS_BYTES_MAX: usize = 64 * 1024;
@@ -55,6 +55,13 @@ pub enum NativeError {
 }
 
 impl Hint for NativeError {
+    fn details(&self) -> Option<ErrorDetails> {
+        match self {
+            Self::UnknownController(_) => Some(ErrorReason::BadFile.into()),
+            Self::Params(error) => error.details(),
+        }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::UnknownController(_) => None,

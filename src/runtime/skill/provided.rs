@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn one_line_makes_a_name_stand_for_code_from_outside() {
+    fn one_call_registers_a_controller_from_outside() {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../manifests/grasp/1.0.0");
         let mut package = capability::read(&folder).unwrap();
         package.manifest = package.manifest.replace("native:grasp", "native:still");

@@ -82,7 +82,7 @@ fn a_blow_after_the_last_command_violates() {
 }
 
 #[test]
-fn what_is_measured_while_it_settles_is_in_the_record() {
+fn measurements_while_the_arm_settles_are_recorded() {
     let record = work(4, &mut |_, _| Supervision::Continue);
     assert_eq!((record.peak_force_n, record.near), (400.0, true));
 }
@@ -125,7 +125,7 @@ fn stopping_at(at: u64) -> impl FnMut(&mut ActuatorHandle<'_, World>, &Tick<'_>)
 }
 
 #[test]
-fn a_copy_made_after_any_tick_comes_to_the_same_bit_for_bit() {
+fn copy_after_any_tick_has_the_same_result_bit_for_bit() {
     const SEED: u64 = 1_200_003;
     for (family, stop_at) in [("grasp", 0), ("align", 0), ("place", 0), ("grasp", 333), ("align", 90)] {
         let (mut arm, run) = shipped(family, SEED);
@@ -232,7 +232,7 @@ fn motion_after_a_stop_beyond_the_limit_is_a_violation() {
 }
 
 #[test]
-fn running_out_of_time_is_an_anomaly() {
+fn timeout_is_an_anomaly() {
     let watcher = Watcher::new(TaskKind::Grasp, WatchLimits::default());
     for timeout in [false, true] {
         let mut record = TaskRecord { timeout, ..TaskRecord::invalid(TaskKind::Grasp, 1) };
@@ -280,7 +280,7 @@ fn failing(fault: CodeFault, left: u64, in_hook: bool, stop_at: u64) -> Result<T
 }
 
 #[test]
-fn code_that_fails_ends_the_task_as_failed_and_the_arm_is_stopped_without_it() {
+fn failing_code_ends_the_task_and_the_runtime_stops_the_arm() {
     for (fault, overdraws) in [
         (CodeFault::Trap, false),
         (CodeFault::Answer, false),
@@ -299,7 +299,7 @@ fn code_that_fails_ends_the_task_as_failed_and_the_arm_is_stopped_without_it() {
 }
 
 #[test]
-fn code_that_fails_in_its_hook_has_not_stopped_the_arm() {
+fn code_that_fails_in_its_hook_is_stopped_by_an_interrupt() {
     let record = failing(CodeFault::Trap, u64::MAX, true, 333).unwrap();
     assert_eq!(record.fault, Some(CodeFault::Trap));
     assert_eq!(record.recovered.unwrap().stopped_by, StoppedBy::Interrupt);

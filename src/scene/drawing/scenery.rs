@@ -1,4 +1,4 @@
-//! The fixed scene, and the style of what moves.
+//! The fixed scene, and the style of the bodies that move.
 
 use re_sdk_types::archetypes::{
     Arrows3D, Boxes3D, Capsules3D, LineStrips3D, Points3D, TextLog, ViewCoordinates,
@@ -41,8 +41,8 @@ pub(super) fn draw(rows: &mut PendingRows, scenery: &Scenery) {
     if let Some(workspace) = &scenery.workspace {
         rows.always("world/zones/workspace", &outlined(workspace, [120, 150, 190], 110));
     }
-    for whose in [BodyRole::Live, BodyRole::Twin] {
-        looks(rows, whose);
+    for role in [BodyRole::Live, BodyRole::Twin] {
+        style_body(rows, role);
     }
     rows.always("world/standing", &Boxes3D::update_fields().with_fill_mode(FillMode::Solid));
     rows.always("world/contacts", &Arrows3D::update_fields().with_radii([0.003]));
@@ -50,9 +50,9 @@ pub(super) fn draw(rows: &mut PendingRows, scenery: &Scenery) {
 }
 
 /// Colors and sizes of a body, which never change.
-fn looks(rows: &mut PendingRows, whose: BodyRole) {
-    let root = whose.root();
-    let (arm, joint, hand, path) = match whose {
+fn style_body(rows: &mut PendingRows, role: BodyRole) {
+    let root = role.root();
+    let (arm, joint, hand, path) = match role {
         BodyRole::Live => (
             theme::solid([205, 210, 218]),
             theme::solid([70, 140, 255]),
@@ -67,11 +67,11 @@ fn looks(rows: &mut PendingRows, whose: BodyRole) {
         ),
     };
     let arm = Capsules3D::update_fields()
-        .with_radii([whose.link_m()])
+        .with_radii([role.link_m()])
         .with_colors([arm])
         .with_fill_mode(FillMode::Solid);
     rows.always(&format!("{root}/arm/links"), &arm);
-    let joints = Points3D::update_fields().with_radii([whose.link_m() + 0.004]).with_colors([joint]);
+    let joints = Points3D::update_fields().with_radii([role.link_m() + 0.004]).with_colors([joint]);
     rows.always(&format!("{root}/arm/joints"), &joints);
     let pads = Boxes3D::update_fields().with_colors([hand]).with_fill_mode(FillMode::Solid);
     rows.always(&format!("{root}/gripper"), &pads);
@@ -84,18 +84,18 @@ fn looks(rows: &mut PendingRows, whose: BodyRole) {
 fn outlined(region: &Region, rgb: [u8; 3], alpha: u8) -> Boxes3D {
     boxed(region)
         .with_colors([theme::ghost(rgb, alpha)])
-        // In points of the screen: an edge close to the eye stays a line.
+        // In points of the screen: an edge close to the camera stays a line.
         .with_radii([Radius::new_ui_points(1.0)])
         .with_fill_mode(FillMode::MajorWireframe)
 }
 
 fn boxed(region: &Region) -> Boxes3D {
-    let pair = |combine: fn(f32, f32) -> f32| {
+    let combined = |combine: fn(f32, f32) -> f32| {
         let [x, y, z] = region.min;
         let [to_x, to_y, to_z] = region.max;
         [combine(x, to_x), combine(y, to_y), combine(z, to_z)]
     };
-    let center = pair(f32::midpoint);
-    let half = pair(|min, max| ((max - min) / 2.0).abs());
+    let center = combined(f32::midpoint);
+    let half = combined(|min, max| ((max - min) / 2.0).abs());
     Boxes3D::from_centers_and_half_sizes([center], [half])
 }

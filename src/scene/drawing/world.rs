@@ -229,7 +229,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_link_points_from_joint_to_joint() {
+    fn link_rotation_points_from_joint_to_joint() {
         for direction in [[0.0, 0.0, 1.0], [0.0, 0.0, -2.0], [0.3, -0.4, 0.1]] {
             let length = direction.iter().map(|part: &f32| part * part).sum::<f32>().sqrt();
             let [x, y, z, w] = turn_from_z(direction, length);
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn the_grid_is_finer_than_what_is_seen() {
+    fn positions_are_rounded_to_a_fine_grid() {
         let [x, y, z] = on_grid([0.123_456, -1.0, 0.000_02]);
         assert!((x - 0.123_456).abs() < 4e-5);
         assert_eq!([y, z], [-1.0, 0.0]);

@@ -52,7 +52,7 @@ fn longer_recordings_sample_fewer_frames() {
 }
 
 #[test]
-fn a_sequence_in_which_something_happened_is_written_whole_and_once() {
+fn sequence_with_an_event_is_written_completely_and_once() {
     let mut pace = FrameSampler::default();
     let before = run(&mut pace, 7, 0, 9_900);
     run(&mut pace, 8, 10_000, 11_000);
@@ -63,7 +63,7 @@ fn a_sequence_in_which_something_happened_is_written_whole_and_once() {
 }
 
 #[test]
-fn there_is_a_budget_of_whole_sequences_and_one_for_decisions() {
+fn complete_sequences_and_decisions_have_separate_budgets() {
     let mut pace = FrameSampler::default();
     let mut whole = 0;
     for sequence in 0..20 {

@@ -58,7 +58,7 @@ fn work(router: &mut Router, version: &str, flush: bool) {
 }
 
 #[test]
-fn a_version_without_news_has_no_file() {
+fn version_without_new_events_has_no_recording() {
     let folder = tempfile::tempdir().unwrap();
     let mut router = router(folder.path(), plain());
     router.events(&[event(1, 0, registered("grasp@1.0.0", None))], None, (0, 0));
@@ -97,7 +97,7 @@ fn a_full_disk_ends_one_recording_with_one_report() {
 }
 
 #[test]
-fn how_often_rows_are_written_changes_no_byte() {
+fn flush_interval_changes_no_byte_of_a_recording() {
     let digests: Vec<Digest> = [false, true]
         .into_iter()
         .map(|flush| {
@@ -114,7 +114,7 @@ fn how_often_rows_are_written_changes_no_byte() {
 }
 
 #[test]
-fn a_torn_file_is_mended_goes_on_in_a_segment_and_ends_as_one_file() {
+fn torn_recording_is_repaired_continued_and_joined() {
     let folder = tempfile::tempdir().unwrap();
     let mut first = router(folder.path(), plain());
     work(&mut first, "grasp@1.1.0", true);

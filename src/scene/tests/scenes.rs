@@ -240,7 +240,7 @@ fn series<'a>(recording: &'a Recording, name: &str) -> &'a Series {
 }
 
 #[test]
-fn what_is_written_is_read_back() {
+fn recording_round_trips_through_its_file() {
     let folder = tempfile::tempdir().unwrap();
     let (script, closed, path) = upgrade(folder.path(), 2, 1, &[1]);
     assert_eq!(closed.file, format!("{}.rrd", file_stem(&id(VERSION), &digest(VERSION))));
@@ -280,7 +280,7 @@ fn the_same_run_gives_the_same_bytes() {
 }
 
 #[test]
-fn a_copy_until_a_tick_holds_nothing_later() {
+fn copy_until_a_tick_has_no_later_data() {
     let folder = tempfile::tempdir().unwrap();
     let (script, _, path) = upgrade(folder.path(), 1, 1, &[]);
     let middle_ms = script.frames[script.frames.len() / 2].at_ms;
@@ -318,7 +318,7 @@ fn other_files_are_not_accepted() {
 }
 
 #[test]
-fn a_viewer_is_served_and_ending_does_not_hang() {
+fn viewer_is_served_and_the_server_ends_promptly() {
     let view = Some("127.0.0.1:0".parse().unwrap());
     let scenes = SceneSink::start(SceneConfig { view, ..SceneConfig::default() }).unwrap();
     let mut script = SceneScript::new();

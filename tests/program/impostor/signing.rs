@@ -8,17 +8,17 @@ use holdpoint::protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint::protocol::console_presence::ConsolePresence;
 
 use super::{EngineProcess, Impostor, LIE, output_text, until};
+use crate::reported_error::assert_error;
 
 /// Only a verified engine gets a signature: a `go` was once signed over stops that an impostor had hidden.
 #[test]
-fn nothing_is_signed_for_an_impostor() {
+fn client_signs_no_request_for_an_impostor() {
     let folder = tempfile::tempdir().unwrap();
     let engine = EngineProcess::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     for verb in [&["go"][..], &["confirm-time"], &["resume", "grasp"], &["rearm", "grasp@1.0.0"]] {
-        let output = engine.verb(&[verb, &["--as", "admin", "--reason", "all is clear"]].concat());
-        assert_eq!(output.status.code(), Some(6), "{verb:?}: {}", output_text(&output));
-        assert!(output_text(&output).contains("was signed"), "{verb:?}: {}", output_text(&output));
+        let output = engine.verb(&[verb, &["--as", "admin", "--reason", "all is clear", "--json"]].concat());
+        assert_error(&output, 6, "not-confirmed/nothing-signed");
         assert!(!output_text(&output).contains(LIE), "{verb:?}: {}", output_text(&output));
     }
     drop(impostor);

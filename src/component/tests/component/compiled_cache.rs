@@ -5,7 +5,7 @@ use holdpoint_component::{CodeOrigin, keep_compiled_in};
 use crate::guest::{Guest, all_is_well};
 
 #[test]
-fn a_poisoned_form_is_compiled_again() {
+fn altered_compiled_form_is_compiled_again() {
     let folder = tempfile::tempdir().unwrap();
     keep_compiled_in(folder.path().to_owned(), [3; 32]);
     // Of no other test.

@@ -99,7 +99,7 @@ fn every_command_arrives() {
 }
 
 #[test]
-fn numbers_pass_unchanged_and_nan_has_one_form() {
+fn numbers_pass_unchanged_and_nan_is_canonical() {
     let answer = |bits: &str| {
         let tick = format!(
             "(i64.store8 (i32.const {COMMAND}) (i64.const 3))
@@ -126,7 +126,7 @@ fn numbers_pass_unchanged_and_nan_has_one_form() {
 }
 
 #[test]
-fn a_nan_inside_the_code_has_one_form_too() {
+fn nan_computed_inside_the_code_is_canonical() {
     // The sum's bits, as a NaN: code could use them to tell machines apart.
     let tick = format!(
         "(i64.store8 (i32.const {COMMAND}) (i64.const 3))
@@ -143,7 +143,7 @@ fn a_nan_inside_the_code_has_one_form_too() {
 
 /// Code that could save and restore its state could tell from this that it is in a drill.
 #[test]
-fn a_run_is_never_copied() {
+fn component_run_is_never_copied() {
     let state = "holdpoint:skill/state@1.0.0";
     let more = format!(
         r#"(func (export "{state}#save") (result i32) unreachable)
@@ -158,7 +158,7 @@ fn a_run_is_never_copied() {
 }
 
 #[test]
-fn what_a_run_used_is_measured() {
+fn fuel_and_memory_of_a_run_are_measured() {
     let tick = format!(
         "(local.set $word (i64.load (local.get 0)))
         (if (i64.eqz (local.get $word)) (then (drop (memory.grow (i32.const 2)))))

@@ -25,7 +25,7 @@ fn fault(component: &Component) -> Option<CodeFault> {
 }
 
 #[test]
-fn a_tick_that_goes_wrong_is_a_fault_of_its_run() {
+fn failing_tick_is_a_fault_of_its_run() {
     let cases = [
         ("an infinite loop", FOREVER, CodeFault::Fuel),
         ("4 GiB of memory", "(drop (memory.grow (i32.const 65535))) unreachable", CodeFault::Memory),
@@ -90,7 +90,7 @@ fn a_tick_that_goes_wrong_is_a_fault_of_its_run() {
 }
 
 #[test]
-fn a_start_that_goes_wrong_is_a_fault_of_its_run() {
+fn failing_start_is_a_fault_of_its_run() {
     let cases = [
         ("an infinite loop", FOREVER.to_owned(), CodeFault::Fuel),
         ("a trap", "unreachable".to_owned(), CodeFault::Trap),
@@ -120,7 +120,7 @@ fn error_at(bytes: u32) -> String {
 }
 
 #[test]
-fn a_hook_that_goes_wrong_is_a_fault_of_its_run() {
+fn failing_hook_is_a_fault_of_its_run() {
     for (enter, expected) in [("unreachable", CodeFault::Trap), (FOREVER, CodeFault::Fuel)] {
         let guest = Guest { enter: enter.to_owned(), ..Guest::default() };
         let mut run = guest.load().unwrap().run(1);
@@ -134,7 +134,7 @@ fn a_hook_that_goes_wrong_is_a_fault_of_its_run() {
 }
 
 #[test]
-fn a_tick_in_between_is_counted_by_itself() {
+fn fuel_of_each_tick_is_counted_separately() {
     // Does nothing for 40 ticks, then loops: fuel that a tick leaves does not carry over.
     let tick = format!(
         "(local.set $word (i64.load (local.get 0)))
@@ -153,7 +153,7 @@ fn a_tick_in_between_is_counted_by_itself() {
 }
 
 #[test]
-fn a_description_that_goes_wrong_is_one_error() {
+fn failing_description_is_one_error() {
     let describe = |describe: &str| {
         let error = Guest { describe: describe.to_owned(), ..Guest::default() }.load().unwrap_err();
         all_is_well();
@@ -191,7 +191,7 @@ fn a_description_that_goes_wrong_is_one_error() {
 }
 
 #[test]
-fn an_instance_that_goes_wrong_is_one_error() {
+fn failing_instantiation_is_one_error() {
     let more = |more: &str| {
         let error = Guest { more: more.to_owned(), ..Guest::default() }.load().unwrap_err();
         all_is_well();
@@ -264,7 +264,7 @@ fn reaching(tick: &str) -> Guest {
 const REACHED: [&str; 5] = ["wasi:cli", "wasi:clocks", "wasi:io", "wasi:random", "wasi:sockets"];
 
 #[test]
-fn the_world_outside_cannot_be_abused() {
+fn abuse_of_host_functions_ends_in_a_code_fault() {
     let cases = [
         (
             "a busy wait",
@@ -335,7 +335,7 @@ fn handles_and_the_log_are_bounded() {
 }
 
 #[test]
-fn a_package_that_is_not_declared_is_refused_whatever_is_called() {
+fn undeclared_import_is_refused_whatever_it_calls() {
     let error = reaching("(i32.const 256)").load_with(&REACHED[..4]).unwrap_err();
     assert_eq!(
         error,
@@ -349,7 +349,7 @@ fn a_package_that_is_not_declared_is_refused_whatever_is_called() {
 
 /// Describing an unchecked component is bounded by the host's own limits.
 #[test]
-fn what_a_manifest_declares_beyond_all_reason_is_refused_before_anything_runs() {
+fn excessive_declared_limits_are_refused_before_the_code_runs() {
     let bytes = Guest { describe: FOREVER.to_owned(), ..Guest::default() }.bytes();
     let load = |limits| {
         Component::load(&bytes, &serde_json::Value::Null, limits, &std::collections::BTreeSet::new())

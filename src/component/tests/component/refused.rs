@@ -71,7 +71,7 @@ fn other(from: &str, to: &str) -> ComponentError {
 }
 
 #[test]
-fn an_export_that_is_missing_or_other_is_named() {
+fn missing_or_mistyped_export_is_named() {
     let none = Guest {
         package: wit().replace("export skill;", "export aside: interface { f: func(); }"),
         ..Guest::default()
@@ -111,7 +111,7 @@ fn an_import_outside_the_host_is_refused() {
 }
 
 #[test]
-fn an_interface_that_is_none_is_refused() {
+fn malformed_interface_is_refused() {
     for (interface, expected) in [
         ("", "EOF"),
         ("{}", "missing field"),
@@ -128,7 +128,7 @@ fn an_interface_that_is_none_is_refused() {
 }
 
 #[test]
-fn what_the_compiler_would_not_end_with_is_refused_before() {
+fn code_that_exhausts_the_compiler_is_refused_before_compilation() {
     let error = |more: String| {
         let began = std::time::Instant::now();
         let error = Guest { more, ..Guest::default() }.load().unwrap_err();
@@ -145,7 +145,7 @@ fn what_the_compiler_would_not_end_with_is_refused_before() {
 }
 
 #[test]
-fn handles_of_its_own_are_refused() {
+fn component_with_own_resources_is_refused() {
     let text = "(component (type $r (resource (rep i32))) (core func $new (canon resource.new $r)))";
     assert_eq!(load(&wat::parse_str(text).unwrap()).unwrap_err(), ComponentError::Resource);
     let within = format!(

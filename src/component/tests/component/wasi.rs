@@ -74,7 +74,7 @@ fn equal_seeds_draw_equal_numbers_on_any_thread() {
 }
 
 #[test]
-fn what_is_imported_is_declared() {
+fn undeclared_import_is_refused_with_the_declaration_to_add() {
     let error = load(&Value::Null, &PACKAGES[..4]).unwrap_err();
     let ComponentError::Undeclared { name, package } = &error else { panic!("{error}") };
     assert!(name.starts_with("wasi:random/") && package == "wasi:random", "{error}");

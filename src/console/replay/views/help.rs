@@ -29,7 +29,7 @@ pub fn draw(first: u16, pen: &mut Pen<'_>, area: Rect) {
 /// Actions in two directions share a line.
 const LINES: [(ReplayAction, Option<ReplayAction>); 12] = [
     (ReplayAction::Play, None),
-    (ReplayAction::NextPicture, Some(ReplayAction::PreviousPicture)),
+    (ReplayAction::NextFrame, Some(ReplayAction::PreviousFrame)),
     (ReplayAction::SecondOn, Some(ReplayAction::SecondBack)),
     (ReplayAction::Faster, Some(ReplayAction::Slower)),
     (ReplayAction::NextEvent, Some(ReplayAction::PreviousEvent)),
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_action_has_its_line() {
+    fn help_has_a_line_for_every_action() {
         let shown: Vec<ReplayAction> =
             LINES.iter().flat_map(|(one, other)| std::iter::once(*one).chain(*other)).collect();
         assert_eq!(shown.len(), ReplayAction::ALL.len());

@@ -1,7 +1,7 @@
 //! The last line: the keys that apply here, the answer to the last one, or the text being typed.
 //!
 //! ```text
-//! space play  right picture  . second  + faster  n event  d decision  : jump  tab charts  ? help  q leave
+//! space play  d decision  n event  right frame  . second  + faster  tab charts  : jump  ? help  q leave
 //! ```
 
 use ratatui::layout::Rect;
@@ -39,7 +39,7 @@ fn keys(model: &ReplayModel, width: usize) -> Row {
         A::Play,
         A::NextTurn,
         A::NextEvent,
-        A::NextPicture,
+        A::NextFrame,
         A::SecondOn,
         A::Faster,
         A::NextCharts,
@@ -68,7 +68,7 @@ fn hint(model: &ReplayModel, action: ReplayAction) -> Row {
     let label = match action {
         ReplayAction::Play if model.playing => "pause",
         ReplayAction::SkipGaps if model.skips_gaps => "play gaps",
-        other => other.word(),
+        other => other.name(),
     };
     Row::of(ThemeRole::Key, key).with(ThemeRole::Text, &format!(" {label}  "))
 }

@@ -44,7 +44,7 @@ fn an_approved_request_names_its_takeover() {
 
 /// One of two approvals is not enough, from either approver.
 #[test]
-fn one_of_two_needs_another_approver() {
+fn first_of_two_approvals_asks_for_another_approver() {
     let mut console = TestConsole::new(0);
     let mut now = snapshot(0, 'e');
     now.prompts[0].approved_by = vec!["ana".to_owned()];
@@ -55,7 +55,7 @@ fn one_of_two_needs_another_approver() {
 }
 
 #[test]
-fn starting_the_cell_shows_what_takes_control() {
+fn start_form_shows_the_versions_that_take_control() {
     let mut console = TestConsole::new(1);
     console.tell(MsgKind::Snapshot(Arc::new(granted(true))));
     console.keys("W");

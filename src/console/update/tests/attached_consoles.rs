@@ -43,7 +43,7 @@ fn a_console_reports_its_view_and_its_open_request() {
 }
 
 #[test]
-fn others_are_all_but_this_console() {
+fn other_consoles_exclude_this_console() {
     let mut console = TestConsole::new(0);
     with_consoles(
         &mut console,
@@ -163,7 +163,7 @@ fn leaving_ends_only_an_own_engine() {
 }
 
 #[test]
-fn sequences_do_not_drown_the_story() {
+fn sequences_do_not_fill_the_event_log() {
     let mut console = TestConsole::new(0);
     console.model.engine_data.events.clear();
     let sequence = |index| EventKind::Sequence { index, success: true, tasks: Vec::new(), refused: None };

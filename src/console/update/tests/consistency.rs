@@ -98,7 +98,7 @@ fn a_shadow_rejection_is_shown_as_decisive() {
 }
 
 #[test]
-fn only_shadowed_sequences_are_called_alike() {
+fn only_shadowed_sequences_are_described_as_alike() {
     let none = json!([]);
     for (n, expected) in [(0, "to agree"), (1, "The one"), (7, "All 7")] {
         let text = screen(&shadowed("sandboxed", n, &none), 100, 30);

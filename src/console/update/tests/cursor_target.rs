@@ -44,7 +44,7 @@ fn a_cursor_that_was_never_moved_stays_on_its_item_too() {
 }
 
 #[test]
-fn a_key_for_an_item_just_gone_spares_its_successor() {
+fn key_for_a_vanished_item_does_not_act_on_its_successor() {
     let mut console = TestConsole::new(0);
     console.model.view_state.view = View::Alarms;
     console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
@@ -106,7 +106,7 @@ fn in_an_unfiltered_list_the_cursor_finds_the_text() {
 }
 
 #[test]
-fn three_and_four_open_the_item_under_the_cursor() {
+fn keys_3_and_4_open_the_item_under_the_cursor() {
     for (key, view) in [("3", View::Candidate), ("4", View::Shadow)] {
         for from in [View::Overview, View::Approvals] {
             let mut console = TestConsole::new(0);
@@ -121,9 +121,9 @@ fn three_and_four_open_the_item_under_the_cursor() {
 }
 
 #[test]
-fn the_story_names_no_version_under_its_cursor() {
+fn the_event_log_has_no_version_under_its_cursor() {
     let mut console = TestConsole::new(0);
-    console.model.view_state.panes[View::Overview as usize] = crate::model::STORY_PANE;
+    console.model.view_state.panes[View::Overview as usize] = crate::model::EVENT_LOG_PANE;
     assert_eq!(console.model.version_here(), None);
     assert_eq!(console.keys("D"), []);
     assert!(console.model.input.overlay.is_none(), "a line of the event log is not a version");
@@ -166,7 +166,7 @@ fn a_complete_command_survives_completion() {
 
 /// The text after `:note` was lost.
 #[test]
-fn a_note_that_is_typed_stands_in_its_form() {
+fn typed_note_is_shown_in_its_form() {
     let mut console = TestConsole::new(0);
     console.keys(":note the tray is new");
     assert!(console.press(KeyCode::Enter).is_empty());

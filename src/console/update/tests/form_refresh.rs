@@ -90,7 +90,7 @@ fn a_start_covers_only_the_stop_that_was_read() {
 
 /// During another person's stop, typed text went to the view as keys: `F` opened a form, `q` another.
 #[test]
-fn typing_into_a_voided_form_is_no_key() {
+fn text_typed_into_a_voided_form_acts_as_no_key() {
     let rest = "clear; Foreman quit, XBDqWx:demo";
     for at in 0..rest.len() {
         let mut console = TestConsole::new(0);
@@ -157,7 +157,7 @@ fn a_passphrase_never_becomes_keys() {
 /// If another person answered a question during typing, the rest of the reason aborted and stopped, and Enter went to
 /// the view below.
 #[test]
-fn typing_into_a_closing_request_is_no_key() {
+fn text_typed_into_a_closing_request_acts_as_no_key() {
     let mut console = TestConsole::new(0);
     console.open_prompt();
     console.press(KeyCode::Tab);
@@ -254,7 +254,7 @@ fn a_form_follows_its_version_and_is_read_again() {
 }
 
 #[test]
-fn a_form_is_void_when_it_would_be_for_something_else() {
+fn form_is_void_once_its_version_changes_state() {
     type CandidateChange = fn(&mut Snapshot);
     let moved: [(&str, CandidateChange); 4] = [
         ("F", |now| now.candidates[0].state = State::Active),
@@ -296,7 +296,7 @@ fn a_form_is_void_when_it_would_be_for_something_else() {
 }
 
 #[test]
-fn an_alarm_that_is_gone_voids_its_form() {
+fn vanished_alarm_voids_its_form() {
     let mut console = TestConsole::new(0);
     console.keys("5");
     console.press(KeyCode::Char('z'));
@@ -309,7 +309,7 @@ fn an_alarm_that_is_gone_voids_its_form() {
 
 /// The console's keys and the verbs `pause` and `resume` have one rule.
 #[test]
-fn holding_and_letting_go_have_the_verbs_rule() {
+fn pause_and_resume_keys_follow_the_rule_of_the_verbs() {
     for state in State::ALL {
         for bits in 0..8u8 {
             let flags =
@@ -350,7 +350,7 @@ fn a_provisional_version_is_paused_and_resumed_by_keys() {
 }
 
 #[test]
-fn only_story_and_charts_are_frozen() {
+fn only_the_event_log_and_charts_are_frozen() {
     let mut console = TestConsole::new(0);
     console.keys("f");
     let mut now = stopped("bo", 60_500);

@@ -120,7 +120,7 @@ fn a_refused_reading_is_retried_silently() {
 }
 
 #[test]
-fn the_alarm_history_changes_nothing() {
+fn alarm_history_sends_no_changing_request() {
     let mut console = TestConsole::new(0);
     console.keys("5");
     let effects = console.press(KeyCode::Tab);

@@ -233,7 +233,7 @@ fn event(seq: u64) -> Event {
     Event { seq, at_ms: seq * 1_000, kind: EventKind::Fault { text: format!("fault number {seq}") } }
 }
 
-fn story(console: &TestConsole) -> Vec<&str> {
+fn event_texts(console: &TestConsole) -> Vec<&str> {
     console.model.engine_data.events.iter().map(|line| line.text.as_str()).collect()
 }
 
@@ -245,7 +245,7 @@ fn earlier_events_are_shown_with_their_beginning() {
     console.tell(MsgKind::Attached(Some(811), None));
     console.tell(MsgKind::Past { events: (10..13).map(event).collect(), earlier: 7 });
     console.tell(MsgKind::Events(vec![event(13)]));
-    let lines = story(&console);
+    let lines = event_texts(&console);
     assert_eq!(lines.len(), 5, "{lines:?}");
     assert!(lines[0].contains("7 earlier"), "{lines:?}");
     assert!(lines[1].contains("fault number 10") && lines[4].contains("fault number 13"), "{lines:?}");
@@ -253,14 +253,14 @@ fn earlier_events_are_shown_with_their_beginning() {
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
     console.tell(MsgKind::Attached(Some(811), None));
     console.tell(MsgKind::Past { events: (11..15).map(event).collect(), earlier: 8 });
-    assert_eq!(story(&console).len(), 6, "{:?}", story(&console));
+    assert_eq!(event_texts(&console).len(), 6, "{:?}", event_texts(&console));
     let notice = &console.model.notice.as_ref().unwrap().text;
     assert!(notice.contains("kept running"), "it was this console that stood still: {notice}");
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
     console.tell(MsgKind::Attached(Some(902), None));
     console.tell(MsgKind::Past { events: (0..2).map(event).collect(), earlier: 0 });
     console.tell(MsgKind::Events(vec![event(2)]));
-    let lines = story(&console);
+    let lines = event_texts(&console);
     assert!(lines[6].contains("another one"), "{lines:?}");
     assert!(lines[7].contains("began here") && lines[8].contains("fault number 0"), "{lines:?}");
     assert!(lines[10].contains("fault number 2"), "{lines:?}");
@@ -289,7 +289,7 @@ fn earlier_events_trigger_nothing() {
 
 /// `:demo` at two consoles at once: the second one named a version that was already registered.
 #[test]
-fn a_demonstration_taken_elsewhere_is_followed_by_the_next() {
+fn demonstration_candidate_used_elsewhere_is_followed_by_the_next() {
     let mut console = TestConsole::new(0);
     console.keys(":demo");
     let request_id = id(&console.press(KeyCode::Enter));

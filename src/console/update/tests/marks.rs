@@ -12,17 +12,17 @@ fn candidates() -> Snapshot {
     now.candidates = ["align@1.1.0", "place@1.1.0", "grasp@1.4.0", CANDIDATE]
         .into_iter()
         .map(|version| {
-            let mut one = first.clone();
-            one.version = version.parse().unwrap();
-            one.flags.awaiting_approval = version == CANDIDATE;
-            one
+            let mut candidate = first.clone();
+            candidate.version = version.parse().unwrap();
+            candidate.flags.awaiting_approval = version == CANDIDATE;
+            candidate
         })
         .collect();
     now.candidates[2].state = State::Rejected;
     now
 }
 
-fn opened() -> TestConsole {
+fn console_with_candidates() -> TestConsole {
     let mut console = TestConsole::new(0);
     console.tell(MsgKind::Snapshot(Arc::new(candidates())));
     console.tell(MsgKind::Resize(100, 30));
@@ -65,7 +65,7 @@ fn confirm(console: &mut TestConsole) -> Vec<Command> {
 #[test]
 fn one_form_names_and_sends_every_marked_version() {
     for key in ["F", "p"] {
-        let mut console = opened();
+        let mut console = console_with_candidates();
         mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
         let notice = &console.model.notice.as_ref().unwrap().text;
         assert!(["2 marked", "F rejects", "p holds"].iter().all(|part| notice.contains(part)), "{notice}");
@@ -92,7 +92,7 @@ fn one_form_names_and_sends_every_marked_version() {
 
 #[test]
 fn a_change_voids_the_form_and_an_obstacle_is_named() {
-    let mut console = opened();
+    let mut console = console_with_candidates();
     mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
     console.keys("F");
     console.keys("not for");
@@ -102,13 +102,13 @@ fn a_change_voids_the_form_and_an_obstacle_is_named() {
     let void = form(&console).and_then(|form| form.void.as_ref()).unwrap();
     assert!(void.why.starts_with("place@1.1.0") && void.why.contains("active"), "{void:?}");
     assert!(console.press(KeyCode::Enter).is_empty());
-    let mut console = opened();
+    let mut console = console_with_candidates();
     mark(&mut console, &["align@1.1.0", "grasp@1.4.0"]);
     assert!(console.keys("F").is_empty() && form(&console).is_none());
     let notice = &console.model.notice.as_ref().unwrap().text;
     assert!(notice.starts_with("grasp@1.4.0 is rejected") && notice.contains("its mark"), "{notice}");
     // A screen that cannot name them all does not ask.
-    let mut console = opened();
+    let mut console = console_with_candidates();
     mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
     console.tell(MsgKind::Resize(40, 10));
     assert!(console.keys("F").is_empty() && form(&console).is_none());
@@ -117,13 +117,13 @@ fn a_change_voids_the_form_and_an_obstacle_is_named() {
 #[test]
 fn only_reject_and_hold_take_marks() {
     for action in Action::ALL {
-        let mut console = opened();
+        let mut console = console_with_candidates();
         mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
         console.model.notice = None;
         let effects = super::super::act(&mut console.model, *action);
         let several = form(&console).is_some_and(|form| matches!(form.intent, Intent::Several(_)));
         assert_eq!(several, matches!(action, Action::Refuse | Action::Pause), "{action:?}");
-        let gives = matches!(
+        let gives_authority = matches!(
             action,
             Action::Resume
                 | Action::Repeat
@@ -132,22 +132,22 @@ fn only_reject_and_hold_take_marks() {
                 | Action::Rearm
                 | Action::BreakGlass
         );
-        if gives {
+        if gives_authority {
             let notice = console.model.notice.clone().unwrap();
             assert!(effects.is_empty() && form(&console).is_none(), "{action:?}");
             assert!(notice.bad && notice.text.contains("one alone"), "{action:?}: {notice:?}");
         }
     }
     // Stopping applies to the version under the cursor, whatever is marked.
-    let mut console = opened();
+    let mut console = console_with_candidates();
     mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
     console.keys("x");
     assert!(matches!(form(&console).unwrap().intent, Intent::Abort(_)));
 }
 
 #[test]
-fn marks_are_seen_copied_and_taken_away() {
-    let mut console = opened();
+fn marks_are_shown_copied_and_removed() {
+    let mut console = console_with_candidates();
     assert!(!screen(&console, 100, 30).contains("- align@1.1.0"));
     mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
     let shown = screen(&console, 100, 30);

@@ -58,7 +58,7 @@ fn no_hint_offers_a_key_that_would_be_refused() {
 }
 
 #[test]
-fn hints_follow_how_things_stand() {
+fn hints_follow_the_state_of_the_version() {
     let mut console = TestConsole::new(0);
     let offered = |console: &TestConsole, action| hints::actions(&console.model).contains(&action);
     assert!(offered(&console, Action::Pause) && !offered(&console, Action::Resume));
@@ -133,7 +133,7 @@ fn typed(console: &TestConsole) -> String {
 }
 
 #[test]
-fn tab_goes_through_what_a_line_could_become_and_back() {
+fn tab_cycles_through_the_completions_of_a_line() {
     let mut console = TestConsole::new(0);
     console.keys(":candidate ");
     with(&mut console, |now| {
@@ -165,7 +165,7 @@ fn tab_goes_through_what_a_line_could_become_and_back() {
 }
 
 #[test]
-fn a_path_is_completed_by_what_its_folder_holds() {
+fn path_is_completed_with_the_entries_of_its_folder() {
     let mut console = TestConsole::new(0);
     console.keys(":register /shop/gr");
     let effects = console.press(KeyCode::Tab);
@@ -371,7 +371,7 @@ fn the_monitors_are_whole_at_every_size() {
 }
 
 #[test]
-fn the_monitors_are_a_pane_where_there_is_no_room_beside_the_charts() {
+fn monitors_become_a_pane_without_room_beside_the_charts() {
     let mut console = TestConsole::new(0);
     with(&mut console, |now| {
         now.live.monitors = serde_json::from_value(json!([{ "version": "grasp@1.2.0", "episodes": 7,

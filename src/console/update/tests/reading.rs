@@ -27,7 +27,7 @@ fn decision(effects: &[Effect]) -> (ApprovalDecision, Option<Vec<String>>) {
 }
 
 #[test]
-fn nothing_is_approved_before_every_line_was_on_the_screen() {
+fn approval_needs_every_line_shown_on_the_screen() {
     let mut console = opened(0);
     let all = unread(&console);
     assert!(!decides(&console.keys("Y")), "before the first frame");
@@ -53,7 +53,7 @@ fn nothing_is_approved_before_every_line_was_on_the_screen() {
 
 /// Keys that come faster than frames scroll over lines that the operator cannot have seen.
 #[test]
-fn what_was_scrolled_over_between_two_frames_was_not_read() {
+fn lines_scrolled_over_between_two_frames_are_unread() {
     let mut console = opened(0);
     console.draw(SMALL);
     (0..40).for_each(|_| drop(console.press(KeyCode::PageDown)));
@@ -111,7 +111,7 @@ fn a_question_read_again_is_unread() {
 }
 
 #[test]
-fn a_reason_that_nobody_can_see_is_none() {
+fn invisible_reason_counts_as_missing() {
     for unseen in ["\u{200b}", "\u{200d}\u{2060}", " \u{3164} ", "\u{ad}"] {
         let mut console = TestConsole::new(2);
         console.open_prompt();
@@ -124,7 +124,7 @@ fn a_reason_that_nobody_can_see_is_none() {
 
 /// After an answer from elsewhere, the prompt offers no key without an effect, and no key has one.
 #[test]
-fn a_closed_question_offers_nothing_but_to_leave_it() {
+fn closed_request_offers_only_to_leave_it() {
     let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Unicode);
     for (is_stale, protection) in
         [(false, Protection::None), (true, Protection::None), (false, Protection::Passphrase)]

@@ -3,7 +3,7 @@
 use super::consistency::screen;
 use super::*;
 use crate::audit::AuditGroup;
-use crate::model::STORY_PANE;
+use crate::model::EVENT_LOG_PANE;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::detail::AuditPage;
 use holdpoint_protocol::event::{Event, EventKind};
@@ -61,7 +61,7 @@ fn the_log_shows_sentences_and_enter_a_raw_record() {
     assert_eq!(console.model.row_count(), 1);
 }
 
-fn storied() -> TestConsole {
+fn console_with_events() -> TestConsole {
     let mut console = TestConsole::new(0);
     console.model.engine_data.events.clear();
     let fault =
@@ -71,9 +71,9 @@ fn storied() -> TestConsole {
 }
 
 #[test]
-fn the_story_has_a_filter_of_its_own() {
-    let mut console = storied();
-    console.model.view_state.panes[View::Overview as usize] = STORY_PANE;
+fn the_event_log_has_its_own_filter() {
+    let mut console = console_with_events();
+    console.model.view_state.panes[View::Overview as usize] = EVENT_LOG_PANE;
     console.keys("/wheel");
     assert_eq!(console.model.row_count(), 1, "while it is typed");
     console.press(KeyCode::Enter);
@@ -140,7 +140,7 @@ fn a_large_window_shows_the_checks() {
 }
 
 #[test]
-fn the_tour_takes_one_line() {
+fn tour_occupies_one_line() {
     let mut console = TestConsole::new(0);
     let without = screen(&console, 80, 24);
     console.model.settings.tour = Some(0);
@@ -213,7 +213,7 @@ fn the_registry_is_sorted_by_its_columns_and_back_to_the_tree() {
 }
 
 #[test]
-fn details_are_searched_and_n_goes_on() {
+fn details_are_searched_and_n_finds_the_next_hit() {
     let mut console = TestConsole::new(0);
     console.keys("3");
     let value = json!({
@@ -251,7 +251,7 @@ fn place(console: &TestConsole, wanted: &str) -> (u16, u16) {
 }
 
 #[test]
-fn a_click_leads_where_it_points_and_decides_nothing() {
+fn click_opens_its_target_and_decides_nothing() {
     let mut console = TestConsole::new(0);
     console.model.size = (120, 36);
     console.model.settings.mouse = true;
@@ -276,7 +276,7 @@ fn a_click_leads_where_it_points_and_decides_nothing() {
     assert_eq!(console.model.view_state.view, View::Candidate, "what is under the cursor opens");
     click(&mut console, "1 Overview");
     click(&mut console, "Events");
-    assert_eq!(console.model.view_state.pane(), STORY_PANE);
+    assert_eq!(console.model.view_state.pane(), EVENT_LOG_PANE);
     click(&mut console, CANDIDATE);
     assert_eq!(console.model.view_state.pane(), 0);
     // A dialog over the view takes no click, and has no buttons to click.
@@ -330,7 +330,7 @@ fn every_marked_alarm_is_acknowledged_by_one_key() {
 }
 
 #[test]
-fn changed_files_of_keys_and_themes_are_taken_in() {
+fn changed_files_of_keys_and_themes_are_reloaded() {
     let mut console = TestConsole::new(0);
     console.now_ms += 5_000;
     assert!(console.tell(MsgKind::Tick).contains(&Effect::CheckOperatorFiles));

@@ -190,7 +190,7 @@ fn authority_is_signed_in_its_form() {
 }
 
 #[test]
-fn submitting_needs_an_operator_and_stopping_nothing() {
+fn submitting_needs_an_operator_and_stopping_does_not() {
     let mut console = TestConsole::new(1);
     console.signs();
     console.model.session.operator = None;

@@ -10,7 +10,7 @@ fn stops(effects: &[Effect]) -> bool {
 }
 
 #[test]
-fn one_key_stops_from_everywhere() {
+fn stop_key_works_in_every_view() {
     for opened in ["", "a", "?", ":", "/", "x", "5", "B"] {
         let mut console = TestConsole::new(2);
         console.keys(opened);
@@ -30,7 +30,7 @@ fn one_key_stops_from_everywhere() {
 }
 
 #[test]
-fn no_number_of_requests_keeps_from_stopping() {
+fn stop_is_sent_however_many_requests_wait() {
     let mut console = TestConsole::new(0);
     (0..64).for_each(|_| drop(console.keys("v")));
     assert!(console.keys("v").is_empty(), "too many wait");
@@ -38,7 +38,7 @@ fn no_number_of_requests_keeps_from_stopping() {
 }
 
 #[test]
-fn going_on_needs_a_name_and_a_reason() {
+fn start_needs_a_name_and_a_reason() {
     let mut console = TestConsole::new(0);
     assert!(console.keys("W").is_empty());
     assert!(console.model.input.overlay.is_none(), "there is nothing to let go");
@@ -121,7 +121,7 @@ fn a_form_that_does_not_fit_is_read_to_its_end_first() {
 
 /// The agent's goal needs a reason, like each operation that a person takes responsibility for.
 #[test]
-fn a_goal_takes_a_reason() {
+fn goal_needs_a_reason() {
     let mut console = TestConsole::new(0);
     console.keys(":goal grasp");
     assert!(console.press(KeyCode::Enter).is_empty(), "a form opens");

@@ -186,7 +186,7 @@ fn one_key_requests_and_plays_the_worst_episode() {
 }
 
 #[test]
-fn the_arm_can_be_stopped_from_every_one_of_them() {
+fn stop_key_works_in_the_check_and_the_film() {
     for keys in ["", "w"] {
         let mut console = at_checks();
         console.press(KeyCode::Down);
@@ -205,7 +205,7 @@ fn the_arm_can_be_stopped_from_every_one_of_them() {
 
 /// No typed key there has an effect.
 #[test]
-fn no_key_of_them_changes_anything() {
+fn no_other_key_in_the_check_or_the_film_changes_anything() {
     for letter in (' '..='~').filter(|letter| *letter != 'X') {
         for open in [false, true] {
             let mut console = at_checks();
@@ -242,7 +242,7 @@ fn a_film_that_differs_from_the_record_is_marked() {
 }
 
 #[test]
-fn a_view_key_leads_out_of_both() {
+fn view_key_leaves_the_check_and_the_film() {
     let mut console = at_checks();
     console.press(KeyCode::Down);
     console.press(KeyCode::Enter);

@@ -1,7 +1,8 @@
-//! Compares numbers in the needed changes with the rule's own bounds.
+//! Compares the numbers of remedies with the rule's own bounds.
 
 use super::*;
 use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::explanation::ReasonContent;
 
 fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) -> ReasonRecord {
     let value = serde_json::json!({
@@ -64,8 +65,13 @@ fn unknown_forms_of_another_build_are_ignored() {
     assert!(evidence_file.drills.is_none() && evidence_file.pairs.is_none());
     let record = reason("behavior-of-a-later-build", "behavior", "violation is worse", 0.1, 0.05);
     assert_eq!(record.code.known(), None);
-    let text = change(&record, &evidence_file).unwrap();
-    assert_eq!(text, "violation is worse (0.100 against a limit of 0.050)");
+    let content = ReasonContent {
+        finding: None,
+        older_text: "violation is worse".to_owned(),
+        evidence: Some(0.1),
+        limit: Some(0.05),
+    };
+    assert_eq!(remedy(&record, &evidence_file), Some(Remedy::Resolve(content)));
 }
 
 #[test]
@@ -73,8 +79,9 @@ fn the_number_of_episodes_is_the_smallest_that_does() {
     for worse in [3, 10, 25] {
         let evidence_file = file_with_violations(worse);
         let component = &evidence_file.behavior.as_ref().unwrap().components[0];
-        let (less, all) = fewer(component, &evidence_file).unwrap();
-        assert_eq!(all, 120);
+        let reduction = fewer(component, &evidence_file).unwrap();
+        assert_eq!(reduction.of, 120);
+        let less = reduction.fewer;
         let upper = |worse: u64| {
             let counts = PairedCounts { pairs: 120, candidate_only: worse, active_only: 0 };
             binary_pairs(counts, UPPER_ALPHA).unwrap().upper
@@ -84,8 +91,8 @@ fn the_number_of_episodes_is_the_smallest_that_does() {
         assert!(less == 0 || upper(left + 1) > 0.05, "{worse}: one fewer would do as well");
         let record =
             reason("behavior-suspicious", "behavior", "violation may be worse beyond its margin", 0.1, 0.05);
-        let text = change(&record, &evidence_file).unwrap();
-        assert!(text.ends_with(&format!("must be at most 0.050: {less} fewer of 120 episodes")), "{text}");
+        let expected = Remedy::WorsenLess { component: *component, fewer: Some(reduction) };
+        assert_eq!(remedy(&record, &evidence_file), Some(expected));
     }
 }
 
@@ -95,7 +102,10 @@ fn a_traded_component_is_the_one_that_is_worse() {
     let evidence_file = file_with_violations(10);
     let text = "success rose while violation is established as worse";
     let record = reason("behavior-safety-traded", "behavior", text, 0.08, 0.0);
-    assert!(measured(&record, &evidence_file).unwrap().starts_with("violation "));
+    let component = evidence_file.behavior.as_ref().unwrap().components[0];
+    assert_eq!(component.name, ComponentName::Violation);
+    let expected = ReasonMeasurement::Component { component, pairs: 120 };
+    assert_eq!(measured(&record, &evidence_file), Some(expected));
     let record = reason("behavior-suspicious", "behavior", "violation, in other words", 0.08, 0.0);
     assert_eq!(measured(&record, &evidence_file), None);
 }
@@ -104,37 +114,44 @@ fn a_traded_component_is_the_one_that_is_worse() {
 fn drills_are_counted() {
     let evidence_file = file_with_violations(0);
     let record = reason("recovery-rollback-below-floor", "recovery", "too seldom", 0.65, 0.7);
-    assert_eq!(change(&record, &evidence_file).unwrap(), "rollback drills passed 26 of 40; 28 are needed");
+    let expected = Remedy::PassRollbackDrills { passed: 26, all: 40, needed: 28 };
+    assert_eq!(remedy(&record, &evidence_file), Some(expected));
     let record = reason("recovery-fragile", "recovery", "below the floor", 0.66, 0.7);
-    let text = change(&record, &evidence_file).unwrap();
-    assert!(text.contains("at least 0.700") && text.contains("rollback drills, 26 of 40"), "{text}");
-    assert_eq!(
-        measured(&record, &evidence_file).unwrap(),
-        "drills passed: rollback 26/40 (active 40/40), abort 40/40 (active 40/40)"
-    );
+    let tally = |passed| DrillTally { passed, failed: 40 - passed, infeasible: 0 };
+    let expected = Remedy::StrengthenRecovery {
+        weakest: DrillKind::Rollback,
+        tally: tally(26),
+        recovery: Some(0.66),
+        least: Some(0.7),
+    };
+    assert_eq!(remedy(&record, &evidence_file), Some(expected));
+    let drills =
+        |kind, passed| DrillComparison { kind, phase: None, candidate: tally(passed), active: tally(40) };
+    let expected =
+        ReasonMeasurement::Drills(vec![drills(DrillKind::Rollback, 26), drills(DrillKind::Abort, 40)]);
+    assert_eq!(measured(&record, &evidence_file), Some(expected));
 }
 
 #[test]
-fn people_are_counted() {
-    let pending = |missing| reason("approval-pending", "approval", "waits", missing, 2.0);
-    assert_eq!(change(&pending(1.0), &EvidenceFileRecord::default()).unwrap(), "approval by 1 more operator");
-    assert_eq!(
-        change(&pending(2.0), &EvidenceFileRecord::default()).unwrap(),
-        "approval by 2 more operators"
-    );
+fn missing_approvals_are_counted() {
+    for missing in [1_u32, 2] {
+        let record = reason("approval-pending", "approval", "waits", f64::from(missing), 2.0);
+        let found = remedy(&record, &EvidenceFileRecord::default());
+        assert_eq!(found, Some(Remedy::Approve { missing }));
+    }
 }
 
-/// Every reason either supports the version or names a change, also without evidence.
+/// Every reason either supports the version or has a remedy, also without evidence.
 #[test]
-fn reasons_support_or_name_a_change() {
-    let mut in_favour = Vec::new();
+fn reasons_support_or_have_a_remedy() {
+    let mut without = Vec::new();
     for code in ReasonCode::ALL {
         let record = reason(code.as_str(), "gate", "what was found", 1.0, 2.0);
-        match change(&record, &EvidenceFileRecord::default()) {
-            Some(text) => assert!(!text.is_empty(), "{code}"),
-            None => in_favour.push(code.as_str()),
+        if remedy(&record, &EvidenceFileRecord::default()).is_none() {
+            without.push(*code);
         }
     }
-    assert!(in_favour.contains(&"gate-passed") && !in_favour.contains(&"gate-frozen"));
-    assert!(in_favour.len() < 20, "{in_favour:?}");
+    assert!(without.contains(&ReasonCode::GatePassed) && !without.contains(&ReasonCode::GateFrozen));
+    assert!(without.len() < 20, "{without:?}");
+    assert!(ReasonCode::ALL.iter().filter(|code| is_in_favor(**code)).all(|code| without.contains(code)));
 }

@@ -37,7 +37,7 @@ fn wait_for_a_question(pipeline: &mut Pipeline) {
 }
 
 #[test]
-fn a_question_is_answered_and_may_come_again() {
+fn escalation_is_answered_and_may_be_raised_again() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
@@ -78,7 +78,7 @@ fn a_question_is_answered_and_may_come_again() {
 }
 
 #[test]
-fn silence_has_a_priority_of_its_own() {
+fn telemetry_silence_has_its_own_alarm_priority() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
@@ -121,7 +121,7 @@ fn refusals_change_no_evidence_file() {
 }
 
 #[test]
-fn a_late_answer_is_none() {
+fn answer_after_the_deadline_is_refused() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
@@ -133,7 +133,7 @@ fn a_late_answer_is_none() {
 }
 
 #[test]
-fn an_alarm_is_closed_once_it_is_over() {
+fn alarm_returns_to_normal_when_its_cause_ends() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     bench.by_operator(&id);
@@ -150,7 +150,7 @@ fn an_alarm_is_closed_once_it_is_over() {
 }
 
 #[test]
-fn an_alarm_is_set_aside_for_a_time() {
+fn alarm_is_shelved_for_a_limited_time() {
     let mut bench = Bench::new();
     let pipeline = &mut bench.pipeline;
     let key = AlarmKey::Approval("align@1.1.0".parse().unwrap());

@@ -52,7 +52,7 @@ fn submitted(author: &str) -> Package {
 
 /// One engineer registered a version and approved it alone: the requester was the constant "engine".
 #[test]
-fn who_registered_a_version_does_not_approve_it_after_a_restart_either() {
+fn requester_cannot_approve_a_version_even_after_a_restart() {
     let folder = tempfile::tempdir().unwrap();
     let mut first = pipeline(folder.path(), ProfileName::Human);
     let [rita, ben, sam] = ["rita", "ben", "sam"].map(|name| person(&mut first, name, Role::Safety));
@@ -80,7 +80,7 @@ fn who_registered_a_version_does_not_approve_it_after_a_restart_either() {
 
 /// One person demoted a version, stopped its family and armed it again with that version: unwatched, and not restricted any more.
 #[test]
-fn nobody_alone_brings_a_demoted_version_back_or_ends_a_restriction() {
+fn reactivation_and_release_need_a_second_person() {
     let folder = tempfile::tempdir().unwrap();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let [ben, sam] = ["ben", "sam"].map(|name| person(&mut pipeline, name, Role::Safety));
@@ -115,7 +115,7 @@ fn nobody_alone_brings_a_demoted_version_back_or_ends_a_restriction() {
 
 /// `estimated_risk = "low"` made one approval enough, for whatever was submitted.
 #[test]
-fn an_estimate_lowers_nothing_and_a_script_is_nobody() {
+fn estimated_risk_and_a_script_lower_no_quorum() {
     let folder = tempfile::tempdir().unwrap();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let submitted = package("align-shared", &[]);
@@ -141,7 +141,7 @@ fn an_estimate_lowers_nothing_and_a_script_is_nobody() {
 }
 
 #[test]
-fn an_author_is_known_by_their_key_and_excluded_by_it() {
+fn author_is_recognized_and_excluded_by_key() {
     let folder = tempfile::tempdir().unwrap();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let acme = person(&mut pipeline, "acme", Role::Safety);
@@ -188,7 +188,7 @@ fn a_registration_names_its_requester() {
 
 /// Regression: an unsigned version became active near people by `rearm`, without an approval.
 #[test]
-fn a_version_without_a_known_requester_is_not_re_armed_where_people_decide() {
+fn version_without_a_known_requester_is_not_reactivated_where_people_decide() {
     let folder = tempfile::tempdir().unwrap();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let now_ms = pipeline.record().now_ms();

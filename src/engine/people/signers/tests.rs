@@ -8,7 +8,7 @@ use holdpoint_approvals::{Approval, KdfCost, Nonce, Passphrase, SignedPersonAct}
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName};
-use holdpoint_protocol::approval_document::ApprovalDocument;
+use holdpoint_protocol::approval_document::{AnswerVoidCause, ApprovalDocument, QuestionRefusal};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::ApprovalRequestView;
@@ -18,6 +18,12 @@ use crate::people::persons::{enrolled, guarded};
 use crate::pipeline::Pipeline;
 use crate::stages::activation::tests::{package, request_activation};
 use crate::stages::rollback::tests::Bench;
+
+/// What the engine states of an answer to the request about `align@1.1.0` that it does not count.
+fn void(cause: AnswerVoidCause) -> String {
+    let version = "align@1.1.0".parse().unwrap();
+    holdpoint_wording::request::refusal(&QuestionRefusal::AnswerVoid { version, cause })
+}
 
 /// A candidate waits for people under a profile, and the clock is a script's or the machine's.
 fn waiting(profile: ProfileName, scripted: bool) -> (Bench, PathBuf) {
@@ -140,7 +146,7 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
 }
 
 #[test]
-fn a_key_file_that_others_can_read_or_that_is_none_approves_nothing() {
+fn readable_or_malformed_key_file_approves_nothing() {
     use std::os::unix::fs::PermissionsExt;
     let (mut bench, folder) = waiting(ProfileName::Human, false);
     let ann = protected(&mut bench, "ann");
@@ -158,7 +164,7 @@ fn a_key_file_that_others_can_read_or_that_is_none_approves_nothing() {
 
 /// What earlier versions signed said nothing of what was shown. A refusal stands without.
 #[test]
-fn an_approval_takes_what_was_shown_and_a_refusal_does_not() {
+fn approval_needs_the_shown_request_and_a_rejection_does_not() {
     for (profile, scripted) in [(ProfileName::Human, false), (ProfileName::Human, true)] {
         let (mut bench, _) = waiting(profile, scripted);
         let ann = protected(&mut bench, "ann");
@@ -171,7 +177,7 @@ fn an_approval_takes_what_was_shown_and_a_refusal_does_not() {
         let approval = Approval { shown: None, ..signed.approval().clone() };
         let without = ann.sign(approval).unwrap();
         let reply = bench.pipeline.command(Command::Decide { signed: Box::new(without) });
-        assert_refused(&reply, &["signed over nothing that was shown"]);
+        assert_refused(&reply, &[&void(AnswerVoidCause::NotDisplayed)]);
         done(&bench.pipeline.command(open.refuse(&ann, "not today").unwrap()));
     }
 }
@@ -180,37 +186,37 @@ fn an_approval_takes_what_was_shown_and_a_refusal_does_not() {
 #[test]
 fn an_answer_over_another_request_is_refused() {
     type DocumentEdit = fn(&mut ApprovalDocument, &ApprovalDocument);
-    let edits: [(&str, DocumentEdit, &str); 9] = [
-        ("a line is altered", |ours, _| ours.lines[3].push('!'), "the lines that were shown"),
-        ("a line is missing", |ours, _| drop(ours.lines.remove(5)), "the lines that were shown"),
-        ("a line is added", |ours, _| ours.lines.push("all is well".to_owned()), "the lines that were shown"),
+    let edits: [(&str, DocumentEdit, AnswerVoidCause); 9] = [
+        ("a line is altered", |ours, _| ours.lines[3].push('!'), AnswerVoidCause::OtherLines),
+        ("a line is missing", |ours, _| drop(ours.lines.remove(5)), AnswerVoidCause::OtherLines),
+        ("a line is added", |ours, _| ours.lines.push("all is well".to_owned()), AnswerVoidCause::OtherLines),
         (
             "a fact is altered",
             |ours, _| ours.facts = ours.facts.replace("\"robot\":\"", "\"robot\":\"tuv-"),
-            "the facts that were shown",
+            AnswerVoidCause::OtherFacts,
         ),
-        ("blanks in the facts", |ours, _| ours.facts.insert(1, ' '), "the facts that were shown"),
-        ("the renderer", |ours, _| ours.renderer += 1, "another version of the program"),
-        ("the store's key", |ours, _| ours.store_key = "0".repeat(64), "another key"),
-        ("the request", |ours, _| ours.request = Nonce::from_bytes([7; 16]), "a request that is not open"),
-        ("another's lines", |ours, other| ours.lines.clone_from(&other.lines), "the lines that were shown"),
+        ("blanks in the facts", |ours, _| ours.facts.insert(1, ' '), AnswerVoidCause::OtherFacts),
+        ("the renderer", |ours, _| ours.renderer += 1, AnswerVoidCause::OtherRenderer),
+        ("the store's key", |ours, _| ours.store_key = "0".repeat(64), AnswerVoidCause::OtherStoreKey),
+        ("the request", |ours, _| ours.request = Nonce::from_bytes([7; 16]), AnswerVoidCause::RequestClosed),
+        ("another's lines", |ours, other| ours.lines.clone_from(&other.lines), AnswerVoidCause::OtherLines),
     ];
     let (mut bench, _) = waiting(ProfileName::Human, false);
     let (ann, ben) = (protected(&mut bench, "ann"), protected(&mut bench, "ben"));
     let open = bench.pipeline.snapshot().prompts.remove(0);
     let of_ben = question(&mut bench.pipeline, &open, "ben").unwrap();
     let whole = question(&mut bench.pipeline, &open, "ann").unwrap();
-    for (name, edit, why) in edits {
+    for (name, edit, cause) in edits {
         let mut altered = whole.clone();
         edit(&mut altered, &of_ben);
         assert_ne!(altered, whole, "{name}");
         let reply = bench.pipeline.command(altered.answer(&ann, ApprovalDecision::Approve, "read").unwrap());
-        assert_refused(&reply, &["align@1.1.0 counts for nothing", why]);
+        assert_refused(&reply, &[&void(cause)]);
         assert!(matches!(reply, Reply::Refused { code: Refusal::Stale, .. }), "{name}: {reply:?}");
     }
     // Another's question is another's: their name stands in it.
     let reply = bench.pipeline.command(of_ben.answer(&ann, ApprovalDecision::Approve, "read").unwrap());
-    assert_refused(&reply, &["counts for nothing", "a request that is not open"]);
+    assert_refused(&reply, &[&void(AnswerVoidCause::RequestClosed)]);
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
     // An unaltered answer is accepted, once.
     let command = whole.answer(&ann, ApprovalDecision::Approve, "read").unwrap();
@@ -221,7 +227,7 @@ fn an_answer_over_another_request_is_refused() {
 
 /// A request that changed after an answer: the answer is void, and people are asked again.
 #[test]
-fn what_was_answered_before_the_question_changed_counts_for_nothing() {
+fn answers_given_before_the_request_changed_do_not_count() {
     let (mut bench, _) = waiting_for_two();
     let (ann, ben) = (protected(&mut bench, "ann"), protected(&mut bench, "ben"));
     done(&approve(&mut bench, &ann));
@@ -325,7 +331,7 @@ fn two_names_with_one_key_count_once() {
 
 /// One person's answer was taken, and put on record, as often as it was given.
 #[test]
-fn the_same_answer_is_not_taken_twice_and_another_one_is() {
+fn repeated_answer_is_refused_and_a_different_one_is_accepted() {
     let (mut bench, _) = waiting_for_two();
     let ann = protected(&mut bench, "ann");
     let request = bench.pipeline.snapshot().prompts.remove(0);
@@ -353,7 +359,7 @@ fn the_same_answer_is_not_taken_twice_and_another_one_is() {
 
 /// An approval that has run out can be given again: the old one no longer counts.
 #[test]
-fn an_answer_that_has_run_out_can_be_given_again() {
+fn expired_answer_can_be_given_again() {
     let (mut bench, _) = waiting_for_two();
     let ann = protected(&mut bench, "ann");
     let request = bench.pipeline.snapshot().prompts.remove(0);
@@ -414,7 +420,7 @@ fn an_answer_by_a_revoked_key_is_not_restored() {
 
 /// Public parts lie in the folder for convenience alone.
 #[test]
-fn public_files_decide_nothing() {
+fn public_key_files_decide_nothing() {
     let (mut bench, folder) = waiting(ProfileName::Human, true);
     let ann = protected(&mut bench, "ann");
     let eve = Identity::create(tempfile::tempdir().unwrap().path(), "ann", Role::Safety).unwrap();
@@ -430,7 +436,7 @@ fn public_files_decide_nothing() {
 
 /// The first administrator's key has no passphrase at first: under `human` it adds no person until it has one.
 #[test]
-fn the_unprotected_first_administrator_enrols_nobody_where_people_decide() {
+fn first_administrator_with_an_unencrypted_key_enrolls_no_one_where_people_decide() {
     let (mut bench, folder) = waiting(ProfileName::Human, false);
     let admin = administrator(&bench, &folder);
     let ben = Identity::create(&folder, "ben", Role::Safety).unwrap();
@@ -448,7 +454,7 @@ fn by<'a>(who: &'a Identity, admin: &'a Identity) -> impl FnOnce(&PersonDirector
 
 /// Enrolled by who is no administrator, or none any more.
 #[test]
-fn only_administrators_enrol() {
+fn only_administrators_enroll() {
     let (mut bench, folder) = waiting(ProfileName::Human, true);
     let ann = protected(&mut bench, "ann");
     let ben = Identity::create(&folder, "ben", Role::Safety).unwrap();
@@ -497,7 +503,7 @@ fn a_person_enrolled_by_an_unencrypted_key_approves_nothing() {
 
 /// What such a person answers to stop something is taken, and where no person is asked it counts.
 #[test]
-fn a_person_so_enrolled_rejects_and_decides_in_scripts() {
+fn person_enrolled_by_an_unencrypted_key_can_reject_and_decide_in_scripts() {
     for (scripted, answer) in [(true, ApprovalDecision::Approve), (false, ApprovalDecision::Reject)] {
         let (mut bench, folder) = waiting(ProfileName::Human, true);
         let admin = administrator(&bench, &folder);

@@ -1,4 +1,4 @@
-//! What people see before they decide, and how conditions affect an active version.
+//! The text that approvers see before they decide, and how conditions affect an active version.
 
 use std::path::Path;
 
@@ -76,8 +76,8 @@ pub(crate) fn request_activation_by(
     id
 }
 
-/// A candidate that asks for more than the active version: each new permission, the whole difference with both values
-/// and what its author declares are in the question, in JSON, in the plain stream, and in what is kept and signed.
+/// A candidate that asks for more than the active version. The approval request, its JSON, the plain stream and the
+/// signed record have each new permission, the whole difference with both values, and the author's declarations.
 #[test]
 fn all_changes_are_shown_before_a_decision() {
     let more = [
@@ -130,15 +130,16 @@ fn all_changes_are_shown_before_a_decision() {
         json.contains("\"field\":\"manifest.permissions.zones\",\"old\":\"transit\",\"new\":null"),
         "{json}"
     );
-    // The record: the evidence that is signed over has it, and what was on the screen is kept with the answer.
-    let open = pipeline.record().version_table().store().views().unwrap().open_requests().unwrap().remove(0);
-    let evidence_file: EvidenceFile = serde_json::from_str(&open.json).unwrap();
+    // The record: the signed evidence has it, and the text on the screen is stored with the answer.
+    let request =
+        pipeline.record().version_table().store().views().unwrap().open_requests().unwrap().remove(0);
+    let evidence_file: EvidenceFile = serde_json::from_str(&request.json).unwrap();
     assert_eq!(
         (evidence_file.new_permissions.clone(), evidence_file.digest().unwrap()),
         (question.new_permissions.clone(), question.evidence)
     );
-    let silent = EvidenceFile { new_permissions: Vec::new(), ..evidence_file.clone() };
-    assert_ne!(silent.digest().unwrap(), question.evidence, "the signature covers what is new");
+    let without_permissions = EvidenceFile { new_permissions: Vec::new(), ..evidence_file.clone() };
+    assert_ne!(without_permissions.digest().unwrap(), question.evidence, "the signature covers what is new");
     let identity = enrolled(pipeline.live().record, "ann", Role::Safety, KeyEncoding::Plain);
     let shown = crate::people::signers::tests::question(pipeline, &question, "ann").unwrap();
     for text in new.iter().chain(&differences) {
@@ -157,17 +158,17 @@ fn all_changes_are_shown_before_a_decision() {
 
 /// A version for simulation alone runs there, and is rolled back before it gets another arm.
 #[test]
-fn a_version_for_simulation_alone_gets_no_other_arm() {
+fn simulation_only_version_controls_no_other_arm() {
     let package = package("align-improved", &[("[\"sim\", \"real\", \"human\"]", "[\"sim\"]")]);
     let mut bench = Bench::new();
     let id = bench.activate_package(package, &[Condition::SimulationOnly]);
-    let works = |pipeline: &mut Pipeline| {
+    let runs_task = |pipeline: &mut Pipeline| {
         let report = pipeline.live().sequence(None).unwrap();
         report.tasks.iter().any(|done| done.id == id)
     };
     let active =
         |pipeline: &Pipeline| pipeline.record().active_of(&id.family).map(|active| active.id().to_string());
-    assert!(works(&mut bench.pipeline), "it works in simulation");
+    assert!(runs_task(&mut bench.pipeline), "it runs in simulation");
     bench = bench.reopened(profile(ProfileName::Sim));
     assert_eq!(active(&bench.pipeline), Some(id.to_string()));
     for name in [ProfileName::Real, ProfileName::Human] {
@@ -175,7 +176,7 @@ fn a_version_for_simulation_alone_gets_no_other_arm() {
         assert_eq!(active(&bench.pipeline).as_deref(), Some("align@1.0.0"), "{name}");
         let state = bench.pipeline.record().version_table().version(&id).unwrap().1.state;
         assert_eq!(state, State::Demoted, "{name}");
-        assert!(!works(&mut bench.pipeline), "{name}");
+        assert!(!runs_task(&mut bench.pipeline), "{name}");
     }
 }
 
@@ -183,13 +184,13 @@ fn operation(version: &CapabilityId) -> Operation {
     Operation { version: version.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
 }
 
-fn close(bench: &mut Bench, id: &CapabilityId, name: ProfileName) {
-    let close = Command::Demote { operation: operation(id), profiles: vec![name] };
-    let reply = bench.pipeline.command(close);
+fn block(bench: &mut Bench, id: &CapabilityId, name: ProfileName) {
+    let demote = Command::Demote { operation: operation(id), profiles: vec![name] };
+    let reply = bench.pipeline.command(demote);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
-fn works(bench: &mut Bench, id: &CapabilityId) -> bool {
+fn runs_task(bench: &mut Bench, id: &CapabilityId) -> bool {
     (0..8).any(|_| {
         let report = bench.pipeline.live().sequence(None).unwrap();
         report.tasks.iter().any(|done| done.id == *id)
@@ -200,29 +201,29 @@ fn active(bench: &Bench, id: &CapabilityId) -> Option<String> {
     bench.pipeline.record().active_of(&id.family).map(|active| active.id().to_string())
 }
 
-/// A profile that was closed to an active version held back its candidates alone: under it the version worked on.
+/// A block under a profile once stopped only candidates: an active version kept running under it.
 #[test]
-fn a_version_with_a_closed_profile_does_not_act_under_it() {
+fn a_blocked_version_does_not_run_under_the_profile() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
-    close(&mut bench, &id, ProfileName::Human);
-    assert!(works(&mut bench, &id), "it acts where it is not closed");
+    block(&mut bench, &id, ProfileName::Human);
+    assert!(runs_task(&mut bench, &id), "it runs where it is not blocked");
     bench = bench.reopened(profile(ProfileName::Sim));
     assert_eq!(active(&bench, &id), Some(id.to_string()));
     bench = bench.reopened(profile(ProfileName::Human));
     assert_eq!(active(&bench, &id).as_deref(), Some("align@1.0.0"));
     assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::Demoted);
-    assert!(!works(&mut bench, &id));
+    assert!(!runs_task(&mut bench, &id));
 }
 
-/// The same holds for a rollback target, and for a version that a person reactivates.
+/// Neither a rollback nor an operator reactivates a blocked version.
 #[test]
 fn no_rollback_activates_a_blocked_version() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let before: CapabilityId = "align@1.0.0".parse().unwrap();
     for id in [&id, &before] {
-        close(&mut bench, id, ProfileName::Human);
+        block(&mut bench, id, ProfileName::Human);
     }
     bench = bench.reopened(profile(ProfileName::Human));
     assert_eq!(active(&bench, &id), None, "the family is stopped");
@@ -230,12 +231,12 @@ fn no_rollback_activates_a_blocked_version() {
     let reply = bench.pipeline.command(rearm());
     let Reply::Refused { hint: Some(hint), .. } = &reply else { panic!("{reply:?}") };
     assert_eq!(hint, "`holdpoint release align@1.0.0 --profile human` unblocks it");
-    let open = Command::Release { operation: operation(&before), profiles: vec![ProfileName::Human] };
-    for command in [open, rearm()] {
+    let unblock = Command::Release { operation: operation(&before), profiles: vec![ProfileName::Human] };
+    for command in [unblock, rearm()] {
         let reply = bench.pipeline.command(command);
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     }
-    assert!(works(&mut bench, &before));
+    assert!(runs_task(&mut bench, &before));
 }
 
 /// An operator who rolls back the last version learns first that no version follows.
@@ -243,7 +244,7 @@ fn no_rollback_activates_a_blocked_version() {
 fn a_blocked_rollback_target_does_not_take_over() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
-    close(&mut bench, &"align@1.0.0".parse().unwrap(), ProfileName::Sim);
+    block(&mut bench, &"align@1.0.0".parse().unwrap(), ProfileName::Sim);
     let reply = bench.pipeline.command(Command::Rollback(operation(&id)));
     assert!(matches!(&reply, Reply::Refused { hint: Some(hint), .. } if hint.contains("--stop-family")));
     assert_eq!(active(&bench, &id), Some(id.to_string()));
@@ -251,7 +252,7 @@ fn a_blocked_rollback_target_does_not_take_over() {
 
 /// No sequence runs a blocked version, whatever blocked it; a version activated by break-glass runs until its review.
 #[test]
-fn a_sequence_holds_versions_to_their_closed_profiles() {
+fn no_sequence_runs_a_blocked_version() {
     for unreviewed in [false, true] {
         let mut bench = Bench::new();
         let id = bench.pass("align-improved", &Stage::ALL);
@@ -273,7 +274,7 @@ fn a_sequence_holds_versions_to_their_closed_profiles() {
                 LifecycleEvent::Activate { version }
             }
         });
-        assert_eq!(works(&mut bench, &id), unreviewed);
+        assert_eq!(runs_task(&mut bench, &id), unreviewed);
         if unreviewed {
             let people = ["carl", "dora"].map(ToOwned::to_owned).into();
             let outcome = ApprovalOutcome::Granted {
@@ -284,7 +285,7 @@ fn a_sequence_holds_versions_to_their_closed_profiles() {
             let upheld = ApprovalResult { outcome, reasons: Vec::new() };
             let mut live = bench.pipeline.live();
             break_glass::settle_review(&mut live, &mut Approvals::default(), &id, &upheld).unwrap();
-            assert!(works(&mut bench, &id), "upholding it unblocks the version");
+            assert!(runs_task(&mut bench, &id), "upholding it unblocks the version");
         }
     }
 }
@@ -304,11 +305,11 @@ const BAD: EpisodeValues = EpisodeValues {
     unsafe_continuation_ms: 0.0,
 };
 
-/// What an activation's monitor does is what its conditions say, also after a restart; at the confirmation they end.
+/// The conditions of an activation set its monitor, also after a restart; they end at the confirmation.
 #[test]
 fn conditions_of_an_activation_reach_its_monitor() {
     let strict = [Condition::StricterThresholds { factor: 0.5 }, Condition::RollbackCoupled];
-    let first = |conditions: &[Condition]| {
+    let first_action = |conditions: &[Condition]| {
         let mut bench = Bench::new();
         let id = bench.activate_package(package("align-improved", &[]), conditions);
         let view = bench.pipeline.snapshot().live.monitors.remove(0);
@@ -319,14 +320,14 @@ fn conditions_of_an_activation_reach_its_monitor() {
             .unwrap();
         (bench, id, view, (tick, action))
     };
-    let (_, _, plain, (late, _)) = first(&[]);
-    let (mut bench, id, view, (soon, takes_off)) = first(&strict);
+    let (_, _, plain, (plain_tick, _)) = first_action(&[]);
+    let (mut bench, id, view, (strict_tick, strict_action)) = first_action(&strict);
     assert_eq!((plain.factor, plain.coupled, view.factor, view.coupled), (1.0, false, 0.5, true));
-    for (before, held) in plain.charts.iter().zip(&view.charts) {
-        assert_eq!(held.limit, before.limit / 2.0, "the limit of {:?}", before.rate);
+    for (plain_chart, strict_chart) in plain.charts.iter().zip(&view.charts) {
+        assert_eq!(strict_chart.limit, plain_chart.limit / 2.0, "the limit of {:?}", plain_chart.rate);
     }
-    assert_eq!(takes_off, MonitorAction::Rollback);
-    assert!(soon < late, "{soon} against {late} episodes");
+    assert_eq!(strict_action, MonitorAction::Rollback);
+    assert!(strict_tick < plain_tick, "{strict_tick} against {plain_tick} episodes");
     let live = bench.pipeline.live();
     live.monitors.of_mut(&id).unwrap().monitor.confirmed().unwrap();
     live.evidence_files.edit(&id).conditions.retain(Condition::outlives_confirmation);
@@ -335,8 +336,8 @@ fn conditions_of_an_activation_reach_its_monitor() {
     assert_eq!((view.factor, view.coupled, view.charts[0].limit), (1.0, false, plain.charts[0].limit));
 }
 
-/// A person who stops the cell in a task, or restricts a version, has stepped in: charted for that version, and neither
-/// an episode of its window nor anything else against it.
+/// An operator who stops the cell in a task, or restricts a version, intervenes. Only the intervention charts of that
+/// version change, and its window counts no episode.
 #[test]
 fn an_intervention_counts_for_its_version() {
     let mut bench = Bench::new();
@@ -347,23 +348,23 @@ fn an_intervention_counts_for_its_version() {
         let charts = live.monitors.into_iter().find(|view| view.version == id).unwrap().charts;
         charts.into_iter().map(named).collect::<Vec<_>>()
     };
-    let moved = |before: &[(String, f64)], after: &[(String, f64)]| -> Vec<String> {
+    let changed_charts = |before: &[(String, f64)], after: &[(String, f64)]| -> Vec<String> {
         let pairs = before.iter().zip(after);
         pairs
-            .filter(|(one, other)| one.1.to_bits() != other.1.to_bits())
-            .map(|(one, _)| one.0.clone())
+            .filter(|((_, before), (_, after))| before.to_bits() != after.to_bits())
+            .map(|((name, _), _)| name.clone())
             .collect()
     };
-    let alone = ["intervention trip", "intervention warning"];
+    let intervention_charts = ["intervention trip", "intervention warning"];
     let before = charts(&bench);
     let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "a test".to_owned() };
     let reply = bench.pipeline.command(holdpoint_protocol::command::Command::Restrict(operation));
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     let restricted = charts(&bench);
-    let mut seen = moved(&before, &restricted);
-    seen.sort();
-    assert_eq!(seen, alone);
-    // The cell is stopped while the sequence is at work: grasp is what it was at, and align is not blamed.
+    let mut changed = changed_charts(&before, &restricted);
+    changed.sort();
+    assert_eq!(changed, intervention_charts);
+    // The operator stops the cell during grasp: the intervention does not count for align.
     bench.pipeline.switch().latch();
     let report = bench.pipeline.live().sequence(None).unwrap();
     let first = &report.tasks[0];
@@ -383,7 +384,7 @@ fn an_intervention_counts_for_its_version() {
     bench.pipeline.switch().latch();
     assert_eq!(bench.pipeline.live().sequence(None).unwrap().tasks[0].id, id);
     let after = charts(&bench);
-    let mut seen = moved(&before.1, &after.1);
-    seen.sort();
-    assert_eq!((after.0, seen), (before.0, alone.map(String::from).to_vec()));
+    let mut changed = changed_charts(&before.1, &after.1);
+    changed.sort();
+    assert_eq!((after.0, changed), (before.0, intervention_charts.map(String::from).to_vec()));
 }

@@ -284,7 +284,7 @@ impl Bench {
 }
 
 #[test]
-fn a_safety_event_acts_in_the_tick_it_happens() {
+fn safety_event_starts_the_rollback_in_its_tick() {
     let mut bench = Bench::new();
     // It flies low, among the live cell's clutter.
     let id = bench.activate("align-low-transit");
@@ -314,7 +314,7 @@ fn a_safety_event_acts_in_the_tick_it_happens() {
 }
 
 #[test]
-fn a_still_arm_is_restored_at_once() {
+fn arm_at_standstill_is_restored_at_once() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let record = bench.by_operator(&id);
@@ -358,7 +358,7 @@ fn frames_show_the_sequence_and_the_ladder_and_change_nothing() {
 }
 
 #[test]
-fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
+fn hook_that_does_not_stop_the_arm_does_not_end_the_ladder() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     bench.move_tool([0.5, 0.2, 0.35], 48);
@@ -381,7 +381,7 @@ fn a_hook_that_does_not_stop_the_arm_is_no_failed_ladder() {
 }
 
 #[test]
-fn a_family_without_predecessor_is_stopped() {
+fn family_without_a_rollback_target_is_stopped() {
     let mut bench = Bench::new();
     let version = "place@1.0.0".parse().unwrap();
     let operation = Operation { version, by: "ann".to_owned(), reason: "drill".to_owned() };
@@ -391,7 +391,7 @@ fn a_family_without_predecessor_is_stopped() {
 }
 
 #[test]
-fn a_joint_that_runs_away_is_no_standstill() {
+fn runaway_joint_is_no_standstill() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     bench.break_arm(InjectedFault::JointRunaway { joint: 0 });
@@ -412,7 +412,7 @@ fn a_jammed_joint_blocks_the_retreat() {
 }
 
 #[test]
-fn a_predecessor_that_was_changed_in_the_store_is_not_bound() {
+fn rollback_target_changed_in_the_store_is_not_activated() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let database = bench.pipeline.record().version_table().store().layout().database();
@@ -479,7 +479,7 @@ fn the_agents_identity_is_the_same_before_and_after_upgrade_and_rollback() {
 }
 
 #[test]
-fn own_policies_that_are_not_those_in_force_end_the_ladder() {
+fn site_policies_other_than_those_in_force_end_the_ladder() {
     let mut bench = Bench::under_own(line_4());
     let id = bench.activate("align-improved");
     // What the program ships for the class is not what the site wrote.
@@ -490,7 +490,7 @@ fn own_policies_that_are_not_those_in_force_end_the_ladder() {
 }
 
 #[test]
-fn a_swap_that_cannot_be_written_ends_the_ladder() {
+fn activation_that_cannot_be_written_ends_the_ladder() {
     let mut bench = Bench::new();
     let id = bench.activate("align-improved");
     let database = bench.pipeline.record().version_table().store().layout().database();
@@ -503,7 +503,7 @@ fn a_swap_that_cannot_be_written_ends_the_ladder() {
 }
 
 #[test]
-fn a_target_that_is_no_safer_is_recorded() {
+fn rollback_target_that_is_no_safer_is_recorded() {
     let mut bench = Bench::new();
     let before = bench.activate("align-low-transit");
     let version = bench.pipeline.record().version_table().version(&before).unwrap().0;
@@ -552,7 +552,7 @@ fn silence_asks_then_restricts_then_rolls_back() {
 }
 
 #[test]
-fn an_idle_arm_whose_telemetry_is_lost_is_not_forgotten() {
+fn lost_telemetry_of_an_idle_arm_rolls_the_version_back() {
     let mut bench = Bench::new();
     bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;

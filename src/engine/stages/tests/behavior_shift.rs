@@ -5,6 +5,7 @@ use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::distribution_shift::is_live_look_due;
 use holdpoint_governance::evidence::EpisodeValues;
+use holdpoint_governance::explanation::Consequence;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::ids::CapabilityId;
@@ -90,12 +91,19 @@ fn a_re_evaluation_that_clears_a_version_survives_a_restart() {
     let found = observe(&views, None, Since::Record(1), environment).unwrap();
     assert_eq!((found.metrics.replays.differs, found.metrics.replays.equal), (0, 1), "{:?}", found.unequal);
     drop(views);
-    // What an explanation says of both, before their decisions.
-    let begun = VersionConcern { again: None, ..found_again.clone() }.lines();
-    assert!(begun[0].contains("not what shadow showed"), "{begun:?}");
-    let lines = found_again.lines();
-    let cleared = ": compatible in";
-    assert!(lines.len() == 1 && lines[0].contains(cleared), "{lines:?}");
+    // What an explanation states of both, before their decisions.
+    let begun = VersionConcern { again: None, ..found_again.clone() }.consequence();
+    let Consequence::ConcernFound(reasons) = &begun else { panic!("{begun:?}") };
+    assert!(matches!(reasons[0].finding, Some(Finding::ShiftedLive { .. })), "{reasons:?}");
+    let Consequence::ReEvaluated { drift: None, reasons } = found_again.consequence() else {
+        panic!("{found_again:?}")
+    };
+    let [result] = &reasons[..] else { panic!("{reasons:?}") };
+    let outcome = BehaviorOutcome::Compatible;
+    assert!(
+        matches!(result.finding, Some(Finding::ReEvaluatedLive { outcome: of, .. }) if of == outcome),
+        "{result:?}"
+    );
     // It is cleared for a later engine, too.
     let mut bench = bench.restart();
     assert!(!bench.pipeline.live().evidence_files.is_suspicious(&id));
@@ -124,7 +132,7 @@ fn a_version_that_re_evaluates_as_worse_is_demoted() {
 }
 
 #[test]
-fn a_new_shadow_clears_an_earlier_concern() {
+fn new_shadow_evaluation_clears_an_earlier_concern() {
     let mut bench = Bench::new();
     let id = bench.pass("align-improved", &[Stage::Validation, Stage::Sandbox]);
     let live = bench.pipeline.live();

@@ -7,6 +7,7 @@ use holdpoint_governance::alarms::{Alarm, AlarmKey};
 use holdpoint_governance::cached_result::{
     CacheLocation, CachedResultMismatch, CachedResultUse, RerunSampleCounts,
 };
+use holdpoint_governance::explanation::Consequence;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::notice::Notice;
@@ -211,13 +212,13 @@ fn edited_rows_do_not_count() {
 
 /// The same by who has the secret too: the spot check finds it, nothing that was kept counts, and it is on record.
 #[test]
-fn false_results_with_a_valid_mac_are_found_before_they_count() {
+fn cache_mismatch_with_a_valid_mac_is_found_before_it_counts() {
     let folder = tempfile::tempdir().unwrap();
     filled(folder.path(), EpisodeCache::InStore);
     let all = cells(folder.path());
     let store = Store::open(folder.path()).unwrap();
     for (key, body) in &all {
-        store.cells().put(&key.parse::<Digest>().unwrap(), falsified(body).as_bytes()).unwrap();
+        store.result_cache().put(&key.parse::<Digest>().unwrap(), falsified(body).as_bytes()).unwrap();
     }
     drop(store);
     let mut second = pipeline(folder.path(), EpisodeCache::InStore, 2);
@@ -234,9 +235,12 @@ fn false_results_with_a_valid_mac_are_found_before_they_count() {
         events.iter().filter(|event| matches!(event, EventKind::StageStarted { stage: Stage::Sandbox, .. }));
     assert_eq!(begun.count(), 2, "it began again");
     let views = second.record().version_table().store().views().unwrap();
-    let explained = crate::explain::explain(&views, &id).unwrap().unwrap();
-    let then: Vec<&String> = explained.decisions.iter().flat_map(|decision| &decision.then).collect();
-    assert!(then.iter().any(|text| text.contains("results")), "{then:?}");
+    let detail = views.version(&id).unwrap().unwrap();
+    let decisions = crate::explain::decisions(&views, &id, &detail).unwrap();
+    let mut consequences = decisions.iter().flat_map(|decision| &decision.consequences);
+    let is_void =
+        |of: &Consequence| matches!(of, Consequence::CacheVoided { place: CacheLocation::Store, .. });
+    assert!(consequences.any(|(_, consequence)| is_void(consequence)), "{decisions:?}");
     drop(second);
     let now = cells(folder.path());
     assert!(!now.is_empty(), "later results are cached");
@@ -248,7 +252,7 @@ fn false_results_with_a_valid_mac_are_found_before_they_count() {
 
 /// The same in a folder that runs share: half of the results edited without the secret, half with it.
 #[test]
-fn a_shared_folder_that_is_false_is_not_used_again() {
+fn shared_folder_with_a_cache_mismatch_is_not_used_again() {
     let (folder, store, shared) =
         (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let secret = CacheSecret::fresh().unwrap();

@@ -7,7 +7,7 @@ use holdpoint_governance::alarms::AlarmKey;
 use crate::stages::rollback::tests::Bench;
 
 #[test]
-fn a_checkpoint_that_cannot_be_written_alarms_until_one_can_be() {
+fn unwritable_checkpoint_raises_an_alarm_until_one_is_written() {
     let mut bench = Bench::new();
     let folder = bench.pipeline.record().version_table().store().layout().checkpoints();
     let aside = folder.with_extension("aside");

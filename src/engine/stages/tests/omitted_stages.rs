@@ -36,7 +36,7 @@ fn without(part: AblationPart) -> Experiment {
 }
 
 #[test]
-fn only_a_script_may_leave_something_out() {
+fn only_a_script_can_omit_a_stage() {
     let folder = tempfile::tempdir().unwrap();
     let refused =
         Engine::start_experiment(config(folder.path(), false), without(AblationPart::Shadow)).err().unwrap();
@@ -98,7 +98,7 @@ fn a_skipped_stage_is_reported_and_its_store_has_no_other_use() {
 
 /// Evidence, questions and approvals are bound to the context: what is left out makes it another one.
 #[test]
-fn results_of_an_ablation_count_nowhere_else() {
+fn ablation_has_its_own_context_digest() {
     let digest = |parts: &[AblationPart]| {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = PolicyTable::builtin(&profile).unwrap();

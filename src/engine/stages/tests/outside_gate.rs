@@ -25,7 +25,7 @@ fn refusal_text(bench: &mut Bench, command: Command) -> String {
 
 /// Regression: a version became active during a person's stop, and the start of the cell did not report it.
 #[test]
-fn no_version_becomes_active_beside_the_gate_while_the_cell_is_stopped() {
+fn stopped_cell_activates_no_version_outside_the_gate() {
     let mut bench = Bench::new();
     let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     let dora = enrolled(bench.pipeline.live().record, "dora", Role::Safety, KeyEncoding::Plain);

@@ -73,7 +73,7 @@ fn begins_the_gate(bench: &mut Bench, id: &CapabilityId) -> bool {
 
 /// The window of a paused version ended in a confirmation that the lifecycle refuses, and the engine held.
 #[test]
-fn a_paused_active_version_works_on_and_is_confirmed_when_it_is_resumed() {
+fn paused_active_version_keeps_running_and_is_confirmed_on_resume() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     let reply = bench.pipeline.command(Command::Pause(operation(&id)));
@@ -100,7 +100,7 @@ fn a_paused_active_version_works_on_and_is_confirmed_when_it_is_resumed() {
 
 /// A pause of a confirmed version was accepted and changed nothing.
 #[test]
-fn a_confirmed_version_is_not_paused_and_a_hint_helps() {
+fn pausing_a_confirmed_version_is_refused_with_a_hint() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
@@ -113,7 +113,7 @@ fn a_confirmed_version_is_not_paused_and_a_hint_helps() {
 
 /// The sandbox of a paused version was worked to its end, which the lifecycle refuses, and the engine held.
 #[test]
-fn the_stage_of_a_paused_version_rests_and_goes_on() {
+fn stage_of_a_paused_version_waits_and_resumes() {
     let mut bench = Bench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
     work(&mut bench, 3);
@@ -165,7 +165,7 @@ fn a_pause_voids_a_request_and_the_gate_asks_again() {
 
 /// The pause came after the approval and before the end of the sequence: the engine held.
 #[test]
-fn an_approval_that_waits_for_the_end_of_a_sequence_does_not_outlive_a_pause() {
+fn pause_voids_an_approval_that_waits_for_the_end_of_a_sequence() {
     for by_command in [true, false] {
         let mut bench = Bench::new();
         let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
@@ -234,7 +234,7 @@ fn the_stage_of_a_rejection_is_on_record() {
 
 /// The end of a drift, and of a fault, was answered as if one had set in.
 #[test]
-fn the_end_of_a_drift_is_answered_as_its_end() {
+fn end_of_a_drift_or_fault_has_its_own_answer() {
     let mut bench = Bench::new();
     let mut reply_text = |command: Command| match bench.pipeline.command(command) {
         Reply::Accepted { text, .. } => text,

@@ -76,7 +76,7 @@ fn refusals_and_simulator_failures_degrade_the_family() {
 }
 
 #[test]
-fn sandbox_drill_and_twin_call_as_the_dispatcher_does() {
+fn sandbox_drill_and_twin_call_the_version_like_the_dispatcher() {
     let mut bench = Bench::new();
     let live = bench.pipeline.live();
     let (cell, terms) = (live.context.cell.clone(), live.context.terms());

@@ -383,7 +383,7 @@ fn records(bench: &Bench, kind: RecordKind) -> usize {
 
 /// Regression: a restriction could not be lifted, so the version could never be confirmed.
 #[test]
-fn a_released_version_is_confirmed_after_a_window_of_its_own() {
+fn unrestricted_version_is_confirmed_after_a_new_provisional_window() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     done(&mut bench, Command::Restrict(operation(&id)));
@@ -451,7 +451,7 @@ fn approvers_lift_a_restriction_where_activations_need_them() {
 /// Regression: the monitor counted the version whose task ends a sequence as silent when the clock was rounded down
 /// behind its telemetry, and rolled it back.
 #[test]
-fn the_version_that_works_last_is_not_silent() {
+fn version_that_runs_last_is_not_counted_as_silent() {
     let mut bench = Bench::new();
     let id = bench.activate("place-robust");
     for _ in 0..60 {
@@ -468,7 +468,7 @@ fn the_version_that_works_last_is_not_silent() {
 
 /// A profile demotion was in memory alone: an engine that came up again knew nothing of it.
 #[test]
-fn a_closed_profile_is_on_record_and_closed_after_a_restart() {
+fn blocked_profile_is_recorded_and_blocked_after_a_restart() {
     let mut bench = Bench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
     let close = |profiles| Command::Demote { operation: operation(&id), profiles };

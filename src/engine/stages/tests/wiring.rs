@@ -53,7 +53,7 @@ fn a_restriction_by_a_person_reaches_the_chart_of_interventions() {
 
 /// What was done is never told to be refused, whatever comes after it.
 #[test]
-fn a_caller_that_cannot_be_recorded_halts_the_engine() {
+fn unrecordable_caller_halts_the_engine() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
     let caller = Caller::Process { uid: 7, user: None, process: Some(7) };

@@ -78,7 +78,7 @@ mod tests {
     }
     /// An older reason has a sentence in place of the finding; a reason without either differs, and so does a changed finding.
     #[test]
-    fn sentences_are_no_difference_and_findings_are() {
+    fn changed_finding_is_a_difference_and_an_older_sentence_is_not() {
         let replayed =
             json!({ "code": "c", "dimension": "d", "finding": { "finding": "f", "n": 1 }, "limit": 2.0 });
         let differs = |recorded: &Value| differing("reason", recorded, &replayed);

@@ -123,7 +123,7 @@ fn from_the_start(worker: &mut Worker, case: &DrillCase<'_>) -> DrillEnd {
 }
 
 #[test]
-fn every_drill_begun_with_shared_work_is_the_drill_worked_from_its_start() {
+fn drill_from_a_shared_prefix_equals_the_drill_from_its_start() {
     let bench = DrillBench::new();
     let (mut worker, mut other) = (Worker::new(), Worker::new());
     let mut results = Vec::new();
@@ -241,7 +241,7 @@ fn bent(version: &Capability, bend: Option<Bend>) -> Capability {
 }
 
 #[test]
-fn a_skill_that_cannot_be_copied_is_worked_again_and_comes_to_the_same() {
+fn uncopyable_skill_is_re_run_with_the_same_result() {
     let bench = DrillBench::new();
     let version = bench.version("align");
     let single = bent(version, None);
@@ -398,7 +398,7 @@ fn a_rollback_hook_that_ends_too_early_fails() {
 
 /// The code's own hook was called whatever the manifest named, and a version whose hook is not there was confirmed.
 #[test]
-fn a_hook_that_the_code_does_not_have_is_none() {
+fn hook_missing_in_the_code_fails_its_drills() {
     use DrillKind::{Abort, Rollback};
     let bench = DrillBench::new();
     let named = [

@@ -97,7 +97,7 @@ fn evaluate_beside(
         part,
         cancel: &cancel,
         cell: &cell,
-        cells: store.cells(),
+        cache: store.result_cache(),
         team: TrialTeam::excluding(active.bundle.task(), beside.iter().map(party)),
     };
     let (candidate, active) = (party(candidate), party(active));
@@ -111,7 +111,7 @@ fn evaluate_beside(
 }
 
 #[test]
-fn pairs_and_drills_take_turns_until_the_budget_is_worked() {
+fn pairs_and_drills_alternate_until_the_budget_is_used() {
     let profile = small();
     let (evaluation, order) = evaluate("align/1.0.0", "align/1.0.0", &profile);
     assert_eq!(evaluation.ended(), Some(EarlyStopReason::Full));
@@ -130,7 +130,7 @@ fn pairs_and_drills_take_turns_until_the_budget_is_worked() {
 }
 
 #[test]
-fn a_candidate_that_cannot_stop_is_lost_early() {
+fn evaluation_of_a_candidate_that_cannot_stop_ends_early() {
     let profile = small();
     let (evaluation, _) = evaluate("candidates/align-no-stop", "align/1.0.0", &profile);
     assert!(matches!(
@@ -145,7 +145,7 @@ fn a_candidate_that_cannot_stop_is_lost_early() {
 }
 
 #[test]
-fn parts_of_a_slice_change_no_result() {
+fn slice_size_changes_no_result() {
     let mut profile = small();
     profile.evaluation.sandbox_pairs = 20;
     profile.evaluation.drills_per_kind = 10;
@@ -164,7 +164,7 @@ fn retries_do_not_exceed_the_budget() {
 }
 
 #[test]
-fn a_hard_stop_before_the_first_pair_ends_it() {
+fn hard_stop_before_the_first_pair_ends_the_evaluation() {
     let evaluation =
         Evaluation::new(EvaluationPlan::sandbox(&small()), binding(), vec![HardStop::MotionAfterStop]);
     assert_eq!(evaluation.ended(), Some(EarlyStopReason::HardStop));
@@ -320,7 +320,7 @@ fn processor_secs() -> f64 {
 /// What sequences add to the cost of a whole evaluation but for its search, family by family, with nothing kept; where
 /// `HOLDPOINT_SEQUENCE_COST` asks for it.
 #[test]
-fn what_sequences_cost() {
+fn sequences_cost_is_measured_on_request() {
     if std::env::var("HOLDPOINT_SEQUENCE_COST").is_err() {
         return;
     }

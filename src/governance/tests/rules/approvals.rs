@@ -48,7 +48,7 @@ fn request(risk: Risk) -> QuorumRequest {
 }
 
 #[test]
-fn what_does_not_count() {
+fn invalid_approvals_do_not_count() {
     type VoteChange = fn(&mut Vote);
     let table: [(&str, VoteChange, ReasonCode); 15] = [
         ("forged", |v| v.signature = SignatureCheck::Invalid, ApprovalSignature),
@@ -78,7 +78,7 @@ fn what_does_not_count() {
 }
 
 #[test]
-fn quorums_refusals_and_time() {
+fn approval_outcomes_follow_quorum_rejection_and_time() {
     let human = profile(ProfileName::Human).approval;
     let sim = profile(ProfileName::Sim).approval;
     let no = |person: &str| Vote { answer: ApprovalDecision::Reject, ..vote(person) };
@@ -114,7 +114,7 @@ fn quorums_refusals_and_time() {
 }
 
 #[test]
-fn quorum_by_tier_and_review() {
+fn quorum_follows_risk_and_review() {
     let human = profile(ProfileName::Human).approval;
     let real = profile(ProfileName::Real).approval;
     for (settings, risk, review, people) in [

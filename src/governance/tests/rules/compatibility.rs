@@ -23,7 +23,7 @@ use crate::fixture::{
 };
 
 #[test]
-fn interface_changes() {
+fn interface_changes_have_their_outcomes() {
     use InterfaceOutcome::{Compatible, Conditional, Incompatible};
     let thresholds = profile(ProfileName::Sim).thresholds;
     let input = "[inputs.object_pose]";
@@ -144,7 +144,7 @@ fn code_is_compared_with_manifest_and_label_with_finding() {
 }
 
 #[test]
-fn permission_changes() {
+fn permission_changes_have_their_outcomes() {
     use PolicyOutcome::{Compatible, Conditional, Incompatible, Review};
     use ProfileName::{Human, Real, Sim};
     let zones = "zones = [\"work\", \"transit\"]";
@@ -191,7 +191,7 @@ fn permission_changes() {
 }
 
 #[test]
-fn what_the_code_needs_counts_even_where_the_manifest_is_silent() {
+fn permissions_that_the_code_needs_count_without_a_declaration() {
     let profile = profile(ProfileName::Sim);
     let table = PolicyTable::builtin(&profile).unwrap();
     let quiet = manifest_with("\"stop\"]", "\"stop\"] #");
@@ -226,7 +226,7 @@ fn behaviour(
 }
 
 #[test]
-fn behavioral_changes() {
+fn behavioral_changes_have_their_outcomes() {
     use BehaviorOutcome::{Compatible, Incompatible};
     let anomaly = EpisodeValues { anomaly: true, ..GOOD };
     let violation = EpisodeValues { violation: true, ..GOOD };
@@ -297,7 +297,7 @@ fn unusable_episodes_are_no_data_and_hard_stops_end_it() {
 }
 
 #[test]
-fn recovery_changes() {
+fn recovery_changes_have_their_outcomes() {
     use RecoveryOutcome::{Compatible, Conditional, Fragile, Incompatible};
     // Passes of 100: rollback, fallback, abort, detect; against an active version.
     for (active, candidate, outcome, code) in [
@@ -325,7 +325,7 @@ fn recovery_changes() {
 }
 
 #[test]
-fn the_static_part_of_recovery() {
+fn missing_recovery_declarations_have_their_outcomes() {
     let knows = FailureSignal::ALL.into_iter().collect();
     let (whole, code) = (manifest(), exports(&manifest()));
     let good = StaticInput {
@@ -388,7 +388,7 @@ fn the_static_part_of_recovery() {
 
 /// Where the paper has a version usable under bounds only, the bound is issued as a condition.
 #[test]
-fn conditions_are_issued_where_they_are_due() {
+fn versions_usable_under_bounds_get_conditions() {
     let ruled = |name, from: &str, to: &str| {
         let profile = profile(name);
         let candidate = manifest_with(from, to);

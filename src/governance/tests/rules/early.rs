@@ -31,7 +31,7 @@ fn with_pairs(mut profile: Profile, sandbox_pairs: u32) -> Profile {
 }
 
 #[test]
-fn what_ends_a_behavioral_evaluation() {
+fn behavioral_evaluation_ends_by_the_counts() {
     let mut profile = with_pairs(profile(ProfileName::Sim), 120);
     let alpha = profile.evaluation.early_alpha;
     assert!(alpha > 0.0, "the rule is on");
@@ -69,7 +69,7 @@ fn what_ends_a_behavioral_evaluation() {
 }
 
 #[test]
-fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
+fn early_end_is_incompatible_only_if_the_evidence_confirms_it() {
     use BehaviorOutcome::{Incompatible, Inconclusive};
     let profile = with_pairs(profile(ProfileName::Sim), 120);
     let early = EarlyStopReason::FinitePopulation { alpha: profile.evaluation.early_alpha };
@@ -112,7 +112,7 @@ fn an_early_end_is_incompatible_only_where_the_evidence_bears_it_out() {
 }
 
 #[test]
-fn the_ending_rule_is_stored() {
+fn early_stop_reason_round_trips() {
     for (ended, text) in [
         (EarlyStopReason::Full, r#""full""#),
         (EarlyStopReason::HardStop, r#""hard-stop""#),
@@ -131,7 +131,7 @@ fn done(passed: u32, of: u32) -> DrillTallies {
 }
 
 #[test]
-fn what_ends_the_drills() {
+fn drills_end_by_the_counts() {
     let profile = profile(ProfileName::Real);
     assert_eq!(profile.evaluation.drills_per_kind, 40);
     let early = Some(EarlyStopReason::FinitePopulation { alpha: profile.evaluation.early_alpha });

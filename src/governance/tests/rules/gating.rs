@@ -28,7 +28,7 @@ fn recovery_fails(kappas: &mut Kappas, code: ReasonCode) {
 }
 
 #[test]
-fn psi_in_procedure_2s_order() {
+fn psi_follows_the_order_of_procedure_2() {
     use Recommendation::{Activate, Reject, RollbackReview, Sandbox, Shadow};
     type KappaChange = fn(&mut Kappas);
     let table: [(&str, KappaChange, Recommendation, Recommendation); 21] = [
@@ -115,7 +115,7 @@ struct Case {
     shadow: Option<ShadowAssessment>,
     bindings: Vec<EvidenceBinding>,
     approval: Option<ApprovalResult>,
-    closed: BTreeSet<ProfileName>,
+    blocked_under: BTreeSet<ProfileName>,
     unmet: Vec<String>,
     review_open: bool,
     requester: Requester,
@@ -139,7 +139,7 @@ impl Case {
             shadow: Some(gate::assess_shadow(&evidence, &current, &profile)),
             bindings: vec![current; 3],
             approval: None,
-            closed: BTreeSet::new(),
+            blocked_under: BTreeSet::new(),
             unmet: Vec::new(),
             review_open: false,
             requester: Requester::Script,
@@ -166,7 +166,7 @@ impl Case {
             risk: Risk::Medium,
             requester: &self.requester,
             provenance: Provenance::Llm,
-            closed: &self.closed,
+            blocked_under: &self.blocked_under,
             unmet: &self.unmet,
             review_open: self.review_open,
             profile_authorized: self.profile_authorized,
@@ -226,7 +226,7 @@ fn granted(people: &[&str]) -> ApprovalResult {
 }
 
 #[test]
-fn modes_by_profile() {
+fn activation_modes_follow_the_profile() {
     use ActivationMode::{ApprovalBound, Conditional, Full, RollbackCoupled};
     for (name, modes) in [
         (ProfileName::Sim, vec![Full]),
@@ -246,7 +246,7 @@ fn modes_by_profile() {
 }
 
 #[test]
-fn what_closes_the_gate() {
+fn gate_outcomes_and_reasons_by_case() {
     use GateOutcome::{AwaitApproval, Demote, Hold, Pass, Reject};
     type CaseChange = fn(&mut Case);
     let refused =
@@ -345,9 +345,9 @@ fn what_closes_the_gate() {
         ("review open", ProfileName::Sim, |c| c.review_open = true, Hold, GateReviewOpen),
         ("no one signed", ProfileName::Real, |c| c.profile_authorized = false, Hold, GateProfileUnauthorized),
         (
-            "profile closed",
+            "profile blocked",
             ProfileName::Real,
-            |c| c.closed = [ProfileName::Real].into(),
+            |c| c.blocked_under = [ProfileName::Real].into(),
             Hold,
             GateProfileClosed,
         ),
@@ -407,7 +407,7 @@ fn what_closes_the_gate() {
 }
 
 #[test]
-fn a_pass_holds_for_its_circumstances_only() {
+fn gate_pass_is_valid_only_for_its_row_context_and_time() {
     let mut case = Case::new(ProfileName::Human);
     case.approval = Some(granted(&["ann", "bob"]));
     let passed = case.evaluate().passed.unwrap();
@@ -559,7 +559,7 @@ fn conditions_act_at_the_gate() {
 
 /// A site's policy can require approval of activations for which the profile requires none.
 #[test]
-fn site_policy_needs_people() {
+fn site_policy_can_require_an_approval() {
     let text = "@review(\"learnt versions\") permit (principal, action == Action::\"activate\", resource) \
                 when { context.provenance == \"llm\" };";
     let mut case = Case::new(ProfileName::Real);

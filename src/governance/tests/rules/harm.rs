@@ -51,7 +51,7 @@ fn codes(found: &BehaviorAssessment) -> Vec<ReasonCode> {
 }
 
 #[test]
-fn more_force_with_better_success_is_stopped_in_its_unit() {
+fn higher_force_is_incompatible_despite_better_success() {
     for name in ProfileName::ALL {
         let profile = profile(name);
         let mut evidence = evidence(&profile, usize::MAX, &|harm| harm.grip_peak_n += 7.3);
@@ -110,7 +110,7 @@ fn compared(found: &BehaviorAssessment, kind: HarmKind) -> &HarmComparison {
 
 /// A mean hides what is rare: one episode in eight drops the object 12 cm, in the mean 15 mm, and fails.
 #[test]
-fn rare_bad_episodes_count_whether_or_not_they_were_done() {
+fn rare_harmful_episodes_count_even_if_they_failed() {
     let profile = profile(ProfileName::Sim);
     let mut evidence = evidence(&profile, 38, &|harm| harm.drop_height_m = 0.12);
     for pair in evidence.pairs.iter_mut().take(38) {
@@ -172,7 +172,7 @@ fn commands_beyond_the_declaration_are_reported() {
 }
 
 #[test]
-fn half_measured_is_not_measured() {
+fn partially_measured_harm_is_no_data() {
     let profile = profile(ProfileName::Sim);
     let mut some = evidence(&profile, 0, &|_| {});
     some.pairs[7].candidate.harm = None;
@@ -191,7 +191,7 @@ fn half_measured_is_not_measured() {
 
 /// Twenty shadow sequences: the twin lets go high up in every one, and everything comes out well.
 #[test]
-fn shadow_fails_by_harm_alone_and_not_by_what_is_tolerated() {
+fn shadow_fails_by_harm_alone_and_not_within_the_margin() {
     let profile = profile(ProfileName::Sim);
     for (fall_m, check) in [(0.02, CheckResult::Fail), (0.001, CheckResult::Pass)] {
         let mut evidence = shadow(&profile);

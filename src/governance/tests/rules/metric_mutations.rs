@@ -85,7 +85,7 @@ impl MutationInputs {
                 risk: Risk::Low,
                 requester: &Requester::Script,
                 provenance: Provenance::Llm,
-                closed: &BTreeSet::new(),
+                blocked_under: &BTreeSet::new(),
                 unmet: &[],
                 review_open: false,
                 profile_authorized: true,
@@ -147,7 +147,7 @@ fn is_newer(pointer: &str) -> bool {
 }
 
 #[test]
-fn whole_evidence_passes() {
+fn unmutated_evidence_passes() {
     let inputs = MutationInputs::new();
     let whole = serde_json::to_value(inputs.evidence()).unwrap();
     assert!(inputs.json_passes(&whole));
@@ -213,7 +213,7 @@ fn a_value_of_another_kind_or_out_of_range_never_passes() {
 }
 
 #[test]
-fn what_is_no_number_never_passes() {
+fn non_finite_number_never_passes() {
     let inputs = MutationInputs::new();
     let whole = serde_json::to_value(inputs.evidence()).unwrap();
     let mut found = BTreeMap::new();

@@ -86,7 +86,7 @@ fn a_worse_rate_restricts_and_then_rolls_back() {
 }
 
 #[test]
-fn what_is_no_number_and_unsafe_continuation_trip() {
+fn nan_and_unsafe_continuation_trip_the_monitor() {
     for episode in [
         EpisodeValues { time_s: f64::NAN, ..GOOD },
         EpisodeValues { unsafe_continuation_ms: f64::INFINITY, ..GOOD },
@@ -106,7 +106,7 @@ fn what_is_no_number_and_unsafe_continuation_trip() {
 
 /// Silence escalates after 100 ms (24 ticks), restricts after 300 ms (72), and rolls back after 60 s without an answer.
 #[test]
-fn silence_and_deadlines() {
+fn telemetry_silence_escalates_restricts_and_rolls_back() {
     let mut monitor = monitor(ProfileName::Sim);
     monitor.telemetry(100);
     for (tick, action) in [
@@ -128,7 +128,7 @@ fn silence_and_deadlines() {
 }
 
 #[test]
-fn a_monitor_goes_on_after_a_restart() {
+fn monitor_continues_after_a_restart() {
     let mut one = monitor(ProfileName::Real);
     one.observe(&EpisodeValues { anomaly: true, ..GOOD }, 1);
     let mut other: Monitor = serde_json::from_str(&serde_json::to_string(&one).unwrap()).unwrap();

@@ -30,7 +30,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn one_bad_number_in_an_episode(field in 0..3usize, at in 0..300usize, old in any::<bool>(), value in no_number()) {
+    fn one_bad_number_in_an_episode_never_passes(field in 0..3usize, at in 0..300usize, old in any::<bool>(), value in no_number()) {
         let profile = profile(ProfileName::Sim);
         let mut evidence = pairs(&profile);
         let pair = &mut evidence.pairs[at];
@@ -41,7 +41,7 @@ proptest! {
     }
 
     #[test]
-    fn one_bad_number_in_shadow(field in any::<bool>(), at in 0..20usize, value in no_number()) {
+    fn one_bad_number_in_shadow_never_passes(field in any::<bool>(), at in 0..20usize, value in no_number()) {
         let profile = profile(ProfileName::Sim);
         let mut evidence = shadow(&profile);
         let sequence = &mut evidence.sequences[at];
@@ -50,7 +50,7 @@ proptest! {
     }
 
     #[test]
-    fn one_foreign_digest(which in 0..5usize) {
+    fn one_foreign_digest_never_passes(which in 0..5usize) {
         let profile = profile(ProfileName::Sim);
         let other = digest("other");
         let mut foreign: EvidenceBinding = binding();
@@ -68,7 +68,7 @@ proptest! {
     }
 
     #[test]
-    fn missing_drills(kind in 0..4usize, left in 0..40u32, old in any::<bool>()) {
+    fn missing_drills_never_pass(kind in 0..4usize, left in 0..40u32, old in any::<bool>()) {
         let profile = profile(ProfileName::Sim);
         let mut evidence = drilled([95; 4], [95; 4]);
         let drills = if old { &mut evidence.active } else { &mut evidence.candidate };
@@ -79,7 +79,7 @@ proptest! {
     }
 
     #[test]
-    fn more_worsening_is_never_better(worse in 0..60usize, more in 1..60usize) {
+    fn more_anomalies_never_raise_kappa(worse in 0..60usize, more in 1..60usize) {
         let profile = profile(ProfileName::Sim);
         let kappa = |count: usize| {
             let mut evidence = pairs(&profile);
@@ -91,7 +91,7 @@ proptest! {
     }
 
     #[test]
-    fn declared_traces_that_are_no_numbers(field in 0..6usize, value in prop_oneof![Just(f64::NAN), Just(f64::INFINITY)]) {
+    fn declared_traces_that_are_not_finite_never_pass(field in 0..6usize, value in prop_oneof![Just(f64::NAN), Just(f64::INFINITY)]) {
         let profile = profile(ProfileName::Sim);
         let good = behavior::signature([GOOD; 4].iter()).unwrap();
         let mut bad: Signature = good;
@@ -106,7 +106,7 @@ proptest! {
     }
 
     #[test]
-    fn numbers_outside_their_range_are_no_kappa(value in prop_oneof![no_number(), Just(1.000_001)]) {
+    fn number_outside_its_range_is_no_kappa(value in prop_oneof![no_number(), Just(1.000_001)]) {
         prop_assert_eq!(Kappa::new(value), None);
         prop_assert_eq!(recovery::kappa(value, 0.9), None);
         prop_assert_eq!(recovery::kappa(0.9, value), None);
@@ -115,7 +115,7 @@ proptest! {
     }
 
     #[test]
-    fn the_monitor_takes_off_what_gives_no_numbers(field in 0..3usize, value in no_number()) {
+    fn monitor_rolls_back_a_version_with_non_finite_values(field in 0..3usize, value in no_number()) {
         let profile = profile(ProfileName::Sim);
         let good = behavior::signature([GOOD; 4].iter()).unwrap();
         let mut monitor = Monitor::new(&profile, &good, 0).unwrap();

@@ -53,7 +53,7 @@ fn a_missing_value_has_no_composite() {
 
 /// Readings 2.2: anomaly +.04 -> .92 and +.13 -> .74 (.05 -> .18 of the paper's text).
 #[test]
-fn worked_values_of_kappa_b() {
+fn kappa_b_reproduces_worked_values() {
     let settings = profile(ProfileName::Sim).behavior;
     for (worsenings, expected) in [
         (vec![(ComponentName::Anomaly, 0.04)], 0.92),
@@ -73,7 +73,7 @@ fn worked_values_of_kappa_b() {
 }
 
 #[test]
-fn worked_values_of_kappa_i() {
+fn kappa_i_reproduces_worked_values() {
     use Deviation::{Adaptable, Breaking, None};
     for (deviations, expected) in [
         ([None, None, None, None], 1.0),
@@ -89,7 +89,7 @@ fn worked_values_of_kappa_i() {
 
 /// Readings 2.2: rho .82 -> .76 gives .97; a kind that never works makes rho 0.
 #[test]
-fn worked_values_of_kappa_r() {
+fn kappa_r_reproduces_worked_values() {
     assert!((recovery::kappa(0.82, 0.76).unwrap().get() - 0.97).abs() < 1e-12);
     assert_eq!(recovery::kappa(0.76, 0.82).unwrap().get(), 1.0);
     assert_eq!(recovery::kappa(f64::NAN, 0.82), None);
@@ -112,7 +112,7 @@ fn worked_values_of_kappa_r() {
 /// Readings 2.3: at -10 % two of eight faulty are stopped with the paper's thresholds (three with B .88); at +10 %
 /// all eight, and no benign one because of the cap.
 #[test]
-fn the_sensitivity_study() {
+fn sensitivity_study_is_reproduced() {
     for (preset, scale, stopped) in [
         (ThresholdPreset::Paper, 0.9, 2),
         (ThresholdPreset::Paper, 1.0, 6),

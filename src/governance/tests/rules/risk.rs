@@ -21,7 +21,7 @@ fn component(name: &str) -> BundleSource {
 }
 
 #[test]
-fn each_change_gives_its_class_alone() {
+fn every_single_change_gives_its_risk_class() {
     type ManifestChange = fn(&mut Manifest);
     let table: [(RiskCause, Risk, ManifestChange); 10] = [
         (RiskCause::MoreZones, Risk::High, |m| {
@@ -70,7 +70,7 @@ fn each_change_gives_its_class_alone() {
 }
 
 #[test]
-fn code_and_authors_count() {
+fn new_code_and_new_authors_raise_the_risk() {
     let native = manifest();
     let mut wasm = native.clone();
     wasm.deployment.bundle = component("grasp.wasm");
@@ -105,7 +105,7 @@ fn code_and_authors_count() {
 proptest! {
     /// Whatever changed: a higher estimate never gives a lower class, and no estimate one below what the change gives.
     #[test]
-    fn an_estimate_only_raises(same_code: bool, author_known: bool, faster in -1.0..1.0_f64, harder in -1.0..1.0_f64) {
+    fn estimated_risk_only_raises_the_class(same_code: bool, author_known: bool, faster in -1.0..1.0_f64, harder in -1.0..1.0_f64) {
         let active = manifest();
         let mut candidate = active.clone();
         candidate.permissions.max_speed_m_s += faster;

@@ -75,7 +75,7 @@ fn errors_name_the_line_of_the_field() {
 }
 
 #[test]
-fn the_digest_is_of_the_content_not_of_the_text() {
+fn manifest_digest_covers_the_content_and_not_the_text() {
     let digest = manifest().digest().unwrap();
     let spaced = MANIFEST.replace("authority = 1\n", "# a comment\nauthority    =    1\n");
     assert_eq!(Manifest::parse("m", &spaced).unwrap().digest().unwrap(), digest);
@@ -116,7 +116,7 @@ fn a_profile_writes_its_priorities_as_it_reads_them() {
 }
 
 #[test]
-fn submissions() {
+fn invalid_submissions_are_refused_by_field() {
     let good = "author = \"ann\"\nprovenance = \"rl\"\nparent = \"1.0.0\"\nestimated_risk = \"low\"\n";
     let submission = Submission::parse("submission.toml", good).unwrap();
     assert_eq!((submission.provenance, submission.estimated_risk), (Provenance::Rl, Risk::Low));
@@ -187,7 +187,7 @@ fn mode(channel: Channel, command: CommandKind, zone: ZoneName, authority: u8) -
 }
 
 #[test]
-fn shipped_policies() {
+fn shipped_policies_have_their_rulings() {
     use Channel::{Arm, Bus, Gripper};
     use CommandKind::{Direct, Gripper as Grip, Joints, ToolPose};
     use ModeRuling::{Allow, Forbid, Review, Uncovered};
@@ -208,7 +208,7 @@ fn shipped_policies() {
 }
 
 #[test]
-fn policies_fail_closed() {
+fn policies_deny_on_errors_and_unknown_resources() {
     let sim = profile(ProfileName::Sim);
     let compile = |text: &str| PolicyTable::compile(&sim, &[PolicySource { file: "site.cedar", text }]);
     let key = mode(Channel::Arm, CommandKind::ToolPose, ZoneName::Work, 1);

@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_stated_can_be_refuted() {
+    fn stated_rate_is_refuted_by_significant_counts() {
         for (events, runs, stated, holds) in [
             (0, 1_000, StatedBound::AtMost(0.0), true),
             (1, 1_000, StatedBound::AtMost(0.0), false),

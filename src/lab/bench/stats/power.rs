@@ -198,7 +198,7 @@ mod tests {
     /// The largest effect of every component is found, except that a new attempt costs little and counts against
     /// nothing alone.
     #[test]
-    fn what_is_far_worse_is_found_whatever_it_is() {
+    fn largest_effect_of_every_component_is_found() {
         let recorded = TablesByOrigin::read().unwrap();
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let judged = |effect: &WorsenedMeasure| {

@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_gives_its_own_stream_and_always_the_same() {
+    fn sample_stream_is_determined_by_its_name() {
         let units = |name: &str| {
             let mut draw = SampleStream::new(name);
             (0..20).map(|_| draw.below(1_000)).collect::<Vec<_>>()
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shuffle_keeps_what_it_shuffles() {
+    fn shuffle_keeps_every_item() {
         let mut values: Vec<u32> = (0..50).collect();
         SampleStream::new("order").shuffle(&mut values);
         assert_ne!(values, (0..50).collect::<Vec<_>>());

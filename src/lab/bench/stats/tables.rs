@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_and_pairs_are_the_same() {
+    fn recorded_pairs_round_trip_through_their_text() {
         let text = "# x\n1000000 s..... 0 3.104 0 .var.n 2 12.500 40\n";
         let table = read("x", text).unwrap();
         assert_eq!((table.provenance.as_str(), table.pairs.len()), ("x", 1));

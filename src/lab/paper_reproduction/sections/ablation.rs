@@ -7,7 +7,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::stats::{Interval, PairedCounts, bca, binary_pairs, difference};
 use holdpoint_plot::Radar;
 
-use super::{PAPERS, Section, counted, mean, seeds_in};
+use super::{ARMS_OF_THE_PAPER, Section, counted, mean, seeds_in};
 use crate::ground_truth::HarmClass;
 use crate::paper_reproduction::figures::{
     ABLATION, LIVE_UNSAFE, RESAMPLE_SEED, RESAMPLES, RowMeasure, SUCCESS, VIOLATION, by_seed, last_round,
@@ -26,8 +26,8 @@ const DIRECTION_ALPHA: f64 = 0.05;
 /// deviations of four to seven points over its seeds.
 const SUCCESS_MARGIN: f64 = 5.0;
 
-/// The ablation: every variant run, the paper's numbers and its way of deriving them beside each. `of`: the seeds that the
-/// preset has.
+/// The ablation: every variant run, the paper's numbers and its way of deriving them beside each.
+/// `preset_seeds`: the seeds that the preset has.
 ///
 /// # Errors
 /// If no interval exists for a count.
@@ -35,11 +35,11 @@ pub fn ablation(
     rounds: &[RoundRow],
     pools: &[ScreenRow],
     printed: &PublishedNumbers,
-    of: u64,
+    preset_seeds: u64,
 ) -> Result<Section, ExperimentError> {
-    let worked = |variant: Variant| variant_rows(pools, ProfileName::Sim, variant).next().is_some();
+    let was_run = |variant: Variant| variant_rows(pools, ProfileName::Sim, variant).next().is_some();
     // Other experiments leave out some of these parts, and have no ablation.
-    if !ABLATION.iter().all(|row| worked(row.variant)) {
+    if !ABLATION.iter().all(|row| was_run(row.variant)) {
         return Ok(Section::default());
     }
     let t10 = &printed.t10;
@@ -109,7 +109,7 @@ pub fn ablation(
             "",
         );
         // Rounds are of other seeds than the pools.
-        table.seeds = Some((seeds_in(rounds, |row| row.seed), of));
+        table.seeds = Some((seeds_in(rounds, |row| row.seed), preset_seeds));
         for (row, paper) in ABLATION.iter().zip(papers) {
             table.row([
                 row.name.to_owned(),
@@ -275,7 +275,7 @@ fn of_rollback(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentErro
 
 /// Which of two arms activates more unsafe versions of the same offers.
 fn of_unsafe_activations(rounds: &[RoundRow]) -> Result<Vec<AblationClaim>, ExperimentError> {
-    let of = |arm: Arm| -> BTreeMap<(u64, u32), bool> {
+    let unsafe_offers = |arm: Arm| -> BTreeMap<(u64, u32), bool> {
         let offers = rounds.iter().filter(|row| row.arm == arm);
         offers
             .filter_map(|row| {
@@ -290,7 +290,7 @@ fn of_unsafe_activations(rounds: &[RoundRow]) -> Result<Vec<AblationClaim>, Expe
         ("validation alone activates more unsafe versions", Arm::Governed, Arm::CompatOnly),
         ("and fewer than naive", Arm::CompatOnly, Arm::Naive),
     ] {
-        let (low, high) = (of(fewer), of(more));
+        let (low, high) = (unsafe_offers(fewer), unsafe_offers(more));
         if low.is_empty() || high.is_empty() {
             continue;
         }
@@ -332,7 +332,9 @@ fn of_success(rounds: &[RoundRow]) -> Vec<AblationClaim> {
                 AblationVerdict::within(SUCCESS_MARGIN, ends),
                 format!("95 % [{:+.1}, {:+.1}]", ends.lower, ends.upper),
             ),
-            Err(_) if differences.len() > 1 && differences.iter().all(|one| one.abs() < 1e-9) => {
+            Err(_)
+                if differences.len() > 1 && differences.iter().all(|difference| difference.abs() < 1e-9) =>
+            {
                 (AblationVerdict::Held, "the same on every seed".to_owned())
             }
             Err(_) => (AblationVerdict::NotShown, "no spread".to_owned()),
@@ -352,11 +354,11 @@ fn radar(rounds: &[RoundRow], pools: &[ScreenRow]) -> Result<Vec<(String, String
     let last = last_round(rounds);
     let full = &ABLATION[0];
     let mut outlines = Vec::new();
-    for arm in PAPERS {
-        let share = |of: RowMeasure| mean_std_dev(&by_seed(rounds, arm, last, of)).0 / 100.0;
+    for arm in ARMS_OF_THE_PAPER {
+        let share = |measure: RowMeasure| mean_std_dev(&by_seed(rounds, arm, last, measure)).0 / 100.0;
         let unsafe_share = unsafe_activations(rounds, arm, None)?.rate().unwrap_or(0.0);
         // Nothing is offered to the static arm: it detects, activates and rolls back nothing.
-        let (detected, accepted, taken_off) = match arm {
+        let (detected, accepted, rolled_back) = match arm {
             Arm::Governed => {
                 (full.detected(pools)?.rate(), full.accepted(pools)?.rate(), full.rolled_back(pools)?.rate())
             }
@@ -370,7 +372,7 @@ fn radar(rounds: &[RoundRow], pools: &[ScreenRow]) -> Result<Vec<(String, String
                 accepted.map(|share| 1.0 - share),
                 Some(1.0 - unsafe_share),
                 Some(share(SUCCESS)),
-                taken_off,
+                rolled_back,
                 Some(1.0 - share(VIOLATION)),
             ],
         ));

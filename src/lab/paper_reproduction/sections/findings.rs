@@ -67,8 +67,8 @@ fn has_arms(rounds: &[RoundRow], arms: &[Arm]) -> bool {
 /// Evolution without governance costs violations.
 fn brittle(rounds: &[RoundRow]) -> Result<FindingRow, ExperimentError> {
     let tests = deployment_tests(rounds)?;
-    let violations = tests.iter().find(|one| one.name.starts_with("violations"));
-    let (mean, p) = violations.map_or((0.0, 1.0), |one| (one.mean, one.p_holm));
+    let violations = tests.iter().find(|test| test.name.starts_with("violations"));
+    let (mean, p) = violations.map_or((0.0, 1.0), |test| (test.mean, test.p_holm));
     let verdict = match (p < 0.05, mean < 0.0) {
         (true, true) => HELD,
         (true, false) => NOT_HELD,
@@ -155,7 +155,7 @@ mod tests {
     use crate::paper_reproduction::pool_screening::screened;
 
     #[test]
-    fn a_stage_that_stops_nothing_first_leaves_a_finding_unshown() {
+    fn stage_that_stops_no_fault_first_leaves_its_finding_unshown() {
         let blocked =
             |name: &str, stage| screened(name, Class::Faulty, Variant::Full, Fate::Blocked { stage });
         let mut pools = vec![

@@ -52,7 +52,11 @@ const fn verdict(more_at_least: f64) -> &'static str {
 ///
 /// # Errors
 /// If no interval exists for a count.
-pub fn meta_faults(rows: &[ScreenRow], layers: &[LayerRow], of: u64) -> Result<Section, ExperimentError> {
+pub fn meta_faults(
+    rows: &[ScreenRow],
+    layers: &[LayerRow],
+    preset_seeds: u64,
+) -> Result<Section, ExperimentError> {
     let (mut tables, mut lines) = (Vec::new(), Vec::new());
     if variant_rows(rows, ProfileName::Sim, Variant::NoValidation).next().is_some() {
         let (table, line) = before_activation(rows)?;
@@ -60,8 +64,8 @@ pub fn meta_faults(rows: &[ScreenRow], layers: &[LayerRow], of: u64) -> Result<S
         lines.push(line);
     }
     if !layers.is_empty() {
-        let (mut table, line) = afterwards(layers)?;
-        table.seeds = Some((seeds_in(layers, |row| row.seed), of));
+        let (mut table, line) = after_activation(layers)?;
+        table.seeds = Some((seeds_in(layers, |row| row.seed), preset_seeds));
         tables.push(table);
         lines.push(line);
     }
@@ -122,7 +126,7 @@ fn before_activation(rows: &[ScreenRow]) -> Result<(ReportTable, String), Experi
 }
 
 /// Failures while a version becomes worse in control, by the drifts that worsen one.
-fn afterwards(layers: &[LayerRow]) -> Result<(ReportTable, String), ExperimentError> {
+fn after_activation(layers: &[LayerRow]) -> Result<(ReportTable, String), ExperimentError> {
     let mut table = ReportTable::new(
         "Versions that a drift worsens in control (profile sim)",
         &[
@@ -143,21 +147,24 @@ fn afterwards(layers: &[LayerRow]) -> Result<(ReportTable, String), ExperimentEr
          is established (exact, over the same drifts, one-sided 5 %) that more versions are in control as before than with \
          nothing failing. Another alarm: of health over the cell, of a shift, or of a violation.",
     );
-    let of = |failure: LayerFailure| layers.iter().filter(move |row| row.failure == failure);
-    let at = |row: &LayerRow| (row.seed, row.kind, row.magnitude);
-    let open_of = |row: &LayerRow| row.stance == Stance::InControl;
-    let sound: BTreeMap<_, bool> = of(LayerFailure::Nothing).map(|row| (at(row), open_of(row))).collect();
+    let rows_of = |failure: LayerFailure| layers.iter().filter(move |row| row.failure == failure);
+    let drift_of = |row: &LayerRow| (row.seed, row.kind, row.magnitude);
+    let is_in_control = |row: &LayerRow| row.stance == Stance::InControl;
+    let sound: BTreeMap<_, bool> =
+        rows_of(LayerFailure::Nothing).map(|row| (drift_of(row), is_in_control(row))).collect();
     let (mut open, mut all) = (0, 0);
     let nothing = [("none", "nothing fails", LayerFailure::Nothing)];
     for (name, how, failure) in nothing.into_iter().chain(AFTERWARDS) {
-        let pairs = of(failure).filter_map(|row| Some((open_of(row), *sound.get(&at(row))?)));
+        let pairs =
+            rows_of(failure).filter_map(|row| Some((is_in_control(row), *sound.get(&drift_of(row))?)));
         let bound = binary_pairs(PairedCounts::of(pairs), ALPHA)?;
-        let stands = |stance: Stance| -> Result<String, ExperimentError> {
-            Ok(counted(&Proportion::of(of(failure).map(|row| row.stance == stance))?))
+        let count_of = |stance: Stance| -> Result<String, ExperimentError> {
+            Ok(counted(&Proportion::of(rows_of(failure).map(|row| row.stance == stance))?))
         };
-        let tasks = Quantiles::of(of(failure).map(|row| f64::from(row.under.tasks)));
-        let sum = |count: fn(&LayerRow) -> u32| of(failure).map(|row| u64::from(count(row))).sum::<u64>();
-        let stopped = of(failure).filter(|row| row.stance == Stance::SafeStopped);
+        let tasks = Quantiles::of(rows_of(failure).map(|row| f64::from(row.under.tasks)));
+        let sum =
+            |count: fn(&LayerRow) -> u32| rows_of(failure).map(|row| u64::from(count(row))).sum::<u64>();
+        let stopped = rows_of(failure).filter(|row| row.stance == Stance::SafeStopped);
         let [more, label] = if failure == LayerFailure::Nothing {
             [String::new(), String::new()]
         } else {
@@ -165,11 +172,11 @@ fn afterwards(layers: &[LayerRow]) -> Result<(ReportTable, String), ExperimentEr
             open += u32::from(bound.lower > 0.0);
             [format!("{:+.1} points", 100.0 * bound.lower), verdict(bound.lower).to_owned()]
         };
-        let stands: Vec<String> = Stance::ALL.into_iter().map(stands).collect::<Result<_, _>>()?;
+        let stance_counts: Vec<String> = Stance::ALL.into_iter().map(count_of).collect::<Result<_, _>>()?;
         let mut cells = vec![name.to_owned(), how.to_owned()];
-        cells.extend(stands);
+        cells.extend(stance_counts);
         cells.extend([
-            counted(&Proportion::of(of(failure).map(|row| row.told))?),
+            counted(&Proportion::of(rows_of(failure).map(|row| row.told))?),
             tasks.map_or_else(|| "-".to_owned(), |tasks| format!("{:.0} ({:.0})", tasks.median, tasks.max)),
             format!("{}/{}", sum(|row| row.under.unsafe_tasks), sum(|row| row.under.tasks)),
             stopped.map(|row| u64::from(row.after.tasks)).sum::<u64>().to_string(),
@@ -235,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_injected_is_no_section() {
+    fn section_without_injected_faults_is_empty() {
         assert_eq!(meta_faults(&[], &[], 40).unwrap(), Section::default());
     }
 }

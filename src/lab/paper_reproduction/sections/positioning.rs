@@ -224,7 +224,7 @@ mod tests {
 
     /// Where others cover a stage, something is done here in it.
     #[test]
-    fn every_stage_is_of_some_fault_here() {
+    fn every_stage_stops_a_listed_fault() {
         for stage in 1..10 {
             assert!(COVERAGE.iter().any(|row| !row[stage].is_empty()), "stage {stage}");
         }
@@ -232,7 +232,7 @@ mod tests {
 
     /// A place that is named is there.
     #[test]
-    fn every_place_that_is_named_is_there() {
+    fn every_named_path_exists() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let named = DEVOPS.iter().map(|row| row[3]).chain(POSITION.iter().map(|row| row[5]));
         for places in named {

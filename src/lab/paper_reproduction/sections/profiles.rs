@@ -19,8 +19,8 @@ use crate::pipeline_experiments::{ExperimentError, drift};
 const PROFILES: [ProfileName; 3] = [ProfileName::Sim, ProfileName::Real, ProfileName::Human];
 
 /// A sum over the candidates of a profile's whole pipeline.
-fn sum(rows: &[ScreenRow], profile: ProfileName, of: fn(&PostRunCheck) -> u64) -> u64 {
-    variant_rows(rows, profile, Variant::Full).map(|row| of(&row.end.afterwards)).sum()
+fn sum(rows: &[ScreenRow], profile: ProfileName, count: fn(&PostRunCheck) -> u64) -> u64 {
+    variant_rows(rows, profile, Variant::Full).map(|row| count(&row.end.afterwards)).sum()
 }
 
 /// The record of the activated versions while they were in control.
@@ -45,7 +45,8 @@ fn in_control(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<ReportTa
         let all = || variant_rows(rows, profile, Variant::Full);
         let activated = || all().filter(|row| !matches!(row.end.fate, Fate::Blocked { .. }));
         let live = sum(rows, profile, |after| after.live);
-        let paper = |of: &[f64; 3]| of.get(place).map_or_else(String::new, |value| format!("{value:.1} %"));
+        let paper =
+            |list: &[f64; 3]| list.get(place).map_or_else(String::new, |value| format!("{value:.1} %"));
         table.row([
             profile.to_string(),
             counted(&Proportion::of(all().map(|row| !matches!(row.end.fate, Fate::Blocked { .. })))?),
@@ -76,15 +77,17 @@ fn consistency(rows: &[ScreenRow]) -> Result<ReportTable, ExperimentError> {
             .map(|row| ((row.seed, row.name.as_str()), !matches!(row.end.fate, Fate::Blocked { .. })))
             .collect()
     };
-    for two in PROFILES.windows(2) {
-        let [looser, stricter] = [two[0], two[1]];
+    for pair in PROFILES.windows(2) {
+        let [less_strict, stricter] = [pair[0], pair[1]];
         for (name, benign) in [("benign", true), ("faulty", false)] {
-            let (loose, strict) = (activated(looser, benign), activated(stricter, benign));
-            let both: Vec<(bool, bool)> =
-                loose.iter().filter_map(|(of, loose)| Some((*loose, *strict.get(of)?))).collect();
+            let (by_less_strict, by_stricter) = (activated(less_strict, benign), activated(stricter, benign));
+            let both: Vec<(bool, bool)> = by_less_strict
+                .iter()
+                .filter_map(|(key, left)| Some((*left, *by_stricter.get(key)?)))
+                .collect();
             let share = |wanted: (bool, bool)| Proportion::of(both.iter().map(|found| *found == wanted));
             table.row([
-                format!("{looser}, {stricter}"),
+                format!("{less_strict}, {stricter}"),
                 name.to_owned(),
                 counted(&share((true, true))?),
                 counted(&share((true, false))?),
@@ -152,19 +155,20 @@ pub fn profiles(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Sectio
         let before = |row: &ScreenRow| matches!(row.end.fate, Fate::Blocked { .. });
         let frr = Proportion::of(benign().map(before))?;
         false_rejects.push(frr);
-        let of = |list: &[f64; 3]| list.get(place).map_or_else(String::new, |value| format!("{value:.1} %"));
+        let published =
+            |list: &[f64; 3]| list.get(place).map_or_else(String::new, |value| format!("{value:.1} %"));
         table.row([
             profile.to_string(),
             counted(&Proportion::of(faulty().map(before))?),
             counted(&Proportion::of(faulty().map(|row| row.end.fate != Fate::Kept))?),
             counted(&frr),
             counted(&Proportion::of(benign().map(|row| row.end.fate != Fate::Kept))?),
-            of(&printed.t9.badr),
-            of(&printed.t9.false_reject_rate),
+            published(&printed.t9.badr),
+            published(&printed.t9.false_reject_rate),
         ]);
     }
-    let monotone = false_rejects.windows(2).all(|two| two[0].rate() <= two[1].rate());
-    let enough = false_rejects.iter().all(|one| one.total >= 150);
+    let monotone = false_rejects.windows(2).all(|pair| pair[0].rate() <= pair[1].rate());
+    let enough = false_rejects.iter().all(|rate| rate.total >= 150);
     let verdict = match (monotone, enough) {
         (true, true) => "held",
         (true, false) => "held as far as seen; fewer than 150 benign candidates do not show it",

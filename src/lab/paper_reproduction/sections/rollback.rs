@@ -9,12 +9,15 @@ use crate::paper_reproduction::report_table::ReportTable;
 use crate::pipeline_experiments::ExperimentError;
 use crate::pipeline_experiments::drift::{self, DriftCell, DriftReport};
 
-/// Counts of several cells together.
-fn together(cells: &[&DriftCell], of: fn(&DriftCell) -> &Proportion) -> Result<Proportion, ExperimentError> {
+/// The sum of a proportion over several cells of the drift experiment.
+fn summed(
+    cells: &[&DriftCell],
+    measure: fn(&DriftCell) -> &Proportion,
+) -> Result<Proportion, ExperimentError> {
     let (count, total) = cells
         .iter()
-        .map(|cell| of(cell))
-        .fold((0, 0), |(count, total), one| (count + one.count, total + one.total));
+        .map(|cell| measure(cell))
+        .fold((0, 0), |(count, total), part| (count + part.count, total + part.total));
     Ok(drift::counted(count, total)?)
 }
 
@@ -49,21 +52,21 @@ pub fn rollback(report: &DriftReport, printed: &PublishedNumbers) -> Result<Sect
         kinds
     });
     let mut row = |name: String, cells: &[&DriftCell], paper: Option<&[f64; 2]>| {
-        let end_to_end = together(cells, |cell| &cell.end_to_end)?;
+        let end_to_end = summed(cells, |cell| &cell.end_to_end)?;
         table.row([
             name,
-            counted(&together(cells, |cell| &cell.needed)?),
-            counted(&together(cells, |cell| &cell.trigger_recall)?),
-            counted(&together(cells, |cell| &cell.recovery_given_trigger)?),
+            counted(&summed(cells, |cell| &cell.needed)?),
+            counted(&summed(cells, |cell| &cell.trigger_recall)?),
+            counted(&summed(cells, |cell| &cell.recovery_given_trigger)?),
             counted(&end_to_end),
-            counted(&together(cells, |cell| &cell.success_after)?),
+            counted(&summed(cells, |cell| &cell.success_after)?),
             paper.map_or_else(String::new, |[mean, deviation]| format!("{mean:.1} ± {deviation:.1} %")),
         ]);
         Ok::<Proportion, ExperimentError>(end_to_end)
     };
     for kind in kinds {
         let of_kind: Vec<&DriftCell> = all.iter().copied().filter(|cell| cell.kind == kind).collect();
-        let place = DriftKind::ALL.iter().position(|one| *one == kind);
+        let place = DriftKind::ALL.iter().position(|known| *known == kind);
         row(kind.to_string(), &of_kind, place.and_then(|place| printed.t8.by.get(place)))?;
     }
     let overall = row("all".to_owned(), &all, Some(&printed.t8.overall))?;

@@ -44,9 +44,10 @@ pub fn screening(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Secti
     let of_dimension = |dimension: Dimension| {
         move |row: &&&ScreenRow| row.class == Class::Faulty && row.dimension == Some(dimension)
     };
-    let mut row = |name: &str, of: Vec<&&ScreenRow>, paper: String| {
-        let count = |test: &dyn Fn(&ScreenRow) -> bool| of.iter().filter(|row| test(row)).count().to_string();
-        let mut cells = vec![name.to_owned(), of.len().to_string()];
+    let mut row = |name: &str, candidates: Vec<&&ScreenRow>, paper: String| {
+        let count =
+            |test: &dyn Fn(&ScreenRow) -> bool| candidates.iter().filter(|row| test(row)).count().to_string();
+        let mut cells = vec![name.to_owned(), candidates.len().to_string()];
         for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow, Stage::Activation] {
             cells.push(count(&|row| blocked(row, stage)));
         }
@@ -55,16 +56,20 @@ pub fn screening(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Secti
         cells.push(paper);
         table.row(cells);
     };
-    let paper = |counts: [u32; 2]| format!("{} of {} blocked", counts[0], counts[1]);
-    for (name, dimension, said) in [
-        ("interface", Dimension::Interface, paper(t6.interface)),
-        ("policy", Dimension::Policy, paper(t6.policy)),
-        ("behaviour", Dimension::Behavior, paper(t6.behavior)),
+    let blocked_text = |counts: [u32; 2]| format!("{} of {} blocked", counts[0], counts[1]);
+    for (name, dimension, published) in [
+        ("interface", Dimension::Interface, blocked_text(t6.interface)),
+        ("policy", Dimension::Policy, blocked_text(t6.policy)),
+        ("behaviour", Dimension::Behavior, blocked_text(t6.behavior)),
         ("recovery", Dimension::Recovery, "not in the paper's pool".to_owned()),
     ] {
-        row(name, all.iter().filter(of_dimension(dimension)).collect(), said);
+        row(name, all.iter().filter(of_dimension(dimension)).collect(), published);
     }
-    row("marginal", all.iter().filter(|row| row.class == Class::Marginal).collect(), paper(t6.marginal));
+    row(
+        "marginal",
+        all.iter().filter(|row| row.class == Class::Marginal).collect(),
+        blocked_text(t6.marginal),
+    );
     row(
         "benign",
         all.iter().filter(|row| row.class == Class::Benign).collect(),
@@ -86,7 +91,7 @@ pub fn screening(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Secti
     let frr = Proportion::of(all.iter().filter(|row| row.class == Class::Benign).map(|row| before(&row)))?;
     let lost =
         Proportion::of(all.iter().filter(|row| row.class == Class::Benign).map(|row| lifecycle(&row)))?;
-    for (name, of, said) in [
+    for (name, rate, published) in [
         (
             "badr_screen, the paper's eight kinds",
             Proportion::of(paper8().map(|row| screened(&row)))?,
@@ -107,7 +112,7 @@ pub fn screening(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Secti
         ("false_reject_rate", frr, format!("{:.1} %", t6.false_reject_rate)),
         ("benign not active in the end", lost, "not told".to_owned()),
     ] {
-        rates.row([name.to_owned(), counted(&of), said]);
+        rates.row([name.to_owned(), counted(&rate), published]);
     }
     let lines = vec![format!(
         "E1: overt faults stopped before activation {}; benign rejected {} (paper: 0 at screening, 54 % in its own \
@@ -132,14 +137,14 @@ fn kappas(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
         "A candidate that an earlier stage stopped has none of a later one's.",
     );
     let t11 = &printed.t11;
-    let paper = |of: &[f64; 2]| {
-        let [low, high] = of;
+    let range_text = |range: &[f64; 2]| {
+        let [low, high] = range;
         if low < high { format!("{low:.2} to {high:.2}") } else { format!("{low:.2}") }
     };
-    for (name, dimension, said) in [
-        ("interface", Dimension::Interface, paper(&t11.interface)),
-        ("policy", Dimension::Policy, paper(&t11.policy)),
-        ("behaviour", Dimension::Behavior, paper(&t11.behavior)),
+    for (name, dimension, published) in [
+        ("interface", Dimension::Interface, range_text(&t11.interface)),
+        ("policy", Dimension::Policy, range_text(&t11.policy)),
+        ("behaviour", Dimension::Behavior, range_text(&t11.behavior)),
         ("recovery", Dimension::Recovery, "no such fault".to_owned()),
     ] {
         let overt = rows.iter().filter(|row| row.class == Class::Faulty && row.dimension == Some(dimension));
@@ -148,16 +153,16 @@ fn kappas(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
             name.to_owned(),
             values.len().to_string(),
             number(values.iter().copied().reduce(f64::min), 2),
-            number(Quantiles::of(values.iter().copied()).map(|spread| spread.median), 2),
+            number(Quantiles::of(values.iter().copied()).map(|quantiles| quantiles.median), 2),
             number(values.iter().copied().reduce(f64::max), 2),
-            said,
+            published,
         ]);
     }
     table
 }
 
 fn kappa_of(row: &ScreenRow, dimension: Dimension) -> Option<f64> {
-    let place = DIMENSIONS.iter().position(|one| *one == dimension)?;
+    let place = DIMENSIONS.iter().position(|known| *known == dimension)?;
     *row.end.kappas.get(place)?
 }
 
@@ -185,13 +190,13 @@ fn marginal(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
         "The paper has one of each, with a composite of .961 and .963, and lets shadow or the monitor find both. A candidate has \
          no kappa of what it did not come to.",
     );
-    let of = &printed.marginal;
-    let [before, after] = of.recovery;
-    for (name, dimension, said) in [
+    let published = &printed.marginal;
+    let [before, after] = published.recovery;
+    for (name, dimension, paper_text) in [
         (
             "behaviour",
             Dimension::Behavior,
-            format!("anomalies {:+.2}, found by shadow or monitor", of.anomaly_rise),
+            format!("anomalies {:+.2}, found by shadow or monitor", published.anomaly_rise),
         ),
         (
             "recovery",
@@ -218,8 +223,9 @@ fn marginal(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
                 continue;
             }
             let values: Vec<f64> = here.iter().filter_map(|row| kappa_of(row, dimension)).collect();
-            let median =
-                |values: &mut dyn Iterator<Item = f64>| Quantiles::of(values).map(|spread| spread.median);
+            let median = |values: &mut dyn Iterator<Item = f64>| {
+                Quantiles::of(values).map(|quantiles| quantiles.median)
+            };
             table.row([
                 name.to_owned(),
                 end.to_owned(),
@@ -228,7 +234,7 @@ fn marginal(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
                 number(median(&mut values.iter().copied()), 3),
                 number(values.iter().copied().reduce(f64::max), 3),
                 number(median(&mut here.iter().filter_map(|row| row.end.composite)), 3),
-                said.clone(),
+                paper_text.clone(),
             ]);
         }
     }

@@ -24,9 +24,9 @@ pub fn sensitivity(
     rounds: &[RoundRow],
     rows: &[ScreenRow],
     printed: &PublishedNumbers,
-    of: u64,
+    preset_seeds: u64,
 ) -> Result<Section, ExperimentError> {
-    let (in_pools, in_rounds) = (of_pools(rows, printed)?, of_rounds(rounds, printed, of)?);
+    let (in_pools, in_rounds) = (of_pools(rows, printed)?, of_rounds(rounds, printed, preset_seeds)?);
     if in_pools.is_none() && in_rounds.is_none() {
         return Ok(Section::default());
     }
@@ -44,10 +44,10 @@ pub fn sensitivity(
 fn of_rounds(
     rows: &[RoundRow],
     printed: &PublishedNumbers,
-    of: u64,
+    preset_seeds: u64,
 ) -> Result<Option<(ReportTable, String)>, ExperimentError> {
-    let moved = [Arm::Relaxed, Arm::Governed, Arm::Strict];
-    if !moved.iter().all(|arm| rows.iter().any(|row| row.arm == *arm)) {
+    let arms = [Arm::Relaxed, Arm::Governed, Arm::Strict];
+    if !arms.iter().all(|arm| rows.iter().any(|row| row.arm == *arm)) {
         return Ok(None);
     }
     let last = last_round(rows);
@@ -66,27 +66,27 @@ fn of_rounds(
         ],
         "Governed in each row, on the same candidates and held-out sequences. The paper's numbers are of five seeds and six rounds.",
     );
-    table.seeds = Some((seeds_in(rows, |row| row.seed), of));
+    table.seeds = Some((seeds_in(rows, |row| row.seed), preset_seeds));
     let t12 = &printed.t12;
     let papers = t12.success.iter().zip(&t12.unsafe_activation).zip(&t12.violation);
     let names = ["a tenth lower", "as they are", "a tenth higher"];
     let mut changed = Vec::new();
-    for ((name, arm), ((success, unsafe_activation), violation)) in names.iter().zip(moved).zip(papers) {
+    for ((name, arm), ((success, unsafe_activation), violation)) in names.iter().zip(arms).zip(papers) {
         let ours = |measure: RowMeasure| mean(&by_seed(rows, arm, last, measure));
         let published = |[mean, deviation]: &[f64; 2]| format!("{mean:.1} ± {deviation:.1}");
-        let otherwise = Proportion::of(rows.iter().filter(|row| row.arm == arm).filter_map(|row| {
+        let differing = Proportion::of(rows.iter().filter(|row| row.arm == arm).filter_map(|row| {
             let is_same =
                 |base: &&RoundRow| (base.arm, base.seed, base.round) == (Arm::Governed, row.seed, row.round);
             Some(rows.iter().find(is_same)?.in_force != row.in_force)
         }))?;
-        changed.push(otherwise.count);
+        changed.push(differing.count);
         table.row([
             (*name).to_owned(),
             ours(SUCCESS),
             ours(LIVE_UNSAFE),
             ours(VIOLATION),
             counted(&unsafe_activations(rows, arm, None)?),
-            format!("{} of {} rounds", otherwise.count, otherwise.total),
+            format!("{} of {} rounds", differing.count, differing.total),
             published(success),
             published(unsafe_activation),
             published(violation),
@@ -129,13 +129,13 @@ fn of_pools(
         ("kappa_B .88", Variant::B88),
         ("kappa_B .88, a tenth higher", Variant::B88Strict),
     ];
-    let worked = |variant: Variant| variant_rows(rows, ProfileName::Sim, variant).next().is_some();
-    let settings = settings.into_iter().filter(|(_, variant)| worked(*variant));
+    let was_run = |variant: Variant| variant_rows(rows, ProfileName::Sim, variant).next().is_some();
+    let settings = settings.into_iter().filter(|(_, variant)| was_run(*variant));
     // The paper prints one table; the second reading is of the same (readings 2.3).
     let papers = printed.t12.badr.iter().zip(&printed.t12.false_reject_rate).cycle();
     let mut changed = Vec::new();
     for ((name, variant), (badr, frr)) in settings.zip(papers) {
-        let of = |test: fn(&ScreenRow) -> bool, found: fn(Fate) -> bool| {
+        let share = |test: fn(&ScreenRow) -> bool, found: fn(Fate) -> bool| {
             Proportion::of(
                 variant_rows(rows, ProfileName::Sim, variant)
                     .filter(|row| test(row))
@@ -143,18 +143,18 @@ fn of_pools(
             )
         };
         let early = |fate| matches!(fate, Fate::Blocked { stage: Stage::Validation | Stage::Sandbox });
-        let otherwise = Proportion::of(variant_rows(rows, ProfileName::Sim, variant).filter_map(|row| {
+        let differing = Proportion::of(variant_rows(rows, ProfileName::Sim, variant).filter_map(|row| {
             let base = variant_rows(rows, ProfileName::Sim, Variant::Full)
                 .find(|base| base.seed == row.seed && base.name == row.name)?;
             Some(base.end.fate != row.end.fate)
         }))?;
-        changed.push(otherwise);
+        changed.push(differing);
         table.row([
             name.to_owned(),
-            counted(&of(|row| is_faulty(row.class), early)?),
-            counted(&of(|row| is_faulty(row.class), |fate| fate != Fate::Kept)?),
-            counted(&of(|row| row.class == Class::Benign, |fate| matches!(fate, Fate::Blocked { .. }))?),
-            counted(&otherwise),
+            counted(&share(|row| is_faulty(row.class), early)?),
+            counted(&share(|row| is_faulty(row.class), |fate| fate != Fate::Kept)?),
+            counted(&share(|row| row.class == Class::Benign, |fate| matches!(fate, Fate::Blocked { .. }))?),
+            counted(&differing),
             format!("{badr:.1} %"),
             format!("{frr:.1} %"),
         ]);
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn rounds_under_moved_thresholds_are_held_against_those_as_they_are() {
+    fn rounds_under_scaled_thresholds_are_compared_with_the_unscaled_ones() {
         let printed = PublishedNumbers::builtin().unwrap();
         let mut rows = vec![
             row(Arm::Governed, 40, "a", 30),
@@ -205,13 +205,16 @@ mod tests {
         let section = sensitivity(&rows, &[], &printed, 5).unwrap();
         let [table] = section.tables.as_slice() else { panic!("{section:?}") };
         assert_eq!(table.seeds, Some((2, 5)));
-        let of = |name: &str| table.rows.iter().find(|row| row[0] == name).unwrap().clone();
+        let row_of = |name: &str| table.rows.iter().find(|row| row[0] == name).unwrap().clone();
         assert_eq!(
-            [of("a tenth lower")[1].as_str(), &of("a tenth lower")[5]],
+            [row_of("a tenth lower")[1].as_str(), &row_of("a tenth lower")[5]],
             ["60.0 ± 28.3", "1 of 2 rounds"]
         );
-        assert_eq!([of("as they are")[1].as_str(), &of("as they are")[5]], ["70.0 ± 14.1", "0 of 2 rounds"]);
-        assert_eq!(of("a tenth higher")[6..], ["69.7 ± 8.2", "0.0 ± 0.0", "9.2 ± 4.6"]);
+        assert_eq!(
+            [row_of("as they are")[1].as_str(), &row_of("as they are")[5]],
+            ["70.0 ± 14.1", "0 of 2 rounds"]
+        );
+        assert_eq!(row_of("a tenth higher")[6..], ["69.7 ± 8.2", "0.0 ± 0.0", "9.2 ± 4.6"]);
         let line = &section.lines[0];
         assert!(line.contains("in 1 ") && line.contains("in 0 "), "{line}");
     }

@@ -50,13 +50,14 @@ fn by_category(
         let [sandbox, shadow] = counts.get(&category).copied().unwrap_or_default();
         sandbox_all += sandbox;
         shadow_all += shadow;
-        let of = |list: &[u32; 5]| list.get(category as usize).map_or_else(|| "-".to_owned(), u32::to_string);
+        let published =
+            |list: &[u32; 5]| list.get(category as usize).map_or_else(|| "-".to_owned(), u32::to_string);
         table.row([
             category.to_string(),
             sandbox.to_string(),
             shadow.to_string(),
-            of(&printed.f5.sandbox_by),
-            of(&printed.f5.shadow_only_by),
+            published(&printed.f5.sandbox_by),
+            published(&printed.f5.shadow_only_by),
         ]);
     }
     let share = drift::counted(shadow_all, sandbox_all + shadow_all)?;
@@ -124,11 +125,11 @@ pub fn shadow(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Section,
         ("marginal", Class::Marginal, None),
         ("benign", Class::Benign, None),
     ] {
-        let of = alone.iter().filter(|row| {
+        let candidates = alone.iter().filter(|row| {
             row.class == class && dimension.is_none_or(|dimension| row.dimension == Some(dimension))
         });
         let mut counts = [0_u64; 4];
-        for row in of {
+        for row in candidates {
             let Some(full) = whole.get(&(row.seed, row.name.as_str())) else { continue };
             let sandbox = full.end.fate == Fate::Blocked { stage: Stage::Sandbox };
             let shadow = matches!(row.end.fate, Fate::Blocked { .. });

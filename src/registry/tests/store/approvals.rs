@@ -16,7 +16,7 @@ use crate::support::*;
 const NEW: &str = "grasp@1.1.0";
 
 #[test]
-fn used_by_four_at_once_it_counts_for_one() {
+fn an_approval_that_four_threads_use_at_once_counts_once() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
@@ -28,7 +28,7 @@ fn used_by_four_at_once_it_counts_for_one() {
         commit(&store, &format!("put {round}"), vec![Change::PutApproval(signed)]).unwrap();
         let start = Barrier::new(4);
         let wins: usize = std::thread::scope(|scope| {
-            let use_it = |thread: usize| {
+            let use_approval = |thread: usize| {
                 let (store, start) = (&store, &start);
                 scope.spawn(move || {
                     start.wait();
@@ -37,7 +37,7 @@ fn used_by_four_at_once_it_counts_for_one() {
                     )
                 })
             };
-            let threads: Vec<_> = (0..4).map(use_it).collect();
+            let threads: Vec<_> = (0..4).map(use_approval).collect();
             threads.into_iter().map(|thread| thread.join().unwrap()).sum()
         });
         assert_eq!(wins, 1, "round {round}");
@@ -46,14 +46,14 @@ fn used_by_four_at_once_it_counts_for_one() {
 }
 
 #[test]
-fn two_people_are_two_different_people() {
+fn two_approvals_of_one_person_are_not_a_quorum_of_two() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, NEW);
     let (ada, bob) = (person(&store, "ada"), person(&store, "bob"));
     let put = [(&ada, 1), (&ada, 2), (&bob, 3)]
-        .map(|(who, nonce)| Change::PutApproval(Box::new(approve(&store, who, NEW, nonce))));
+        .map(|(person, nonce)| Change::PutApproval(Box::new(approve(&store, person, NEW, nonce))));
     commit(&store, "put", put.to_vec()).unwrap();
     let activate_with = |nonces: [u8; 2]| {
         let mut changes: Vec<_> = nonces.into_iter().map(|nonce| consume(NEW, nonce)).collect();
@@ -69,7 +69,7 @@ fn two_people_are_two_different_people() {
 }
 
 #[test]
-fn an_approval_of_something_else_is_refused() {
+fn an_approval_bound_to_something_else_is_refused() {
     let other = digest("other");
     type StoredApprovalEdit = fn(&mut Approval, holdpoint_governance::ids::Digest);
     let edits: [(&str, StoredApprovalEdit, &str); 8] = [
@@ -92,14 +92,14 @@ fn an_approval_of_something_else_is_refused() {
         edit(&mut approval, other);
         let signed = ada.sign(over(approval, &ada)).unwrap();
         let put = commit(&store, &format!("put {name}"), vec![Change::PutApproval(Box::new(signed))]);
-        let used = put.and_then(|_| commit(&store, &format!("use {name}"), vec![consume(NEW, nonce)]));
-        let error = used.expect_err(name).to_string();
+        let result = put.and_then(|_| commit(&store, &format!("use {name}"), vec![consume(NEW, nonce)]));
+        let error = result.expect_err(name).to_string();
         assert!(error.contains(message), "{name}: {error}");
     }
 }
 
 #[test]
-fn what_happens_later_voids_it() {
+fn a_later_change_voids_an_approval() {
     type VoidingChanges = fn() -> Vec<Change>;
     let events: [(&str, VoidingChanges); 4] = [
         ("profile", || {
@@ -129,7 +129,7 @@ fn what_happens_later_voids_it() {
 }
 
 #[test]
-fn forged_and_unknown_ones_are_refused() {
+fn forged_and_unknown_approvals_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
@@ -138,13 +138,13 @@ fn forged_and_unknown_ones_are_refused() {
     let mut json = serde_json::to_value(&signed).unwrap();
     json["approval"]["reason"] = "edited".into();
     let forged = serde_json::from_value(json).unwrap();
-    let elsewhere = tempfile::tempdir().unwrap();
+    let other_keys = tempfile::tempdir().unwrap();
     for (name, role, message) in [
         ("ada", Role::Operator, "another key"),
         ("eve", Role::Operator, "not enrolled"),
         ("ada", Role::Safety, "another key"),
     ] {
-        let folder = elsewhere.path().join(format!("{name} {role}"));
+        let folder = other_keys.path().join(format!("{name} {role}"));
         std::fs::create_dir(&folder).unwrap();
         let stranger = Identity::create(&folder, name, role).unwrap();
         let signed = Box::new(approve(&store, &stranger, NEW, 2));
@@ -155,12 +155,11 @@ fn forged_and_unknown_ones_are_refused() {
     assert!(
         commit(&store, "unknown", vec![consume(NEW, 9)]).unwrap_err().to_string().contains("no approval")
     );
-    let random = (Nonce::random().unwrap(), Nonce::random().unwrap());
-    assert_ne!(random.0, random.1);
+    assert_ne!(Nonce::random().unwrap(), Nonce::random().unwrap());
 }
 
 #[test]
-fn requests_queue_until_they_are_answered() {
+fn approval_requests_queue_until_they_are_answered() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");

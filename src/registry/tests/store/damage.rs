@@ -19,7 +19,7 @@ use crate::support::*;
 const BY: &str = "{\"user\":\"ada\"}";
 
 /// A closed store with every kind of row, and its key.
-pub fn made(folder: &Path) -> ed25519_dalek::VerifyingKey {
+pub fn make_store_with_approval(folder: &Path) -> ed25519_dalek::VerifyingKey {
     let store = open(folder);
     bootstrap(&store, "grasp");
     bootstrap(&store, "place");
@@ -122,7 +122,7 @@ fn every_tampering_is_found() {
     ];
     for (name, edit, expected) in table {
         let folder = tempfile::tempdir().unwrap();
-        let key = made(folder.path());
+        let key = make_store_with_approval(folder.path());
         let database = folder.path().join("holdpoint.db");
         verify(&database, Some(&key)).unwrap();
         let connection = Connection::open(&database).unwrap();
@@ -163,9 +163,9 @@ fn index_otherwise(database: &Path, kind: &str, definition: impl Fn(&str) -> Str
 }
 
 #[test]
-fn a_record_that_an_index_hides_is_missed() {
+fn record_hidden_by_an_index_is_reported_missing() {
     let folder = tempfile::tempdir().unwrap();
-    let key = made(folder.path());
+    let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     hide(&database, "decision");
     let error = verify(&database, Some(&key)).unwrap_err();
@@ -175,7 +175,7 @@ fn a_record_that_an_index_hides_is_missed() {
 
     // The same number of entries, some of them changed.
     let folder = tempfile::tempdir().unwrap();
-    let key = made(folder.path());
+    let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     index_otherwise(&database, "decision", |whole| {
         whole.replace("(kind,", "(CASE kind WHEN 'decision' THEN 'drift' ELSE kind END,")
@@ -192,9 +192,9 @@ fn a_record_that_an_index_hides_is_missed() {
 
 /// As many entries as records, with a stop of the cell under another kind: a query would not find the stop.
 #[test]
-fn a_stop_that_an_index_hides_is_found_at_the_start() {
+fn stop_hidden_by_an_index_is_found_at_the_start() {
     let folder = tempfile::tempdir().unwrap();
-    made(folder.path());
+    make_store_with_approval(folder.path());
     let store = open(folder.path());
     let mut stop = transaction("stop", store.opening().head.at_ms + 1, Vec::new());
     stop.audit = vec![holdpoint_registry::AuditBody {
@@ -221,7 +221,7 @@ fn a_stop_that_an_index_hides_is_found_at_the_start() {
 #[test]
 fn a_false_index_is_repaired_by_a_rebuild() {
     let folder = tempfile::tempdir().unwrap();
-    let key = made(folder.path());
+    let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     let (name, whole): (String, String) = Connection::open(&database)
         .unwrap()
@@ -250,9 +250,9 @@ fn state(error: &VerifyError) -> bool {
 }
 
 #[test]
-fn a_chain_written_anew_is_found_by_its_checkpoints() {
+fn rewritten_chain_is_found_by_its_checkpoints() {
     let folder = tempfile::tempdir().unwrap();
-    let key = made(folder.path());
+    let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     let records = verify(&database, Some(&key)).unwrap().records;
     rewrite(folder.path(), "UPDATE audit SET body = '{\"edited\":1}' WHERE kind = 'decision' AND seq = 5");
@@ -266,9 +266,10 @@ fn a_chain_written_anew_is_found_by_its_checkpoints() {
 }
 
 #[test]
-fn checkpoints_of_others_are_refused() {
+fn checkpoints_of_another_store_are_refused() {
     let (ours, theirs) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    let (our_key, their_key) = (made(ours.path()), made(theirs.path()));
+    let (our_key, their_key) =
+        (make_store_with_approval(ours.path()), make_store_with_approval(theirs.path()));
     let database = ours.path().join("holdpoint.db");
     let error = verify(&database, Some(&their_key)).unwrap_err();
     assert!(matches!(error, VerifyError::Unsigned(_)), "{error}");
@@ -309,7 +310,7 @@ pub fn contents(database: &Path) -> Result<String, String> {
 fn flipped_bits_are_found_or_harmless() {
     const FLIPS: usize = 200;
     let folder = tempfile::tempdir().unwrap();
-    let key = made(folder.path());
+    let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     let good = fs::read(&database).unwrap();
     let before = contents(&database).unwrap();
@@ -341,9 +342,9 @@ fn flipped_bits_are_found_or_harmless() {
 
 /// An attacker with write access to the file can put the largest number there.
 #[test]
-fn the_last_number_there_is_ends_no_verifier() {
+fn record_with_the_largest_number_does_not_break_the_verifier() {
     let root = crate::edits::quick_folder();
-    let store = crate::verifiers::stores(root.path()).remove(2);
+    let store = crate::verifiers::sample_stores(root.path()).remove(2);
     let last = "json('18446744073709551615')";
     rewrite(
         &store,

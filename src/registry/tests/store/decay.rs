@@ -16,7 +16,7 @@ use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 use tempfile::TempDir;
 
 use crate::campaign::{ParseOutcome, campaign};
-use crate::damage::{contents, made};
+use crate::damage::{contents, make_store_with_approval};
 use crate::mutate::{Random, flip};
 use crate::released::schema_1;
 use crate::support::*;
@@ -68,7 +68,7 @@ impl Sound {
     fn fresh() -> Self {
         let folder = folder();
         let store = folder.path().join("store");
-        let key = made(&store);
+        let key = make_store_with_approval(&store);
         let opened = open(&store);
         for fill in 0..3 {
             let body = vec![fill; 300];
@@ -77,7 +77,7 @@ impl Sound {
             opened.append_telemetry(&batch).unwrap();
         }
         commit(&opened, "seal", opened.seal_telemetry().unwrap()).unwrap();
-        opened.cells().put(&digest("cell"), b"kept").unwrap();
+        opened.result_cache().put(&digest("cell"), b"kept").unwrap();
         drop(opened);
         Self::of(folder, &store, key)
     }
@@ -139,7 +139,7 @@ impl Sound {
         drop(keyfile::read_public(&store.join("keys/store.pub")));
         match Store::open(&store) {
             Ok(opened) => {
-                if let CacheLookup::Cell { body, .. } = opened.cells().get(&digest("cell"))
+                if let CacheLookup::Found { body, .. } = opened.result_cache().get(&digest("cell"))
                     && body != b"kept"
                 {
                     return Err("a cached result has another body".to_owned());
@@ -282,7 +282,7 @@ fn a_log_that_decayed_loses_its_end_at_most() {
 
 /// The database of a store as an attacker may have made it, from a sound one.
 #[test]
-fn databases_made_up_are_refused_or_read_the_same() {
+fn mutated_databases_are_refused_or_read_the_same() {
     let sound = Sound::fresh();
     let file = Path::new("holdpoint.db");
     let (_, database) = sound.files.iter().find(|(path, _)| path == file).unwrap();

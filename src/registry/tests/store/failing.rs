@@ -17,7 +17,7 @@ use crate::support::*;
 const CHILD: &str = "HOLDPOINT_FAILING_CHILD";
 /// Further steps of the run.
 const MORE: &str = "HOLDPOINT_FAILING_MORE";
-const TEST: &str = "failing::a_disk_that_fails_at_any_call_loses_nothing";
+const TEST: &str = "failing::disk_that_fails_at_any_call_loses_no_acknowledged_record";
 
 /// The refused call and its error.
 const CALLS: [&str; 6] = ["write", "pwrite64", "fsync", "fdatasync", "ftruncate", "rename"];
@@ -127,7 +127,7 @@ fn check(folder: &Path, output: &str, when: &str) -> bool {
 }
 
 #[test]
-fn a_disk_that_fails_at_any_call_loses_nothing() {
+fn disk_that_fails_at_any_call_loses_no_acknowledged_record() {
     if let Ok(folder) = std::env::var(CHILD) {
         if let Err(error) = live(Path::new(&folder)) {
             println!("FAILED {error}");

@@ -18,9 +18,9 @@ pub struct Keys {
     people: BTreeMap<String, SigningKey>,
 }
 
-/// The parts to make consistent.
+/// The parts of an edited export that are made consistent again.
 #[derive(Clone, Copy, Debug)]
-pub struct Mended {
+pub struct RepairedParts {
     /// Numbers and hashes of the records, and the values derived from them.
     pub chain: bool,
     /// Which checkpoint follows which.
@@ -178,24 +178,24 @@ fn root(hashes: &[Digest]) -> [u8; 32] {
 }
 
 /// Repairs the lines of an export as far as they can be parsed.
-pub fn mend(lines: &mut [JsonNode], keys: &Keys, mended: Mended) {
+pub fn repair_export(lines: &mut [JsonNode], keys: &Keys, parts: RepairedParts) {
     let store_id = lines[0].text(&["export", "store_id"]).unwrap_or_default().to_owned();
     let mut follows = Digest::of_parts("holdpoint/persons/v1", &[store_id.as_bytes()]);
     let (mut hashes, mut prev) = (Vec::new(), Digest::from_bytes([0; 32]));
     for record in lines.iter_mut().filter_map(|line| line.at_mut(&["record"])) {
-        if mended.chain {
+        if parts.chain {
             record.set(&["seq"], JsonNode::Raw((hashes.len() + 1).to_string()));
             record.set(&["prev"], text(prev.to_string()));
         }
-        mend_body(record, keys, mended, (&mut follows, prev));
+        repair_body(record, keys, parts, (&mut follows, prev));
         let hash = of_record(record);
-        if let Some(hash) = hash.filter(|_| mended.chain) {
+        if let Some(hash) = hash.filter(|_| parts.chain) {
             record.set(&["hash"], text(hash.to_string()));
         }
         prev = hash.unwrap_or(prev);
         hashes.push(prev);
     }
-    if mended.chain {
+    if parts.chain {
         lines[0].set(&["export", "records"], JsonNode::Raw(hashes.len().to_string()));
     }
     let (mut number, mut previous) = (0, Digest::from_bytes([0; 32]));
@@ -205,18 +205,18 @@ pub fn mend(lines: &mut [JsonNode], keys: &Keys, mended: Mended) {
         };
         let Some(head) = line.at_mut(&[name]) else { continue };
         let seq = head.number(&["seq"]).and_then(|seq| usize::try_from(seq).ok());
-        if let Some(upto) = seq.and_then(|seq| hashes.get(..seq)).filter(|_| mended.chain)
+        if let Some(upto) = seq.and_then(|seq| hashes.get(..seq)).filter(|_| parts.chain)
             && let Some(last) = upto.last()
         {
             head.set(&["head"], text(last.to_string()));
             head.set(&["root"], text(hex(&root(upto))));
         }
-        if mended.links {
+        if parts.links {
             head.set(&["link", "number"], JsonNode::Raw((number + 1).to_string()));
             head.set(&["link", "previous"], text(previous.to_string()));
         }
         let Some(digest) = of_head(head) else { continue };
-        if mended.signatures {
+        if parts.signatures {
             head.set(&["signature"], text(hex(&keys.store.sign(digest.bytes()).to_bytes())));
         }
         if head.at(&["link"]).is_some() {
@@ -226,7 +226,7 @@ pub fn mend(lines: &mut [JsonNode], keys: &Keys, mended: Mended) {
         previous = Digest::of_parts("holdpoint/checkpoint-digest/v1", &[digest.bytes(), signature]);
     }
     for approval in lines.iter_mut().filter_map(|line| line.at_mut(&["approval"])) {
-        if let Some(digest) = approval.at(&["approval"]).and_then(of_approval).filter(|_| mended.signatures) {
+        if let Some(digest) = approval.at(&["approval"]).and_then(of_approval).filter(|_| parts.signatures) {
             let key = keys.of_person(approval.text(&["approval", "who"]));
             sign(approval, key, digest);
         }
@@ -234,21 +234,26 @@ pub fn mend(lines: &mut [JsonNode], keys: &Keys, mended: Mended) {
 }
 
 /// Repairs the acts in a record's body.
-fn mend_body(record: &mut JsonNode, keys: &Keys, mended: Mended, (follows, prev): (&mut Digest, Digest)) {
+fn repair_body(
+    record: &mut JsonNode,
+    keys: &Keys,
+    parts: RepairedParts,
+    (follows, prev): (&mut Digest, Digest),
+) {
     let Some(kind) = record.text(&["kind"]).map(str::to_owned) else { return };
     let Some(mut body) = record.text(&["body"]).and_then(JsonNode::parse) else { return };
     let is_person = kind.starts_with("person-");
     let path: &[&str] = if is_person { &["change"] } else { &["change", "act"] };
     let Some(change) = body.at_mut(path).filter(|_| is_person || kind == "witness-set") else { return };
     let Some(act) = change.at_mut(&["act"]) else { return };
-    if mended.chain {
+    if parts.chain {
         let (name, value) = if is_person { ("follows", *follows) } else { ("after", prev) };
         act.set(&[name], text(value.to_string()));
     }
     let digest = if is_person { of_act(act) } else { of_witness_act(act) };
     let by = act.text(&["by"]).map(str::to_owned);
     if let Some(digest) = digest {
-        if mended.signatures {
+        if parts.signatures {
             sign(change, keys.of_person(by.as_deref()), digest);
         }
         if is_person {

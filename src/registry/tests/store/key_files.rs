@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use holdpoint_registry::check_store;
 
-use crate::edits::{made, quick_folder};
+use crate::edits::{make_full_store, quick_folder};
 
 #[test]
-fn a_quick_look_finds_every_key_file_that_is_not_as_it_has_to_be() {
+fn quick_check_finds_every_invalid_key_file() {
     use std::os::unix::fs::{PermissionsExt, symlink};
     let folder = quick_folder();
-    made(folder.path());
+    make_full_store(folder.path());
     let keys = folder.path().join("keys");
     let of = |name: &str| keys.join("identities").join(name);
     type KeyFileDamage<'a> = Box<dyn Fn() + 'a>;

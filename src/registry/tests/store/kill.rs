@@ -109,14 +109,14 @@ pub fn check(folder: &Path, last_ack: u64, when: &str) {
 }
 
 #[test]
-fn killed_at_any_moment_nothing_acknowledged_is_lost() {
+fn kill_at_any_moment_loses_no_acknowledged_record() {
     if let Ok(folder) = std::env::var(CHILD) {
         return work(Path::new(&folder));
     }
     let kills: u64 = std::env::var("HOLDPOINT_KILLS").map_or(5, |text| text.parse().unwrap());
     let seed: u64 = std::env::var("HOLDPOINT_KILL_SEED").map_or(7, |text| text.parse().unwrap());
     let mut folder = quick_folder();
-    let test = "kill::killed_at_any_moment_nothing_acknowledged_is_lost";
+    let test = "kill::kill_at_any_moment_loses_no_acknowledged_record";
     let mut random = seed;
     let mut last_ack = 0;
     let mut placed = 0;
@@ -157,12 +157,12 @@ fn killed_at_any_moment_nothing_acknowledged_is_lost() {
 
 /// A full disk: the error is reported, acknowledged data is kept, and the store continues once there is space.
 #[test]
-fn a_disk_that_takes_no_more_loses_nothing() {
+fn full_disk_loses_no_acknowledged_record() {
     if let Ok(folder) = std::env::var(CHILD) {
         return work(Path::new(&folder));
     }
     let folder = tempfile::tempdir().unwrap();
-    let test = "kill::a_disk_that_takes_no_more_loses_nothing";
+    let test = "kill::full_disk_loses_no_acknowledged_record";
     // Files of at most 1.2 MiB, some 75 pages: the log cannot grow beyond that.
     let wrap = "trap '' XFSZ; ulimit -f 2400; exec \"$@\"";
     let mut child = child(test, folder.path(), Some(wrap), "");

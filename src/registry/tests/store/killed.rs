@@ -12,7 +12,7 @@ use std::process::{Command, Stdio};
 use holdpoint_registry::{Store, StoreError, UnsignedRecords, check_invariants, rebuild, verify};
 use rusqlite::Connection;
 
-use crate::edits::{made, quick_folder};
+use crate::edits::{make_full_store, quick_folder};
 use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_KILLED_CHILD";
@@ -90,14 +90,14 @@ fn make(folder: &Path) {
 }
 
 #[test]
-fn a_store_that_is_being_made_is_none_or_whole() {
+fn killed_creation_leaves_no_store_or_a_complete_one() {
     if let Ok(folder) = std::env::var(CHILD) {
         return make(Path::new(&folder));
     }
     if !traces() {
         return;
     }
-    let test = "killed::a_store_that_is_being_made_is_none_or_whole";
+    let test = "killed::killed_creation_leaves_no_store_or_a_complete_one";
     let check = |folder: &Path, when: &str| {
         let store = unless_in_use(|| Store::open(folder)).unwrap_or_else(|error| panic!("{when}: {error}"));
         if store.views().unwrap().head().unwrap().seq == 0 {
@@ -112,7 +112,7 @@ fn a_store_that_is_being_made_is_none_or_whole() {
 }
 
 #[test]
-fn a_rebuild_leaves_the_damaged_store_or_the_rebuilt_one() {
+fn killed_rebuild_leaves_the_damaged_or_the_rebuilt_store() {
     const DAMAGE: &str = "UPDATE family SET reason = 'edited' WHERE name = 'grasp'";
     if let Ok(folder) = std::env::var(CHILD) {
         drop(rebuild(Path::new(&folder), UnsignedRecords::Refuse, "{}", 0).unwrap());
@@ -122,10 +122,10 @@ fn a_rebuild_leaves_the_damaged_store_or_the_rebuilt_one() {
         return;
     }
     let whole = tempfile::tempdir().unwrap();
-    made(whole.path());
+    make_full_store(whole.path());
     Connection::open(whole.path().join("holdpoint.db")).unwrap().execute_batch(DAMAGE).unwrap();
     let prepare = |folder: &Path| copy(whole.path(), folder);
-    let test = "killed::a_rebuild_leaves_the_damaged_store_or_the_rebuilt_one";
+    let test = "killed::killed_rebuild_leaves_the_damaged_or_the_rebuilt_store";
     let check = |folder: &Path, when: &str| {
         match unless_in_use(|| Store::open(folder)).map(drop) {
             Ok(()) => {}

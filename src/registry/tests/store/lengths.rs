@@ -11,7 +11,7 @@ use holdpoint_registry::{
 use rusqlite::Connection;
 
 use crate::damage::UNLOCK;
-use crate::edits::{made, quick_folder};
+use crate::edits::{make_full_store, quick_folder};
 use crate::support::*;
 
 /// The longest text that is read.
@@ -40,7 +40,7 @@ fn a_text_that_is_too_long_is_refused_with_its_table() {
         ("UPDATE audit SET body = $LONG WHERE seq = 9", "audit record 9"),
     ] {
         let (folder, to) = (quick_folder(), quick_folder());
-        made(folder.path());
+        make_full_store(folder.path());
         let database = folder.path().join("holdpoint.db");
         lengthen(&database, edit);
         let copied = to.path().join("copy");
@@ -71,7 +71,7 @@ fn a_text_that_is_too_long_is_refused_with_its_table() {
 
 /// A rebuild can replace a text that is too long for a reader: it restores the chain's value.
 #[test]
-fn a_rebuild_repairs_what_is_too_long() {
+fn rebuild_repairs_texts_that_are_too_long() {
     for edit in [
         "UPDATE meta SET value = $LONG WHERE key = 'store_id'",
         "UPDATE family SET reason = $LONG WHERE name = 'grasp'",
@@ -81,7 +81,7 @@ fn a_rebuild_repairs_what_is_too_long() {
         "INSERT INTO command (id, digest, last_seq, receipt) VALUES ($LONG, '0', 1, '{}')",
     ] {
         let folder = quick_folder();
-        made(folder.path());
+        make_full_store(folder.path());
         let database = folder.path().join("holdpoint.db");
         lengthen(&database, edit);
         unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err();
@@ -96,7 +96,7 @@ fn a_rebuild_repairs_what_is_too_long() {
 #[test]
 fn a_copy_with_a_text_that_is_too_long_is_named() {
     let folder = quick_folder();
-    made(folder.path());
+    make_full_store(folder.path());
     let (database, copy) = (folder.path().join("holdpoint.db"), folder.path().join("copy.db"));
     fs::copy(&database, &copy).unwrap();
     lengthen(&copy, "UPDATE meta SET value = $LONG WHERE key = 'signed_end'");
@@ -111,7 +111,7 @@ fn a_copy_with_a_text_that_is_too_long_is_named() {
 fn a_large_file_among_keys_and_profiles_is_refused_by_its_size() {
     for name in ["keys/huge.pub", "keys/identities/huge.pub", "profiles/huge.toml", "keys/store.key"] {
         let (folder, to) = (quick_folder(), quick_folder());
-        made(folder.path());
+        make_full_store(folder.path());
         fs::create_dir_all(Layout::new(folder.path()).profiles()).unwrap();
         let path = folder.path().join(name);
         let file = File::options().create(true).truncate(false).write(true).open(&path).unwrap();

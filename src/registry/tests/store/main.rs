@@ -26,7 +26,6 @@ mod long;
 #[path = "../../../../tests/fuzz/mutate.rs"]
 mod mutate;
 mod opening;
-mod parted;
 mod persons;
 mod planted;
 mod power;
@@ -42,6 +41,7 @@ mod support;
 mod telemetry;
 mod telemetry_quarantine;
 mod tree;
+mod verifier_fuzz;
 mod verifiers;
 mod wall_time;
 mod witnesses;

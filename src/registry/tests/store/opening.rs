@@ -12,7 +12,7 @@ use crate::proofs::heads;
 use crate::support::*;
 
 /// A closed store with a little history.
-fn made(folder: &Path) {
+fn make_small_store(folder: &Path) {
     let store = open(folder);
     bootstrap(&store, "grasp");
     shadowed(&store, "grasp@1.1.0");
@@ -20,13 +20,13 @@ fn made(folder: &Path) {
 }
 
 #[test]
-fn a_store_is_there_again() {
+fn reopened_store_keeps_its_id_and_content() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     assert!(store.opening().created);
     let (store_id, key) = (store.store_id().to_owned(), *store.public_key());
     drop(store);
-    made(folder.path());
+    make_small_store(folder.path());
     let store = open(folder.path());
     assert!(!store.opening().created);
     assert_eq!((store.store_id(), *store.public_key()), (store_id.as_str(), key));
@@ -45,7 +45,7 @@ fn a_store_is_there_again() {
 fn a_link_in_the_place_of_a_folder_is_refused() {
     for name in ["keys", "keys/identities", "checkpoints", "recordings", "logs", "compiled"] {
         let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        made(folder.path());
+        make_small_store(folder.path());
         let place = folder.path().join(name);
         fs::create_dir_all(&place).unwrap();
         let there = elsewhere.path().join("there");
@@ -63,7 +63,7 @@ fn a_link_in_the_place_of_a_folder_is_refused() {
 
 /// Writes to an unlinked file are lost: the engine activates nothing by it, and reports it.
 #[test]
-fn a_database_that_is_removed_or_replaced_at_work_is_noticed() {
+fn database_removed_or_replaced_under_a_running_engine_is_noticed() {
     type Displace = fn(&Path);
     let cases: [(&str, Displace); 3] = [
         ("removed", |database| fs::remove_file(database).unwrap()),
@@ -106,33 +106,33 @@ fn an_in_use_error_names_the_process() {
 #[test]
 fn other_files_are_refused_and_left_alone() {
     type FileDamage = fn(&Path);
-    let table: [(&str, FileDamage, &str); 10] = [
-        ("empty", |db| fs::write(db, b"").unwrap(), "cut short"),
-        ("header only", |db| fs::write(db, &fs::read(db).unwrap()[..100]).unwrap(), "cut short"),
-        ("half", |db| fs::write(db, &fs::read(db).unwrap()[..8192]).unwrap(), "cut short"),
+    let table: [(&str, FileDamage, RefusalCause); 10] = [
+        ("empty", |db| fs::write(db, b"").unwrap(), RefusalCause::Damaged),
+        ("header only", |db| fs::write(db, &fs::read(db).unwrap()[..100]).unwrap(), RefusalCause::Damaged),
+        ("half", |db| fs::write(db, &fs::read(db).unwrap()[..8192]).unwrap(), RefusalCause::Damaged),
         (
             "one byte less",
             |db| {
                 let bytes = fs::read(db).unwrap();
                 fs::write(db, &bytes[..bytes.len() - 1]).unwrap();
             },
-            "cut short",
+            RefusalCause::Damaged,
         ),
-        ("text", |db| fs::write(db, "hello ".repeat(100)).unwrap(), "not an SQLite"),
+        ("text", |db| fs::write(db, "hello ".repeat(100)).unwrap(), RefusalCause::Foreign),
         (
             "another program's",
             |db| {
                 fs::remove_file(db).unwrap();
                 Connection::open(db).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
             },
-            "another program",
+            RefusalCause::Foreign,
         ),
         (
             "newer",
             |db| {
                 Connection::open(db).unwrap().pragma_update(None, "user_version", 99).unwrap();
             },
-            "schema is 99",
+            RefusalCause::NewerSchema,
         ),
         (
             "a folder",
@@ -140,7 +140,7 @@ fn other_files_are_refused_and_left_alone() {
                 fs::remove_file(db).unwrap();
                 fs::create_dir(db).unwrap();
             },
-            "it is a folder",
+            RefusalCause::Foreign,
         ),
         (
             "a link",
@@ -149,18 +149,18 @@ fn other_files_are_refused_and_left_alone() {
                 fs::rename(db, &there).unwrap();
                 std::os::unix::fs::symlink(there, db).unwrap();
             },
-            "link",
+            RefusalCause::Foreign,
         ),
-        ("gone", |db| fs::remove_file(db).unwrap(), "missing although"),
+        ("gone", |db| fs::remove_file(db).unwrap(), RefusalCause::Damaged),
     ];
-    for (name, make, message) in table {
+    for (name, make, cause) in table {
         let folder = tempfile::tempdir().unwrap();
-        made(folder.path());
+        make_small_store(folder.path());
         let database = folder.path().join("holdpoint.db");
         make(&database);
         let before = fs::read(&database).ok();
         let error = Store::open(folder.path()).expect_err(name);
-        assert!(error.to_string().contains(message) && error.hint().is_some(), "{name}: {error}");
+        assert!(refusal(&error).0 == cause && error.hint().is_some(), "{name}: {error}");
         assert_eq!(fs::read(&database).ok(), before, "{name}");
     }
 }
@@ -168,7 +168,7 @@ fn other_files_are_refused_and_left_alone() {
 #[test]
 fn an_older_copy_is_noticed() {
     let folder = tempfile::tempdir().unwrap();
-    made(folder.path());
+    make_small_store(folder.path());
     let database = folder.path().join("holdpoint.db");
     let old = fs::read(&database).unwrap();
     let store = open(folder.path());
@@ -219,7 +219,7 @@ fn broken_registries_and_keys_are_refused() {
     ];
     for (name, make, message) in table {
         let folder = tempfile::tempdir().unwrap();
-        made(folder.path());
+        make_small_store(folder.path());
         make(folder.path());
         let error = Store::open(folder.path()).expect_err(name).sentence();
         assert!(error.contains(message), "{name}: {error}");
@@ -243,9 +243,9 @@ fn a_folder_that_cannot_be_used_is_named() {
 
 /// Removing the database does not allow a new history signed by the same store.
 #[test]
-fn no_new_history_begins_in_the_place_of_one_that_was_taken_away() {
+fn no_new_history_begins_in_place_of_a_removed_one() {
     let folder = tempfile::tempdir().unwrap();
-    made(folder.path());
+    make_small_store(folder.path());
     let layout = holdpoint_registry::Layout::new(folder.path());
     let before = fs::read(layout.store_key()).unwrap();
     let refused = |left: &str| {
@@ -274,7 +274,7 @@ fn no_new_history_begins_in_the_place_of_one_that_was_taken_away() {
 
 /// A stop mark stays beside the database even if its text cannot be written.
 #[test]
-fn a_stop_mark_needs_no_room_for_its_text() {
+fn stop_mark_is_set_even_if_its_text_cannot_be_written() {
     let folder = tempfile::tempdir().unwrap();
     let layout = holdpoint_registry::Layout::new(folder.path());
     layout.create().unwrap();
@@ -292,11 +292,11 @@ fn a_stop_mark_needs_no_room_for_its_text() {
 }
 
 #[test]
-fn a_half_made_database_is_made_again() {
+fn incomplete_new_database_is_created_again() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("holdpoint.new"), "half").unwrap();
     assert!(open(folder.path()).opening().created);
-    made(folder.path());
+    make_small_store(folder.path());
 }
 
 /// The lines of the kernel's list of locks that are this process's on a file. The list is read in pieces, and a
@@ -318,7 +318,7 @@ fn locks(path: &std::path::Path) -> usize {
 /// connection could then delete the log under the engine, and a kill lost acknowledged data.
 #[test]
 #[cfg(target_os = "linux")]
-fn a_reader_takes_no_lock_from_the_writer() {
+fn reader_releases_no_lock_of_the_writer() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
@@ -339,7 +339,7 @@ fn a_reader_takes_no_lock_from_the_writer() {
 #[test]
 fn the_lock_is_a_file_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
-    made(folder.path());
+    make_small_store(folder.path());
     let (lock, key) = (folder.path().join("engine.lock"), folder.path().join("keys/store.key"));
     let before = fs::read(&key).unwrap();
     fs::remove_file(&lock).unwrap();

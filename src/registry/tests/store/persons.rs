@@ -1,6 +1,6 @@
 //! Persons: enrolled and revoked only by signed acts, in the chain.
 
-use holdpoint_approvals::{Identity, SignedPersonAct};
+use holdpoint_approvals::{Identity, PersonError, SignedPersonAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_registry::{Change, RefusalCause, Store, UnsignedRecords, rebuild, verify};
 
@@ -27,10 +27,10 @@ fn revocation(store: &Store, name: &str, by: &Identity) -> SignedPersonAct {
 }
 
 #[track_caller]
-fn refused(store: &Store, change: Change, expected: &str) {
+fn refused(store: &Store, change: Change, expected: impl std::fmt::Display) {
     let before = store.views().unwrap().head().unwrap();
     let error = commit(store, "refused", vec![change]).unwrap_err().to_string();
-    assert!(error.contains(expected), "{error}");
+    assert!(error.contains(&expected.to_string()), "{error}");
     assert_eq!(store.views().unwrap().head().unwrap(), before, "nothing was written");
 }
 
@@ -39,7 +39,7 @@ fn enroll_change(signed: SignedPersonAct) -> Change {
 }
 
 #[test]
-fn the_first_administrator_is_made_once() {
+fn first_administrator_is_created_once() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     assert_eq!(store.first_administrator(0).unwrap().as_deref(), Some("admin"));
@@ -49,7 +49,11 @@ fn the_first_administrator_is_made_once() {
     assert_eq!((admin.role, admin.unprotected, admin.enrolled_by.as_str()), (Role::Admin, true, "admin"));
     // Another key can no longer be the first.
     let eve = Identity::create(tempfile::tempdir().unwrap().path(), "eve", Role::Admin).unwrap();
-    refused(&store, enroll_change(enrolment(&store, &eve, &eve)), "not enrolled");
+    refused(
+        &store,
+        enroll_change(enrolment(&store, &eve, &eve)),
+        PersonError::SignerUnknown("eve".to_owned()),
+    );
     drop(store);
     // A death between the key and its record: the key is taken the next time.
     let folder = tempfile::tempdir().unwrap();
@@ -60,21 +64,25 @@ fn the_first_administrator_is_made_once() {
 }
 
 #[test]
-fn only_an_administrators_act_for_this_store_enrols() {
+fn only_a_signed_act_of_an_administrator_for_this_store_enrolls() {
     let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let (store, other) = (begun(folder.path()), begun(elsewhere.path()));
     let (ada, root) = (person(&store, "ada"), administrator(&store));
     let keys = tempfile::tempdir().unwrap();
     let ben = Identity::create(keys.path(), "ben", Role::Operator).unwrap();
-    refused(&store, enroll_change(enrolment(&store, &ben, &ada)), "only an administrator");
+    let not_admin = PersonError::NoAdministrator { name: "ada".to_owned(), role: Role::Operator };
+    refused(&store, enroll_change(enrolment(&store, &ben, &ada)), not_admin);
     // Of another store, whose administrator has the same key or another one.
-    refused(&store, enroll_change(enrolment(&other, &ben, &root)), "made for the store");
-    refused(&store, enroll_change(enrolment(&store, &ben, &administrator(&other))), "not enrolled");
+    let other_store = PersonError::OtherStore { name: "ben".to_owned(), found: other.store_id().to_owned() };
+    refused(&store, enroll_change(enrolment(&other, &ben, &root)), other_store);
+    let unknown_signer = || PersonError::SignerUnknown("admin".to_owned());
+    refused(&store, enroll_change(enrolment(&store, &ben, &administrator(&other))), unknown_signer());
     // A superseded act, and a used one.
     let (early, act) = (enrolment(&store, &ben, &root), enrolment(&store, &ben, &root));
     commit(&store, "enrol", vec![enroll_change(act.clone())]).unwrap();
-    refused(&store, enroll_change(early), "does not follow");
-    refused(&store, enroll_change(act), "does not follow");
+    let does_not_follow = || PersonError::DoesNotFollow("ben".to_owned());
+    refused(&store, enroll_change(early), does_not_follow());
+    refused(&store, enroll_change(act), does_not_follow());
     // One key is one person, and a revocation enrolls no one.
     let alias = Identity::create(tempfile::tempdir().unwrap().path(), "cleo", Role::Admin).unwrap();
     commit(&store, "second", vec![enroll_change(enrolment(&store, &alias, &root))]).unwrap();
@@ -82,8 +90,9 @@ fn only_an_administrators_act_for_this_store_enrols() {
     refused(&store, enroll_change(revoked.clone()), "of another kind than its change");
     commit(&store, "revoke", vec![Change::RevokePerson(Box::new(revoked))]).unwrap();
     let dora = Identity::create(keys.path(), "dora", Role::Operator).unwrap();
-    refused(&store, enroll_change(enrolment(&store, &dora, &root)), "not enrolled");
-    refused(&store, Change::RevokePerson(Box::new(revocation(&store, "cleo", &alias))), "last administrator");
+    refused(&store, enroll_change(enrolment(&store, &dora, &root)), unknown_signer());
+    let last = Change::RevokePerson(Box::new(revocation(&store, "cleo", &alias)));
+    refused(&store, last, PersonError::LastAdministrator("cleo".to_owned()));
     let report = verify(&store.layout().database(), Some(store.public_key())).unwrap();
     assert_eq!(report.persons, 4);
 }
@@ -103,7 +112,7 @@ fn a_revoked_keys_approval_has_no_effect() {
 
 /// Re-signed approvals with swapped public files, and removed identities, were once verified as sound.
 #[test]
-fn files_beside_the_store_say_nothing_of_persons() {
+fn key_files_beside_the_store_enroll_no_person() {
     let folder = tempfile::tempdir().unwrap();
     let store = begun(folder.path());
     let ada = person(&store, "ada");
@@ -120,7 +129,7 @@ fn files_beside_the_store_say_nothing_of_persons() {
 }
 
 #[test]
-fn persons_are_made_anew_from_the_chain() {
+fn persons_are_rebuilt_from_the_chain() {
     let folder = tempfile::tempdir().unwrap();
     let store = begun(folder.path());
     let (ada, root) = (person(&store, "ada"), administrator(&store));
@@ -157,11 +166,11 @@ fn a_confirmation_is_stored_checked_and_rebuilt() {
     let persons = store.persons().unwrap();
     let (ada, root) = (persons.named("ada").unwrap(), administrator(&store));
     let open_key = persons.confirmation(ada, &root, "a test").unwrap();
-    refused(&store, Change::ConfirmPerson(Box::new(open_key)), "had no passphrase when it signed");
+    refused(&store, Change::ConfirmPerson(Box::new(open_key)), PersonError::Unguarded("admin".to_owned()));
     let guarded = persons.confirmation(ada, &guarded_administrator(&store), "a test").unwrap();
     refused(&store, Change::RevokePerson(Box::new(guarded.clone())), "of another kind than its change");
     confirm(&store, "ada");
-    refused(&store, Change::ConfirmPerson(Box::new(guarded)), "does not follow");
+    refused(&store, Change::ConfirmPerson(Box::new(guarded)), PersonError::DoesNotFollow("ada".to_owned()));
     assert_eq!((report().persons, report().confirmed), (3, 2));
     // Revoked persons and later acts keep their order.
     commit(&store, "revoke", vec![Change::RevokePerson(Box::new(revocation(&store, "ada", &root)))]).unwrap();
@@ -183,7 +192,7 @@ fn a_confirmation_is_stored_checked_and_rebuilt() {
 
 /// Schema 3 had no verifications: its persons are read unchanged, and only the first administrator is verified.
 #[test]
-fn schema_3_is_read_and_migrated_with_nobody_confirmed() {
+fn schema_3_is_migrated_with_no_verified_person() {
     let folder = tempfile::tempdir().unwrap();
     let store = begun(folder.path());
     person(&store, "ada");

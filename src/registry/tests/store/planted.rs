@@ -35,9 +35,9 @@ fn edit(folder: &Path, sql: &str) {
 
 /// A command with a planted receipt runs all the same.
 #[test]
-fn a_receipt_without_records_swallows_and_refuses_nothing() {
+fn planted_receipt_without_records_suppresses_no_command() {
     let folder = tempfile::tempdir().unwrap();
-    crate::edits::made(folder.path());
+    crate::edits::make_full_store(folder.path());
     let transaction = |id: &str| transaction(id, 1_000_000, vec![more("planted")]);
     let twin = tempfile::tempdir().unwrap();
     twin_of(folder.path(), &twin.path().join("store"));
@@ -84,7 +84,7 @@ fn a_view_in_place_of_a_table_is_never_read() {
         "(WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT count(*) FROM c) > 0";
     for table in ["meta", "audit", "command", "version"] {
         let folder = tempfile::tempdir().unwrap();
-        crate::edits::made(folder.path());
+        crate::edits::make_full_store(folder.path());
         let database = Connection::open(folder.path().join("holdpoint.db")).unwrap();
         let triggers: Vec<String> = database
             .prepare("SELECT name FROM sqlite_schema WHERE type = 'trigger'")
@@ -117,9 +117,9 @@ fn a_view_in_place_of_a_table_is_never_read() {
 
 /// Files without exactly a checkpoint's name are neither counted nor removed, however many there are.
 #[test]
-fn foreign_files_among_the_checkpoints_push_none_out() {
+fn foreign_files_among_the_checkpoints_displace_no_checkpoint() {
     let folder = tempfile::tempdir().unwrap();
-    crate::edits::made(folder.path());
+    crate::edits::make_full_store(folder.path());
     let checkpoints = folder.path().join("checkpoints");
     let named = || {
         let mut names: Vec<String> = fs::read_dir(&checkpoints)
@@ -158,12 +158,12 @@ fn foreign_files_among_the_checkpoints_push_none_out() {
 
 /// The end of the chain is in the chain and under its signature: a row that differs is repaired.
 #[test]
-fn a_wrong_end_is_mended_from_the_chain() {
+fn wrong_end_is_repaired_from_the_chain() {
     for sql in
         ["UPDATE audit_head SET seq = seq + 1", "UPDATE audit_head SET id = 2", "DELETE FROM audit_head"]
     {
         let folder = tempfile::tempdir().unwrap();
-        crate::edits::made(folder.path());
+        crate::edits::make_full_store(folder.path());
         edit(folder.path(), &format!("PRAGMA ignore_check_constraints = 1; {sql}"));
         let refused = Store::open(folder.path()).unwrap_err();
         assert_eq!(refusal(&refused).0, RefusalCause::NotTheChain, "{sql}: {refused}");
@@ -176,7 +176,7 @@ fn a_wrong_end_is_mended_from_the_chain() {
 #[test]
 fn a_journal_beside_a_database_with_a_log_is_named() {
     let folder = tempfile::tempdir().unwrap();
-    crate::edits::made(folder.path());
+    crate::edits::make_full_store(folder.path());
     let journal = folder.path().join("holdpoint.db-journal");
     fs::write(&journal, [0xd9, 0xd5, 0x05, 0xf9, 0x20, 0xa1, 0x63, 0xd7, 0, 0, 0, 1]).unwrap();
     let refused = Store::open(folder.path()).unwrap_err();
@@ -187,9 +187,9 @@ fn a_journal_beside_a_database_with_a_log_is_named() {
 
 /// Only an existing file with exactly such a name is reported as quarantined.
 #[test]
-fn names_like_those_of_telemetry_put_aside_stop_no_start() {
+fn files_named_like_quarantined_telemetry_stop_no_start() {
     let folder = tempfile::tempdir().unwrap();
-    crate::edits::made(folder.path());
+    crate::edits::make_full_store(folder.path());
     let odd =
         ["99999999.db", "4294967295.db", "+5.db", "+5.db-wal", "007.db", "0.db", "6.db-wal", "1.db.bak"];
     for ending in odd {
@@ -206,7 +206,7 @@ fn names_like_those_of_telemetry_put_aside_stop_no_start() {
 #[test]
 fn a_copy_follows_no_link() {
     let folder = tempfile::tempdir().unwrap();
-    crate::edits::made(folder.path());
+    crate::edits::make_full_store(folder.path());
     std::os::unix::fs::symlink("keys", folder.path().join("profiles")).unwrap();
     let to = tempfile::tempdir().unwrap();
     let refused = backup(folder.path(), &to.path().join("copy"), BackupParts::default()).unwrap_err();

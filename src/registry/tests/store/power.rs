@@ -11,7 +11,7 @@ use holdpoint_registry::{Batch, Store, StoreError, UnsignedRecords, check_invari
 use rusqlite::Connection;
 
 use crate::disk::{Loss, Trace};
-use crate::edits::{made, quick_folder};
+use crate::edits::{make_full_store, quick_folder};
 use crate::kill::{acknowledged, one_step};
 use crate::mutate::Random;
 use crate::released::schema_1;
@@ -43,7 +43,7 @@ fn life(folder: &Path) {
                 let sealed =
                     commit(&store, &format!("seal {start} {step}"), store.seal_telemetry().unwrap()).unwrap();
                 println!("ACK {}", sealed.last_seq);
-                store.cells().put(&digest(&format!("cell {start} {step}")), b"kept").unwrap();
+                store.result_cache().put(&digest(&format!("cell {start} {step}")), b"kept").unwrap();
             }
         }
     }
@@ -100,12 +100,12 @@ fn goes_on(folder: &Path, acknowledged: u64, when: &str) {
 }
 
 #[test]
-fn a_power_cut_at_any_moment_loses_nothing_acknowledged() {
+fn power_cut_at_any_moment_loses_no_acknowledged_record() {
     if let Ok(folder) = std::env::var(CHILD) {
         return life(Path::new(&folder));
     }
     let folder = quick_folder();
-    let test = "power::a_power_cut_at_any_moment_loses_nothing_acknowledged";
+    let test = "power::power_cut_at_any_moment_loses_no_acknowledged_record";
     let Some(trace) = recorded(test, folder.path()) else { return };
     assert!(
         trace.acknowledged(trace.cut_count() - 1) > 80 && trace.cut_count() > 800,
@@ -134,7 +134,7 @@ fn a_power_cut_in_a_rebuild_leaves_a_store_that_can_be_rebuilt() {
         return;
     }
     let folder = quick_folder();
-    made(folder.path());
+    make_full_store(folder.path());
     let least = verify(&folder.path().join("holdpoint.db"), None).unwrap().records;
     Connection::open(folder.path().join("holdpoint.db"))
         .unwrap()
@@ -156,7 +156,7 @@ fn a_power_cut_in_a_rebuild_leaves_a_store_that_can_be_rebuilt() {
 }
 
 #[test]
-fn a_power_cut_while_an_old_store_is_brought_up_to_date_loses_nothing() {
+fn power_cut_during_a_migration_loses_no_record() {
     if let Ok(folder) = std::env::var(CHILD) {
         drop(open(Path::new(&folder)));
         return;
@@ -164,7 +164,7 @@ fn a_power_cut_while_an_old_store_is_brought_up_to_date_loses_nothing() {
     let folder = quick_folder();
     let store = schema_1(folder.path());
     let least = verify(&store.join("holdpoint.db"), None).unwrap().records;
-    let test = "power::a_power_cut_while_an_old_store_is_brought_up_to_date_loses_nothing";
+    let test = "power::power_cut_during_a_migration_loses_no_record";
     let Some(trace) = recorded(test, &store) else { return };
     ended("an old store", &trace, |folder, _, when| goes_on(folder, least, when));
 }

@@ -10,7 +10,7 @@ use holdpoint_registry::{
     stored_head, verify,
 };
 
-use crate::edits::{made, quick_folder};
+use crate::edits::{make_full_store, quick_folder};
 use crate::released::schema_1;
 use crate::support::*;
 
@@ -58,8 +58,8 @@ fn every_byte_counts(proof: &Proof, key: &VerifyingKey) {
 #[test]
 fn every_record_has_a_proof_that_needs_no_store() {
     let (folder, other) = (quick_folder(), quick_folder());
-    made(folder.path());
-    made(other.path());
+    make_full_store(folder.path());
+    make_full_store(other.path());
     let (database, key) = (folder.path().join("holdpoint.db"), public_key(folder.path()));
     let records = verify(&database, Some(&key)).unwrap().records;
     assert!(records > 20, "{records}");
@@ -84,10 +84,10 @@ fn every_record_has_a_proof_that_needs_no_store() {
 }
 
 #[test]
-fn the_chain_is_shown_to_go_on_from_each_of_its_heads() {
+fn consistency_proofs_hold_for_each_checkpoint() {
     let (folder, other) = (quick_folder(), quick_folder());
-    made(folder.path());
-    made(other.path());
+    make_full_store(folder.path());
+    make_full_store(other.path());
     let (database, key) = (folder.path().join("holdpoint.db"), public_key(folder.path()));
     let checkpoints = heads(folder.path());
     assert!(checkpoints.len() >= 3);
@@ -121,7 +121,7 @@ fn the_chain_is_shown_to_go_on_from_each_of_its_heads() {
 }
 
 #[test]
-fn a_store_of_an_earlier_version_has_none_before_an_engine_signed_its_tree() {
+fn store_of_an_earlier_version_has_no_proof_before_its_tree_is_signed() {
     let folder = tempfile::tempdir().unwrap();
     let store = schema_1(folder.path());
     let database = store.join("holdpoint.db");
@@ -145,7 +145,7 @@ fn a_store_of_an_earlier_version_has_none_before_an_engine_signed_its_tree() {
 }
 
 #[test]
-fn nothing_is_forged_behind_a_checkpoint_of_an_earlier_version() {
+fn records_behind_a_checkpoint_of_an_earlier_version_cannot_be_forged() {
     let folder = tempfile::tempdir().unwrap();
     let store = schema_1(folder.path());
     let checkpoints = heads(&store);

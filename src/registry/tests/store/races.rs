@@ -65,7 +65,7 @@ impl RacingDecision {
 }
 
 #[test]
-fn of_decisions_at_once_one_counts() {
+fn one_of_concurrent_decisions_counts() {
     let (races, seed) = (number("HOLDPOINT_RACES", 25), number("HOLDPOINT_RACES_SEED", 1));
     let folder = quick_folder();
     let mut store = open(folder.path());
@@ -137,7 +137,7 @@ fn of_decisions_at_once_one_counts() {
 
 /// A wall clock that jumps by any amount changes only displayed times; virtual time never goes back.
 #[test]
-fn nothing_rests_on_the_wall_clock() {
+fn wall_clock_jumps_change_only_displayed_times() {
     let walls = [1_700_000_000_000, -1, 0, i64::MIN, i64::MAX, 1, 4_102_444_800_000];
     let life = |wall_of: &dyn Fn(usize) -> i64| {
         let folder = quick_folder();

@@ -12,7 +12,7 @@ use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 use rusqlite::types::Value;
 
-use crate::edits::{Dice, columns, edit, made, names, put_back, quick_folder, seed};
+use crate::edits::{Dice, columns, edit, make_full_store, names, put_back, quick_folder, seed};
 use crate::released::schema_1;
 use crate::support::*;
 
@@ -62,9 +62,9 @@ fn mended(folder: &Path) -> RebuildReport {
 }
 
 #[test]
-fn what_was_edited_is_as_it_was_and_the_rebuild_is_on_record() {
+fn rebuild_restores_every_edited_row_and_is_recorded() {
     let folder = quick_folder();
-    made(folder.path());
+    make_full_store(folder.path());
     let database = folder.path().join("holdpoint.db");
     let (whole, before) = (fs::read(&database).unwrap(), contents(&database));
     let head = verify(&database, None).unwrap().head;
@@ -114,9 +114,9 @@ fn what_was_edited_is_as_it_was_and_the_rebuild_is_on_record() {
 }
 
 #[test]
-fn a_record_names_user_and_rows() {
+fn rebuild_record_names_the_user_and_the_rows() {
     let folder = tempfile::tempdir().unwrap();
-    made(folder.path());
+    make_full_store(folder.path());
     let database = folder.path().join("holdpoint.db");
     assert_eq!(
         unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap(),
@@ -164,9 +164,9 @@ fn a_record_names_user_and_rows() {
 }
 
 #[test]
-fn a_chain_that_is_not_whole_is_not_built_upon() {
+fn rebuild_refuses_a_damaged_chain() {
     let folder = tempfile::tempdir().unwrap();
-    made(folder.path());
+    make_full_store(folder.path());
     sql(folder.path(), "DROP TRIGGER audit_no_update; UPDATE audit SET body = '{}' WHERE seq = 9");
     let before = fs::read(folder.path().join("holdpoint.db")).unwrap();
     let error = rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7).unwrap_err();
@@ -179,7 +179,7 @@ fn a_chain_that_is_not_whole_is_not_built_upon() {
 
 /// Records of the first schema repeat no texts: a text that the chain lacks is lost by name, or refused by name.
 #[test]
-fn a_store_of_schema_1_is_rebuilt_as_far_as_its_records_go() {
+fn store_of_schema_1_is_rebuilt_from_its_records() {
     let store = |text: &str| {
         let folder = tempfile::tempdir().unwrap();
         let store = schema_1(folder.path());

@@ -14,7 +14,7 @@ use holdpoint_registry::{
 use crate::support::*;
 
 #[test]
-fn a_candidate_comes_replaces_and_goes() {
+fn candidate_is_activated_and_rolled_back() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     let view = store.active_view().unwrap();
@@ -47,7 +47,7 @@ fn a_candidate_comes_replaces_and_goes() {
 
 /// The filter takes no row from the result, in either order and from any place.
 #[test]
-fn a_list_of_records_leaves_kinds_out_before_it_counts() {
+fn record_list_excludes_kinds_before_it_counts() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
@@ -98,7 +98,7 @@ fn a_list_of_records_leaves_kinds_out_before_it_counts() {
 
 /// Refused transactions, each on a store with grasp@1.0.0 active and grasp@1.1.0 shadowed with a gate record.
 #[test]
-fn refused_changes_leave_the_store_as_it_was() {
+fn refused_changes_leave_the_store_unchanged() {
     let gate = |text: &str, approvals_needed| ActiveCause::Gate { evidence: digest(text), approvals_needed };
     let set_active = |active: Option<&str>, pinned: Option<&str>, cause| Change::SetActive {
         family: family("grasp"),
@@ -282,7 +282,7 @@ fn refused_changes_leave_the_store_as_it_was() {
 }
 
 #[test]
-fn a_safe_stopped_family_is_re_armed() {
+fn safe_stopped_family_is_reactivated() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
@@ -351,7 +351,7 @@ fn equal_runs_give_equal_chains() {
 }
 
 #[test]
-fn lists_are_filtered_and_in_order() {
+fn version_lists_are_filtered_and_ordered() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "place");
@@ -385,7 +385,7 @@ fn bootstrap_only_registered(store: &holdpoint_registry::Store) {
 }
 
 #[test]
-fn what_was_interrupted_is_listed() {
+fn interrupted_stages_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");

@@ -38,7 +38,7 @@ fn schema(database: &Path) -> u64 {
 }
 
 #[test]
-fn schema_1_is_read_as_it_is_and_migrated_by_its_first_writer() {
+fn schema_1_is_read_unchanged_and_migrated_by_its_first_writer() {
     let folder = tempfile::tempdir().unwrap();
     let store = schema_1(folder.path());
     let database = store.join("holdpoint.db");
@@ -61,7 +61,7 @@ fn schema_1_is_read_as_it_is_and_migrated_by_its_first_writer() {
 
 /// Schema 2 had no persons: the migration enrolls no one, whatever keys are there.
 #[test]
-fn schema_2_gets_its_first_administrator_and_trusts_nobody_else() {
+fn migrated_schema_2_trusts_only_its_first_administrator() {
     let folder = tempfile::tempdir().unwrap();
     let store = schema_1(folder.path());
     let database = store.join("holdpoint.db");

@@ -8,14 +8,16 @@ use std::process::Command;
 use holdpoint_registry::{VerifyError, verify_export};
 
 use crate::edits::quick_folder;
-use crate::forged::{Keys, Mended, mend};
+use crate::forged::{Keys, RepairedParts, repair_export};
 use crate::released::schema_1;
 use crate::support::*;
 use crate::tree::{JsonNode, Letters};
-use crate::verifiers::{both, exported, python, script, stores};
+use crate::verifiers::{
+    export_lines, problem_kind, python_and_script, python_verdict, sample_stores, verify_by_both,
+};
 
-const SIGNATURES: Mended = Mended { chain: false, links: false, signatures: true };
-const EVERYTHING: Mended = Mended { chain: true, links: false, signatures: true };
+const SIGNATURES_ONLY: RepairedParts = RepairedParts { chain: false, links: false, signatures: true };
+const CHAIN_AND_SIGNATURES: RepairedParts = RepairedParts { chain: true, links: false, signatures: true };
 
 fn raw(text: &str) -> JsonNode {
     JsonNode::Raw(text.to_owned())
@@ -26,7 +28,7 @@ fn text(text: &str) -> JsonNode {
 }
 
 /// The values of an object without their names: serde accepts that for a struct as well.
-fn list_of(node: &mut JsonNode) {
+fn list_values(node: &mut JsonNode) {
     if let JsonNode::Object(fields) = node {
         *node = JsonNode::List(fields.drain(..).map(|(_, value)| value).collect());
     }
@@ -40,7 +42,7 @@ fn written(lines: &[JsonNode]) -> String {
 type NodeEdit<'a> = &'a dyn Fn(&mut JsonNode) -> Option<()>;
 
 /// Edits the body of the first record of a kind.
-fn in_body(line: &mut JsonNode, kind: &str, edit: NodeEdit<'_>) -> Option<()> {
+fn edit_body(line: &mut JsonNode, kind: &str, edit: NodeEdit<'_>) -> Option<()> {
     if line.text(&["record", "kind"])? != kind {
         return None;
     }
@@ -50,11 +52,11 @@ fn in_body(line: &mut JsonNode, kind: &str, edit: NodeEdit<'_>) -> Option<()> {
     Some(())
 }
 
-fn as_list(line: &mut JsonNode, path: &[&str]) -> Option<()> {
-    line.at_mut(path).map(list_of)
+fn turn_into_list(line: &mut JsonNode, path: &[&str]) -> Option<()> {
+    line.at_mut(path).map(list_values)
 }
 
-fn add(line: &mut JsonNode, path: &[&str], name: &str, value: &str) -> Option<()> {
+fn add_field(line: &mut JsonNode, path: &[&str], name: &str, value: &str) -> Option<()> {
     let JsonNode::Object(fields) = line.at_mut(path)? else { return None };
     if fields.iter().any(|(field, _)| field == name) {
         return None;
@@ -63,7 +65,7 @@ fn add(line: &mut JsonNode, path: &[&str], name: &str, value: &str) -> Option<()
     Some(())
 }
 
-fn twice(line: &mut JsonNode, path: &[&str]) -> Option<()> {
+fn duplicate_field(line: &mut JsonNode, path: &[&str]) -> Option<()> {
     let JsonNode::Object(fields) = line.at_mut(path)? else { return None };
     fields.push(fields.last()?.clone());
     Some(())
@@ -71,55 +73,64 @@ fn twice(line: &mut JsonNode, path: &[&str]) -> Option<()> {
 
 /// The first line that is edited, once for each store in which there is one; everything is signed again.
 #[test]
-fn what_is_written_otherwise_is_taken_by_neither() {
+fn other_notation_is_refused_by_both_verifiers() {
     let root = quick_folder();
     let file = root.path().join("store.jsonl");
-    let wholes: Vec<(Vec<JsonNode>, Keys)> = stores(root.path())
+    let sound_exports: Vec<(Vec<JsonNode>, Keys)> = sample_stores(root.path())
         .iter()
         .map(|store| {
-            let lines = exported(store, &file).iter().map(|line| JsonNode::parse(line).unwrap()).collect();
+            let lines =
+                export_lines(store, &file).iter().map(|line| JsonNode::parse(line).unwrap()).collect();
             (lines, Keys::of(store))
         })
         .collect();
     let edits: Vec<(&str, NodeEdit<'_>)> = vec![
-        ("a list for the first line", &|line| as_list(line, &["export"])),
-        ("a list for a record", &|line| as_list(line, &["record"])),
-        ("a list for a head", &|line| as_list(line, &["head"])),
-        ("a list for the end", &|line| as_list(line, &["end"])),
-        ("a list for a link", &|line| as_list(line, &["head", "link"])),
-        ("a list for an approval", &|line| as_list(line, &["approval", "approval"])),
-        ("a list for what is signed of it", &|line| as_list(line, &["approval"])),
+        ("a list for the first line", &|line| turn_into_list(line, &["export"])),
+        ("a list for a record", &|line| turn_into_list(line, &["record"])),
+        ("a list for a head", &|line| turn_into_list(line, &["head"])),
+        ("a list for the end", &|line| turn_into_list(line, &["end"])),
+        ("a list for a link", &|line| turn_into_list(line, &["head", "link"])),
+        ("a list for an approval", &|line| turn_into_list(line, &["approval", "approval"])),
+        ("a list for what is signed of it", &|line| turn_into_list(line, &["approval"])),
         ("a list for an act", &|line| {
-            in_body(line, "person-enrolled", &|body| as_list(body, &["change", "act"]))
+            edit_body(line, "person-enrolled", &|body| turn_into_list(body, &["change", "act"]))
         }),
-        ("a list for a change", &|line| in_body(line, "person-enrolled", &|body| as_list(body, &["change"]))),
-        ("a list for a body", &|line| in_body(line, "person-revoked", &|body| as_list(body, &[]))),
+        ("a list for a change", &|line| {
+            edit_body(line, "person-enrolled", &|body| turn_into_list(body, &["change"]))
+        }),
+        ("a list for a body", &|line| edit_body(line, "person-revoked", &|body| turn_into_list(body, &[]))),
         ("a list for a word", &|line| {
-            in_body(line, "witness-set", &|body| as_list(body, &["change", "act", "act"]))
+            edit_body(line, "witness-set", &|body| turn_into_list(body, &["change", "act", "act"]))
         }),
-        ("a list for a put", &|line| in_body(line, "approval-put", &|body| as_list(body, &["change"]))),
-        ("no gap", &|line| add(line, &["head", "link"], "gap", "false")),
-        ("none earlier", &|line| add(line, &["end", "link"], "earlier", "0")),
-        ("no fold", &|line| add(line, &["head"], "fold", "null")),
-        ("no link", &|line| add(line, &["head"], "link", "null")),
-        ("no emergency", &|line| add(line, &["approval", "approval"], "break_glass", "false")),
+        ("a list for a put", &|line| {
+            edit_body(line, "approval-put", &|body| turn_into_list(body, &["change"]))
+        }),
+        ("no gap", &|line| add_field(line, &["head", "link"], "gap", "false")),
+        ("none earlier", &|line| add_field(line, &["end", "link"], "earlier", "0")),
+        ("no fold", &|line| add_field(line, &["head"], "fold", "null")),
+        ("no link", &|line| add_field(line, &["head"], "link", "null")),
+        ("no emergency", &|line| add_field(line, &["approval", "approval"], "break_glass", "false")),
         ("not guarded", &|line| {
-            in_body(line, "person-enrolled", &|body| add(body, &["change", "act"], "guarded", "false"))
+            edit_body(line, "person-enrolled", &|body| {
+                add_field(body, &["change", "act"], "guarded", "false")
+            })
         }),
         ("no word", &|line| {
-            in_body(line, "witness-set", &|body| {
+            edit_body(line, "witness-set", &|body| {
                 body.at_mut(&["change", "act"]).map(|act| *act = raw("null"))
             })
         }),
-        ("a stray field", &|line| add(line, &["record"], "stray", "1")),
+        ("a stray field", &|line| add_field(line, &["record"], "stray", "1")),
         ("a stray field of a body", &|line| {
-            in_body(line, "approval-put", &|body| add(body, &[], "stray", "1"))
+            edit_body(line, "approval-put", &|body| add_field(body, &[], "stray", "1"))
         }),
         ("a stray field of a rebuild", &|line| {
-            in_body(line, "store-rebuilt", &|body| add(body, &["change"], "stray", "1"))
+            edit_body(line, "store-rebuilt", &|body| add_field(body, &["change"], "stray", "1"))
         }),
-        ("a field twice", &|line| twice(line, &["record"])),
-        ("a field of a body twice", &|line| in_body(line, "approval-put", &|body| twice(body, &["change"]))),
+        ("a field twice", &|line| duplicate_field(line, &["record"])),
+        ("a field of a body twice", &|line| {
+            edit_body(line, "approval-put", &|body| duplicate_field(body, &["change"]))
+        }),
         ("a fraction", &|line| line.at_mut(&["head", "seq"]).map(|seq| *seq = raw("1.0"))),
         ("a power", &|line| line.at_mut(&["record", "wall_ms"]).map(|wall| *wall = raw("1e3"))),
         ("no number", &|line| line.at_mut(&["record", "wall_ms"]).map(|wall| *wall = raw("NaN"))),
@@ -129,7 +140,7 @@ fn what_is_written_otherwise_is_taken_by_neither() {
         }),
         ("a truth for a number", &|line| line.at_mut(&["export", "version"]).map(|one| *one = raw("true"))),
         ("a fraction in a body", &|line| {
-            in_body(line, "approval-put", &|body| {
+            edit_body(line, "approval-put", &|body| {
                 body.at_mut(&["change", "row_version"]).map(|version| *version = raw("4.0"))
             })
         }),
@@ -138,34 +149,34 @@ fn what_is_written_otherwise_is_taken_by_neither() {
             line.at_mut(&["record", "subject"]).map(|kind| *kind = raw("\"\\ud800\""))
         }),
         ("deep in a rebuild", &|line| {
-            in_body(line, "store-rebuilt", &|body| {
+            edit_body(line, "store-rebuilt", &|body| {
                 body.at_mut(&["change", "by"]).map(|by| *by = raw(&("[".repeat(100) + &"]".repeat(100))))
             })
         }),
     ];
-    for (what, edit) in edits {
+    for (case, edit) in edits {
         let mut tried = 0;
-        for (lines, keys) in &wholes {
+        for (lines, keys) in &sound_exports {
             let mut lines = lines.clone();
             if lines.iter_mut().find_map(edit).is_none() {
                 continue;
             }
             tried += 1;
-            mend(&mut lines, keys, EVERYTHING);
+            repair_export(&mut lines, keys, CHAIN_AND_SIGNATURES);
             fs::write(&file, written(&lines)).unwrap();
-            assert!(both(&file).is_err(), "{what}");
+            assert!(verify_by_both(&file).is_err(), "{case}");
         }
-        assert!(tried > 0, "{what} is nowhere");
+        assert!(tried > 0, "{case} is nowhere");
     }
 }
 
 #[test]
-fn other_bytes_are_taken_by_neither() {
+fn other_bytes_are_refused_by_both_verifiers() {
     let root = quick_folder();
     let file = root.path().join("store.jsonl");
-    let store = stores(root.path()).remove(0);
-    let whole = exported(&store, &file).join("\n") + "\n";
-    for (what, bytes) in [
+    let store = sample_stores(root.path()).remove(0);
+    let whole = export_lines(&store, &file).join("\n") + "\n";
+    for (case, bytes) in [
         ("a mark at the beginning", format!("\u{feff}{whole}")),
         ("a blank at the beginning", format!(" {whole}")),
         ("carriage returns", whole.replace('\n', "\r\n")),
@@ -179,25 +190,25 @@ fn other_bytes_are_taken_by_neither() {
         ("two lines in one", whole.replacen("}\n", "} ", 1)),
     ] {
         fs::write(&file, bytes).unwrap();
-        assert!(both(&file).is_err(), "{what}");
+        assert!(verify_by_both(&file).is_err(), "{case}");
     }
     let mut bytes = whole.into_bytes();
     let at = bytes.windows(5).position(|five| five == b"grasp").unwrap();
     bytes[at] = 0xff;
     fs::write(&file, &bytes).unwrap();
-    assert!(matches!(both(&file), Err(VerifyError::Line { .. })));
+    assert!(matches!(verify_by_both(&file), Err(VerifyError::Line { .. })));
 }
 
 /// A key of mixed order and its signature over the first approval of the released store, for which the digest of the
 /// signature is a multiple of eight. A verifier that skips the check of the key's order accepts it, with OpenSSL as
 /// with dalek.
-const MIXED: (&str, &str) = (
+const MIXED_ORDER_KEY: (&str, &str) = (
     "b392281631eb3c35c09b37c6803a41e4f7898c72ed48783796d90492d0e4ea62",
     "fa42cb126aad8e268eec40aeb06c908831c98b28ed7f565166a265a57cacda28\
      cae31e3ac35270c0ccabe9bcd3683f951eb41632b351524648d3def830c86501",
 );
 /// A key of small order with its signature over any text.
-const SMALL: (&str, &str) = (
+const SMALL_ORDER_KEY: (&str, &str) = (
     "0100000000000000000000000000000000000000000000000000000000000000",
     "0100000000000000000000000000000000000000000000000000000000000000\
      0000000000000000000000000000000000000000000000000000000000000000",
@@ -209,77 +220,77 @@ fn released(root: &Path, file: &Path) -> (Vec<JsonNode>, Keys) {
     let opened = open(&store);
     opened.commit(transaction("one more", opened.opening().head.at_ms, Vec::new())).unwrap();
     drop(opened);
-    let lines = exported(&store, file).iter().map(|line| JsonNode::parse(line).unwrap()).collect();
+    let lines = export_lines(&store, file).iter().map(|line| JsonNode::parse(line).unwrap()).collect();
     (lines, Keys::of(&store))
 }
 
 #[test]
-fn signatures_by_a_key_of_small_or_mixed_order_are_taken_by_neither() {
+fn keys_of_small_or_mixed_order_are_refused_by_both_verifiers() {
     let root = quick_folder();
     let file = root.path().join("store.jsonl");
     let (lines, _) = released(root.path(), &file);
-    both(&file).unwrap();
-    for (key, signature) in [MIXED, SMALL] {
+    verify_by_both(&file).unwrap();
+    for (key, signature) in [MIXED_ORDER_KEY, SMALL_ORDER_KEY] {
         let mut lines = lines.clone();
         let approval = lines.iter_mut().find_map(|line| line.at_mut(&["approval"])).unwrap();
         approval.set(&["public_key"], text(key));
         approval.set(&["signature"], text(signature));
         fs::write(&file, written(&lines)).unwrap();
-        let error = both(&file).unwrap_err();
+        let error = verify_by_both(&file).unwrap_err();
         assert!(matches!(error, VerifyError::Approval { .. }), "{error}");
     }
     // The equation alone accepts the first signature.
     let bytes = |digits: &str| holdpoint_approvals::keyfile::unhex::<32>(digits).unwrap();
-    let mixed = ed25519_dalek::VerifyingKey::from_bytes(&bytes(MIXED.0)).unwrap();
+    let mixed = ed25519_dalek::VerifyingKey::from_bytes(&bytes(MIXED_ORDER_KEY.0)).unwrap();
     assert!(!mixed.is_weak() && !mixed.to_edwards().is_torsion_free());
     // As the key of a whole store.
-    for (key, _) in [MIXED, SMALL] {
+    for (key, _) in [MIXED_ORDER_KEY, SMALL_ORDER_KEY] {
         let mut lines = lines.clone();
         lines[0].set(&["export", "public_key"], text(key));
         fs::write(&file, written(&lines)).unwrap();
-        assert!(matches!(both(&file), Err(VerifyError::Line { line: 1, .. })));
+        assert!(matches!(verify_by_both(&file), Err(VerifyError::Line { line: 1, .. })));
     }
 }
 
 #[test]
-fn an_approval_has_the_content_of_its_record_alone() {
+fn approval_that_differs_from_its_record_is_refused() {
     let root = quick_folder();
     let file = root.path().join("store.jsonl");
     let (lines, keys) = released(root.path(), &file);
     let mut whole = lines.clone();
-    mend(&mut whole, &keys, SIGNATURES);
+    repair_export(&mut whole, &keys, SIGNATURES_ONLY);
     fs::write(&file, written(&whole)).unwrap();
-    both(&file).unwrap();
+    verify_by_both(&file).unwrap();
     let long = "a".repeat(4097);
-    for (field, value, expected) in [
-        ("role", text("captain"), "line "),
-        ("role", text("safety"), "differs from its record"),
-        ("decision", text("maybe"), "line "),
-        ("profile", text("lab"), "line "),
-        ("profile", text("real"), "differs from its record"),
-        ("version", text("align"), "line "),
-        ("version", text("align@1.2"), "line "),
-        ("version", text("align@01.2.0"), "line "),
-        ("version", text("align@1.2.0-01"), "line "),
-        ("version", text("Align@1.2.0"), "line "),
-        ("version", text("align@1.2.18446744073709551616"), "line "),
-        ("version", text("align@9.9.9"), "differs from its record"),
-        ("who", text("eve"), "differs from its record"),
-        ("reason", text("another"), "differs from its record"),
-        ("reason", text(&long), "does not match the decision"),
-        ("row_version", raw("9"), "differs from its record"),
-        ("not_after_ms", raw("18446744073709551615"), "differs from its record"),
-        ("nonce", text("0123456789abcdef0123456789abcdef"), "no record names it"),
-        ("nonce", text("ABCDEF0123456789abcdef0123456789"), "line "),
-        ("evidence_digest", text(&"0".repeat(64)), "differs from its record"),
+    for (field, value, kind) in [
+        ("role", text("captain"), "line"),
+        ("role", text("safety"), "approval"),
+        ("decision", text("maybe"), "line"),
+        ("profile", text("lab"), "line"),
+        ("profile", text("real"), "approval"),
+        ("version", text("align"), "line"),
+        ("version", text("align@1.2"), "line"),
+        ("version", text("align@01.2.0"), "line"),
+        ("version", text("align@1.2.0-01"), "line"),
+        ("version", text("Align@1.2.0"), "line"),
+        ("version", text("align@1.2.18446744073709551616"), "line"),
+        ("version", text("align@9.9.9"), "approval"),
+        ("who", text("eve"), "approval"),
+        ("reason", text("another"), "approval"),
+        ("reason", text(&long), "approval"),
+        ("row_version", raw("9"), "approval"),
+        ("not_after_ms", raw("18446744073709551615"), "approval"),
+        ("nonce", text("0123456789abcdef0123456789abcdef"), "approval"),
+        ("nonce", text("ABCDEF0123456789abcdef0123456789"), "line"),
+        ("evidence_digest", text(&"0".repeat(64)), "approval"),
     ] {
         let mut lines = lines.clone();
         let approval = lines.iter_mut().find_map(|line| line.at_mut(&["approval", "approval"])).unwrap();
         approval.set(&[field], value.clone());
-        mend(&mut lines, &keys, SIGNATURES);
+        repair_export(&mut lines, &keys, SIGNATURES_ONLY);
         fs::write(&file, written(&lines)).unwrap();
-        let error = both(&file).err().unwrap_or_else(|| panic!("{field} {value:?} is taken"));
-        assert!(error.to_string().contains(expected), "{field} {value:?}: {error}");
+        let error = verify_by_both(&file).err().unwrap_or_else(|| panic!("{field} {value:?} is taken"));
+        assert_eq!(problem_kind(&error), kind, "{field} {value:?}: {error}");
     }
 }
 
@@ -287,19 +298,19 @@ fn an_approval_has_the_content_of_its_record_alone() {
 const PYTHON_KIB: u64 = 700 * 1024;
 
 #[test]
-fn a_line_without_end_is_refused_with_little_memory() {
+fn endless_line_is_refused_with_little_memory() {
     let root = quick_folder();
     let file = root.path().join("store.jsonl");
-    let store = stores(root.path()).remove(0);
-    let first = exported(&store, &file).remove(0);
+    let store = sample_stores(root.path()).remove(0);
+    let first = export_lines(&store, &file).remove(0);
     let marks = "{\\\"a\\\":[[],[],".to_owned() + &"[],".repeat(9 << 20);
-    let (short, long) = (64 << 10, 32 << 20);
+    let (short, long) = (64_u32 << 10, 32_u32 << 20);
     for (start, bytes, expected) in [
-        (String::new(), 1_u64 << 30, &*format!("more than {short} bytes")),
-        ("{\"export\":{\"format\":\"".to_owned(), 1 << 30, &format!("more than {short} bytes")),
-        (format!("{first}\n{{\"head\":{{\"store_id\":\""), 1 << 30, &format!("more than {short} bytes")),
-        (format!("{first}\n{{\"record\":[[["), 1 << 30, &format!("more than {short} bytes")),
-        (format!("{first}\n{{\"record\":{{\"seq\":"), 1 << 30, &format!("more than {long} bytes")),
+        (String::new(), 1_u64 << 30, &*short.to_string()),
+        ("{\"export\":{\"format\":\"".to_owned(), 1 << 30, &short.to_string()),
+        (format!("{first}\n{{\"head\":{{\"store_id\":\""), 1 << 30, &short.to_string()),
+        (format!("{first}\n{{\"record\":[[["), 1 << 30, &short.to_string()),
+        (format!("{first}\n{{\"record\":{{\"seq\":"), 1 << 30, &long.to_string()),
         (format!("{first}\n{{\"record\":{{\"seq\":1,\"body\":\"{marks}\"}}}}\n"), 0, "line 2"),
     ] {
         fs::write(&file, &start).unwrap();
@@ -311,10 +322,10 @@ fn a_line_without_end_is_refused_with_little_memory() {
             .unwrap();
         let error = verify_export(&file, None).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
-        if python(&root.path().join("store.jsonl")).is_none() {
+        if python_verdict(&root.path().join("store.jsonl")).is_none() {
             continue;
         }
-        let (python, script) = script();
+        let (python, script) = python_and_script();
         let limited = format!("ulimit -v {PYTHON_KIB}; exec \"$0\" \"$@\"");
         let mut command = Command::new("sh");
         command.arg("-c").arg(limited).arg(python).arg(script).arg(&file).arg("--json");

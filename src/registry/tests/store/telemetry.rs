@@ -23,7 +23,7 @@ fn key(seed: u64) -> EpisodeKey {
 }
 
 #[test]
-fn sealed_batches_are_vouched_for() {
+fn sealed_batches_are_verified() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
@@ -59,7 +59,7 @@ fn sealed_batches_are_vouched_for() {
 
 /// The next start reports missing batches once; then they are on record, and no others may go missing.
 #[test]
-fn what_is_missing_is_put_on_record_by_the_next_start() {
+fn missing_batches_are_recorded_by_the_next_start() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
@@ -89,7 +89,7 @@ fn what_is_missing_is_put_on_record_by_the_next_start() {
 /// Batches that an engine stored and did not seal are sealed as found; a batch of an unknown version is not this
 /// store's.
 #[test]
-fn what_nobody_sealed_is_sealed_as_found() {
+fn unsealed_batches_are_sealed_by_the_next_start() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
@@ -108,7 +108,7 @@ fn what_nobody_sealed_is_sealed_as_found() {
 
 /// Telemetry is pending until the next record of any kind, a full block or its time, whichever comes first.
 #[test]
-fn a_block_is_due_by_count_or_by_time() {
+fn telemetry_block_is_due_by_count_or_by_time() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
@@ -127,7 +127,7 @@ fn a_block_is_due_by_count_or_by_time() {
 }
 
 #[test]
-fn the_oldest_go_first() {
+fn oldest_telemetry_is_removed_first() {
     let folder = tempfile::tempdir().unwrap();
     let limits = TelemetryLimits { batch_bytes_max: 250, cell_bytes_max: 250 };
     let store = Store::open_with(folder.path(), limits).unwrap();
@@ -146,29 +146,29 @@ fn the_oldest_go_first() {
     assert_eq!((report.batches, report.batches_pruned, report.batches_missed), (1, 4, 0));
     assert_eq!(report.batches_missing.map(|missing| (missing.first, missing.last)), Some((1, 4)));
 
-    let (cells, is_there) = (store.cells(), |seed| cached_cell(&store, seed).is_some());
+    let (cache, is_there) = (store.result_cache(), |seed| cached_cell(&store, seed).is_some());
     for seed in 0..2 {
-        cells.put(&key(seed).digest(), &[7; 100]).unwrap();
+        cache.put(&key(seed).digest(), &[7; 100]).unwrap();
     }
     assert!(is_there(0));
-    cells.put(&key(2).digest(), &[8; 100]).unwrap();
+    cache.put(&key(2).digest(), &[8; 100]).unwrap();
     assert_eq!([0, 1, 2].map(is_there), [true, false, true], "the one longest unused goes");
 }
 
 /// The cached body of an episode, and whether this opening of the store ran it.
 fn cached_cell(store: &Store, seed: u64) -> Option<(Vec<u8>, bool)> {
-    match store.cells().get(&key(seed).digest()) {
-        CacheLookup::Cell { body, own } => Some((body, own)),
+    match store.result_cache().get(&key(seed).digest()) {
+        CacheLookup::Found { body, own } => Some((body, own)),
         CacheLookup::Nothing | CacheLookup::Refused => None,
     }
 }
 
 #[test]
-fn a_cached_episode_is_exact_or_none() {
+fn cached_episode_is_exact_or_absent() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
-    store.cells().put(&key(1).digest(), b"first").unwrap();
-    store.cells().put(&key(1).digest(), b"second").unwrap();
+    store.result_cache().put(&key(1).digest(), b"first").unwrap();
+    store.result_cache().put(&key(1).digest(), b"second").unwrap();
     assert_eq!(cached_cell(&store, 1), Some((b"second".to_vec(), true)));
     let others = [
         key(2),
@@ -177,7 +177,7 @@ fn a_cached_episode_is_exact_or_none() {
         EpisodeKey { engine_build: "2".into(), ..key(1) },
     ];
     for other in others {
-        assert_eq!(store.cells().get(&other.digest()), CacheLookup::Nothing, "{other:?}");
+        assert_eq!(store.result_cache().get(&other.digest()), CacheLookup::Nothing, "{other:?}");
     }
     drop(store);
     assert_eq!(cached_cell(&open(folder.path()), 1), Some((b"second".to_vec(), false)));
@@ -185,7 +185,7 @@ fn a_cached_episode_is_exact_or_none() {
 
 /// A write by an attacker with access to the file and without the secret.
 #[test]
-fn an_edited_cell_is_no_cell() {
+fn edited_cell_is_ignored() {
     for (what, sql) in [
         ("body", "UPDATE cell SET body = CAST('edited' AS BLOB)"),
         ("body with a digest anyone can compute", "UPDATE cell SET body = x'3132', bytes = 2, mac = key"),
@@ -194,20 +194,20 @@ fn an_edited_cell_is_no_cell() {
     ] {
         let folder = tempfile::tempdir().unwrap();
         let store = open(folder.path());
-        store.cells().put(&key(1).digest(), b"second").unwrap();
+        store.result_cache().put(&key(1).digest(), b"second").unwrap();
         drop(store);
         Connection::open(folder.path().join("telemetry.db")).unwrap().execute_batch(sql).unwrap();
-        assert_eq!(open(folder.path()).cells().get(&key(1).digest()), CacheLookup::Refused, "{what}");
+        assert_eq!(open(folder.path()).result_cache().get(&key(1).digest()), CacheLookup::Refused, "{what}");
     }
 }
 
 /// A true cell under another key is not the cell of that key.
 #[test]
-fn a_replayed_cell_is_no_cell() {
+fn cell_under_another_key_is_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
     for seed in [1, 2] {
-        store.cells().put(&key(seed).digest(), format!("episode {seed}").as_bytes()).unwrap();
+        store.result_cache().put(&key(seed).digest(), format!("episode {seed}").as_bytes()).unwrap();
     }
     drop(store);
     let swap = "UPDATE cell SET key = 'x' || substr(key, 2) WHERE key = ?1";
@@ -216,23 +216,23 @@ fn a_replayed_cell_is_no_cell() {
     connection.execute(swap, [&one]).unwrap();
     connection.execute("UPDATE cell SET key = ?1 WHERE key = ?2", [&one, &two]).unwrap();
     drop(connection);
-    assert_eq!(open(folder.path()).cells().get(&key(1).digest()), CacheLookup::Refused);
+    assert_eq!(open(folder.path()).result_cache().get(&key(1).digest()), CacheLookup::Refused);
 }
 
 #[test]
-fn voided_cells_are_gone_and_new_ones_stay() {
+fn voided_cells_are_removed_and_new_ones_stay() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
-    store.cells().put(&key(1).digest(), b"one").unwrap();
-    store.cells().invalidate().unwrap();
+    store.result_cache().put(&key(1).digest(), b"one").unwrap();
+    store.result_cache().invalidate().unwrap();
     assert_eq!(cached_cell(&store, 1), None);
-    store.cells().put(&key(2).digest(), b"two").unwrap();
+    store.result_cache().put(&key(2).digest(), b"two").unwrap();
     assert!(cached_cell(&store, 2).is_some());
 }
 
 /// Episodes of the schema without MACs are no evidence: they are removed, and batches stay.
 #[test]
-fn episodes_of_an_older_schema_are_no_cells() {
+fn episodes_of_an_older_schema_are_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("telemetry.db");
     drop(open(folder.path()));
@@ -246,7 +246,7 @@ fn episodes_of_an_older_schema_are_no_cells() {
     older.execute_batch("UPDATE usage SET episode_bytes = 2").unwrap();
     drop(older);
     let store = open(folder.path());
-    assert_eq!(store.cells().get(&key(1).digest()), CacheLookup::Nothing);
+    assert_eq!(store.result_cache().get(&key(1).digest()), CacheLookup::Nothing);
     drop(store);
     let now = Connection::open(&path).unwrap();
     let cells: i64 = now.query_row("SELECT count(*) FROM cell", [], |row| row.get(0)).unwrap();

@@ -12,7 +12,7 @@ use holdpoint_registry::{
     export_store, prove_record, remove_witness, verify, verify_against, witnesses,
 };
 
-use crate::edits::{made, quick_folder};
+use crate::edits::{make_full_store, quick_folder};
 use crate::proofs::{heads, public_key};
 use crate::support::*;
 
@@ -85,9 +85,9 @@ fn forms(folder: &Path, elsewhere: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn a_store_that_was_put_back_is_found_against_every_form_of_copy() {
+fn restored_older_store_is_found_by_every_form_of_witness_copy() {
     let (folder, before, elsewhere) = (quick_folder(), quick_folder(), quick_folder());
-    made(folder.path());
+    make_full_store(folder.path());
     copy(folder.path(), before.path());
     let store = open(folder.path());
     shadowed(&store, "place@1.2.0");
@@ -116,9 +116,9 @@ fn a_store_that_was_put_back_is_found_against_every_form_of_copy() {
 }
 
 #[test]
-fn the_tail_cut_together_with_its_newest_checkpoint_is_found() {
+fn removed_tail_with_its_newest_checkpoint_is_found() {
     let (folder, elsewhere) = (quick_folder(), quick_folder());
-    made(folder.path());
+    make_full_store(folder.path());
     let database = folder.path().join("holdpoint.db");
     let cut = fs::read(&database).unwrap();
     let store = open(folder.path());
@@ -134,10 +134,10 @@ fn the_tail_cut_together_with_its_newest_checkpoint_is_found() {
 }
 
 #[test]
-fn what_is_no_copy_of_this_store_is_named() {
+fn witness_copy_of_another_store_is_named() {
     let (folder, other, elsewhere) = (quick_folder(), quick_folder(), quick_folder());
-    made(folder.path());
-    made(other.path());
+    make_full_store(folder.path());
+    make_full_store(other.path());
     let path = |name: &str| elsewhere.path().join(name);
     let (file, head) = heads(folder.path()).pop().unwrap();
     let secret = keyfile::read_secret(&folder.path().join("keys").join("store.key")).unwrap();
@@ -180,9 +180,9 @@ fn witnessed(folder: &Path) -> (tempfile::TempDir, String) {
 }
 
 #[test]
-fn a_store_that_was_put_back_is_refused_by_its_witness() {
+fn restored_older_store_is_refused_by_its_witness() {
     let (folder, before) = (quick_folder(), quick_folder());
-    made(folder.path());
+    make_full_store(folder.path());
     let (witness, _) = witnessed(folder.path());
     drop(open(folder.path()));
     copy(folder.path(), before.path());
@@ -259,9 +259,9 @@ fn settled(store: &Store, wanted: bool) -> Option<String> {
 }
 
 #[test]
-fn the_store_works_on_where_a_witness_cannot_be_written() {
+fn store_continues_if_a_witness_cannot_be_written() {
     let folder = quick_folder();
-    made(folder.path());
+    make_full_store(folder.path());
     let (witness, name) = witnessed(folder.path());
     let store = open(folder.path());
     let place = witness.path().join(store.store_id());
@@ -306,9 +306,9 @@ fn the_store_works_on_where_a_witness_cannot_be_written() {
 }
 
 #[test]
-fn a_witness_that_hangs_holds_nobody_up() {
+fn hanging_witness_blocks_no_commit() {
     let folder = quick_folder();
-    made(folder.path());
+    make_full_store(folder.path());
     let (witness, _) = witnessed(folder.path());
     let store = open(folder.path());
     let start = store.opening().head;
@@ -330,9 +330,9 @@ fn a_witness_that_hangs_holds_nobody_up() {
 }
 
 #[test]
-fn witnesses_are_on_record_and_nowhere_else() {
+fn witnesses_are_stored_only_on_record() {
     let folder = quick_folder();
-    made(folder.path());
+    make_full_store(folder.path());
     let database = folder.path().join("holdpoint.db");
     let (witness, name) = witnessed(folder.path());
     assert_eq!(witnesses(&database).unwrap(), [name.clone()].into());
@@ -387,7 +387,7 @@ fn witnesses_are_on_record_and_nowhere_else() {
 #[test]
 fn another_key_is_refused_by_the_witness() {
     let folder = quick_folder();
-    made(folder.path());
+    make_full_store(folder.path());
     let (witness, _) = witnessed(folder.path());
     drop(open(folder.path()));
     let head = heads(folder.path()).pop().unwrap().1;
@@ -408,7 +408,7 @@ fn another_key_is_refused_by_the_witness() {
 #[test]
 fn an_emptied_or_littered_witness_is_reported() {
     let folder = quick_folder();
-    made(folder.path());
+    make_full_store(folder.path());
     let (witness, _) = witnessed(folder.path());
     drop(open(folder.path()));
     let newest = heads(folder.path()).pop().unwrap().1;
@@ -460,7 +460,7 @@ fn an_emptied_or_littered_witness_is_reported() {
 #[test]
 fn a_stray_file_does_not_silence_a_witness() {
     let (folder, before) = (quick_folder(), quick_folder());
-    made(folder.path());
+    make_full_store(folder.path());
     let (witness, _) = witnessed(folder.path());
     drop(open(folder.path()));
     copy(folder.path(), before.path());
@@ -479,10 +479,11 @@ fn a_stray_file_does_not_silence_a_witness() {
 /// it.
 #[test]
 fn an_administrator_signs_which_witnesses_there_are() {
-    use holdpoint_approvals::{Identity, SignedWitnessAct};
+    use holdpoint_approvals::{Identity, PersonError, SignedWitnessAct};
+    use holdpoint_governance::approval::Role;
     use holdpoint_governance::profile::ProfileName;
     let (folder, place) = (quick_folder(), quick_folder());
-    made(folder.path());
+    make_full_store(folder.path());
     let store = open(folder.path());
     let name = place.path().display().to_string();
     let head = || store.views().unwrap().head().unwrap();
@@ -501,18 +502,21 @@ fn an_administrator_signs_which_witnesses_there_are() {
         assert_eq!(head(), before, "nothing was written");
     };
     refused((BY.to_owned(), None), "profile real");
-    refused(authorization(&ada, true, head().hash), "only an administrator");
-    refused(authorization(&admin, false, head().hash), "another end of the record");
+    let not_admin = PersonError::NoAdministrator { name: "ada".to_owned(), role: Role::Operator };
+    refused(authorization(&ada, true, head().hash), &not_admin.to_string());
+    let does_not_follow = PersonError::AuthorizationDoesNotFollow(name.clone()).to_string();
+    refused(authorization(&admin, false, head().hash), &does_not_follow);
     let early = authorization(&admin, true, head().hash);
     commit(&store, "another", vec![context(ProfileName::Real)]).unwrap();
-    refused(early, "another end of the record");
+    refused(early, &does_not_follow);
     add(authorization(&admin, true, head().hash)).unwrap();
     remove_witness(&store, &name, authorization(&admin, false, head().hash), 7).unwrap();
     // Under a profile with approvers, an unencrypted key is not enough.
     let human = context(ProfileName::Human);
     authorize(&store, &guarded_administrator(&store), &human).unwrap();
     commit(&store, "human", vec![human]).unwrap();
-    refused(authorization(&admin, true, head().hash), "had no passphrase when it signed");
+    let unguarded = PersonError::Unguarded("admin".to_owned());
+    refused(authorization(&admin, true, head().hash), &unguarded.to_string());
     add(authorization(&guarded_administrator(&store), true, head().hash)).unwrap();
     let report = verify(&folder.path().join("holdpoint.db"), Some(store.public_key())).unwrap();
     assert_eq!(report.witnesses_silent, Vec::<String>::new());

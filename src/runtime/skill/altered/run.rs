@@ -14,21 +14,21 @@ use holdpoint_governance::ids::Digest;
 struct AlterationMemory {
     /// Commands that are not asked for yet, or once more.
     commands: VecDeque<Command>,
-    /// The number asked for last.
+    /// The smoothed value of the last command.
     last: Option<f64>,
-    /// In force in this run at all.
-    in_run: bool,
+    /// Whether the alteration applies to this run at all.
+    applies: bool,
 }
 
-/// See the module's head.
+/// A run of an altered bundle: the inner run with its alterations.
 pub(super) struct AlteredRun {
     inner: Box<dyn Skill>,
     alterations: Arc<[Alteration]>,
     memories: Vec<AlterationMemory>,
     /// Ticks so far, counted from 0.
     tick: u64,
-    /// What a hook does instead of its own.
-    deed: Option<HookOverride>,
+    /// What the entered hook does in place of its own code.
+    hook_override: Option<HookOverride>,
 }
 
 impl AlteredRun {
@@ -36,24 +36,24 @@ impl AlteredRun {
         let memories = alterations
             .iter()
             .map(|alteration| AlterationMemory {
-                in_run: drawn(alteration, seed),
+                applies: applies_to_run(alteration, seed),
                 ..AlterationMemory::default()
             })
             .collect();
-        Self { inner, alterations, memories, tick: 0, deed: None }
+        Self { inner, alterations, memories, tick: 0, hook_override: None }
     }
 
     /// Asks the inner run, or does what stands in its place in this tick.
     fn next_command(&mut self, seen: &Observation) -> Command {
         for (alteration, memory) in self.alterations.iter().zip(&mut self.memories) {
             match alteration {
-                Alteration::Wait { from, ticks } if within(self.tick, *from, *ticks, 0) => {
+                Alteration::Wait { from, ticks } if is_in_window(self.tick, *from, *ticks, 0) => {
                     return Command::Hold;
                 }
-                Alteration::Repeat { from, ticks } if within(self.tick, *from, *ticks, 1) => {
+                Alteration::Repeat { from, ticks } if is_in_window(self.tick, *from, *ticks, 1) => {
                     return memory.commands.pop_front().unwrap_or(Command::Hold);
                 }
-                Alteration::Swap { from, ticks } if within(self.tick, *from, *ticks, 2) => {
+                Alteration::Swap { from, ticks } if is_in_window(self.tick, *from, *ticks, 2) => {
                     return memory.commands.pop_front().unwrap_or(Command::Hold);
                 }
                 _ => {}
@@ -63,13 +63,13 @@ impl AlteredRun {
         let mut command = self.inner.tick(altered.as_ref().unwrap_or(seen));
         for (alteration, memory) in self.alterations.iter().zip(&mut self.memories) {
             match alteration {
-                Alteration::Repeat { from, ticks } if within(self.tick, *from, *ticks, 0) => {
+                Alteration::Repeat { from, ticks } if is_in_window(self.tick, *from, *ticks, 0) => {
                     memory.commands.push_back(command.clone());
                 }
-                Alteration::Swap { from, ticks } if within(self.tick, *from, *ticks, 0) => {
+                Alteration::Swap { from, ticks } if is_in_window(self.tick, *from, *ticks, 0) => {
                     memory.commands.push_back(std::mem::replace(&mut command, Command::Hold));
                 }
-                Alteration::Skip { from, ticks } if within(self.tick, *from, *ticks, 0) => {
+                Alteration::Skip { from, ticks } if is_in_window(self.tick, *from, *ticks, 0) => {
                     command = Command::Hold;
                 }
                 _ => {}
@@ -83,8 +83,8 @@ impl AlteredRun {
         let mut view = None;
         for (alteration, memory) in self.alterations.iter().zip(&self.memories) {
             if let Alteration::Input { input, factor, offset, when } = alteration
-                && memory.in_run
-                && in_force(when, self.tick, seen)
+                && memory.applies
+                && is_in_force(when, self.tick, seen)
             {
                 let view = view.get_or_insert_with(|| seen.clone());
                 alter_input(view, *input, |value| value * factor + offset);
@@ -96,29 +96,29 @@ impl AlteredRun {
 
 impl Skill for AlteredRun {
     fn tick(&mut self, seen: &Observation) -> Command {
-        let mut command = match self.deed {
+        let mut command = match self.hook_override {
             Some(HookOverride::Nothing) => Command::Hold,
             Some(HookOverride::Done) => Command::Done,
             Some(HookOverride::WorkOn) | None => self.next_command(seen),
         };
         for (alteration, memory) in self.alterations.iter().zip(&mut self.memories) {
-            command = altered(alteration, memory, command, self.tick, seen);
+            command = alter_command(alteration, memory, command, self.tick, seen);
         }
         self.tick += 1;
         command
     }
 
     fn enter(&mut self, hook: Hook) {
-        let named = match hook {
+        let altered_hook = match hook {
             Hook::SafeAbort => AlteredHook::SafeAbort,
             Hook::Rollback => AlteredHook::Rollback,
         };
-        let deed = self.alterations.iter().find_map(|alteration| match alteration {
-            Alteration::Hook { hook, deed } if *hook == named => Some(*deed),
+        let hook_override = self.alterations.iter().find_map(|alteration| match alteration {
+            Alteration::Hook { hook, override_with } if *hook == altered_hook => Some(*override_with),
             _ => None,
         });
-        self.deed = deed;
-        if deed.is_none() {
+        self.hook_override = hook_override;
+        if hook_override.is_none() {
             self.inner.enter(hook);
         }
     }
@@ -129,7 +129,7 @@ impl Skill for AlteredRun {
             alterations: Arc::clone(&self.alterations),
             memories: self.memories.clone(),
             tick: self.tick,
-            deed: self.deed,
+            hook_override: self.hook_override,
         }))
     }
 
@@ -138,8 +138,8 @@ impl Skill for AlteredRun {
     }
 }
 
-/// Whether an alteration that is in force in some runs is so in this one.
-fn drawn(alteration: &Alteration, seed: u64) -> bool {
+/// Whether an alteration of some runs applies to the run of this seed. Other alterations apply to every run.
+fn applies_to_run(alteration: &Alteration, seed: u64) -> bool {
     let (Alteration::Output { when, .. } | Alteration::Input { when, .. } | Alteration::Flip { when, .. }) =
         alteration
     else {
@@ -147,17 +147,17 @@ fn drawn(alteration: &Alteration, seed: u64) -> bool {
     };
     let AlterationTiming::Runs { share, salt } = when else { return true };
     let digest = Digest::of_parts("holdpoint.altered.run.v1", &[&seed.to_le_bytes(), &salt.to_le_bytes()]);
-    let draw = digest.bytes().iter().take(4).fold(0_u32, |sum, byte| sum << 8 | u32::from(*byte));
-    f64::from(draw) < share * (f64::from(u32::MAX) + 1.0)
+    let sample = digest.bytes().iter().take(4).fold(0_u32, |sum, byte| sum << 8 | u32::from(*byte));
+    f64::from(sample) < share * (f64::from(u32::MAX) + 1.0)
 }
 
 /// Whether a tick is in the window that begins at `from`, or in the `nth` as long after it.
-fn within(tick: u64, from: u16, ticks: u16, nth: u64) -> bool {
+fn is_in_window(tick: u64, from: u16, ticks: u16, nth: u64) -> bool {
     let begin = u64::from(from) + nth * u64::from(ticks);
     (begin..begin + u64::from(ticks)).contains(&tick)
 }
 
-fn in_force(when: &AlterationTiming, tick: u64, seen: &Observation) -> bool {
+fn is_in_force(when: &AlterationTiming, tick: u64, seen: &Observation) -> bool {
     match *when {
         AlterationTiming::Always | AlterationTiming::Runs { .. } => true,
         AlterationTiming::After { tick: from } => tick >= u64::from(from),
@@ -169,7 +169,7 @@ fn in_force(when: &AlterationTiming, tick: u64, seen: &Observation) -> bool {
 }
 
 /// A command after one alteration.
-fn altered(
+fn alter_command(
     alteration: &Alteration,
     memory: &mut AlterationMemory,
     mut command: Command,
@@ -178,8 +178,8 @@ fn altered(
 ) -> Command {
     match alteration {
         Alteration::Output { output, factor, offset, when } => {
-            if memory.in_run
-                && in_force(when, tick, seen)
+            if memory.applies
+                && is_in_force(when, tick, seen)
                 && let Some(value) = output_mut(&mut command, *output)
             {
                 *value = *value * factor + offset;
@@ -198,9 +198,9 @@ fn altered(
             }
         }
         Alteration::Flip { output, when } => {
-            if memory.in_run
-                && in_force(when, tick, seen)
-                && let Some(at) = position(seen, *output)
+            if memory.applies
+                && is_in_force(when, tick, seen)
+                && let Some(at) = tool_position(seen, *output)
                 && let Some(value) = output_mut(&mut command, *output)
             {
                 *value = 2.0 * at - *value;
@@ -247,7 +247,7 @@ fn output_mut(command: &mut Command, output: AlteredOutput) -> Option<&mut f64> 
 }
 
 /// Where the tool is along an axis, m.
-fn position(seen: &Observation, axis: AlteredOutput) -> Option<f64> {
+fn tool_position(seen: &Observation, axis: AlteredOutput) -> Option<f64> {
     let [x, y, z] = seen.tool.position;
     match axis {
         AlteredOutput::X => Some(x),

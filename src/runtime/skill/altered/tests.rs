@@ -8,12 +8,12 @@ use crate::skill::Hook;
 
 /// Asks to go where the object is seen, closing on it once it is done; says done when told to abort.
 #[derive(Clone, Default)]
-struct Follows {
+struct FollowObject {
     ticks: u32,
     aborting: bool,
 }
 
-impl Skill for Follows {
+impl Skill for FollowObject {
     fn tick(&mut self, seen: &Observation) -> Command {
         self.ticks += 1;
         if self.aborting {
@@ -56,8 +56,8 @@ fn seen() -> Observation {
     }
 }
 
-fn run(alterations: &[Alteration], seed: u64) -> AlteredRun {
-    AlteredRun::new(Box::new(Follows::default()), alterations.to_vec().into(), seed)
+fn altered_run(alterations: &[Alteration], seed: u64) -> AlteredRun {
+    AlteredRun::new(Box::new(FollowObject::default()), alterations.to_vec().into(), seed)
 }
 
 /// The commands of the first `ticks` ticks, in short: `p`, x of the pose and speed; `g` and force; or the kind.
@@ -74,42 +74,51 @@ fn commands(run: &mut dyn Skill, ticks: usize) -> Vec<String> {
 }
 
 #[test]
-fn numbers_of_commands_are_altered_where_they_are_and_when_they_are() {
+fn command_numbers_are_altered_by_output_and_timing() {
     let output = |output, factor, offset, when| Alteration::Output { output, factor, offset, when };
     let far = output(AlteredOutput::X, 2.0, -0.1, AlterationTiming::After { tick: 1 });
-    assert_eq!(commands(&mut run(&[far], 1), 3), ["p0.50@1", "g3.0", "p0.90@3"]);
+    assert_eq!(commands(&mut altered_run(&[far], 1), 3), ["p0.50@1", "g3.0", "p0.90@3"]);
     let firm = output(AlteredOutput::GripForce, 1.5, 0.0, AlterationTiming::Gripping { above_n: 2.0 });
-    assert_eq!(commands(&mut run(&[firm], 1), 2), ["p0.50@1", "g4.5"]);
+    assert_eq!(commands(&mut altered_run(&[firm], 1), 2), ["p0.50@1", "g4.5"]);
     let idle = output(AlteredOutput::GripForce, 1.5, 0.0, AlterationTiming::Gripping { above_n: 3.0 });
-    assert_eq!(commands(&mut run(&[idle], 1), 2), ["p0.50@1", "g3.0"]);
+    assert_eq!(commands(&mut altered_run(&[idle], 1), 2), ["p0.50@1", "g3.0"]);
     let flip =
         Alteration::Flip { output: AlteredOutput::X, when: AlterationTiming::Every { period: 4, length: 2 } };
-    assert_eq!(commands(&mut run(&[flip], 1), 4), ["p0.30@1", "g3.0", "p0.50@3", "g3.0"]);
+    assert_eq!(commands(&mut altered_run(&[flip], 1), 4), ["p0.30@1", "g3.0", "p0.50@3", "g3.0"]);
     let coarse = Alteration::Quantise { output: AlteredOutput::X, step: 0.4 };
-    assert_eq!(commands(&mut run(&[coarse], 1), 1), ["p0.40@1"]);
+    assert_eq!(commands(&mut altered_run(&[coarse], 1), 1), ["p0.40@1"]);
     let slow = Alteration::Filter { output: AlteredOutput::Speed, weight: 0.5 };
-    assert_eq!(commands(&mut run(&[slow], 1), 5), ["p0.50@1", "g3.0", "p0.50@2", "g3.0", "p0.50@3.5"]);
+    assert_eq!(
+        commands(&mut altered_run(&[slow], 1), 5),
+        ["p0.50@1", "g3.0", "p0.50@2", "g3.0", "p0.50@3.5"]
+    );
 }
 
 #[test]
-fn time_is_altered() {
+fn timing_alterations_delay_skip_repeat_and_swap_commands() {
     assert_eq!(
-        commands(&mut run(&[Alteration::Delay { ticks: 2 }], 1), 4),
+        commands(&mut altered_run(&[Alteration::Delay { ticks: 2 }], 1), 4),
         ["hold", "hold", "p0.50@1", "g3.0"]
     );
     let wait = Alteration::Wait { from: 1, ticks: 2 };
-    assert_eq!(commands(&mut run(&[wait], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
+    assert_eq!(commands(&mut altered_run(&[wait], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
     let skip = Alteration::Skip { from: 1, ticks: 2 };
-    assert_eq!(commands(&mut run(&[skip], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
+    assert_eq!(commands(&mut altered_run(&[skip], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
     let repeat = Alteration::Repeat { from: 0, ticks: 2 };
-    assert_eq!(commands(&mut run(&[repeat], 1), 5), ["p0.50@1", "g3.0", "p0.50@1", "g3.0", "p0.50@3"]);
+    assert_eq!(
+        commands(&mut altered_run(&[repeat], 1), 5),
+        ["p0.50@1", "g3.0", "p0.50@1", "g3.0", "p0.50@3"]
+    );
     let swap = Alteration::Swap { from: 0, ticks: 1 };
-    assert_eq!(commands(&mut run(&[swap], 1), 4), ["hold", "g3.0", "p0.50@1", "p0.50@3"]);
-    assert_eq!(commands(&mut run(&[Alteration::Finish { tick: 1 }], 1), 3), ["p0.50@1", "done", "p0.50@3"]);
+    assert_eq!(commands(&mut altered_run(&[swap], 1), 4), ["hold", "g3.0", "p0.50@1", "p0.50@3"]);
+    assert_eq!(
+        commands(&mut altered_run(&[Alteration::Finish { tick: 1 }], 1), 3),
+        ["p0.50@1", "done", "p0.50@3"]
+    );
 }
 
 #[test]
-fn what_is_seen_is_altered_for_the_skill_alone() {
+fn altered_input_is_seen_only_by_the_skill() {
     let deaf = Alteration::Input {
         input: AlteredInput::GripForce,
         factor: 0.0,
@@ -122,38 +131,39 @@ fn what_is_seen_is_altered_for_the_skill_alone() {
         offset: 9.0,
         when: AlterationTiming::Gripping { above_n: 2.0 },
     };
-    assert_eq!(commands(&mut run(&[deaf, firm], 1), 2), ["p0.50@1", "g9.0"]);
+    assert_eq!(commands(&mut altered_run(&[deaf, firm], 1), 2), ["p0.50@1", "g9.0"]);
 }
 
 #[test]
-fn an_altered_hook_changes_and_the_other_does_not() {
-    for (deed, expected) in [
+fn altered_hook_is_overridden_and_the_other_is_not() {
+    for (override_with, expected) in [
         (HookOverride::Nothing, ["hold", "hold"]),
         (HookOverride::Done, ["done", "done"]),
         (HookOverride::WorkOn, ["p0.50@1", "g3.0"]),
     ] {
-        let alteration = Alteration::Hook { hook: AlteredHook::SafeAbort, deed };
-        let mut aborted = run(&[alteration], 1);
+        let alteration = Alteration::Hook { hook: AlteredHook::SafeAbort, override_with };
+        let mut aborted = altered_run(&[alteration], 1);
         aborted.enter(Hook::SafeAbort);
-        assert_eq!(commands(&mut aborted, 2), expected, "{deed:?}");
-        let mut other_hook = run(&[alteration], 1);
+        assert_eq!(commands(&mut aborted, 2), expected, "{override_with:?}");
+        let mut other_hook = altered_run(&[alteration], 1);
         other_hook.enter(Hook::Rollback);
         assert_eq!(commands(&mut other_hook, 2), ["stop", "stop"]);
     }
 }
 
 #[test]
-fn some_runs_are_altered_and_a_copy_goes_on_as_the_run_does() {
+fn share_of_runs_is_altered_and_a_copy_behaves_like_its_run() {
     let rare = Alteration::Output {
         output: AlteredOutput::GripForce,
         factor: 2.0,
         offset: 0.0,
         when: AlterationTiming::Runs { share: 0.25, salt: 7 },
     };
-    let altered = (0..2_000).filter(|seed| commands(&mut run(&[rare], *seed), 2)[1] == "g6.0").count();
+    let altered =
+        (0..2_000).filter(|seed| commands(&mut altered_run(&[rare], *seed), 2)[1] == "g6.0").count();
     assert!((430..=570).contains(&altered), "{altered} of 2000 for a share of a quarter");
     let all = [Alteration::Delay { ticks: 3 }, Alteration::Swap { from: 2, ticks: 2 }, rare];
-    let mut one = run(&all, 3);
+    let mut one = altered_run(&all, 3);
     commands(&mut one, 4);
     let mut copy = one.fork().unwrap();
     assert_eq!(commands(&mut one, 9), commands(copy.as_mut(), 9));

@@ -1,7 +1,7 @@
 //! The rungs of the ladder that move the arm, and the one that checks whether the rollback target is ready.
 //!
-//! Whether a rung held is read from joints, contacts and pose, never from what a hook returns. Decides
-//! nothing about the versions; the first rung that fails ends the ladder, and the arm stays stopped.
+//! Joints, contacts and pose show whether a rung passed; the result of a hook does not count. Decides nothing about the
+//! versions; the first rung that fails ends the ladder, and the arm stays stopped.
 
 use holdpoint_body::{Command, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_sim::SimError;
@@ -25,7 +25,7 @@ const HOLD_TICKS: u64 = RATE_HZ as u64;
 /// How long the retreat may take, ticks.
 const RETREAT_TICKS: u64 = 4 * RATE_HZ as u64;
 
-/// Height to which the tool is raised, m: above everything that stands in the cell.
+/// Height to which the tool is raised, m: above every object of the cell.
 const RETREAT_HEIGHT_M: f64 = 0.2;
 
 /// The lowest height that counts as clear, m.
@@ -34,40 +34,40 @@ const CLEAR_HEIGHT_M: f64 = 0.15;
 /// Speed of the retreat, m/s.
 const RETREAT_SPEED_M_S: f64 = 0.2;
 
-/// What the arm did on the ladder.
+/// The result of the rungs that move the arm.
 #[derive(Clone, Debug)]
-pub(crate) struct Descent {
+pub(crate) struct LadderMotion {
     /// The rungs that were tried.
     pub(crate) rungs: Vec<RungRecord>,
     /// From the trigger until every joint was at rest, ticks.
-    pub(crate) safe_ticks: Option<u64>,
+    pub(crate) ticks_to_safe: Option<u64>,
     /// From the trigger to the end of the last rung, ticks.
-    pub(crate) ticks: u64,
-    /// Ticks of the live world that passed here; the rest passed in the task.
-    pub(crate) ticks_here: u64,
+    pub(crate) ticks_since_trigger: u64,
+    /// Ticks of the live world that these rungs took; the other ticks since the trigger passed in the task.
+    pub(crate) rung_ticks: u64,
     /// Motion after the trigger, beyond what braking takes, ticks.
     pub(crate) motion_ticks: u64,
 }
 
-impl Descent {
-    /// Whether the ladder goes on.
-    pub(crate) fn held(&self) -> bool {
+impl LadderMotion {
+    /// Whether the ladder continues after these rungs.
+    pub(crate) fn continues(&self) -> bool {
         self.rungs.iter().all(RungRecord::continues)
     }
 }
 
 impl Rig {
-    /// The physical rungs: the version's own safe-abort hook, the interrupt that no version can refuse, and the
-    /// retreat. If the supervisor stopped a task in flight, the hook has run already: the ladder continues from there,
-    /// and time counts from the tick of that stop.
-    pub(crate) fn descend(
+    /// Runs the rungs that move the arm: the version's own safe-abort hook, the interrupt that no version can refuse,
+    /// and the retreat. If the supervisor stopped a task in flight, the hook has run already: the ladder continues from
+    /// there, and time counts from the tick of that stop.
+    pub(crate) fn run_motion_rungs(
         &mut self,
         leaving: &Capability,
         terms: &SkillTerms,
         trip: Option<&Trip>,
-    ) -> Result<Descent, SimError> {
+    ) -> Result<LadderMotion, SimError> {
         let now = self.world().tick();
-        let started = trip.map_or(now, |trip| trip.world_tick.min(now));
+        let trigger_tick = trip.map_or(now, |trip| trip.world_tick.min(now));
         self.arm_mut().body_mut().verdict();
         let mut handle = self.arm_mut().handle();
         let mut guard = terms.guard(&leaving.manifest.permissions);
@@ -79,53 +79,53 @@ impl Rig {
                 recovery::abort(&mut handle, skill.as_mut(), &mut guard, &mut watcher, leaving.abort_secs())?
             }
         };
-        let mut descent = Descent {
+        let mut motion = LadderMotion {
             rungs: vec![safe_abort(&report)],
-            safe_ticks: None,
-            ticks: 0,
-            ticks_here: 0,
+            ticks_to_safe: None,
+            ticks_since_trigger: 0,
+            rung_ticks: 0,
             motion_ticks: report.motion_ticks,
         };
-        let (hold, stood_at) = hold(&mut handle)?;
-        let reached = hold.failure.is_none();
-        descent.rungs.push(hold);
-        if reached {
-            // The standstill of the abort counts if the arm has stood ever since.
-            let stood = report.stopped_by != StoppedBy::Nothing && stood_at == 0;
-            let before = self.world().tick().saturating_sub(started);
-            let held_for = descent.rungs.last().map_or(0, |rung| rung.ticks);
-            descent.safe_ticks = Some(if stood {
+        let (hold, standstill_tick) = hold(&mut handle)?;
+        let is_at_standstill = hold.failure.is_none();
+        let hold_ticks = hold.ticks;
+        motion.rungs.push(hold);
+        if is_at_standstill {
+            // The standstill of the abort counts if the arm has been at rest ever since.
+            let at_rest_since_abort = report.stopped_by != StoppedBy::Nothing && standstill_tick == 0;
+            let since_trigger = self.world().tick().saturating_sub(trigger_tick);
+            motion.ticks_to_safe = Some(if at_rest_since_abort {
                 report.ticks_to_standstill
             } else {
-                before.saturating_sub(held_for) + stood_at
+                since_trigger.saturating_sub(hold_ticks) + standstill_tick
             });
-            let rung = if self.arm_mut().body().is_halted() {
-                // A person's stop outranks the retreat: the arm stays where it is.
+            let retreat = if self.arm_mut().body().is_halted() {
+                // A person's stop takes precedence over the retreat: the arm stays where it is.
                 RungRecord::new(Rung::Retract, None, 0, Notice::RetreatSkipped { during: false })
             } else {
                 // The retreat is the runtime's own motion: no manifest declares it.
-                let mut own = terms.own_guard(leaving.manifest.permissions.authority);
-                retract(&mut self.arm_mut().handle(), &mut own)?
+                let mut guard = terms.own_guard(leaving.manifest.permissions.authority);
+                retract(&mut self.arm_mut().handle(), &mut guard)?
             };
-            descent.rungs.push(rung);
+            motion.rungs.push(retreat);
         }
-        let ended = self.world().tick();
-        descent.ticks = ended.saturating_sub(started);
-        descent.ticks_here = ended.saturating_sub(now);
-        Ok(descent)
+        let end_tick = self.world().tick();
+        motion.ticks_since_trigger = end_tick.saturating_sub(trigger_tick);
+        motion.rung_ticks = end_tick.saturating_sub(now);
+        Ok(motion)
     }
 
     /// Checks whether the rollback target is ready: it gets the observations of the arm at standstill, and must give
     /// a command that its own guard passes. None of its commands reaches the arm here.
-    pub(crate) fn ready(
+    pub(crate) fn check_target_ready(
         &mut self,
-        predecessor: &Capability,
+        target: &Capability,
         terms: &SkillTerms,
     ) -> Result<RungRecord, SimError> {
-        let task = predecessor.bundle.task();
+        let task = target.bundle.task();
         self.arm_mut().body_mut().world_mut().begin_task(task);
-        let mut guard = terms.guard(&predecessor.manifest.permissions);
-        let mut skill = predecessor.start(terms.bundle_seed(self.world().tick()));
+        let mut guard = terms.guard(&target.manifest.permissions);
+        let mut skill = target.start(terms.bundle_seed(self.world().tick()));
         Ok(handover::ready(&mut self.arm_mut().handle(), &mut guard, skill.as_mut())?)
     }
 }
@@ -138,15 +138,16 @@ fn safe_abort(report: &RecoveryReport) -> RungRecord {
     RungRecord::new(Rung::SafeAbort, failure, report.ticks_to_standstill, notice)
 }
 
-/// Interrupts and waits for the standstill of every joint. Also returns the tick of this rung at which it began.
+/// Interrupts and waits for the standstill of every joint. Also returns the tick of this rung at which the standstill
+/// began.
 fn hold(handle: &mut ActuatorHandle<'_, InstrumentedWorld>) -> Result<(RungRecord, u64), SimError> {
     handle.interrupt(Interrupt::Stop);
     let mut standstill = Standstill::default();
     for tick in 1..=HOLD_TICKS {
         handle.step(&Command::Hold)?;
         if standstill.observe(&handle.telemetry()) {
-            let since = tick.saturating_sub(Standstill::TICKS as u64);
-            return Ok((RungRecord::new(Rung::Hold, None, tick, Notice::AtStandstill), since));
+            let began_at = tick.saturating_sub(Standstill::TICKS as u64);
+            return Ok((RungRecord::new(Rung::Hold, None, tick, Notice::AtStandstill), began_at));
         }
     }
     let failure = Some(RungFailure::NoStandstill);
@@ -159,31 +160,31 @@ fn retract(
     guard: &mut Guard,
 ) -> Result<RungRecord, SimError> {
     handle.interrupt(Interrupt::Release);
-    let mut seen = handle.telemetry();
-    let mut up = seen.tool;
-    up.position[2] = up.position[2].max(RETREAT_HEIGHT_M);
-    let retreat = Command::ToolPose { pose: up, max_speed_m_s: RETREAT_SPEED_M_S };
-    let checked = guard.check(&retreat, &seen);
+    let mut telemetry = handle.telemetry();
+    let mut raised = telemetry.tool;
+    raised.position[2] = raised.position[2].max(RETREAT_HEIGHT_M);
+    let retreat = Command::ToolPose { pose: raised, max_speed_m_s: RETREAT_SPEED_M_S };
+    let checked = guard.check(&retreat, &telemetry);
     handle.step(&checked.command)?;
     let mut standstill = Standstill::default();
     let mut ticks = 1;
-    let mut stands = false;
+    let mut is_at_standstill = false;
     while ticks < RETREAT_TICKS {
         handle.step(&Command::Hold)?;
         ticks += 1;
-        seen = handle.telemetry();
-        stands = standstill.observe(&seen);
-        if stands && handle.body().is_halted() {
+        telemetry = handle.telemetry();
+        is_at_standstill = standstill.observe(&telemetry);
+        if is_at_standstill && handle.body().is_halted() {
             let notice = Notice::RetreatSkipped { during: true };
             return Ok(RungRecord::new(Rung::Retract, None, ticks, notice));
         }
-        if stands && seen.tool.distance_m(&up) < 0.01 {
+        if is_at_standstill && telemetry.tool.distance_m(&raised) < 0.01 {
             break;
         }
     }
-    let touches = handover::touches(seen.contacts);
-    let clear = stands && !touches && seen.tool.position[2] > CLEAR_HEIGHT_M;
-    if clear {
+    let touches = handover::touches(telemetry.contacts);
+    let is_clear = is_at_standstill && !touches && telemetry.tool.position[2] > CLEAR_HEIGHT_M;
+    if is_clear {
         return Ok(RungRecord::new(Rung::Retract, None, ticks, Notice::ToolClear));
     }
     // A failed retreat must not continue: the interrupt stops the arm.
@@ -191,11 +192,11 @@ fn retract(
     let obstacle = match checked.verdict {
         GuardVerdict::Denied => RetreatObstacle::GuardRefused,
         _ if touches => RetreatObstacle::Touching,
-        _ if !stands => RetreatObstacle::NoStandstill,
+        _ if !is_at_standstill => RetreatObstacle::NoStandstill,
         _ => RetreatObstacle::NotRisen,
     };
     #[allow(clippy::cast_possible_truncation, reason = "the height of a tool in a cell")]
-    let height_mm = (seen.tool.position[2] * 1e3).round() as i64;
+    let height_mm = (telemetry.tool.position[2] * 1e3).round() as i64;
     let notice = Notice::RetreatFailed { obstacle, height_mm };
     Ok(RungRecord::new(Rung::Retract, Some(RungFailure::RetreatBlocked), ticks, notice))
 }

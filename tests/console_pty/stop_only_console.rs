@@ -2,14 +2,14 @@
 
 use rustix::process::Signal;
 
-use crate::{SIZE, assert_restored, passphrase_file, stop_of, waiting_home};
+use crate::{SIZE, assert_restored, home_awaiting_approval, passphrase_file, stop_of};
 
 /// Exit code of a program that cannot use the store.
-const USAGE: u32 = 2;
+const EXIT_USAGE: u32 = 2;
 
 #[test]
-fn a_second_console_can_only_stop_the_engine_of_the_store() {
-    let home = waiting_home();
+fn second_console_can_only_stop_the_engine_of_a_plain_stream() {
+    let home = home_awaiting_approval();
     let secret_file = passphrase_file(&home);
     let mut first = home.console(&["run", "--plain", "--profile", "human", "--jobs=1", "--pace", "1"], SIZE);
     first.wait_for_text("align@1.1.0");
@@ -46,7 +46,7 @@ fn a_second_console_can_only_stop_the_engine_of_the_store() {
     second.keys("X");
     second.wait_for_text("on this store");
     second.keys("q");
-    assert_eq!(second.end().exit_code(), USAGE, "{}", second.contents());
+    assert_eq!(second.end().exit_code(), EXIT_USAGE, "{}", second.contents());
     assert!(second.contents().contains("not come"), "{}", second.contents());
     assert_restored(&second);
 }

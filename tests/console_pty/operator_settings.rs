@@ -1,12 +1,12 @@
 //! The operator's own settings: a name, keys and themes that change while the console is open, the mouse.
 
 use crate::pty::Home;
-use crate::{fresh, quit};
+use crate::{console_on_fresh_store, quit};
 
 #[test]
-fn a_new_name_is_made_an_identity_and_sits_down() {
+fn as_command_creates_an_identity_and_switches_to_it() {
     let home = Home::new();
-    let mut console = fresh(&home, &[]);
+    let mut console = console_on_fresh_store(&home, &[]);
     console.keys(":as zoe\r");
     console.wait_for_text("the identity zoe");
     console.keys("n");
@@ -30,11 +30,11 @@ fn a_new_name_is_made_an_identity_and_sits_down() {
 }
 
 #[test]
-fn changed_keys_and_themes_are_taken_in_and_a_broken_file_changes_nothing() {
+fn changed_keys_and_themes_are_reloaded_and_a_broken_file_changes_nothing() {
     let home = Home::new();
     let own = home.path().join("config/holdpoint");
     std::fs::create_dir_all(own.join("themes")).unwrap();
-    let mut console = fresh(&home, &[]);
+    let mut console = console_on_fresh_store(&home, &[]);
     std::fs::write(own.join("keys.toml"), "[keys]\nalarms = [\"f5\"]\n").unwrap();
     std::fs::write(own.join("themes/dusk.toml"), "inherits = \"mono\"\n").unwrap();
     console.wait_for_text("are reloaded");
@@ -50,9 +50,9 @@ fn changed_keys_and_themes_are_taken_in_and_a_broken_file_changes_nothing() {
 }
 
 #[test]
-fn a_click_goes_where_it_points_once_the_mouse_was_taken() {
+fn click_opens_a_view_once_the_mouse_is_enabled() {
     let home = Home::new();
-    let mut console = fresh(&home, &[]);
+    let mut console = console_on_fresh_store(&home, &[]);
     console.keys("M");
     console.wait_for_bytes("the mouse is taken", |bytes| {
         let taken = b"\x1b[?1006h";
@@ -71,7 +71,7 @@ fn a_path_is_completed_through_a_menu() {
     for name in ["grasp-a", "grasp-b"] {
         std::fs::create_dir_all(home.path().join("shop").join(name)).unwrap();
     }
-    let mut console = fresh(&home, &[]);
+    let mut console = console_on_fresh_store(&home, &[]);
     console.keys(":register shop/gr");
     console.keys("\t");
     console.wait_for_text(":register shop/grasp-a/");

@@ -6,21 +6,22 @@ use rustix::process::Signal;
 
 use crate::pty::{Console, Home};
 use crate::{
-    PASSPHRASE, SIZE, assert_restored, at_the_prompt, await_approval, fill, fresh, is_up,
-    press_until_it_counts, quit, short_id, staffed, state_of, verified, waiting_home,
+    PASSPHRASE, SIZE, assert_restored, await_approval, console_on_fresh_store, fill_fields,
+    home_awaiting_approval, home_with_approvers, open_request, press_until_decided, quit, short_id,
+    shows_engine, state_of, verify_audit,
 };
 
 /// A console attached to a running engine.
 fn attach(home: &Home, more: &[&str]) -> Console {
     let console = home.console(&[&["run", "--no-tour"], more].concat(), SIZE);
-    console.wait_for("it shows the engine", |screen| is_up(&screen.contents()));
+    console.wait_for("it shows the engine", |screen| shows_engine(&screen.contents()));
     console
 }
 
 #[test]
-fn a_second_console_sits_down_at_the_engine_that_is_at_work() {
+fn second_console_attaches_to_the_running_engine() {
     let home = Home::new();
-    let mut first = fresh(&home, &[]);
+    let mut first = console_on_fresh_store(&home, &[]);
     home.must(&["identity", "new", "mara", "--unprotected"]);
     let mut refused = home.console(&["run", "--no-tour", "--seed", "7"], SIZE);
     refused.wait_for_text("--seed applies");
@@ -53,14 +54,14 @@ fn a_second_console_sits_down_at_the_engine_that_is_at_work() {
     third.keys("q");
     third.end();
     assert_eq!(quit(&mut first), 0);
-    verified(&home);
+    verify_audit(&home);
 }
 
 #[test]
-fn an_end_elsewhere_is_shown_and_a_killed_console_detaches() {
+fn killed_console_detaches_and_the_end_of_the_engine_is_shown() {
     let home = Home::new();
     let mut first = home.console(&["run", "--no-tour", "--jobs=1", "--in-process"], SIZE);
-    first.wait_for("the engine is up", |screen| is_up(&screen.contents()));
+    first.wait_for("the engine is up", |screen| shows_engine(&screen.contents()));
     let mut second = attach(&home, &["--read-only"]);
     first.wait_for_text("with seat 2");
     let third = attach(&home, &[]);
@@ -86,8 +87,8 @@ fn an_end_elsewhere_is_shown_and_a_killed_console_detaches() {
 
 #[test]
 fn a_decision_at_another_console_closes_the_request_and_names_it() {
-    let home = waiting_home();
-    let mut alice = at_the_prompt(&home, "alice");
+    let home = home_awaiting_approval();
+    let mut alice = open_request(&home, "alice");
     let mut bob = attach(&home, &["--as", "bob"]);
     bob.wait_for_text("1 wait");
     bob.keys("a\r");
@@ -101,7 +102,7 @@ fn a_decision_at_another_console_closes_the_request_and_names_it() {
     bob.keys("N");
     bob.wait_for_text("Passphrase of bob");
     bob.keys(PASSPHRASE);
-    press_until_it_counts(&mut bob, "\r");
+    press_until_decided(&mut bob, "\r");
     alice.wait_for_text("bob rejected");
     alice.wait_for_text("CLOSED");
     assert_eq!(state_of(&home, "align@1.1.0"), "rejected");
@@ -109,12 +110,12 @@ fn a_decision_at_another_console_closes_the_request_and_names_it() {
     assert_eq!(bob.end().exit_code(), 0);
     alice.keys("\r");
     assert_eq!(quit(&mut alice), 0);
-    verified(&home);
+    verify_audit(&home);
 }
 
 /// A store in which a candidate that asks for more authority waits for two approvers.
-fn home_awaiting_two() -> Home {
-    let home = staffed();
+fn home_awaiting_two_approvals() -> Home {
+    let home = home_with_approvers();
     let candidate = home.path().join("wider");
     std::fs::create_dir(&candidate).unwrap();
     for file in ["manifest.toml", "params.toml", "submission.toml"] {
@@ -134,7 +135,7 @@ fn promote(console: &mut Console) {
         console.keys("\x1b[6~");
     }
     console.wait_for("all of it was read", |screen| !screen.contents().contains("lines unread"));
-    fill(console, &id, "evidence read");
+    fill_fields(console, &id, "evidence read");
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
     console.keys("Y");
     console.wait_for_text("Passphrase of");
@@ -143,9 +144,9 @@ fn promote(console: &mut Console) {
 }
 
 #[test]
-fn two_people_at_two_seats_let_a_version_in_together() {
-    let home = home_awaiting_two();
-    let mut alice = at_the_prompt(&home, "alice");
+fn two_approvers_at_two_consoles_activate_a_version() {
+    let home = home_awaiting_two_approvals();
+    let mut alice = open_request(&home, "alice");
     let mut bob = attach(&home, &["--as", "bob"]);
     bob.wait_for_text("1 wait");
     bob.keys("a\r");
@@ -167,5 +168,5 @@ fn two_people_at_two_seats_let_a_version_in_together() {
     bob.keys("1q");
     assert_eq!(bob.end().exit_code(), 0);
     assert_eq!(quit(&mut alice), 0);
-    verified(&home);
+    verify_audit(&home);
 }

@@ -1,0 +1,210 @@
+//! Health over time in words: the marks of a series, and the titles of an exported chart.
+
+use holdpoint_governance::ids::Family;
+use holdpoint_protocol::health::{
+    HealthClock, HealthMark, HealthPanel, MarkContent, MarkedAct, duration_label,
+};
+
+/// Why a series of a script has no buckets by the machine's clock.
+pub const NO_MACHINE_TIME: &str = "this record has no time of the machine's clock: it is a script's";
+
+/// The placeholder of a person whom the record does not name.
+const UNNAMED: &str = "somebody";
+
+/// What a mark states: what, about whom, by whom and why.
+#[must_use]
+pub fn mark(of: &MarkContent) -> String {
+    use MarkContent as M;
+    match of {
+        M::TookOver { version } => format!("{version} took over"),
+        M::FirstOfFamily { version } => format!("{version} is the first of its family"),
+        M::TookOverAgain { version } => format!("{version} took over again"),
+        M::Reactivated { version } => format!("{version} was made active again by a person"),
+        M::NoActiveVersion { family } => format!("{family} has no active version"),
+        M::StateChanged { subject, reason } => format!("{subject}: {}", crate::notice(reason)),
+        M::Confirmed { subject } => format!("{subject} was confirmed"),
+        M::Restricted { subject, reason } => {
+            let why = reason.as_deref().map_or_else(String::new, crate::reason);
+            format!("{subject}: {why}")
+        }
+        M::Acted { by, act, reason } => {
+            let person = if by.is_empty() { UNNAMED } else { by };
+            let act = marked_act(act);
+            if reason.is_empty() { format!("{person} {act}") } else { format!("{person} {act}: {reason}") }
+        }
+        M::DriftBegan { drift, magnitude } => format!("{drift} {magnitude} began in the simulated cell"),
+        M::DriftEnded => "the drift of the cell ended".to_owned(),
+        M::FaultBegan { fault } => format!("{fault} in the simulated cell"),
+        M::FaultRepaired => "the fault of the simulated cell was repaired".to_owned(),
+        M::Note { by, text } => format!("{by}: {text}"),
+        M::ProfileInForce { profile } => {
+            format!("judged under the profile {} from here on", profile.as_deref().unwrap_or("unknown"))
+        }
+        M::NormalCounted { subject, tasks, failures, force_n } => format!(
+            "normal for {subject}: {:.0} of {tasks:.0} tasks done, at most {force_n:.1} N",
+            tasks - failures
+        ),
+        M::NoEngine { ms } => {
+            format!("no engine ran for {} before this, or the machine slept", duration_label(*ms))
+        }
+        M::AlarmRaised { alarm, text } => text.as_ref().map_or_else(|| alarm.clone(), crate::notice),
+        M::AlarmClosed { alarm, by, reason } => {
+            format!("{alarm} closed by {}: {reason}", by.as_deref().unwrap_or(UNNAMED))
+        }
+    }
+}
+
+fn marked_act(act: &MarkedAct) -> String {
+    match act {
+        MarkedAct::BreakGlass { subject } => format!("let {subject} in alone"),
+        MarkedAct::StoppedCell => "stopped the cell".to_owned(),
+        MarkedAct::StartedCell => "started the cell".to_owned(),
+        MarkedAct::SetGoal { goal } => format!("set the goal {goal}"),
+    }
+}
+
+/// A mark in the legend of a chart: when, its kind, and what it states.
+#[must_use]
+pub fn mark_legend(when: &str, mark: &HealthMark) -> String {
+    format!("{when}  {}: {}", mark.kind.label(), mark.text)
+}
+
+/// The title of a panel: the quantity, its unit, and its band.
+#[must_use]
+pub const fn panel_title(panel: HealthPanel) -> &'static str {
+    match panel {
+        HealthPanel::Success => "success, % of tasks (band: 95 % interval)",
+        HealthPanel::Violations => "violations, % of tasks (band: up to those near a limit)",
+        HealthPanel::Time => "time of a task, s (median; band: to the 95th percentile)",
+        HealthPanel::Force => "largest force of a task, N (median; band: to the 95th percentile)",
+    }
+}
+
+/// The title of a chart; both times are texts of its clock.
+#[must_use]
+pub fn chart_title(family: &Family, from: &str, until: &str) -> String {
+    format!("{family}: live tasks from {from} to {until}")
+}
+
+/// The title of the axis of time, with the width of a bucket.
+#[must_use]
+pub fn axis_title(clock: HealthClock, bucket_ms: u64) -> String {
+    let width = bucket_width(bucket_ms);
+    match clock {
+        HealthClock::Wall => format!("time, UTC; a point stands for {width}"),
+        HealthClock::Virtual => format!("the engine's time, h:min:s; a point stands for {width}"),
+    }
+}
+
+fn bucket_width(ms: u64) -> String {
+    match ms / 1_000 {
+        secs @ 0..3_600 => format!("{} min", secs / 60),
+        secs @ 3_600..86_400 => format!("{} h", secs / 3_600),
+        secs => format!("{} d", secs / 86_400),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::decision::{Dimension, Reason};
+    use holdpoint_governance::finding::Finding;
+    use holdpoint_governance::notice::NoticeOrText;
+    use holdpoint_protocol::health::MarkKind;
+
+    fn acted(by: &str, act: MarkedAct, reason: &str) -> MarkContent {
+        MarkContent::Acted { by: by.to_owned(), act, reason: reason.to_owned() }
+    }
+
+    #[test]
+    fn every_mark_has_its_sentence() {
+        use MarkContent as M;
+        let version = || "grasp@1.1.0".parse().unwrap();
+        let subject = || "grasp@1.1.0".to_owned();
+        let older = |text: &str| NoticeOrText::Text(text.to_owned());
+        let silent = Reason::new(Dimension::Monitor, Finding::TelemetrySilent);
+        for (of, text) in [
+            (M::TookOver { version: version() }, "grasp@1.1.0 took over"),
+            (M::FirstOfFamily { version: version() }, "grasp@1.1.0 is the first of its family"),
+            (M::TookOverAgain { version: version() }, "grasp@1.1.0 took over again"),
+            (M::Reactivated { version: version() }, "grasp@1.1.0 was made active again by a person"),
+            (M::NoActiveVersion { family: Family::new("grasp").unwrap() }, "grasp has no active version"),
+            (M::StateChanged { subject: subject(), reason: older("why") }, "grasp@1.1.0: why"),
+            (M::Confirmed { subject: subject() }, "grasp@1.1.0 was confirmed"),
+            (
+                M::Restricted { subject: subject(), reason: Some(Box::new(silent)) },
+                "grasp@1.1.0: telemetry is silent",
+            ),
+            (M::Restricted { subject: subject(), reason: None }, "grasp@1.1.0: "),
+            (acted("ana", MarkedAct::StoppedCell, "a leak"), "ana stopped the cell: a leak"),
+            (
+                acted("ana", MarkedAct::BreakGlass { subject: subject() }, "now"),
+                "ana let grasp@1.1.0 in alone: now",
+            ),
+            (acted("ana", MarkedAct::SetGoal { goal: "sort".to_owned() }, ""), "ana set the goal sort"),
+            (
+                M::DriftBegan { drift: "noise".to_owned(), magnitude: "severe".to_owned() },
+                "noise severe began in the simulated cell",
+            ),
+            (M::DriftEnded, "the drift of the cell ended"),
+            (M::FaultBegan { fault: "tool-dead".to_owned() }, "tool-dead in the simulated cell"),
+            (M::FaultRepaired, "the fault of the simulated cell was repaired"),
+            (M::Note { by: "ana".to_owned(), text: "the tray is new".to_owned() }, "ana: the tray is new"),
+            (
+                M::ProfileInForce { profile: Some("sim".to_owned()) },
+                "judged under the profile sim from here on",
+            ),
+            (M::ProfileInForce { profile: None }, "judged under the profile unknown from here on"),
+            (
+                M::NormalCounted { subject: subject(), tasks: 120.0, failures: 3.0, force_n: 21.04 },
+                "normal for grasp@1.1.0: 117 of 120 tasks done, at most 21.0 N",
+            ),
+            (
+                M::NoEngine { ms: 36_000_000 },
+                "no engine ran for 10 h 0 min before this, or the machine slept",
+            ),
+            (M::AlarmRaised { alarm: "cell-degraded".to_owned(), text: None }, "cell-degraded"),
+            (
+                M::AlarmRaised { alarm: "cell-degraded".to_owned(), text: Some(older("the camera shakes")) },
+                "the camera shakes",
+            ),
+            (
+                M::AlarmClosed {
+                    alarm: "cell-degraded".to_owned(),
+                    by: Some("ana".to_owned()),
+                    reason: "a new mount".to_owned(),
+                },
+                "cell-degraded closed by ana: a new mount",
+            ),
+        ] {
+            assert_eq!(mark(&of), text);
+        }
+        let unnamed = acted("", MarkedAct::StartedCell, "");
+        assert_eq!(mark(&unnamed), format!("{UNNAMED} started the cell"));
+        let unnamed = M::AlarmClosed { alarm: "cell-degraded".to_owned(), by: None, reason: String::new() };
+        assert_eq!(mark(&unnamed), format!("cell-degraded closed by {UNNAMED}: "));
+    }
+
+    #[test]
+    fn an_exported_chart_names_family_span_and_bucket() {
+        let family = Family::new("grasp").unwrap();
+        assert_eq!(chart_title(&family, "a", "b"), "grasp: live tasks from a to b");
+        for (clock, bucket_ms, text) in [
+            (HealthClock::Wall, 60_000, "time, UTC; a point stands for 1 min"),
+            (HealthClock::Wall, 86_400_000, "time, UTC; a point stands for 1 d"),
+            (HealthClock::Virtual, 7_200_000, "the engine's time, h:min:s; a point stands for 2 h"),
+        ] {
+            assert_eq!(axis_title(clock, bucket_ms), text);
+        }
+        let promotion = HealthMark {
+            kind: MarkKind::Promotion,
+            on_clock_ms: 0,
+            at_ms: 0,
+            wall_ms: None,
+            family: Some(family),
+            text: "grasp@1.1.0 took over".to_owned(),
+            record: 1,
+        };
+        assert_eq!(mark_legend("00:00:10", &promotion), "00:00:10  promotion: grasp@1.1.0 took over");
+    }
+}

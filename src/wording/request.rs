@@ -1,0 +1,179 @@
+//! Parts of an approval request in words: what was not tested, the response to a drift, and why it is refused.
+
+use holdpoint_governance::decision::Dimension;
+use holdpoint_protocol::approval_document::{
+    AnswerVoidCause, DriftResponse, QuestionRefusal, UntestedAspect,
+};
+
+/// What was not tested, one sentence.
+#[must_use]
+pub fn untested(of: UntestedAspect) -> String {
+    use UntestedAspect as U;
+    match of {
+        U::PhysicalArm => {
+            "It was not tried on a physical arm: everything was measured in simulation".to_owned()
+        }
+        U::Everything => "Nothing was assessed yet".to_owned(),
+        U::Unmeasured(what) => format!("There is no value for {}: it was not measured", compatibility(what)),
+        U::Estimated(what) => format!("The value for {} is an estimate, not measured", compatibility(what)),
+        U::Pairs => "It was not compared with the active version episode by episode".to_owned(),
+        U::Drill(kind) => format!("No {} drill was carried out with it", kind.name()),
+        U::Twin => "It was not run in a twin of the live world".to_owned(),
+    }
+}
+
+const fn compatibility(of: Dimension) -> &'static str {
+    match of {
+        Dimension::Interface => "interface compatibility",
+        Dimension::Policy => "policy compatibility",
+        other => other.name(),
+    }
+}
+
+/// The response if a version gets worse after its activation, and the condition of its confirmation.
+#[must_use]
+pub fn drift_response(of: &DriftResponse) -> String {
+    let back = of.back.as_ref().map_or_else(
+        || "the version is deactivated and the family stops, because it has no rollback target".to_owned(),
+        |id| format!("{id} takes over again"),
+    );
+    let response = if of.coupled {
+        format!("after a safety event or the first warning of a chart {back}, without asking an operator")
+    } else {
+        format!(
+            "after a safety event or an established rise of a rate {back}; a drifting rate lowers speed and force \
+             to {:.0} % and asks people, for {:.0} s",
+            100.0 * of.restricted_to,
+            of.answer_within_s
+        )
+    };
+    // The live window alone settles no concern.
+    let settled = if of.in_doubt { " and once fresh evidence settles its concern" } else { "" };
+    let limits = of.limits.as_ref().map_or_else(String::new, |limits| format!("; {limits}"));
+    format!("{response}; confirmed after {} live tasks{settled}{limits}", of.confirmed_after)
+}
+
+/// Why a request or an answer is refused.
+#[must_use]
+pub fn refusal(of: &QuestionRefusal) -> String {
+    match of {
+        QuestionRefusal::NothingPending { purpose, version } => {
+            format!("nothing waits for a decision on the {purpose} of {version}")
+        }
+        QuestionRefusal::TooManyRequests { max } => {
+            format!("{max} requests for open questions are remembered already")
+        }
+        QuestionRefusal::AnswerVoid { version, cause } => {
+            format!("the decision on {version} counts for nothing: {}", void_cause(*cause))
+        }
+    }
+}
+
+/// The next step after a refusal; absent if there is none.
+#[must_use]
+pub const fn refusal_hint(of: &QuestionRefusal) -> Option<&'static str> {
+    match of {
+        QuestionRefusal::NothingPending { .. } => Some("see `holdpoint status`"),
+        QuestionRefusal::TooManyRequests { .. } => None,
+        QuestionRefusal::AnswerVoid { .. } => Some("look at the question again and decide again"),
+    }
+}
+
+const fn void_cause(of: AnswerVoidCause) -> &'static str {
+    match of {
+        AnswerVoidCause::NotDisplayed => "it is signed over nothing that was shown",
+        AnswerVoidCause::RequestClosed => "it answers a request that is not open",
+        AnswerVoidCause::ValidTooLong => "it would count for longer than an answer may",
+        AnswerVoidCause::OtherRenderer => "another version of the program put the question into words",
+        AnswerVoidCause::OtherStoreKey => "it is signed for a store with another key",
+        AnswerVoidCause::OtherFacts => "the facts that were shown are not those of the question",
+        AnswerVoidCause::OtherLines => "the lines that were shown are not those of the question",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::evidence::DrillKind;
+    use holdpoint_protocol::snapshot::RequestKind;
+
+    #[test]
+    fn every_untested_aspect_has_its_sentence() {
+        use UntestedAspect as U;
+        for (of, text) in [
+            (U::PhysicalArm, "It was not tried on a physical arm: everything was measured in simulation"),
+            (U::Everything, "Nothing was assessed yet"),
+            (
+                U::Unmeasured(Dimension::Interface),
+                "There is no value for interface compatibility: it was not measured",
+            ),
+            (
+                U::Estimated(Dimension::Policy),
+                "The value for policy compatibility is an estimate, not measured",
+            ),
+            (U::Estimated(Dimension::Recovery), "The value for recovery is an estimate, not measured"),
+            (U::Pairs, "It was not compared with the active version episode by episode"),
+            (U::Drill(DrillKind::Rollback), "No rollback drill was carried out with it"),
+            (U::Twin, "It was not run in a twin of the live world"),
+        ] {
+            assert_eq!(untested(of), text);
+        }
+    }
+
+    /// Regression: a version with a concern was confirmed hundreds of tasks later than its approval request stated.
+    #[test]
+    fn a_drift_response_names_target_and_confirmation() {
+        let response = DriftResponse {
+            back: None,
+            coupled: false,
+            restricted_to: 0.5,
+            answer_within_s: 60.0,
+            confirmed_after: 100,
+            in_doubt: false,
+            limits: None,
+        };
+        assert_eq!(
+            drift_response(&response),
+            "after a safety event or an established rise of a rate the version is deactivated and the family stops, \
+             because it has no rollback target; a drifting rate lowers speed and force to 50 % and asks people, for 60 s; \
+             confirmed after 100 live tasks"
+        );
+        let strict = DriftResponse {
+            back: Some("grasp@1.0.0".parse().unwrap()),
+            coupled: true,
+            in_doubt: true,
+            limits: Some("charts at half their level".to_owned()),
+            ..response
+        };
+        assert_eq!(
+            drift_response(&strict),
+            "after a safety event or the first warning of a chart grasp@1.0.0 takes over again, without asking an \
+             operator; confirmed after 100 live tasks and once fresh evidence settles its concern; charts at half their \
+             level"
+        );
+    }
+
+    #[test]
+    fn a_refusal_names_version_and_cause() {
+        let version = || "grasp@1.1.0".parse().unwrap();
+        let pending = QuestionRefusal::NothingPending { purpose: RequestKind::Review, version: version() };
+        assert_eq!(refusal(&pending), "nothing waits for a decision on the review of grasp@1.1.0");
+        assert_eq!(refusal_hint(&pending), Some("see `holdpoint status`"));
+        let full = QuestionRefusal::TooManyRequests { max: 4096 };
+        assert_eq!(refusal(&full), "4096 requests for open questions are remembered already");
+        assert_eq!(refusal_hint(&full), None);
+        for (cause, text) in [
+            (AnswerVoidCause::NotDisplayed, "it is signed over nothing that was shown"),
+            (AnswerVoidCause::RequestClosed, "it answers a request that is not open"),
+            (AnswerVoidCause::ValidTooLong, "it would count for longer than an answer may"),
+            (AnswerVoidCause::OtherRenderer, "another version of the program put the question into words"),
+            (AnswerVoidCause::OtherStoreKey, "it is signed for a store with another key"),
+            (AnswerVoidCause::OtherFacts, "the facts that were shown are not those of the question"),
+            (AnswerVoidCause::OtherLines, "the lines that were shown are not those of the question"),
+        ] {
+            let of = QuestionRefusal::AnswerVoid { version: version(), cause };
+            assert_eq!(refusal(&of), format!("the decision on grasp@1.1.0 counts for nothing: {text}"));
+            assert_eq!(refusal_hint(&of), Some("look at the question again and decide again"));
+        }
+    }
+}
