@@ -8,6 +8,7 @@ pub mod audit;
 pub mod audit_proof;
 pub mod bench;
 pub mod candidate;
+pub mod cell;
 pub mod completions;
 mod confirm_time;
 #[cfg(feature = "console")]
@@ -26,6 +27,7 @@ pub mod health;
 pub mod identity;
 #[cfg(feature = "console")]
 pub mod keys;
+pub mod lab;
 pub mod man;
 pub mod metrics;
 mod operator_folder;
@@ -41,11 +43,12 @@ mod progress_bar;
 mod prune;
 pub mod recordings;
 pub mod refine;
-pub mod registry;
 #[cfg(feature = "console")]
 pub mod replay;
 pub mod result_cache;
+mod roles;
 pub mod run;
+pub mod scenario;
 pub mod schema;
 pub mod serve;
 #[cfg(feature = "console")]
@@ -60,6 +63,7 @@ mod time_arg;
 pub mod truth;
 mod verb_executor;
 pub mod verify;
+pub mod version;
 pub mod witness;
 
 use std::ffi::OsString;
@@ -71,6 +75,7 @@ pub use crate::error::{CliError, Exit};
 pub use context::CliContext;
 pub use engine_verbs::{EngineVerbs, RealEngine};
 pub use output::CommandOutput;
+pub(crate) use roles::with_present_names;
 pub(crate) use verb_executor::refused;
 
 /// Decides whether a new version of a robot's skill may take control of the robot.
@@ -92,114 +97,115 @@ pub struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-Exit codes:
-  0 confirmed or done, 1 rejected, 2 usage or configuration, 3 on hold or timed out,
-  4 rolled back, 5 nothing was judged, 6 not confirmed by the engine, 70 internal error
-
 Examples:
   holdpoint
-  holdpoint run --headless --script tests/scenarios/promote-benign.toml --json
+  holdpoint scenario run tests/scenarios/promote-benign.toml --json
   holdpoint candidate check manifests/candidates/grasp-improved";
 
 /// The verbs.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Verb {
-    /// Runs upgrades: in the console, or without a screen from a script.
+    /// Open the console with options, or print what happens line by line.
+    #[command(mut_arg("cache_key", |arg| arg.hide(true)))]
     Run(run::RunArgs),
-    /// Runs the engine on the store as a service until a signal ends it; submits nothing.
-    Serve(serve::ServeArgs),
-    /// Runs the demonstration in a temporary store, or in the one that --data names.
-    Demo(demo::DemoArgs),
-    /// Lists versions and shows their history.
-    Registry(registry::RegistryArgs),
-    /// Registers, checks and compares candidates.
-    Candidate(candidate::CandidateArgs),
-    /// Creates, builds and tests a custom skill.
-    Skill(skill::SkillArgs),
-    /// Shows or awaits the state of families and candidates.
+    /// Stop the arm now; `start` lets the cell run again.
+    Stop(stop::StopArgs),
+    /// Let a stopped cell run again.
+    Start(stop::StartArgs),
+    /// Show or await the state of families and candidates.
     Status(status::StatusArgs),
-    /// Approves a candidate that waits for approval.
+    /// Approve a candidate that waits for approval.
     Approve(decide::ApproveArgs),
-    /// Rejects a candidate.
+    /// Reject a candidate.
     #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
     Reject(decide::VersionArgs),
-    /// Rolls a family back to its rollback target.
+    /// Pause the pipeline; reject, demote and rollback still work.
+    #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)), after_help = "\
+Examples:
+  holdpoint pause --as mara --reason 'maintenance'
+  holdpoint pause grasp --as mara --reason 'new fingers are being mounted'")]
+    Pause(decide::PauseArgs),
+    /// Resume a paused pipeline.
+    #[command(after_help = "\
+Examples:
+  holdpoint resume --as mara --reason 'maintenance done'
+  holdpoint resume grasp --as mara --reason 'the new fingers are measured'")]
+    Resume(decide::PauseArgs),
+    /// Return a family to its rollback target.
     #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
     Rollback(decide::FamilyArgs),
-    /// Stops the arm at once; `go` starts the cell again.
-    Stop(stop::StopArgs),
-    /// Starts a stopped cell again.
-    Go(stop::GoArgs),
-    /// Sets the goal of the agent in the live cell.
-    Goal(stop::GoalArgs),
-    /// Confirms the machine's clock after a clock mismatch; until then nothing is activated.
-    ConfirmTime(confirm_time::ConfirmTimeArgs),
-    /// Leaves a note for the next shift.
-    Note(stop::NoteArgs),
-    /// Returns a version to evaluation, or blocks it under profiles.
-    #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
-    Demote(decide::DemoteArgs),
-    /// Runs sandbox or shadow of a version again.
-    Repeat(decide::RepeatArgs),
-    /// Tightens the envelope of an active version.
-    #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
-    Restrict(decide::VersionArgs),
-    /// Lifts the restriction of an active version, or unblocks it under profiles.
-    Release(decide::ReleaseArgs),
-    /// Answers an escalation of the drift monitor: the version continues.
-    Continue(decide::VersionArgs),
-    /// Reactivates a superseded version of a safe-stopped family.
-    Rearm(decide::VersionArgs),
-    /// Break-glass: one person activates a version in an emergency; two others review it.
-    BreakGlass(decide::BreakGlassArgs),
-    /// Pauses the pipeline; reject, demote and rollback still work.
-    #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
-    Pause(decide::PauseArgs),
-    /// Resumes a paused pipeline.
-    Resume(decide::PauseArgs),
-    /// Explains, decision by decision, why a version is in its state.
+    /// List versions, and decide about one: retry, demote, block, restrict, reactivate ...
+    Version(version::VersionVerbArgs),
+    /// Set the goal of the live cell, leave a note, confirm its clock.
+    Cell(cell::CellArgs),
+    /// Show why a version is in its state.
     Explain(explain::ExplainArgs),
-    /// Shows whether the live cell improves or degrades: success, violations, time and force over time.
+    /// Compare the live cell with an earlier period: success, violations, time and force.
     Health(health::HealthArgs),
-    /// Computes metrics from telemetry and audit log.
-    Metrics(metrics::MetricsArgs),
-    /// Creates, enrolls, revokes and lists the identities that sign decisions.
-    Identity(identity::IdentityArgs),
-    /// Shows and checks deployment profiles.
-    Profile(profile::ProfileArgs),
-    /// Samples pools of candidates for experiments.
-    Pool(pool::PoolArgs),
-    /// Shows the open alarms, or the history of all.
+    /// List the open alarms, or the history of all.
     Alarms(alarms::AlarmsArgs),
-    /// Reads, verifies, proves and exports the audit log, and names its witnesses.
-    Audit(audit::AuditArgs),
-    /// Inspects, copies, exports and repairs the store.
-    Store(store::StoreArgs),
     #[cfg(feature = "console")]
-    /// Replays the recording of an upgrade.
+    /// Replay the recording of an upgrade, or run one of its episodes again.
     Replay(replay::ReplayArgs),
-    /// Lists, verifies and prunes recordings of upgrades.
+    /// Create, build, test and run a skill of your own.
+    Skill(skill::SkillArgs),
+    /// Check, compare and register candidates.
+    Candidate(candidate::CandidateArgs),
+    /// Run a scripted upgrade without a screen.
+    Scenario(scenario::ScenarioArgs),
+    /// Run the demonstration in a temporary store, or in the one that --data names.
+    Demo(demo::DemoArgs),
+    /// Run the engine on the store as a service until a signal ends it; submits nothing.
+    Serve(serve::ServeArgs),
+    /// Create, enroll, revoke and list the identities that sign decisions.
+    Identity(identity::IdentityArgs),
+    /// Show and check deployment profiles.
+    Profile(profile::ProfileArgs),
+    /// Inspect, copy, export and repair the store.
+    Store(store::StoreArgs),
+    /// Read, verify, prove and export the audit log, and name its witnesses.
+    Audit(audit::AuditArgs),
+    /// List, verify and prune recordings of upgrades.
     Recordings(recordings::RecordingsArgs),
-    /// Derives a candidate from a baseline: optimizes its parameters for success alone.
-    Refine(refine::RefineArgs),
-    /// Measures the engine on this machine.
-    Bench(bench::BenchArgs),
-    /// Runs an experiment and writes its report.
-    Experiment(experiment::ExperimentArgs),
-    /// Checks whether this machine and terminal have what Holdpoint needs.
+    /// Check whether this machine and terminal have what Holdpoint needs.
     Doctor(doctor::DoctorArgs),
+    /// Research: pools of candidates, refined candidates, experiments, benchmarks, metrics.
+    Lab(lab::LabArgs),
+    /// Print a completion script for a shell.
+    Completions(completions::CompletionsArgs),
+    /// Print the manual page, or write one for each verb.
+    Man(man::ManArgs),
+    /// Print the JSON schemas of the socket's messages.
+    Schema(schema::SchemaArgs),
     #[cfg(feature = "console")]
-    /// Prints the console's keys.
+    /// Print the console's keys.
     Keys(keys::KeysArgs),
     #[cfg(feature = "console")]
-    /// Shows the console's themes.
+    /// Show the console's themes.
     Theme(theme::ThemeArgs),
-    /// Prints a completion script for a shell.
-    Completions(completions::CompletionsArgs),
-    /// Prints the manual page, or writes one for each verb.
-    Man(man::ManArgs),
-    /// Prints the JSON schemas of the socket's messages.
-    Schema(schema::SchemaArgs),
+    /// Print what the exit codes mean.
+    #[command(hide = true, before_help = roles::exit_codes(), after_help = "\
+Example:
+  holdpoint exit-codes")]
+    ExitCodes,
+}
+
+impl Cli {
+    /// Parses a command line, which may have former names of verbs.
+    ///
+    /// # Errors
+    /// If the line is not one of the program's.
+    pub fn parse_line(arguments: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
+        let arguments = with_present_names(arguments.into_iter().collect());
+        let matches = Self::program().try_get_matches_from(arguments)?;
+        <Self as clap::FromArgMatches>::from_arg_matches(&matches)
+    }
+
+    /// The program's definition, with the help by role.
+    #[must_use]
+    pub fn program() -> clap::Command {
+        Self::command().override_help(roles::help())
+    }
 }
 
 /// Runs the program: parses `arguments`, dispatches the verb, prints, and returns the exit code.
@@ -207,7 +213,7 @@ pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn Eng
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     // An error of the parser, too, is printed in the requested format.
     let json = arguments.iter().any(|argument| argument == "--json");
-    let cli = match Cli::try_parse_from(arguments) {
+    let cli = match Cli::parse_line(arguments) {
         Ok(cli) => cli,
         Err(error) => return crate::error::print_usage(&error, json),
     };
@@ -241,69 +247,69 @@ pub fn dispatch(
         let data = data::folder(cli.data.as_deref())?;
         Ok::<CliContext, CliError>(CliContext { data, data_given: cli.data.is_some(), json: cli.json })
     };
+    // A verb with a temporary store of its own needs no home folder.
+    let without_home = || CliContext {
+        data: data::folder(cli.data.as_deref()).unwrap_or_default(),
+        data_given: cli.data.is_some(),
+        json: cli.json,
+    };
     match &cli.verb {
         None => engine.without_verb(&context()?, out),
+        Some(Verb::Run(args)) if args.script.is_some() => engine.run(&without_home(), args, out),
         Some(Verb::Run(args)) => engine.run(&context()?, args, out),
-        Some(Verb::Serve(args)) => engine.serve(&context()?, args, out),
-        Some(Verb::Demo(args)) => engine.demo(&context()?, args, out),
-        Some(Verb::Registry(args)) => registry::run(&context()?, args, out),
-        Some(Verb::Candidate(args)) => candidate::run(&context()?, args, engine, out),
-        Some(Verb::Skill(args)) => skill::run(&context()?, args, out),
+        Some(Verb::Stop(args)) => engine.decide(&context()?, &RequestedDecision::Stop(args.clone()), out),
+        Some(Verb::Start(args)) => engine.decide(&context()?, &RequestedDecision::Go(args.clone()), out),
         Some(Verb::Status(args)) => engine.status(&context()?, args, out),
         Some(Verb::Approve(args)) => {
             engine.decide(&context()?, &RequestedDecision::Approve(args.clone()), out)
         }
         Some(Verb::Reject(args)) => engine.decide(&context()?, &RequestedDecision::Reject(args.clone()), out),
+        Some(Verb::Pause(args)) => engine.decide(&context()?, &RequestedDecision::Pause(args.clone()), out),
+        Some(Verb::Resume(args)) => engine.decide(&context()?, &RequestedDecision::Resume(args.clone()), out),
         Some(Verb::Rollback(args)) => {
             engine.decide(&context()?, &RequestedDecision::Rollback(args.clone()), out)
         }
-        Some(Verb::Demote(args)) => engine.decide(&context()?, &RequestedDecision::Demote(args.clone()), out),
-        Some(Verb::Stop(args)) => engine.decide(&context()?, &RequestedDecision::Stop(args.clone()), out),
-        Some(Verb::Go(args)) => engine.decide(&context()?, &RequestedDecision::Go(args.clone()), out),
-        Some(Verb::Goal(args)) => engine.decide(&context()?, &RequestedDecision::Goal(args.clone()), out),
-        Some(Verb::ConfirmTime(args)) => {
-            engine.decide(&context()?, &RequestedDecision::ConfirmTime(args.clone()), out)
-        }
-        Some(Verb::Note(args)) => engine.decide(&context()?, &RequestedDecision::Note(args.clone()), out),
-        Some(Verb::Pause(args)) => engine.decide(&context()?, &RequestedDecision::Pause(args.clone()), out),
-        Some(Verb::Resume(args)) => engine.decide(&context()?, &RequestedDecision::Resume(args.clone()), out),
-        Some(Verb::Repeat(args)) => engine.decide(&context()?, &RequestedDecision::Repeat(args.clone()), out),
-        Some(Verb::Restrict(args)) => {
-            engine.decide(&context()?, &RequestedDecision::Restrict(args.clone()), out)
-        }
-        Some(Verb::Release(args)) => {
-            engine.decide(&context()?, &RequestedDecision::Release(args.clone()), out)
-        }
-        Some(Verb::Continue(args)) => {
-            engine.decide(&context()?, &RequestedDecision::Continue(args.clone()), out)
-        }
-        Some(Verb::Rearm(args)) => engine.decide(&context()?, &RequestedDecision::Rearm(args.clone()), out),
-        Some(Verb::BreakGlass(args)) => {
-            engine.decide(&context()?, &RequestedDecision::BreakGlass(args.clone()), out)
-        }
+        Some(Verb::Version(args)) => version::run(&context()?, args, engine, out),
+        Some(Verb::Cell(args)) => engine.decide(&context()?, &args.verb.decision(), out),
         Some(Verb::Explain(args)) => explain::run(&context()?, args, out),
         Some(Verb::Health(args)) => health::run(&context()?, args, out),
-        Some(Verb::Metrics(args)) => metrics::run(&context()?, args, out),
-        Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
-        Some(Verb::Profile(args)) => profile::run(&context()?, args, out),
-        Some(Verb::Pool(args)) => pool::run(args, out),
         Some(Verb::Alarms(args)) => alarms::run(&context()?, args, out),
-        Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
-        Some(Verb::Store(args)) => store::run(&context()?, args, out),
         #[cfg(feature = "console")]
         Some(Verb::Replay(args)) => replay::run(&context()?, args, out),
+        Some(Verb::Skill(args)) => skill::run(&context()?, args, out),
+        Some(Verb::Candidate(args)) => candidate::run(&context()?, args, engine, out),
+        Some(Verb::Scenario(args)) => {
+            let scenario::ScenarioVerb::Run(args) = &args.verb;
+            engine.run(&without_home(), &args.clone().into(), out)
+        }
+        Some(Verb::Demo(args)) => engine.demo(&without_home(), args, out),
+        Some(Verb::Serve(args)) => engine.serve(&context()?, args, out),
+        Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
+        Some(Verb::Profile(args)) => profile::run(&context()?, args, out),
+        Some(Verb::Store(args)) => store::run(&context()?, args, out),
+        Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
         Some(Verb::Recordings(args)) => recordings::run(&context()?, args, out),
-        Some(Verb::Refine(args)) => refine::run(args, out),
-        Some(Verb::Bench(args)) => engine.bench(&context()?, args, out),
-        Some(Verb::Experiment(args)) => experiment::run(args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
+        Some(Verb::Lab(args)) => match &args.verb {
+            lab::LabVerb::Pool(args) => pool::run(args, out),
+            lab::LabVerb::Refine(args) => refine::run(args, out),
+            lab::LabVerb::Experiment(args) => experiment::run(args, out),
+            lab::LabVerb::Bench(args) => engine.bench(&without_home(), args, out),
+            lab::LabVerb::Metrics(args) => metrics::run(&context()?, args, out),
+        },
+        Some(Verb::Completions(args)) => completions::run(Cli::command(), cli.data.as_deref(), args, out),
+        Some(Verb::Man(args)) => man::run(Cli::command(), args, out),
+        Some(Verb::Schema(args)) => schema::run(args, out),
         #[cfg(feature = "console")]
         Some(Verb::Keys(args)) => keys::run(args, out),
         #[cfg(feature = "console")]
         Some(Verb::Theme(args)) => theme::run(args, out),
-        Some(Verb::Completions(args)) => completions::run(Cli::command(), cli.data.as_deref(), args, out),
-        Some(Verb::Man(args)) => man::run(Cli::command(), args, out),
-        Some(Verb::Schema(args)) => schema::run(args, out),
+        Some(Verb::ExitCodes) => {
+            let meanings: std::collections::BTreeMap<_, _> =
+                Exit::ALL.iter().map(|exit| (exit.code(), exit.meaning())).collect();
+            out.answer(&meanings, |out| Ok(out.sink().write_all(roles::exit_codes().as_bytes())?))?;
+            Ok(Exit::Confirmed)
+        }
     }
 }
 

@@ -49,6 +49,21 @@ impl Exit {
         Self::Internal,
     ];
 
+    /// What the code means, in one line.
+    #[must_use]
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::Confirmed => "confirmed, or done",
+            Self::Rejected => "the candidate was rejected, or a check failed",
+            Self::Usage => "usage: the command line, a file or the machine is not as required",
+            Self::Held => "on hold, or timed out",
+            Self::RolledBack => "rolled back",
+            Self::NothingJudged => "nothing was judged: no version was submitted",
+            Self::NotConfirmed => "not confirmed by the engine; the effect of the request is unknown",
+            Self::Internal => "internal: a fault of this program",
+        }
+    }
+
     /// The process's exit code.
     #[must_use]
     pub const fn code(self) -> u8 {
@@ -89,6 +104,9 @@ impl From<Exit> for ExitCode {
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
+    /// A check failed, such as an expectation of a scenario.
+    #[error("{}", one_line(.message))]
+    CheckFailed { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
     /// An error that the caller can correct.
     #[error("{}", one_line(.message))]
     Usage { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
@@ -115,6 +133,13 @@ impl CliError {
     pub fn usage(error: impl Hint) -> Self {
         let (message, hint, details) = parts(&error, ErrorReason::Usage);
         Self::Usage { message, hint, details }
+    }
+
+    /// A check failed. Its reason is `expectation` if its type states none.
+    #[must_use]
+    pub fn check_failed(error: impl Hint) -> Self {
+        let (message, hint, details) = parts(&error, ErrorReason::Expectation);
+        Self::CheckFailed { message, hint, details }
     }
 
     /// The engine put the version on hold, or the time limit passed; with the hint of the error. Its reason is `not-now`
@@ -151,6 +176,7 @@ impl CliError {
     pub fn with_hint(self, help: impl Into<Untrusted>) -> Self {
         let hint = Some(help.into());
         match self {
+            Self::CheckFailed { message, hint: _, details } => Self::CheckFailed { message, hint, details },
             Self::Usage { message, hint: _, details } => Self::Usage { message, hint, details },
             Self::Held { message, hint: _, details } => Self::Held { message, hint, details },
             Self::NotConfirmed { message, hint: _, details } => Self::NotConfirmed { message, hint, details },
@@ -163,6 +189,7 @@ impl CliError {
     pub fn with_details(self, new: impl Into<ErrorDetails>) -> Self {
         let details = new.into();
         match self {
+            Self::CheckFailed { message, hint, details: _ } => Self::CheckFailed { message, hint, details },
             Self::Usage { message, hint, details: _ } => Self::Usage { message, hint, details },
             Self::Held { message, hint, details: _ } => Self::Held { message, hint, details },
             Self::NotConfirmed { message, hint, details: _ } => Self::NotConfirmed { message, hint, details },
@@ -189,7 +216,8 @@ impl CliError {
     #[must_use]
     pub fn details(&self) -> Option<ErrorDetails> {
         match self {
-            Self::Usage { details, .. }
+            Self::CheckFailed { details, .. }
+            | Self::Usage { details, .. }
             | Self::Held { details, .. }
             | Self::NotConfirmed { details, .. }
             | Self::Internal { details, .. } => Some(details.clone()),
@@ -213,6 +241,7 @@ impl CliError {
     #[must_use]
     pub const fn exit(&self) -> Exit {
         match self {
+            Self::CheckFailed { .. } => Exit::Rejected,
             Self::Usage { .. } | Self::Output(_) => Exit::Usage,
             Self::Held { .. } => Exit::Held,
             Self::NotConfirmed { .. } => Exit::NotConfirmed,
@@ -224,9 +253,10 @@ impl CliError {
     #[must_use]
     pub const fn hint(&self) -> Option<&Untrusted> {
         match self {
-            Self::Usage { hint, .. } | Self::Held { hint, .. } | Self::NotConfirmed { hint, .. } => {
-                hint.as_ref()
-            }
+            Self::CheckFailed { hint, .. }
+            | Self::Usage { hint, .. }
+            | Self::Held { hint, .. }
+            | Self::NotConfirmed { hint, .. } => hint.as_ref(),
             Self::ReaderGone | Self::Output(_) | Self::Internal { .. } => None,
         }
     }
@@ -453,6 +483,7 @@ mod tests {
             ),
             (CliError::usage("bad \u{1b}[2J name"), "error: bad \\u{1b}[2J name\n", 2),
             (CliError::usage("first\n  second\n"), "error: first second\n", 2),
+            (CliError::check_failed("step 2: it is not so"), "error: step 2: it is not so\n", 1),
             (CliError::from_engine_fault("no answer"), "error: no answer\n", 3),
             (CliError::not_confirmed("no reply"), "error: no reply\n", 6),
             (CliError::internal("lost"), "error: internal: lost\n", 70),

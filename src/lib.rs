@@ -1,4 +1,4 @@
-#![doc = include_str!("ARCHITECTURE.md")]
+#![doc = include_str!(concat!(env!("OUT_DIR"), "/src/ARCHITECTURE.md"))]
 
 pub mod cli;
 pub mod error;

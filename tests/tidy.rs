@@ -9,6 +9,8 @@
 mod data;
 #[path = "tidy/dependencies.rs"]
 mod dependencies;
+#[path = "tidy/generated_pages.rs"]
+mod generated_pages;
 #[path = "tidy/readme.rs"]
 mod readme;
 #[path = "tidy/retired_words.rs"]

@@ -45,7 +45,9 @@ pub enum AgentError {
     #[error("the ssh-agent at {path:?} did not answer within {secs} s")]
     Silent { path: PathBuf, secs: u64 },
     /// Its answer violates the protocol or is too long.
-    #[error("the ssh-agent at {path:?} answered something else than expected: {problem}")]
+    #[error(
+        "the program at {path:?}, which {SOCKET_VARIABLE} names, does not answer as an ssh-agent: {problem}"
+    )]
     Answer { path: PathBuf, problem: &'static str },
     /// The agent does not hold the key, its user declined, or it is locked.
     #[error("the ssh-agent at {0:?} refused to sign")]
@@ -93,7 +95,10 @@ impl Hint for AgentError {
             Self::Io { .. } => {
                 Some(format!("see whether the agent that {SOCKET_VARIABLE} names runs").into())
             }
-            Self::Silent { .. } | Self::Answer { .. } | Self::Signature(_) => None,
+            Self::Silent { .. } | Self::Answer { .. } => {
+                Some(format!("`ssh-add -l` uses the same agent; {SOCKET_VARIABLE} names another one").into())
+            }
+            Self::Signature(_) => None,
         }
     }
 }

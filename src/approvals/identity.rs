@@ -18,6 +18,8 @@ use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The longest identity or role name, bytes.
 pub const WORD_LEN_MAX: usize = holdpoint_governance::ids::NAME_LEN_MAX;
+/// What helps with a key file that is missing or damaged.
+const SEE_KEYS: &str = "`holdpoint identity list` shows every identity; put this key back from a backup";
 /// The most identities a store lists.
 const IDENTITIES_MAX: usize = 1000;
 
@@ -103,7 +105,7 @@ impl Hint for IdentityError {
             }
             Self::Agent(error) => error.hint(),
             Self::Name(_) | Self::Mismatch(_) | Self::TooMany(_) => None,
-            Self::Key(error) => error.hint(),
+            Self::Key(error) => error.hint().or(Some(SEE_KEYS.into())),
         }
     }
 }

@@ -161,8 +161,12 @@ impl Hint for KeyError {
             Self::Locked { .. } => {
                 Some("type it at a terminal, or name a file that has it: --passphrase-file FILE".into())
             }
-            Self::Open { .. } => {
-                Some("leave the passphrase out, or set one: `holdpoint identity passphrase NAME`".into())
+            Self::Open { path } => {
+                let name = path.file_stem().unwrap_or_default().to_string_lossy();
+                Some(
+                    format!("leave the passphrase out, or set one: `holdpoint identity passphrase {name}`")
+                        .into(),
+                )
             }
             Self::Sealed { .. }
             | Self::Io { .. }

@@ -245,7 +245,7 @@ impl Hint for PersonError {
                 Some(format!("`holdpoint identity passphrase {by}` sets one and keeps the key").into())
             }
             Self::SignerUnconfirmed(by) => Some(
-                format!("first run `holdpoint identity confirm {by} --by NAME` as a verified administrator")
+                format!("`holdpoint identity confirm {by} --by admin --reason TEXT`, by a verified administrator, comes first")
                     .into(),
             ),
             Self::NameTaken { .. } => Some("choose another name".into()),

@@ -1,6 +1,6 @@
 //! `holdpoint audit proof | consistency | check-proof`: proofs of the audit chain that need no store.
 
-use std::fs::OpenOptions;
+use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_registry::{
-    Checkpoint, Layout, Proof, ProofError, prove_consistency, prove_record, stored_head,
+    Checkpoint, Layout, Proof, ProofError, prove_consistency, prove_record, store_info, stored_head,
 };
 use holdpoint_text::Hint;
 
@@ -77,14 +77,33 @@ pub(super) fn consistency(
 ) -> Result<Exit, CliError> {
     let database = database(&context.data)?;
     let older = match (&args.against, args.from) {
-        (Some(path), _) => Checkpoint::read(path).map_err(|problem| {
-            CliError::usage(format!("{path:?} is not a checkpoint: {problem}")).with_bad_file(path)
-        })?,
+        (Some(path), _) => {
+            Checkpoint::read(path).map_err(|problem| not_a_checkpoint(context, path, &problem))?
+        }
         (None, Some(seq)) => stored_head(&context.data, seq).map_err(CliError::usage)?,
         (None, None) => return Err(CliError::usage("`--from SEQ` or `--against FILE` is needed".to_owned())),
     };
     let proof = prove_consistency(&database, &older).map_err(CliError::usage)?;
     write(&proof, args.out.as_deref(), out)
+}
+
+/// A folder in place of a checkpoint is the usual mistake: a witness has a folder for each store.
+fn not_a_checkpoint(context: &CliContext, path: &Path, problem: &str) -> CliError {
+    if !path.is_dir() {
+        return CliError::usage(format!("{path:?} is not a checkpoint: {problem}")).with_bad_file(path);
+    }
+    let own = store_info(&context.data).map(|info| path.join(info.store_id)).ok().filter(|own| own.is_dir());
+    let folder = own.unwrap_or_else(|| path.to_owned());
+    let files = fs::read_dir(&folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+    let newest = files.filter(|file| file.extension().is_some_and(|is| is == "json")).max();
+    let error =
+        CliError::usage(format!("{path:?} is a folder; a checkpoint is a file in it")).with_bad_file(path);
+    error.with_hint(match newest {
+        Some(file) => {
+            format!("`holdpoint audit consistency --against {}` names its newest file", file.display())
+        }
+        None => "`holdpoint audit witness list` shows which witness has heads of this store".to_owned(),
+    })
 }
 
 fn write(proof: &Proof, path: Option<&Path>, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
@@ -131,7 +150,17 @@ pub(super) fn check(
         }
     };
     let (key, _) = keyfile::read_public(&path).map_err(CliError::usage)?;
-    let proof = Proof::read(&args.file).map_err(|error| CliError::usage(error).with_bad_file(&args.file))?;
+    let proof = Proof::read(&args.file).map_err(|error| {
+        let error = CliError::usage(error).with_bad_file(&args.file);
+        if !args.file.is_dir() {
+            return error;
+        }
+        let hint = format!(
+            "name a file that `audit proof` wrote; `holdpoint audit verify --against {}` compares the store with a witness",
+            args.file.display()
+        );
+        error.with_hint(hint)
+    })?;
     match proof.check(&key) {
         Ok(()) => {
             let text = summary(&proof);

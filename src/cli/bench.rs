@@ -1,4 +1,4 @@
-//! `holdpoint bench`: arguments and the printed report.
+//! `holdpoint lab bench`: arguments and the printed report.
 //!
 //! Prints the results of [`holdpoint_lab::bench`]; measures nothing, and rounds nothing in JSON.
 
@@ -18,10 +18,10 @@ use holdpoint_lab::bench::{self, BenchReport};
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint bench
-  holdpoint bench --quick --json
-  holdpoint bench stats --runs 2000
-  holdpoint bench peers --python .peers/venv/bin/python --scripts bench/peers")]
+  holdpoint lab bench
+  holdpoint lab bench --quick --json
+  holdpoint lab bench stats --runs 2000
+  holdpoint lab bench peers --python .peers/venv/bin/python --scripts bench/peers")]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct BenchArgs {
     /// Measures this instead of times.
@@ -37,7 +37,7 @@ pub struct BenchArgs {
 pub enum BenchStudy {
     /// Simulates the error rates of the rules and compares them with those the profiles state.
     ///
-    /// Exits with the code of an internal fault if a stated rate is refuted.
+    /// Exits with 1 if a stated rate is refuted.
     Stats(StatsArgs),
     /// Times the grasp-and-place episode in Holdpoint and in other physics engines, in interleaved rounds.
     Peers(PeersArgs),
@@ -47,8 +47,8 @@ pub enum BenchStudy {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint bench stats
-  holdpoint bench stats --runs 2000 --json")]
+  holdpoint lab bench stats
+  holdpoint lab bench stats --runs 2000 --json")]
 pub struct StatsArgs {
     /// Runs for each figure.
     #[arg(long, default_value_t = stats::RUNS, value_parser = clap::value_parser!(u32).range(i64::from(stats::RUNS_MIN)..=i64::from(stats::RUNS_MAX)))]
@@ -62,8 +62,8 @@ The scripts are pybullet_grasp.py and mujoco_grasp.py with their folder models; 
 Missing scripts and engines are named and left out.
 
 Examples:
-  holdpoint bench peers --python .peers/venv/bin/python --scripts bench/peers
-  holdpoint bench peers --python .peers/venv/bin/python --scripts bench/peers --native .peers/bin/mujoco_grasp_native")]
+  holdpoint lab bench peers --python .peers/venv/bin/python --scripts bench/peers
+  holdpoint lab bench peers --python .peers/venv/bin/python --scripts bench/peers --native .peers/bin/mujoco_grasp_native")]
 pub struct PeersArgs {
     /// The interpreter that has the peers installed.
     #[arg(long, value_name = "PROGRAM")]
@@ -95,11 +95,16 @@ pub fn run(args: &BenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
     if let Some(BenchStudy::Stats(args)) = &args.what {
         let report = stats::run(args.runs).map_err(CliError::fault)?;
         out.answer(&report, |out| show_study(&report, out))?;
-        return Ok(if report.holds() { Exit::Confirmed } else { Exit::Internal });
+        return Ok(exit_of(report.holds()));
     }
     let report = bench::run(args.quick).map_err(CliError::fault)?;
     out.answer(&report, |out| show(&report, out))?;
     Ok(Exit::Confirmed)
+}
+
+/// The exit code of a study: a refuted rate is a failed check.
+const fn exit_of(holds: bool) -> Exit {
+    if holds { Exit::Confirmed } else { Exit::Rejected }
 }
 
 fn show(report: &BenchReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
@@ -248,7 +253,13 @@ fn number(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::number;
+    use super::{exit_of, number};
+    use crate::error::Exit;
+
+    #[test]
+    fn a_refuted_rate_is_a_failed_check() {
+        assert_eq!([true, false].map(exit_of), [Exit::Confirmed, Exit::Rejected]);
+    }
 
     #[test]
     fn numbers_are_printed_with_three_digits() {

@@ -16,7 +16,7 @@ use crate::cli::engine_verbs::EngineVerbs;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::SignedAuthorship;
-use holdpoint_engine::check::{self, RegisteredVersions, StaticFindings};
+use holdpoint_engine::check::{self, RegisteredVersions, StaticFindings, UnmetFallback};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
@@ -129,6 +129,9 @@ pub struct SignArgs {
 /// The arguments of `candidate check`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
+Exits with 0 if at least one profile admits the candidate; the last line names them. Exits with 1 if
+none does, or if its recovery cannot work.
+
 Examples:
   holdpoint candidate check manifests/candidates/grasp-improved --json
   holdpoint candidate check manifests/candidates/grasp-improved --profile profiles/real.toml")]
@@ -184,6 +187,12 @@ struct CandidateReport {
     verdicts: Vec<CheckVerdict>,
     /// Declared recovery that is unavailable under every profile.
     recovery: Vec<String>,
+    /// The declared fallback, if no version meets it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unmet_fallback: Option<UnmetFallback>,
+    /// The state of the version in the store; absent if it is not registered there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    registered: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -223,7 +232,8 @@ pub fn run(
                 return Err(CliError::usage(unknown));
             }
             let profiles = check_profiles(&context.data, args.profile.as_ref())?;
-            return check(&candidate, &comparison_versions(&context.data)?, &profiles, out);
+            let registered = registered_state(&context.data, &candidate.id())?;
+            return check(&candidate, &comparison_versions(&context.data)?, (&profiles, registered), out);
         }
         CandidateVerb::Diff(args) => diff(&read(&args.old)?, &read(&args.new)?, out)?,
     }
@@ -299,6 +309,15 @@ fn comparison_versions(data: &Path) -> Result<RegisteredVersions, CliError> {
     }
 }
 
+/// The state of a version that the store has already; absent without a store.
+fn registered_state(data: &Path, version: &CapabilityId) -> Result<Option<String>, CliError> {
+    if !Layout::new(data).database().exists() {
+        return Ok(None);
+    }
+    let detail = data::open(data)?.version(version).map_err(CliError::usage)?;
+    Ok(detail.map(|detail| detail.summary.state.to_string()))
+}
+
 /// Signs a folder as its author.
 fn sign(context: &CliContext, args: &SignArgs, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let (parsed, _) = read(&args.folder)?;
@@ -328,18 +347,32 @@ fn sign(context: &CliContext, args: &SignArgs, out: &mut CommandOutput<'_>) -> R
     })
 }
 
+/// Which profiles admit a candidate: the last line, because one that admits it is enough for exit code 0.
+fn summary(report: &CandidateReport) -> String {
+    let named = |admitted: bool| {
+        let names = report.verdicts.iter().filter(|verdict| verdict.admitted == admitted);
+        names.map(|verdict| verdict.profile.as_str()).collect::<Vec<_>>().join(", ")
+    };
+    let (admits, refuses) = (named(true), named(false));
+    match (report.recovery.is_empty(), admits.is_empty(), refuses.is_empty()) {
+        (false, _, _) => "result     refused: its recovery cannot work under any profile".to_owned(),
+        (true, true, _) => format!("result     refused under {refuses}"),
+        (true, false, true) => format!("result     admitted under {admits}"),
+        (true, false, false) => format!("result     admitted under {admits}; refused under {refuses}"),
+    }
+}
+
 /// The format, and the static checks under each profile. The other stages measure.
 fn check(
     candidate: &Capability,
     versions: &RegisteredVersions,
-    profiles: &[ChosenProfile],
+    (profiles, registered): (&[ChosenProfile], Option<String>),
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let Capability { manifest, submission, .. } = candidate;
     let findings = versions.judge(candidate, profiles).map_err(CliError::internal)?;
     let verdicts: Vec<CheckVerdict> =
         findings.iter().map(|(profile, found)| CheckVerdict::new(profile, found)).collect();
-    let admitted = verdicts.iter().any(|verdict| verdict.admitted);
     let report = CandidateReport {
         id: candidate.id().to_string(),
         digest: candidate.manifest_digest(),
@@ -352,7 +385,10 @@ fn check(
         against: versions.described(&candidate.id().family),
         verdicts,
         recovery: versions.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
+        unmet_fallback: versions.unmet_fallback(candidate),
+        registered,
     };
+    let admitted = report.recovery.is_empty() && report.verdicts.iter().any(|verdict| verdict.admitted);
     out.answer(&report, |out| {
         out.line(&format!("{} is well formed", report.id))?;
         out.line(&format!("digest     {}", report.digest))?;
@@ -374,7 +410,16 @@ fn check(
         for reason in &report.recovery {
             out.line(&format!("recovery   its drills cannot pass: {reason}"))?;
         }
-        Ok(())
+        if let Some(unmet) = &report.unmet_fallback {
+            out.line(&format!("           manifest.toml: {unmet}"))?;
+        }
+        if let Some(state) = &report.registered {
+            out.line(&format!(
+                "registered {} is in the store already, as {state}; a changed candidate needs a new version number",
+                report.id
+            ))?;
+        }
+        out.line(&summary(&report))
     })?;
     Ok(if admitted { Exit::Confirmed } else { Exit::Rejected })
 }

@@ -1,4 +1,4 @@
-//! `holdpoint confirm-time`: a person confirms the machine's clock.
+//! `holdpoint cell confirm-time`: a person confirms the machine's clock.
 
 use clap::Args;
 
@@ -18,7 +18,7 @@ clock was set while an engine ran, or is behind the newest record, nothing is ac
 person confirms the time. Compare it with another clock first, and set it right if it is wrong.
 
 Example:
-  holdpoint confirm-time --as mara --reason 'the time service had lost its server; it agrees with my watch'")]
+  holdpoint cell confirm-time --as mara --reason 'the time service had lost its server; it agrees with my watch'")]
 pub struct ConfirmTimeArgs {
     /// The time to confirm, with its zone [default: the machine's clock].
     #[arg(long, value_name = "TIME")]

@@ -26,7 +26,7 @@ use holdpoint_protocol::command::Command;
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
-use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Problem};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Problem, shell_word};
 
 /// Whether `run` opens the console: no option excludes it, and input and output are terminals.
 pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
@@ -110,13 +110,7 @@ fn named(context: &CliContext) -> Option<String> {
         return None;
     }
     let path = std::path::absolute(&context.data).unwrap_or_else(|_| context.data.clone());
-    let path = path.to_string_lossy();
-    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "/._-+,:@".contains(letter);
-    Some(if path.chars().all(is_plain) {
-        path.into_owned()
-    } else {
-        format!("'{}'", path.replace('\'', r"'\''"))
-    })
+    Some(shell_word(&path.to_string_lossy()))
 }
 
 /// The engine that runs on the store already.

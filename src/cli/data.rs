@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::CliError;
-use holdpoint_registry::{Layout, Views};
+use holdpoint_registry::{Layout, Views, other_owner};
 use holdpoint_text::{ErrorDetails, ErrorReason};
 
 /// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.
@@ -29,11 +29,20 @@ fn folder_from(given: Option<&Path>, xdg: Option<PathBuf>, home: Option<PathBuf>
     })
 }
 
+/// Requires that the store's folder, if it exists, is open to this user.
+///
+/// # Errors
+/// [`CliError::Usage`] if another user owns it and does not share it.
+pub(super) fn require_own(data: &Path) -> Result<(), CliError> {
+    other_owner(data).map_or(Ok(()), |error| Err(CliError::usage(error)))
+}
+
 /// The database of a store.
 ///
 /// # Errors
-/// [`CliError::Usage`] if there is none.
+/// [`CliError::Usage`] if there is none, or another user owns it.
 pub(super) fn database(data: &Path) -> Result<PathBuf, CliError> {
+    require_own(data)?;
     let database = Layout::new(data).database();
     // Opening it reports what else is wrong.
     if fs::symlink_metadata(&database).is_ok() {

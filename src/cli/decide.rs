@@ -11,12 +11,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-pub use lifecycle::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
+pub use lifecycle::{BlockArgs, BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs, UnblockArgs};
 
 use super::confirm_time::{self, ConfirmTimeArgs};
 use super::data;
 use super::passphrase;
-use super::stop::{self, GoArgs, GoalArgs, NoteArgs, StopArgs};
+use super::status::{StatusSubject, parse_subject};
+use super::stop::{self, GoalArgs, NoteArgs, StartArgs, StopArgs};
 use super::verb_executor::{VerbExecutor, print_action_reply, require_verified_engine, running};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
@@ -29,7 +30,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_registry::Views;
-use holdpoint_text::{ErrorReason, Untrusted, is_visible};
+use holdpoint_text::{ErrorReason, Untrusted, is_visible, signing_options};
 use holdpoint_wording::live::live_lines;
 
 /// The longest reason, in bytes.
@@ -56,7 +57,7 @@ pub enum RequestedDecision {
     /// To stop the cell.
     Stop(StopArgs),
     /// To start the stopped cell.
-    Go(GoArgs),
+    Go(StartArgs),
     /// To give the agent a goal.
     Goal(GoalArgs),
     /// To confirm the time.
@@ -115,11 +116,8 @@ pub struct ApproveArgs {
 /// The arguments of the verbs about one version.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Examples:
-  holdpoint reject grasp@1.3.0 --as mara --reason 'grip force too high for this part'
-  holdpoint restrict grasp@1.3.0 --as mara --reason 'a visitor is in the hall'
-  holdpoint continue grasp@1.3.0 --as mara --reason 'the link is known to be slow'
-  holdpoint rearm grasp@1.0.0 --as mara --reason 'the gripper is repaired'")]
+Example:
+  holdpoint reject grasp@1.3.0 --as mara --reason 'grip force too high for this part'")]
 pub struct VersionArgs {
     /// The version, e.g. grasp@1.3.0.
     #[arg(value_name = "FAMILY@VERSION")]
@@ -139,8 +137,8 @@ Example:
   holdpoint rollback grasp --as mara --reason 'drops parts since noon'")]
 pub struct FamilyArgs {
     /// The family, e.g. grasp.
-    #[arg(value_parser = parse_family)]
-    pub family: Family,
+    #[arg(value_name = "FAMILY", value_parser = parse_subject)]
+    pub family: StatusSubject,
     /// Deactivates the last version, too: the family is safe-stopped until an operator reactivates a version.
     #[arg(long)]
     pub stop_family: bool,
@@ -151,10 +149,6 @@ pub struct FamilyArgs {
 
 /// The arguments of `pause` and `resume`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
-#[command(after_help = "\
-Examples:
-  holdpoint pause --as mara --reason 'maintenance'
-  holdpoint resume grasp --as mara --reason 'maintenance done'")]
 pub struct PauseArgs {
     /// One family [default: all]. Candidates registered later are not paused.
     #[arg(value_parser = parse_family)]
@@ -210,8 +204,10 @@ pub(super) fn run(
         RequestedDecision::Reject(args) => reject(context, &views()?, args, out),
         RequestedDecision::Rollback(args) => rollback(context, &views()?, args, out),
         RequestedDecision::Demote(args) => {
-            known_version(&views()?, &args.version)?;
-            let operation = operation(&args.version, &args.signature);
+            let views = views()?;
+            let version = lifecycle::version_to_demote(&views, args)?;
+            known_version(&views, version)?;
+            let operation = operation(version, &args.signature);
             let profiles = args.profile.clone();
             VerbExecutor::open(context)?.execute(Command::Demote { operation, profiles }, out)
         }
@@ -228,7 +224,7 @@ pub(super) fn run(
             pause(context, &views()?, args, PauseChange::Resume(&who), out)
         }
         RequestedDecision::Stop(args) => stop::stop(context, args, out),
-        RequestedDecision::Go(args) => stop::go(context, args, out),
+        RequestedDecision::Go(args) => stop::start(context, args, out),
         RequestedDecision::Goal(args) => stop::goal(context, args, out),
         RequestedDecision::ConfirmTime(args) => confirm_time::run(context, args, out),
         RequestedDecision::Note(args) => stop::note(context, args, out),
@@ -261,9 +257,10 @@ fn approve(
     };
     if prompt.purpose == RequestKind::Emergency {
         let text = format!("held: {} waits for a break-glass activation by one person", args.version);
-        return Err(
-            CliError::from_engine_fault(text).with_hint("`holdpoint break-glass` is the only verb for that")
-        );
+        let signature = signing_options(&args.signature.identity, args.signature.reason.raw());
+        let hint =
+            format!("`holdpoint version break-glass {} {signature}` is the only verb for that", args.version);
+        return Err(CliError::from_engine_fault(text).with_hint(hint));
     }
     let (question, facts) = executor.question(prompt, &who.info().name)?;
     check_digest(args.digest.as_deref(), &facts)?;
@@ -291,7 +288,7 @@ fn check_digest(digest: Option<&str>, facts: &SignedFacts) -> Result<(), CliErro
         None if facts.profile == ProfileName::Human => {
             let text =
                 format!("the profile {:?} needs --digest with the evidence that was read", facts.profile);
-            Err(CliError::usage(text).with_hint("`holdpoint status` shows it"))
+            Err(CliError::usage(text).with_hint(format!("`holdpoint status {}` shows it", facts.version)))
         }
         None => Ok(()),
     }
@@ -355,26 +352,47 @@ fn rollback(
     args: &FamilyArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    known_family(views, &args.family)?;
+    let family = family_to_roll_back(views, args)?;
+    known_family(views, family)?;
     let mut executor = VerbExecutor::open(context)?;
     let snapshot = executor.snapshot()?;
-    let family = snapshot.families.iter().find(|view| view.family == args.family);
-    let Some(active) = family.and_then(|view| view.active.clone()) else {
-        return Err(CliError::from_engine_fault(format!(
-            "held: {} is safe-stopped, no version is active",
-            args.family
-        )));
+    let view = snapshot.families.iter().find(|view| view.family == *family);
+    let Some(active) = view.and_then(|view| view.active.clone()) else {
+        let text = format!("held: {family} is safe-stopped, no version is active");
+        return Err(CliError::from_engine_fault(text)
+            .with_hint(format!("`holdpoint version list --family {family}` shows what can be reactivated")));
     };
     let operation = operation(&active, &args.signature);
     let command = if args.stop_family { Command::Vacate(operation) } else { Command::Rollback(operation) };
     let exit = executor.execute(command, out)?;
-    let family = executor.snapshot()?.families.into_iter().find(|view| view.family == args.family);
-    if family.is_none_or(|view| view.active.is_none()) {
+    let after = executor.snapshot()?.families.into_iter().find(|view| view.family == *family);
+    if after.is_none_or(|view| view.active.is_none()) {
         // Deactivated without a successor: a stop, not a rollback.
-        let text = format!("held: safe-stopped, no version of {} is active", args.family);
+        let text = format!("held: safe-stopped, no version of {family} is active");
         return Err(CliError::from_engine_fault(text).with_details(ErrorReason::SafeStopped));
     }
     Ok(exit)
+}
+
+/// The family of a rollback, which ends the active version; a version in its place is an error with the command.
+fn family_to_roll_back<'a>(views: &Views, args: &'a FamilyArgs) -> Result<&'a Family, CliError> {
+    let version = match &args.family {
+        StatusSubject::Family(family) => return Ok(family),
+        StatusSubject::Version(version) => version,
+    };
+    known_version(views, version)?;
+    let family = &version.family;
+    let text =
+        format!("rollback takes a family, and {version} is a version; it ends the version that is active");
+    let signature = signing_options(&args.signature.identity, args.signature.reason.raw());
+    let hint = if args.stop_family {
+        format!(
+            "`holdpoint rollback {family} --stop-family {signature}` rolls back the active version of {family}"
+        )
+    } else {
+        format!("`holdpoint rollback {family} {signature}` rolls back the active version of {family}")
+    };
+    Err(CliError::usage(text).with_hint(hint))
 }
 
 #[derive(Clone, Copy)]
@@ -447,7 +465,7 @@ pub(super) fn known_version(views: &Views, version: &CapabilityId) -> Result<(),
         return Ok(());
     }
     let text = format!("there is no version {:?} in the store", version.to_string());
-    let error = CliError::usage(text).with_hint("`holdpoint registry list` names all");
+    let error = CliError::usage(text).with_hint("`holdpoint version list` names all");
     Err(error.with_details(ErrorReason::NotFound))
 }
 
@@ -458,5 +476,6 @@ pub(super) fn known_family(views: &Views, family: &Family) -> Result<(), CliErro
     }
     let names: Vec<&str> = families.iter().map(|known| known.name.as_str()).collect();
     let text = format!("there is no family {:?}; there are {}", family.as_str(), names.join(", "));
-    Err(CliError::usage(text).with_details(ErrorReason::NotFound))
+    let error = CliError::usage(text).with_hint("`holdpoint version list` names all versions");
+    Err(error.with_details(ErrorReason::NotFound))
 }

@@ -12,7 +12,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_recordings::{recording_folder, viewer};
-use holdpoint_registry::{Layout, check_witness, store_info};
+use holdpoint_registry::{Layout, store_info, witness_heads};
 use holdpoint_text::Hint;
 
 /// The oldest SQLite without the WAL-reset defect.
@@ -90,7 +90,7 @@ pub fn run(context: &CliContext, _args: &DoctorArgs, out: &mut CommandOutput<'_>
     findings.push(recordings(&context.data));
     findings.push(viewer(viewer::path().as_deref()));
     findings.extend(libraries(include_str!("../../Cargo.lock")));
-    out.answer(&findings, |out| {
+    out.answer(&serde_json::json!({ "checks": findings }), |out| {
         let mut table = TextTable::new(&["item", "standing", "detail"]);
         for finding in &findings {
             table.row([finding.item.as_str(), finding.standing.label(), &finding.detail]);
@@ -192,7 +192,7 @@ fn witnesses(data: &Path) -> Vec<DoctorFinding> {
         Ok(known) => known,
         Err(error) => return vec![finding("witnesses", FindingStatus::Limited, error.sentence())],
     };
-    let look = |folder: String| match check_witness(&folder, &store_id) {
+    let look = |folder: String| match witness_heads(&folder, &store_id) {
         Ok(heads) => {
             let detail = format!("{folder} has {}", counted(usize::try_from(heads).unwrap_or(0), "head"));
             finding("witness", FindingStatus::Ok, detail)

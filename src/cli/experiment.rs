@@ -1,4 +1,4 @@
-//! `holdpoint experiment`: arguments, progress lines and the printed report.
+//! `holdpoint lab experiment`: arguments, progress lines and the printed report.
 //!
 //! Prints the results of [`holdpoint_lab::pipeline_experiments`]; measures and judges nothing.
 
@@ -25,11 +25,11 @@ use holdpoint_text::{WIDTH_MAX, sanitize};
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint experiment drift --runs 30 --out results/drift
-  holdpoint experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --json
-  holdpoint experiment per-candidate --pool pool-7
-  holdpoint experiment truth --pool mutants --out truth
-  holdpoint experiment all --preset paper-e2 --out paper")]
+  holdpoint lab experiment drift --runs 30 --out results/drift
+  holdpoint lab experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --out results/drift --json
+  holdpoint lab experiment per-candidate --pool pool-7
+  holdpoint lab experiment truth --pool mutants --out truth
+  holdpoint lab experiment all --preset paper-e2 --out paper")]
 pub struct ExperimentArgs {
     /// The chosen experiment with its arguments.
     #[command(subcommand)]
@@ -73,8 +73,8 @@ pub enum ExperimentVerb {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint experiment drift --runs 30 --out results/drift
-  holdpoint experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20")]
+  holdpoint lab experiment drift --runs 30 --out results/drift
+  holdpoint lab experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --out results/drift")]
 pub struct DriftArgs {
     /// Independent runs; each has its own seed and candidate.
     #[arg(long, value_name = "N", default_value_t = 30)]
@@ -86,7 +86,7 @@ pub struct DriftArgs {
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
     /// The folder for cells and report; finished cells in it are not run again.
-    #[arg(long, value_name = "DIR", default_value = "experiment-drift")]
+    #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// The key that authenticates finished cells.
     #[command(flatten)]

@@ -1,7 +1,7 @@
 //! `holdpoint explain`: why a version is in its state, from the store alone.
 //!
-//! Prints the result of [`holdpoint_engine::explain`]; judges nothing. Wraps lines to the terminal; JSON has
-//! everything.
+//! Prints the result of [`holdpoint_engine::explain`]; judges nothing. Without an option it prints the deciding reasons
+//! on one screen; `--full` and JSON have everything.
 
 use std::path::Path;
 
@@ -13,22 +13,43 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::explain;
+use holdpoint_governance::explanation::ExplanationSummary;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_protocol::explanation::{DecisionExplanation, Explanation};
+use holdpoint_protocol::explanation::{DecisionExplanation, ExplainedReason, Explanation, Ruling};
 use holdpoint_runtime::capability::PackageError;
 use holdpoint_text::ErrorReason;
 use holdpoint_wording::explanation::{cached_results, permission_use};
+use holdpoint_wording::explanation_summary::{
+    SummaryLines, omitted_reasons, repeated_reasons, summary_lines,
+};
+
+/// The most lines of the short form.
+const LINES_MAX: usize = 25;
+
+/// The width of the short form if there is no terminal.
+const COLUMNS: u16 = 100;
+
+/// The most reasons against the version, and the most changes, that the short form prints.
+const REASONS_MAX: usize = 8;
+const CHANGES_MAX: usize = 3;
+
+/// The most lines of one text of the short form.
+const TEXT_LINES_MAX: usize = 2;
 
 /// The arguments of `explain`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
   holdpoint explain align@1.1.0
+  holdpoint explain align@1.1.0 --full
   holdpoint explain grasp-improved --json")]
 pub struct ExplainArgs {
     /// The version, or the folder of a registered candidate.
     #[arg(value_name = "VERSION|FOLDER")]
     pub subject: String,
+    /// Print every decision with its rule, all reasons and the permissions used.
+    #[arg(long)]
+    pub full: bool,
 }
 
 /// Reads and prints.
@@ -38,17 +59,26 @@ pub struct ExplainArgs {
 pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let views = data::open_checked(&context.data)?;
     let id = version(&args.subject)?;
-    let Some(explanation) = explain::explain(&views, &id).map_err(CliError::usage)? else {
-        let text = format!("{id} is not in the store {:?}", context.data);
-        let error = CliError::usage(text).with_hint("see `holdpoint registry list`");
-        return Err(error.with_details(ErrorReason::NotFound));
-    };
     let missing = super::profile_authorization::missing(&views);
-    out.answer(&explanation, |out| {
-        show(&explanation, out)?;
-        missing.map_or(Ok(()), |why| out.line(&format!("profile: gate-profile-unauthorized: {why}")))
-    })?;
+    if args.full || out.is_json() {
+        let found = explain::explain(&views, &id).map_err(CliError::usage)?;
+        let explanation = found.ok_or_else(|| unknown(context, &id))?;
+        out.answer(&explanation, |out| show(&explanation, out))?;
+    } else {
+        let found = explain::summarize(&views, &id).map_err(CliError::usage)?;
+        let summary = found.ok_or_else(|| unknown(context, &id))?;
+        show_summary(context, summary, out)?;
+    }
+    if let Some(why) = missing.filter(|_| !out.is_json()) {
+        out.line(&format!("profile: gate-profile-unauthorized: {why}"))?;
+    }
     Ok(Exit::Confirmed)
+}
+
+fn unknown(context: &CliContext, id: &CapabilityId) -> CliError {
+    CliError::usage(format!("{id} is not in the store {:?}", context.data))
+        .with_hint("see `holdpoint version list`")
+        .with_details(ErrorReason::NotFound)
 }
 
 /// A version by name, or by the folder it was submitted from.
@@ -77,23 +107,41 @@ fn show(explanation: &Explanation, out: &mut CommandOutput<'_>) -> Result<(), Cl
     if decisions.is_empty() {
         return out.paragraph("", "nothing has been decided about it yet");
     }
-    for decision in decisions {
+    for (index, decision) in decisions.iter().enumerate() {
         out.line("")?;
-        one(decision, out)?;
+        one(decision, sandbox_before(decision, decisions.get(..index).unwrap_or_default()), out)?;
     }
     Ok(())
 }
 
-fn one(decision: &DecisionExplanation, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+/// The decision of the sandbox whose reasons a decision of shadow repeats.
+fn sandbox_before<'a>(
+    decision: &DecisionExplanation,
+    earlier: &'a [DecisionExplanation],
+) -> Option<&'a DecisionExplanation> {
+    if !matches!(decision.ruling, Ruling::Shadow(_)) {
+        return None;
+    }
+    earlier.iter().rev().find(|earlier| matches!(earlier.ruling, Ruling::Sandbox(_)))
+}
+
+/// Prints a decision; what `before` has as well is counted.
+fn one(
+    decision: &DecisionExplanation,
+    before: Option<&DecisionExplanation>,
+    out: &mut CommandOutput<'_>,
+) -> Result<(), CliError> {
     let DecisionExplanation { record, at_ms, ruling, rule, said, reasons, change, permissions, kept, then } =
         decision;
     let (stage, outcome) = (ruling.stage(), ruling.outcome());
     out.paragraph("", &format!("{stage}: {outcome} (record {record}, {:.3} s)", *at_ms as f64 / 1000.0))?;
     out.paragraph("  ", &format!("rule  {}: {}", rule.name(), rule.source()))?;
-    for text in said {
+    let said_before = before.map_or(&[][..], |before| &before.said[..]);
+    for text in said.iter().filter(|text| !said_before.contains(text)) {
         out.paragraph("  ", &format!("in short  {text}"))?;
     }
-    for reason in reasons {
+    let known = |reason: &&ExplainedReason| before.is_some_and(|before| before.reasons.contains(*reason));
+    for reason in reasons.iter().filter(|reason| !known(reason)) {
         let mark = match (&reason.code, reason.in_favour) {
             (None, _) => "-",
             (Some(_), true) => "+",
@@ -113,7 +161,12 @@ fn one(decision: &DecisionExplanation, out: &mut CommandOutput<'_>) -> Result<()
             out.paragraph("      ", &format!("{}: {}", reason.rule.name(), reason.rule.source()))?;
         }
     }
-    for text in change {
+    let repeated = reasons.iter().filter(known).count();
+    if let Some(before) = before.filter(|_| repeated > 0) {
+        out.paragraph("  ", &format!("= {}", repeated_reasons(repeated, before.record)))?;
+    }
+    let change_before = before.map_or(&[][..], |before| &before.change[..]);
+    for text in change.iter().filter(|text| !change_before.contains(text)) {
         out.paragraph("  ", &format!("to change  {text}"))?;
     }
     for text in permissions.iter().flat_map(permission_use) {
@@ -124,6 +177,59 @@ fn one(decision: &DecisionExplanation, out: &mut CommandOutput<'_>) -> Result<()
     }
     for text in then {
         out.paragraph("  ", &format!("then  {text}"))?;
+    }
+    Ok(())
+}
+
+/// Prints the short form: the reasons first, in at most [`LINES_MAX`] lines.
+fn show_summary(
+    context: &CliContext,
+    mut summary: ExplanationSummary,
+    out: &mut CommandOutput<'_>,
+) -> Result<(), CliError> {
+    // Only a build with the console replays recordings.
+    summary.has_recording &= cfg!(feature = "console");
+    let data = context.data_given.then(|| context.data.display().to_string());
+    let SummaryLines { head, against, details, changes, end, commands } =
+        summary_lines(&summary, data.as_deref());
+    let block = |indent: &str, text: &str| {
+        let mut lines = out.wrapped(indent, text, COLUMNS);
+        if lines.len() > TEXT_LINES_MAX {
+            lines.truncate(TEXT_LINES_MAX);
+            if let Some(last) = lines.last_mut() {
+                // The mark takes the place of the last word.
+                last.truncate(last.rfind(' ').unwrap_or(0));
+                last.push_str(" …");
+            }
+        }
+        lines
+    };
+    let head = block("", &head);
+    let end = if end.is_empty() { Vec::new() } else { block("", &end) };
+    let rest: Vec<String> = [&details[..], &changes[..changes.len().min(CHANGES_MAX)]]
+        .concat()
+        .iter()
+        .flat_map(|text| block("", text))
+        .chain(end)
+        .collect();
+    let mut shown = against.len().min(REASONS_MAX);
+    let reasons = loop {
+        let omitted = against.len() - shown;
+        let mut lines: Vec<String> =
+            against.iter().take(shown).flat_map(|reason| block("  ", reason)).collect();
+        if omitted > 0 {
+            lines.extend(block("  ", &omitted_reasons(omitted)));
+        }
+        if shown <= 1 || head.len() + lines.len() + rest.len() + commands.len() <= LINES_MAX {
+            break lines;
+        }
+        shown -= 1;
+    };
+    for line in head.iter().chain(&reasons).chain(&rest) {
+        out.line(line)?;
+    }
+    for command in commands {
+        out.line(&format!("next: {command}"))?;
     }
     Ok(())
 }

@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::data;
 use super::metrics::span_ms;
 use super::output::TextTable;
-use super::time_arg::TimeArg;
+use super::time_arg::{TimeArg, when_help};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -41,19 +41,15 @@ const LEVELS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█
 
 /// The arguments of `health`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
-#[command(after_help = "\
-The verdict compares the time since WHEN with an equal time before it.
-
-WHEN is one of
-  a span back from the end of the record: 30m, 24h, 2d
-  yesterday, or a weekday: its last beginning, UTC
-  a moment by the machine's clock, UTC by default: 2026-11-17, 2026-11-17T08:00, 2026-11-17T08:00:00+01:00
-  seconds of the engine's own clock: @3600
-
+#[command(after_help = concat!(
+    "The verdict compares the time since WHEN with an equal time before it.\n\n",
+    when_help!(),
+    "
 Examples:
   holdpoint health
   holdpoint health --since tuesday --family grasp
-  holdpoint health --since 2026-11-17T08:00 --bucket 1h --csv week.csv --svg week.svg")]
+  holdpoint health --since 2026-11-17T08:00 --bucket 1h --csv week.csv --svg week.svg"
+))]
 pub struct HealthArgs {
     /// Only this family.
     #[arg(long, value_name = "NAME")]

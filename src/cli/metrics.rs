@@ -1,4 +1,4 @@
-//! `holdpoint metrics`: the paper's metrics from telemetry and audit log, without ground truth.
+//! `holdpoint lab metrics`: the paper's metrics from telemetry and audit log, without ground truth.
 //!
 //! Prints the result of [`holdpoint_engine::store_metrics`]; an engine may have the store open meanwhile. Prints no rate
 //! without a case.
@@ -9,15 +9,17 @@ use clap::Args;
 
 use super::data;
 use super::output::TextTable;
+use super::time_arg::{TimeArg, when_help};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::cell::Cell;
+use holdpoint_engine::health_series::PresentTime;
 use holdpoint_engine::store_identity;
 use holdpoint_engine::store_metrics::{self, Coverage, Since, StoreMetrics};
-use holdpoint_governance::calendar;
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::metrics::store_metrics::{MeanWithStdDev, ObservedMetrics, ReplayOutcome};
+use holdpoint_protocol::health::HealthClock;
 use holdpoint_registry::{Layout, TelemetryViews};
 
 /// The longest span, days.
@@ -25,15 +27,15 @@ const DAYS_MAX: u64 = 36_500;
 
 /// The arguments of `metrics`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
-#[command(after_help = "\
-WHEN is one of
-  a span back from the last record, on the store's own clock: 30s, 90m, 24h, 7d
-  a day or a moment by the machine's clock, in UTC: 2026-11-22, 2026-11-22T10:30
-  a record: #120
+#[command(after_help = concat!(
+    when_help!(),
+    "  a record: #120
 
 Examples:
-  holdpoint metrics
-  holdpoint metrics --since 24h --json")]
+  holdpoint lab metrics
+  holdpoint lab metrics --since monday
+  holdpoint lab metrics --since 24h --json"
+))]
 pub struct MetricsArgs {
     /// Counts records since then [default: all].
     #[arg(long, value_name = "WHEN")]
@@ -42,23 +44,45 @@ pub struct MetricsArgs {
 
 /// The first moment that counts, as written.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct SinceArg(Since);
+pub enum SinceArg {
+    /// From this record on.
+    Record(u64),
+    /// Since a moment.
+    Time(TimeArg),
+}
 
 impl FromStr for SinceArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let found = if let Some(number) = text.strip_prefix('#') {
-            number.parse().ok().map(Since::Record)
-        } else {
-            span_ms(text).map(Since::BackMs).or_else(|| calendar::read(text).map(Since::WallMs))
+        if let Some(number) = text.strip_prefix('#') {
+            let wrong = || format!("{text:?} is not a record; allowed: # and a number, such as #120");
+            return number.parse().map(Self::Record).map_err(|_| wrong());
+        }
+        let time = text.parse::<TimeArg>();
+        time.map(Self::Time).map_err(|error| format!("{error}, or a record (#120)"))
+    }
+}
+
+impl SinceArg {
+    /// The first moment that counts, in a store whose record ends at `end`.
+    ///
+    /// # Errors
+    /// One sentence, if the store has no such moment.
+    fn since(&self, end: PresentTime) -> Result<Since, String> {
+        let time = match self {
+            Self::Record(number) => return Ok(Since::Record(*number)),
+            Self::Time(time) => time,
         };
-        found.map(Self).ok_or_else(|| {
-            format!(
-                "{text:?} is not a time; allowed: a span (30s, 90m, 24h, 7d, at most {DAYS_MAX}d), a day or a moment \
-                 in UTC (2026-11-22, 2026-11-22T10:30), a record (#120)"
-            )
-        })
+        // A span counts on the store's own clock, which every store has.
+        match time.clock().unwrap_or(HealthClock::Virtual) {
+            HealthClock::Wall => time.on(HealthClock::Wall, end).map(Since::WallMs),
+            HealthClock::Virtual => {
+                let at_ms = time.on(HealthClock::Virtual, end)?;
+                let end_ms = i64::try_from(end.at_ms).unwrap_or(i64::MAX);
+                Ok(Since::BackMs(u64::try_from(end_ms.saturating_sub(at_ms)).unwrap_or(0)))
+            }
+        }
     }
 }
 
@@ -90,7 +114,15 @@ pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut CommandOutput<'_>
     // A robot without a description has no digest, so its decisions belong to another build.
     let cell = robot.and_then(|robot| robot.cell().ok()).map_or_else(Cell::builtin, Ok);
     let environment = cell.map_err(CliError::internal)?.digest();
-    let since = args.since.as_ref().map_or(Since::Record(1), |when| when.0);
+    let since = match &args.since {
+        None => Since::Record(1),
+        Some(since) => {
+            let head = views.head().map_err(CliError::usage)?;
+            let stamp = views.stamp(head.seq).map_err(CliError::usage)?;
+            let end = PresentTime { at_ms: head.at_ms, wall_ms: stamp.and_then(|stamp| stamp.wall_ms) };
+            since.since(end).map_err(CliError::usage)?
+        }
+    };
     let found =
         store_metrics::observe(&views, telemetry.as_ref(), since, environment).map_err(CliError::usage)?;
     out.answer(&found, |out| show(&found, out))?;
@@ -135,7 +167,7 @@ fn show(found: &StoreMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliErro
     out.paragraph(
         "",
         "Not shown, because they depend on which candidates are really faulty: bad-upgrade detection, \
-         false accept and false reject rate, trigger recall. `holdpoint experiment` measures them on \
+         false accept and false reject rate, trigger recall. `holdpoint lab experiment` measures them on \
          pools with a known ground truth.",
     )
 }
@@ -266,10 +298,16 @@ mod tests {
 
     #[test]
     fn since_argument_is_parsed() {
+        // Sun 22 Nov 2026, 10:30.
+        let end = PresentTime { at_ms: 800_000_000, wall_ms: Some(1_795_343_400_000) };
         for (text, expected) in [
             ("30s", Some(Since::BackMs(30_000))),
             ("90m", Some(Since::BackMs(5_400_000))),
             ("7d", Some(Since::BackMs(604_800_000))),
+            ("@700000", Some(Since::BackMs(100_000_000))),
+            ("monday", Some(Since::WallMs(1_794_787_200_000))),
+            ("yesterday", Some(Since::WallMs(1_795_219_200_000))),
+            ("today", Some(Since::WallMs(1_795_305_600_000))),
             ("#120", Some(Since::Record(120))),
             ("1970-01-02", Some(Since::WallMs(86_400_000))),
             ("2026-11-22T10:30", Some(Since::WallMs(1_795_343_400_000))),
@@ -283,11 +321,14 @@ mod tests {
             ("99999999d", None),
             ("18446744073709551615d", None),
             ("#", None),
-            ("yesterday", None),
+            ("someday", None),
             ("", None),
         ] {
             let found = text.parse::<SinceArg>();
-            assert_eq!(found.clone().ok().map(|when| when.0), expected, "{text:?}: {found:?}");
+            let since = found.clone().ok().and_then(|since| since.since(end).ok());
+            assert_eq!(since, expected, "{text:?}: {found:?}");
         }
+        let scripted = PresentTime { at_ms: 7, wall_ms: None };
+        assert!("monday".parse::<SinceArg>().unwrap().since(scripted).is_err());
     }
 }

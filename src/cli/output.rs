@@ -1,7 +1,7 @@
 //! Printing: tables and lines for people, JSON lines for programs.
 //!
-//! Sanitizes all text, so a caller may pass foreign text unchanged. A reader that goes away (`| head`) ends the
-//! program cleanly through [`CliError::ReaderGone`].
+//! Sanitizes all text, so a caller may pass foreign text unchanged. If the reader goes away (`| head`), the rest is not
+//! printed; the verb goes on, so that its exit code stays that of its result.
 
 use std::io::{self, IsTerminal, Write};
 
@@ -9,7 +9,7 @@ use comfy_table::{ContentArrangement, presets};
 use serde::Serialize;
 
 use crate::error::CliError;
-use holdpoint_text::{WIDTH_MAX, escape_json, sanitize};
+use holdpoint_text::{ErrorReason, WIDTH_MAX, escape_json, sanitize};
 
 /// The widest cell of a table, in columns.
 const CELL_WIDTH_MAX: usize = 160;
@@ -51,6 +51,8 @@ pub struct CommandOutput<'a> {
     sink: Box<dyn Write + 'a>,
     json: bool,
     width: Option<u16>,
+    /// Whether the reader is gone.
+    gone: bool,
 }
 
 /// Rows under a header, all of the same length.
@@ -93,7 +95,7 @@ impl CommandOutput<'static> {
         } else {
             None
         };
-        Self { sink: Box::new(stdout), json, width }
+        Self { sink: Box::new(stdout), json, width, gone: false }
     }
 }
 
@@ -101,7 +103,7 @@ impl<'a> CommandOutput<'a> {
     /// Any other writer, without a width.
     #[must_use]
     pub fn to(sink: impl Write + 'a, json: bool) -> Self {
-        Self { sink: Box::new(sink), json, width: None }
+        Self { sink: Box::new(sink), json, width: None, gone: false }
     }
 
     /// Whether answers are JSON.
@@ -110,12 +112,52 @@ impl<'a> CommandOutput<'a> {
         self.json
     }
 
+    /// Whether the reader is gone: nothing is printed any more.
+    #[must_use]
+    pub const fn is_gone(&self) -> bool {
+        self.gone
+    }
+
+    /// Requires that a reader got everything so far: a person must see a text before they sign it.
+    ///
+    /// # Errors
+    /// If the reader is gone, or as [`CommandOutput::line`].
+    pub fn require_reader(&mut self) -> Result<(), CliError> {
+        self.flush()?;
+        if self.gone {
+            let text =
+                "the reader of the output is gone, so the text to sign was not shown; nothing was signed";
+            return Err(CliError::usage(text).with_details(ErrorReason::Output));
+        }
+        Ok(())
+    }
+
+    /// Notes that the reader is gone, which is no error of the verb.
+    fn unless_gone(&mut self, written: io::Result<()>) -> Result<(), CliError> {
+        match written {
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
+                self.gone = true;
+                Ok(())
+            }
+            written => Ok(written?),
+        }
+    }
+
+    /// Writes a line of safe text.
+    fn put(&mut self, line: std::fmt::Arguments<'_>) -> Result<(), CliError> {
+        if self.gone {
+            return Ok(());
+        }
+        let written = writeln!(self.sink, "{line}");
+        self.unless_gone(written)
+    }
+
     /// One line for people.
     ///
     /// # Errors
-    /// [`CliError::ReaderGone`] or [`CliError::Output`].
+    /// [`CliError::Output`].
     pub fn line(&mut self, text: &str) -> Result<(), CliError> {
-        Ok(writeln!(self.sink, "{}", sanitize(text, WIDTH_MAX))?)
+        self.put(format_args!("{}", sanitize(text, WIDTH_MAX)))
     }
 
     /// Text for people, indented and wrapped to the terminal, or to 80 columns if there is none. Lines after the
@@ -124,15 +166,21 @@ impl<'a> CommandOutput<'a> {
     /// # Errors
     /// As [`CommandOutput::line`].
     pub fn paragraph(&mut self, indent: &str, text: &str) -> Result<(), CliError> {
-        let width = usize::from(self.width.unwrap_or(WRAP_WIDTH).max(TABLE_WIDTH_MIN));
+        for line in self.wrapped(indent, text, WRAP_WIDTH) {
+            self.put(format_args!("{line}"))?;
+        }
+        Ok(())
+    }
+
+    /// The lines of a paragraph, for a caller that counts them; without a terminal they have at most `width` columns.
+    #[must_use]
+    pub fn wrapped(&self, indent: &str, text: &str, width: u16) -> Vec<String> {
+        let width = usize::from(self.width.unwrap_or(width).max(TABLE_WIDTH_MIN));
         let further = format!("{indent}    ");
         let options = textwrap::Options::new(width).initial_indent(indent).subsequent_indent(&further);
         // Foreign text is sanitized before it is measured, in pieces, so that no limit cuts it.
         let safe: String = pieces(text).map(|piece| sanitize(piece, WIDTH_MAX).into_string()).collect();
-        for line in textwrap::wrap(&safe, options) {
-            writeln!(self.sink, "{}", line.trim_end())?;
-        }
-        Ok(())
+        textwrap::wrap(&safe, options).iter().map(|line| line.trim_end().to_owned()).collect()
     }
 
     /// One JSON document on one line, without terminal control characters.
@@ -141,7 +189,7 @@ impl<'a> CommandOutput<'a> {
     /// As [`CommandOutput::line`], or [`CliError::Internal`] if the value has no JSON form.
     pub fn json<T: Serialize>(&mut self, value: &T) -> Result<(), CliError> {
         let json = versioned(serde_json::to_string(value).map_err(CliError::internal)?);
-        Ok(writeln!(self.sink, "{}", escape_json(&json))?)
+        self.put(format_args!("{}", escape_json(&json)))
     }
 
     /// A table for people.
@@ -167,7 +215,7 @@ impl<'a> CommandOutput<'a> {
             column.set_padding((0, 2));
         }
         for line in drawn.lines() {
-            writeln!(self.sink, "{}", line.trim_end())?;
+            self.put(format_args!("{}", line.trim_end()))?;
         }
         Ok(())
     }
@@ -194,7 +242,11 @@ impl<'a> CommandOutput<'a> {
     /// # Errors
     /// As [`CommandOutput::line`].
     pub fn flush(&mut self) -> Result<(), CliError> {
-        Ok(self.sink.flush()?)
+        if self.gone {
+            return Ok(());
+        }
+        let flushed = self.sink.flush();
+        self.unless_gone(flushed)
     }
 }
 
@@ -241,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn closed_pipe_ends_the_output_without_an_error() {
+    fn closed_pipe_is_no_error_and_nothing_is_signed_unread() {
         struct ClosedPipe;
         impl Write for ClosedPipe {
             fn write(&mut self, _: &[u8]) -> io::Result<usize> {
@@ -251,7 +303,13 @@ mod tests {
                 Ok(())
             }
         }
-        let error = CommandOutput::to(ClosedPipe, false).line("text").unwrap_err();
-        assert_eq!(error.exit(), crate::error::Exit::Confirmed);
+        let mut out = CommandOutput::to(ClosedPipe, false);
+        assert!(!out.is_gone());
+        out.line("text").unwrap();
+        out.paragraph("", "text").unwrap();
+        out.json(&1).unwrap();
+        out.flush().unwrap();
+        assert!(out.is_gone());
+        assert_eq!(out.require_reader().unwrap_err().exit(), crate::error::Exit::Usage);
     }
 }

@@ -1,4 +1,4 @@
-//! `holdpoint experiment e1|e2|e3|e4|e5|sensitivity|meta-faults|overhead|ablation|all`: arguments and the printed report.
+//! `holdpoint lab experiment e1|e2|e3|e4|e5|sensitivity|meta-faults|overhead|ablation|all`: arguments and the printed report.
 //!
 //! Prints the results of [`holdpoint_lab::paper_reproduction`]; measures and judges nothing.
 
@@ -48,9 +48,9 @@ impl From<PresetArg> for Preset {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint experiment e2 --preset smoke --out paper-smoke
-  holdpoint experiment all --preset paper-e2 --out paper
-  holdpoint experiment e2 --preset claims --out paper --shard 1/8")]
+  holdpoint lab experiment e2 --preset smoke --out paper-smoke
+  holdpoint lab experiment all --preset paper-e2 --out paper
+  holdpoint lab experiment e2 --preset claims --out paper --shard 1/8")]
 pub struct PaperArgs {
     /// The number of runs.
     #[arg(long, value_name = "NAME", value_enum, default_value = "smoke")]
@@ -77,7 +77,7 @@ pub struct PaperArgs {
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
     pub shard: (usize, usize),
     /// The folder for cells and report; finished cells in it are not run again.
-    #[arg(long, value_name = "DIR", default_value = "experiment-paper")]
+    #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// The key that authenticates finished cells.
     #[command(flatten)]
@@ -88,7 +88,7 @@ pub struct PaperArgs {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Example:
-  holdpoint experiment report --out recordings/reports/claims-rounds")]
+  holdpoint lab experiment report --out recordings/reports/claims-rounds")]
 pub struct ReportArgs {
     /// The report's folder with report.toml and the rows it names; the report beside them is rewritten.
     #[arg(long, value_name = "DIR")]

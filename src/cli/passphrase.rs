@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use rustix::termios::{LocalModes, OptionalActions, SpecialCodeIndex, Termios, tcgetattr, tcsetattr};
 use zeroize::Zeroizing;
 
+use super::data;
 use crate::cli::context::CliContext;
 use crate::error::CliError;
 use holdpoint_approvals::keyfile::{KeyError, Protection};
@@ -13,7 +14,9 @@ use holdpoint_approvals::{
     EncryptedKeyError, Identity, IdentityError, LockedIdentity, PASSPHRASE_BYTES_MAX, Passphrase,
     PassphraseCause,
 };
-use holdpoint_registry::Layout;
+use holdpoint_governance::ids::is_name;
+use holdpoint_registry::{FIRST_ADMINISTRATOR, Layout};
+use holdpoint_text::users::user_name;
 use holdpoint_text::{ErrorDetails, ErrorReason};
 
 /// Names the file for verbs without the option.
@@ -29,7 +32,36 @@ pub(super) fn details(cause: PassphraseCause) -> ErrorDetails {
 
 /// An identity with its stored secret; the passphrase is requested only when there is something to sign.
 pub(super) fn stored_identity(context: &CliContext, name: &str) -> Result<LockedIdentity, CliError> {
-    Identity::open(&Layout::new(&context.data).identities(), name).map_err(CliError::usage)
+    let layout = Layout::new(&context.data);
+    Identity::open(&layout.identities(), name).map_err(|error| {
+        let is_unknown = matches!(error, IdentityError::Unknown { .. });
+        match is_unknown.then(|| unknown_hint(context, &layout, name)).flatten() {
+            Some(hint) => CliError::usage(error).with_hint(hint),
+            None => CliError::usage(error),
+        }
+    })
+}
+
+/// What helps with an identity that has no key here, if a new identity of that name does not.
+fn unknown_hint(context: &CliContext, layout: &Layout, name: &str) -> Option<String> {
+    if !layout.database().exists() {
+        // The store makes its administrator itself.
+        return (name == FIRST_ADMINISTRATOR).then(|| {
+            format!("`holdpoint identity new {}` creates the store with its administrator {name}", own_name())
+        });
+    }
+    let persons = data::open(&context.data).ok()?.persons().ok()?;
+    persons.named(name)?;
+    Some(format!(
+        "{name} is enrolled, and the key is missing: `holdpoint store check` names the files to restore"
+    ))
+}
+
+/// A name for an identity of this user.
+fn own_name() -> String {
+    let name = user_name(rustix::process::geteuid().as_raw());
+    let is_free = |name: &String| is_name(name) && name != FIRST_ADMINISTRATOR;
+    name.filter(is_free).unwrap_or_else(|| "operator".to_owned())
 }
 
 /// Unlocks a signer's key. A file named by option must match a key with a passphrase; the variable may be set for

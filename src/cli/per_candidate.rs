@@ -1,4 +1,4 @@
-//! `holdpoint experiment per-candidate`: arguments and the printed report.
+//! `holdpoint lab experiment per-candidate`: arguments and the printed report.
 //!
 //! Prints the results of [`holdpoint_lab::pipeline_experiments::per_candidate`]; measures nothing and leaves nothing out
 //! (JSON has every digit).
@@ -25,9 +25,9 @@ use holdpoint_text::{WIDTH_MAX, sanitize};
 Exits with 0 if no claim is refuted, with 1 if one is.
 
 Examples:
-  holdpoint pool generate --seed 7 --out pool-7
-  holdpoint experiment per-candidate --pool pool-7
-  holdpoint experiment per-candidate --pool pool-7 --profile sim --profile real --profile human --json")]
+  holdpoint lab pool generate --seed 7 --out pool-7
+  holdpoint lab experiment per-candidate --pool pool-7
+  holdpoint lab experiment per-candidate --pool pool-7 --profile sim --profile real --profile human --json")]
 pub struct PerCandidateArgs {
     /// The pool's folder; its truth file is beside it.
     #[arg(long, value_name = "DIR")]

@@ -1,4 +1,4 @@
-//! `holdpoint pool generate | show`: pools of candidates for experiments.
+//! `holdpoint lab pool generate | show`: pools of candidates for experiments.
 //!
 //! Prints the index. Never opens or prints the hidden ground truth.
 
@@ -17,9 +17,9 @@ use holdpoint_lab::candidate_pool::{Pool, PoolError, PoolIndex, Preset, display_
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint pool generate --seed 1 --out pool-1
-  holdpoint pool generate --seed 7 --out pool-7 --sets 3 --preset paper-8 --json
-  holdpoint pool show manifests/pool")]
+  holdpoint lab pool generate --seed 1 --out pool-1
+  holdpoint lab pool generate --seed 7 --out pool-7 --sets 3 --preset paper-8 --json
+  holdpoint lab pool show manifests/pool")]
 pub struct PoolArgs {
     /// The verb with its arguments.
     #[command(subcommand)]
@@ -34,7 +34,7 @@ pub enum PoolVerb {
     /// Prints the candidates of a pool.
     #[command(after_help = "\
 Example:
-  holdpoint pool show manifests/pool --json")]
+  holdpoint lab pool show manifests/pool --json")]
     Show {
         /// The folder of the pool to print.
         #[arg(value_name = "DIR")]
@@ -46,7 +46,7 @@ Example:
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Example:
-  holdpoint pool generate --seed 1 --out pool-1 --sets 2")]
+  holdpoint lab pool generate --seed 1 --out pool-1 --sets 2")]
 pub struct GenerateArgs {
     /// The seed of the pool; from 100 on for calibration.
     #[arg(long)]

@@ -1,7 +1,7 @@
 //! `holdpoint profile show | check | allow`: a profile's limits with their reasons, and an administrator's
 //! authorization of a change of the store's profile.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use serde::Serialize;
@@ -25,7 +25,7 @@ use holdpoint_governance::profile_downgrade::{
 };
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_registry::allow_profile;
-use holdpoint_text::{ErrorReason, Untrusted};
+use holdpoint_text::{ErrorReason, Untrusted, shell_word};
 
 /// The arguments of `profile`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -146,7 +146,7 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut CommandOutput<'_>
                 numbers,
                 loosened,
             };
-            out.answer(&checked, |out| print_check(&checked, out))?;
+            out.answer(&checked, |out| print_check(&checked, file, out))?;
         }
         ProfileVerb::Allow(args) => allow(context, args, out)?,
     }
@@ -184,6 +184,7 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut CommandOutput<'_>) ->
     let change = course.change_to(&rules);
     if !out.is_json() {
         show_change(&title, &change, out)?;
+        out.require_reader()?;
     }
     let signer =
         passphrase::unlock(passphrase::stored_identity(context, &args.by)?, args.passphrase_file.as_deref())?;
@@ -223,13 +224,16 @@ fn rules(chosen: &ChosenProfile) -> Result<(Profile, PolicyTable), CliError> {
     chosen.rules().map_err(CliError::internal)
 }
 
-fn print_check(checked: &ProfileCheck, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+fn print_check(checked: &ProfileCheck, file: &Path, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let title = titled(checked.name, checked.site.as_ref());
     out.line(&format!("the profile {title} is well formed, digest {}", checked.digest))?;
     out.line(&format!("its policies compile, digest {}", checked.policy))?;
     if !checked.loosened.is_empty() {
         let summary = downgrade_summary(&checked.loosened);
-        out.line(&format!("{summary}; an administrator must sign that: `holdpoint profile allow`"))?;
+        let named = shell_word(&file.display().to_string());
+        out.line(&format!(
+            "{summary}; an administrator signs that with `holdpoint profile allow {named} --by admin --reason 'the reason'`"
+        ))?;
     }
     let mut table = TextTable::new(&["field", "value", "shipped", "reason"]);
     for number in &checked.numbers {

@@ -5,8 +5,8 @@ use std::path::Path;
 use super::{data, profile_choice};
 use holdpoint_engine::store_identity::{self, RequestedRules, StartPermission};
 use holdpoint_governance::site_profile::ChosenProfile;
-use holdpoint_registry::{ProfileHistory, StoreError, Views};
-use holdpoint_text::Hint as _;
+use holdpoint_registry::{FIRST_ADMINISTRATOR, ProfileHistory, StoreError, Views};
+use holdpoint_text::{Hint as _, shell_word};
 
 /// Whether an engine may start under a profile on the store in this folder, which may not exist yet.
 ///
@@ -27,6 +27,18 @@ pub(super) fn may_begin(data: &Path, chosen: &ChosenProfile) -> Result<StartPerm
         // There is no store yet, or opening it reports the problem.
         Err(_) => store_identity::may_begin(&ProfileHistory::default(), (None, 0), requested),
     }
+}
+
+/// The hint for a profile that is not authorized: the command, signed by an administrator of the store.
+pub(super) fn allow_hint(data: &Path, named: &str) -> String {
+    let persons = data::open(data).ok().and_then(|views| views.persons().ok());
+    let admin = persons.and_then(|persons| persons.administrators().next().map(|admin| admin.name.clone()));
+    let admin = admin.unwrap_or_else(|| FIRST_ADMINISTRATOR.to_owned());
+    format!(
+        "`holdpoint profile allow {} --by {admin} --reason 'the reason'` shows the change and signs it as an administrator, \
+         for the next start",
+        shell_word(named)
+    )
 }
 
 /// Why an engine on this store would activate nothing; absent if it would.

@@ -1,4 +1,4 @@
-//! `holdpoint refine`: arguments, progress on the standard error, and the printed report.
+//! `holdpoint lab refine`: arguments, progress on the standard error, and the printed report.
 //!
 //! Searches and judges nothing: [`holdpoint_lab::parameter_search`] searches, and the pipeline judges the registered
 //! candidate.
@@ -37,8 +37,8 @@ violation, no anomaly and no recovery; the pipeline measures those.
 To continue an interrupted search, give the same command again.
 
 Examples:
-  holdpoint refine grasp
-  holdpoint refine align --generations 20 --episodes 16 --seed 3 --out candidates --json")]
+  holdpoint lab refine grasp --out candidates
+  holdpoint lab refine align --generations 20 --episodes 16 --seed 3 --out candidates --json")]
 pub struct RefineArgs {
     /// The family whose baseline the search improves.
     #[arg(value_enum)]
@@ -58,7 +58,7 @@ pub struct RefineArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
     /// The folder that gets FAMILY-refined; nothing is overwritten.
-    #[arg(long, value_name = "DIR", default_value = ".")]
+    #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// The candidate's version [default: the baseline's next minor one].
     #[arg(long, value_name = "X.Y.Z")]

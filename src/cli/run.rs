@@ -38,14 +38,13 @@ Examples:
   holdpoint run --profile real
   holdpoint run --profile human --as mara --pace 4
   holdpoint run --view
-  holdpoint run --headless --script tests/scenarios/promote-benign.toml --json
   holdpoint run --plain --seed 7 --jobs 2")]
 pub struct RunArgs {
-    /// Runs a scenario without a screen on a virtual clock; the scenario names the profile.
-    #[arg(long, requires = "script", conflicts_with = "profile")]
+    /// Runs a scenario, as `scenario run` does; for scripts of earlier versions.
+    #[arg(long, hide = true, requires = "script", conflicts_with = "profile")]
     pub headless: bool,
     /// The scenario file; needs --headless. Its store is temporary, unless --data names one.
-    #[arg(long, value_name = "FILE", requires = "headless")]
+    #[arg(long, hide = true, value_name = "FILE", requires = "headless")]
     pub script: Option<PathBuf>,
     /// Prints one event a line instead of the screen, until every waiting version is settled; also the default
     /// without a terminal. With this option the verb reads commands on its input, a verb a line; on a terminal it
@@ -56,7 +55,7 @@ pub struct RunArgs {
     #[command(flatten)]
     pub engine: EngineArgs,
     /// A folder of cached episodes that runs share; needs --headless.
-    #[arg(long, value_name = "DIR", requires = "headless")]
+    #[arg(long, hide = true, value_name = "DIR", requires = "headless")]
     pub cache: Option<PathBuf>,
     /// The key of the folder.
     #[command(flatten)]
@@ -64,9 +63,6 @@ pub struct RunArgs {
     /// Simulated seconds of the live cell in each second, or `max` [default: 1 in the console, max without it].
     #[arg(long, value_name = "N|max", value_parser = parse_pace, conflicts_with = "headless")]
     pub pace: Option<LivePace>,
-    /// Recordings and the live viewer.
-    #[command(flatten)]
-    pub scenes: SceneArgs,
     /// Runs the engine inside the console's process: it ends with this console, even if other consoles are
     /// attached.
     #[cfg(feature = "console")]
@@ -78,6 +74,9 @@ pub struct RunArgs {
     #[arg(long, value_name = "SECS", value_parser = clap::value_parser!(u32).range(1..=LINGER_SECS_MAX),
         conflicts_with_all = ["headless", "plain", "in_process"])]
     pub linger: Option<u32>,
+    /// Recordings and the live viewer.
+    #[command(flatten)]
+    pub scenes: SceneArgs,
     /// The look of the console and its operator.
     #[cfg(feature = "console")]
     #[command(flatten)]
@@ -299,10 +298,15 @@ impl EngineArgs {
     /// If there is no such profile, its files are invalid, or it needs an administrator's authorization that is
     /// missing. Checked before the terminal, a process or the store is touched.
     pub fn profile(&self, data: &Path) -> Result<ChosenProfile, CliError> {
+        data::require_own(data)?;
         let chosen = chosen(data, self.profile.as_ref())?;
         // The engine that starts on it reports unreadable files.
         match profile_authorization::may_begin(data, &chosen) {
-            Err(error @ StoreError::UnauthorizedProfile { .. }) => Err(CliError::from_engine_fault(error)),
+            Err(StoreError::UnauthorizedProfile { named, problem }) => {
+                let hint = profile_authorization::allow_hint(data, &named);
+                let error = StoreError::UnauthorizedProfile { named, problem };
+                Err(CliError::from_engine_fault(error).with_hint(hint))
+            }
             Ok(_) | Err(_) => Ok(chosen),
         }
     }

@@ -31,7 +31,7 @@ pub struct ServeArgs {
     /// Ends cleanly after this many seconds without an attached console; `:detach` in a console removes the limit.
     #[arg(long, value_name = "SECS", value_parser = clap::value_parser!(u32).range(1..=LINGER_SECS_MAX))]
     pub attended: Option<u32>,
-    /// Listens in this folder, too, for the accounts of its group: see the guide's page `security`.
+    /// Listens in this folder, too, for the accounts of its group: see the guide's page `run-as-a-service`.
     #[arg(long, value_name = "DIR")]
     pub seats: Option<PathBuf>,
     /// Leaves the terminal for a new process session, and prints only faults.

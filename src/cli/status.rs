@@ -64,13 +64,22 @@ pub struct StatusArgs {
     pub timeout: u32,
 }
 
-/// The subject of the report.
+/// The subject of a report or a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StatusSubject {
     /// All of a family.
     Family(Family),
     /// One version of a family.
     Version(CapabilityId),
+}
+
+impl std::fmt::Display for StatusSubject {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Family(family) => write!(f, "{family}"),
+            Self::Version(version) => write!(f, "{version}"),
+        }
+    }
 }
 
 /// A state to wait for.
@@ -117,7 +126,7 @@ impl AwaitedState {
     }
 }
 
-fn parse_subject(text: &str) -> Result<StatusSubject, String> {
+pub(super) fn parse_subject(text: &str) -> Result<StatusSubject, String> {
     if text.contains('@') {
         text.parse()
             .map(StatusSubject::Version)
@@ -136,6 +145,7 @@ pub(super) fn run(
     args: &StatusArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
+    data::require_own(&context.data)?;
     // An engine that answers has checked the tables and halts if they change, or reports that it has not checked
     // yet.
     let views = match Client::connect_within(&Layout::new(&context.data), HELLO_PATIENCE) {
@@ -197,6 +207,9 @@ fn watch(source: &mut ReportSource<'_>, out: &mut CommandOutput<'_>) -> Result<E
         if last.as_ref() != Some(&report) {
             print(&report, &mut printed, out)?;
             last = Some(report);
+        }
+        if out.is_gone() {
+            return Ok(Exit::Confirmed);
         }
         source.pause();
     }

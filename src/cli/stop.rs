@@ -1,4 +1,4 @@
-//! `holdpoint stop | go | goal | note`: stops the cell at any time, starts it again, and sets its goal.
+//! `holdpoint stop | start`, `holdpoint cell goal | note`: stops the cell at any time, starts it again, and sets its goal.
 //!
 //! A stop needs no identity, no key and no reason. A start needs an identity of the store and a reason.
 
@@ -21,7 +21,7 @@ use holdpoint_text::{ErrorReason, Untrusted};
 /// The arguments of `stop`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-The arm stops in the current tick and stays stopped until `holdpoint go`, even after a restart
+The arm stops in the current tick and stays stopped until `holdpoint start`, even after a restart
 of the engine. This is not a certified emergency stop.
 
 Exit code 0 means that the process that has the store confirmed the stop. With 6 the stop is not
@@ -39,7 +39,7 @@ pub struct StopArgs {
     pub reason: Option<Untrusted>,
 }
 
-/// The arguments of `go`.
+/// The arguments of `start`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Before you start the cell you must know of every stop. Under `sim`, a single stop of your own
@@ -47,10 +47,10 @@ needs no --stops. Otherwise the verb prints persons and reasons; give their numb
 A later stop keeps the cell stopped.
 
 Examples:
-  holdpoint go --as mara --reason 'the cell is empty, the fence is closed'
-  holdpoint go --as mara --stops 1 --reason 'the operator of the night is out of the cell'
-  holdpoint go --as mara --stops 2 --reason 'both are out of the cell'")]
-pub struct GoArgs {
+  holdpoint start --as mara --reason 'the cell is empty, the fence is closed'
+  holdpoint start --as mara --stops 1 --reason 'the operator of the night is out of the cell'
+  holdpoint start --as mara --stops 2 --reason 'both are out of the cell'")]
+pub struct StartArgs {
     /// The number of stops that you know of; required unless, under `sim`, the only stop is yours.
     #[arg(long, value_name = "N")]
     pub stops: Option<u64>,
@@ -59,7 +59,7 @@ pub struct GoArgs {
     pub signature: SigningArgs,
 }
 
-/// The arguments of `goal`.
+/// The arguments of `cell goal`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 A goal is pick-align-place, or the last primitive to run: grasp, align, place. It applies from
@@ -67,8 +67,8 @@ the next sequence on, even after a restart of the engine. A candidate of a famil
 goal gets no task in shadow.
 
 Examples:
-  holdpoint goal align --as mara --reason 'the tray is being cleaned'
-  holdpoint goal pick-align-place --as mara --reason 'the tray is back'")]
+  holdpoint cell goal align --as mara --reason 'the tray is being cleaned'
+  holdpoint cell goal pick-align-place --as mara --reason 'the tray is back'")]
 pub struct GoalArgs {
     /// The goal of the agent.
     pub goal: String,
@@ -77,13 +77,13 @@ pub struct GoalArgs {
     pub signature: SigningArgs,
 }
 
-/// The arguments of `note`.
+/// The arguments of `cell note`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 The reason is the note: it is stored in the audit log, shown in the log and marked in `health`.
 
 Example:
-  holdpoint note --as mara --reason 'the tray was changed at six; first blocks stuck'")]
+  holdpoint cell note --as mara --reason 'the tray was changed at six; first blocks stuck'")]
 pub struct NoteArgs {
     /// The author's identity, and the text.
     #[command(flatten)]
@@ -155,7 +155,11 @@ fn no_engine(context: &CliContext, and: &str) -> CliError {
 }
 
 /// Starts the stopped cell.
-pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+pub(super) fn start(
+    context: &CliContext,
+    args: &StartArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
     let signature = &args.signature;
     // Only an identity of the store may start the cell.
     let who = identity(context, signature)?;
@@ -170,7 +174,7 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut CommandOutput<'_
     let stops = args.stops.unwrap_or(u64::from(is_own));
     if !out.is_json() {
         if let Some(stopped) = &stopped {
-            out.line(&stopped_line(stopped))?;
+            out.line(&stopped_line(stopped, Some((by.as_str(), reason.as_str()))))?;
         }
         for prompt in snapshot.prompts.iter().filter(|prompt| prompt.granted) {
             out.line(&format!("{} is approved and takes control once the cell runs", prompt.version))?;

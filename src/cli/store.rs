@@ -1,9 +1,9 @@
 //! `holdpoint store rebuild | backup | check | info | export`: repairs a store that no engine has open, copies it,
 //! inspects it, and exports its history.
 
-use std::fs::OpenOptions;
+use std::fs::{self, OpenOptions};
 use std::io::{BufWriter, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
@@ -18,9 +18,11 @@ use holdpoint_engine::caller;
 use holdpoint_engine::recordings::{self, RecordListError};
 use holdpoint_recordings::audit_record::RecordingClosure;
 use holdpoint_registry::{
-    BackupParts, ExportScope, Layout, ListRecordings, OmittedFile, RebuildReport, RetainedRecording,
-    StoreError, StoreInfo, UnsignedRecords, Views, backup, check_store, export_store, rebuild, store_info,
+    BackupParts, BackupReport, ExportScope, Layout, ListRecordings, OmittedFile, RebuildReport,
+    RetainedRecording, StoreError, StoreInfo, UnsignedRecords, Views, backup, check_store, export_store,
+    rebuild, store_info,
 };
+use holdpoint_text::shell_word;
 use serde_json::json;
 
 /// The arguments of `store`.
@@ -78,9 +80,10 @@ Examples:
         #[arg(long)]
         with_recordings: bool,
     },
-    /// Checks the store quickly and prints the findings. Exits with 1 if something is wrong.
+    /// Checks the store and prints the findings. Exits with 1 if something is wrong.
     #[command(after_help = "\
-The verb writes nothing. `holdpoint audit verify` reads the whole history.
+The verb verifies the audit chain, every row against its records, the sealed telemetry, the keys and
+the witnesses. It writes nothing. `holdpoint audit verify --all` verifies the recordings, too.
 
 Example:
   holdpoint store check")]
@@ -138,6 +141,9 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
                     counted(usize::try_from(report.files).unwrap_or(usize::MAX), "file"),
                     to.display()
                 ))?;
+                if let Some(line) = left_out(context, to, &report, *with_recordings) {
+                    out.line(&line)?;
+                }
                 if *with_recordings {
                     let recordings = usize::try_from(report.recordings).unwrap_or(usize::MAX);
                     out.line(&format!(
@@ -157,7 +163,9 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
             data::database(&context.data)?;
             let found = check_store(&context.data).map_err(CliError::usage)?;
             let sound = found.iter().all(|finding| finding.good);
-            out.answer(&json!({ "good": sound, "found": found }), |out| {
+            let value = json!({ "good": sound, "found": found, "not_checked": ["recordings"] });
+            out.answer(&value, |out| {
+                out.line("not checked: the recordings; `holdpoint audit verify --all` checks them, too")?;
                 found.iter().try_for_each(|finding| {
                     let mark = if finding.good { "ok   " } else { "WRONG" };
                     out.line(&format!("{mark}  {}", finding.text))
@@ -189,6 +197,29 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
             Ok(Exit::Confirmed)
         }
     }
+}
+
+/// What a copy lacks, and the command for a copy that has it. An engine does not start without the secret keys.
+fn left_out(context: &CliContext, to: &Path, report: &BackupReport, with_recordings: bool) -> Option<String> {
+    let is_alone = to.extension().is_some_and(|ending| ending == "db");
+    let has_files = |folder: PathBuf| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
+    let lacks_recordings =
+        (is_alone || !with_recordings) && has_files(Layout::new(&context.data).recordings());
+    let (lacks, options) = match (report.keys, lacks_recordings) {
+        (true, false) => return None,
+        (true, true) => ("the recordings", "--with-keys --with-recordings"),
+        (false, false) => ("the secret keys, without which no engine starts on it", "--with-keys"),
+        (false, true) => (
+            "the secret keys, without which no engine starts on it, and the recordings",
+            "--with-keys --with-recordings",
+        ),
+    };
+    let mut other = to.with_extension("").into_os_string();
+    other.push("-whole");
+    let other = shell_word(&other.to_string_lossy());
+    Some(format!(
+        "the copy lacks {lacks}; `holdpoint store backup {other} {options}` makes one with everything"
+    ))
 }
 
 /// The records of the store's recordings.

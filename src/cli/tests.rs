@@ -109,7 +109,8 @@ impl EngineVerbs for Recorder {
 
 /// Runs a command line; returns its exit code, its output and the requests to the engine.
 fn run_line(line: &[&str]) -> (Result<Exit, CliError>, String, Vec<String>) {
-    let cli = Cli::try_parse_from(std::iter::once("holdpoint").chain(line.iter().copied())).unwrap();
+    let cli = Cli::parse_line(std::iter::once("holdpoint").chain(line.iter().copied()).map(OsString::from))
+        .unwrap();
     let (mut engine, mut output) = (Recorder::default(), Vec::new());
     let result = dispatch(&cli, &mut engine, &mut CommandOutput::to(&mut output, cli.json));
     (result, String::from_utf8(output).unwrap(), engine.0)
@@ -140,7 +141,8 @@ fn every_verb_has_examples_that_parse() {
         assert!(!examples.is_empty(), "{path}: no example");
         for example in examples {
             let argv = shell_words(&format!("holdpoint{example}"));
-            Cli::try_parse_from(&argv).unwrap_or_else(|error| panic!("{path}: {argv:?}: {error}"));
+            Cli::parse_line(argv.iter().map(OsString::from))
+                .unwrap_or_else(|error| panic!("{path}: {argv:?}: {error}"));
             *seen += 1;
         }
         for verb in command.get_subcommands() {
@@ -238,7 +240,11 @@ fn invalid_command_lines_are_refused() {
         "identity new ../../x",
         "frobnicate",
     ] {
-        assert!(Cli::try_parse_from(shell_words(&format!("holdpoint {line}"))).is_err(), "{line}");
+        assert!(
+            Cli::parse_line(shell_words(&format!("holdpoint {line}")).into_iter().map(OsString::from))
+                .is_err(),
+            "{line}"
+        );
     }
     let other = Cli::try_parse_from(shell_words("holdpoint identity new mara --role safety-officer"));
     let message = other.unwrap_err().to_string();
@@ -269,7 +275,9 @@ fn verbs_without_an_engine_answer_in_both_forms() {
         assert!(!root.path().join("holdpoint.db").exists());
     }
     let (_, text, _) = run_line(&["--data", data, "doctor", "--json"]);
-    assert!(serde_json::from_str::<serde_json::Value>(&text).unwrap().as_array().unwrap().len() > 6);
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(report["json_version"], output::JSON_VERSION);
+    assert!(report["checks"].as_array().unwrap().len() > 6, "{text}");
     let (_, text, _) = run_line(&["--data", data, "completions", "bash"]);
     assert!(text.contains("_holdpoint()"), "{text}");
 }
@@ -407,7 +415,7 @@ fn proofs_copies_and_witnesses_of_a_store_verify() {
 
 /// The rows of the guide's table of reasons: the reason, and its causes.
 fn documented_reasons() -> Vec<(&'static str, Vec<&'static str>)> {
-    let page = include_str!("../guide/events.md");
+    let page = include_str!("../guide/reference/errors-and-exit-codes.md");
     let section = page.split("# Reasons of errors\n").nth(1).unwrap().split("\n# ").next().unwrap();
     let codes = |cell: &'static str| cell.split('`').skip(1).step_by(2).collect::<Vec<_>>();
     let rows = section.lines().filter(|line| line.starts_with("| `"));
@@ -503,6 +511,7 @@ fn has_option(command: &clap::Command, name: &str) -> bool {
 /// The error in a command line that a text names: an unknown verb or option.
 fn problem(line: &str) -> Option<String> {
     let root = Cli::command();
+    let line = line.strip_prefix("help ").unwrap_or(line);
     let (mut command, mut verbs) = (&root, 0);
     for word in line.split_whitespace() {
         match (word.strip_prefix("--"), command.find_subcommand(word)) {
@@ -552,9 +561,9 @@ fn commands_named_in_texts_exist() {
     for (command, is_there) in [
         ("run --plain", true),
         ("identity new mara", true),
-        ("registry list --data x", true),
-        ("registry lists", false),
-        ("registry", true),
+        ("version list --data x", true),
+        ("version lists", false),
+        ("version", true),
         ("run --plane", false),
         ("--plain", false),
     ] {

@@ -1,4 +1,4 @@
-//! Moments as people write them on a command line: one reader, one error.
+//! Moments as people write them on a command line: one reader, one help text, one error.
 
 use std::str::FromStr;
 
@@ -14,17 +14,33 @@ pub enum TimeArg {
     Wall(i64),
     /// A span before the end, by the displayed clock, ms.
     Back(u64),
-    /// The beginning of the day before the end, by the machine's clock in UTC.
+    /// The beginning of the day of the end, by the machine's clock in UTC.
+    Today,
+    /// The beginning of the day before it.
     Yesterday,
-    /// The last beginning of that weekday.
+    /// The last beginning of that weekday: of one of the last seven days.
     Weekday(String),
     /// By the engine's own clock, ms.
     Virtual(u64),
 }
 
-/// The allowed forms, for help and errors.
-pub const ALLOWED: &str = "a span back (30m, 24h, 2d), `yesterday` or a weekday (its last beginning, UTC), a moment \
-    (2026-11-17, 2026-11-17T08:00, RFC 3339; UTC where no offset is given), or seconds of the engine's clock (@3600)";
+/// The allowed forms, for errors.
+pub const ALLOWED: &str = "a span back (30m, 24h, 2d), `today`, `yesterday` or a weekday (its last beginning, UTC), a \
+    moment (2026-11-17, 2026-11-17T08:00, RFC 3339; UTC where no offset is given), or seconds of the engine's clock (@3600)";
+
+/// The allowed forms, for the help of every option that takes a `WHEN`.
+macro_rules! when_help {
+    () => {
+        "\
+WHEN is one of
+  today, yesterday, or one of the last seven days by its name, such as monday: its beginning, UTC
+  a span back from the end of the record: 30m, 24h, 2d
+  a moment by the machine's clock, UTC by default: 2026-11-17, 2026-11-17T08:00, 2026-11-17T08:00:00+01:00
+  seconds of the engine's own clock: @3600
+"
+    };
+}
+pub(super) use when_help;
 
 impl FromStr for TimeArg {
     type Err = String;
@@ -39,6 +55,9 @@ impl FromStr for TimeArg {
                 .filter(|ms| i64::try_from(*ms).is_ok())
                 .map(Self::Virtual)
                 .ok_or_else(wrong);
+        }
+        if text.eq_ignore_ascii_case("today") {
+            return Ok(Self::Today);
         }
         if text.eq_ignore_ascii_case("yesterday") {
             return Ok(Self::Yesterday);
@@ -55,7 +74,7 @@ impl TimeArg {
     /// The clock it refers to; `None` for the displayed one.
     pub const fn clock(&self) -> Option<HealthClock> {
         match self {
-            Self::Wall(_) | Self::Yesterday | Self::Weekday(_) => Some(HealthClock::Wall),
+            Self::Wall(_) | Self::Today | Self::Yesterday | Self::Weekday(_) => Some(HealthClock::Wall),
             Self::Virtual(_) => Some(HealthClock::Virtual),
             Self::Back(_) => None,
         }
@@ -77,12 +96,15 @@ impl TimeArg {
             (Self::Back(ms), _) => Ok(end_ms.saturating_sub(i64::try_from(*ms).unwrap_or(i64::MAX))),
             (Self::Virtual(ms), HealthClock::Virtual) => Ok(i64::try_from(*ms).unwrap_or(i64::MAX)),
             (Self::Wall(ms), HealthClock::Wall) => Ok(*ms),
+            (Self::Today, HealthClock::Wall) => Ok(end_ms.div_euclid(DAY_MS) * DAY_MS),
             (Self::Yesterday, HealthClock::Wall) => Ok((end_ms.div_euclid(DAY_MS) - 1) * DAY_MS),
             (Self::Weekday(name), HealthClock::Wall) => {
                 calendar::weekday_named(name, end_ms).ok_or_else(wrong)
             }
             (Self::Virtual(_), HealthClock::Wall)
-            | (Self::Wall(_) | Self::Yesterday | Self::Weekday(_), HealthClock::Virtual) => Err(wrong()),
+            | (Self::Wall(_) | Self::Today | Self::Yesterday | Self::Weekday(_), HealthClock::Virtual) => {
+                Err(wrong())
+            }
         }
     }
 }
@@ -102,6 +124,9 @@ mod tests {
             ("@1.5", HealthClock::Virtual, Some(1_500)),
             ("@3600", HealthClock::Wall, None),
             ("yesterday", HealthClock::Wall, Some(1_795_219_200_000)),
+            ("today", HealthClock::Wall, Some(1_795_305_600_000)),
+            ("sunday", HealthClock::Wall, Some(1_795_305_600_000)),
+            ("monday", HealthClock::Wall, Some(1_794_787_200_000)),
             ("Tuesday", HealthClock::Wall, Some(1_794_873_600_000)),
             ("2026-11-17T09:00:00+01:00", HealthClock::Wall, Some(1_794_902_400_000)),
             ("yesterday", HealthClock::Virtual, None),

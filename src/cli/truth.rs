@@ -1,4 +1,4 @@
-//! `holdpoint experiment truth`: arguments and the printed report.
+//! `holdpoint lab experiment truth`: arguments and the printed report.
 //!
 //! Prints the results of [`holdpoint_lab::ground_truth`]; measures nothing and leaves nothing out (JSON has every digit).
 
@@ -23,9 +23,9 @@ use holdpoint_text::{WIDTH_MAX, sanitize};
 Exits with 0 if every aim is met, with 1 if one is missed or too few candidates show it.
 
 Examples:
-  holdpoint pool generate --preset mutants --sets 100 --seed 11 --out mutants
-  holdpoint experiment truth --pool mutants --out truth
-  holdpoint experiment truth --pool mutants --out truth --most 600 --shard 1/4")]
+  holdpoint lab pool generate --preset mutants --sets 100 --seed 11 --out mutants
+  holdpoint lab experiment truth --pool mutants --out truth
+  holdpoint lab experiment truth --pool mutants --out truth --most 600 --shard 1/4")]
 pub struct TruthArgs {
     /// The pool's folder.
     #[arg(long, value_name = "DIR")]

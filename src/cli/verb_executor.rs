@@ -34,6 +34,7 @@ pub(super) enum VerbExecutor {
 
 /// The store's running engine; `None` without one. An unverified answer is reported at once.
 pub(super) fn running(context: &CliContext) -> Result<Option<Client>, CliError> {
+    data::require_own(&context.data)?;
     let client = Client::connect(&Layout::new(&context.data)).map_err(socket_error)?;
     if let Some(doubt) = client.as_ref().and_then(Client::unverified_origin) {
         warn(doubt, context.json);

@@ -63,7 +63,23 @@ pub(super) fn run(
                 (reason, format!("there is no database {database:?}"))
             }
         };
-        return Err(CliError::usage(text).with_details(ErrorDetails::of_path(reason, &database)));
+        let hint = if database.join("holdpoint.db").is_file() {
+            format!(
+                "`holdpoint audit verify --file {}` verifies the database in it",
+                database.join("holdpoint.db").display()
+            )
+        } else if database.is_dir() {
+            format!(
+                "`holdpoint audit verify --against {}` compares the store with the heads in it",
+                database.display()
+            )
+        } else if args.file.is_some() {
+            "`holdpoint audit verify` verifies the store itself".to_owned()
+        } else {
+            "`holdpoint run` creates a store; --data DIR names another".to_owned()
+        };
+        let details = ErrorDetails::of_path(reason, &database);
+        return Err(CliError::usage(text).with_hint(hint).with_details(details));
     }
     if args.against.len() > COPIES_MAX {
         return Err(CliError::usage(format!("--against can be given {COPIES_MAX} times at most")));

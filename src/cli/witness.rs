@@ -1,6 +1,8 @@
 //! `holdpoint audit witness add | list | remove`: folders elsewhere that receive each checkpoint.
 
-use std::path::PathBuf;
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use serde_json::json;
@@ -18,10 +20,11 @@ use holdpoint_approvals::SignedWitnessAct;
 use holdpoint_engine::caller;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{
-    Store, WitnessRequester, add_witness, check_witness, remove_witness, store_info, witnesses,
-    witnesses_are_signed,
+    FIRST_ADMINISTRATOR, Store, WitnessRequester, add_witness, remove_witness, store_info, witness_heads,
+    witnesses, witnesses_are_signed,
 };
-use holdpoint_text::{ErrorReason, Untrusted};
+use holdpoint_text::file::kind_of;
+use holdpoint_text::{ErrorDetails, ErrorReason, Untrusted};
 
 /// The arguments of `audit witness`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -64,8 +67,10 @@ Example:
         #[command(flatten)]
         signs: WitnessSigningArgs,
     },
-    /// Lists the folders, and whether they are writable.
+    /// Lists the folders, and whether they are writable and have heads.
     #[command(after_help = "\
+Exits with 1 if a witness cannot be written or has no head.
+
 Example:
   holdpoint audit witness list --json")]
     List,
@@ -94,14 +99,14 @@ pub(super) fn run(
     let database = database(&context.data)?;
     let (action, folder) = match &args.verb {
         WitnessVerb::Add { folder, signs } => {
-            let folder = absolute(folder)?;
+            let folder = new_folder(folder, &witnesses(&database).map_err(CliError::usage)?)?;
             let store = take_store(&context.data)?;
             let by = witnessed_by(context, &store, (&folder, true), signs)?;
             add_witness(&store, &folder, by, wall_ms()).map_err(CliError::usage)?;
             ("added", folder)
         }
         WitnessVerb::Remove { folder, signs } => {
-            let folder = absolute(folder)?;
+            let folder = recorded_folder(folder, &witnesses(&database).map_err(CliError::usage)?)?;
             let store = take_store(&context.data)?;
             let by = witnessed_by(context, &store, (&folder, false), signs)?;
             remove_witness(&store, &folder, by, wall_ms()).map_err(CliError::usage)?;
@@ -110,10 +115,14 @@ pub(super) fn run(
         WitnessVerb::List => {
             let store_id = store_info(&context.data).map_err(CliError::usage)?.store_id;
             let mut table = TextTable::new(&["folder", "heads", "standing"]);
+            let mut exit = Exit::Confirmed;
             for folder in witnesses(&database).map_err(CliError::usage)? {
-                let (heads, status) = match check_witness(&folder, &store_id) {
+                let (heads, status) = match witness_heads(&folder, &store_id) {
                     Ok(heads) => (Some(heads), "ok".to_owned()),
-                    Err(problem) => (None, problem),
+                    Err(problem) => {
+                        exit = Exit::Rejected;
+                        (None, problem)
+                    }
                 };
                 if out.is_json() {
                     out.json(&json!({ "folder": folder, "heads": heads, "standing": status }))?;
@@ -125,11 +134,64 @@ pub(super) fn run(
                 (false, true) => out.line("no witnesses; `holdpoint audit witness add DIR` adds one")?,
                 (false, false) => out.table(&table)?,
             }
-            return Ok(Exit::Confirmed);
+            return Ok(exit);
         }
     };
     out.answer(&json!({ action: folder }), |out| out.line(&format!("{action} the witness {folder}")))?;
     Ok(Exit::Confirmed)
+}
+
+/// The folder of a new witness without links and `..`, so that a folder has one name on record.
+fn new_folder(path: &Path, recorded: &BTreeSet<String>) -> Result<String, CliError> {
+    let named = absolute(path)?;
+    let found = match fs::metadata(path) {
+        Ok(found) => found,
+        // The store refuses an address, with a hint.
+        Err(_) if named.contains("://") || named.contains('@') => return Ok(named),
+        Err(error) => {
+            return Err(CliError::usage(format!("cannot use {path:?} as a witness: {error}"))
+                .with_hint("name an existing folder, such as the mount of another machine's disk")
+                .with_bad_file(path));
+        }
+    };
+    if !found.is_dir() {
+        let text =
+            format!("{path:?} is {}; a witness is a folder, which receives the heads", kind_of(&found));
+        let parent = Path::new(&named).parent().unwrap_or(Path::new("/"));
+        let hint = format!(
+            "`holdpoint audit witness add {0}` adds its folder; `holdpoint audit verify --against {named}` compares the \
+             store with the file",
+            parent.display()
+        );
+        return Err(CliError::usage(text).with_hint(hint).with_bad_file(path));
+    }
+    let folder = resolved(path)?;
+    let is_it = |one: &&String| **one == folder || resolved(Path::new(one)).is_ok_and(|one| one == folder);
+    match recorded.iter().find(is_it) {
+        None => Ok(folder),
+        Some(one) => {
+            Err(CliError::usage(format!("{path:?} is a witness already: it is recorded as {one:?}"))
+                .with_hint("`holdpoint audit witness list` shows all witnesses")
+                .with_details(ErrorDetails::of_path(ErrorReason::Exists, path)))
+        }
+    }
+}
+
+/// A witness as the store recorded it: as named, or the same folder without links and `..`.
+fn recorded_folder(path: &Path, recorded: &BTreeSet<String>) -> Result<String, CliError> {
+    let named = absolute(path)?;
+    if recorded.contains(&named) {
+        return Ok(named);
+    }
+    // A folder that is gone keeps its name.
+    Ok(resolved(path).ok().filter(|folder| recorded.contains(folder)).unwrap_or(named))
+}
+
+/// The path without links and `..`.
+fn resolved(path: &Path) -> Result<String, CliError> {
+    absolute(&fs::canonicalize(path).map_err(|error| {
+        CliError::usage(format!("cannot use {path:?} as a witness: {error}")).with_bad_file(path)
+    })?)
 }
 
 /// The requester according to the system, and the administrator's signature if it is requested or required.
@@ -148,12 +210,15 @@ fn witnessed_by(
         let Some(profile) = profile.filter(|profile| witnesses_are_signed(*profile)) else {
             return Ok((requester, None));
         };
-        let admin = persons.administrators().next().map_or("ADMIN", |admin| admin.name.as_str());
+        let admin = persons.administrators().next().map_or(FIRST_ADMINISTRATOR, |admin| admin.name.as_str());
         let text = format!(
             "the store was last used under {profile}, so an administrator must sign a change of its witnesses"
         );
-        let hint =
-            format!("add `--by {admin} --reason TEXT`; `holdpoint identity list` names the administrators");
+        let hint = if present {
+            format!("`holdpoint audit witness add {folder} --by {admin} --reason 'the reason'` signs it")
+        } else {
+            format!("`holdpoint audit witness remove {folder} --by {admin} --reason 'the reason'` signs it")
+        };
         return Err(CliError::from_engine_fault(text).with_hint(hint).with_details(ErrorReason::NotAllowed));
     };
     let signer =

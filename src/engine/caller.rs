@@ -1,12 +1,7 @@
 //! The process that makes a request, as the system identifies it.
 
-use std::fs::File;
-use std::io::Read as _;
-
 use holdpoint_protocol::command::Caller;
-
-/// The most bytes read of the list of users.
-const USERS_BYTES_MAX: u64 = 1 << 20;
+use holdpoint_text::users::user_name;
 
 /// This process.
 #[must_use]
@@ -16,20 +11,7 @@ pub fn own() -> Caller {
 
 /// A process of a user.
 pub(crate) fn named(uid: u32, process: Option<u32>) -> Caller {
-    let mut users = String::new();
-    let read =
-        File::open("/etc/passwd").and_then(|file| file.take(USERS_BYTES_MAX).read_to_string(&mut users));
-    let user = read.ok().and_then(|_| name_of(&users, uid));
-    Caller::Process { uid, user, process }
-}
-
-/// The first user with this number in a list in the format of `/etc/passwd` (passwd(5)).
-fn name_of(users: &str, uid: u32) -> Option<String> {
-    users.lines().find_map(|line| {
-        let mut fields = line.split(':');
-        let (name, number) = (fields.next()?, fields.nth(1)?);
-        (number.parse() == Ok(uid) && !name.is_empty()).then(|| name.to_owned())
-    })
+    Caller::Process { uid, user: user_name(uid), process }
 }
 
 #[cfg(test)]
@@ -37,11 +19,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_system_names_its_users() {
-        let users = "root:x:0:0::/root:/bin/sh\nbad\nana:x:1000:1000::/home/ana:/bin/sh\n";
-        assert_eq!(name_of(users, 1000).as_deref(), Some("ana"));
-        assert_eq!(name_of(users, 0).as_deref(), Some("root"));
-        assert_eq!(name_of(users, 7), None);
+    fn this_process_has_a_number() {
         assert!(matches!(own(), Caller::Process { process: Some(_), .. }));
     }
 }

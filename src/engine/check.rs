@@ -11,7 +11,7 @@ use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, admits};
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::finding::EvidenceGap;
-use holdpoint_governance::ids::{Family, NameError};
+use holdpoint_governance::ids::{CapabilityId, Family, NameError};
 use holdpoint_governance::interface::declared_changes::{self, undeclared_changes};
 use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
 use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
@@ -30,6 +30,10 @@ use crate::explain::difference::version_differences;
 use crate::version_origin;
 use crate::version_table::{VersionTableError, load_member};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use serde::Serialize;
+
+/// What helps with a family that does not exist, at a check as at a registration.
+pub(crate) const BUILT_IN_FAMILIES: &str = "families are built in, each with a task and a first version; `holdpoint version list` shows those of the store";
 
 /// Why a version could not be checked: something built into the program does not load.
 #[derive(Debug, thiserror::Error)]
@@ -86,7 +90,7 @@ impl Hint for UnknownFamily {
     }
 
     fn hint(&self) -> Option<Cow<'static, str>> {
-        Some("a family needs a task and a first version that are built in".into())
+        Some(BUILT_IN_FAMILIES.into())
     }
 }
 
@@ -228,6 +232,29 @@ fn declared_recovery(
     })
 }
 
+/// A fallback that no version meets.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct UnmetFallback {
+    /// The field of the manifest.
+    pub field: &'static str,
+    /// The family and the versions of it that would do.
+    pub value: String,
+    /// The versions of that family that are registered.
+    pub there: Vec<CapabilityId>,
+}
+
+impl std::fmt::Display for UnmetFallback {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { field, value, there } = self;
+        let there: Vec<String> = there.iter().map(ToString::to_string).collect();
+        let there = if there.is_empty() { "none of that family".to_owned() } else { there.join(", ") };
+        write!(
+            f,
+            "the field \"{field}\" has the value \"{value}\", which no version meets; registered: {there}"
+        )
+    }
+}
+
 /// The versions that a folder is checked against.
 #[derive(Clone, Debug)]
 pub struct RegisteredVersions {
@@ -301,14 +328,25 @@ impl RegisteredVersions {
         }
     }
 
+    /// The fallback that a candidate declares and no version meets.
+    #[must_use]
+    pub fn unmet_fallback(&self, candidate: &Capability) -> Option<UnmetFallback> {
+        let binding = candidate.manifest.recovery.fallback.as_ref()?;
+        let of_family = |one: &&RegisteredVersion| one.id.family == binding.family;
+        let there: Vec<&RegisteredVersion> = self.registered.iter().filter(of_family).collect();
+        let is_met = there.iter().any(|one| binding.version.matches(&one.id.version));
+        (!is_met).then(|| UnmetFallback {
+            field: "recovery.fallback",
+            value: format!("{} {}", binding.family, binding.version),
+            there: there.into_iter().map(|one| one.id.clone()).collect(),
+        })
+    }
+
     /// Declared recovery that is unavailable, so that every drill would fail.
     #[must_use]
     pub fn recovery(&self, candidate: &Capability) -> Vec<Reason> {
-        let resolves = candidate.manifest.recovery.fallback.as_ref().map(|binding| {
-            self.registered
-                .iter()
-                .any(|one| one.id.family == binding.family && binding.version.matches(&one.id.version))
-        });
+        let binds = candidate.manifest.recovery.fallback.is_some();
+        let resolves = binds.then(|| self.unmet_fallback(candidate).is_none());
         let has_active = self.active(&candidate.id().family).is_some();
         let found = declared_recovery(candidate, has_active, resolves);
         let is_wrong = |reason: &Reason| {

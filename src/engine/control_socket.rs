@@ -48,7 +48,8 @@ use holdpoint_protocol::event::Event;
 use holdpoint_protocol::sink::ServeScene;
 use holdpoint_protocol::wire;
 use holdpoint_registry::Layout;
-use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_text::users::described_user;
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint, shell_word};
 
 /// The most requests that wait for the engine; more than are answered at a time, so that only stops can fill the queue.
 pub const REQUESTS_MAX: usize = 64;
@@ -81,10 +82,12 @@ pub enum ControlSocketError {
     #[error("cannot {what} {path:?}: {source}")]
     Io { what: &'static str, path: PathBuf, source: std::io::Error },
     /// The other side belongs to another user.
-    #[error("{path:?} is served by the user {uid}, not by you")]
+    #[error("{path:?} is served by user {}, not by you", described_user(*uid))]
     Foreign { path: PathBuf, uid: u32 },
     /// The other side speaks another version of this protocol.
-    #[error("{path:?} answers something else than expected: {problem}")]
+    #[error(
+        "the socket {path:?} is answered by another program, or by another version of holdpoint: {problem}"
+    )]
     Protocol { path: PathBuf, problem: String },
     /// The engine closed the connection with a reason and a hint.
     #[error("the engine at {path:?} closed the connection: {text}")]
@@ -126,7 +129,9 @@ impl Hint for ControlSocketError {
             Self::Taken { .. } => unusable("taken"),
             Self::Io { .. } => unusable("io"),
             Self::Foreign { .. } => unusable("foreign"),
-            Self::Protocol { .. } => unusable("protocol"),
+            Self::Protocol { path, .. } => {
+                ErrorDetails::of_path(ErrorReason::ControlSocket, path).with_cause("protocol")
+            }
             Self::Closed { .. } => unusable("closed"),
             Self::NoAnswer { .. } | Self::Silent { .. } | Self::Ended { .. } => ErrorReason::NoAnswer.into(),
             Self::Random(error) => return error.details(),
@@ -140,7 +145,16 @@ impl Hint for ControlSocketError {
             Self::Silent { process, stopped: true, .. } => {
                 Some(format!("`kill -CONT {process}` resumes it; nothing moves the arm meanwhile").into())
             }
-            Self::Protocol { .. } => Some("use the same version of holdpoint".into()),
+            Self::Protocol { path, .. } => {
+                let folder = path.parent().unwrap_or(Path::new(".")).display().to_string();
+                Some(
+                    format!(
+                        "`holdpoint store info --data {}` names the process that has the store: end it, or use its version",
+                        shell_word(&folder)
+                    )
+                    .into(),
+                )
+            }
             Self::Random(error) => error.hint(),
             Self::Closed { .. }
             | Self::Io { .. }

@@ -8,6 +8,7 @@ pub mod difference;
 mod explained_decision;
 mod lenient_bodies;
 mod remedy;
+mod summary;
 
 use explained_decision::{DecisionReason, ExplainedDecision};
 use lenient_bodies::{
@@ -15,6 +16,7 @@ use lenient_bodies::{
     StateSetRecord,
 };
 pub use remedy::is_in_favor;
+pub use summary::summarize;
 
 use crate::evidence_file::EvidenceFile;
 use crate::recorded_decision;
@@ -155,18 +157,7 @@ impl DecisionReader<'_> {
             return;
         };
         let entry = self.evidence.iter().rev().find(|entry| entry.seq < record.seq);
-        // The gate's evidence is its decision; the measurements are in the evidence file before it.
-        let evidence_file = self
-            .evidence
-            .iter()
-            .rev()
-            .filter(|entry| entry.seq < record.seq)
-            .find_map(|entry| {
-                serde_json::from_str::<EvidenceFileRecord>(&entry.json)
-                    .ok()
-                    .filter(EvidenceFileRecord::is_one)
-            })
-            .unwrap_or_default();
+        let evidence_file = evidence_file_before(self.evidence, record.seq);
         let mut reasons = decision.reasons;
         let mut outcome = lenient_bodies::variant_name(&decision.outcome);
         let kind = entry.map(|entry| entry.kind);
@@ -300,6 +291,14 @@ impl DecisionReader<'_> {
     fn unreadable(&mut self, record: &AuditRecord) {
         self.add_consequence(record, Consequence::Unreadable { kind: record.kind.clone() });
     }
+}
+
+/// The last evidence file before a record; an empty one if there is none. The gate's evidence is its decision: the
+/// measurements are in the evidence file before it.
+fn evidence_file_before(evidence: &[EvidenceEntry], record: u64) -> EvidenceFileRecord {
+    let before = evidence.iter().rev().filter(|entry| entry.seq < record);
+    let mut read = before.filter_map(|entry| serde_json::from_str::<EvidenceFileRecord>(&entry.json).ok());
+    read.find(EvidenceFileRecord::is_one).unwrap_or_default()
 }
 
 /// Whether a decision was written in the same transaction: after these changes, before the next ones.

@@ -15,7 +15,7 @@ use holdpoint_protocol::command::{Caller, Refusal, Reply, StopPersistence};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{RepeatedStop, StoppedView};
 use holdpoint_registry::{AuditFilter, Layout, StopMarks, StoreError, Views};
-use holdpoint_text::{Hint, is_visible};
+use holdpoint_text::{Hint, is_visible, signing_options};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -54,7 +54,7 @@ pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, request: 
     // An earlier turn of the engine may have tried.
     let persistence = world.unwritten.stop_storage();
     let text = match persistence {
-        StopPersistence::OnRecord => format!("{stopped}; `go` starts it again"),
+        StopPersistence::OnRecord => format!("{stopped}; it stays stopped until a person starts it"),
         StopPersistence::InMark => {
             format!("{stopped}; the engine could not record the stop and keeps it beside the record{why}")
         }
@@ -290,7 +290,7 @@ pub(crate) fn activation_refusal(id: &CapabilityId) -> Reply {
     Reply::Refused {
         code: Refusal::NotNow,
         text: format!("the cell is stopped, and {id} does not become active before the cell runs again"),
-        hint: Some("a person starts it first: `holdpoint go`".to_owned()),
+        hint: Some("`holdpoint status` shows who stopped it and how to start it".to_owned()),
     }
 }
 
@@ -318,7 +318,12 @@ pub(crate) fn go(
                 format!("it was stopped {stops} times, and {known} of them are known: read who did and why")
             }
         };
-        return refuse(Refusal::NotNow, &text);
+        let signature = signing_options(&by, &reason);
+        let hint = format!(
+            "`holdpoint status` shows who stopped it; `holdpoint start --stops {} {signature}` then starts it",
+            halted.stops
+        );
+        return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: Some(hint) });
     }
     let layout = record.version_table().store().layout();
     if let Some(found) = stop_mark::look(layout)

@@ -30,7 +30,7 @@ use holdpoint_protocol::command::{Operation, PACE_ALLOWED, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{ActiveCause, StoreError};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_text::{Untrusted, is_visible};
+use holdpoint_text::{Untrusted, is_visible, signing_options};
 
 /// The longest reason and name of a person, bytes.
 pub(crate) const REASON_BYTES_MAX: usize = 4096;
@@ -129,7 +129,7 @@ pub(crate) fn pause(record: &mut EngineRecorder, operation: &Operation) -> Resul
             code: Refusal::NotNow,
             text: format!("{id} is active and confirmed: it has no promotion to pause"),
             hint: Some(
-                "`holdpoint stop` stops the arm, `holdpoint restrict` makes the version run slower"
+                "`holdpoint stop` stops the arm, `holdpoint version restrict` makes the version run slower"
                     .to_owned(),
             ),
         });
@@ -182,14 +182,15 @@ pub(crate) fn rearm(
     let id = checked(record, operation)?;
     let profile = context.profile.name;
     if let Some(why) = not_admitted(context, record.version_table(), &record.capability(&id)?) {
-        let hint = format!("`holdpoint release {id} --profile {profile}` unblocks it");
+        let signature = signing_options(&operation.by, &operation.reason);
+        let hint = format!("`holdpoint version unblock {id} --profile {profile} {signature}` unblocks it");
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("{id} {}", holdpoint_wording::admission_refusal(why, profile)),
             hint: Some(hint).filter(|_| why == AdmissionRefusal::Blocked),
         });
     }
-    if let Some(refused) = reactivation_refusal(context, record, &id)? {
+    if let Some(refused) = reactivation_refusal(context, record, (&id, operation))? {
         return Ok(refused);
     }
     transition(record, operation, OperatorAct::Reactivated, |version| LifecycleEvent::Rearm { version })
@@ -200,13 +201,16 @@ pub(crate) fn rearm(
 fn reactivation_refusal(
     context: &Context,
     record: &EngineRecorder,
-    id: &CapabilityId,
+    (id, operation): (&CapabilityId, &Operation),
 ) -> Result<Option<Reply>, EngineFault> {
+    let signature = signing_options(&operation.by, &operation.reason);
     if let Some(doubt) = record.version_table().wall().clock_mismatch() {
         return Ok(Some(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("{doubt}; a person has to confirm the time before {id} becomes active again"),
-            hint: Some("`holdpoint confirm-time --as NAME --reason TEXT` confirms it".to_owned()),
+            hint: Some(format!(
+                "`holdpoint cell confirm-time {signature}` confirms it, after you compare it"
+            )),
         }));
     }
     let (version, state, member) = record.version_table().version(id)?;
@@ -218,7 +222,7 @@ fn reactivation_refusal(
             code: Refusal::NotAllowed,
             text: format!("{id} was demoted: where approval is required, it has to pass the gate again"),
             hint: Some(format!(
-                "`holdpoint repeat {id}` evaluates it again; the family's first version can be reactivated"
+                "`holdpoint version retry {id} {signature}` evaluates it again; the first version can be reactivated"
             )),
         }));
     }
@@ -242,28 +246,32 @@ pub(crate) enum LastVersion {
     Take,
 }
 
-/// Asks whether to deactivate a family's last version; absent if another version follows.
-pub(crate) fn last_version_refusal(
-    context: &Context,
-    record: &EngineRecorder,
-    id: &CapabilityId,
-) -> Option<Reply> {
-    let entry = record.version_table().family(&id.family).ok()?;
-    let (version, state, _) = entry.find(id)?;
+/// Whether no version takes over if this active one leaves.
+pub(crate) fn is_last_version(context: &Context, record: &EngineRecorder, id: &CapabilityId) -> bool {
+    let Ok(entry) = record.version_table().family(&id.family) else { return false };
+    let Some((version, state, _)) = entry.find(id) else { return false };
     let before = entry.state.restorable_predecessor(version);
     let before = before.and_then(|before| entry.members.get(usize::from(before.0)));
     let takes_over = before
         .is_some_and(|before| not_admitted(context, record.version_table(), &before.capability).is_none());
-    if state.state != State::Active || takes_over {
-        return None;
-    }
+    state.state == State::Active && !takes_over
+}
+
+/// Asks whether to deactivate a family's last version; absent if another version follows.
+pub(crate) fn last_version_refusal(
+    context: &Context,
+    record: &EngineRecorder,
+    operation: &Operation,
+) -> Option<Reply> {
+    let id = &operation.version;
     let family = &id.family;
-    Some(Reply::Refused {
+    let signature = signing_options(&operation.by, &operation.reason);
+    is_last_version(context, record, id).then(|| Reply::Refused {
         code: Refusal::NotNow,
         text: format!(
             "{id} is the last version of {family}: no version would take over, and {family} would stop"
         ),
-        hint: Some(format!("to stop it all the same, `holdpoint rollback {family} --stop-family`")),
+        hint: Some(format!("`holdpoint rollback {family} --stop-family {signature}` stops it all the same")),
     })
 }
 
@@ -280,10 +288,13 @@ pub(crate) fn roll_back(
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("{id} is {}; only an active version is rolled back", state.state),
-            hint: Some("reject or demote a candidate instead".to_owned()),
+            hint: Some(format!(
+                "`holdpoint reject {id} {}` ends a candidate",
+                signing_options(&operation.by, &operation.reason)
+            )),
         });
     }
-    let refusal = last_version_refusal(live.context, live.record, &id);
+    let refusal = last_version_refusal(live.context, live.record, operation);
     if let Some(refusal) = refusal.filter(|_| last == LastVersion::Ask) {
         return Ok(refusal);
     }

@@ -6,6 +6,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
+use crate::check::BUILT_IN_FAMILIES;
 use crate::store_robot::StoreRobot;
 use crate::wall_clock::WallClock;
 use holdpoint_governance::approval::Requester;
@@ -74,10 +75,8 @@ impl Hint for VersionTableError {
 
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::UnknownFamily(_) => {
-                Some("a family begins with a baseline, see `holdpoint registry list`".into())
-            }
-            Self::UnknownVersion(_) => Some("see `holdpoint registry list`".into()),
+            Self::UnknownFamily(_) => Some(BUILT_IN_FAMILIES.into()),
+            Self::UnknownVersion(_) => Some("see `holdpoint version list`".into()),
             Self::Exists(_) => Some("a changed candidate needs a new version number".into()),
             Self::Refused(error) => error.hint(),
             Self::Store(error) => error.hint(),

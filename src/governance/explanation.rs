@@ -3,6 +3,13 @@
 //! Owns no sentence and computes nothing. The engine fills in the values from the record, and the crate `holdpoint-wording`
 //! makes the sentences. No record contains these values.
 
+mod summary;
+
+pub use summary::{
+    ActiveTerms, Approver, DecisiveReason, EvidenceExtent, ExplanationSummary, PassedCheck, PendingStep,
+    RecordMoment, SummaryRemark, VersionPosition,
+};
+
 use holdpoint_body::CodeFault;
 use holdpoint_body::disturbance::Drift;
 
@@ -52,6 +59,8 @@ crate::closed_set! {
     RemedyAction, "remedy", {
         /// The version does no more harm than the active version, beyond the margin.
         CauseNoMoreHarm = "cause-no-more-harm",
+        /// The significant worsenings, each within its margin, are smaller together.
+        ReduceSum = "reduce-sum",
         /// The version leaves arm and object as the skills after it need them.
         PreserveHandover = "preserve-handover",
         /// The manifest declares every request of the code, or the code requests no more.
@@ -157,6 +166,8 @@ pub enum Remedy {
         /// The episodes that have to be better; absent for what is not counted by episode, or cannot be reached.
         fewer: Option<EpisodeReduction>,
     },
+    /// A worsening within its margin is not significant any more: for this component the rules accept none.
+    EndSignificance(BehaviorComponent),
     /// More rollback drills pass.
     PassRollbackDrills {
         /// Drills that passed.

@@ -4,11 +4,13 @@
 //! does, tick by tick.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 
 use holdpoint_body::CodeFault;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::evidence::HardStop;
 use super::exports::Interface;
 use super::manifest::Permissions;
 use super::mode::{RequiredCommand, Sensor, Tool, ZoneName};
@@ -99,12 +101,7 @@ impl PermissionUse {
     /// Compares what was used in `tasks` tasks, and what the code reads, with the declaration.
     #[must_use]
     pub fn new(declared: &Permissions, code: &Interface, used: &PermissionsUsed, tasks: u32) -> Self {
-        let mut exceeded: Vec<String> = Vec::new();
         let mut unused = Vec::new();
-        for sent in used.commands.iter().filter(|sent| !declared.allows(**sent)) {
-            exceeded.push(format!("command {}/{}", sent.channel.name(), sent.command.name()));
-        }
-        exceeded.extend(used.zones.difference(&declared.zones).map(|zone| format!("zone {}", zone.name())));
         for channel in &declared.channels {
             if !used.commands.iter().any(|sent| sent.channel == *channel) {
                 unused.push(format!("channel {}", channel.name()));
@@ -116,33 +113,180 @@ impl PermissionUse {
             }
         }
         unused.extend(declared.zones.difference(&used.zones).map(|zone| format!("zone {}", zone.name())));
-        for (what, unit, value, limit) in [
-            ("speed", "m/s", used.speed_max_m_s, declared.max_speed_m_s),
-            ("force", "N", used.force_max_n, declared.max_force_n),
-        ] {
-            // Written so that a value that is no number exceeds.
-            if !(value <= limit) {
-                exceeded.push(format!("{what} {value:.3} {unit} of {limit}"));
-            }
-        }
-        for (what, value, limit) in [
-            ("ticks a task", used.ticks_max, declared.resources.ticks_per_task),
-            ("commands a task", used.commands_max, declared.resources.commands_per_task),
-        ] {
-            if let Some(limit) = limit.filter(|limit| value > u64::from(*limit)) {
-                exceeded.push(format!("{what} {value} of {limit}"));
-            }
-        }
-        for (fault, failed) in &used.faults {
-            exceeded.push(format!("{} in {failed} of {tasks} tasks", fault_text(*fault)));
-        }
         let (sensors_read, tools_read) = (code.sensors.clone(), code.tools.clone());
-        exceeded.extend(sensors_read.difference(&declared.sensors).map(|sensor| format!("sensor {sensor}")));
-        exceeded.extend(tools_read.difference(&declared.tools).map(|tool| format!("tool {tool}")));
         unused.extend(declared.sensors.difference(&sensors_read).map(|sensor| format!("sensor {sensor}")));
         unused.extend(declared.tools.difference(&tools_read).map(|tool| format!("tool {tool}")));
         let (declared, used) = (declared.clone(), used.clone());
-        Self { declared, used, sensors_read, tools_read, tasks, exceeded, unused }
+        let exceeded = Vec::new();
+        let mut found = Self { declared, used, sensors_read, tools_read, tasks, exceeded, unused };
+        found.exceeded = found.excesses().iter().map(PermissionExcess::to_string).collect();
+        found
+    }
+
+    /// Every use beyond the declaration, in the order of the record.
+    #[must_use]
+    pub fn excesses(&self) -> Vec<PermissionExcess> {
+        use PermissionExcess as E;
+        let Self { declared, used, sensors_read, tools_read, tasks, .. } = self;
+        let mut all: Vec<E> = used
+            .commands
+            .iter()
+            .filter(|sent| !declared.allows(**sent))
+            .map(|sent| E::Command(*sent))
+            .collect();
+        all.extend(used.zones.difference(&declared.zones).map(|zone| E::Zone(*zone)));
+        for (quantity, measured, declared) in [
+            (PeakQuantity::Speed, used.speed_max_m_s, declared.max_speed_m_s),
+            (PeakQuantity::Force, used.force_max_n, declared.max_force_n),
+        ] {
+            // Written so that a value that is no number exceeds.
+            if !(measured <= declared) {
+                all.push(E::Peak { quantity, measured, declared });
+            }
+        }
+        for (budget, used, declared) in [
+            (TaskBudget::Ticks, used.ticks_max, declared.resources.ticks_per_task),
+            (TaskBudget::Commands, used.commands_max, declared.resources.commands_per_task),
+        ] {
+            if let Some(declared) = declared.filter(|declared| used > u64::from(*declared)) {
+                all.push(E::Budget { budget, used, declared });
+            }
+        }
+        all.extend(used.faults.iter().map(|(fault, failed)| E::Fault {
+            fault: *fault,
+            failed: *failed,
+            tasks: *tasks,
+        }));
+        all.extend(sensors_read.difference(&declared.sensors).map(|sensor| E::Sensor(*sensor)));
+        all.extend(tools_read.difference(&declared.tools).map(|tool| E::Tool(*tool)));
+        all
+    }
+}
+
+/// A quantity whose declared limit applies to commands, and whose peak is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PeakQuantity {
+    /// Speed of the tool, m/s.
+    Speed,
+    /// Force on pads or surroundings, N.
+    Force,
+}
+
+/// A declared budget of a task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TaskBudget {
+    /// Ticks of the task.
+    Ticks,
+    /// Commands in the task.
+    Commands,
+}
+
+/// A use beyond the declaration. Its text is that of the record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PermissionExcess {
+    /// It sent a command that is not declared.
+    Command(RequiredCommand),
+    /// It entered a zone that is not declared, or aimed at one.
+    Zone(ZoneName),
+    /// A measured peak is above the declared limit of commands.
+    Peak {
+        /// The quantity.
+        quantity: PeakQuantity,
+        /// The largest measured value.
+        measured: f64,
+        /// The declared limit.
+        declared: f64,
+    },
+    /// A task used more than its declared budget.
+    Budget {
+        /// The budget.
+        budget: TaskBudget,
+        /// The largest use of a task.
+        used: u64,
+        /// The declared budget.
+        declared: u32,
+    },
+    /// Its code failed.
+    Fault {
+        /// The fault.
+        fault: CodeFault,
+        /// Tasks with this fault.
+        failed: u64,
+        /// Tasks in all.
+        tasks: u32,
+    },
+    /// Its code reads a sensor that is not declared.
+    Sensor(Sensor),
+    /// Its code reads or commands a tool that is not declared.
+    Tool(Tool),
+}
+
+/// What a use beyond the declaration leads to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExcessEffect {
+    /// A hard stop: the first one ends an evaluation.
+    HardStop(HardStop),
+    /// The task with it fails.
+    TaskFails,
+    /// Policy compatibility fails: each sensor and tool of the code has to be declared.
+    PolicyFails,
+    /// Nothing by itself: the limit applies to commands, and this is a measured peak. The guard counts a lasting one.
+    MeasuredPeak,
+    /// Nothing: it is no fault of the version.
+    NotOfVersion,
+}
+
+impl ExcessEffect {
+    /// Whether it counts against the version.
+    #[must_use]
+    pub const fn counts(self) -> bool {
+        match self {
+            Self::HardStop(_) | Self::TaskFails | Self::PolicyFails => true,
+            Self::MeasuredPeak | Self::NotOfVersion => false,
+        }
+    }
+}
+
+impl PermissionExcess {
+    /// What it leads to.
+    #[must_use]
+    pub const fn effect(&self) -> ExcessEffect {
+        match self {
+            Self::Command(_) | Self::Zone(_) => ExcessEffect::HardStop(HardStop::CommandPastGuard),
+            Self::Budget { .. } | Self::Fault { fault: CodeFault::Fuel | CodeFault::Memory, .. } => {
+                ExcessEffect::HardStop(HardStop::BudgetBreach)
+            }
+            Self::Fault { fault: CodeFault::Trap | CodeFault::Answer, .. } => ExcessEffect::TaskFails,
+            Self::Fault { fault: CodeFault::Machine, .. } => ExcessEffect::NotOfVersion,
+            Self::Sensor(_) | Self::Tool(_) => ExcessEffect::PolicyFails,
+            Self::Peak { .. } => ExcessEffect::MeasuredPeak,
+        }
+    }
+}
+
+impl fmt::Display for PermissionExcess {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Command(sent) => write!(f, "command {}/{}", sent.channel.name(), sent.command.name()),
+            Self::Zone(zone) => write!(f, "zone {}", zone.name()),
+            Self::Peak { quantity: PeakQuantity::Speed, measured, declared } => {
+                write!(f, "speed {measured:.3} m/s of {declared}")
+            }
+            Self::Peak { quantity: PeakQuantity::Force, measured, declared } => {
+                write!(f, "force {measured:.3} N of {declared}")
+            }
+            Self::Budget { budget: TaskBudget::Ticks, used, declared } => {
+                write!(f, "ticks a task {used} of {declared}")
+            }
+            Self::Budget { budget: TaskBudget::Commands, used, declared } => {
+                write!(f, "commands a task {used} of {declared}")
+            }
+            Self::Fault { fault, failed, tasks } => {
+                write!(f, "{} in {failed} of {tasks} tasks", fault_text(*fault))
+            }
+            Self::Sensor(sensor) => write!(f, "sensor {sensor}"),
+            Self::Tool(tool) => write!(f, "tool {tool}"),
+        }
     }
 }
 

@@ -25,31 +25,26 @@ const OUTPUT_LINES_MAX: usize = 400;
 const FIRST_LINE_MAX: Duration = Duration::from_secs(1);
 
 /// The verbs that are allowed beside a running engine.
-const VERBS: [&str; 24] = [
+const VERBS: [&str; 19] = [
     "alarms",
     "approve",
     "audit",
-    "break-glass",
     "candidate",
-    "continue",
-    "demote",
+    "cell",
     "explain",
-    "go",
-    "goal",
+    "health",
     "identity",
-    "metrics",
+    "lab",
     "pause",
-    "rearm",
     "recordings",
-    "registry",
     "reject",
-    "release",
-    "repeat",
-    "restrict",
     "resume",
     "rollback",
+    "start",
     "status",
     "stop",
+    "store",
+    "version",
 ];
 
 /// The request of a line.
@@ -284,9 +279,11 @@ fn parse_line(line: &str) -> Result<InputLine, String> {
         return Err(format!("the line has more than {LINE_BYTES_MAX} bytes; nothing was done"));
     }
     let mut arguments = split_words(line)?;
-    if arguments.first().is_some_and(|argument| argument == "holdpoint") {
-        arguments.remove(0);
+    if arguments.first().is_none_or(|argument| argument != "holdpoint") {
+        arguments.insert(0, "holdpoint".to_owned());
     }
+    let mut arguments = crate::cli::with_present_names(arguments);
+    arguments.remove(0);
     let Some(verb) = arguments.first().map(String::as_str) else { return Ok(InputLine::Nothing) };
     match verb {
         "quit" | "q" | "exit" => Ok(InputLine::Quit),
@@ -341,6 +338,8 @@ mod tests {
             ("quit", Ok(InputLine::Quit)),
             ("?", Ok(InputLine::Help)),
             (":stop --reason 'a hand'\r\n", verb(&["stop", "--reason", "a hand"])),
+            ("go --as mara", verb(&["start", "--as", "mara"])),
+            ("registry list", verb(&["version", "list"])),
             ("holdpoint status", verb(&["status"])),
             ("register \"my candidate\"", verb(&["candidate", "register", "my candidate"])),
             ("reject a@1.0.0 --reason \"\"", verb(&["reject", "a@1.0.0", "--reason", ""])),

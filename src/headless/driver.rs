@@ -74,9 +74,9 @@ impl<'a> Driver<'a> {
         self.printer.note(text)
     }
 
-    /// The reader of the output is gone, or the engine has ended.
+    /// The engine has ended. A reader that is gone ends nothing: the exit code is that of the whole run.
     const fn is_over(&self) -> bool {
-        self.printer.is_gone() || self.pump.engine().has_ended()
+        self.pump.engine().has_ended()
     }
 
     /// Runs a step of a scenario; `index` names it in errors.
@@ -321,7 +321,7 @@ impl<'a> Driver<'a> {
                     index + 1,
                     work.sequences
                 );
-                Err(CliError::internal(text).with_details(ErrorReason::Expectation))
+                self.unmet(index, text)
             }
             _ => Ok(StepEnd::Done),
         }
@@ -329,17 +329,14 @@ impl<'a> Driver<'a> {
 
     /// Runs until the time is over.
     fn pass(&mut self, secs: f64) -> Result<StepEnd, CliError> {
-        let ended = self.work_until(secs, &|_, _| false)?;
-        Ok(if self.printer.is_gone() { ended } else { StepEnd::Done })
+        self.work_until(secs, &|_, _| false)?;
+        Ok(StepEnd::Done)
     }
 
     fn work_until(&mut self, secs: f64, is_so: &dyn Fn(&Self, bool) -> bool) -> Result<StepEnd, CliError> {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked at the edge")]
         let deadline_ms = self.pump.engine().now_ms().saturating_add((secs * 1000.0) as u64);
         loop {
-            if self.printer.is_gone() {
-                return Ok(StepEnd::TimedOut);
-            }
             if is_so(self, false) {
                 return Ok(StepEnd::Done);
             }
@@ -407,11 +404,19 @@ impl<'a> Driver<'a> {
     }
 
     fn expect(&mut self, expect: &ExpectStep, index: usize) -> Result<StepEnd, CliError> {
-        let fail = |what: String| {
-            let error = CliError::internal(format!("step {}: {what}", index + 1));
-            Err(error.with_details(ErrorReason::Expectation))
-        };
-        let Some(view) = self.view() else { return fail("no candidate was registered".to_owned()) };
+        let Err(unmet) = self.unmet_expectation(expect) else { return Ok(StepEnd::Done) };
+        self.unmet(index, format!("step {}: {unmet}", index + 1))
+    }
+
+    /// Ends the run: something that the scenario expects does not hold. With `--json` a line of the output says so, too.
+    fn unmet(&mut self, index: usize, text: String) -> Result<StepEnd, CliError> {
+        self.printer.unmet(index + 1, &text)?;
+        Err(CliError::check_failed(text))
+    }
+
+    /// What of an expectation does not hold.
+    fn unmet_expectation(&self, expect: &ExpectStep) -> Result<(), String> {
+        let Some(view) = self.view() else { return Err("no candidate was registered".to_owned()) };
         let confirmed = self.confirmed && view.state == State::Active;
         let fits = match expect.state {
             ScenarioState::In(state) => view.state == state,
@@ -421,9 +426,9 @@ impl<'a> Driver<'a> {
         if !fits {
             let state = if confirmed { ScenarioState::Confirmed } else { ScenarioState::In(view.state) };
             let expected = expect.state.name();
-            return fail(format!("{} is {}, expected {expected}", view.version, state.name()));
+            return Err(format!("{} is {}, expected {expected}", view.version, state.name()));
         }
-        let Some(code) = expect.reason else { return Ok(StepEnd::Done) };
+        let Some(code) = expect.reason else { return Ok(()) };
         let fits = |reason: &StageReason| {
             reason.code == code
                 && expect.stage.is_none_or(|stage| stage == reason.stage)
@@ -436,11 +441,11 @@ impl<'a> Driver<'a> {
             .map(|reason| StageReason { stage, dimension: reason.dimension, code: reason.code })
             .collect();
         if self.reasons.iter().chain(&from_people).any(fits) {
-            return Ok(StepEnd::Done);
+            return Ok(());
         }
         let known: Vec<String> =
             self.reasons.iter().map(|g| format!("{}/{}/{}", g.stage, g.dimension, g.code)).collect();
-        fail(format!("the reason {:?} was not given; the reasons are {}", code.as_str(), known.join(", ")))
+        Err(format!("the reason {:?} was not given; the reasons are {}", code.as_str(), known.join(", ")))
     }
 
     /// The exit code of one stage: passed, rejected, or on hold.

@@ -7,7 +7,7 @@ use holdpoint_protocol::event::Event;
 use holdpoint_text::ErrorReason;
 use holdpoint_wording::event as event_text;
 
-/// Prints; a reader that goes away is a clean end.
+/// Prints; once the reader is gone, nothing more is printed.
 pub(super) struct Printer<'a> {
     out: &'a mut dyn Write,
     json: bool,
@@ -46,6 +46,15 @@ impl<'a> Printer<'a> {
             return self.line(&holdpoint_text::escape_json(&line));
         }
         self.line(&event_text::line(event))
+    }
+
+    /// An expectation of a scenario that does not hold, as a document among the events; people read it as the error.
+    pub(super) fn unmet(&mut self, step: usize, text: &str) -> Result<(), CliError> {
+        if !self.json {
+            return Ok(());
+        }
+        let line = serde_json::json!({ "event": "expectation", "step": step, "text": text }).to_string();
+        self.line(&holdpoint_text::escape_json(&line))
     }
 
     /// A note of the run itself, between the events.

@@ -189,7 +189,8 @@ impl PlainStream<'_> {
         self.print_events(&events)
     }
 
-    /// Runs until all followed versions are settled, the reader is gone, or the engine gets a signal to end.
+    /// Runs until all followed versions are settled, or the engine gets a signal to end. If the reader is gone, a run with
+    /// commands ends at once, another one when it only waits: the exit code is then that of the whole run.
     fn work(mut self) -> Result<Exit, CliError> {
         loop {
             if self.versions.is_empty() && !self.keeps_run_going() {
@@ -198,8 +199,9 @@ impl PlainStream<'_> {
             let (progress, events) = self.pump.turn();
             self.print_events(&events)?;
             let idle = matches!(progress, SliceOutcome::Idle { .. });
-            let gone = self.printer.is_gone() || self.pump.engine().has_ended();
-            if gone || self.take_commands()? || (self.is_settled(idle) && !self.keeps_run_going()) {
+            let gone = self.printer.is_gone() && (idle || self.commands.is_some());
+            let over = gone || self.pump.engine().has_ended();
+            if over || self.take_commands()? || (self.is_settled(idle) && !self.keeps_run_going()) {
                 return self.finish();
             }
             if idle {

@@ -3,10 +3,11 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
+use super::administrator::FIRST_ADMINISTRATOR;
 use super::row_limit::ROW_BYTES_MAX;
 use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint, shell_word};
 
 holdpoint_governance::closed_set! {
     /// Why a database, or a file beside it, is refused. Each cause has its own remedy.
@@ -127,6 +128,14 @@ pub enum StoreError {
     /// A file or folder could not be used.
     #[error("cannot {what} {path:?}: {source}")]
     Io { what: &'static str, path: PathBuf, source: std::io::Error },
+    /// Another user owns the store's folder and does not share it.
+    #[error("the store {path:?} belongs to user {owner}, and this process runs as user {own}")]
+    OtherUser {
+        path: PathBuf,
+        /// By name, or by number.
+        owner: String,
+        own: String,
+    },
     /// Another engine has the store open.
     #[error("the store {path:?} is in use by {owner}")]
     InUse {
@@ -215,9 +224,9 @@ pub enum StoreError {
     #[error("{what} {value:?} is not allowed: {allowed}")]
     Invalid { what: &'static str, value: String, allowed: String },
     /// A key of the store, or of cached results, cannot be used.
-    #[error("the key {path:?} is not allowed: {source}")]
+    #[error("a key is missing or cannot be used: {source}")]
     Key {
-        /// The file with the secret.
+        /// The file of the key.
         path: PathBuf,
         source: KeyError,
     },
@@ -253,7 +262,7 @@ impl Hint for StoreError {
         let failed =
             |failure: StoreFailure| ErrorDetails::from(ErrorReason::Store).with_cause(failure.name());
         Some(match self {
-            Self::Io { path, .. } => {
+            Self::Io { path, .. } | Self::OtherUser { path, .. } => {
                 ErrorDetails::of_path(ErrorReason::Store, path).with_cause(StoreFailure::Io.name())
             }
             Self::InUse { path, .. } => ErrorDetails::of_path(ErrorReason::StoreInUse, path),
@@ -284,11 +293,19 @@ impl Hint for StoreError {
 
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
+            Self::OtherUser { owner, .. } => {
+                Some(format!("run the command as {owner}, or name a folder of your own with --data DIR").into())
+            }
             Self::InUse { .. } => Some("send commands to that engine, or end it first".into()),
             Self::Refused { cause, .. } => Some(cause.remedy().into()),
             Self::DiskFull { .. } => Some("free some space and retry".into()),
             Self::Stale { .. } => Some("look at it again and decide again".into()),
-            Self::Key { source, .. } => source.hint(),
+            Self::Key { path, source } => source.hint().or_else(|| {
+                Some(
+                    format!("put {} back from a backup; `holdpoint store check` then looks at all keys", path.display())
+                        .into(),
+                )
+            }),
             Self::Approval { .. } => Some("restore it from a backup; without one it is lost".into()),
             Self::Unknown => Some("restart and retry it".into()),
             Self::Disturbed => {
@@ -305,9 +322,9 @@ impl Hint for StoreError {
             ),
             Self::UnauthorizedProfile { named, .. } => Some(
                 format!(
-                    "`holdpoint profile allow {named} --by ADMIN --reason TEXT` shows what is less strict and has an \
-                    administrator sign it, for the start right after it; under human their key needs a passphrase \
-                    (`holdpoint identity passphrase ADMIN`)"
+                    "`holdpoint profile allow {} --by {FIRST_ADMINISTRATOR} --reason 'the reason'` shows the change and \
+                    signs it as an administrator, for the next start",
+                    shell_word(named)
                 )
                 .into(),
             ),

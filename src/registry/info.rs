@@ -1,4 +1,4 @@
-//! A quick, read-only look at a store. [`verify`](super::verify()) reads the whole history and judges it.
+//! A read-only look at a store: its properties, and whether its files, keys and whole history are sound.
 
 use std::fs;
 use std::path::Path;
@@ -18,7 +18,9 @@ use super::open::{damaged, open_reader};
 use super::person_rows;
 use super::schema_shape::first_difference;
 use super::telemetry_quarantine::wrong_shape;
-use super::witness::{check_witness, witnesses};
+use super::verify::verify;
+use super::verify_error::VerifyError;
+use super::witness::{witness_heads, witnesses};
 use holdpoint_approvals::keyfile;
 
 /// Less free space than this gives a warning, bytes.
@@ -125,13 +127,16 @@ pub(crate) fn bad(text: impl Into<String>) -> StoreCheck {
     StoreCheck { good: false, text: text.into() }
 }
 
-/// Checks a store quickly: shape, signed end, counts, keys, free space, locks, witnesses. Writes nothing.
+/// Checks a store: its history with every row and sealed batch, shape, signed end, counts, keys, free space, locks,
+/// witnesses. Recordings are not checked. Writes nothing.
 ///
 /// # Errors
 /// If the database cannot be opened.
 pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
     let layout = Layout::new(folder);
     let info = store_info(folder)?;
+    // Before the connection here: the verifier closes files, which drops the locks of this process.
+    let verdict = history(&layout);
     let connection = open_reader(&layout.database(), &STORE)?;
     let failed = StoreError::sql("read the store");
     connection.execute_batch("BEGIN").map_err(&failed)?;
@@ -145,6 +150,7 @@ pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
         )),
         Some(problem) => bad(format!("The tables are not those of this program: {problem}.")),
     }];
+    checks.push(verdict);
     let head = audit::head(&connection).map_err(&failed)?;
     checks.extend(telemetry_file(&layout)?);
     checks.push(counted_records(&connection, head)?);
@@ -163,12 +169,33 @@ pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
         None => good("No engine has the store."),
     });
     for witness in &info.witnesses {
-        checks.push(match check_witness(witness, &info.store_id) {
+        checks.push(match witness_heads(witness, &info.store_id) {
             Ok(heads) => good(format!("The witness {witness:?} has {heads} heads and can be written.")),
             Err(problem) => bad(format!("The witness {witness:?} cannot be used: {problem}.")),
         });
     }
     Ok(checks)
+}
+
+/// The verdict of the verifier: it alone finds a row that was edited with another program.
+fn history(layout: &Layout) -> StoreCheck {
+    let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
+    let report = match verify(&layout.database(), key.as_ref()) {
+        Ok(report) => report,
+        Err(error) => {
+            let remedy = if matches!(error, VerifyError::State { .. }) {
+                "`holdpoint store rebuild --from-chain` rebuilds the tables from the audit chain"
+            } else {
+                "restore the folder from a backup"
+            };
+            return bad(format!("The history is not sound: {error}; {remedy}."));
+        }
+    };
+    let signatures = if report.key_given { "" } else { "; without the public key no signature was checked" };
+    good(format!(
+        "The history is sound: every row matches the {} records, and {} sealed batches of telemetry match{signatures}.",
+        report.records, report.batches
+    ))
 }
 
 /// The shape of the telemetry file, if there is one; the verifier compares its batches with their seals.

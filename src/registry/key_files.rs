@@ -5,6 +5,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
+use super::administrator::FIRST_ADMINISTRATOR;
 use super::info::{StoreCheck, bad, good};
 use super::layout::Layout;
 use holdpoint_approvals::keyfile::{self, KeyError, Protection};
@@ -134,7 +135,8 @@ fn look_at(folder: &Path, name: &str, persons: &PersonDirectory) -> Vec<StoreChe
         // No person was ever enrolled: an earlier version kept people in files alone.
         None if persons.is_empty() => {}
         None => {
-            let admin = persons.administrators().next().map_or("ADMIN", |admin| admin.name.as_str());
+            let admin =
+                persons.administrators().next().map_or(FIRST_ADMINISTRATOR, |admin| admin.name.as_str());
             let path = if has_key { &key } else { &public };
             found.push(bad(format!(
                 "The key {path:?} is not enrolled and decides nothing; `holdpoint identity enrol {name} --by {admin} \

@@ -2,13 +2,14 @@
 
 use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::error::StoreError;
 use super::stop_mark::StopMarks;
 use holdpoint_text::file::{NO_LINK, kind_of, regular};
+use holdpoint_text::users::described_user;
 
 /// The paths of one store.
 #[derive(Clone, Debug)]
@@ -136,7 +137,10 @@ impl Layout {
                 return Err(StoreError::invalid("store folder", path.display(), allowed));
             }
             let made = DirBuilder::new().recursive(true).mode(0o700).create(&path);
-            made.map_err(StoreError::io("make the store folder", &path))?;
+            made.map_err(|error| match other_owner(&self.folder) {
+                Some(other) => other,
+                None => StoreError::io("make the store folder", &path)(error),
+            })?;
         }
         if new {
             sync_folder(&self.folder)?;
@@ -145,6 +149,19 @@ impl Layout {
         }
         Ok(())
     }
+}
+
+/// The error for a store's folder that another user owns and does not share; `None` for every other folder.
+#[must_use]
+pub fn other_owner(folder: &Path) -> Option<StoreError> {
+    let own = rustix::process::geteuid().as_raw();
+    let owner = fs::metadata(folder).ok()?.uid();
+    let is_closed = rustix::fs::access(folder, rustix::fs::Access::EXEC_OK).is_err();
+    (owner != own && is_closed).then(|| StoreError::OtherUser {
+        path: folder.to_owned(),
+        owner: described_user(owner),
+        own: described_user(own),
+    })
 }
 
 /// The store belongs to this engine until this value is dropped or the process ends.

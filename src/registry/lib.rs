@@ -89,7 +89,7 @@ pub use head_copies::HeadFault;
 pub use info::{StoreCheck, StoreInfo, check_store, store_info};
 pub use interrupted_work::InterruptedWork;
 pub use invariants::{Invariant, Violation, check_invariants};
-pub use layout::{Layout, lock_owner, size, utc};
+pub use layout::{Layout, lock_owner, other_owner, size, utc};
 pub use lock_holder::{LockHolder, lock_holder, lock_sharers};
 pub use profile_downgrade::{ContextRules, ProfileHistory, allow_profile};
 pub use proof::{Proof, ProofError, ProofFault, ProvedRecord, prove_consistency, prove_record, stored_head};
@@ -108,5 +108,5 @@ pub use verify::{
 };
 pub use verify_error::VerifyError;
 pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};
-pub use witness::{WITNESSES_MAX, check_witness, witnesses};
+pub use witness::{WITNESSES_MAX, check_witness, witness_heads, witnesses};
 pub use witness_appointment::{WitnessRequester, add_witness, remove_witness, witnesses_are_signed};

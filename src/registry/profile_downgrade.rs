@@ -223,7 +223,7 @@ impl ProfileHistory {
         }
         let summary = downgrade_summary(&rules.loosened);
         Err(format!(
-            "{}, {summary}, and the record before it is no administrator's authorization of that",
+            "{}, {summary}; an administrator must authorize this change right before it, and none did",
             self.change_description(class)
         ))
     }
@@ -302,7 +302,7 @@ impl ProfileHistory {
         if (self.asked || looser_by_word) && last.is_some_and(|last| class < last) && !is_authorized {
             let step = self.change_description(class);
             return Err(format!(
-                "{step}, and the record before it is no administrator's authorization of that"
+                "{step}; an administrator must authorize this change right before it, and none did"
             ));
         }
         Ok(())

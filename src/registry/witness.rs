@@ -197,6 +197,17 @@ pub fn check_witness(witness: &str, store_id: &str) -> Result<u64, String> {
     Ok(names.len() as u64)
 }
 
+/// As [`check_witness`]; a witness without a head is a problem, too, because it got one when it was added.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn witness_heads(witness: &str, store_id: &str) -> Result<u64, String> {
+    match check_witness(witness, store_id)? {
+        0 => Err("0 heads: emptied? It got a head when it was added".to_owned()),
+        heads => Ok(heads),
+    }
+}
+
 /// Sends heads to every witness.
 #[derive(Debug, Default)]
 pub(crate) struct WitnessSenders {

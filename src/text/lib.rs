@@ -16,6 +16,7 @@ mod error_reason;
 pub mod file;
 mod hint;
 mod sanitize;
+pub mod users;
 
 use std::fmt;
 
@@ -125,6 +126,26 @@ impl AsRef<str> for SafeText {
     }
 }
 
+/// The longest reason that a hint repeats, bytes.
+const PASTED_REASON_BYTES_MAX: usize = 200;
+
+/// A text as one word of a shell's command line, quoted where needed: a hint then runs as pasted.
+#[must_use]
+pub fn shell_word(text: &str) -> String {
+    let is_plain = |ch: char| ch.is_ascii_alphanumeric() || "@%+=:,./_-".contains(ch);
+    if !text.is_empty() && text.chars().all(is_plain) {
+        return text.to_owned();
+    }
+    format!("'{}'", text.replace('\'', r"'\''"))
+}
+
+/// The options of a command that name a person and a reason, for a hint. A long reason is replaced by a short one.
+#[must_use]
+pub fn signing_options(by: &str, reason: &str) -> String {
+    let reason = if reason.len() <= PASTED_REASON_BYTES_MAX { reason } else { "the same reason" };
+    format!("--as {} --reason {}", shell_word(by), shell_word(reason))
+}
+
 impl fmt::Display for SafeText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(&self.0)
@@ -141,6 +162,14 @@ mod tests {
         assert_eq!(format!("{text:?}"), r#""a\u{1b}[31m\u{202e}b""#);
         let json = serde_json::to_string(&text).unwrap();
         assert_eq!(serde_json::from_str::<Untrusted>(&json).unwrap(), text);
+    }
+
+    #[test]
+    fn hints_quote_what_a_shell_would_split() {
+        assert_eq!(signing_options("mara", "drops"), "--as mara --reason drops");
+        assert_eq!(signing_options("mara", "it's wet; $HOME"), r"--as mara --reason 'it'\''s wet; $HOME'");
+        assert_eq!(signing_options("mara", &"x".repeat(201)), "--as mara --reason 'the same reason'");
+        assert_eq!(shell_word(""), "''");
     }
 
     #[test]

@@ -40,7 +40,7 @@ pub fn deciding_fact(of: &DecidingFact) -> String {
             let value = kappa.map_or_else(String::new, |kappa| format!("{:.3}: ", kappa.get()));
             match support {
                 Support::NearestToLimit(finding) => {
-                    let nearest = check_finding(finding);
+                    let nearest = finding_clause(finding);
                     format!("{value}nothing speaks against it; nearest to a limit: {nearest}")
                 }
                 Support::Reason(reason) => format!("{value}{}", check_reason(reason)),
@@ -59,8 +59,26 @@ pub fn worst_work(of: FilmSubject, number: u32, count: u32, beyond: u32, why: Se
         // There is no worst one where none is worse.
         return format!("{reason} (of {count})");
     }
+    let what = match of {
+        FilmSubject::Episode => "episode",
+        FilmSubject::Confirmation => "episode of its confirmation",
+        FilmSubject::Drill => "failed drill",
+        FilmSubject::Alone => "episode that it ran alone",
+    };
+    if count == 1 && beyond == 0 {
+        return format!("the only {what}: {reason}");
+    }
     let more = if beyond > 0 { format!(" on record, {beyond} more failed") } else { String::new() };
-    format!("the worst {of} is number {number} of {count}{more}: {reason}")
+    format!("the worst {what} is number {number} of {count}{more}: {reason}")
+}
+
+/// A finding as a clause of its own. What the version does gets its subject.
+fn finding_clause(of: &CheckFinding) -> String {
+    let finding = check_finding(of);
+    match of {
+        CheckFinding::Component(_) | CheckFinding::Drills(_) => format!("it {finding}"),
+        CheckFinding::Harm(_) | CheckFinding::Sequences { .. } | CheckFinding::Reason(_) => finding,
+    }
 }
 
 /// What was found in a check, with the numbers of both versions and the limit.
@@ -68,10 +86,10 @@ pub fn worst_work(of: FilmSubject, number: u32, count: u32, beyond: u32, why: Se
 pub fn check_finding(of: &CheckFinding) -> String {
     match of {
         CheckFinding::Component(component) => component_finding(component),
-        CheckFinding::Harm(harm) => match harm_decider(harm) {
-            Some(deciding) => format!("{}; {deciding}", harm_comparison(harm)),
-            None => harm_comparison(harm),
-        },
+        CheckFinding::Harm(harm) => {
+            let deciding = harm_decider(harm).map_or_else(String::new, |deciding| format!("; {deciding}"));
+            format!("{} {}{deciding}", harm.kind.label(), harm_comparison(harm))
+        }
         CheckFinding::Sequences { comparison, bound } => format!(
             "whole sequences: {} {} with it, {} with the active version; at most {} more is tolerated{}",
             sequence_measure(comparison.measure),
@@ -170,7 +188,7 @@ fn deciding_bound(of: Option<DecidingBound>, amount: impl Fn(f64) -> String) -> 
 }
 
 /// A number in as few digits as tell it.
-fn number(value: f64) -> String {
+pub(crate) fn number(value: f64) -> String {
     let digits = match value.abs() {
         size if size >= 100.0 => 0,
         size if size >= 10.0 => 1,

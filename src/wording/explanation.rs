@@ -1,15 +1,16 @@
 //! The explanation of a decision in words: its reasons, what would remove them, and what followed.
 
-use holdpoint_governance::behavior::BehaviorComponent;
+use holdpoint_governance::behavior::{BehaviorComponent, ComponentName};
 use holdpoint_governance::cached_result::{CachedResultBlock, CachedResultUse, SampleGroup, SeedRange};
 use holdpoint_governance::explanation::{
     Consequence, DecisionRemark, DrillComparison, EpisodeReduction, ReasonContent, ReasonMeasurement, Remedy,
     RemedyAction,
 };
-use holdpoint_governance::permission::PermissionUse;
+use holdpoint_governance::permission::{ExcessEffect, PermissionExcess, PermissionUse};
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_governance::stats::spot_check::EDITED_ONE_IN;
 
+use crate::check::number;
 use crate::{finding, notice, reason};
 
 /// What a reason found, as one sentence without a full stop. A record of an older build has its sentence, which stays as it is.
@@ -51,13 +52,23 @@ pub fn remedy(of: &Remedy) -> String {
         Remedy::Resolve(found) => with_limit(found),
         Remedy::WorsenLess { component, fewer } => {
             let BehaviorComponent { name, worsening, upper, tolerance, .. } = component;
-            let bound =
-                upper.map_or_else(|| "unbounded".to_owned(), |upper| format!("95 % bound {upper:.3}"));
-            let fewer = fewer.map_or_else(String::new, |EpisodeReduction { fewer, of }| {
-                format!(": {fewer} fewer of {of} episodes")
-            });
-            format!("{name} {worsening:+.3} ({bound}) must be at most {tolerance:.3}{fewer}")
+            let bound = upper.map_or_else(
+                || "unbounded".to_owned(),
+                |upper| format!("95 % bound {}", amount(*name, upper)),
+            );
+            let fewer = fewer.map_or_else(String::new, |fewer| format!(": {}", episode_reduction(fewer)));
+            format!(
+                "{} {} ({bound}), at most {} is allowed{fewer}",
+                component_noun(*name),
+                amount(*name, *worsening),
+                amount(*name, *tolerance)
+            )
         }
+        Remedy::EndSignificance(component) => format!(
+            "{} may not be significantly more frequent: at least {} now",
+            component_noun(component.name),
+            amount(component.name, component.lower)
+        ),
         Remedy::PassRollbackDrills { passed, all, needed } => {
             format!("rollback drills passed {passed} of {all}; {needed} are needed")
         }
@@ -72,6 +83,48 @@ pub fn remedy(of: &Remedy) -> String {
             format!("approval by {missing} more {people}")
         }
         Remedy::RepairRung(failure) => rung_condition(*failure).to_owned(),
+    }
+}
+
+/// How many episodes have to be better.
+pub(crate) fn episode_reduction(EpisodeReduction { fewer, of }: EpisodeReduction) -> String {
+    format!("{fewer} fewer of {of} episodes")
+}
+
+/// What a component counts or measures, where more is worse.
+pub(crate) const fn component_noun(name: ComponentName) -> &'static str {
+    match name {
+        ComponentName::Success => "failures of the task",
+        ComponentName::Time => "time",
+        ComponentName::Retry => "new attempts",
+        ComponentName::Violation => "violations",
+        ComponentName::Anomaly => "anomalies",
+        ComponentName::Recovery => "recoveries",
+    }
+}
+
+/// A worsening of a component, its direction in words: `0.253 less often`.
+pub(crate) fn amount(name: ComponentName, worsening: f64) -> String {
+    let (more, less) = match name {
+        ComponentName::Time => ("longer", "shorter"),
+        ComponentName::Retry => ("more an episode", "fewer an episode"),
+        ComponentName::Success
+        | ComponentName::Violation
+        | ComponentName::Anomaly
+        | ComponentName::Recovery => ("more often", "less often"),
+    };
+    format!("{} {}", amount_size(name, worsening), if worsening < 0.0 { less } else { more })
+}
+
+/// The size of a worsening of a component, without its direction.
+pub(crate) fn amount_size(name: ComponentName, worsening: f64) -> String {
+    match name {
+        ComponentName::Time => format!("{} %", number(100.0 * worsening.abs())),
+        ComponentName::Retry
+        | ComponentName::Success
+        | ComponentName::Violation
+        | ComponentName::Anomaly
+        | ComponentName::Recovery => number(worsening.abs()),
     }
 }
 
@@ -92,10 +145,11 @@ const fn shows_limit(action: RemedyAction) -> bool {
     )
 }
 
-const fn remedy_action(action: RemedyAction) -> &'static str {
+pub(crate) const fn remedy_action(action: RemedyAction) -> &'static str {
     use RemedyAction as A;
     match action {
         A::CauseNoMoreHarm => "it may harm no more than the active version does, beyond the margin",
+        A::ReduceSum => "the significant worsenings have to be smaller together; each is within its margin",
         A::PreserveHandover => "it has to leave the arm and the object as the skills after it need them",
         A::DeclareRequests => {
             "its manifest has to declare every request of its code, or its code has to request no more"
@@ -126,13 +180,13 @@ const fn remedy_action(action: RemedyAction) -> &'static str {
         A::RegisterAgain => "approvers would have to approve a new registration",
         A::AnswerRequest => "approvers have to answer by the deadline; `holdpoint resume` asks again",
         A::ConfirmTime => {
-            "a person has to confirm the time (`holdpoint confirm-time`); `holdpoint resume` asks the gate again"
+            "a person has to confirm the time (`holdpoint cell confirm-time`); `holdpoint resume` asks the gate again"
         }
         A::EndFreeze => "the freeze has to end",
         A::SignProfile => "an administrator has to sign the profile: `holdpoint profile allow`",
         A::Improve => "an improvement over the active version has to be significant",
         A::RunStagesAgain => "the stages have to be run again under the present context",
-        A::MatchLiveSignals => "the twin may not have more policy hits or watcher events than the live cell",
+        A::MatchLiveSignals => "in shadow, failures, policy hits and watcher events may not be more frequent",
         A::MatchPredecessorLive => {
             "it may be no worse than the version before it under the conditions of the live cell"
         }
@@ -179,10 +233,16 @@ pub fn reason_measurement(of: &ReasonMeasurement) -> String {
     match of {
         ReasonMeasurement::Component { component, pairs } => {
             let BehaviorComponent { name, worsening, lower, upper, tolerance } = component;
-            let upper =
-                upper.map_or_else(|| "no upper bound".to_owned(), |upper| format!("95 % bound {upper:.3}"));
+            let of = |value: f64| amount(*name, value);
+            let bounds = upper.map_or_else(
+                || format!("at least {}, no upper bound", of(*lower)),
+                |upper| format!("bounds {} and {}", of(*lower), of(upper)),
+            );
             format!(
-                "{name} {worsening:+.3} over n = {pairs} pairs, at least {lower:.3}, {upper}, margin {tolerance:.3}"
+                "{} {} over n = {pairs} pairs, {bounds}, margin {}",
+                component_noun(*name),
+                of(*worsening),
+                of(*tolerance)
             )
         }
         ReasonMeasurement::Drills(compared) => {
@@ -359,11 +419,38 @@ pub fn permission_use(of: &PermissionUse) -> Vec<String> {
             resources.memory_kib,
         ));
     }
-    if !of.exceeded.is_empty() {
+    let excesses = of.excesses();
+    lines.extend(
+        excesses.iter().map(|excess| format!("beyond its declaration: {}", permission_excess(excess))),
+    );
+    if excesses.is_empty() && !of.exceeded.is_empty() {
+        // A record of another build, whose values show no excess to this one.
         lines.push(format!("beyond its declaration: {}", of.exceeded.join(", ")));
     }
     if !of.unused.is_empty() {
         lines.push(format!("declared and not used: {}", of.unused.join(", ")));
     }
     lines
+}
+
+/// A use beyond the declaration, and why it counts or does not.
+#[must_use]
+pub fn permission_excess(of: &PermissionExcess) -> String {
+    format!("{of}; {}", excess_effect(of.effect()))
+}
+
+fn excess_effect(of: ExcessEffect) -> String {
+    match of {
+        ExcessEffect::HardStop(stop) => format!("it counts: a hard stop ({stop}) ends an evaluation"),
+        ExcessEffect::TaskFails => "it counts: such a task fails".to_owned(),
+        ExcessEffect::PolicyFails => {
+            "it counts: policy compatibility requires each sensor and tool to be declared".to_owned()
+        }
+        ExcessEffect::MeasuredPeak => {
+            "it does not count by itself: the limit is for commands, this is a measured \
+            peak; one that lasts is a violation"
+                .to_owned()
+        }
+        ExcessEffect::NotOfVersion => "it does not count: the machine stalled, not its code".to_owned(),
+    }
 }

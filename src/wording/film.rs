@@ -78,9 +78,9 @@ pub fn selection_reason(of: SelectionReason) -> String {
         R::MoreTime { more_s } => format!("it takes {more_s:.1} s longer than {other}"),
         R::NowhereWorse => format!("in no episode on record is it worse than {other}"),
         R::MostFailingDrill { active_passes } => match active_passes {
-            Some(true) => "a kind that fails most, and the active version passes this one".to_owned(),
-            Some(false) => "the kind that fails most; the active version fails this one too".to_owned(),
-            None => "the kind that fails most".to_owned(),
+            Some(true) => "it is of the kind that fails most, and the active version passes it".to_owned(),
+            Some(false) => "it is of the kind that fails most; the active version fails it too".to_owned(),
+            None => "it is of the kind that fails most".to_owned(),
         },
         R::EndsEvaluation { stop, overrun } => {
             format!("{}, which ends an evaluation", hard_stop(stop, overrun))
@@ -253,13 +253,13 @@ mod tests {
             (R::NowhereWorse, "in no episode on record is it worse than the active version"),
             (
                 R::MostFailingDrill { active_passes: Some(true) },
-                "a kind that fails most, and the active version passes this one",
+                "it is of the kind that fails most, and the active version passes it",
             ),
             (
                 R::MostFailingDrill { active_passes: Some(false) },
-                "the kind that fails most; the active version fails this one too",
+                "it is of the kind that fails most; the active version fails it too",
             ),
-            (R::MostFailingDrill { active_passes: None }, "the kind that fails most"),
+            (R::MostFailingDrill { active_passes: None }, "it is of the kind that fails most"),
             (
                 R::EndsEvaluation { stop: breach.0, overrun: breach.1 },
                 "its code computed beyond its budget, which ends an evaluation",

@@ -343,7 +343,7 @@ const fn resource_kind(resource: ResourceKind) -> &'static str {
     }
 }
 
-const fn twin_signal(signal: TwinSignal) -> &'static str {
+pub(crate) const fn twin_signal(signal: TwinSignal) -> &'static str {
     match signal {
         TwinSignal::Failure => "failures of the task",
         TwinSignal::PolicyHit => "policy hits",

@@ -7,6 +7,7 @@ pub mod approval;
 pub mod check;
 pub mod event;
 pub mod explanation;
+pub mod explanation_summary;
 pub mod film;
 mod finding;
 mod harm;

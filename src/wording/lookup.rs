@@ -66,7 +66,7 @@ pub fn lookup_refusal(of: &LookupRefusal) -> String {
 #[must_use]
 pub const fn lookup_hint(of: &LookupRefusal) -> Option<&'static str> {
     match of {
-        LookupRefusal::UnknownVersion(_) => Some("see `holdpoint registry list`"),
+        LookupRefusal::UnknownVersion(_) => Some("see `holdpoint version list`"),
         LookupRefusal::TextTooLong { .. } => None,
     }
 }

@@ -220,7 +220,7 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::TelemetryMissing { batches } => format!(
             "{batches} sealed batches of telemetry are missing from telemetry.db, and no record gives the reason: the batches \
              or the file were removed, or the disk lost them; they are in no metric; with a copy of the store, \
-             `holdpoint metrics` and `audit verify` show their content"
+             `holdpoint lab metrics` and `audit verify` show their content"
         ),
         N::CheckpointFailed { problem } => {
             format!("a truncated audit chain would go undetected: {problem}")
@@ -237,7 +237,7 @@ pub fn notice_sentence(of: &Notice) -> String {
                 less_strict.as_ref().map_or_else(|| summary.clone(), |extent| extent.summary().into_owned());
             format!(
                 "no administrator authorized the profile {} as this program has it ({summary}); nothing becomes active and \
-                 the arm stays at standstill until one does: end the engine, `holdpoint profile allow --by ADMIN --reason \
+                 the arm stays at standstill until one does: end the engine, `holdpoint profile allow --by admin --reason \
                  TEXT`, and start it again",
                 titled(*profile, site.as_ref())
             )

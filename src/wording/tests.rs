@@ -4,6 +4,7 @@
 //! `HOLDPOINT_WRITE_SENTENCES=1` rewrites the sentences.
 
 mod explanation;
+mod explanation_summary;
 
 use std::collections::BTreeSet;
 

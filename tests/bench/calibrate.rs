@@ -7,7 +7,7 @@
 //! conditions `canonical`, `sandbox`, `live`, or `drills` for the recovery drills.
 //!
 //! `--pairs` writes the pairs of the first two versions (the active version first) in the form that
-//! `holdpoint bench stats` reads from `src/bench/data/`.
+//! `holdpoint lab bench stats` reads from `src/bench/data/`.
 #![allow(clippy::print_stdout, reason = "a command-line tool")]
 
 use std::collections::BTreeMap;

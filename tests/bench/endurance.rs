@@ -26,7 +26,7 @@ use serde_json::Value;
 const ROWS: u64 = 40;
 
 /// The share of first rows that the slopes leave out: caches fill, and the allocator settles.
-const WARM_SHARE: f64 = 0.1;
+const WARM_UP_SHARE: f64 = 0.1;
 
 const SECONDS_OF_A_DAY: f64 = 86_400.0;
 
@@ -43,7 +43,7 @@ struct Sample {
 /// A number of `/proc/PID/status`.
 fn status(process: u32, field: &str) -> u64 {
     let text = fs::read_to_string(format!("/proc/{process}/status")).expect("the service runs");
-    let line = text.lines().find_map(|line| line.strip_prefix(field)).expect("the kernel says it");
+    let line = text.lines().find_map(|line| line.strip_prefix(field)).expect("the kernel reports it");
     line.trim_start_matches(':').split_whitespace().next().unwrap().parse().unwrap()
 }
 
@@ -73,15 +73,15 @@ fn sample(process: u32, store: &Path, sequences: u64) -> Sample {
 /// Growth of a value per sequence: the slope of the least squares.
 fn slope(samples: &[Sample], value: impl Fn(&Sample) -> u64) -> f64 {
     let n = samples.len() as f64;
-    let mean_x = samples.iter().map(|one| one.sequences as f64).sum::<f64>() / n;
-    let mean_y = samples.iter().map(|one| value(one) as f64).sum::<f64>() / n;
-    let (mut above, mut below) = (0.0, 0.0);
-    for one in samples {
-        let x = one.sequences as f64 - mean_x;
-        above += x * (value(one) as f64 - mean_y);
-        below += x * x;
+    let mean_x = samples.iter().map(|sample| sample.sequences as f64).sum::<f64>() / n;
+    let mean_y = samples.iter().map(|sample| value(sample) as f64).sum::<f64>() / n;
+    let (mut covariance, mut variance) = (0.0, 0.0);
+    for sample in samples {
+        let x = sample.sequences as f64 - mean_x;
+        covariance += x * (value(sample) as f64 - mean_y);
+        variance += x * x;
     }
-    above / below
+    covariance / variance
 }
 
 /// Simulated seconds of the tasks of a sequence.
@@ -105,8 +105,8 @@ fn main() {
         .expect("the program starts");
     let process = service.id();
     let lines = BufReader::new(service.stdout.take().unwrap()).lines();
-    let begun = Instant::now();
-    let every = (sequences / ROWS).max(1);
+    let started = Instant::now();
+    let sequences_per_row = (sequences / ROWS).max(1);
     let (mut samples, mut simulated) = (Vec::new(), 0.0);
     let (mut done, mut counted) = (0, 0);
     let mut alarms = BTreeMap::new();
@@ -125,42 +125,43 @@ fn main() {
         done = event["index"].as_u64().expect("it has an index") + 1;
         simulated += task_secs(&event);
         counted += 1;
-        if done / every > samples.len() as u64 {
-            let one = sample(process, &store, done);
-            let secs = begun.elapsed().as_secs();
-            let Sample { resident_kib, descriptors, threads, store_bytes, .. } = one;
+        if done / sequences_per_row > samples.len() as u64 {
+            let row = sample(process, &store, done);
+            let secs = started.elapsed().as_secs();
+            let Sample { resident_kib, descriptors, threads, store_bytes, .. } = row;
             println!("{done}\t{secs}\t{resident_kib}\t{descriptors}\t{threads}\t{store_bytes}");
-            samples.push(one);
+            samples.push(row);
         }
         if done >= sequences {
             break;
         }
     }
     kill_process(Pid::from_raw(i32::try_from(process).unwrap()).unwrap(), Signal::TERM).unwrap();
-    let ended = service.wait().unwrap();
-    assert!(ended.success(), "the service ended with {ended}");
+    let status = service.wait().unwrap();
+    assert!(status.success(), "the service ended with {status}");
     assert!(done >= sequences, "the service ended after {done} sequences");
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length")]
-    let warm = samples.len() - (samples.len() as f64 * WARM_SHARE) as usize;
-    let late = &samples[samples.len() - warm..];
+    let warm_up_rows = (samples.len() as f64 * WARM_UP_SHARE) as usize;
+    let steady = &samples[warm_up_rows..];
     let sequence_secs = simulated / f64::from(u32::try_from(counted).unwrap());
-    let a_day = SECONDS_OF_A_DAY / sequence_secs;
+    let sequences_per_day = SECONDS_OF_A_DAY / sequence_secs;
     println!("states of alarms in {done} sequences without a drift: {alarms:?}");
-    println!("from sequence {} on, growth per 1,000 sequences:", late[0].sequences);
-    println!("  resident memory {:.1} KiB", 1_000.0 * slope(late, |one| one.resident_kib));
+    println!("from sequence {} on, growth per 1,000 sequences:", steady[0].sequences);
+    println!("  resident memory {:.1} KiB", 1_000.0 * slope(steady, |row| row.resident_kib));
     println!(
         "  descriptors {:.3}, threads {:.3}",
-        1_000.0 * slope(late, |one| one.descriptors),
-        1_000.0 * slope(late, |one| one.threads)
+        1_000.0 * slope(steady, |row| row.descriptors),
+        1_000.0 * slope(steady, |row| row.threads)
     );
-    let stored = slope(late, |one| one.store_bytes);
-    println!("  store {:.0} bytes", 1_000.0 * stored);
+    let bytes_per_sequence = slope(steady, |row| row.store_bytes);
+    println!("  store {:.0} bytes", 1_000.0 * bytes_per_sequence);
     println!(
-        "a sequence takes {sequence_secs:.2} simulated s of tasks: at most {a_day:.0} a day at the pace of the clock"
+        "a sequence takes {sequence_secs:.2} simulated s of tasks: at most {sequences_per_day:.0} a day at the pace of \
+         the clock"
     );
     println!(
         "  store {:.1} KiB a day, {:.1} KiB after the last sequence",
-        stored * a_day / 1024.0,
+        bytes_per_sequence * sequences_per_day / 1024.0,
         bytes(&store) as f64 / 1024.0
     );
 }

@@ -1,4 +1,4 @@
-//! `holdpoint bench` measures everything it names, with its number of samples; its study refutes no stated rate.
+//! `holdpoint lab bench` measures everything it names, with its number of samples; its study refutes no stated rate.
 
 use assert_cmd::Command;
 use serde_json::Value;

@@ -1,8 +1,8 @@
 //! The verbs that only read, on a store with content, in both output forms.
 
+use std::ffi::OsString;
 use std::path::Path;
 
-use clap::Parser as _;
 use holdpoint::cli::{
     Cli, CliContext, CliError, CommandOutput, EngineVerbs, Exit, bench, candidate, decide, demo, dispatch,
     run, serve, status,
@@ -85,7 +85,7 @@ impl EngineVerbs for NoEngine {
 fn run_line(data: &Path, line: &str) -> (Exit, String) {
     let arguments =
         ["holdpoint", "--data", data.to_str().unwrap()].into_iter().chain(line.split_whitespace());
-    let cli = Cli::try_parse_from(arguments).unwrap();
+    let cli = Cli::parse_line(arguments.map(OsString::from)).unwrap();
     let mut bytes = Vec::new();
     let exit = dispatch(&cli, &mut NoEngine, &mut CommandOutput::to(&mut bytes, cli.json)).unwrap();
     (exit, String::from_utf8(bytes).unwrap())

@@ -1,8 +1,15 @@
 //! `holdpoint explain` on the stores of scenarios, compared with the expected output.
+//!
+//! `HOLDPOINT_WRITE_EXPLANATIONS=1` writes the expected output.
 
+use std::ffi::OsString;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use holdpoint::cli::Cli;
+use holdpoint::scenes::BUILT_IN;
+
+use crate::old_stores::{self, OPEN_ROLES, copy_fixture};
 use crate::reported_error::assert_error;
 
 /// The program with arguments and a store.
@@ -15,21 +22,52 @@ fn stdout_text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
+/// Whether this build writes recordings and replays them.
+const REPLAYS: bool = cfg!(feature = "console") && BUILT_IN;
+
 /// Scenarios without simulation: their stores do not depend on the physics.
-const GOLDEN: [(&str, &str, &str); 2] = [
-    ("reject-interface", "grasp-tool-frame", include_str!("explain/reject-interface.txt")),
-    ("reject-policy", "grasp-direct-bus", include_str!("explain/reject-policy.txt")),
-];
+const GOLDEN: [(&str, &str); 2] =
+    [("reject-interface", "grasp-tool-frame"), ("reject-policy", "grasp-direct-bus")];
+
+fn compare_with_file(name: &str, text: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/program/explain").join(name);
+    if std::env::var_os("HOLDPOINT_WRITE_EXPLANATIONS").is_some() {
+        std::fs::write(&path, text).unwrap();
+    }
+    let expected = std::fs::read_to_string(&path).unwrap_or_default();
+    let is_built = |line: &&str| REPLAYS || !line.starts_with("next: holdpoint replay");
+    let expected: String = expected.split_inclusive('\n').filter(is_built).collect();
+    assert_eq!(text, expected, "HOLDPOINT_WRITE_EXPLANATIONS=1 writes {}", path.display());
+}
+
+/// The short form: one screen, and each next command is whole.
+fn assert_is_short(text: &str) {
+    let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with("profile: ")).collect();
+    assert!((1..=25).contains(&lines.len()), "{text}");
+    for line in &lines {
+        assert!(line.chars().count() <= 100, "{line}");
+        if let Some(command) = line.strip_prefix("next: ").filter(|command| !command.contains("NAME")) {
+            Cli::parse_line(command.split(' ').map(OsString::from))
+                .unwrap_or_else(|error| panic!("{command}: {error}"));
+        }
+    }
+    assert!(text.contains("\nnext: holdpoint explain ") && text.contains(" --full"), "{text}");
+}
 
 #[test]
 fn the_output_matches_the_golden_files() {
-    for (scenario, candidate, expected) in GOLDEN {
+    for (scenario, candidate) in GOLDEN {
         let data = tempfile::tempdir().unwrap();
         let script = format!("tests/scenarios/{scenario}.toml");
         holdpoint(&["run", "--headless", "--script", &script, "--seed", "101"], data.path());
-        let text = stdout_text(&holdpoint(&["explain", candidate], data.path()));
-        assert_eq!(text, expected, "{scenario}");
-        assert!(text.lines().all(|line| line.chars().count() <= 80), "{scenario}: wider than 80 columns");
+        let full = stdout_text(&holdpoint(&["explain", candidate, "--full"], data.path()));
+        assert!(full.lines().all(|line| line.chars().count() <= 80), "{scenario}: wider than 80 columns");
+        compare_with_file(&format!("{scenario}-full.txt"), &full);
+        let short = stdout_text(&holdpoint(&["explain", candidate], data.path()));
+        // The commands name the store, which is another one each time.
+        let short = short.replace(&format!(" --data {}", data.path().display()), "");
+        assert_is_short(&short);
+        compare_with_file(&format!("{scenario}.txt"), &short);
         let json = stdout_text(&holdpoint(&["explain", candidate, "--json"], data.path()));
         let value: serde_json::Value = serde_json::from_str(&json).unwrap();
         let decisions = value["decisions"].as_array().unwrap();
@@ -41,15 +79,72 @@ fn the_output_matches_the_golden_files() {
     }
 }
 
+/// Regression: 119 lines explained one rejection, its first reason on line 76; shadow repeated the reasons of the sandbox,
+/// and limits that were met stood among the changes.
+#[test]
+fn a_rejection_in_shadow_begins_with_its_reasons() {
+    let data = tempfile::tempdir().unwrap();
+    holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-in-shadow.toml"], data.path());
+    let short = stdout_text(&holdpoint(&["explain", "align@1.1.1"], data.path()));
+    assert_is_short(&short.replace(&format!(" --data {}", data.path().display()), ""));
+    let mut lines = short.lines();
+    let head = lines.next().unwrap();
+    assert!(
+        head.starts_with("align@1.1.1 was REJECTED in shadow (") && head.contains(" sequences, record "),
+        "{head}"
+    );
+    let reasons: Vec<&str> = lines.take_while(|line| line.starts_with("  ")).collect();
+    let is_compared = |line: &&str| line.ends_with(" more often than align@1.0.0 (limit 0)");
+    assert!(!reasons.is_empty() && reasons.iter().all(is_compared), "{short}");
+    assert_eq!(short.lines().filter(|line| line.starts_with("to change: ")).count(), 1, "{short}");
+    let full = stdout_text(&holdpoint(&["explain", "align@1.1.1", "--full"], data.path()));
+    let shadow = full.find("\nshadow: fail").unwrap();
+    assert!(
+        full[..shadow].contains("+ behavior-improved: success") && !full[shadow..].contains("behavior-"),
+        "{full}"
+    );
+    assert!(full[shadow..].contains("= unchanged since the sandbox (record "), "{full}");
+}
+
+#[test]
+fn every_position_of_a_version_has_its_short_form() {
+    let folder = copy_fixture(OPEN_ROLES);
+    for (version, head, part) in [
+        (
+            "align@1.0.0",
+            "is ACTIVE since 2486.103 s (record 317)",
+            "approved by: no one; a rollback made it active",
+        ),
+        ("align@1.1.0", "was REJECTED by omar (", "final: "),
+        ("align@1.1.1", "is PAUSED since ", "ends: an operator resumes it"),
+        ("align@1.1.3", "was REJECTED in the sandbox (", "at least 0.35 is needed"),
+        ("align@1.2.0", "was ROLLED BACK to align@1.0.0 (record ", "by its deadline"),
+        ("grasp@1.0.0", "was REPLACED by grasp@1.1.0 (record 114)", "it is the rollback target"),
+        ("grasp@1.1.0", "is ACTIVE since 395.949 s (record 114), confirmed", "rollback target: grasp@1.0.0"),
+        ("grasp@1.2.0", "was REJECTED at validation (record 31)", "(0.75; at least 0.95 is needed)"),
+    ] {
+        let output = old_stores::holdpoint(&folder, &["explain", version]);
+        let text = stdout_text(&output);
+        assert_is_short(&text);
+        assert!(text.starts_with(&format!("{version} {head}")) && text.contains(part), "{text}");
+    }
+}
+
 #[test]
 fn a_missing_subject_fails() {
     let data = tempfile::tempdir().unwrap();
     assert_error(&holdpoint(&["explain", "align@1.1.0", "--json"], data.path()), 2, "no-store");
     holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-interface.toml"], data.path());
     for subject in ["align@9.9.9", "no-such-folder"] {
-        let error = assert_error(&holdpoint(&["explain", subject, "--json"], data.path()), 2, "not-found");
-        assert!(error["error"].as_str().unwrap().contains(subject) && error["hint"].is_string(), "{error}");
+        for form in [&["explain", subject, "--json"][..], &["explain", subject, "--json", "--full"]] {
+            let error = assert_error(&holdpoint(form, data.path()), 2, "not-found");
+            assert!(
+                error["error"].as_str().unwrap().contains(subject) && error["hint"].is_string(),
+                "{error}"
+            );
+        }
     }
+    assert_eq!(holdpoint(&["explain", "align@9.9.9"], data.path()).status.code(), Some(2));
     let baseline = stdout_text(&holdpoint(&["explain", "grasp@1.0.0", "--json"], data.path()));
     let baseline: serde_json::Value = serde_json::from_str(&baseline).unwrap();
     assert_eq!(baseline["decisions"], serde_json::json!([]));

@@ -12,6 +12,7 @@ mod bootstrap;
 mod braking;
 mod cached_results;
 mod cli;
+mod command_errors;
 mod explain;
 mod film;
 mod health;

@@ -1,4 +1,4 @@
-//! `holdpoint metrics` on stores whose numbers are counted a second time, with SQL and none of the program's code.
+//! `holdpoint lab metrics` on stores whose numbers are counted a second time, with SQL and none of the program's code.
 
 use std::fs;
 use std::path::Path;
@@ -144,7 +144,7 @@ fn an_invalid_time_lists_the_allowed_forms() {
     let error = assert_error(&output, 2, "usage");
     // The sentence lists the allowed forms; no code does.
     let text = error["error"].as_str().unwrap();
-    assert!(text.contains("last tuesday") && text.contains("2026-11-22T10:30"), "{text}");
+    assert!(text.contains("last tuesday") && text.contains("2026-11-17T08:00"), "{text}");
     let nowhere = folder.path().join("none");
     assert_error(&holdpoint(&["metrics", "--json"], &nowhere), 2, "no-store");
     assert!(!nowhere.exists(), "reading made a store");

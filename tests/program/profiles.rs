@@ -233,10 +233,10 @@ fn less_strict_profile_of_the_same_class_needs_an_authorization() {
     fs::write(&path, loose).unwrap();
     fs::copy(Path::new(PROFILES).join("real.cedar"), root.path().join("line.cedar")).unwrap();
     let path = path.to_str().unwrap();
-    let checked = ["real (line)", "fields are", "must sign"];
+    let checked = ["real (line)", "fields are", "signs that"];
     ends(&on(&store, &["profile", "check", path]), 0, &checked);
     // At the first start ...
-    let command = format!("holdpoint profile allow {path} --by ADMIN");
+    let command = format!("holdpoint profile allow {path} --by admin --reason");
     let error = fails(&store, &["run", "--plain", "--profile", path], 3, "profile-not-authorized");
     assert!(advises(&error, &command), "{error}");
     assert!(!store.join("holdpoint.db").exists(), "no store is made for it");

@@ -101,10 +101,13 @@ fn bad_input_gets_one_clear_error() {
         (vec!["park"], "usage", "'park'"),
         (vec!["grasp", "--out", &file], "bad-file", "grasp-refined.refine"),
     ] {
+        // Nothing is written into the current folder unless it is named.
+        let folder = if arguments.contains(&"--out") { &[][..] } else { &["--out", "."] };
         let output = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
             .current_dir(out.path())
             .args(["refine", "--json"])
             .args(&arguments)
+            .args(folder)
             .output()
             .unwrap();
         let error = assert_error(&output, 2, reason);

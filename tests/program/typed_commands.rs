@@ -40,14 +40,14 @@ fn verbs_are_carried_out_line_by_line_beside_the_engine() {
         "there is no command \"fly\"",
         "> status",
         "created the identity mara",
-        "> goal grasp --as mara --reason only the first",
+        "> cell goal grasp --as mara --reason only the first",
         "a quote is not closed; nothing was done",
         "nothing was judged",
     ] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
     assert_eq!(output.status.code(), Some(5), "{text}");
-    let order = ["> status", "created the identity mara", "> goal"].map(|part| text.find(part));
+    let order = ["> status", "created the identity mara", "> cell goal"].map(|part| text.find(part));
     assert!(order.is_sorted(), "in the order in which they were typed: {text}");
     // The actions are on record, as from a shell.
     let listed = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
@@ -78,7 +78,7 @@ fn quit_ends_after_the_earlier_typed_commands() {
     let data = folder.path().join("store");
     let lines = "identity new mara --unprotected\ngoal grasp --as mara --reason 'only the first'\nstatus\nquit\nfly\n";
     let text = output_text(&plain(&data, &["--plain"], lines));
-    for part in ["identity mara", "> goal grasp", "> status", "earlier commands"] {
+    for part in ["identity mara", "> cell goal grasp", "> status", "earlier commands"] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
     assert!(!text.contains("fly"), "{text}");

@@ -17,6 +17,9 @@ use portable_pty::{Child, CommandBuilder, ExitStatus, MasterPty, PtySize, native
 /// Longer than any step takes on two busy cores.
 pub const PATIENCE: Duration = Duration::from_mins(1);
 
+/// The end of a frame: a synchronized update of the screen.
+const FRAME_END: &[u8] = b"\x1b[?2026l";
+
 /// The output so far.
 struct Seen {
     parser: vt100::Parser,
@@ -104,6 +107,30 @@ impl Home {
         command.args(arguments.iter().map(OsStr::new));
         command.arg("--data");
         command.arg(self.data());
+        self.set_environment(&mut command);
+        for (name, value) in variables {
+            command.env(name, value);
+        }
+        Console::spawn(command, size)
+    }
+
+    /// Runs a line of a shell on a terminal of this size. The line names the program `holdpoint`; its store is the
+    /// default one of this home.
+    pub fn shell(&self, line: &str, size: (u16, u16)) -> Console {
+        let mut path = program().parent().unwrap().as_os_str().to_owned();
+        if let Some(rest) = std::env::var_os("PATH") {
+            path.push(":");
+            path.push(rest);
+        }
+        let mut command = CommandBuilder::new("sh");
+        command.args(["-c", line]);
+        command.env("PATH", path);
+        self.set_environment(&mut command);
+        Console::spawn(command, size)
+    }
+
+    /// Gives a program this home, and a terminal with known abilities.
+    fn set_environment(&self, command: &mut CommandBuilder) {
         command.cwd(self.folder.path());
         for variable in ["NO_COLOR", "COLORTERM", "HOLDPOINT_TEST_PANIC", "RUST_BACKTRACE"] {
             command.env_remove(variable);
@@ -114,10 +141,6 @@ impl Home {
         command.env("TERM", "xterm-256color");
         // The background is known, so that the console does not wait for an answer that this terminal does not give.
         command.env("COLORFGBG", "15;0");
-        for (name, value) in variables {
-            command.env(name, value);
-        }
-        Console::spawn(command, size)
     }
 }
 
@@ -162,6 +185,29 @@ impl Console {
         self.wait_for(text, |screen| screen.contents().contains(text));
     }
 
+    /// As [`Console::wait_for`], for at most this time.
+    pub fn wait_for_within(&self, patience: Duration, what: &str, is: impl Fn(&vt100::Screen) -> bool) {
+        drop(self.seen_when(patience, what, |seen| is(seen.parser.screen())));
+    }
+
+    /// The screen once a whole frame meets a condition.
+    pub fn screen_when(
+        &self,
+        patience: Duration,
+        what: &str,
+        is: impl Fn(&vt100::Screen) -> bool,
+    ) -> vt100::Screen {
+        let is_met = |seen: &Seen| seen.raw.ends_with(FRAME_END) && is(seen.parser.screen());
+        self.seen_when(patience, what, is_met).parser.screen().clone()
+    }
+
+    /// Waits until the bytes so far meet a condition or the program ends. Returns whether they meet it.
+    pub fn met_before_end(&self, patience: Duration, what: &str, is: impl Fn(&[u8]) -> bool) -> bool {
+        let is_over = |seen: &Seen| seen.closed || is(&seen.raw);
+        let seen = self.seen_when(patience, what, is_over);
+        is(&seen.raw)
+    }
+
     /// Waits until the bytes so far meet a condition.
     pub fn wait_for_bytes(&self, what: &str, is: impl Fn(&[u8]) -> bool) {
         self.wait_until(what, |seen| is(&seen.raw));
@@ -180,8 +226,13 @@ impl Console {
     }
 
     fn wait_until(&self, what: &str, is: impl Fn(&Seen) -> bool) {
-        let until = Instant::now() + PATIENCE;
-        let mut seen = self.seen.0.lock().unwrap();
+        drop(self.seen_when(PATIENCE, what, is));
+    }
+
+    /// The output so far, once it meets a condition.
+    fn seen_when(&self, patience: Duration, what: &str, is: impl Fn(&Seen) -> bool) -> MutexGuard<'_, Seen> {
+        let until = Instant::now() + patience;
+        let mut seen = self.lock();
         while !is(&seen) {
             let left = until.saturating_duration_since(Instant::now());
             let screen = seen.parser.screen().contents();
@@ -192,6 +243,7 @@ impl Console {
             );
             seen = self.seen.1.wait_timeout(seen, left).unwrap().0;
         }
+        seen
     }
 
     /// The text of the screen.
@@ -243,7 +295,12 @@ impl Console {
 
     /// Waits for the end of the program and of its output.
     pub fn end(&mut self) -> ExitStatus {
-        let until = Instant::now() + PATIENCE;
+        self.end_within(PATIENCE)
+    }
+
+    /// As [`Console::end`], for at most this time.
+    pub fn end_within(&mut self, patience: Duration) -> ExitStatus {
+        let until = Instant::now() + patience;
         let status = loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status;

@@ -10,6 +10,7 @@ use std::path::Path;
 use regex::{Regex, RegexSet};
 use serde::Deserialize;
 
+use super::readme::collect_pages;
 use super::{is_char_literal, quoted_end, raw_string_end, report, sources};
 
 #[derive(Deserialize)]
@@ -135,8 +136,7 @@ fn no_retired_word_is_used() {
         .collect();
     let any = RegexSet::new(patterns.iter().map(|(pattern, _)| pattern.as_str())).unwrap();
     let mut files: Vec<_> = ["src", "sim", "tests"].into_iter().flat_map(sources).collect();
-    let pages = fs::read_dir(root.join("src/guide")).unwrap().map(|entry| entry.unwrap().path());
-    files.extend(pages.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
+    collect_pages(&root.join("src/guide"), &mut files);
     files.extend(["README.md", "src/ARCHITECTURE.md"].map(|page| root.join(page)));
     let (mut problems, mut unfinished) = (Vec::new(), BTreeSet::new());
     for path in files {

@@ -4,7 +4,7 @@
     verify.py FILE... [--key store.pub] [--json]
 
 Needs Python 3.9 or newer and the package `cryptography`. Ends with 0 if every file is sound, with 1 if one is not, and with
-2 if one cannot be read. It follows the form that the guide describes (src/guide/records.md) and looks at the same things in
+2 if one cannot be read. It follows the form that the guide describes (src/guide/reference/record-format.md) and looks at the same things in
 the same order: records with the acts about persons among them, signed heads, signed end, approvals. `form.py` beside it has
 the form of lines and bodies, `curve.py` the rule for signatures.
 """

@@ -30,30 +30,33 @@ fn every_argument_with_a_stored_name_is_known() {
         })
         .collect();
     let mut expected = vec![
-        "registry list --family families",
-        "registry show versions",
-        "registry history families",
-        "candidate compat versions",
-        "candidate sandbox versions",
-        "candidate shadow versions",
         "status subjects",
         "approve versions",
         "reject versions",
-        "rollback families",
-        "demote versions",
-        "repeat versions",
-        "restrict versions",
-        "release versions",
-        "continue versions",
-        "rearm versions",
-        "break-glass versions",
         "pause families",
         "resume families",
+        "rollback families",
+        "version list --family families",
+        "version show versions",
+        "version history families",
+        "version retry versions",
+        "version demote versions",
+        "version block versions",
+        "version unblock versions",
+        "version restrict versions",
+        "version unrestrict versions",
+        "version answer versions",
+        "version reactivate versions",
+        "version break-glass versions",
         "explain versions",
+        "replay versions",
+        "candidate compat versions",
+        "candidate sandbox versions",
+        "candidate shadow versions",
         "audit list --subject subjects",
     ];
-    if cfg!(feature = "console") {
-        expected.push("replay versions");
+    if cfg!(not(feature = "console")) {
+        expected.retain(|place| *place != "replay versions");
     }
     assert_eq!(found, expected);
 }
@@ -95,7 +98,7 @@ fn completion_scripts_hold_no_placeholder() {
     let fish = printed(Path::new("/nowhere"), &["fish"]);
     for line in [
         "-n \"__fish_holdpoint_using_subcommand approve\" -f -a \"(__holdpoint_stored versions)\"",
-        "-n \"__fish_holdpoint_using_subcommand registry; and __fish_seen_subcommand_from history\" -f -a \
+        "-n \"__fish_holdpoint_using_subcommand version; and __fish_seen_subcommand_from history\" -f -a \
          \"(__holdpoint_stored families)\"",
         "-n \"__fish_holdpoint_using_subcommand explain\" -a \"(__holdpoint_stored versions)\"",
     ] {
@@ -142,12 +145,12 @@ fn bash_completes_versions_and_families() {
         ("holdpoint approve al", vec!["align@1.0.0", "align@1.1.0"]),
         ("holdpoint approve align@", vec!["1.0.0", "1.1.0"]),
         ("holdpoint approve align@1.1", vec!["1.1.0"]),
-        ("holdpoint registry show gr", vec!["grasp@1.0.0"]),
+        ("holdpoint version show gr", vec!["grasp@1.0.0"]),
         ("holdpoint rollback a", vec!["align"]),
-        ("holdpoint registry list --family g", vec!["grasp"]),
+        ("holdpoint version list --family g", vec!["grasp"]),
         ("holdpoint --data /elsewhere approve else", vec!["elsewhere"]),
         ("holdpoint --data=/elsewhere rollback else", vec!["elsewhere"]),
-        ("holdpoint registry sh", vec!["show"]),
+        ("holdpoint version sh", vec!["show"]),
         ("holdpoint approve nothing", vec![]),
     ] {
         assert_eq!(offered(line), expected, "{line}");

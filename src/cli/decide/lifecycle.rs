@@ -1,13 +1,12 @@
-//! `holdpoint repeat | release | restrict | continue | break-glass | rearm`: how a version leaves the state it is
-//! in.
+//! `holdpoint version retry | block | unblock | restrict | unrestrict | answer | break-glass | reactivate`.
 //!
 //! Verbs that grant authority need an identity of the store; verbs that take it away accept any name.
 
 use clap::Args;
 
 use super::{
-    SigningArgs, VersionArgs, check_digest, identity, known_version, operation, parse_short_digest,
-    passphrase, request_text,
+    SigningArgs, StatusSubject, VersionArgs, check_digest, identity, known_family, known_version, operation,
+    parse_short_digest, parse_subject, passphrase, request_text,
 };
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
@@ -19,38 +18,86 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::Command;
 use holdpoint_registry::Views;
-use holdpoint_text::ErrorReason;
+use holdpoint_text::{ErrorReason, signing_options};
 use holdpoint_wording::live::live_lines;
 
-/// The arguments of `demote`.
+/// The arguments of `version demote`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Without --profile the version returns to evaluation. With it the version is
-blocked under the profiles; it keeps its state, unless it is active under one.
+The rollback target becomes active; the version can be evaluated again. `holdpoint rollback FAMILY`
+ends a version for good, `holdpoint version block` closes single profiles to it.
 
-Examples:
-  holdpoint demote grasp@1.3.0 --as mara --reason 'evaluate again with the new gripper'
-  holdpoint demote grasp@1.3.0 --profile human --as mara --reason 'too fast beside people'")]
+Example:
+  holdpoint version demote grasp@1.3.0 --as mara --reason 'evaluate again with the new gripper'")]
 pub struct DemoteArgs {
     /// The version, e.g. grasp@1.3.0.
-    #[arg(value_name = "FAMILY@VERSION")]
-    pub version: CapabilityId,
-    /// A profile to block the version under; can be given several times.
-    #[arg(long, value_name = "PROFILE")]
+    #[arg(value_name = "FAMILY@VERSION", value_parser = parse_subject)]
+    pub version: StatusSubject,
+    /// A profile to block the version under, as `version block` does; for scripts of earlier versions.
+    #[arg(long, value_name = "PROFILE", hide = true)]
     pub profile: Vec<ProfileName>,
     /// The identity that asks for it, and its reason.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
 
-/// The arguments of `repeat`.
+/// The arguments of `version block`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+The version keeps its state, unless it is active under one of the profiles.
+
+Example:
+  holdpoint version block grasp@1.3.0 --profile human --as mara --reason 'too fast beside people'")]
+pub struct BlockArgs {
+    /// The version, e.g. grasp@1.3.0.
+    #[arg(value_name = "FAMILY@VERSION")]
+    pub version: CapabilityId,
+    /// A profile to block the version under; can be given several times.
+    #[arg(long, value_name = "PROFILE", required = true)]
+    pub profile: Vec<ProfileName>,
+    /// The identity that asks for it, and its reason.
+    #[command(flatten)]
+    pub signature: SigningArgs,
+}
+
+impl From<BlockArgs> for DemoteArgs {
+    fn from(args: BlockArgs) -> Self {
+        let version = StatusSubject::Version(args.version);
+        Self { version, profile: args.profile, signature: args.signature }
+    }
+}
+
+/// The arguments of `version unblock`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Example:
+  holdpoint version unblock grasp@1.3.0 --profile human --as mara --reason 'measured beside people'")]
+pub struct UnblockArgs {
+    /// The version, e.g. grasp@1.3.0.
+    #[arg(value_name = "FAMILY@VERSION")]
+    pub version: CapabilityId,
+    /// A profile to unblock the version under; can be given several times.
+    #[arg(long, value_name = "PROFILE", required = true)]
+    pub profile: Vec<ProfileName>,
+    /// The identity that asks for it, and its reason.
+    #[command(flatten)]
+    pub signature: SigningArgs,
+}
+
+impl From<UnblockArgs> for ReleaseArgs {
+    fn from(args: UnblockArgs) -> Self {
+        Self { version: args.version, profile: args.profile, signature: args.signature }
+    }
+}
+
+/// The arguments of `version retry`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 The version loses its gate pass and approvals. You can repeat shadow alone
 while the evidence of the sandbox is still valid.
 
 Example:
-  holdpoint repeat grasp@1.3.0 --as mara --reason 'the new gripper is mounted'")]
+  holdpoint version retry grasp@1.3.0 --as mara --reason 'the new gripper is mounted'")]
 pub struct RepeatArgs {
     /// The version: sandboxed, shadowed or demoted.
     #[arg(value_name = "FAMILY@VERSION")]
@@ -63,28 +110,27 @@ pub struct RepeatArgs {
     pub signature: SigningArgs,
 }
 
-/// The arguments of `release`.
+/// The arguments of `version unrestrict`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Without --profile the verb restores the envelope that the drift monitor or an
-operator tightened; under a profile with approvals, approvers decide first.
+The verb restores the envelope that the drift monitor or an operator tightened; under a
+profile with approvals, approvers decide first.
 
-Examples:
-  holdpoint release grasp@1.3.0 --as mara --reason 'the lamp that blinded it is gone'
-  holdpoint release grasp@1.3.0 --profile human --as mara --reason 'measured beside people'")]
+Example:
+  holdpoint version unrestrict grasp@1.3.0 --as mara --reason 'the lamp that blinded it is gone'")]
 pub struct ReleaseArgs {
     /// The restricted version, e.g. grasp@1.3.0.
     #[arg(value_name = "FAMILY@VERSION")]
     pub version: CapabilityId,
-    /// A profile to unblock the version under; can be given several times.
-    #[arg(long, value_name = "PROFILE")]
+    /// A profile to unblock the version under, as `version unblock` does; for scripts of earlier versions.
+    #[arg(long, value_name = "PROFILE", hide = true)]
     pub profile: Vec<ProfileName>,
     /// The identity that asks for it, and its reason.
     #[command(flatten)]
     pub signature: SigningArgs,
 }
 
-/// The arguments of `break-glass`.
+/// The arguments of `version break-glass`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Break-glass, under the profiles sim and real: one person activates a version
@@ -93,7 +139,7 @@ measured to be incompatible. Two others review it by its deadline (`holdpoint
 approve` or `reject`), or it is rolled back; until then it is flagged.
 
 Example:
-  holdpoint break-glass grasp@1.3.0 --as mara --reason 'the old one drops every second part'")]
+  holdpoint version break-glass grasp@1.3.0 --as mara --reason 'the old one drops every second part'")]
 pub struct BreakGlassArgs {
     /// The version to activate, e.g. grasp@1.3.0.
     #[arg(value_name = "FAMILY@VERSION")]
@@ -110,9 +156,35 @@ fn parse_stage(text: &str) -> Result<Stage, String> {
     match text.parse::<Stage>() {
         Ok(stage @ (Stage::Sandbox | Stage::Shadow)) => Ok(stage),
         Ok(Stage::Validation | Stage::Activation) | Err(_) => {
-            Err("only sandbox and shadow can be repeated".to_owned())
+            Err("only sandbox and shadow can be run again".to_owned())
         }
     }
+}
+
+/// The version to demote; a family in its place is an error with the command for its active version.
+pub(super) fn version_to_demote<'a>(
+    views: &Views,
+    args: &'a DemoteArgs,
+) -> Result<&'a CapabilityId, CliError> {
+    let family = match &args.version {
+        StatusSubject::Version(version) => return Ok(version),
+        StatusSubject::Family(family) => family,
+    };
+    known_family(views, family)?;
+    let signature = signing_options(&args.signature.identity, args.signature.reason.raw());
+    let families = views.families().map_err(CliError::usage)?;
+    let active =
+        families.into_iter().find(|known| known.name == family.as_str()).and_then(|known| known.active);
+    let text = format!("demote takes a version, and {family} is a family; `rollback` takes a family");
+    let hint = match active {
+        Some(active) => {
+            format!(
+                "`holdpoint version demote {active} {signature}` lets the active version be evaluated again"
+            )
+        }
+        None => format!("`holdpoint version list --family {family}` names its versions; none is active"),
+    };
+    Err(CliError::usage(text).with_hint(hint))
 }
 
 pub(super) fn repeat(

@@ -19,7 +19,7 @@ pub(super) fn print_request(
     if out.is_json() {
         let mut stderr = std::io::stderr().lock();
         for line in safe {
-            writeln!(stderr, "{line}")?;
+            writeln!(stderr, "{line}").map_err(CliError::Output)?;
         }
         return Ok(());
     }
@@ -27,5 +27,5 @@ pub(super) fn print_request(
         out.line(&line)?;
     }
     // Before the prompt for a passphrase.
-    out.flush()
+    out.require_reader()
 }

@@ -306,6 +306,7 @@ pub(super) fn enrol(
             "{} is about to be enrolled as {}, with the public key {key}",
             who.name, who.role
         ))?;
+        out.require_reader()?;
     }
     let admin = register.administrator(context, &args.by, args.signer(), PersonActKind::Enrol)?;
     let is_here = matches!(key, KeyToEnrol::Here);
@@ -339,6 +340,7 @@ pub(super) fn confirm(
     if !out.is_json() {
         let key = keyfile::hex(person.public_key.as_bytes());
         out.line(&format!("{name} is about to be confirmed as {}, with the public key {key}", person.role))?;
+        out.require_reader()?;
     }
     let admin = register.administrator(context, &args.by, args.signer(), PersonActKind::Confirm)?;
     let signed =

@@ -129,6 +129,7 @@ impl IdentityRow {
 /// Prints all persons by name: the store knows who is enrolled, the folder which keys exist. Problems with files
 /// are printed beside, or in the document.
 pub(super) fn list(context: &CliContext, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+    crate::cli::data::require_own(&context.data)?;
     let layout = Layout::new(&context.data);
     let folder = layout.identities();
     let files = if folder.is_dir() {

@@ -26,8 +26,8 @@ use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::snapshot::{EscalationView, RequestKind, Snapshot, StartupProgressView, StoppedView};
-use holdpoint_registry::{AuditFilter, Layout, VersionFilter, Views, lock_owner};
-use holdpoint_text::Untrusted;
+use holdpoint_registry::{AuditFilter, FIRST_ADMINISTRATOR, Layout, VersionFilter, Views, lock_owner};
+use holdpoint_text::{Untrusted, signing_options};
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct StatusReport {
@@ -283,7 +283,7 @@ impl StatusReport {
         });
         lines.extend(self.unverified.as_ref().map(|doubt| format!("WARNING  {}", doubt.text)));
         lines.extend(self.last_record.as_ref().map(last_record_line));
-        lines.extend(self.stopped.as_ref().map(stopped_line));
+        lines.extend(self.stopped.as_ref().map(|stopped| stopped_line(stopped, None)));
         lines.extend(self.unauthorized.as_ref().map(|why| format!("profile  NOT AUTHORIZED: {why}")));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
@@ -291,7 +291,7 @@ impl StatusReport {
         lines.extend(self.questions.iter().map(MonitorQuestionRow::line));
         lines.extend(self.emergencies.iter().map(|version| {
             format!(
-                "on hold  {version} waits for approvers or a freeze; `holdpoint break-glass` activates it"
+                "on hold  {version} waits for approvers or a freeze; `holdpoint version break-glass` activates it"
             )
         }));
         lines.extend(self.alarms.iter().map(AlarmRow::line));
@@ -315,8 +315,8 @@ fn last_record_line(record: &AuditRecord) -> String {
     )
 }
 
-/// All persons who stopped the cell, and how to start it.
-pub(in crate::cli) fn stopped_line(stopped: &StoppedView) -> String {
+/// All persons who stopped the cell, and how to start it: as the person of this name with this reason, if they are known.
+pub(in crate::cli) fn stopped_line(stopped: &StoppedView, start: Option<(&str, &str)>) -> String {
     let by = if stopped.by.is_empty() { "an unnamed person" } else { &stopped.by };
     let since = clock_time(stopped.since_ms);
     let mut line = format!("STOPPED  by {by}, {}, since {since}", stopped.caller);
@@ -333,7 +333,12 @@ pub(in crate::cli) fn stopped_line(stopped: &StoppedView) -> String {
             line.push_str(&format!(": {}", stop.reason));
         }
     }
-    line.push_str(&format!("; `holdpoint go --stops {}` confirms that you know of all stops", stopped.stops));
+    let (by, reason) = start.unwrap_or((FIRST_ADMINISTRATOR, "the cell is empty"));
+    let signature = signing_options(by, reason);
+    line.push_str(&format!(
+        "; `holdpoint start --stops {} {signature}` starts it and confirms that you know of all stops",
+        stopped.stops
+    ));
     line
 }
 

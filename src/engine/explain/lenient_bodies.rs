@@ -9,8 +9,10 @@ use serde_json::Value;
 use holdpoint_governance::behavior::BehaviorAssessment;
 use holdpoint_governance::cached_result::CachedResultUse;
 use holdpoint_governance::closed_set::Lenient;
+use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
-use holdpoint_governance::evidence::{DrillTallies, Pair};
+use holdpoint_governance::evidence::{DrillTallies, EvidenceBinding, Pair};
 use holdpoint_governance::explanation::ReasonContent;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::ShadowAssessment;
@@ -18,6 +20,8 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::permission::PermissionUse;
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_registry::store_terms::RequestState;
 
 /// The body of a `decision` record.
 #[derive(Debug, Deserialize)]
@@ -112,6 +116,49 @@ pub(super) struct MoveRecord {
     pub(super) reason: NoticeOrText,
 }
 
+/// The body of an `approval-requested` record.
+#[derive(Debug, Deserialize)]
+pub(super) struct RequestRecord {
+    pub(super) change: RequestChangeRecord,
+}
+
+/// An approval request, new or with another state.
+#[derive(Debug, Deserialize)]
+pub(super) struct RequestChangeRecord {
+    pub(super) state: Lenient<RequestState>,
+    pub(super) deadline_ms: i64,
+}
+
+impl RequestRecord {
+    /// The deadline, if the request ended without enough answers.
+    pub(super) fn expired(&self) -> Option<WallTime> {
+        let RequestChangeRecord { state, deadline_ms } = &self.change;
+        (*state == RequestState::Expired).then(|| WallTime::from_ms(*deadline_ms))
+    }
+}
+
+/// The body of a `break-glass-reviewed` record.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct ReviewRecord {
+    pub(super) by: Vec<String>,
+}
+
+/// The part of a gate's decision that is explained beside its reasons.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct GateRecord {
+    pub(super) answers: AnswersRecord,
+}
+
+/// The answers of a gate's decision.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct AnswersRecord {
+    #[serde(deserialize_with = "readable")]
+    pub(super) conditions: Option<Vec<Condition>>,
+}
+
 /// The parts of an evidence file that are explained.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
@@ -129,6 +176,8 @@ pub(super) struct EvidenceFileRecord {
     pub(super) permissions: Option<PermissionUse>,
     #[serde(deserialize_with = "readable")]
     pub(super) kept: Option<CachedResultUse>,
+    #[serde(deserialize_with = "readable")]
+    pub(super) bindings: Option<Vec<EvidenceBinding>>,
 }
 
 /// The parts of a confirmation's evidence that are explained.
@@ -143,6 +192,11 @@ impl EvidenceFileRecord {
     /// Whether the text was an evidence file: an assessed one has its four values.
     pub(super) const fn is_one(&self) -> bool {
         self.kappas.is_some()
+    }
+
+    /// The four assessments in the terms of this build; absent if it cannot read them.
+    pub(super) fn assessments(&self) -> Option<Kappas> {
+        serde_json::from_value(self.kappas.clone()?).ok()
     }
 }
 

@@ -4,7 +4,7 @@
 //! smallest one that brings the rule's bound within its limit.
 
 use super::lenient_bodies::{EvidenceFileRecord, ReasonRecord};
-use holdpoint_governance::behavior::{BehaviorComponent, ComponentName, component_of};
+use holdpoint_governance::behavior::{BehaviorComponent, ComponentName, HarmComparison, component_of};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, EpisodeValues};
 use holdpoint_governance::explanation::{
@@ -91,10 +91,10 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
     let act_on = |action| Remedy::ActOn(action, reason.content());
     let remedy = match code {
         Code::BehaviorEstablishedWorse | Code::BehaviorSuspicious | Code::BehaviorSafetyTraded => {
-            component(reason, evidence_file).map_or_else(
-                || resolve(reason),
-                |found| Remedy::WorsenLess { component: *found, fewer: fewer(found, evidence_file) },
-            )
+            match component(reason, evidence_file) {
+                Some(found) => return worsening_remedy(*code, found, evidence_file),
+                None => resolve(reason),
+            }
         }
         Code::BehaviorHarmEstablished | Code::BehaviorHarmSuspicious => act_on(Action::CauseNoMoreHarm),
         Code::BehaviorSequenceWorse | Code::BehaviorSequenceSuspicious => act_on(Action::PreserveHandover),
@@ -212,6 +212,44 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
 /// The finding is the case no longer: all that is known of a reason whose code names no action.
 fn resolve(reason: &ReasonRecord) -> Remedy {
     Remedy::Resolve(reason.content())
+}
+
+/// What would remove a worsening. `None` if it is within its margin, and others have to change.
+fn worsening_remedy(
+    code: ReasonCode,
+    found: &BehaviorComponent,
+    evidence_file: &EvidenceFileRecord,
+) -> Option<Remedy> {
+    if !found.is_within_tolerance() {
+        return Some(Remedy::WorsenLess { component: *found, fewer: fewer(found, evidence_file) });
+    }
+    if code == ReasonCode::BehaviorSafetyTraded || decides_alone(found) {
+        return Some(Remedy::EndSignificance(*found));
+    }
+    // Within its margin it counts only in the sum of all significant worsenings.
+    let behavior = evidence_file.behavior.as_ref()?;
+    let is_past = |other: &BehaviorComponent| other.is_established() && !other.is_within_tolerance();
+    let others_decide = behavior.components.iter().any(|other| is_past(other) || decides_alone(other))
+        || behavior.harm.iter().any(HarmComparison::is_established);
+    (!others_decide).then_some(Remedy::Act(RemedyAction::ReduceSum))
+}
+
+/// Whether the worsening makes a version incompatible by itself, also within its margin.
+fn decides_alone(component: &BehaviorComponent) -> bool {
+    component.name.blocks_alone() && component.is_established()
+}
+
+/// Whether a reason is a worsening within its margin, beside others that decide.
+pub(super) fn is_within_margin(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) -> bool {
+    let worsened = matches!(
+        reason.code.known(),
+        Some(
+            ReasonCode::BehaviorEstablishedWorse
+                | ReasonCode::BehaviorSuspicious
+                | ReasonCode::BehaviorSafetyTraded
+        )
+    );
+    worsened && remedy(reason, evidence_file).is_none()
 }
 
 /// How many fewer episodes may be worse for the upper bound to lie within the margin. Absent for values that are not counted

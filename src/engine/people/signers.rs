@@ -5,6 +5,7 @@ use holdpoint_approvals::{Identity, IdentityInfo, PersonDirectory, PersonState, 
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_registry::FIRST_ADMINISTRATOR;
 use holdpoint_text::{Hint, is_visible};
 
 use super::persons::unconfirmed;
@@ -67,7 +68,8 @@ pub(super) fn person(persons: &PersonDirectory, name: &str) -> Result<IdentityIn
             refuse(text, "an enrolled person must decide; see `holdpoint identity list`".to_owned())
         }
         None => {
-            let admin = persons.administrators().next().map_or("ADMIN", |admin| admin.name.as_str());
+            let admin =
+                persons.administrators().next().map_or(FIRST_ADMINISTRATOR, |admin| admin.name.as_str());
             let text = format!("{name} is not enrolled in this store, and nothing that they sign counts");
             refuse(
                 text,

@@ -31,7 +31,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::RequestKind;
-use holdpoint_text::{Hint as _, Problem, Untrusted};
+use holdpoint_text::{Hint as _, Problem, Untrusted, signing_options};
 
 fn refuse_held(why: &Problem) -> Reply {
     let start_again = "end the engine, look at `holdpoint audit verify`, and start it again";
@@ -322,12 +322,12 @@ impl Pipeline {
         let repeated = state == State::Demoted && flags.running == Some(stage);
         if !(repeated || (state == from && flags.running.is_none())) {
             let text = format!("{id} is {state}; {stage} is begun from {from}");
-            return refuse(text, "`holdpoint repeat` has a stage that was passed run again");
+            return refuse(text, "`holdpoint version retry` has a stage that was passed run again");
         }
         let compares = matches!(stage, Stage::Sandbox | Stage::Shadow);
         if compares && self.record.active_of(&id.family).is_none() {
             let text = format!("{} has no active version to compare {id} with", id.family);
-            return refuse(text, "`holdpoint rearm` makes a version active again");
+            return refuse(text, "`holdpoint version reactivate` makes a version active again");
         }
         self.begin(id, stage)?;
         accepted(id, &format!("in {stage}"))
@@ -399,6 +399,15 @@ impl Pipeline {
     }
 
     fn operator_reject(&mut self, operation: &Operation) -> Result<Reply, EngineFault> {
+        let id = checked(&self.record, operation)?;
+        if self.record.version_table().version(&id)?.1.state == State::Active {
+            let signature = signing_options(&operation.by, &operation.reason);
+            return Ok(Reply::Refused {
+                code: Refusal::NotNow,
+                text: format!("{id} is active; only a version without control is rejected"),
+                hint: Some(format!("`holdpoint rollback {} {signature}` takes its control away", id.family)),
+            });
+        }
         let reply = operations::transition(&mut self.record, operation, OperatorAct::Rejected, |version| {
             LifecycleEvent::Reject { version }
         })?;
@@ -416,7 +425,7 @@ impl Pipeline {
         let is_active = self.record.version_table().version(&id)?.1.state == State::Active;
         if is_active && (profiles.is_empty() || profiles.contains(&self.context.profile.name)) {
             let mut live = self.live();
-            if let Some(reply) = operations::last_version_refusal(live.context, live.record, &id) {
+            if let Some(reply) = operations::last_version_refusal(live.context, live.record, operation) {
                 return Ok(reply);
             }
             if !profiles.is_empty() {

@@ -14,7 +14,7 @@ use holdpoint_protocol::snapshot::RequestKind;
 
 use super::{Pipeline, SliceOutcome, StageWork};
 use crate::fault::EngineFault;
-use crate::operations::last_version_refusal;
+use crate::operations::is_last_version;
 use crate::people::approvals::PendingApproval;
 use crate::stages::{confirmation, resume};
 use crate::world::sequence::{FinishedSequence, ShadowResult};
@@ -43,7 +43,7 @@ impl Pipeline {
         match command {
             // It only asks back; the arm works on.
             Command::Rollback(operation) | Command::Demote { operation, .. }
-                if last_version_refusal(&self.context, &self.record, &operation.version).is_some() =>
+                if is_last_version(&self.context, &self.record, &operation.version) =>
             {
                 CommandTiming::Now
             }
@@ -211,7 +211,7 @@ impl Pipeline {
         let at_work = self.record.version_table().families().filter_map(|(_, entry)| entry.active());
         let at_work = at_work.map(|member| {
             let id = member.capability.id();
-            let last = last_version_refusal(&self.context, &self.record, &id).is_some();
+            let last = is_last_version(&self.context, &self.record, &id);
             (id, last)
         });
         self.world.switch().work_under(at_work.collect());

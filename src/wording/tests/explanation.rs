@@ -62,6 +62,10 @@ pub(super) fn sentences() -> Vec<String> {
     {
         add("worst-work", check::worst_work(FilmSubject::Episode, 2, 120, beyond, why));
     }
+    for (of, count) in [(FilmSubject::Drill, 1), (FilmSubject::Drill, 3), (FilmSubject::Alone, 10)] {
+        let why = SelectionReason::MostFailingDrill { active_passes: Some(true) };
+        add("worst-work", check::worst_work(of, 1, count, 0, why));
+    }
     for finding in findings() {
         add("check-finding", check::check_finding(&finding));
     }
@@ -99,6 +103,17 @@ fn component(upper: Option<f64>) -> BehaviorComponent {
     }
 }
 
+/// An improvement: its sign was once the only word for it.
+fn improved() -> BehaviorComponent {
+    BehaviorComponent {
+        name: ComponentName::Success,
+        worsening: -0.253,
+        lower: -0.327,
+        upper: Some(-0.204),
+        tolerance: 0.15,
+    }
+}
+
 fn remedies() -> Vec<Remedy> {
     let found = content(Some(0.25), Some(0.1));
     let tally = DrillTally { passed: 26, failed: 14, infeasible: 0 };
@@ -113,6 +128,7 @@ fn remedies() -> Vec<Remedy> {
         Remedy::Resolve(content(Some(0.25), None)),
         Remedy::WorsenLess { component: component(Some(0.12)), fewer },
         Remedy::WorsenLess { component: component(None), fewer: None },
+        Remedy::EndSignificance(component(Some(0.12))),
         Remedy::PassRollbackDrills { passed: 26, all: 40, needed: 28 },
         Remedy::StrengthenRecovery { weakest, tally, recovery: Some(0.66), least: Some(0.7) },
         Remedy::StrengthenRecovery { weakest, tally, recovery: Some(0.66), least: None },
@@ -137,6 +153,7 @@ fn measurements() -> Vec<ReasonMeasurement> {
     vec![
         ReasonMeasurement::Component { component: component(Some(0.12)), pairs: 120 },
         ReasonMeasurement::Component { component: component(None), pairs: 2 },
+        ReasonMeasurement::Component { component: improved(), pairs: 300 },
         ReasonMeasurement::Drills(vec![drills(None), drills(Some(WorkPhase::Lifting))]),
         ReasonMeasurement::ShadowSequences(40),
     ]
@@ -220,11 +237,28 @@ fn facts() -> Vec<DecidingFact> {
         DecidingFact::Against { finding: finding.clone(), reason: None },
         DecidingFact::Against { finding: finding.clone(), reason: Some(reason.clone()) },
         support(Support::NearestToLimit(finding)),
+        support(Support::NearestToLimit(CheckFinding::Harm(joint_margin()))),
         support(Support::Reason(reason)),
         support(Support::NoFinding),
         DecidingFact::InFavor { kappa: None, support: Support::NoFinding },
         DecidingFact::NotMeasured,
     ]
+}
+
+/// Regression: this noun once followed an "it".
+fn joint_margin() -> HarmComparison {
+    let past =
+        ExceedanceRates { limit: 0.1, active: 0.0, candidate: 0.0, lower: 0.0, upper: 0.01, tolerance: 0.06 };
+    HarmComparison {
+        kind: HarmKind::JointMargin,
+        active: 0.651,
+        candidate: 0.63,
+        worsening: 0.021,
+        lower: 0.01,
+        upper: Some(0.03),
+        tolerance: 0.05,
+        past,
+    }
 }
 
 fn findings() -> Vec<CheckFinding> {

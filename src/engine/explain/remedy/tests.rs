@@ -96,6 +96,48 @@ fn the_number_of_episodes_is_the_smallest_that_does() {
     }
 }
 
+/// Regression: "time +0.243 must be at most 0.600" stood among the changes that a rejection asked for.
+#[test]
+fn a_worsening_within_its_margin_is_no_change_beside_others_that_decide() {
+    let mut evidence_file = file_with_violations(25);
+    let time = |tolerance| BehaviorComponent {
+        name: ComponentName::Time,
+        worsening: 0.243,
+        lower: 0.2,
+        upper: Some(0.3),
+        tolerance,
+    };
+    let worse = reason("behavior-established-worse", "behavior", "time is significantly worse", 0.243, 0.6);
+    let add = |evidence_file: &mut EvidenceFileRecord, component| {
+        evidence_file.behavior.as_mut().unwrap().components.push(component);
+    };
+    add(&mut evidence_file, time(0.6));
+    let violation = &mut evidence_file.behavior.as_mut().unwrap().components[0];
+    violation.lower = 0.1;
+    assert_eq!(remedy(&worse, &evidence_file), None, "the violations decide");
+    assert!(is_within_margin(&worse, &evidence_file));
+    // Alone it counts in the sum.
+    evidence_file.behavior.as_mut().unwrap().components.remove(0);
+    assert_eq!(remedy(&worse, &evidence_file), Some(Remedy::Act(RemedyAction::ReduceSum)));
+    // Past its margin it decides.
+    evidence_file.behavior.as_mut().unwrap().components.clear();
+    add(&mut evidence_file, time(0.25));
+    let expected = Remedy::WorsenLess { component: time(0.25), fewer: None };
+    assert_eq!(remedy(&worse, &evidence_file), Some(expected));
+}
+
+/// No violation is accepted once it is significant, however small the worsening.
+#[test]
+fn a_significant_violation_within_its_margin_has_to_end() {
+    let mut evidence_file = file_with_violations(3);
+    let violation = &mut evidence_file.behavior.as_mut().unwrap().components[0];
+    (violation.lower, violation.upper) = (0.001, Some(0.049));
+    let component = *violation;
+    let worse =
+        reason("behavior-established-worse", "behavior", "violation is significantly worse", 0.025, 0.05);
+    assert_eq!(remedy(&worse, &evidence_file), Some(Remedy::EndSignificance(component)));
+}
+
 /// The traded component is the worse one, not the success it was traded for.
 #[test]
 fn a_traded_component_is_the_one_that_is_worse() {

@@ -230,7 +230,8 @@ fn no_rollback_activates_a_blocked_version() {
     let rearm = || Command::Rearm(operation(&before));
     let reply = bench.pipeline.command(rearm());
     let Reply::Refused { hint: Some(hint), .. } = &reply else { panic!("{reply:?}") };
-    assert_eq!(hint, "`holdpoint release align@1.0.0 --profile human` unblocks it");
+    let command = "holdpoint version unblock align@1.0.0 --profile human --as ada --reason 'a test'";
+    assert_eq!(*hint, format!("`{command}` unblocks it"));
     let unblock = Command::Release { operation: operation(&before), profiles: vec![ProfileName::Human] };
     for command in [unblock, rearm()] {
         let reply = bench.pipeline.command(command);

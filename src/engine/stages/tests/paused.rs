@@ -107,7 +107,7 @@ fn pausing_a_confirmed_version_is_refused_with_a_hint() {
     transition(&mut bench, &id, LifecycleEvent::Confirm { version });
     let reply = bench.pipeline.command(Command::Pause(operation(&id)));
     let Reply::Refused { hint: Some(hint), .. } = &reply else { panic!("{reply:?}") };
-    assert!(hint.contains("holdpoint stop") && hint.contains("holdpoint restrict"), "{hint}");
+    assert!(hint.contains("holdpoint stop") && hint.contains("holdpoint version restrict"), "{hint}");
     assert!(!state_of(&bench, &id).1.paused);
 }
 

@@ -25,7 +25,7 @@ use crate::stages::rollback::tests::Bench;
 use crate::version_table::TransitionNote;
 use crate::world::live::LiveFault;
 
-const GUIDE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../guide/lifecycle.md");
+const GUIDE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../guide/reference/states-and-verbs.md");
 const BEGIN: &str = "<!-- standings -->\n";
 const END: &str = "<!-- end of standings -->\n";
 

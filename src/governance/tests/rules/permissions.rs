@@ -100,6 +100,8 @@ fn declared_and_used_permissions_differ_both_ways() {
     used.merge(&other);
     let usage = PermissionUse::new(&manifest.permissions, &exports(&manifest), &used, 7);
     assert_eq!(usage.exceeded, ["command arm/joints", "zone tray", "speed 0.300 m/s of 0.2"]);
+    let counts: Vec<bool> = usage.excesses().iter().map(|excess| excess.effect().counts()).collect();
+    assert_eq!(counts, [true, true, false], "a measured peak is no command");
     assert_eq!(usage.unused, ["channel gripper", "command gripper", "command stop", "zone transit"]);
     assert_eq!((usage.tasks, usage.used.undeclared), (7, 2));
 }

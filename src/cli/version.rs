@@ -1,0 +1,384 @@
+//! `holdpoint version`: lists versions, and requests what people decide about one.
+//!
+//! `list`, `show` and `history` read the store; an engine may have it open meanwhile.
+
+use clap::{Args, Subcommand, ValueEnum};
+use serde_json::{Value, json};
+
+use super::decide::{
+    ANY_NAME, BlockArgs, BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs, RequestedDecision, UnblockArgs,
+    VersionArgs,
+};
+use super::engine_verbs::EngineVerbs;
+use super::output::TextTable;
+use crate::cli::context::CliContext;
+use crate::cli::output::CommandOutput;
+use crate::error::{CliError, Exit};
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::record::{VersionGroup, VersionSummary};
+use holdpoint_registry::{VersionDetail, VersionFilter, Views};
+use holdpoint_text::ErrorReason;
+
+/// The most versions `list` prints.
+pub const LIST_MAX: u32 = 10_000;
+
+/// The arguments of `version`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint version list --view candidates
+  holdpoint version show grasp@1.3.0
+  holdpoint version retry grasp@1.3.0 --as mara --reason 'the new gripper is mounted'")]
+pub struct VersionVerbArgs {
+    /// The verb with its arguments.
+    #[command(subcommand)]
+    pub verb: VersionVerb,
+}
+
+/// The verbs of `version`.
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
+pub enum VersionVerb {
+    /// List versions.
+    List(ListArgs),
+    /// Show one version in full.
+    #[command(after_help = "\
+Example:
+  holdpoint version show grasp@1.3.0")]
+    Show {
+        /// The version, e.g. grasp@1.3.0.
+        #[arg(value_name = "FAMILY@VERSION")]
+        version: CapabilityId,
+    },
+    /// Show the history of a family's active version.
+    #[command(after_help = "\
+Example:
+  holdpoint version history grasp")]
+    History {
+        /// The family, e.g. grasp.
+        #[arg(value_parser = super::decide::parse_family)]
+        family: Family,
+    },
+    /// Run sandbox or shadow of a version again.
+    Retry(RepeatArgs),
+    /// Return a version to evaluation.
+    #[command(mut_arg("identity", |arg| arg.help(ANY_NAME)))]
+    Demote(DemoteArgs),
+    /// Block a version under profiles; elsewhere it keeps its state.
+    #[command(mut_arg("identity", |arg| arg.help(ANY_NAME)))]
+    Block(BlockArgs),
+    /// Unblock a version under profiles.
+    Unblock(UnblockArgs),
+    /// Tighten the envelope of an active version.
+    #[command(mut_arg("identity", |arg| arg.help(ANY_NAME)), after_help = "\
+Example:
+  holdpoint version restrict grasp@1.3.0 --as mara --reason 'a visitor is in the hall'")]
+    Restrict(VersionArgs),
+    /// Lift the restriction of an active version.
+    Unrestrict(ReleaseArgs),
+    /// Answer an escalation of the drift monitor: the version continues.
+    #[command(after_help = "\
+Example:
+  holdpoint version answer grasp@1.3.0 --as mara --reason 'the link is known to be slow'")]
+    Answer(VersionArgs),
+    /// Reactivate a superseded version of a safe-stopped family.
+    #[command(after_help = "\
+Example:
+  holdpoint version reactivate grasp@1.0.0 --as mara --reason 'the gripper is repaired'")]
+    Reactivate(VersionArgs),
+    /// Activate a version alone in an emergency; two others review it.
+    BreakGlass(BreakGlassArgs),
+}
+
+/// The arguments of `version list`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Example:
+  holdpoint version list --family grasp --view candidates")]
+pub struct ListArgs {
+    /// Only versions of this family.
+    #[arg(long, value_parser = super::decide::parse_family)]
+    pub family: Option<Family>,
+    /// The versions to list.
+    #[arg(long, value_enum, default_value_t = ViewArg::All)]
+    pub view: ViewArg,
+    /// The largest number of versions.
+    #[arg(long, value_name = "N", default_value_t = 1_000,
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(LIST_MAX)))]
+    pub limit: u32,
+}
+
+/// The views of the registry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ViewArg {
+    /// Every version.
+    All,
+    /// The version in control of each family.
+    Active,
+    /// Versions that may still be activated.
+    Candidates,
+    /// Superseded, rolled back, rejected.
+    History,
+}
+
+impl From<ViewArg> for VersionGroup {
+    fn from(argument: ViewArg) -> Self {
+        match argument {
+            ViewArg::All => Self::All,
+            ViewArg::Active => Self::Active,
+            ViewArg::Candidates => Self::Candidate,
+            ViewArg::History => Self::History,
+        }
+    }
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(
+    context: &CliContext,
+    args: &VersionVerbArgs,
+    engine: &mut dyn EngineVerbs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    let views = || super::data::open_checked(&context.data);
+    let decision = match &args.verb {
+        VersionVerb::List(args) => {
+            let filter = VersionFilter {
+                group: args.view.into(),
+                family: args.family.as_ref().map(ToString::to_string),
+                limit: args.limit as usize,
+                ..VersionFilter::default()
+            };
+            list(&views()?, &filter, out)?;
+            return Ok(Exit::Confirmed);
+        }
+        VersionVerb::Show { version } => {
+            let detail = views()?.version(version).map_err(CliError::usage)?.ok_or_else(|| {
+                CliError::usage(format!("there is no version {:?}", version.to_string()))
+                    .with_hint("`holdpoint version list` names all")
+                    .with_details(ErrorReason::NotFound)
+            })?;
+            out.answer(&detail_json(&detail), |out| show(&detail, out))?;
+            return Ok(Exit::Confirmed);
+        }
+        VersionVerb::History { family } => {
+            history(&views()?, family, out)?;
+            return Ok(Exit::Confirmed);
+        }
+        VersionVerb::Retry(args) => RequestedDecision::Repeat(args.clone()),
+        VersionVerb::Demote(args) => RequestedDecision::Demote(args.clone()),
+        VersionVerb::Block(args) => RequestedDecision::Demote(args.clone().into()),
+        VersionVerb::Unblock(args) => RequestedDecision::Release(args.clone().into()),
+        VersionVerb::Restrict(args) => RequestedDecision::Restrict(args.clone()),
+        VersionVerb::Unrestrict(args) => RequestedDecision::Release(args.clone()),
+        VersionVerb::Answer(args) => RequestedDecision::Continue(args.clone()),
+        VersionVerb::Reactivate(args) => RequestedDecision::Rearm(args.clone()),
+        VersionVerb::BreakGlass(args) => RequestedDecision::BreakGlass(args.clone()),
+    };
+    engine.decide(context, &decision, out)
+}
+
+fn list(views: &Views, filter: &VersionFilter, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let (versions, total) = views.versions(filter).map_err(CliError::usage)?;
+    let answer = json!({ "total": total, "versions": versions.iter().map(summary_json).collect::<Vec<_>>() });
+    out.answer(&answer, |out| {
+        if versions.is_empty() {
+            return out.line("no versions");
+        }
+        let mut table =
+            TextTable::new(&["version", "state", "flags", "κI", "κP", "κB", "κR", "author", "changed"]);
+        for version in &versions {
+            let [interface, policy, behavior, recovery] = version.kappas.map(kappa);
+            table.row([
+                version.version.to_string(),
+                version.state.to_string(),
+                flags(version),
+                interface,
+                policy,
+                behavior,
+                recovery,
+                version.author.clone(),
+                seconds(version.changed_ms),
+            ]);
+        }
+        out.table(&table)?;
+        let left = total.saturating_sub(versions.len());
+        if left > 0 { out.line(&format!("{left} more; see --limit")) } else { Ok(()) }
+    })
+}
+
+fn show(detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let summary = &detail.summary;
+    out.line(&format!("{}  {}  {}", summary.version, summary.state, flags(summary)))?;
+    let [interface, policy, behavior, recovery] = summary.kappas.map(kappa);
+    out.line(&format!("κI {interface}  κP {policy}  κB {behavior}  κR {recovery}"))?;
+    let parent = detail.parent.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
+    out.line(&format!(
+        "submitted by {} ({}), parent {parent}, estimated risk {}",
+        summary.author, summary.provenance, summary.risk
+    ))?;
+    for (name, digest) in [
+        ("candidate", detail.candidate_digest),
+        ("manifest ", detail.manifest_digest),
+        ("bundle   ", detail.bundle_digest),
+    ] {
+        out.line(&format!("{name}  {digest}"))?;
+    }
+    if !detail.evidence.is_empty() {
+        let mut table = TextTable::new(&["record", "evidence", "profile", "digest", "time", "current"]);
+        for entry in &detail.evidence {
+            table.row([
+                entry.seq.to_string(),
+                entry.kind.to_string(),
+                entry.profile.to_string(),
+                entry.digest.short(),
+                seconds(entry.at_ms),
+                if entry.current { "yes".to_owned() } else { "no: voided since".to_owned() },
+            ]);
+        }
+        out.table(&table)?;
+    }
+    for activation in &detail.activations {
+        let cause = activation.cause;
+        out.line(&format!(
+            "record {}: active pointer moved ({cause}) at {}",
+            activation.seq,
+            seconds(activation.at_ms)
+        ))?;
+    }
+    out.line(&format!("audit records: {}", detail.audit_links.len()))
+}
+
+/// Every version of the family that was ever active, with each move of the pointer, oldest first.
+fn history(views: &Views, family: &Family, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let status =
+        views.families().map_err(CliError::usage)?.into_iter().find(|status| status.name == family.as_str());
+    let Some(status) = status else {
+        return Err(CliError::usage(format!("there is no family {:?}", family.as_str()))
+            .with_hint("`holdpoint version list` names all")
+            .with_details(ErrorReason::NotFound));
+    };
+    let filter = VersionFilter { family: Some(family.to_string()), ..VersionFilter::default() };
+    let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;
+    let mut moves = std::collections::BTreeMap::new();
+    for version in &versions {
+        let detail = views.version(&version.version).map_err(CliError::usage)?;
+        // A move that replaces one version by another belongs to both.
+        moves
+            .extend(detail.into_iter().flat_map(|detail| detail.activations).map(|entry| (entry.seq, entry)));
+    }
+    let name = |id: &Option<CapabilityId>| id.as_ref().map_or_else(|| "-".to_owned(), ToString::to_string);
+    let reason = holdpoint_wording::notice(&status.reason);
+    let answer = json!({
+        "family": status.name,
+        "active": status.active.as_ref().map(ToString::to_string),
+        "pinned": status.pinned.as_ref().map(ToString::to_string),
+        "safe_stopped": status.safe_stopped,
+        "reason": reason,
+        "notice": status.reason.notice(),
+        "activations": moves.values().map(|entry| json!({
+            "record": entry.seq, "active": entry.active.as_ref().map(ToString::to_string),
+            "pinned": entry.pinned.as_ref().map(ToString::to_string), "cause": entry.cause, "at_ms": entry.at_ms,
+        })).collect::<Vec<_>>(),
+    });
+    out.answer(&answer, |out| {
+        let stopped = if status.safe_stopped { format!(", safe-stopped: {reason}") } else { String::new() };
+        out.line(&format!(
+            "{}: active {}, rollback target {}{stopped}",
+            status.name,
+            name(&status.active),
+            name(&status.pinned)
+        ))?;
+        if moves.is_empty() {
+            return out.line("no version was active yet");
+        }
+        let mut table = TextTable::new(&["record", "time", "cause", "active", "rollback target"]);
+        for entry in moves.values() {
+            table.row([
+                entry.seq.to_string(),
+                seconds(entry.at_ms),
+                entry.cause.to_string(),
+                name(&entry.active),
+                name(&entry.pinned),
+            ]);
+        }
+        out.table(&table)
+    })
+}
+
+fn kappa(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"))
+}
+
+fn seconds(at_ms: u64) -> String {
+    format!("{:.3} s", at_ms as f64 / 1_000.0)
+}
+
+fn flags(version: &VersionSummary) -> String {
+    let flags = &version.flags;
+    let labels = [
+        (flags.paused, version.state.paused_label()),
+        (flags.awaiting_approval, "awaiting-approval"),
+        (flags.provisional, "provisional"),
+        (flags.restricted, "restricted"),
+        (flags.rollback_pending, "rollback-pending"),
+        (version.unreviewed, "UNREVIEWED"),
+    ];
+    let running = flags.running.map(|stage| format!("running:{stage}"));
+    let set = labels.into_iter().filter(|(set, _)| *set).map(|(_, label)| label.replace(' ', "-"));
+    running.into_iter().chain(set).collect::<Vec<_>>().join(" ")
+}
+
+fn summary_json(version: &VersionSummary) -> Value {
+    let [interface, policy, behavior, recovery] = version.kappas;
+    json!({
+        "version": version.version,
+        "state": version.state,
+        "row_version": version.row_version,
+        "running": version.flags.running,
+        "paused": version.flags.paused,
+        "awaiting_approval": version.flags.awaiting_approval,
+        "provisional": version.flags.provisional,
+        "restricted": version.flags.restricted,
+        "rollback_pending": version.flags.rollback_pending,
+        "unreviewed": version.unreviewed,
+        "kappa": { "interface": interface, "policy": policy, "behavior": behavior, "recovery": recovery },
+        "baseline": version.baseline,
+        "author": version.author,
+        "provenance": version.provenance,
+        "risk": version.risk,
+        "changed_ms": version.changed_ms,
+    })
+}
+
+fn detail_json(detail: &VersionDetail) -> Value {
+    // The store keeps bodies as JSON text; other text is shown unchanged.
+    let body = |text: &str| serde_json::from_str(text).unwrap_or_else(|_| Value::from(text));
+    json!({
+        "summary": summary_json(&detail.summary),
+        "parent": detail.parent,
+        "candidate_digest": detail.candidate_digest,
+        "manifest_digest": detail.manifest_digest,
+        "bundle_digest": detail.bundle_digest,
+        "manifest": body(&detail.manifest),
+        "submission": body(&detail.submission),
+        "permissions": body(&detail.permissions),
+        "environments": body(&detail.environments),
+        "signature": detail.signature.as_deref().map(body),
+        "registered_ms": detail.registered_ms,
+        "evidence": detail.evidence.iter().map(|entry| json!({
+            "record": entry.seq, "kind": entry.kind, "row_version": entry.row_version, "profile": entry.profile,
+            "policy_digest": entry.policy_digest, "digest": entry.digest, "body": body(&entry.json),
+            "at_ms": entry.at_ms, "current": entry.current,
+        })).collect::<Vec<_>>(),
+        "activations": detail.activations.iter().map(|entry| json!({
+            "record": entry.seq, "active": entry.active, "pinned": entry.pinned, "cause": entry.cause,
+            "gate_digest": entry.gate_digest, "at_ms": entry.at_ms,
+        })).collect::<Vec<_>>(),
+        "approvals": detail.approvals.iter().map(|entry| json!({
+            "signed": entry.signed, "consumed_record": entry.consumed_seq, "at_ms": entry.at_ms,
+        })).collect::<Vec<_>>(),
+        "audit_records": detail.audit_links,
+    })
+}

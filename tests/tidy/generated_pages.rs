@@ -1,0 +1,155 @@
+//! The pages of the guide that are made from the program: the command line and the codes of reasons.
+//!
+//! `HOLDPOINT_WRITE_GUIDE=1` writes them.
+
+use std::fmt::Write as _;
+use std::fs;
+
+use clap::{Arg, Command, CommandFactory as _};
+use holdpoint::cli::Cli;
+use holdpoint::governance::closed_set::schemars::schema_for;
+use holdpoint::governance::decision::ReasonCode;
+
+use crate::data::root;
+
+fn check(page: &str, text: &str) {
+    let path = root().join(page);
+    if std::env::var_os("HOLDPOINT_WRITE_GUIDE").is_some() {
+        fs::write(&path, text).unwrap();
+    }
+    let on_disk = fs::read_to_string(&path).unwrap_or_default();
+    assert!(on_disk == text, "{page} is not as the program is: HOLDPOINT_WRITE_GUIDE=1 writes it");
+}
+
+/// Arguments that many commands have: their heading, and the identifiers of the arguments. The page says them once.
+const SHARED: [(&str, &[&str]); 4] = [
+    ("signature", &["identity", "reason", "passphrase_file"]),
+    ("engine options", &["seed", "profile", "robot", "jobs"]),
+    ("scenes", &["view", "no_recording"]),
+    ("console options", &["read_only", "operator", "theme", "color", "ascii", "mouse", "no_tour"]),
+];
+
+/// The name of an argument as it is typed, and its purpose.
+fn row(argument: &Arg) -> String {
+    let values: Vec<String> =
+        argument.get_value_names().unwrap_or_default().iter().map(ToString::to_string).collect();
+    let value = if argument.get_action().takes_values() { values.join(" ") } else { String::new() };
+    let name = argument
+        .get_long()
+        .map_or_else(|| value.clone(), |long| format!("--{long} {value}").trim_end().to_owned());
+    let need = if argument.is_required_set() { " (required)" } else { "" };
+    let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+    let help = help.replace('|', "\\|").replace('<', "&lt;");
+    format!("| `{}`{need} | {help} |\n", name.replace('|', "\\|"))
+}
+
+/// The arguments of a command that the page lists; those that every command has are left out.
+fn own_arguments(command: &Command) -> Vec<&Arg> {
+    let general = ["help", "data", "json", "version"];
+    let is_general = |argument: &Arg| {
+        general.contains(&argument.get_id().as_str())
+            && argument.get_long().is_some_and(|long| general.contains(&long))
+    };
+    command.get_arguments().filter(|argument| !argument.is_hide_set() && !is_general(argument)).collect()
+}
+
+/// A verb, and below it its verbs: usage, purpose, arguments.
+fn push_verb(page: &mut String, command: &Command, path: &str) {
+    let verbs: Vec<&Command> = command.get_subcommands().filter(|verb| !verb.is_hide_set()).collect();
+    let arguments = own_arguments(command);
+    if verbs.is_empty() || !arguments.is_empty() {
+        let about = command.get_about().map(ToString::to_string).unwrap_or_default();
+        let _ = writeln!(page, "\n### `{path}`\n\n{about}.");
+        let mut left = arguments;
+        let mut shared = Vec::new();
+        for (title, ids) in SHARED {
+            let is_of = |argument: &&Arg| ids.contains(&argument.get_id().as_str());
+            if left.iter().filter(|argument| is_of(argument)).count() == ids.len() {
+                left.retain(|argument| !is_of(argument));
+                shared.push(format!("[{title}](#{})", title.replace(' ', "-")));
+            }
+        }
+        if !shared.is_empty() {
+            let _ = writeln!(page, "\nAlso: {}.", shared.join(", "));
+        }
+        if !left.is_empty() {
+            let rows: String = left.into_iter().map(row).collect();
+            let _ = write!(page, "\n| argument | meaning |\n| --- | --- |\n{rows}");
+        }
+    }
+    for verb in verbs {
+        push_verb(page, verb, &format!("{path} {}", verb.get_name()));
+    }
+}
+
+/// The arguments of a shared group, from a command that has all of them.
+fn push_shared(page: &mut String, program: &Command) {
+    fn find<'a>(command: &'a Command, ids: &[&str]) -> Option<&'a Command> {
+        let has = |id: &&str| command.get_arguments().any(|argument| argument.get_id().as_str() == *id);
+        if ids.iter().all(has) {
+            return Some(command);
+        }
+        command.get_subcommands().find_map(|verb| find(verb, ids))
+    }
+    for (title, ids) in SHARED {
+        let command = find(program, ids).unwrap_or_else(|| panic!("no command has all of {ids:?}"));
+        let rows: String = command
+            .get_arguments()
+            .filter(|argument| ids.contains(&argument.get_id().as_str()))
+            .map(row)
+            .collect();
+        let title = title[..1].to_uppercase() + &title[1..];
+        let _ = write!(page, "\n## {title}\n\n| argument | meaning |\n| --- | --- |\n{rows}");
+    }
+}
+
+#[test]
+fn the_page_of_the_command_line_is_the_program_s() {
+    let mut page = String::from(
+        "# Command line\n\nEvery command with its arguments, for scripts and for looking up. \
+         `holdpoint COMMAND --help` has examples.\n\n\
+         Every command takes `--data DIR` (the folder of the store) and `--json` (JSON, one document a line). \
+         [Errors and exit codes](errors-and-exit-codes.md) says how a command ends.\n",
+    );
+    let program = Cli::command();
+    for verb in program.get_subcommands().filter(|verb| !verb.is_hide_set()) {
+        let _ = writeln!(page, "\n## {}", verb.get_name());
+        if verb.has_subcommands() {
+            let about = verb.get_about().map(ToString::to_string).unwrap_or_default();
+            let _ = writeln!(page, "\n{about}.");
+        }
+        if verb.get_name() == "lab" {
+            // Research has long tables of options, which its help prints.
+            page.push_str("\n| command | purpose |\n| --- | --- |\n");
+            for verb in verb.get_subcommands() {
+                let about = verb.get_about().map(ToString::to_string).unwrap_or_default();
+                let _ = writeln!(page, "| `holdpoint lab {}` | {about} |", verb.get_name());
+            }
+            continue;
+        }
+        push_verb(&mut page, verb, &format!("holdpoint {}", verb.get_name()));
+    }
+    push_shared(&mut page, &program);
+    check("src/guide/reference/command-line.md", &page);
+}
+
+#[test]
+fn the_page_of_reason_codes_is_the_program_s() {
+    let schema = serde_json::to_value(schema_for!(ReasonCode)).unwrap();
+    let mut page = String::from(
+        "# Reason codes\n\nEach decision carries reasons; each reason has one of these codes. `holdpoint explain` \
+         prints its sentence, JSON has the code.\n\n| code | meaning |\n| --- | --- |\n",
+    );
+    let variants = schema["oneOf"].as_array().unwrap();
+    let meaning = |code: &str| -> String {
+        let variant = variants.iter().find(|variant| variant["const"] == code);
+        let text = variant.and_then(|variant| variant["description"].as_str()).unwrap_or_default();
+        text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
+    };
+    for code in ReasonCode::ALL {
+        let meaning = meaning(code.as_str());
+        assert!(!meaning.is_empty(), "{} has no description", code.as_str());
+        let _ = writeln!(page, "| `{}` | {meaning} |", code.as_str());
+    }
+    check("src/guide/reference/reason-codes.md", &page);
+}
