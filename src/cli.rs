@@ -222,6 +222,10 @@ pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn Eng
     match ended {
         Ok(exit) => exit,
         Err(error) => {
+            let error = match &cli.data {
+                Some(folder) => error.with_store_in_hint(folder),
+                None => error,
+            };
             let mut stderr = std::io::stderr().lock();
             if cli.json {
                 error.print_json(&mut stderr);

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use holdpoint_text::{
     ErrorDetails, ErrorReason, Hint, Problem, SafeText, Untrusted, WIDTH_MAX, escape_json, sanitize,
+    shell_word,
 };
 
 /// How a command ended. The codes are a stable interface.
@@ -184,6 +185,25 @@ impl CliError {
         }
     }
 
+    /// Adds `--data` to each command in the hint, so that it runs on the named store as pasted.
+    #[must_use]
+    pub fn with_store_in_hint(self, folder: &Path) -> Self {
+        let Some(hint) = self.hint() else { return self };
+        let option = format!(" --data {}", shell_word(&folder.to_string_lossy()));
+        let mut text = String::new();
+        for (index, part) in hint.raw().split('`').enumerate() {
+            if index > 0 {
+                text.push('`');
+            }
+            text.push_str(part);
+            let is_command = index % 2 == 1 && part.starts_with("holdpoint ");
+            if is_command && !part.contains("--data") && !part.contains(" help") {
+                text.push_str(&option);
+            }
+        }
+        self.with_hint(text)
+    }
+
     /// Replaces the reason and its values. An error of the output keeps its own.
     #[must_use]
     pub fn with_details(self, new: impl Into<ErrorDetails>) -> Self {
@@ -275,7 +295,8 @@ impl CliError {
     }
 }
 
-/// An error for programs: one JSON document on a line of standard error. The guide's page `events` lists the reasons.
+/// An error for programs: one JSON document on a line of standard error. The guide's page `errors-and-exit-codes` lists the
+/// reasons.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct ErrorDocument {
     pub(crate) error: String,

@@ -219,7 +219,7 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     let home = Home::new();
     let new = || home.console(&["identity", "new", "mara"], SIZE);
     let mut console = new();
-    console.wait_for_text("New passphrase:");
+    console.wait_for_text("New passphrase of ");
     console.keys("under the oak\r");
     console.wait_for_text("Repeat it:");
     console.keys("under the elm\r");
@@ -227,13 +227,13 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     assert_eq!(console.end().exit_code(), 2);
     assert!(console.is_cooked(), "the terminal reads lines again");
     let mut console = new();
-    console.wait_for_text("New passphrase:");
+    console.wait_for_text("New passphrase of ");
     console.keys("under\x03");
     console.wait_for_text("canceled;");
     assert_eq!(console.end().exit_code(), 2);
     assert_eq!(home.must(&["identity", "list", "--json"]).trim(), "[]");
     let mut console = new();
-    console.wait_for_text("New passphrase:");
+    console.wait_for_text("New passphrase of ");
     console.keys("under the oax\x7fk\r");
     console.wait_for_text("Repeat it:");
     console.keys("under the oak\r");

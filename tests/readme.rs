@@ -51,7 +51,7 @@ const SIZE: (u16, u16) = (120, 36);
 const LINKED: [&str; 4] = ["manifests", "profiles", "recordings", "tests"];
 
 /// The prompts of commands that read a passphrase.
-const PROMPTS: [&str; 3] = ["New passphrase: ", "Repeat it: ", "Passphrase of "];
+const PROMPTS: [&str; 3] = ["New passphrase of ", "Repeat it: ", "Passphrase of "];
 
 /// The line that types the digits of an open request.
 const SHORT_ID: &str = "<short id>";
@@ -405,5 +405,5 @@ fn lines_become_commands_and_keys() {
     }
     assert_eq!(short_id("▸[Hold]  short id  (c167)  reason").as_deref(), Some("c167"));
     assert_eq!(short_id("type the short id (tab)"), None);
-    assert_eq!(prompt_count(b"New passphrase: \r\nRepeat it:  \r\nPassphrase of admin: "), 3);
+    assert_eq!(prompt_count(b"New passphrase of ana: \r\nRepeat it:  \r\nPassphrase of admin: "), 3);
 }

@@ -1,4 +1,4 @@
-//! `holdpoint identity new | enrol | confirm | revoke | list | passphrase`.
+//! `holdpoint identity new | enroll | confirm | revoke | list | passphrase`.
 //!
 //! A key counts only after an administrator's signed act, which the running engine or the store accepts
 //! (`identity/admin_acts.rs`). A key that is not enrolled decides nothing.
@@ -26,7 +26,7 @@ use holdpoint_registry::Layout;
 #[command(after_help = "\
 Examples:
   holdpoint identity new mara --role operator
-  holdpoint identity enrol mara --by admin --reason 'joins the night shift'
+  holdpoint identity enroll mara --by admin --reason 'joins the night shift'
   holdpoint identity confirm mara --by admin --reason 'she works here'
   holdpoint identity revoke mara --by admin --reason 'lost her laptop'
   holdpoint identity passphrase mara
@@ -74,14 +74,18 @@ Examples:
         by_passphrase_file: Option<PathBuf>,
     },
     /// Lets an administrator enroll a person's key: later signatures of the key count.
-    #[command(after_help = "\
+    #[command(
+        name = "enroll",
+        alias = "enrol",
+        after_help = "\
 The key is the one of that name in keys/identities, or a public key from
 elsewhere. A name or a key is enrolled only once, even after a revocation.
 
 Examples:
-  holdpoint identity enrol mara --by admin --reason 'joins the night shift'
-  holdpoint identity enrol mara --public-key mara.pub --role safety --by admin --reason 'her own machine'
-  holdpoint identity enrol mara --ssh-agent mara@desk --role safety --by admin --reason 'her own key'")]
+  holdpoint identity enroll mara --by admin --reason 'joins the night shift'
+  holdpoint identity enroll mara --public-key mara.pub --role safety --by admin --reason 'her own machine'
+  holdpoint identity enroll mara --ssh-agent mara@desk --role safety --by admin --reason 'her own key'"
+    )]
     Enrol {
         /// The person's name; decisions are signed with it.
         #[arg(value_parser = super::decide::parse_identity)]
@@ -168,8 +172,13 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut CommandOutput<'_
     let folder = layout.identities();
     match &args.verb {
         IdentityVerb::New { name, role, passphrase_file, unprotected, by, by_passphrase_file } => {
-            let secret =
-                || if *unprotected { Ok(None) } else { new_passphrase(passphrase_file.as_deref()).map(Some) };
+            let secret = || {
+                if *unprotected {
+                    Ok(None)
+                } else {
+                    new_passphrase(name, passphrase_file.as_deref()).map(Some)
+                }
+            };
             let enroller = || admin_acts::Enroller::of(context, by.as_deref(), by_passphrase_file.as_deref());
             let (info, enrolled) = create(&layout, (name, *role), secret, enroller)?;
             let protection = Identity::protection(&folder, name).ok();
@@ -189,8 +198,11 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut CommandOutput<'_
             let locked = passphrase::stored_identity(context, name)?;
             let before = locked.protection();
             let identity = passphrase::unlock(locked, passphrase_file.as_deref())?;
-            let replacement =
-                if *remove { None } else { Some(replacement_passphrase(new_passphrase_file.as_deref())?) };
+            let replacement = if *remove {
+                None
+            } else {
+                Some(replacement_passphrase(name, new_passphrase_file.as_deref())?)
+            };
             let encoding = replacement
                 .as_ref()
                 .map_or(KeyEncoding::Plain, |phrase| KeyEncoding::Sealed(phrase, KdfCost::USUAL));
@@ -259,8 +271,8 @@ pub(super) fn make_unprotected(context: &CliContext, name: &str) -> Result<(), C
 }
 
 /// The passphrase of a new key.
-fn new_passphrase(file: Option<&Path>) -> Result<Passphrase, CliError> {
-    passphrase::fresh(file)?.ok_or_else(|| {
+fn new_passphrase(name: &str, file: Option<&Path>) -> Result<Passphrase, CliError> {
+    passphrase::fresh(name, file)?.ok_or_else(|| {
         CliError::usage("a new key needs a passphrase, and there is no terminal to enter it")
             .with_hint(
                 "--passphrase-file FILE names a file that contains it; --unprotected creates a key without one",
@@ -270,8 +282,8 @@ fn new_passphrase(file: Option<&Path>) -> Result<Passphrase, CliError> {
 }
 
 /// The new passphrase of an existing key.
-fn replacement_passphrase(file: Option<&Path>) -> Result<Passphrase, CliError> {
-    passphrase::fresh(file)?.ok_or_else(|| {
+fn replacement_passphrase(name: &str, file: Option<&Path>) -> Result<Passphrase, CliError> {
+    passphrase::fresh(name, file)?.ok_or_else(|| {
         CliError::usage("there is no terminal to enter the new passphrase")
             .with_hint(
                 "--new-passphrase-file FILE names a file that contains it; --remove removes the passphrase",

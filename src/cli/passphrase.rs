@@ -122,8 +122,8 @@ fn existing_passphrase(prompt: &str, why: &str, option: &str) -> Result<Passphra
     Passphrase::new(hidden_line(prompt)?).map_err(CliError::usage)
 }
 
-/// A new passphrase for a key: from the file, or entered twice. Absent if there is neither.
-pub(super) fn fresh(file: Option<&Path>) -> Result<Option<Passphrase>, CliError> {
+/// A new passphrase for the key of an identity: from the file, or entered twice. Absent if there is neither.
+pub(super) fn fresh(name: &str, file: Option<&Path>) -> Result<Option<Passphrase>, CliError> {
     if let Some(file) = file {
         let read = Passphrase::read(file).map_err(CliError::usage)?;
         return Ok(Some(read.strong_enough().map_err(CliError::usage)?));
@@ -131,7 +131,8 @@ pub(super) fn fresh(file: Option<&Path>) -> Result<Option<Passphrase>, CliError>
     if !io::stdin().is_terminal() {
         return Ok(None);
     }
-    let first = Passphrase::new(hidden_line("New passphrase: ")?).and_then(Passphrase::strong_enough);
+    let first = Passphrase::new(hidden_line(&format!("New passphrase of {name}: "))?)
+        .and_then(Passphrase::strong_enough);
     let first = first.map_err(CliError::usage)?;
     if Passphrase::new(hidden_line("Repeat it:  ")?).map_err(CliError::usage)? != first {
         let error = CliError::usage("the two passphrases differ; nothing was done");

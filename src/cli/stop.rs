@@ -182,7 +182,11 @@ pub(super) fn start(
     }
     // The engine refuses if another stop arrives after this check.
     let since_ms = stopped.map_or(0, |stopped| stopped.since_ms);
-    executor.execute_as(context, &who, Command::Go { by, reason, since_ms, stops }, out)
+    let exit = executor.execute_as(context, &who, Command::Go { by, reason, since_ms, stops }, out)?;
+    if executor.is_own() && !out.is_json() {
+        out.line("no engine is running; the cell runs once one starts")?;
+    }
+    Ok(exit)
 }
 
 /// Leaves a note for the next shift.

@@ -139,7 +139,7 @@ fn signed_by_author(
     if !enrolled {
         let problem = format!("the key of {author:?} that signed is not enrolled in this store");
         let hint = format!(
-            "an administrator enrolls it (`holdpoint identity enrol {author} …`), or {AUTHOR_SIGNATURE_FILE} is removed"
+            "an administrator enrolls it (`holdpoint identity enroll {author} …`), or {AUTHOR_SIGNATURE_FILE} is removed"
         );
         return wrong(problem, hint);
     }

@@ -49,7 +49,7 @@ impl Hint for ApproverError {
             Self::Store(error) => error.hint(),
             Self::Refused(_) => None,
             Self::NobodyEnrols(name) => Some(
-                format!("`holdpoint identity enrol {name} --by admin --reason TEXT` enrolls them").into(),
+                format!("`holdpoint identity enroll {name} --by admin --reason TEXT` enrolls them").into(),
             ),
         }
     }

@@ -139,7 +139,7 @@ fn look_at(folder: &Path, name: &str, persons: &PersonDirectory) -> Vec<StoreChe
                 persons.administrators().next().map_or(FIRST_ADMINISTRATOR, |admin| admin.name.as_str());
             let path = if has_key { &key } else { &public };
             found.push(bad(format!(
-                "The key {path:?} is not enrolled and decides nothing; `holdpoint identity enrol {name} --by {admin} \
+                "The key {path:?} is not enrolled and decides nothing; `holdpoint identity enroll {name} --by {admin} \
                 --reason TEXT` enrolls it, or remove it."
             )));
         }

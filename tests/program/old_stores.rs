@@ -221,6 +221,8 @@ fn reading_verbs_answer_as_before() {
             assert_eq!(document["code"], now.code, "{call}");
             now.stderr = format!("error: {}\n{hint}", document["error"].as_str().unwrap());
         }
+        // A hint now repeats the store that the command line named.
+        now.stderr = now.stderr.replace(" --data store`", "`");
         // The text is now the short form; JSON has what was printed before, with reworded measurements.
         if call.starts_with("explain") {
             for answer in [&mut then.stdout, &mut now.stdout] {
@@ -364,7 +366,7 @@ fn unknown_role_is_refused_by_name_and_affects_no_other_person() {
     assert_error(&resume("mara"), 2, "not-allowed/unknown-role");
     // Last used under a profile with approvals, and this key is not enrolled.
     let error = assert_error(&resume("omar"), 3, "not-allowed");
-    assert!(error["hint"].as_str().unwrap().contains("identity enrol omar --by admin"), "{error}");
+    assert!(error["hint"].as_str().unwrap().contains("identity enroll omar --by admin"), "{error}");
     // The first administrator, the recorded removal of telemetry from now on, and the missing authorization of the
     // profile.
     let verified = output_of(&folder, &["audit", "verify"]);

@@ -73,12 +73,12 @@ fn only_an_act_of_an_administrator_enrolls_or_revokes_people() {
     fails(&folder, "identity revoke admin --by admin --reason tired", 3, "not-allowed/last-administrator");
     // A name and a key belong to a person permanently.
     ends(&folder, "identity revoke omar --by admin --reason left", 0);
-    fails(&folder, "identity enrol omar --by admin --reason back", 3, "exists/name-taken");
+    fails(&folder, "identity enroll omar --by admin --reason back", 3, "exists/name-taken");
     let keys = folder.path().join("store/keys/identities");
     for ending in ["key", "pub"] {
         fs::copy(keys.join(format!("mara.{ending}")), keys.join(format!("alias.{ending}"))).unwrap();
     }
-    fails(&folder, "identity enrol alias --by admin --reason twin", 3, "exists/key-taken");
+    fails(&folder, "identity enroll alias --by admin --reason twin", 3, "exists/key-taken");
     let all = [("admin", "enrolled"), ("alias", "not-enrolled"), ("mara", "enrolled"), ("omar", "revoked")];
     assert_states(&folder, &all);
     // Public files are read for signing: edited, removed or added ones change nothing.
@@ -99,7 +99,7 @@ fn only_an_act_of_an_administrator_enrolls_or_revokes_people() {
     // A key from elsewhere.
     ends(&elsewhere, "identity new cleo --role engineer --unprotected", 0);
     let public = elsewhere.path().join("store/keys/identities/cleo.pub");
-    let call = format!("identity enrol cleo --public-key {} --by admin --reason hers", public.display());
+    let call = format!("identity enroll cleo --public-key {} --by admin --reason hers", public.display());
     assert_contains(&ends(&folder, &call, 0), &["cleo is enrolled as engineer by admin"]);
 }
 
@@ -144,18 +144,19 @@ fn a_store_of_an_earlier_version_trusts_no_file() {
     assert!(person_states(&folder).iter().all(|(_, state)| state == "not-enrolled"));
     // Only the first opening makes the administrator.
     let error = fails(&folder, "resume align --as omar --reason back", 3, "not-allowed");
-    assert_contains(error["hint"].as_str().unwrap(), &["`holdpoint identity enrol omar --by admin"]);
+    assert_contains(error["hint"].as_str().unwrap(), &["`holdpoint identity enroll omar --by admin"]);
     let states = person_states(&folder);
     assert!(states.contains(&("admin".to_owned(), "enrolled".to_owned())), "{states:?}");
     assert!(states.iter().all(|(name, state)| name == "admin" || state == "not-enrolled"), "{states:?}");
     let records = ends(&folder, "audit list --kind person-enrolled --json", 0);
     assert_contains(&records, &["earlier version"]);
     // Last used under a profile with approvals.
-    fails(&folder, "identity enrol omar --by admin --reason known", 3, "not-allowed/no-passphrase");
+    fails(&folder, "identity enroll omar --by admin --reason known", 3, "not-allowed/no-passphrase");
     let oak = file(folder.path(), "oak", "under the oak\n");
     let oak = oak.display();
     ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
-    let enrol = |who: &str| format!("identity enrol {who} --by admin --reason known --passphrase-file {oak}");
+    let enrol =
+        |who: &str| format!("identity enroll {who} --by admin --reason known --passphrase-file {oak}");
     ends(&folder, &enrol("omar"), 0);
     // A role outside the set must be chosen again.
     ends(&folder, &enrol("mara --role safety"), 0);
@@ -175,8 +176,8 @@ fn under_human_the_first_administrator_needs_a_passphrase_first() {
     // It judged nothing.
     ends(&folder, &format!("run --headless --script {script}"), 5);
     let message = ends(&folder, &format!("identity new ben --passphrase-file {oak}"), 0);
-    assert_contains(&message, &["not enrolled", "`holdpoint identity enrol ben --by admin --reason TEXT`"]);
-    let enrol = format!("identity enrol ben --by admin --reason joins --passphrase-file {oak}");
+    assert_contains(&message, &["not enrolled", "`holdpoint identity enroll ben --by admin --reason TEXT`"]);
+    let enrol = format!("identity enroll ben --by admin --reason joins --passphrase-file {oak}");
     fails(&folder, &enrol, 3, "not-allowed/no-passphrase");
     let before = fs::read_to_string(folder.path().join("store/keys/identities/admin.pub")).unwrap();
     ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
@@ -226,8 +227,9 @@ fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     let fails = |call: &str, socket: Option<&Path>, codes: &str| {
         assert_error(&with(&format!("{call} --json"), socket), 2, codes);
     };
-    let enrol =
-        |key: &str| format!("identity enrol mara --ssh-agent {key} --role engineer --by admin --reason hers");
+    let enrol = |key: &str| {
+        format!("identity enroll mara --ssh-agent {key} --role engineer --by admin --reason hers")
+    };
     fails(&enrol("eve@desk"), Some(&socket), "ssh-agent/no-key");
     fails(&enrol("mara@desk"), None, "ssh-agent/not-named");
     assert_contains(&succeeds(&enrol("mara@desk")), &["mara", "as engineer", "by admin"]);

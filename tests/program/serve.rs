@@ -217,5 +217,5 @@ fn demonstration_without_new_candidates_confirms_no_version() {
     assert!(text(&demo).contains("every demonstration"));
     // Without a verb, a named store is not used for a demonstration.
     let error = assert_error(&on(&store, &["--json"]), 2, "usage");
-    assert!(error["hint"].as_str().unwrap().contains("`holdpoint serve`"), "{error}");
+    assert!(error["hint"].as_str().unwrap().contains("`holdpoint serve"), "{error}");
 }

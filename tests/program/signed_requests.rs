@@ -355,7 +355,7 @@ fn the_verbs_sign_as_the_named_person() {
     let go_mara = [&go[..], &["mara", "--passphrase-file", oak]].concat();
     // An unencrypted key enrolled her; the running engine receives the confirmation, and an enrollment, through its
     // socket.
-    fails(&go_mara, 3, "not-allowed", "`holdpoint identity confirm mara --by admin --reason TEXT`");
+    fails(&go_mara, 3, "not-allowed", "`holdpoint identity confirm mara --by admin --reason TEXT");
     let act = ["--by", "admin", "--reason", "known", "--passphrase-file", oak];
     let confirm = [&["identity", "confirm", "mara"][..], &act].concat();
     fails(&confirm[..7], 3, "not-allowed/no-passphrase", "identity passphrase admin");

@@ -217,7 +217,7 @@ fn hint_of_a_refusal_is_separate_from_sent_text() {
         panic!("it was not refused with a hint")
     };
     assert!(code == Refusal::NotFound && text.contains("\"grasps\"") && !text.contains(&hint), "{text}");
-    assert!(hint.contains("`holdpoint version list`"), "{hint}");
+    assert!(hint.contains("`holdpoint version list"), "{hint}");
     client(folder.path()).send(Command::Shutdown).unwrap();
     running.join().unwrap();
 }

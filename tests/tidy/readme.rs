@@ -407,3 +407,28 @@ fn documented_limits_are_those_of_the_source() {
     assert!(rows >= 50, "{rows} rows were found");
     report(&problems);
 }
+
+/// The fields that a profile's file sets, without their tables.
+fn profile_fields(text: &str) -> BTreeSet<String> {
+    let file: toml::Table = toml::from_str(text).unwrap();
+    let fields = file.into_iter().flat_map(|(name, value)| match value {
+        toml::Value::Table(table) => table.into_iter().map(|(name, _)| name).collect::<Vec<_>>(),
+        _ => vec![name],
+    });
+    fields.collect()
+}
+
+#[test]
+fn the_page_of_profile_fields_names_every_field() {
+    let page = fs::read_to_string(root().join("src/guide/reference/profile-fields.md")).unwrap();
+    let documented: BTreeSet<String> = quoted(&page).into_iter().collect();
+    let mut problems = Vec::new();
+    for name in ProfileName::ALL {
+        let text = fs::read_to_string(root().join(format!("profiles/{}.toml", name.name()))).unwrap();
+        let fields = profile_fields(&text);
+        assert!(fields.len() > 60, "{fields:?}");
+        let missing = fields.difference(&documented);
+        problems.extend(missing.map(|field| format!("{}: {field} is not on the page", name.name())));
+    }
+    report(&problems);
+}

@@ -208,7 +208,7 @@ impl Enrollment {
             ),
             Self::NotYet { admin } => format!(
                 "not enrolled: {who} cannot decide anything yet. \
-                 `holdpoint identity enrol {who} --by {admin} --reason TEXT` enrolls the key"
+                 `holdpoint identity enroll {who} --by {admin} --reason TEXT` enrolls the key"
             ),
         }
     }

@@ -73,7 +73,7 @@ pub(super) fn person(persons: &PersonDirectory, name: &str) -> Result<IdentityIn
             let text = format!("{name} is not enrolled in this store, and nothing that they sign counts");
             refuse(
                 text,
-                format!("`holdpoint identity enrol {name} --by {admin} --reason TEXT` adds their key"),
+                format!("`holdpoint identity enroll {name} --by {admin} --reason TEXT` adds their key"),
             )
         }
     }

@@ -286,7 +286,7 @@ fn the_authors_key_under_another_name_approves_nothing() {
         let author = author_label.split(' ').next().unwrap().to_owned();
         let themselves = protected(&mut bench, &author);
         let alias = copied(&folder, &author, "alias");
-        assert_refused(&approve(&mut bench, &alias), &["alias is not enrolled", "identity enrol alias"]);
+        assert_refused(&approve(&mut bench, &alias), &["alias is not enrolled", "identity enroll alias"]);
         // Nor does an administrator make two persons of one key.
         let admin = administrator(&bench, &folder);
         if !scripted {

@@ -48,7 +48,11 @@ fn quick_check_finds_every_invalid_key_file() {
             &["is not the key that ada is enrolled with"],
         ),
         ("two halves", copied(of("ben.key"), of("ada.key")), &["ada.pub", "do not belong together"]),
-        ("not enrolled", copied(of("ben.pub"), of("eve.pub")), &["eve.pub", "identity enrol eve --by admin"]),
+        (
+            "not enrolled",
+            copied(of("ben.pub"), of("eve.pub")),
+            &["eve.pub", "identity enroll eve --by admin"],
+        ),
         ("left over", copied(of("ben.key"), of("ben.key.new")), &["ben.key.new", "remove it"]),
     ];
     for (name, damage, expected) in cases {
