@@ -517,6 +517,19 @@ mod tests {
     }
 
     #[test]
+    fn commands_in_a_hint_repeat_the_named_store() {
+        let error = CliError::usage("text")
+            .with_hint("`holdpoint status` shows it, `ls -l` or `holdpoint help go` too");
+        let hint = error.with_store_in_hint(Path::new("my store")).hint().unwrap().raw().to_owned();
+        assert_eq!(hint, "`holdpoint status --data 'my store'` shows it, `ls -l` or `holdpoint help go` too");
+        let named = CliError::usage("text").with_hint("`holdpoint status --data x`");
+        assert_eq!(
+            named.with_store_in_hint(Path::new("y")).hint().unwrap().raw(),
+            "`holdpoint status --data x`"
+        );
+    }
+
+    #[test]
     fn exit_codes_are_distinct() {
         let codes: std::collections::BTreeSet<u8> = Exit::ALL.into_iter().map(Exit::code).collect();
         assert_eq!(codes.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6, 70]);

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-pub use lifecycle::{BlockArgs, BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs, UnblockArgs};
+pub use lifecycle::{BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs};
 
 use super::confirm_time::{self, ConfirmTimeArgs};
 use super::data;

@@ -6,7 +6,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
 use super::decide::{
-    ANY_NAME, BlockArgs, BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs, RequestedDecision, UnblockArgs,
+    ANY_NAME, BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs, RequestedDecision,
     VersionArgs,
 };
 use super::engine_verbs::EngineVerbs;
@@ -64,10 +64,17 @@ Example:
     #[command(mut_arg("identity", |arg| arg.help(ANY_NAME)))]
     Demote(DemoteArgs),
     /// Block a version under profiles; elsewhere it keeps its state.
-    #[command(mut_arg("identity", |arg| arg.help(ANY_NAME)))]
-    Block(BlockArgs),
+    #[command(mut_arg("identity", |arg| arg.help(ANY_NAME)), after_help = "\
+The version keeps its state, unless it is active under one of the profiles.
+
+Example:
+  holdpoint version block grasp@1.3.0 --profile human --as mara --reason 'too fast beside people'")]
+    Block(ProfileBlockArgs),
     /// Unblock a version under profiles.
-    Unblock(UnblockArgs),
+    #[command(after_help = "\
+Example:
+  holdpoint version unblock grasp@1.3.0 --profile human --as mara --reason 'measured beside people'")]
+    Unblock(ProfileBlockArgs),
     /// Tighten the envelope of an active version.
     #[command(mut_arg("identity", |arg| arg.help(ANY_NAME)), after_help = "\
 Example:

@@ -41,18 +41,13 @@ pub struct DemoteArgs {
     pub signature: SigningArgs,
 }
 
-/// The arguments of `version block`.
+/// The arguments of `version block` and `version unblock`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
-#[command(after_help = "\
-The version keeps its state, unless it is active under one of the profiles.
-
-Example:
-  holdpoint version block grasp@1.3.0 --profile human --as mara --reason 'too fast beside people'")]
-pub struct BlockArgs {
+pub struct ProfileBlockArgs {
     /// The version, e.g. grasp@1.3.0.
     #[arg(value_name = "FAMILY@VERSION")]
     pub version: CapabilityId,
-    /// A profile to block the version under; can be given several times.
+    /// A profile that it applies to; can be given several times.
     #[arg(long, value_name = "PROFILE", required = true)]
     pub profile: Vec<ProfileName>,
     /// The identity that asks for it, and its reason.
@@ -60,32 +55,15 @@ pub struct BlockArgs {
     pub signature: SigningArgs,
 }
 
-impl From<BlockArgs> for DemoteArgs {
-    fn from(args: BlockArgs) -> Self {
+impl From<ProfileBlockArgs> for DemoteArgs {
+    fn from(args: ProfileBlockArgs) -> Self {
         let version = StatusSubject::Version(args.version);
         Self { version, profile: args.profile, signature: args.signature }
     }
 }
 
-/// The arguments of `version unblock`.
-#[derive(Clone, Debug, PartialEq, Eq, Args)]
-#[command(after_help = "\
-Example:
-  holdpoint version unblock grasp@1.3.0 --profile human --as mara --reason 'measured beside people'")]
-pub struct UnblockArgs {
-    /// The version, e.g. grasp@1.3.0.
-    #[arg(value_name = "FAMILY@VERSION")]
-    pub version: CapabilityId,
-    /// A profile to unblock the version under; can be given several times.
-    #[arg(long, value_name = "PROFILE", required = true)]
-    pub profile: Vec<ProfileName>,
-    /// The identity that asks for it, and its reason.
-    #[command(flatten)]
-    pub signature: SigningArgs,
-}
-
-impl From<UnblockArgs> for ReleaseArgs {
-    fn from(args: UnblockArgs) -> Self {
+impl From<ProfileBlockArgs> for ReleaseArgs {
+    fn from(args: ProfileBlockArgs) -> Self {
         Self { version: args.version, profile: args.profile, signature: args.signature }
     }
 }
