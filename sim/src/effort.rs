@@ -23,9 +23,9 @@ pub enum Fidelity {
     /// One step per tick everywhere. Grips and places as well, but forces between a gripped object
     /// and what it stands on come out lower than the reference's.
     Single,
-    /// The physics engine rests where the arm is near nothing, and where all it is near is the
-    /// object that it holds: the arm's own dynamics in joint coordinates, and the pads' contacts,
-    /// take these ticks. Where anything else is near, the engine works as in `Adaptive`. Same
+    /// The physics engine rests where the arm is near nothing but the object between its pads: the arm's own
+    /// dynamics in joint coordinates, and the object's contacts with pads, table, tray and clutter, take these
+    /// ticks. Where anything else is near, the engine works as in `Adaptive`. Same
     /// outcomes as the reference. What decides, and the live cell, work in this mode.
     #[default]
     Reduced,
@@ -52,6 +52,10 @@ impl SolverEffort {
     /// What it takes that an object in the hand does not creep: with one substep it creeps by .6 mm more
     /// than the reference's in two and a half seconds, whatever the sweeps.
     pub const HELD: Self = Self { substeps: 2, sweeps: 8, relaxations: 1 };
+    /// Effort of the arm's own dynamics where the object stands on something or touches it.
+    const OWN_SUPPORTED: Self = Self { substeps: 2, sweeps: 4, relaxations: 2 };
+    /// The same where it hangs between the pads.
+    const OWN_HELD: Self = Self { substeps: 2, sweeps: 4, relaxations: 1 };
     /// One step for a robot that touches nothing.
     pub const FREE: Self = Self { substeps: 1, sweeps: 4, relaxations: 1 };
     /// One step for everything, with the sweeps that a grip needs.
@@ -61,10 +65,20 @@ impl SolverEffort {
     pub fn of(fidelity: Fidelity, situation: Situation) -> Self {
         match (fidelity, situation) {
             (Fidelity::Reference, _) => Self::REFERENCE,
-            (Fidelity::Full, _) | (Fidelity::Adaptive | Fidelity::Reduced, Situation::Contact) => Self::FULL,
+            (Fidelity::Full, _)
+            | (Fidelity::Adaptive | Fidelity::Reduced, Situation::Contact | Situation::Object) => Self::FULL,
             (Fidelity::Single, _) => Self::SINGLE,
             (Fidelity::Adaptive | Fidelity::Reduced, Situation::Held) => Self::HELD,
             (Fidelity::Adaptive | Fidelity::Reduced, Situation::Free) => Self::FREE,
+        }
+    }
+
+    /// The effort of a tick of the arm's own dynamics.
+    pub fn own(object: ObjectSituation) -> Self {
+        match object {
+            ObjectSituation::Resting => Self::FREE,
+            ObjectSituation::Held => Self::OWN_HELD,
+            ObjectSituation::Supported => Self::OWN_SUPPORTED,
         }
     }
 
@@ -77,6 +91,17 @@ impl SolverEffort {
     }
 }
 
+/// What the object does in a tick of the arm's own dynamics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ObjectSituation {
+    /// It takes no part.
+    Resting,
+    /// It touches the pads at most.
+    Held,
+    /// It touches what stands in the cell.
+    Supported,
+}
+
 /// What is within contact range of what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Situation {
@@ -84,6 +109,8 @@ pub enum Situation {
     Free,
     /// The pads are at the object, and nothing else is near either.
     Held,
+    /// The object moves, or is between the pads and what it stands on; nothing else is near.
+    Object,
     /// Anything else.
     Contact,
 }
@@ -121,9 +148,9 @@ pub fn situation(physics: &PhysicsWorld, handles: &Handles) -> Situation {
     }
     let resting = || readout::object_state(physics, handles).1 < RESTING_M_S;
     match (gripping, supported) {
-        (true, true) => Situation::Contact,
+        (true, true) => Situation::Object,
         (true, false) => Situation::Held,
-        (false, true) if !resting() => Situation::Contact,
+        (false, true) if !resting() => Situation::Object,
         (false, _) => Situation::Free,
     }
 }

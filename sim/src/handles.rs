@@ -1,7 +1,7 @@
 //! Handles into the physics world, what each collider stands for, and the change between f64 and f32.
 #![allow(clippy::cast_possible_truncation, reason = "physics is f32: values are narrowed here")]
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use rapier3d::dynamics::{MultibodyJointHandle, RigidBodyHandle};
 use rapier3d::math::{Pose as RapierPose, Vector};
 use serde::{Deserialize, Serialize};
@@ -54,4 +54,14 @@ pub fn from_rapier(pose: &RapierPose) -> Isometry3<f64> {
 /// An f64 vector as rapier's f32 one.
 pub fn to_vector(v: &[f64; 3]) -> Vector {
     Vector::new(v[0] as f32, v[1] as f32, v[2] as f32)
+}
+
+/// rapier's f32 vector as an f64 one.
+pub fn to_wide(v: Vector) -> Vector3<f64> {
+    Vector3::new(f64::from(v.x), f64::from(v.y), f64::from(v.z))
+}
+
+/// An f64 vector as rapier's f32 one.
+pub fn to_narrow(v: &Vector3<f64>) -> Vector {
+    Vector::new(v.x as f32, v.y as f32, v.z as f32)
 }

@@ -20,11 +20,13 @@ pub mod scene;
 pub mod world;
 
 mod build;
+mod constraints;
 mod effort;
-mod grip;
+mod free_body;
 mod handles;
 mod motors;
 pub mod number;
+mod object_contacts;
 mod perception;
 pub mod readout;
 mod reduced_state;
@@ -35,6 +37,7 @@ mod stepper;
 mod survey;
 mod urdf;
 mod warm_start;
+pub mod work_count;
 
 pub use distribution::{Distribution, Drift, DriftKind, Magnitude, Range};
 pub use episode::EpisodeSetup;

@@ -1,61 +1,59 @@
-//! The ticks in which the physics engine rests: the arm alone moves, or the arm and what it holds.
+//! The ticks in which the physics engine rests: the arm alone moves, or the arm and the object between its pads.
 //!
-//! The arm's own dynamics ([`crate::dynamics`]) with the motor law of [`crate::motors`] and, while the hand grips an
-//! object, its pads' contacts ([`crate::grip`]) advance the state in f64. Everything else is at rest. Before anything
-//! can come within contact range ([`crate::survey`]) the state returns to the physics engine, equal to its f32.
-//! Nothing here allocates.
+//! The arm's own dynamics ([`crate::dynamics`]) with the motor law of [`crate::motors`] and, while the object moves or
+//! a pad is near it, the object's contacts ([`crate::object_contacts`]) advance the state in f64. Everything else is
+//! at rest. Before anything else can come within contact range ([`crate::survey`]) the state returns to the physics
+//! engine, equal to its f32. Nothing here allocates but a change of owner.
 #![allow(
     clippy::cast_possible_truncation,
     reason = "physics is f32: values are narrowed here on their way to the engine"
 )]
 
 use arrayvec::ArrayVec;
-use nalgebra::{Isometry3, Vector3};
-use rapier3d::dynamics::{JointAxis, RigidBody};
-use rapier3d::math::{Rotation, Vector};
+use nalgebra::{Isometry3, Matrix3, Vector3};
+use rapier3d::dynamics::JointAxis;
+use rapier3d::math::Rotation;
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
+use crate::constraints::{self, ConstraintRows, FingerMotors};
 use crate::dynamics::{ArmDynamics, DOFS_MAX, Dofs, Factor, GRAVITY_M_S2, Placement};
-use crate::effort::{Situation, SolverEffort};
-use crate::grip::{self, CONTACTS_MAX, ConstraintRows, FingerMotors, FreeBody, GripContact, Softness};
-use crate::handles::{ColliderKind, Handles, from_rapier};
+use crate::effort::{ObjectSituation, Situation, SolverEffort};
+use crate::free_body::FreeBody;
+use crate::handles::{ColliderKind, Handles, to_narrow};
 use crate::motors::{self, Drives, MotorReference};
-use crate::readout::{self, ContactForces, ContactPoint, JointState};
+use crate::object_contacts::{FixtureRoom, Manifold, ObjectContacts, ObjectPairs};
+use crate::readout::{ContactForces, ContactPoint, JointState};
 use crate::robot::RobotModel;
 use crate::survey::{Survey, Surveyor};
-use crate::warm_start::{WarmPoint, WarmStart};
+use crate::warm_start::WarmStart;
 use holdpoint_body::{MAX_JOINTS, TICK_SECS};
 
-/// A pad's contact points may slide this far before the physics engine recomputes them, m.
-const SLIDE_MAX_M: f64 = 0.001;
-/// Room that the object must have in the hand besides the pads, m.
-const IN_HAND_ROOM_M: f64 = 0.006;
-/// Room that a survey must find for the engine to be left, m.
+/// Room that a survey must find for the engine to be left, and around the pads for the object to rest, m.
 const ENTRY_ROOM_M: f64 = 0.002;
+/// The same for the object between hand and fingers, which move with it.
+const IN_HAND_ROOM_M: f64 = 0.001;
 /// An object slower than this for `STILL_TICKS` is at rest: m/s and rad/s. A rocking object is slow for a tick or two
 /// at every turn.
-const STILL: (f32, f32) = (0.002, 0.05);
+const STILL: (f64, f64) = (0.002, 0.05);
 const STILL_TICKS: u32 = 8;
 
 /// The owner of the state.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct StateOwner {
-    /// The state of arm and held object while the engine rests.
+    /// The state of arm and object while the engine rests.
     pub own: Option<ReducedState>,
     /// Ticks of the engine since the object last moved.
     still_ticks: u32,
 }
 
 impl StateOwner {
-    /// Whether the object has stood still for long enough; called after every tick of the engine.
-    pub fn object_is_still(&mut self, physics: &PhysicsWorld, handles: &Handles) -> bool {
-        let still = physics
-            .bodies
-            .get(handles.object)
-            .is_some_and(|body| body.linvel().length() < STILL.0 && body.angvel().length() < STILL.1);
+    /// Follows the object; called after every tick of the engine.
+    pub fn follow_object(&mut self, physics: &PhysicsWorld, handles: &Handles) {
+        let still = physics.bodies.get(handles.object).is_some_and(|body| {
+            f64::from(body.linvel().length()) < STILL.0 && f64::from(body.angvel().length()) < STILL.1
+        });
         self.still_ticks = if still { self.still_ticks.saturating_add(1) } else { 0 };
-        self.still_ticks >= STILL_TICKS
     }
 }
 
@@ -69,17 +67,10 @@ pub struct ReducedCell {
     torque_max: [f64; MAX_JOINTS],
     limits: [(f64, f64); MAX_JOINTS],
     fingers: FingerMotors,
-    softness: Softness,
+    pairs: ObjectPairs,
 }
 
-/// The pads on a held object.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-struct PadContacts {
-    contacts: ArrayVec<GripContact, CONTACTS_MAX>,
-    force_n: [f64; 2],
-}
-
-/// State of the arm, and of what it holds, while the engine rests.
+/// State of arm and object while the engine rests.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ReducedState {
     q: Dofs,
@@ -88,9 +79,17 @@ pub struct ReducedState {
     arm: ArrayVec<MotorReference, MAX_JOINTS>,
     finger: MotorReference,
     finger_force_n: f64,
-    /// Stands still where it is not held.
+    /// Impulses of the fingers' motors and of their coupling in the last tick, N s.
+    finger_impulses: [f64; 3],
     object: FreeBody,
-    grip: Option<PadContacts>,
+    /// Whether the object takes part: it moves, or a pad is near. Else it stands where it is.
+    moving: bool,
+    still_ticks: u32,
+    /// The object's contacts, one manifold per pair of the cell.
+    manifolds: Vec<Manifold>,
+    room: FixtureRoom,
+    /// What pressed on the object in the last tick in which it took part.
+    forces: Option<ContactForces>,
     survey: Survey,
 }
 
@@ -122,12 +121,8 @@ impl ReducedCell {
             stroke_m: [gripper.fingers[0].stroke_m, gripper.fingers[1].stroke_m],
             near_end_m: f64::from(motors::LIMIT_NEAR_M),
         };
-        let soft = physics.integration_parameters.contact_softness;
-        let softness = Softness {
-            frequency_hz: f64::from(soft.natural_frequency),
-            ratio: f64::from(soft.damping_ratio),
-        };
-        Self { dynamics, surveyor, stiffness, damping, motor_damping, torque_max, limits, fingers, softness }
+        let pairs = ObjectPairs::new(n, physics, handles);
+        Self { dynamics, surveyor, stiffness, damping, motor_damping, torque_max, limits, fingers, pairs }
     }
 
     /// The state to go on with without the engine; None where something else moves or is near.
@@ -135,15 +130,14 @@ impl ReducedCell {
         &self,
         physics: &PhysicsWorld,
         handles: &Handles,
-        situation: Situation,
-        effort: SolverEffort,
+        (situation, effort): (Situation, SolverEffort),
+        owner: &StateOwner,
     ) -> Option<ReducedState> {
         if situation == Situation::Contact {
             return None;
         }
         let (multibody, _) = physics.multibody_joints.get(handles.first_joint)?;
         let body = physics.bodies.get(handles.object)?;
-        let held = situation == Situation::Held;
         let n = self.dynamics.joints();
         let (mut q, mut dq) = ([0.0; DOFS_MAX], [0.0; DOFS_MAX]);
         let mut arm = ArrayVec::new();
@@ -166,87 +160,69 @@ impl ReducedCell {
             return None;
         }
         let place = self.dynamics.place(&q);
-        let object = free_body(body)?;
-        let survey = self.surveyor.survey(&q, &place, &object, held);
-        if survey.slack_m < ENTRY_ROOM_M + survey.moved(&q, &dq, TICK_SECS) {
+        let object = FreeBody::of(body)?;
+        let turn = object.rotation.to_rotation_matrix().into_inner();
+        let survey = self.surveyor.survey(&q, &place, &object, &turn);
+        let moved = survey.robot_moved(&q, &dq, TICK_SECS);
+        let clear = survey.robot_m > ENTRY_ROOM_M + moved
+            && survey.arm_object_m > ENTRY_ROOM_M + moved
+            && survey.hand_object_m > IN_HAND_ROOM_M;
+        if !clear {
             return None;
         }
-        let grip = if held { Some(self.grip(physics, handles, &place, &object, effort)?) } else { None };
-        Some(ReducedState { q, dq, arm, finger, finger_force_n, object, grip, survey })
-    }
-
-    /// The contacts of both pads, and nothing else near the object in the hand.
-    fn grip(
-        &self,
-        physics: &PhysicsWorld,
-        handles: &Handles,
-        place: &Placement,
-        object: &FreeBody,
-        effort: SolverEffort,
-    ) -> Option<PadContacts> {
-        if self.surveyor.object_in_hand(place, object) < IN_HAND_ROOM_M {
-            return None;
+        let mut state = ReducedState {
+            q,
+            dq,
+            arm,
+            finger,
+            finger_force_n,
+            finger_impulses: [0.0; 3],
+            object,
+            moving: true,
+            still_ticks: owner.still_ticks,
+            manifolds: self.pairs.empty_manifolds(),
+            room: FixtureRoom::default(),
+            forces: None,
+            survey,
+        };
+        if situation == Situation::Free
+            && owner.still_ticks >= STILL_TICKS
+            && survey.pads_object_m > ENTRY_ROOM_M + moved
+        {
+            state.moving = false;
+        } else {
+            let mut contacts = ObjectContacts::new();
+            let (manifolds, room) = (&mut state.manifolds, &mut state.room);
+            self.pairs.find(manifolds, room, &place, &object, &turn, &mut contacts)?;
+            self.pairs.take_over(&mut state.manifolds, physics, handles, effort.substeps);
         }
-        // The engine's impulses are those of its last substep.
-        let whole = effort.substeps as f64;
-        let mut contacts = ArrayVec::new();
-        for side in 0..2 {
-            let finger = self.dynamics.joints() + usize::from(side);
-            let frame = &place.frames[finger];
-            let before = contacts.len();
-            for pair in physics.narrow_phase.contact_pairs() {
-                let kinds = [readout::kind(handles, pair, true), readout::kind(handles, pair, false)];
-                let pad_first = match kinds {
-                    [Some(ColliderKind::Pad(at)), Some(ColliderKind::Object)] if at == side => true,
-                    [Some(ColliderKind::Object), Some(ColliderKind::Pad(at))] if at == side => false,
-                    _ => continue,
-                };
-                let first = physics.colliders.get(pair.collider1)?;
-                for manifold in pair.solver_manifolds() {
-                    let normal = wide(first.position().rotation * manifold.local_n1);
-                    // On the first body the force is against the normal.
-                    let direction = if pad_first { -normal } else { normal };
-                    for point in &manifold.data.solver_contacts {
-                        let (a, b) = manifold.data.solver_contact_world_points(point, &physics.bodies);
-                        let (pad, cube) = if pad_first { (a, b) } else { (b, a) };
-                        let index = (point.contact_id[0] & !rapier3d::geometry::NEW_CONTACT_BIT) as usize;
-                        let data = &manifold.points.get(index)?.data;
-                        let rub = wide(data.warmstart_tangent_world) * whole;
-                        contacts
-                            .try_push(GripContact {
-                                side: usize::from(side),
-                                on_finger: frame.rotation.transpose() * (wide(pad) - frame.origin),
-                                on_object: object.rotation.inverse() * (wide(cube) - object.position),
-                                direction: frame.rotation.transpose() * direction,
-                                friction: f64::from(manifold.data.friction),
-                                impulse: f64::from(data.warmstart_impulse) * whole,
-                                tangent: if pad_first { rub } else { -rub },
-                            })
-                            .ok()?;
-                    }
-                }
-            }
-            if contacts.len() == before {
-                return None;
-            }
-        }
-        let grip = PadContacts { contacts, force_n: [0.0; 2] };
-        grip.pressed().then_some(grip)
+        Some(state)
     }
 
     fn within_limits(&self, q: &Dofs) -> bool {
         q.iter().zip(&self.limits).take(self.dynamics.joints()).all(|(at, (low, high))| at > low && at < high)
     }
 
-    /// One tick; false where the engine must take over before the next.
+    /// One tick; false where the engine must take over before it.
     pub fn tick(&self, state: &mut ReducedState, drives: &Drives, object_weight: f64) -> bool {
         let n = self.dynamics.joints();
-        let place = self.dynamics.place(&state.q);
-        if !self.clear(state, &place) {
+        if !self.within_limits(&state.q) {
             return false;
         }
-        let held = state.grip.is_some();
-        let effort = if held { SolverEffort::HELD } else { SolverEffort::FREE };
+        let place = self.dynamics.place(&state.q);
+        let turn = state.object.rotation.to_rotation_matrix().into_inner();
+        if !self.clear(state, &place, &turn) {
+            return false;
+        }
+        let mut contacts = ObjectContacts::new();
+        if state.moving {
+            let (manifolds, room) = (&mut state.manifolds, &mut state.room);
+            let found = self.pairs.find(manifolds, room, &place, &state.object, &turn, &mut contacts);
+            if found.is_none() {
+                return false;
+            }
+        }
+        let effort = Self::effort(state, &contacts);
         let secs = TICK_SECS / effort.substeps as f64;
         let mut matrix = self.dynamics.mass_matrix(&place);
         for (i, row) in matrix.iter_mut().enumerate().take(n + 2) {
@@ -266,14 +242,11 @@ impl ReducedCell {
         }
         let fingers =
             FingerMotors { reference: drives.finger, force_n: drives.finger_force_n, ..self.fingers };
-        let mut rows = ConstraintRows::fingers(&factor, n, &state.q, &fingers, effort.substeps);
-        let mut fall = Vector3::zeros();
-        if let Some(grip) = &state.grip {
-            let mass = libm::sqrt(state.object.mass_kg);
-            fall = Vector3::from(GRAVITY_M_S2) * (object_weight * secs * mass);
-            rows.grip(&factor, n, &place, (&state.object, self.softness), &grip.contacts);
-        }
-        let mut u = grip::coordinates(&factor, &state.dq, held.then_some(&state.object));
+        let mut rows = ConstraintRows::new(effort.substeps);
+        rows.fingers(&factor, n, &state.q, &fingers, &state.finger_impulses);
+        rows.object(&factor, n, &place, &state.object, &contacts);
+        let fall = Vector3::from(GRAVITY_M_S2) * (object_weight * secs);
+        let mut u = constraints::coordinates(&factor, &state.dq, state.moving.then_some(&state.object));
         for _ in 0..effort.substeps {
             let mut force = [0.0; DOFS_MAX];
             for i in 0..n + 2 {
@@ -283,26 +256,29 @@ impl ReducedCell {
             for (value, share) in u.iter_mut().zip(factor.forward(&force)) {
                 *value += secs * share;
             }
-            for (value, part) in u[DOFS_MAX..].iter_mut().zip(&fall) {
-                *value += part;
+            if state.moving {
+                constraints::fall(&mut u, &state.object, &fall);
             }
             rows.begin(&mut u);
             rows.solve(&mut u, effort.sweeps);
-            let moving = grip::arm_speeds(&factor, &u);
+            let moving = constraints::arm_speeds(&factor, &u);
             for (at, speed) in state.q.iter_mut().zip(&moving).take(n + 2) {
                 *at += secs * speed;
             }
-            if held {
-                state.object.take_speeds(&u);
+            if state.moving {
+                constraints::object_speeds(&mut state.object, &u);
                 state.object.advance(secs);
             }
             rows.moved(&u);
             rows.relax(&mut u, effort.relaxations);
-            state.dq = grip::arm_speeds(&factor, &u);
+            state.dq = constraints::arm_speeds(&factor, &u);
         }
-        if let Some(grip) = &mut state.grip {
-            state.object.take_speeds(&u);
-            grip.force_n = rows.store(&mut grip.contacts);
+        rows.store(&mut contacts, &mut state.finger_impulses);
+        if state.moving {
+            constraints::object_speeds(&mut state.object, &u);
+            ObjectPairs::store(&mut state.manifolds, &contacts);
+            state.forces = Some(self.forces(&contacts));
+            self.let_rest(state, &contacts);
         }
         state.arm.clone_from(&drives.arm);
         for reference in &mut state.arm {
@@ -313,24 +289,92 @@ impl ReducedCell {
         true
     }
 
-    /// Whether nothing can come within range in this tick, the grip is where it was found, and no
-    /// joint is past its end.
-    fn clear(&self, state: &mut ReducedState, place: &Placement) -> bool {
-        if !self.within_limits(&state.q) {
-            return false;
+    fn effort(state: &ReducedState, contacts: &ObjectContacts) -> SolverEffort {
+        let object = if !state.moving {
+            ObjectSituation::Resting
+        } else if contacts.iter().all(|contact| contact.side.is_some()) {
+            ObjectSituation::Held
+        } else {
+            ObjectSituation::Supported
+        };
+        SolverEffort::own(object)
+    }
+
+    /// Whether nothing but pads, table, tray and clutter can come within range of the object in this tick, and nothing
+    /// within that of the robot. The object takes part from where a pad can.
+    fn clear(&self, state: &mut ReducedState, place: &Placement, turn: &Matrix3<f64>) -> bool {
+        for fresh in [false, true] {
+            if fresh {
+                state.survey = self.surveyor.survey(&state.q, place, &state.object, turn);
+            }
+            let survey = &state.survey;
+            let clear = if state.moving {
+                let speeds = (&state.q, &state.dq);
+                let moved = survey.moved(&self.surveyor, speeds, place, &state.object, turn, TICK_SECS);
+                moved.robot_m < survey.robot_m
+                    && moved.robot_m + moved.object_m < survey.arm_object_m
+                    && moved.in_hand_m < survey.hand_object_m
+            } else {
+                let moved = survey.robot_moved(&state.q, &state.dq, TICK_SECS);
+                let clear = moved < survey.robot_m.min(survey.arm_object_m).min(survey.hand_object_m);
+                if clear && fresh && moved >= survey.pads_object_m {
+                    (state.moving, state.still_ticks) = (true, 0);
+                }
+                clear && (state.moving || moved < survey.pads_object_m)
+            };
+            if clear {
+                return true;
+            }
         }
-        if let Some(grip) = &state.grip
-            && !(grip.pressed() && grip.slide_m(self.dynamics.joints(), place, &state.object) < SLIDE_MAX_M)
-        {
-            return false;
+        false
+    }
+
+    /// Leaves the object where it is once it has stood still for long enough, away from the pads.
+    fn let_rest(&self, state: &mut ReducedState, contacts: &ObjectContacts) {
+        let (object, pressed) = (&state.object, |pad: bool| {
+            contacts.iter().any(|contact| contact.side.is_some() == pad && contact.impulse > 0.0)
+        });
+        let still = object.linear.norm() < STILL.0 && object.angular.norm() < STILL.1;
+        let stands = still && pressed(false) && !pressed(true);
+        state.still_ticks = if stands { state.still_ticks + 1 } else { 0 };
+        if state.still_ticks >= STILL_TICKS && state.still_ticks.is_multiple_of(STILL_TICKS) {
+            let place = self.dynamics.place(&state.q);
+            let turn = object.rotation.to_rotation_matrix().into_inner();
+            let survey = self.surveyor.survey(&state.q, &place, object, &turn);
+            let moved = survey.robot_moved(&state.q, &state.dq, TICK_SECS);
+            state.moving = survey.pads_object_m <= ENTRY_ROOM_M + moved;
+            state.survey = survey;
         }
-        let far =
-            |state: &ReducedState| state.survey.moved(&state.q, &state.dq, TICK_SECS) < state.survey.slack_m;
-        if far(state) {
-            return true;
+    }
+
+    /// Who presses on the object, as [`crate::readout::contact_forces`] says it of the engine.
+    fn forces(&self, contacts: &ObjectContacts) -> ContactForces {
+        let mut forces = ContactForces::default();
+        let mut outside = Vector3::zeros();
+        for pair in contacts.chunk_by(|a, b| a.pair == b.pair) {
+            let force: f64 = pair.iter().map(|contact| contact.force_n).sum();
+            if force <= 0.0 {
+                continue;
+            }
+            let Some(kind) = self.pairs.pairs().get(pair[0].pair).map(|pair| pair.kind) else { continue };
+            if let Some(side) = pair[0].side {
+                forces.contacts.pad_object = true;
+                forces.pad_n[side] += force;
+                continue;
+            }
+            forces.object_surroundings_n = forces.object_surroundings_n.max(force);
+            if matches!(kind, ColliderKind::Clutter(_)) {
+                forces.contacts.object_clutter = true;
+                forces.object_clutter_n = forces.object_clutter_n.max(force);
+            } else {
+                forces.contacts.object_fixture = true;
+            }
+            outside -= pair[0].direction * force;
         }
-        state.survey = self.surveyor.survey(&state.q, place, &state.object, state.grip.is_some());
-        far(state)
+        if forces.gripped() {
+            forces.wrist_n = outside.into();
+        }
+        forces
     }
 
     /// Gives the state back to the engine.
@@ -360,30 +404,21 @@ impl ReducedCell {
                 body.set_position(*link.local_to_world(), true);
             }
         }
-        if state.grip.is_some()
-            && let Some(body) = physics.bodies.get_mut(handles.object)
-        {
+        if let Some(body) = physics.bodies.get_mut(handles.object) {
             let o = &state.object;
             let r = o.rotation.cast::<f32>();
-            body.set_translation(slim(&o.position), true);
+            body.set_translation(to_narrow(&o.position), true);
             body.set_rotation(Rotation::from_xyzw(r.i, r.j, r.k, r.w), true);
-            body.set_linvel(slim(&o.linear), true);
-            body.set_angvel(slim(&o.angular), true);
+            body.set_linvel(to_narrow(&o.linear), true);
+            body.set_angvel(to_narrow(&o.angular), true);
         }
     }
 
     /// What the contacts of the engine's next tick start from, after one with `before` substeps and, if
     /// the engine rested, after the last state without it.
     pub fn warm_start(&self, last: Option<&ReducedState>, before: usize, effort: SolverEffort) -> WarmStart {
-        let share = 1.0 / effort.substeps as f64;
-        let points = last.and_then(|state| state.grip.as_ref()).map(|grip| {
-            let warm = |contact: &GripContact| WarmPoint {
-                on_object: slim(&contact.on_object),
-                impulse: (contact.impulse * share) as f32,
-                tangent: slim(&(contact.tangent * share)),
-            };
-            grip.contacts.iter().map(warm).collect()
-        });
+        let moving = last.filter(|state| state.moving);
+        let points = moving.map(|state| ObjectPairs::warm_points(&state.manifolds, effort.substeps));
         WarmStart {
             scale: before as f32 / effort.substeps as f32,
             points: points.unwrap_or_default(),
@@ -391,26 +426,12 @@ impl ReducedCell {
         }
     }
 
-    /// Where the pads touch what is held, as [`readout::contact_points`] says it of the engine; None where
-    /// nothing is held, and what the engine knows still holds.
+    /// Where the object touches what it touches, as [`crate::readout::contact_points`] says it of the engine; None
+    /// while what the engine last computed still holds.
     pub fn contact_points(&self, state: &ReducedState) -> Option<Vec<ContactPoint>> {
-        let grip = state.grip.as_ref()?;
+        state.forces?;
         let place = self.dynamics.place(&state.q);
-        let mut points = Vec::with_capacity(2);
-        for side in 0..2 {
-            let frame = &place.frames[self.dynamics.joints() + side];
-            let (mut at, mut impulse, mut count) = (Vector3::zeros(), Vector3::zeros(), 0.0_f64);
-            for contact in grip.contacts.iter().filter(|contact| contact.side == side) {
-                let on_object = state.object.position + state.object.rotation * contact.on_object;
-                at += (frame.point(&contact.on_finger) + on_object) * 0.5;
-                impulse += frame.rotation * contact.direction * contact.impulse;
-                count += 1.0;
-            }
-            if count > 0.0 && grip.force_n[side] > 0.0 {
-                points
-                    .push(ContactPoint { at_m: (at / count).into(), force_n: (impulse / TICK_SECS).into() });
-            }
-        }
+        let mut points = self.pairs.contact_points(&state.manifolds, &place, &state.object);
         let strength = |point: &ContactPoint| Vector3::from(point.force_n).norm_squared();
         points.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
         Some(points)
@@ -434,36 +455,27 @@ impl ReducedCell {
 }
 
 impl ReducedState {
-    /// Pose, speed (m/s) and spin (rad/s) of the object where it is held.
-    pub fn object(&self) -> Option<(Isometry3<f64>, f64, f64)> {
-        self.grip.as_ref().map(|_| {
-            let o = &self.object;
-            let pose = Isometry3::from_parts(o.position.into(), o.rotation);
-            (pose, o.linear.norm(), o.angular.norm())
-        })
+    /// Pose, speed (m/s) and spin (rad/s) of the object.
+    pub fn object(&self) -> (Isometry3<f64>, f64, f64) {
+        let o = &self.object;
+        (o.pose(), o.linear.norm(), o.angular.norm())
     }
 
-    /// What presses in this tick: nothing but the pads where something is held, and what pressed
-    /// when the engine was left where not.
+    /// What presses in this tick: what pressed when the engine was left, until the object takes part.
     pub fn forces(&self, before: &ContactForces) -> ContactForces {
-        let Some(grip) = &self.grip else { return *before };
-        let mut forces = ContactForces { pad_n: grip.force_n, ..ContactForces::default() };
-        forces.contacts.pad_object = grip.force_n.iter().any(|force| *force > 0.0);
-        forces
+        self.forces.unwrap_or(*before)
     }
 
-    /// Whether an object is held.
+    /// Whether the object takes part.
     #[cfg(test)]
-    pub fn holds(&self) -> bool {
-        self.grip.is_some()
+    pub fn moving(&self) -> bool {
+        self.moving
     }
 
-    /// Takes a push on what is held, N s; false where nothing is.
-    pub fn push(&mut self, impulse: &Vector3<f64>) -> bool {
-        if self.grip.is_some() {
-            self.object.linear += impulse / self.object.mass_kg;
-        }
-        self.grip.is_some()
+    /// Takes a push on the object, N s.
+    pub fn push(&mut self, impulse: &Vector3<f64>) {
+        self.object.linear += impulse / self.object.mass_kg;
+        (self.moving, self.still_ticks) = (true, 0);
     }
 
     /// Last commanded position of a joint's motor.
@@ -477,56 +489,6 @@ impl ReducedState {
         let object = o.position.iter().chain(&o.rotation.coords).chain(&o.linear).chain(&o.angular);
         self.q.iter().chain(&self.dq).chain(object).copied()
     }
-}
-
-impl PadContacts {
-    /// Whether both pads carry.
-    fn pressed(&self) -> bool {
-        let carried =
-            |side| self.contacts.iter().any(|contact| contact.side == side && contact.impulse > 0.0);
-        carried(0) && carried(1)
-    }
-
-    /// How far a point of a pad has slid on the object since both were found, m.
-    fn slide_m(&self, joints: usize, place: &Placement, object: &FreeBody) -> f64 {
-        let mut most = 0.0_f64;
-        for contact in &self.contacts {
-            let frame = &place.frames[joints + contact.side];
-            let apart = frame.rotation.transpose()
-                * (object.position + object.rotation * contact.on_object - frame.origin)
-                - contact.on_finger;
-            let along = apart - contact.direction * contact.direction.dot(&apart);
-            most = most.max(along.norm());
-        }
-        most
-    }
-}
-
-/// The object as a body of its own; None for one that does not turn as a cube does.
-fn free_body(body: &RigidBody) -> Option<FreeBody> {
-    let local = body.mass_properties().local_mprops;
-    let inertia = local.principal_inertia();
-    let (least, most) = (inertia.min_element(), inertia.max_element());
-    if !(least > 0.0 && most - least <= 1e-5 * most && local.local_com.length() <= 1e-6) {
-        return None;
-    }
-    let at = from_rapier(body.position());
-    Some(FreeBody {
-        position: at.translation.vector,
-        rotation: at.rotation,
-        linear: wide(body.linvel()),
-        angular: wide(body.angvel()),
-        mass_kg: f64::from(body.mass()),
-        inertia_kg_m2: f64::from(most),
-    })
-}
-
-fn wide(v: Vector) -> Vector3<f64> {
-    Vector3::new(f64::from(v.x), f64::from(v.y), f64::from(v.z))
-}
-
-fn slim(v: &Vector3<f64>) -> Vector {
-    Vector::new(v.x as f32, v.y as f32, v.z as f32)
 }
 
 /// Rounded to the engine's precision.

@@ -25,7 +25,6 @@ use crate::reduced_state::{ReducedState, StateOwner};
 use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::servo::Servo;
-use crate::stepper::Stepper;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::IkOptions;
 use holdpoint_body::{BodyError, Command, FailureSignal, GuardVerdict, JointVec, Pose, TICK_SECS, TaskKind};
@@ -149,19 +148,17 @@ impl WorldState {
 
     /// Pose, speed (m/s) and spin (rad/s) of the object.
     pub fn object(&self) -> (Isometry3<f64>, f64, f64) {
-        let held = self.owner.own.as_ref().and_then(ReducedState::object);
-        held.unwrap_or_else(|| readout::object_state(&self.physics, &self.handles))
+        let own = self.owner.own.as_ref().map(ReducedState::object);
+        own.unwrap_or_else(|| readout::object_state(&self.physics, &self.handles))
     }
 
     /// Applies the push that is due.
-    pub fn push_object(&mut self, stepper: &Stepper) {
+    pub fn push_object(&mut self) {
         for push in self.setup.pushes.iter().filter(|push| push.tick == self.tick) {
             let impulse = Vector3::from(push.impulse_n_s);
-            if self.owner.own.as_mut().is_some_and(|reduced| reduced.push(&impulse)) {
-                continue;
-            }
-            stepper.wake(&mut self.owner, &mut self.physics, &self.handles);
-            if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
+            if let Some(reduced) = &mut self.owner.own {
+                reduced.push(&impulse);
+            } else if let Some(body) = self.physics.bodies.get_mut(self.handles.object) {
                 body.apply_impulse(crate::handles::to_vector(&push.impulse_n_s), true);
             }
         }

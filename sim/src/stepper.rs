@@ -3,7 +3,7 @@
 use rapier3d::parry::query::DefaultQueryDispatcher;
 use rapier3d::pipeline::PhysicsWorld;
 
-use crate::effort::{self, Fidelity, Situation, SolverEffort};
+use crate::effort::{self, Fidelity, SolverEffort};
 use crate::handles::Handles;
 use crate::motors::Drives;
 use crate::reduced_state::{ReducedCell, StateOwner};
@@ -71,16 +71,9 @@ impl Stepper {
         }
         if let Some(cell) = &self.cell {
             let situation = effort::situation(physics, handles);
-            let ready = owner.object_is_still(physics, handles) || situation == Situation::Held;
-            owner.own = ready.then(|| cell.enter(physics, handles, situation, effort)).flatten();
+            owner.follow_object(physics, handles);
+            owner.own = cell.enter(physics, handles, (situation, effort), owner);
         }
         false
-    }
-
-    /// Gives the state back to the engine, if it rests.
-    pub fn wake(&self, owner: &mut StateOwner, physics: &mut PhysicsWorld, handles: &Handles) {
-        if let (Some(cell), Some(state)) = (&self.cell, owner.own.take()) {
-            cell.leave(&state, physics, handles);
-        }
     }
 }

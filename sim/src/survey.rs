@@ -1,6 +1,6 @@
-//! How far the robot, and what it holds, may move before anything can come within contact range.
+//! How far the robot and the object may move before anything can come within contact range.
 //!
-//! A survey at one configuration finds a lower bound of every distance that counts. While no point
+//! A survey at one configuration finds lower bounds of every distance that counts. While no point
 //! has moved further than that, nothing can have come near, so most ticks only add up how far the
 //! joints have turned. Bounds are conservative: a survey that errs hands a tick to the physics
 //! engine, never the other way round.
@@ -13,7 +13,7 @@ use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
 use crate::dynamics::{ArmDynamics, DOFS_MAX, Dofs, Placement};
-use crate::grip::FreeBody;
+use crate::free_body::FreeBody;
 use crate::handles::{ColliderKind, Handles, from_rapier, to_rapier};
 use holdpoint_body::chain::Transform;
 
@@ -27,13 +27,14 @@ const NEAR_M: f64 = 0.06;
 
 /// A box along the axes of the base.
 #[derive(Clone, Copy, Debug)]
-struct Bounds {
+pub struct Bounds {
     centre: Vector3<f64>,
     half: Vector3<f64>,
 }
 
 impl Bounds {
-    fn of(rotation: &Matrix3<f64>, centre: Vector3<f64>, half: &Vector3<f64>) -> Self {
+    /// Around a box that is turned.
+    pub fn of(rotation: &Matrix3<f64>, centre: Vector3<f64>, half: &Vector3<f64>) -> Self {
         Self { centre, half: rotation.abs() * half }
     }
 
@@ -42,7 +43,8 @@ impl Bounds {
         gap.map(|side| side.max(0.0)).norm()
     }
 
-    fn distance_to_ball(&self, centre: &Vector3<f64>, radius: f64) -> f64 {
+    /// Distance to a ball, at most 0 where they overlap, m.
+    pub fn distance_to_ball(&self, centre: &Vector3<f64>, radius: f64) -> f64 {
         let gap = (self.centre - centre).abs() - self.half;
         gap.map(|side| side.max(0.0)).norm() - radius
     }
@@ -69,6 +71,8 @@ struct BoundingBall {
 
 /// Something that stands.
 struct FixedObstacle {
+    /// The robot's own base.
+    robot: bool,
     bounds: Bounds,
     pose: RapierPose,
     shape: SharedShape,
@@ -85,30 +89,76 @@ pub struct Surveyor {
     self_contacts: bool,
 }
 
-/// What a survey found.
+/// What a survey found: how far things may move before they come within contact range, m.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Survey {
     /// Configuration at which it was made.
     q: Dofs,
-    /// Distance that any point may move from there, m.
-    pub slack_m: f64,
-    /// Most that a point moves per unit of each degree of freedom within that, m/rad or 1.
+    /// Most that a point of the robot moves per unit of each degree of freedom within that, m/rad or 1.
     reach: Dofs,
+    /// Center of the object then.
+    object_at: [f64; 3],
+    /// Its pose in the frame of the hand: position, then the rotation's columns.
+    in_hand: [f64; 12],
+    /// The robot to what stands, and to itself.
+    pub robot_m: f64,
+    /// The object to the arm before the hand.
+    pub arm_object_m: f64,
+    /// The object to the hand and the fingers without their pads.
+    pub hand_object_m: f64,
+    /// The object to the pads.
+    pub pads_object_m: f64,
+}
+
+/// Bounds of how far things have moved since a survey, and will in the next tick, m.
+#[derive(Clone, Copy, Debug)]
+#[expect(clippy::struct_field_names, reason = "the unit")]
+pub struct Moved {
+    /// Any point of the robot.
+    pub robot_m: f64,
+    /// The object's center.
+    pub object_m: f64,
+    /// The object as seen from hand and fingers.
+    pub in_hand_m: f64,
 }
 
 impl Survey {
-    /// Bound of how far any point has moved since, and of how far it moves in one tick at the given
-    /// speeds, m.
-    pub fn moved(&self, q: &Dofs, dq: &Dofs, secs: f64) -> f64 {
+    /// Bound of how far any point of the robot has moved since, and will in one tick at the given speeds, m.
+    pub fn robot_moved(&self, q: &Dofs, dq: &Dofs, secs: f64) -> f64 {
         let mut sum = 0.0;
         for i in 0..DOFS_MAX {
             sum += self.reach[i] * ((q[i] - self.q[i]).abs() + dq[i].abs() * secs);
         }
         sum
     }
+
+    /// The same with a moving object, whose orientation is `turn`.
+    pub fn moved(
+        &self,
+        surveyor: &Surveyor,
+        (q, dq): (&Dofs, &Dofs),
+        place: &Placement,
+        object: &FreeBody,
+        turn: &Matrix3<f64>,
+        secs: f64,
+    ) -> Moved {
+        let robot_m = self.robot_moved(q, dq, secs);
+        let object_m = (object.position - Vector3::from(self.object_at)).norm() + object.linear.norm() * secs;
+        let now = surveyor.in_hand(place, object, turn);
+        let apart = |from: usize, to: usize| {
+            (from..to).map(|i| (now[i] - self.in_hand[i]) * (now[i] - self.in_hand[i])).sum::<f64>()
+        };
+        // A turn by an angle a is sqrt(8) sin(a / 2) in the norm of the matrices' difference, and moves a point at
+        // the radius r by 2 r sin(a / 2).
+        let turned = surveyor.object_radius() * libm::sqrt(0.5 * apart(3, 12));
+        let n = surveyor.joints;
+        let fingers = (q[n] - self.q[n]).abs().max((q[n + 1] - self.q[n + 1]).abs());
+        Moved { robot_m, object_m, in_hand_m: libm::sqrt(apart(0, 3)) + turned + fingers }
+    }
 }
 
-fn half_extents(shape: &SharedShape) -> Vector3<f64> {
+/// Half the sides of the box around a shape, m.
+pub fn half_extents(shape: &SharedShape) -> Vector3<f64> {
     let bounds = shape.compute_local_aabb();
     let (low, high) = (bounds.mins, bounds.maxs);
     // All shapes of a cell are symmetric about their own origin.
@@ -134,11 +184,9 @@ impl Surveyor {
         for (handle, collider) in physics.colliders.iter() {
             let Some(kind) = handles.kinds.get(handle.into_raw_parts().0 as usize) else { continue };
             match kind {
-                ColliderKind::Link(0)
-                | ColliderKind::Table
-                | ColliderKind::Tray
-                | ColliderKind::Clutter(_) => {
-                    fixtures.push(FixedObstacle::new(collider));
+                ColliderKind::Link(0) => fixtures.push(FixedObstacle::new(collider, true)),
+                ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_) => {
+                    fixtures.push(FixedObstacle::new(collider, false));
                 }
                 ColliderKind::Link(index) => {
                     parts.push(RobotPart::new(usize::from(*index) - 1, collider, false));
@@ -159,75 +207,102 @@ impl Surveyor {
         Self { joints, parts, covers, fixtures, object, self_contacts }
     }
 
-    /// Lower bound of every relevant distance: the robot to fixed bodies and to itself; the object to fixed bodies
-    /// while gripped, and to the whole robot while not.
-    pub fn survey(&self, q: &Dofs, place: &Placement, object: &FreeBody, held: bool) -> Survey {
+    /// Lower bounds of every distance that counts, for an object with the orientation `turn`.
+    pub fn survey(&self, q: &Dofs, place: &Placement, object: &FreeBody, turn: &Matrix3<f64>) -> Survey {
         let balls: [(Vector3<f64>, f64); DOFS_MAX] = core::array::from_fn(|link| {
             (place.frames[link].point(&self.covers[link].centre), self.covers[link].radius)
         });
-        let turn = object.rotation.to_rotation_matrix().into_inner();
-        let body = self.object.as_ref().map(|(shape, half, groups)| {
-            (Bounds::of(&turn, object.position, half), shape, half.norm(), groups)
-        });
-        let object_pose =
-            || to_rapier(&nalgebra::Isometry3::from_parts(object.position.into(), object.rotation));
-        let mut least = FAR_M;
+        let mut robot = FAR_M;
         for fixture in &self.fixtures {
             for (link, (centre, radius)) in balls.iter().enumerate() {
-                if !self.covers[link].any {
-                    continue;
-                }
-                if fixture.bounds.distance_to_ball(centre, *radius) < least {
-                    least = least.min(self.link_to_fixture(place, link, fixture, least));
-                }
-            }
-            if let (true, Some((bounds, shape, _, groups))) = (held, &body)
-                && meet(groups, &fixture.groups)
-            {
-                let coarse = bounds.distance(&fixture.bounds);
-                if coarse < least {
-                    let pose = object_pose();
-                    let exact = || distance(&pose, shape, &fixture.pose, &fixture.shape);
-                    least = least.min(if coarse < NEAR_M { exact() } else { coarse });
-                }
-            }
-        }
-        if let (false, Some((bounds, shape, _, groups))) = (held, &body) {
-            for (link, (centre, radius)) in balls.iter().enumerate() {
-                if bounds.distance_to_ball(centre, *radius) >= least {
-                    continue;
-                }
-                for part in self.parts.iter().filter(|part| part.link == link && meet(groups, &part.groups)) {
-                    let at = place.frames[link].then(&part.local);
-                    let coarse = Bounds::of(&at.rotation, at.origin, &part.half).distance(bounds);
-                    if coarse < least {
-                        let exact = || distance(&pose_of(&at), &part.shape, &object_pose(), shape);
-                        least = least.min(if coarse < NEAR_M { exact() } else { coarse });
-                    }
+                if self.covers[link].any && fixture.bounds.distance_to_ball(centre, *radius) < robot {
+                    robot = robot.min(self.link_to_fixture(place, link, fixture, robot));
                 }
             }
         }
         if self.self_contacts {
-            least = least.min(self.to_itself(place, &balls, least));
+            robot = robot.min(self.to_itself(place, &balls, robot));
         }
-        let slack_m = (least - RANGE_M).max(0.0);
-        Survey { q: *q, slack_m, reach: self.reach(place, &balls, held.then_some(object), slack_m) }
+        let [arm, hand, pads] = self.to_object(place, &balls, object, turn);
+        let room = |least: f64| (least - RANGE_M).max(0.0);
+        let most = room(robot.max(arm).max(hand).max(pads));
+        Survey {
+            q: *q,
+            reach: self.reach(place, &balls, most),
+            object_at: object.position.into(),
+            in_hand: self.in_hand(place, object, turn),
+            robot_m: room(robot),
+            arm_object_m: room(arm),
+            hand_object_m: room(hand),
+            pads_object_m: room(pads),
+        }
     }
 
-    /// Distance of the held object to everything of the robot but the pads, m.
-    pub fn object_in_hand(&self, place: &Placement, object: &FreeBody) -> f64 {
-        let Some((shape, half, groups)) = &self.object else { return 0.0 };
-        let turn = object.rotation.to_rotation_matrix().into_inner();
-        let bounds = Bounds::of(&turn, object.position, half);
-        let pose = to_rapier(&nalgebra::Isometry3::from_parts(object.position.into(), object.rotation));
-        let mut least = FAR_M;
-        for part in self.parts.iter().filter(|part| !part.pad && meet(groups, &part.groups)) {
-            let at = place.frames[part.link].then(&part.local);
-            if Bounds::of(&at.rotation, at.origin, &part.half).distance(&bounds) < least {
-                least = least.min(distance(&pose_of(&at), &part.shape, &pose, shape));
+    /// Distance of the object to the arm before the hand, to hand and fingers, and to the pads, m.
+    fn to_object(
+        &self,
+        place: &Placement,
+        balls: &[(Vector3<f64>, f64); DOFS_MAX],
+        object: &FreeBody,
+        turn: &Matrix3<f64>,
+    ) -> [f64; 3] {
+        let mut least = [FAR_M; 3];
+        let Some((shape, half, groups)) = &self.object else { return least };
+        let bounds = Bounds::of(turn, object.position, half);
+        let pose = to_rapier(&object.pose());
+        let radius = half.norm();
+        for fixture in self.fixtures.iter().filter(|fixture| fixture.robot) {
+            least[0] = least[0].min(fixture.bounds.distance_to_ball(&object.position, radius));
+        }
+        for (link, (centre, around)) in balls.iter().enumerate() {
+            if !self.covers[link].any {
+                continue;
+            }
+            if link + 1 < self.joints {
+                // The arm before the hand is far: the ball around the object will do, and does not turn.
+                let apart = (centre - object.position).norm() - around - radius;
+                if apart < least[0] {
+                    for part in
+                        self.parts.iter().filter(|part| part.link == link && meet(groups, &part.groups))
+                    {
+                        let at = place.frames[link].then(&part.local);
+                        let part = Bounds::of(&at.rotation, at.origin, &part.half);
+                        least[0] = least[0].min(part.distance_to_ball(&object.position, radius));
+                    }
+                }
+                continue;
+            }
+            let coarse = bounds.distance_to_ball(centre, *around);
+            if coarse >= least[1].max(least[2]) {
+                continue;
+            }
+            for part in self.parts.iter().filter(|part| part.link == link && meet(groups, &part.groups)) {
+                let least = &mut least[if part.pad { 2 } else { 1 }];
+                let at = place.frames[link].then(&part.local);
+                let coarse = Bounds::of(&at.rotation, at.origin, &part.half).distance(&bounds);
+                if coarse < *least {
+                    let exact = || distance(&pose_of(&at), &part.shape, &pose, shape);
+                    *least = least.min(if coarse < NEAR_M { exact() } else { coarse });
+                }
             }
         }
         least
+    }
+
+    /// Pose of the object in the frame of the hand.
+    fn in_hand(&self, place: &Placement, object: &FreeBody, turn: &Matrix3<f64>) -> [f64; 12] {
+        let hand = &place.frames[self.joints.saturating_sub(1)];
+        let back = hand.rotation.transpose();
+        let (position, rotation) = (back * (object.position - hand.origin), back * turn);
+        let mut numbers = [0.0; 12];
+        numbers[..3].copy_from_slice(position.as_slice());
+        numbers[3..].copy_from_slice(rotation.as_slice());
+        numbers
+    }
+
+    /// Radius of the ball around the object, m.
+    fn object_radius(&self) -> f64 {
+        self.object.as_ref().map_or(0.0, |(_, half, _)| half.norm())
     }
 
     /// Half extents of the object as the engine has them.
@@ -276,36 +351,28 @@ impl Surveyor {
     }
 
     /// Most that any point beyond each joint moves per radian of it, within `slack` of here.
-    fn reach(
-        &self,
-        place: &Placement,
-        balls: &[(Vector3<f64>, f64); DOFS_MAX],
-        held: Option<&FreeBody>,
-        slack: f64,
-    ) -> Dofs {
+    fn reach(&self, place: &Placement, balls: &[(Vector3<f64>, f64); DOFS_MAX], slack: f64) -> Dofs {
         let mut reach = [0.0; DOFS_MAX];
         for (joint, most) in reach.iter_mut().enumerate().take(self.joints) {
             let (origin, axis) = (place.frames[joint].origin, place.axes[joint].angular);
             let from_axis = |point: &Vector3<f64>| axis.cross(&(point - origin)).norm();
             let links = balls.iter().enumerate().take(self.joints + 2).skip(joint);
             *most = links.fold(0.0_f64, |most, (_, (centre, radius))| most.max(from_axis(centre) + radius));
-            if let (Some(object), Some((_, half, _))) = (held, &self.object) {
-                *most = most.max(from_axis(&object.position) + half.norm());
-            }
             *most += slack;
         }
-        // A finger moves itself; what it presses on goes with the hand.
+        // A finger moves itself.
         (reach[self.joints], reach[self.joints + 1]) = (1.0, 1.0);
         reach
     }
 }
 
 impl FixedObstacle {
-    fn new(collider: &Collider) -> Self {
+    fn new(collider: &Collider, robot: bool) -> Self {
         let at = from_rapier(collider.position());
         let turn = at.rotation.to_rotation_matrix().into_inner();
         let bounds = Bounds::of(&turn, at.translation.vector, &half_extents(collider.shared_shape()));
         Self {
+            robot,
             bounds,
             pose: *collider.position(),
             shape: collider.shared_shape().clone(),

@@ -18,13 +18,15 @@ use rapier3d::parry::query::{
     PersistentQueryDispatcher, QueryDispatcher, ShapeCastHit, ShapeDistance, ShapeIntersection, Unsupported,
 };
 
-use crate::grip::CONTACTS_MAX;
+use crate::object_contacts::CONTACTS_MAX;
 
 /// The impulse that a point of the object's surface starts from.
 #[derive(Clone, Copy, Debug)]
 pub struct WarmPoint {
     /// Where, object frame.
     pub on_object: Vector,
+    /// Normal of the surface there, out of the object, object frame.
+    pub out_of_object: Vector,
     /// Normal impulse, N s.
     pub impulse: f32,
     /// Friction on the pad, base frame, N s.
@@ -36,7 +38,7 @@ pub struct WarmPoint {
 pub struct WarmStart {
     /// What the engine remembers counts this many times.
     pub scale: f32,
-    /// Points of the grip, which go before what it remembers.
+    /// Points of the object, which go before what it remembers.
     pub points: ArrayVec<WarmPoint, CONTACTS_MAX>,
     /// Half extents of the object, by which its shape is known.
     pub object_half: Vector,
@@ -52,14 +54,17 @@ impl WarmStart {
 
     fn put_right(&self, (first, second): (&dyn Shape, &dyn Shape), manifold: &mut ContactManifold) {
         let object_first = self.is_object(first);
-        let grip = object_first || self.is_object(second);
+        let of_object = object_first || self.is_object(second);
+        let normal = if object_first { manifold.local_n1 } else { manifold.local_n2 };
         for contact in &mut manifold.points {
             let at = if object_first { contact.local_p1 } else { contact.local_p2 };
-            let near = self.points.iter().map(|point| (point, (point.on_object - at).length()));
+            // Near an edge, points of two faces are close to one another.
+            let same_face = self.points.iter().filter(|point| point.out_of_object.dot(normal) > 0.7);
+            let near = same_face.map(|point| (point, (point.on_object - at).length()));
             let nearest = near.min_by(|a, b| a.1.total_cmp(&b.1));
             let data = &mut contact.data;
             match nearest {
-                Some((point, distance)) if grip && distance < SAME_POINT_M => {
+                Some((point, distance)) if of_object && distance < SAME_POINT_M => {
                     (data.impulse, data.warmstart_impulse) = (point.impulse, point.impulse);
                     data.warmstart_tangent_world = if object_first { -point.tangent } else { point.tangent };
                 }

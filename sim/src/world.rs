@@ -25,6 +25,7 @@ use crate::robot::RobotModel;
 use crate::scene::Scene;
 use crate::state::{InFlightCommand, WorldState, check_command};
 use crate::stepper::Stepper;
+use crate::work_count;
 use holdpoint_body::{
     Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose,
     TICK_SECS, TaskKind, Telemetry, Twist,
@@ -116,6 +117,7 @@ impl World {
     /// [`SimError::InvalidStart`] when a held start is out of reach or the object does not hold.
     pub fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), SimError> {
         self.state = WorldState::new(&self.robot, &self.scene, setup)?;
+        work_count::note(|count| count.episodes += 1);
         self.prepare();
         self.settle_start()?;
         self.restart_film();
@@ -238,7 +240,7 @@ impl World {
             }
         }
         s.servo.advance(&self.robot, available);
-        s.push_object(&self.stepper);
+        s.push_object();
         self.physics_tick()?;
         self.state.tick += 1;
         self.sense();
@@ -504,6 +506,7 @@ impl World {
     }
 
     fn physics_tick(&mut self) -> Result<(), BodyError> {
+        work_count::note(|count| count.ticks += 1);
         let s = &mut self.state;
         let drives = s.drives();
         let rested = self.stepper.tick(&mut s.owner, &mut s.physics, &s.handles, &drives);

@@ -26,6 +26,8 @@ struct CoverCapsule {
     a: Vector3<f64>,
     b: Vector3<f64>,
     radius: f64,
+    /// Radius of the ball around it, m.
+    around: f64,
 }
 
 /// The capsules that cover a robot, and the pairs of them that may meet.
@@ -92,7 +94,15 @@ impl ClearanceModel {
         }
         let mut self_m = f64::INFINITY;
         for &(i, j) in &self.pairs {
-            self_m = self_m.min(distance(&placed[i], &placed[j], &self.covers[i], &self.covers[j]));
+            let (a, b) = (&self.covers[i], &self.covers[j]);
+            // Two balls around the capsules: where they are further apart than the closest pair so far, with room for
+            // rounding, so are the capsules.
+            let least = self_m + a.around + b.around + 1e-9;
+            let apart = (placed[i].0 + placed[i].1) - (placed[j].0 + placed[j].1);
+            if 0.25 * apart.norm_squared() > least * least {
+                continue;
+            }
+            self_m = self_m.min(distance(&placed[i], &placed[j], a, b));
         }
         Clearance { table_m, self_m }
     }
@@ -114,7 +124,7 @@ fn cover(link: usize, at: &Transform, shape: &Shape) -> CoverCapsule {
     };
     let mut along = Vector3::zeros();
     along[axis] = half;
-    CoverCapsule { link, a: at.point(&-along), b: at.point(&along), radius }
+    CoverCapsule { link, a: at.point(&-along), b: at.point(&along), radius, around: along.norm() + radius }
 }
 
 fn place(cover: &CoverCapsule, frames: &Frames) -> (Vector3<f64>, Vector3<f64>) {

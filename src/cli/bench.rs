@@ -10,6 +10,7 @@ use indicatif::ProgressBar;
 use super::output::TextTable;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
+use holdpoint_lab::bench::decision::DecisionBudget;
 use holdpoint_lab::bench::peers::{self, PeerError, PeerReport, PeerSettings};
 use holdpoint_lab::bench::stats::{self, StatedBound};
 use holdpoint_lab::bench::{self, BenchReport};
@@ -20,6 +21,7 @@ use holdpoint_lab::bench::{self, BenchReport};
 Examples:
   holdpoint lab bench
   holdpoint lab bench --quick --json
+  holdpoint lab bench decision
   holdpoint lab bench stats --runs 2000
   holdpoint lab bench peers --python .peers/venv/bin/python --scripts bench/peers")]
 #[command(args_conflicts_with_subcommands = true)]
@@ -39,6 +41,12 @@ pub enum BenchStudy {
     ///
     /// Exits with 1 if a stated rate is refuted.
     Stats(StatsArgs),
+    /// Counts the episodes of a promotion and of six kinds of rejection, by part, and times them.
+    #[command(after_help = "\
+Examples:
+  holdpoint lab bench decision
+  holdpoint lab bench decision --json")]
+    Decision,
     /// Times the grasp-and-place episode in Holdpoint and in other physics engines, in interleaved rounds.
     Peers(PeersArgs),
 }
@@ -97,6 +105,17 @@ pub fn run(args: &BenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
         out.answer(&report, |out| show_study(&report, out))?;
         return Ok(exit_of(report.holds()));
     }
+    if matches!(args.what, Some(BenchStudy::Decision)) {
+        let bar = ProgressBar::new_spinner();
+        let report = bench::decision::run(|decision| {
+            bar.set_message(decision);
+            bar.tick();
+        });
+        bar.finish_and_clear();
+        let report = report.map_err(CliError::fault)?;
+        out.answer(&report, |out| show_budget(&report, out))?;
+        return Ok(Exit::Confirmed);
+    }
     let report = bench::run(args.quick).map_err(CliError::fault)?;
     out.answer(&report, |out| show(&report, out))?;
     Ok(Exit::Confirmed)
@@ -139,6 +158,26 @@ fn show(report: &BenchReport, out: &mut CommandOutput<'_>) -> Result<(), CliErro
         ]);
     }
     out.table(&table)
+}
+
+fn show_budget(report: &DecisionBudget, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    out.line(&format!("holdpoint {}, {} build, one worker, no recording", report.version, report.build))?;
+    for cost in &report.decisions {
+        out.line("")?;
+        out.line(&format!("{}: {}, at the end {}", cost.decision, cost.candidate, cost.end))?;
+        let mut table = TextTable::new(&["part", "episodes", "forks", "ticks", "cpu-s"]);
+        for part in cost.parts.iter().chain([&cost.whole]) {
+            table.row([
+                part.part.clone(),
+                part.episodes.to_string(),
+                part.forks.to_string(),
+                part.ticks.to_string(),
+                number(part.cpu_s),
+            ]);
+        }
+        out.table(&table)?;
+    }
+    Ok(())
 }
 
 fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {

@@ -3,9 +3,9 @@
 //! Owns the measurements and the report; runs the product's own code on the embedded versions, on calibration seeds.
 //! Must not touch the operator's store, decide anything, or state a figure that was not measured in this run.
 
+pub mod decision;
 mod measure;
 pub mod peers;
-mod pipeline;
 mod rules;
 mod simulation;
 pub mod stats;
@@ -128,7 +128,7 @@ impl Hint for BenchError {
     }
 }
 
-/// Measures everything; `quick` takes fewer samples and leaves out the whole candidate.
+/// Measures everything; `quick` takes fewer samples.
 ///
 /// # Errors
 /// [`BenchError`]; figures taken so far are not returned, because a broken engine's times mean nothing.
@@ -138,9 +138,6 @@ pub fn run(quick: bool) -> Result<BenchReport, BenchError> {
     let mut entries = simulation::measure(&subjects, &effort)?;
     entries.extend(rules::measure(&subjects, &effort)?);
     entries.extend(storage::measure(&effort)?);
-    if !quick {
-        entries.extend(pipeline::measure(&subjects)?);
-    }
     let peer = simulation::measure_peer(&effort)?;
     Ok(BenchReport {
         version: env!("CARGO_PKG_VERSION"),

@@ -246,7 +246,8 @@ fn print_cases(names: &[&str], pairs: u64) {
 
 #[test]
 fn a_place_that_drops_is_stopped_and_a_slower_one_is_not() {
-    print_cases(&["drops from 30 mm", "slams the object down", "sets down slower"], 100);
+    // Of 120 pairs of equally good versions one in six is doubted, of 200 one in 25.
+    print_cases(&["drops from 30 mm", "slams the object down", "sets down slower"], 200);
 }
 
 #[test]

@@ -34,7 +34,7 @@ fn quick_bench_has_a_figure_of_everything() {
     let report: Value = serde_json::from_slice(&run.stdout).unwrap();
     assert_eq!(
         (&report["quick"], &report["physics"]),
-        (&Value::from(true), &Value::from("f64, in contact f32"))
+        (&Value::from(true), &Value::from("f64, in the engine f32"))
     );
     let entries = report["entries"].as_array().unwrap();
     for entry in entries {

@@ -44,6 +44,7 @@ impl World {
                 "made with robot \"{made:016x}\", this one is {own:016x}"
             )));
         }
+        crate::work_count::note(|count| count.forks += 1);
         self.config = copy.config;
         self.state = duplicate(&copy.state);
         self.prepare();

@@ -1,24 +1,23 @@
 //! Same seed, same bits: across repeats, threads, and a snapshot in the middle.
 
 use holdpoint_body::{Command, TaskKind};
+use holdpoint_sim::episode::{tool_down, wrap_quarter_turn, yaw_of};
 use holdpoint_sim::{Distribution, EpisodeSetup, Fidelity, RobotModel, SimError, World, WorldConfig};
 
 use crate::script::{arm, fingers, scene, world};
 
-/// A lively episode: motion, contact, noise, latency, a push.
+/// A lively episode: motion, contact, noise, latency, a push; so low at first that the fingers come onto the object.
 fn run(world: &mut World, seed: u64, from: u64, to: u64) -> Vec<u64> {
     let mut hashes = Vec::new();
     for tick in from..to {
         let (object, _) = world.object();
-        let mut goal = world.setup().object.pose.isometry();
-        goal = holdpoint_sim::episode::tool_down(goal.translation.x, goal.translation.y, 0.03, 0.0);
+        let at = world.setup().object.pose.isometry();
+        let above = |z| tool_down(at.translation.x, at.translation.y, z, wrap_quarter_turn(yaw_of(&at)));
         let command = match tick {
-            0 => arm(&goal, 0.6),
-            300 => fingers(0.0, 30.0),
-            400 => {
-                goal.translation.z = 0.2;
-                arm(&goal, 0.3)
-            }
+            0 => arm(&above(0.012), 0.6),
+            280 => arm(&above(0.03), 0.3),
+            340 => fingers(0.0, 30.0),
+            420 => arm(&above(0.2), 0.3),
             _ => Command::Hold,
         };
         assert!(object.translation.z.is_finite(), "seed {seed}");

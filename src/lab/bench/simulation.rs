@@ -25,8 +25,8 @@ use holdpoint_runtime::agent::ActiveView as _;
 use holdpoint_runtime::harm::HarmMeter;
 use holdpoint_runtime::task::{self, Supervision};
 
-/// Number format of the physics that decisions rest on: the arm's own dynamics, and the engine's contacts.
-pub(super) const PHYSICS_NUMBERS: &str = "f64, in contact f32";
+/// Number format of the physics that decisions rest on: the arm's own dynamics, and the engine's ticks.
+pub(super) const PHYSICS_NUMBERS: &str = "f64, in the engine f32";
 
 /// The engine comparison's episode in one solver mode: 960 ticks of approach, grasp, lift, transfer, place and retreat
 /// with inverse kinematics in every tick. The cell is rebuilt for each episode.

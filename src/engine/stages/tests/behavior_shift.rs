@@ -112,7 +112,7 @@ fn a_re_evaluation_that_clears_a_version_survives_a_restart() {
 #[test]
 fn a_version_that_re_evaluates_as_worse_is_demoted() {
     let mut bench = Bench::new();
-    let id = bench.activate("grasp-hard-grip");
+    let id = bench.activate("align-low-transit");
     let reasons = Vec::new();
     bench.pipeline.live().evidence_files.edit(&id).suspicion = Some(VersionConcern { reasons, again: None });
     re_evaluate(&mut bench, &id);

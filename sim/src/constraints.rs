@@ -1,5 +1,5 @@
-//! The constraints of a tick that the arm's own dynamics solve: finger motors, their coupling and
-//! ends, and the pads on the object.
+//! The constraints of a tick that the arm's own dynamics solve: finger motors, their coupling and ends, and the
+//! object's contacts with the pads and with what stands in the cell.
 //!
 //! The same laws as the physics engine's rows, in f64: soft constraints after Catto (*Soft
 //! Constraints*, GDC 2011), projected Gauss-Seidel, friction only in the sweep after the positions have moved. Rows
@@ -8,19 +8,25 @@
 //! unless a name says otherwise.
 
 use arrayvec::ArrayVec;
-use nalgebra::{UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
+use nalgebra::Vector3;
 
-use crate::dynamics::{DOFS_MAX, Dofs, Factor, Motion, Placement, Wrench};
+use crate::dynamics::{DOFS_MAX, Dofs, Factor, Placement};
+use crate::free_body::FreeBody;
 use crate::motors::MotorReference;
+use crate::object_contacts::{CONTACTS_MAX, ObjectContact, ObjectContacts};
 use holdpoint_body::TICK_SECS;
 
-/// The most contact points on both pads together.
-pub const CONTACTS_MAX: usize = 16;
 /// Degrees of freedom of arm and object together.
 const WIDTH: usize = DOFS_MAX + 6;
+/// Where rows on the object alone begin: they are 0 from there to the object's own part.
+const OBJECT_FROM: usize = DOFS_MAX / LANES * LANES;
+const _: () = assert!(WIDTH == 4 * LANES && OBJECT_FROM == 2 * LANES);
+/// Sums taken side by side.
+const LANES: usize = 4;
+/// A sweep that changes no impulse by more than this ends the sweeps, N s: a force of five thousandths of a newton.
+const SETTLED_N_S: f64 = 1e-5;
 /// What a row reads and moves.
-type Coordinates = [f64; WIDTH];
+pub type Coordinates = [f64; WIDTH];
 
 /// A spring and damper in place of a rigid constraint.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,79 +49,6 @@ impl Softness {
         let rest = 1.0 / (secs * rate) - 1.0;
         (rate, rest * rest / ((1.0 + rest) * 4.0 * self.ratio * self.ratio))
     }
-}
-
-/// Vectors in a snapshot: three numbers.
-mod plain {
-    use nalgebra::Vector3;
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    pub fn serialize<S: Serializer>(v: &Vector3<f64>, out: S) -> Result<S::Ok, S::Error> {
-        [v.x, v.y, v.z].serialize(out)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vector3<f64>, D::Error> {
-        Ok(Vector3::from(<[f64; 3]>::deserialize(from)?))
-    }
-}
-
-/// Orientations in a snapshot: x, y, z, w, to the bit.
-mod plain_turn {
-    use nalgebra::{Quaternion, UnitQuaternion};
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    pub fn serialize<S: Serializer>(r: &UnitQuaternion<f64>, out: S) -> Result<S::Ok, S::Error> {
-        [r.i, r.j, r.k, r.w].serialize(out)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<UnitQuaternion<f64>, D::Error> {
-        let [i, j, k, w] = <[f64; 4]>::deserialize(from)?;
-        Ok(UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k)))
-    }
-}
-
-/// A free rigid body with the same inertia about every axis.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FreeBody {
-    /// Center.
-    #[serde(with = "plain")]
-    pub position: Vector3<f64>,
-    /// Orientation.
-    #[serde(with = "plain_turn")]
-    pub rotation: UnitQuaternion<f64>,
-    /// Velocity of the center, m/s.
-    #[serde(with = "plain")]
-    pub linear: Vector3<f64>,
-    /// Angular velocity, rad/s.
-    #[serde(with = "plain")]
-    pub angular: Vector3<f64>,
-    /// Mass, kg.
-    pub mass_kg: f64,
-    /// Inertia about any axis, kg m^2.
-    pub inertia_kg_m2: f64,
-}
-
-/// One point of a pad on the object, as the engine's collision detection last found it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct GripContact {
-    /// Finger 0 or 1.
-    pub side: usize,
-    /// The point of the pad, finger frame.
-    #[serde(with = "plain")]
-    pub on_finger: Vector3<f64>,
-    /// The point of the object, object frame.
-    #[serde(with = "plain")]
-    pub on_object: Vector3<f64>,
-    /// Direction of the force on the finger, finger frame.
-    #[serde(with = "plain")]
-    pub direction: Vector3<f64>,
-    /// Coulomb coefficient.
-    pub friction: f64,
-    /// Normal impulse of the last tick, N s.
-    pub impulse: f64,
-    /// Friction impulse on the finger of the last tick, N s.
-    #[serde(with = "plain")]
-    pub tangent: Vector3<f64>,
 }
 
 /// Commands for the two fingers, and their constants.
@@ -155,10 +88,15 @@ struct JointRow {
 
 /// The rows of one contact point: along the normal, then along two tangents.
 struct ContactRow {
-    side: usize,
+    pair: usize,
+    on_arm: bool,
     rows: [Coordinates; 3],
     inverse: [f64; 3],
     gap: f64,
+    /// What of a penetration is taken back per second, and how much of an impulse a soft contact keeps.
+    rate: f64,
+    soft: f64,
+    cfm: f64,
     /// Speed with which a gap may close, and a penetration is to open, m/s.
     bias: f64,
     bias_relaxed: f64,
@@ -175,23 +113,23 @@ pub struct ConstraintRows {
     contacts: ArrayVec<ContactRow, CONTACTS_MAX>,
     secs: f64,
     steps: usize,
-    rate: f64,
-    cfm: f64,
 }
 
-fn dot(a: &Coordinates, b: &Coordinates) -> f64 {
-    // Four sums at a time: the order is fixed, so the result is too.
-    let mut sums = [0.0; 4];
-    for (a, b) in a.chunks_exact(4).zip(b.chunks_exact(4)) {
-        for lane in 0..4 {
-            sums[lane] += a[lane] * b[lane];
-        }
+/// Product of a row with the coordinates from `FROM` on.
+fn dot<const FROM: usize>(a: &Coordinates, b: &Coordinates) -> f64 {
+    // Four sums side by side, and each in two halves: a sweep waits for nothing as long as for this. The order is
+    // fixed, so the result is too.
+    let mut sums = [0.0; LANES];
+    for lane in 0..LANES {
+        let part = |at: usize| a[at + lane] * b[at + lane];
+        let late = part(2 * LANES) + part(3 * LANES);
+        sums[lane] = if FROM == 0 { (part(0) + part(LANES)) + late } else { late };
     }
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
-fn push(u: &mut Coordinates, row: &Coordinates, impulse: f64) {
-    for (value, share) in u.iter_mut().zip(row) {
+fn push<const FROM: usize>(u: &mut Coordinates, row: &Coordinates, impulse: f64) {
+    for (value, share) in u[FROM..].iter_mut().zip(&row[FROM..]) {
         *value += share * impulse;
     }
 }
@@ -204,71 +142,105 @@ fn on_arm(factor: &Factor, row: &Dofs) -> Coordinates {
 }
 
 impl JointRow {
-    fn solve(&mut self, u: &mut Coordinates, relaxed: bool) {
+    /// Returns by how much the impulse changed.
+    fn solve(&mut self, u: &mut Coordinates, relaxed: bool) -> f64 {
         let bias = if relaxed && !self.motor { 0.0 } else { self.bias };
-        let speed = bias + dot(&self.row, u);
+        let speed = bias + dot::<0>(&self.row, u);
         let total =
             (self.impulse + self.inverse * (speed - self.gain * self.impulse)).clamp(self.least, self.most);
         let change = total - self.impulse;
         self.impulse = total;
-        push(u, &self.row, -change);
+        push::<0>(u, &self.row, -change);
+        change.abs()
     }
 }
 
 impl ContactRow {
+    fn dot(&self, row: usize, u: &Coordinates) -> f64 {
+        if self.on_arm { dot::<0>(&self.rows[row], u) } else { dot::<OBJECT_FROM>(&self.rows[row], u) }
+    }
+
+    fn push(&self, row: usize, u: &mut Coordinates, impulse: f64) {
+        if self.on_arm {
+            push::<0>(u, &self.rows[row], impulse);
+        } else {
+            push::<OBJECT_FROM>(u, &self.rows[row], impulse);
+        }
+    }
+
     /// Moves toward the present gap.
-    fn aim(&mut self, rate: f64, secs: f64) {
+    fn aim(&mut self, secs: f64) {
         /// Most speed with which a penetration is pushed out, m/s.
         const CORRECTION_M_S: f64 = 3.0;
         let slack = self.gap.max(0.0) / secs;
-        (self.bias, self.bias_relaxed) = (slack + (rate * self.gap).clamp(-CORRECTION_M_S, 0.0), slack);
+        (self.bias, self.bias_relaxed) = (slack + (self.rate * self.gap).clamp(-CORRECTION_M_S, 0.0), slack);
+        // What is still apart meets as rigid bodies do.
+        self.cfm = if self.gap > 0.0 { 1.0 } else { self.soft };
     }
 
-    fn press(&mut self, u: &mut Coordinates, cfm: f64, relaxed: bool) {
-        let bias = if relaxed { self.bias_relaxed } else { self.bias };
-        let speed = dot(&self.rows[0], u) + bias;
+    fn press(&mut self, u: &mut Coordinates, relaxed: bool) -> f64 {
+        let (bias, cfm) = if relaxed { (self.bias_relaxed, 1.0) } else { (self.bias, self.cfm) };
+        let speed = self.dot(0, u) + bias;
         let total = cfm * (self.impulse[0] - self.inverse[0] * speed).max(0.0);
         let change = total - self.impulse[0];
         self.impulse[0] = total;
-        push(u, &self.rows[0], change);
+        self.push(0, u, change);
+        change.abs()
     }
 
     fn rub(&mut self, u: &mut Coordinates) {
-        let wanted = [1, 2].map(|i| self.impulse[i] - self.inverse[i] * dot(&self.rows[i], u));
-        let (size, most) =
-            (libm::sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]), self.friction * self.impulse[0]);
+        let most = self.friction * self.impulse[0];
+        if most == 0.0 && self.impulse[1] == 0.0 && self.impulse[2] == 0.0 {
+            return;
+        }
+        let wanted = [1, 2].map(|i| self.impulse[i] - self.inverse[i] * self.dot(i, u));
+        let size = libm::sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]);
         let share = if size > most { most / size } else { 1.0 };
         for (i, value) in [(1, wanted[0] * share), (2, wanted[1] * share)] {
-            push(u, &self.rows[i], value - self.impulse[i]);
+            self.push(i, u, value - self.impulse[i]);
             self.impulse[i] = value;
         }
     }
 }
 
 impl ConstraintRows {
-    /// The fingers' rows: motor and violated end of each, and their coupling. A tick has `steps` steps.
-    pub fn fingers(factor: &Factor, joints: usize, q: &Dofs, motors: &FingerMotors, steps: usize) -> Self {
+    /// No rows yet, for a tick of a number of steps.
+    #[inline]
+    pub fn new(steps: usize) -> Self {
         let secs = TICK_SECS / steps as f64;
-        let mut rows =
-            Self { joints: ArrayVec::new(), contacts: ArrayVec::new(), secs, steps, rate: 0.0, cfm: 1.0 };
+        Self { joints: ArrayVec::new(), contacts: ArrayVec::new(), secs, steps }
+    }
+
+    /// Adds the fingers' rows: motor and violated end of each, and their coupling. Motors and
+    /// coupling start from the impulses of the last tick, N s.
+    pub fn fingers(
+        &mut self,
+        factor: &Factor,
+        joints: usize,
+        q: &Dofs,
+        motors: &FingerMotors,
+        impulses: &[f64; 3],
+    ) {
+        let (secs, steps) = (self.secs, self.steps);
         let (rigid_rate, rigid_cfm) = Softness::RIGID.gains(secs);
         let (k, d) = (motors.stiffness_n_m, motors.damping_n_s_m);
         let rate = k / (secs * k + d);
         let compliance = 1.0 / (secs * (secs * k + d));
         let most = motors.force_n * secs;
+        let warm = impulses.map(|impulse| impulse / steps as f64);
         for side in 0..2 {
             let (dof, stroke) = (joints + side, motors.stroke_m[side]);
             let at = q[dof];
             let mut unit = [0.0; DOFS_MAX];
             unit[dof] = 1.0;
             let row = on_arm(factor, &unit);
-            let own = dot(&row, &row);
+            let own = dot::<0>(&row, &row);
             let near = !(at > motors.near_end_m && at < stroke - motors.near_end_m);
             let mut speed = motors.reference.speed;
             if near {
                 speed = speed.max(-at / secs).min((stroke - at) / secs);
             }
-            rows.joints.push(JointRow {
+            self.joints.push(JointRow {
                 row,
                 inverse: 1.0 / (own + compliance),
                 gain: compliance,
@@ -279,11 +251,34 @@ impl ConstraintRows {
                 motor: true,
                 least: -most,
                 most,
-                impulse: 0.0,
+                impulse: warm[side].clamp(-most, most),
             });
+            if side == 0 {
+                let mut pair = [0.0; DOFS_MAX];
+                (pair[joints], pair[joints + 1]) = (-1.0, 1.0);
+                let row = on_arm(factor, &pair);
+                self.joints.push(JointRow {
+                    row,
+                    inverse: 1.0 / dot::<0>(&row, &row),
+                    gain: 0.0,
+                    error: q[joints + 1] - q[joints],
+                    rate: rigid_rate,
+                    speed: 0.0,
+                    bias: 0.0,
+                    motor: false,
+                    least: f64::NEG_INFINITY,
+                    most: f64::INFINITY,
+                    impulse: warm[2],
+                });
+            }
+        }
+        for side in 0..2 {
+            let (at, stroke) = (q[joints + side], motors.stroke_m[side]);
             let past = (at - stroke).max(0.0) - (-at).max(0.0);
             if past != 0.0 {
-                rows.joints.push(JointRow {
+                let row = self.joints[2 * side].row;
+                let own = dot::<0>(&row, &row);
+                self.joints.push(JointRow {
                     row,
                     inverse: 1.0 / (own * (1.0 + rigid_cfm)),
                     gain: own * rigid_cfm,
@@ -297,69 +292,44 @@ impl ConstraintRows {
                     impulse: 0.0,
                 });
             }
-            if side == 0 {
-                let mut pair = [0.0; DOFS_MAX];
-                (pair[joints], pair[joints + 1]) = (-1.0, 1.0);
-                let row = on_arm(factor, &pair);
-                rows.joints.push(JointRow {
-                    row,
-                    inverse: 1.0 / dot(&row, &row),
-                    gain: 0.0,
-                    error: q[joints + 1] - q[joints],
-                    rate: rigid_rate,
-                    speed: 0.0,
-                    bias: 0.0,
-                    motor: false,
-                    least: f64::NEG_INFINITY,
-                    most: f64::INFINITY,
-                    impulse: 0.0,
-                });
-            }
         }
-        rows
     }
 
-    /// Adds the pads on the object.
-    pub fn grip(
+    /// Adds the object's contacts, those of one pair after the other.
+    pub fn object(
         &mut self,
         factor: &Factor,
         joints: usize,
         place: &Placement,
-        (object, softness): (&FreeBody, Softness),
-        contacts: &[GripContact],
+        object: &FreeBody,
+        contacts: &ObjectContacts,
     ) {
-        let (rate, compliance) = softness.gains(self.secs);
-        (self.rate, self.cfm) = (rate, 1.0 / (1.0 + compliance));
         let share = 1.0 / self.steps as f64;
         let masses = (1.0 / libm::sqrt(object.mass_kg), 1.0 / libm::sqrt(object.inertia_kg_m2));
-        for contact in contacts.iter().take(CONTACTS_MAX) {
-            let finger = joints + contact.side;
-            let frame = &place.frames[finger];
-            let arm = object.rotation * contact.on_object;
-            let (on_finger, on_object) = (frame.point(&contact.on_finger), object.position + arm);
-            let point = (on_finger + on_object) * 0.5;
-            let direction = frame.rotation * contact.direction;
-            let tangents = tangents(&direction, &contact.tangent);
-            let lever = point - object.position;
-            let rows = [direction, tangents[0], tangents[1]].map(|along| {
-                let wrench = Wrench::at(&point, &along);
-                let mut row = [0.0; DOFS_MAX];
-                for (value, axis) in row.iter_mut().zip(&place.axes).take(joints) {
-                    *value = Motion::dot(axis, &wrench);
-                }
-                row[finger] = place.axes[finger].dot(&wrench);
-                let mut row = on_arm(factor, &row);
-                let (force, moment) = (along * -masses.0, lever.cross(&along) * -masses.1);
+        for contact in contacts {
+            let (rate, compliance) = contact.softness.gains(self.secs);
+            let tangents = tangents(&contact.direction, &contact.tangent);
+            let along = [contact.direction, tangents[0], tangents[1]];
+            let mut rows = match contact.side {
+                Some(side) => pad_rows(factor, joints, place, joints + side, &contact.at, &along),
+                None => [[0.0; WIDTH]; 3],
+            };
+            let lever = contact.at - object.position;
+            for (row, along) in rows.iter_mut().zip(&along) {
+                let (force, moment) = (along * -masses.0, lever.cross(along) * -masses.1);
                 row[DOFS_MAX..DOFS_MAX + 3].copy_from_slice(force.as_slice());
                 row[DOFS_MAX + 3..].copy_from_slice(moment.as_slice());
-                row
-            });
+            }
             let rub = contact.tangent * share;
             self.contacts.push(ContactRow {
-                side: contact.side,
-                inverse: [0, 1, 2].map(|i| 1.0 / dot(&rows[i], &rows[i])),
+                pair: contact.pair,
+                on_arm: contact.side.is_some(),
+                inverse: [0, 1, 2].map(|i| 1.0 / dot::<0>(&rows[i], &rows[i])),
                 rows,
-                gap: (on_finger - on_object).dot(&direction),
+                gap: contact.gap_m,
+                rate,
+                soft: 1.0 / (1.0 + compliance),
+                cfm: 1.0,
                 bias: 0.0,
                 bias_relaxed: 0.0,
                 impulse: [contact.impulse * share, rub.dot(&tangents[0]), rub.dot(&tangents[1])],
@@ -370,16 +340,18 @@ impl ConstraintRows {
         }
     }
 
-    /// Begins a step: the pads start from the last one's impulses, motors from none.
+    /// Begins a step from the impulses of the last one.
     pub fn begin(&mut self, u: &mut Coordinates) {
         for row in &mut self.joints {
-            row.impulse = 0.0;
             row.bias = row.error * row.rate - row.speed;
+            push::<0>(u, &row.row, -row.impulse);
         }
         for contact in &mut self.contacts {
-            contact.aim(self.rate, self.secs);
-            for (row, impulse) in contact.rows.iter().zip(contact.impulse) {
-                push(u, row, impulse);
+            contact.aim(self.secs);
+            for i in 0..3 {
+                if contact.impulse[i] != 0.0 {
+                    contact.push(i, u, contact.impulse[i]);
+                }
             }
         }
     }
@@ -387,17 +359,19 @@ impl ConstraintRows {
     /// Ends a step: everything has moved by its speed since the last.
     pub fn moved(&mut self, u: &Coordinates) {
         for row in &mut self.joints {
-            row.error += self.secs * dot(&row.row, u);
+            row.error += self.secs * dot::<0>(&row.row, u);
         }
         for contact in &mut self.contacts {
-            contact.gap += self.secs * dot(&contact.rows[0], u);
+            contact.gap += self.secs * contact.dot(0, u);
         }
     }
 
     /// Sweeps before the positions move.
     pub fn solve(&mut self, u: &mut Coordinates, sweeps: usize) {
         for _ in 0..sweeps {
-            self.sweep(u, false);
+            if self.sweep(u, false) < SETTLED_N_S {
+                break;
+            }
         }
     }
 
@@ -411,35 +385,62 @@ impl ConstraintRows {
         }
     }
 
-    fn sweep(&mut self, u: &mut Coordinates, relaxed: bool) {
+    /// The largest change of an impulse along a joint or a normal, N s.
+    fn sweep(&mut self, u: &mut Coordinates, relaxed: bool) -> f64 {
+        let mut change = 0.0_f64;
         for row in &mut self.joints {
-            row.solve(u, relaxed);
+            change = change.max(row.solve(u, relaxed));
         }
-        let cfm = if relaxed { 1.0 } else { self.cfm };
-        // One pad after the other, pressure before friction, as the engine does it.
-        for pad in self.contacts.chunk_by_mut(|a, b| a.side == b.side) {
-            for contact in pad.iter_mut() {
-                contact.press(u, cfm, relaxed);
+        // One pair after the other, pressure before friction, as the engine does it.
+        for pair in self.contacts.chunk_by_mut(|a, b| a.pair == b.pair) {
+            for contact in pair.iter_mut() {
+                change = change.max(contact.press(u, relaxed));
             }
             if relaxed {
-                for contact in pad.iter_mut() {
+                for contact in pair.iter_mut() {
                     contact.rub(u);
                 }
             }
         }
+        change
     }
 
-    /// Writes the impulses back for the next tick; normal force on each finger, N.
-    pub fn store(&self, contacts: &mut [GripContact]) -> [f64; 2] {
-        let mut force = [0.0; 2];
+    /// Writes the impulses back for the next tick, and the forces of this one.
+    pub fn store(&self, contacts: &mut [ObjectContact], joints: &mut [f64; 3]) {
         let steps = self.steps as f64;
         for (contact, row) in contacts.iter_mut().zip(&self.contacts) {
             contact.impulse = row.impulse[0] * steps;
             contact.tangent = (row.tangents[0] * row.impulse[1] + row.tangents[1] * row.impulse[2]) * steps;
-            force[contact.side] += row.pressed / TICK_SECS;
+            contact.force_n = row.pressed / TICK_SECS;
         }
-        force
+        *joints = [0, 2, 1].map(|row| self.joints[row].impulse * steps);
     }
+}
+
+/// Rows of a force at a pad's point along three directions, the arm's part.
+fn pad_rows(
+    factor: &Factor,
+    joints: usize,
+    place: &Placement,
+    finger: usize,
+    at: &Vector3<f64>,
+    along: &[Vector3<f64>; 3],
+) -> [Coordinates; 3] {
+    // The velocity of the point per unit of speed of each degree of freedom.
+    let mut columns = [[0.0; LANES]; DOFS_MAX];
+    for dof in (0..joints).chain([finger]) {
+        let axis = &place.axes[dof];
+        let speed = axis.linear + axis.angular.cross(at);
+        columns[dof] = [along[0].dot(&speed), along[1].dot(&speed), along[2].dot(&speed), 0.0];
+    }
+    let columns = factor.forward_lanes(&columns);
+    let mut rows = [[0.0; WIDTH]; 3];
+    for (dof, column) in columns.iter().enumerate() {
+        for (row, value) in rows.iter_mut().zip(column) {
+            row[dof] = *value;
+        }
+    }
+    rows
 }
 
 /// Two directions square to the normal and to one another, the first along the present friction.
@@ -469,6 +470,14 @@ pub fn coordinates(factor: &Factor, dq: &Dofs, object: Option<&FreeBody>) -> Coo
     u
 }
 
+/// Adds what a free fall does to the object in a step, m/s.
+pub fn fall(u: &mut Coordinates, object: &FreeBody, change_m_s: &Vector3<f64>) {
+    let mass = libm::sqrt(object.mass_kg);
+    for (value, part) in u[DOFS_MAX..].iter_mut().zip(change_m_s) {
+        *value += part * mass;
+    }
+}
+
 /// The arm's speeds in what the rows have solved.
 pub fn arm_speeds(factor: &Factor, u: &Coordinates) -> Dofs {
     let mut y = [0.0; DOFS_MAX];
@@ -476,19 +485,9 @@ pub fn arm_speeds(factor: &Factor, u: &Coordinates) -> Dofs {
     factor.backward(&y)
 }
 
-impl FreeBody {
-    /// Takes its speeds from what the rows have solved.
-    pub fn take_speeds(&mut self, u: &Coordinates) {
-        let (linear, angular) = (1.0 / libm::sqrt(self.mass_kg), 1.0 / libm::sqrt(self.inertia_kg_m2));
-        self.linear = Vector3::new(u[DOFS_MAX], u[DOFS_MAX + 1], u[DOFS_MAX + 2]) * linear;
-        self.angular = Vector3::new(u[DOFS_MAX + 3], u[DOFS_MAX + 4], u[DOFS_MAX + 5]) * angular;
-    }
-
-    /// Moves for a while.
-    pub fn advance(&mut self, secs: f64) {
-        self.position += self.linear * secs;
-        let turn = nalgebra::Quaternion::from_parts(0.0, self.angular * (0.5 * secs));
-        let next = self.rotation.into_inner() + turn * self.rotation.into_inner();
-        self.rotation = UnitQuaternion::new_normalize(next);
-    }
+/// The object's speeds in what the rows have solved.
+pub fn object_speeds(object: &mut FreeBody, u: &Coordinates) {
+    let (linear, angular) = (1.0 / libm::sqrt(object.mass_kg), 1.0 / libm::sqrt(object.inertia_kg_m2));
+    object.linear = Vector3::new(u[DOFS_MAX], u[DOFS_MAX + 1], u[DOFS_MAX + 2]) * linear;
+    object.angular = Vector3::new(u[DOFS_MAX + 3], u[DOFS_MAX + 4], u[DOFS_MAX + 5]) * angular;
 }
