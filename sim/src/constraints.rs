@@ -193,13 +193,14 @@ impl ContactRow {
         if most == 0.0 && self.impulse[1] == 0.0 && self.impulse[2] == 0.0 {
             return;
         }
-        let wanted = [1, 2].map(|i| self.impulse[i] - self.inverse[i] * self.dot(i, u));
-        let size = libm::sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]);
+        let first = self.impulse[1] - self.inverse[1] * self.dot(1, u);
+        let second = self.impulse[2] - self.inverse[2] * self.dot(2, u);
+        let size = libm::sqrt(first * first + second * second);
         let share = if size > most { most / size } else { 1.0 };
-        for (i, value) in [(1, wanted[0] * share), (2, wanted[1] * share)] {
-            self.push(i, u, value - self.impulse[i]);
-            self.impulse[i] = value;
-        }
+        let (first, second) = (first * share, second * share);
+        self.push(1, u, first - self.impulse[1]);
+        self.push(2, u, second - self.impulse[2]);
+        (self.impulse[1], self.impulse[2]) = (first, second);
     }
 }
 
@@ -321,10 +322,11 @@ impl ConstraintRows {
                 row[DOFS_MAX + 3..].copy_from_slice(moment.as_slice());
             }
             let rub = contact.tangent * share;
+            let inverse = |row: &Coordinates| 1.0 / dot::<0>(row, row);
             self.contacts.push(ContactRow {
                 pair: contact.pair,
                 on_arm: contact.side.is_some(),
-                inverse: [0, 1, 2].map(|i| 1.0 / dot::<0>(&rows[i], &rows[i])),
+                inverse: [inverse(&rows[0]), inverse(&rows[1]), inverse(&rows[2])],
                 rows,
                 gap: contact.gap_m,
                 rate,

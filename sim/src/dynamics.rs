@@ -415,7 +415,9 @@ impl Factor {
                     sum[lane] -= self.lower[i][k] * y[k][lane];
                 }
             }
-            y[i] = sum.map(|value| value * self.inverse_diagonal[i]);
+            for lane in 0..4 {
+                y[i][lane] = sum[lane] * self.inverse_diagonal[i];
+            }
         }
         y
     }

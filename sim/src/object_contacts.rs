@@ -10,8 +10,8 @@
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
-use rapier3d::geometry::{Collider, NEW_CONTACT_BIT, SharedShape};
-use rapier3d::math::{Matrix, Pose as RapierPose, Rotation};
+use rapier3d::geometry::{Collider, ColliderHandle, NEW_CONTACT_BIT, SharedShape};
+use rapier3d::math::{Matrix, Pose as RapierPose, Rotation, Vector};
 use rapier3d::parry::query::{
     ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher, TrackedContact,
 };
@@ -50,6 +50,7 @@ pub type Manifold = ContactManifold<(), PointImpulse>;
 
 /// What the object may touch.
 pub struct ObjectPair {
+    collider: ColliderHandle,
     /// A pad, or what of the cell it is.
     pub kind: ColliderKind,
     /// The finger of a pad.
@@ -111,7 +112,12 @@ pub struct FixtureRoom {
 }
 
 impl ObjectPair {
-    fn new(kind: ColliderKind, collider: &Collider, object: &Collider, softness: Softness) -> Self {
+    fn new(
+        (handle, kind): (ColliderHandle, ColliderKind),
+        collider: &Collider,
+        object: &Collider,
+        softness: Softness,
+    ) -> Self {
         let side = if let ColliderKind::Pad(side) = kind { Some(usize::from(side)) } else { None };
         let local = if side.is_some() {
             collider.position_wrt_parent().map(from_rapier).unwrap_or_default()
@@ -121,6 +127,7 @@ impl ObjectPair {
         let pose = Transform::new(&local);
         let half = crate::survey::half_extents(collider.shared_shape());
         Self {
+            collider: handle,
             kind,
             side,
             bounds: Bounds::of(&pose.rotation, pose.origin, &half),
@@ -139,9 +146,7 @@ impl ObjectPairs {
     pub fn new(joints: usize, physics: &PhysicsWorld, handles: &Handles) -> Self {
         let parameters = &physics.integration_parameters;
         let range_m = f64::from(parameters.prediction_distance());
-        let of_kind = |handle: rapier3d::geometry::ColliderHandle| {
-            handles.kinds.get(handle.into_raw_parts().0 as usize)
-        };
+        let of_kind = |handle: ColliderHandle| handles.kinds.get(handle.into_raw_parts().0 as usize);
         let object =
             physics.colliders.iter().find(|(handle, _)| of_kind(*handle) == Some(&ColliderKind::Object));
         let Some((_, object)) = object else {
@@ -161,7 +166,7 @@ impl ObjectPairs {
                 frequency_hz: f64::from(softness.natural_frequency),
                 ratio: f64::from(softness.damping_ratio),
             };
-            pairs.push(ObjectPair::new(*kind, collider, object, softness));
+            pairs.push(ObjectPair::new((handle, *kind), collider, object, softness));
         }
         // One pad after the other, then the rest.
         pairs.sort_by_key(|pair| pair.side.unwrap_or(usize::MAX));
@@ -285,23 +290,24 @@ impl ObjectPairs {
                 [Some(_), Some(ColliderKind::Object)] => false,
                 _ => continue,
             };
-            let other = kinds[usize::from(object_first)];
+            let other = if object_first { pair.collider2 } else { pair.collider1 };
+            let own = self.pairs.iter().zip(manifolds.iter_mut()).find(|(own, _)| own.collider == other);
+            let Some((own, manifold)) = own else { continue };
             for engine in pair.solver_manifolds() {
-                for contact in &engine.data.solver_contacts {
+                let contacts = &engine.data.solver_contacts;
+                // With what stands, the engine has one friction for all points, which each of them remembers.
+                let points = if own.side.is_some() { 1.0 } else { contacts.len() as f64 };
+                let out_of_object = if object_first { engine.local_n1 } else { engine.local_n2 };
+                for contact in contacts {
                     let index = (contact.contact_id[0] & !NEW_CONTACT_BIT) as usize;
                     let Some(point) = engine.points.get(index) else { continue };
                     let on_object = to_wide(if object_first { point.local_p1 } else { point.local_p2 });
-                    let rub = to_wide(point.data.warmstart_tangent_world) * whole;
+                    let rub = to_wide(point.data.warmstart_tangent_world) * (whole / points);
                     let impulse = PointImpulse {
                         normal: f64::from(point.data.warmstart_impulse) * whole,
                         tangent: (if object_first { -rub } else { rub }).into(),
                     };
-                    let own = self
-                        .pairs
-                        .iter()
-                        .zip(manifolds.iter_mut())
-                        .filter(|(own, _)| Some(own.kind) == other);
-                    give(own.flat_map(|(_, manifold)| &mut manifold.points), on_object, impulse);
+                    give(manifold, (on_object, out_of_object), impulse);
                 }
             }
         }
@@ -334,26 +340,36 @@ impl ObjectPairs {
     }
 
     /// What the engine's contacts of the next tick, with `substeps`, start from.
-    pub fn warm_points(manifolds: &[Manifold], substeps: usize) -> ArrayVec<WarmPoint, CONTACTS_MAX> {
+    pub fn warm_points(&self, manifolds: &[Manifold], substeps: usize) -> ArrayVec<WarmPoint, CONTACTS_MAX> {
         let share = 1.0 / substeps as f64;
-        let points = manifolds.iter().flat_map(|manifold| {
-            manifold.points.iter().filter(|point| point.data.normal > 0.0).map(move |point| WarmPoint {
-                on_object: point.local_p2,
-                out_of_object: manifold.local_n2,
-                impulse: (point.data.normal * share) as f32,
-                tangent: to_narrow(&(Vector3::from(point.data.tangent) * share)),
-            })
-        });
-        points.take(CONTACTS_MAX).collect()
+        let mut points = ArrayVec::new();
+        for (pair, manifold) in self.pairs.iter().zip(manifolds) {
+            let rub = |point: &TrackedContact<PointImpulse>| Vector3::from(point.data.tangent) * share;
+            let all: Vector3<f64> = manifold.points.iter().map(rub).sum();
+            for point in manifold.points.iter().filter(|point| point.data.normal > 0.0) {
+                // See `take_over`.
+                let tangent = if pair.side.is_some() { rub(point) } else { all };
+                let warm = WarmPoint {
+                    on_object: point.local_p2,
+                    out_of_object: manifold.local_n2,
+                    impulse: (point.data.normal * share) as f32,
+                    tangent: to_narrow(&tangent),
+                };
+                if points.try_push(warm).is_err() {
+                    return points;
+                }
+            }
+        }
+        points
     }
 }
 
-/// Gives an impulse to the nearest point of the object.
-fn give<'a>(
-    points: impl Iterator<Item = &'a mut TrackedContact<PointImpulse>>,
-    on_object: Vector3<f64>,
-    impulse: PointImpulse,
-) {
+/// Gives an impulse to the nearest point of the object on the same face.
+fn give(manifold: &mut Manifold, (on_object, out_of_object): (Vector3<f64>, Vector), impulse: PointImpulse) {
+    if manifold.local_n2.dot(out_of_object) < 0.7 {
+        return;
+    }
+    let points = manifold.points.iter_mut();
     let near = points.map(|point| ((to_wide(point.local_p2) - on_object).norm(), point));
     if let Some((distance, point)) = near.min_by(|a, b| a.0.total_cmp(&b.0))
         && distance < SAME_POINT_M

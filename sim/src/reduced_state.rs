@@ -55,6 +55,15 @@ impl StateOwner {
         });
         self.still_ticks = if still { self.still_ticks.saturating_add(1) } else { 0 };
     }
+
+    /// Takes the state from the own dynamics, with what they know of how long the object has stood still.
+    pub fn take(&mut self) -> Option<ReducedState> {
+        let last = self.own.take();
+        if let Some(state) = last.as_ref().filter(|state| state.moving) {
+            self.still_ticks = state.still_ticks;
+        }
+        last
+    }
 }
 
 /// What of a cell does not change within an episode.
@@ -164,9 +173,10 @@ impl ReducedCell {
         let turn = object.rotation.to_rotation_matrix().into_inner();
         let survey = self.surveyor.survey(&q, &place, &object, &turn);
         let moved = survey.robot_moved(&q, &dq, TICK_SECS);
+        let in_hand = survey.moved(&self.surveyor, (&q, &dq), &place, &object, &turn, TICK_SECS).in_hand_m;
         let clear = survey.robot_m > ENTRY_ROOM_M + moved
             && survey.arm_object_m > ENTRY_ROOM_M + moved
-            && survey.hand_object_m > IN_HAND_ROOM_M;
+            && survey.hand_object_m > IN_HAND_ROOM_M + in_hand;
         if !clear {
             return None;
         }
@@ -344,6 +354,9 @@ impl ReducedCell {
             let moved = survey.robot_moved(&state.q, &state.dq, TICK_SECS);
             state.moving = survey.pads_object_m <= ENTRY_ROOM_M + moved;
             state.survey = survey;
+            if !state.moving {
+                (state.object.linear, state.object.angular) = (Vector3::zeros(), Vector3::zeros());
+            }
         }
     }
 
@@ -417,10 +430,11 @@ impl ReducedCell {
     /// What the contacts of the engine's next tick start from, after one with `before` substeps and, if
     /// the engine rested, after the last state without it.
     pub fn warm_start(&self, last: Option<&ReducedState>, before: usize, effort: SolverEffort) -> WarmStart {
-        let moving = last.filter(|state| state.moving);
-        let points = moving.map(|state| ObjectPairs::warm_points(&state.manifolds, effort.substeps));
+        let moved = last.filter(|state| state.forces.is_some());
+        let points = moved.map(|state| self.pairs.warm_points(&state.manifolds, effort.substeps));
         WarmStart {
             scale: before as f32 / effort.substeps as f32,
+            object_moved: moved.is_some(),
             points: points.unwrap_or_default(),
             object_half: self.surveyor.object_half(),
         }
@@ -467,7 +481,6 @@ impl ReducedState {
     }
 
     /// Whether the object takes part.
-    #[cfg(test)]
     pub fn moving(&self) -> bool {
         self.moving
     }

@@ -51,13 +51,16 @@ impl Stepper {
         {
             return true;
         }
-        let last = owner.own.take();
+        let last = owner.take();
         if let (Some(cell), Some(state)) = (&self.cell, &last) {
             cell.leave(state, physics, handles);
         }
         drives.apply(physics, handles);
-        let situation = effort::situation(physics, handles);
-        let effort = SolverEffort::of(self.fidelity, situation);
+        // What the engine knows of contacts is from before the own dynamics moved the object.
+        let effort = match &last {
+            Some(state) if state.moving() => SolverEffort::FULL,
+            _ => SolverEffort::of(self.fidelity, effort::situation(physics, handles)),
+        };
         let before = physics.integration_parameters.num_solver_iterations;
         effort.apply(physics);
         // Without a handover or a change of substeps in this tick, the engine's own warm start is right.

@@ -152,8 +152,16 @@ impl Survey {
         // the radius r by 2 r sin(a / 2).
         let turned = surveyor.object_radius() * libm::sqrt(0.5 * apart(3, 12));
         let n = surveyor.joints;
-        let fingers = (q[n] - self.q[n]).abs().max((q[n + 1] - self.q[n + 1]).abs());
-        Moved { robot_m, object_m, in_hand_m: libm::sqrt(apart(0, 3)) + turned + fingers }
+        let finger = |i: usize| (q[i] - self.q[i]).abs() + dq[i].abs() * secs;
+        let fingers = finger(n).max(finger(n + 1));
+        // The object's speeds as seen from the hand.
+        let (mut turning, mut speed) = (-object.angular, -object.linear);
+        for (axis, rate) in place.axes.iter().zip(dq).take(n) {
+            turning += axis.angular * *rate;
+            speed += (axis.linear + axis.angular.cross(&object.position)) * *rate;
+        }
+        let next = (speed.norm() + surveyor.object_radius() * turning.norm()) * secs;
+        Moved { robot_m, object_m, in_hand_m: libm::sqrt(apart(0, 3)) + turned + fingers + next }
     }
 }
 

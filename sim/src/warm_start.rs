@@ -38,6 +38,8 @@ pub struct WarmPoint {
 pub struct WarmStart {
     /// What the engine remembers counts this many times.
     pub scale: f32,
+    /// Of the object it remembers nothing that still holds.
+    pub object_moved: bool,
     /// Points of the object, which go before what it remembers.
     pub points: ArrayVec<WarmPoint, CONTACTS_MAX>,
     /// Half extents of the object, by which its shape is known.
@@ -65,9 +67,12 @@ impl WarmStart {
             let data = &mut contact.data;
             match nearest {
                 Some((point, distance)) if of_object && distance < SAME_POINT_M => {
-                    (data.impulse, data.warmstart_impulse) = (point.impulse, point.impulse);
+                    // What the engine sums up of a tick is what it solves in it.
+                    (data.impulse, data.warmstart_impulse) = (0.0, point.impulse);
                     data.warmstart_tangent_world = if object_first { -point.tangent } else { point.tangent };
+                    data.warmstart_twist_impulse = 0.0;
                 }
+                _ if of_object && self.object_moved => *data = ContactData::default(),
                 _ => {
                     data.warmstart_impulse *= self.scale;
                     data.warmstart_tangent_world *= self.scale;
