@@ -52,9 +52,8 @@ impl SolverEffort {
     /// What it takes that an object in the hand does not creep: with one substep it creeps by .6 mm more
     /// than the reference's in two and a half seconds, whatever the sweeps.
     pub const HELD: Self = Self { substeps: 2, sweeps: 8, relaxations: 1 };
-    /// Effort of the arm's own dynamics where the object stands on something or touches it.
-    const OWN_SUPPORTED: Self = Self { substeps: 2, sweeps: 4, relaxations: 2 };
-    /// The same where it hangs between the pads.
+    /// The effort of the arm's own dynamics where the object hangs between the pads: their motors start from their last
+    /// forces, so half the sweeps do.
     const OWN_HELD: Self = Self { substeps: 2, sweeps: 4, relaxations: 1 };
     /// One step for a robot that touches nothing.
     pub const FREE: Self = Self { substeps: 1, sweeps: 4, relaxations: 1 };
@@ -78,7 +77,7 @@ impl SolverEffort {
         match object {
             ObjectSituation::Resting => Self::FREE,
             ObjectSituation::Held => Self::OWN_HELD,
-            ObjectSituation::Supported => Self::OWN_SUPPORTED,
+            ObjectSituation::Supported => Self::FULL,
         }
     }
 

@@ -24,7 +24,7 @@ use crate::free_body::FreeBody;
 use crate::handles::{ColliderKind, Handles, from_rapier, to_narrow, to_wide};
 use crate::readout::{self, ContactPoint};
 use crate::survey::Bounds;
-use crate::warm_start::WarmPoint;
+use crate::warm_start::{SAME_FACE, SAME_POINT_M, WarmPoint};
 use holdpoint_body::TICK_SECS;
 use holdpoint_body::chain::Transform;
 
@@ -34,8 +34,6 @@ pub const CONTACTS_MAX: usize = 32;
 const POINTS_PER_PAIR: usize = 4;
 /// The most points that two faces of boxes meet in.
 const POINTS_FOUND_MAX: usize = 16;
-/// Points further apart than this are not the same, m.
-const SAME_POINT_M: f64 = 0.003;
 
 /// Impulses of one point in the last tick, N s.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -366,13 +364,13 @@ impl ObjectPairs {
 
 /// Gives an impulse to the nearest point of the object on the same face.
 fn give(manifold: &mut Manifold, (on_object, out_of_object): (Vector3<f64>, Vector), impulse: PointImpulse) {
-    if manifold.local_n2.dot(out_of_object) < 0.7 {
+    if manifold.local_n2.dot(out_of_object) < SAME_FACE {
         return;
     }
     let points = manifold.points.iter_mut();
     let near = points.map(|point| ((to_wide(point.local_p2) - on_object).norm(), point));
     if let Some((distance, point)) = near.min_by(|a, b| a.0.total_cmp(&b.0))
-        && distance < SAME_POINT_M
+        && distance < f64::from(SAME_POINT_M)
     {
         point.data = impulse;
     }

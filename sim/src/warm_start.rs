@@ -47,7 +47,10 @@ pub struct WarmStart {
 }
 
 /// Points further apart than this are not the same, m.
-const SAME_POINT_M: f32 = 0.003;
+pub const SAME_POINT_M: f32 = 0.003;
+
+/// Cosine between the normals of two points of one face, at least.
+pub const SAME_FACE: f32 = 0.7;
 
 impl WarmStart {
     fn is_object(&self, shape: &dyn Shape) -> bool {
@@ -61,7 +64,7 @@ impl WarmStart {
         for contact in &mut manifold.points {
             let at = if object_first { contact.local_p1 } else { contact.local_p2 };
             // Near an edge, points of two faces are close to one another.
-            let same_face = self.points.iter().filter(|point| point.out_of_object.dot(normal) > 0.7);
+            let same_face = self.points.iter().filter(|point| point.out_of_object.dot(normal) > SAME_FACE);
             let near = same_face.map(|point| (point, (point.on_object - at).length()));
             let nearest = near.min_by(|a, b| a.1.total_cmp(&b.1));
             let data = &mut contact.data;
