@@ -350,8 +350,8 @@ mod tests {
             assert!(free > 350 && held > 300, "{free} {held}");
             let [free, held] = worst;
             assert!(free[0] < 2e-6 && free[1] < 3e-4, "{free:?}");
-            // The sweeps end at thousandths of a newton, which is so much speed of a finger.
-            assert!(free[2] < 1e-6 && free[3] < 2e-4, "{free:?}");
+            // The sweeps end at five hundredths of a newton, which moves a finger by a micron or two.
+            assert!(free[2] < 2e-6 && free[3] < 2e-4, "{free:?}");
             assert!(held[0] < 2e-5 && held[1] < 5e-3, "{held:?}");
             // Where pads meet the object, or it falls onto the table, in this very tick, and in nine ticks of ten.
             assert!(held[4] < 1e-3 && held[5] < 2.0, "{held:?}");
@@ -359,7 +359,8 @@ mod tests {
                 all.sort_by(f64::total_cmp);
                 all[all.len() * 9 / 10]
             });
-            assert!(most[0] < 1e-5 && most[1] < 0.1, "{most:?}");
+            // The sweeps end at five hundredths of a newton in each point, and a pad has four.
+            assert!(most[0] < 1e-5 && most[1] < 0.15, "{most:?}");
         }
     }
 

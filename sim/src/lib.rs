@@ -21,6 +21,7 @@ pub mod world;
 
 mod build;
 mod constraints;
+mod coupled_rows;
 mod effort;
 mod free_body;
 mod handles;

@@ -16,13 +16,14 @@ use rapier3d::math::Rotation;
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
-use crate::constraints::{self, ConstraintRows, FingerMotors};
+use crate::constraints::{ConstraintRows, FingerMotors};
+use crate::coupled_rows;
 use crate::dynamics::{ArmDynamics, DOFS_MAX, Dofs, Factor, GRAVITY_M_S2, Placement};
 use crate::effort::{ObjectSituation, Situation, SolverEffort};
 use crate::free_body::FreeBody;
 use crate::handles::{ColliderKind, Handles, to_narrow};
 use crate::motors::{self, Drives, MotorReference};
-use crate::object_contacts::{FixtureRoom, Manifold, ObjectContacts, ObjectPairs};
+use crate::object_contacts::{self, FixtureRoom, Manifold, ObjectContacts, ObjectPairs};
 use crate::readout::{ContactForces, ContactPoint, JointState};
 use crate::robot::RobotModel;
 use crate::survey::{Survey, Surveyor};
@@ -204,7 +205,7 @@ impl ReducedCell {
             let mut contacts = ObjectContacts::new();
             let (manifolds, room) = (&mut state.manifolds, &mut state.room);
             self.pairs.find(manifolds, room, &place, &object, &turn, &mut contacts)?;
-            self.pairs.take_over(&mut state.manifolds, physics, handles, effort.substeps);
+            self.pairs.take_over(&mut state.manifolds, physics, handles, &turn, effort.substeps);
         }
         Some(state)
     }
@@ -256,8 +257,8 @@ impl ReducedCell {
         rows.fingers(&factor, n, &state.q, &fingers, &state.finger_impulses);
         rows.object(&factor, n, &place, &state.object, &contacts);
         let fall = Vector3::from(GRAVITY_M_S2) * (object_weight * secs);
-        let mut u = constraints::coordinates(&factor, &state.dq, state.moving.then_some(&state.object));
-        for _ in 0..effort.substeps {
+        let mut u = coupled_rows::coordinates(&factor, &state.dq, state.moving.then_some(&state.object));
+        for step in 0..effort.substeps {
             let mut force = [0.0; DOFS_MAX];
             for i in 0..n + 2 {
                 let spring = self.stiffness[i] * (state.q[i] - rest[i] + secs * state.dq[i]);
@@ -267,25 +268,30 @@ impl ReducedCell {
                 *value += secs * share;
             }
             if state.moving {
-                constraints::fall(&mut u, &state.object, &fall);
+                coupled_rows::fall(&mut u, &state.object, &fall);
             }
-            rows.begin(&mut u);
-            rows.solve(&mut u, effort.sweeps);
-            let moving = constraints::arm_speeds(&factor, &u);
+            if step == 0 {
+                rows.begin(&u);
+            } else {
+                rows.begin_again(&u);
+            }
+            rows.solve(effort.sweeps);
+            let moving = coupled_rows::arm_speeds(&factor, rows.speeds());
             for (at, speed) in state.q.iter_mut().zip(&moving).take(n + 2) {
                 *at += secs * speed;
             }
             if state.moving {
-                constraints::object_speeds(&mut state.object, &u);
+                coupled_rows::object_speeds(&mut state.object, rows.speeds());
                 state.object.advance(secs);
             }
-            rows.moved(&u);
-            rows.relax(&mut u, effort.relaxations);
-            state.dq = constraints::arm_speeds(&factor, &u);
+            rows.moved();
+            rows.relax(effort.relaxations);
+            u = *rows.speeds();
+            state.dq = coupled_rows::arm_speeds(&factor, &u);
         }
         rows.store(&mut contacts, &mut state.finger_impulses);
         if state.moving {
-            constraints::object_speeds(&mut state.object, &u);
+            coupled_rows::object_speeds(&mut state.object, &u);
             ObjectPairs::store(&mut state.manifolds, &contacts);
             state.forces = Some(self.forces(&contacts));
             self.let_rest(state, &contacts);
@@ -302,7 +308,7 @@ impl ReducedCell {
     fn effort(state: &ReducedState, contacts: &ObjectContacts) -> SolverEffort {
         let object = if !state.moving {
             ObjectSituation::Resting
-        } else if contacts.iter().all(|contact| contact.side.is_some()) {
+        } else if contacts.iter().all(|face| face.side.is_some()) {
             ObjectSituation::Held
         } else {
             ObjectSituation::Supported
@@ -342,7 +348,10 @@ impl ReducedCell {
     /// Leaves the object where it is once it has stood still for long enough, away from the pads.
     fn let_rest(&self, state: &mut ReducedState, contacts: &ObjectContacts) {
         let (object, pressed) = (&state.object, |pad: bool| {
-            contacts.iter().any(|contact| contact.side.is_some() == pad && contact.impulse > 0.0)
+            contacts
+                .iter()
+                .filter(|face| face.side.is_some() == pad)
+                .any(|face| face.points.iter().any(|point| point.impulse > 0.0))
         });
         let still = object.linear.norm() < STILL.0 && object.angular.norm() < STILL.1;
         let stands = still && pressed(false) && !pressed(true);
@@ -364,17 +373,17 @@ impl ReducedCell {
     fn forces(&self, contacts: &ObjectContacts) -> ContactForces {
         let mut forces = ContactForces::default();
         let mut outside = Vector3::zeros();
-        for pair in contacts.chunk_by(|a, b| a.pair == b.pair) {
-            let force: f64 = pair.iter().map(|contact| contact.force_n).sum();
+        for face in contacts {
+            let force: f64 = face.points.iter().map(|point| point.force_n).sum();
             if force <= 0.0 {
                 continue;
             }
-            let Some(kind) = self.pairs.pairs().get(pair[0].pair).map(|pair| pair.kind) else { continue };
-            if let Some(side) = pair[0].side {
+            if let Some(side) = face.side {
                 forces.contacts.pad_object = true;
                 forces.pad_n[side] += force;
                 continue;
             }
+            let Some(kind) = self.pairs.pairs().get(face.pair).map(|pair| pair.kind) else { continue };
             forces.object_surroundings_n = forces.object_surroundings_n.max(force);
             if matches!(kind, ColliderKind::Clutter(_)) {
                 forces.contacts.object_clutter = true;
@@ -382,7 +391,7 @@ impl ReducedCell {
             } else {
                 forces.contacts.object_fixture = true;
             }
-            outside -= pair[0].direction * force;
+            outside -= face.direction * force;
         }
         if forces.gripped() {
             forces.wrist_n = outside.into();
@@ -431,7 +440,10 @@ impl ReducedCell {
     /// the engine rested, after the last state without it.
     pub fn warm_start(&self, last: Option<&ReducedState>, before: usize, effort: SolverEffort) -> WarmStart {
         let moved = last.filter(|state| state.forces.is_some());
-        let points = moved.map(|state| self.pairs.warm_points(&state.manifolds, effort.substeps));
+        let points = moved.map(|state| {
+            let turn = state.object.rotation.to_rotation_matrix().into_inner();
+            self.pairs.warm_points(&state.manifolds, &turn, effort.substeps)
+        });
         WarmStart {
             scale: before as f32 / effort.substeps as f32,
             object_moved: moved.is_some(),
@@ -500,7 +512,10 @@ impl ReducedState {
     pub fn numbers(&self) -> impl Iterator<Item = f64> + '_ {
         let o = &self.object;
         let object = o.position.iter().chain(&o.rotation.coords).chain(&o.linear).chain(&o.angular);
-        self.q.iter().chain(&self.dq).chain(object).copied()
+        let contacts = self.manifolds.iter().flat_map(object_contacts::impulses);
+        let rest = [f64::from(u8::from(self.moving)), f64::from(self.still_ticks)];
+        let robot = self.q.iter().chain(&self.dq).chain(&self.finger_impulses).chain(object).copied();
+        robot.chain(contacts).chain(rest)
     }
 }
 

@@ -31,6 +31,8 @@ pub struct WarmPoint {
     pub impulse: f32,
     /// Friction on the pad, base frame, N s.
     pub tangent: Vector,
+    /// Moment of the friction about the normal, N m s, where the engine has one for a whole face.
+    pub twist: f32,
 }
 
 /// The impulses of one tick's contacts.
@@ -73,7 +75,7 @@ impl WarmStart {
                     // What the engine sums up of a tick is what it solves in it.
                     (data.impulse, data.warmstart_impulse) = (0.0, point.impulse);
                     data.warmstart_tangent_world = if object_first { -point.tangent } else { point.tangent };
-                    data.warmstart_twist_impulse = 0.0;
+                    data.warmstart_twist_impulse = point.twist;
                 }
                 _ if of_object && self.object_moved => *data = ContactData::default(),
                 _ => {
