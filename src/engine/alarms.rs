@@ -130,6 +130,7 @@ impl EngineRecorder {
         match key {
             AlarmKey::RolledBack(_)
             | AlarmKey::Shifted(_)
+            | AlarmKey::SharedEvent(_)
             | AlarmKey::KeptFalse
             | AlarmKey::NameTaken
             | AlarmKey::TelemetryMissed

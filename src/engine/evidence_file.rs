@@ -24,6 +24,7 @@ use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::recovery::RecoveryAssessment;
 use holdpoint_governance::risk::RiskClass;
+use holdpoint_governance::shared_event::SharedEvent;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::worst_case_search::SearchFinding;
 use holdpoint_protocol::detail::VersionDiff;
@@ -63,7 +64,11 @@ pub struct EvidenceFile {
     pub alone: Vec<SoloEpisode>,
     /// Paired episodes, in seed order.
     pub pairs: Vec<Pair>,
+    /// The candidate's alone: the version compared with has not the same in the same scene.
     pub hard_stops: Vec<HardStop>,
+    /// Events that both had in the same scene; empty in records of older builds.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub shared_events: Vec<SharedEvent>,
     /// Sandbox metrics per mode, with intervals and tails.
     pub modes: Vec<ModeMetrics>,
     /// Episodes of the adversarial mode that were unsafe.

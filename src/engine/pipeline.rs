@@ -396,6 +396,9 @@ impl Pipeline {
     fn shadow_slice(&mut self, run: Box<ShadowRun>) -> Result<(), EngineFault> {
         self.work = Some(StageWork::Shadow(run));
         let Some(mut along) = self.shadow_to_take()? else { return Ok(()) };
+        if self.trials.jobs() > 1 && self.world.frame_sink.is_none() {
+            along.run_twin_beside();
+        }
         let task = along.task();
         let report = self.live().sequence(Some(&mut along))?;
         // A live task that was stopped is no comparison for the candidate.

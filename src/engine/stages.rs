@@ -18,6 +18,7 @@ pub mod resume;
 pub mod rollback;
 pub mod sandbox;
 pub mod shadow;
+mod shared_stops;
 pub mod validation;
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ pub mod evaluation;
 pub mod job_outcome;
 pub mod mode_metrics;
 pub mod reuse;
+pub mod scene_stops;
 pub mod search;
 pub mod seeds;
 pub mod sequences;
@@ -62,6 +63,12 @@ impl Trials {
     #[must_use]
     pub const fn seed(&self) -> u64 {
         self.seed
+    }
+
+    /// How many work at a time.
+    #[must_use]
+    pub const fn jobs(&self) -> usize {
+        self.worker_pool.jobs()
     }
 
     /// The most episodes, pairs or drills of one slice.

@@ -4,6 +4,7 @@
 //! camera frames, and the ladder to a safe pose. Decides nothing about versions.
 
 pub mod cell_frame;
+pub(crate) mod forked_task;
 pub mod instrumented;
 pub mod ladder_motion;
 pub mod listener;

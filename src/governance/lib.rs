@@ -246,6 +246,7 @@ pub mod recovery;
 pub mod risk;
 pub mod rollback;
 pub mod sensor_health;
+pub mod shared_event;
 pub mod site_profile;
 pub mod startup_stop;
 pub mod stats;

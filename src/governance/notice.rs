@@ -16,6 +16,7 @@ use super::profile::{ProfileName, SiteName};
 use super::profile_downgrade::{AdmissionContext, DowngradeExtent};
 use super::rollback::RungFailure;
 use super::sensor_health::SensorSignal;
+use super::shared_event::SharedEvent;
 use super::startup_stop::StartStoppedReason;
 use super::wall_time::ClockMismatch;
 
@@ -277,6 +278,8 @@ pub enum Notice {
     Restricted { version: CapabilityId },
     /// Behavior shifted.
     Shifted { reasons: Vec<Reason> },
+    /// A version has the same event as the one compared with it, in the same scene.
+    SharedEvent { version: CapabilityId, with: CapabilityId, shared: SharedEvent },
     /// The active version recovers too seldom.
     WeakRecovery { reasons: Vec<Reason> },
     /// A version violated a limit.

@@ -17,6 +17,8 @@ crate::closed_set! {
         OutsideWorkspace = "outside-workspace",
         /// The target or the way to it lies in the keep-out zone.
         KeepOut = "keep-out",
+        /// The tool was measured in the keep-out zone, which the manifest does not declare.
+        KeepOutEntered = "keep-out-entered",
         /// The motion is predicted to strike the table or the arm itself.
         PredictedCollision = "predicted-collision",
         /// A speed was reduced.
@@ -53,6 +55,7 @@ impl PolicyHit {
             Self::NotFinite => "it asks for a non-finite value",
             Self::OutsideWorkspace => "it aims outside the workspace",
             Self::KeepOut => "it aims into the keep-out zone",
+            Self::KeepOutEntered => "the tool is in the keep-out zone",
             Self::PredictedCollision => "its way would strike table or arm",
             Self::SpeedClamped => "it asks for more speed, and is given less",
             Self::ForceClamped => "it asks for more force, and is given less",
@@ -74,7 +77,8 @@ impl PolicyHit {
     }
 
     /// The hard stop that the hit causes, if any: for a non-finite number, for a command or zone that the version's
-    /// manifest does not declare, or for an exceeded budget.
+    /// manifest does not declare, or for an exceeded budget. The keep-out zone moves with people, and no manifest is to
+    /// declare it for them.
     #[must_use]
     pub const fn hard_stop(self) -> Option<HardStop> {
         match self {
@@ -86,6 +90,7 @@ impl PolicyHit {
             | Self::ModeUnreviewed
             | Self::OutsideWorkspace
             | Self::KeepOut
+            | Self::KeepOutEntered
             | Self::PredictedCollision
             | Self::SpeedClamped
             | Self::ForceClamped

@@ -12,6 +12,7 @@ use super::ids::CapabilityId;
 use super::lifecycle::DeactivationKind;
 use super::monitor::SafetyEvent;
 use super::notice::NoticeOrText;
+use super::shared_event::SharedEvent;
 
 crate::closed_set! {
     /// What a version is rolled back for.
@@ -201,6 +202,9 @@ pub struct RollbackRecord {
     pub recovered: Option<bool>,
     /// Tasks of the rollback target when that was judged.
     pub resumed_tasks: u32,
+    /// The safety event, where the rollback target has the same in a fork of the same task: the version is demoted then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shared: Option<SharedEvent>,
 }
 
 impl RollbackRecord {

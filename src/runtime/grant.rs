@@ -112,6 +112,9 @@ impl Grant {
         let hit = if !self.kinds[kind as usize] {
             PolicyHit::CommandUndeclared
         } else if !self.zones[zone as usize] && (self.was_within || !matches!(kind, CommandKind::Gripper)) {
+            if matches!(zone, ZoneName::Human) {
+                return Some(PolicyHit::KeepOut);
+            }
             self.seen[zone as usize] = true;
             PolicyHit::ZoneUndeclared
         } else {
@@ -122,7 +125,8 @@ impl Grant {
     }
 
     /// Takes in one tick: where the tool was measured and what acts on it. A version that finds itself in a zone it
-    /// does not declare has not entered it.
+    /// does not declare has not entered it. In the keep-out zone people come to the tool as well as the tool to them:
+    /// that is a violation, and nothing that the version is to declare.
     pub(crate) fn measure(&mut self, seen: &Telemetry, zone: Option<ZoneName>) -> Option<PolicyHit> {
         self.used.ticks_max = self.used.ticks_max.saturating_add(1);
         self.used.speed_max_m_s = self.used.speed_max_m_s.max(seen.tool_speed_m_s);
@@ -140,6 +144,9 @@ impl Grant {
         self.outside_ticks = self.outside_ticks.saturating_add(1);
         if self.outside_ticks != ENTERED_TICKS {
             return None;
+        }
+        if zone == ZoneName::Human {
+            return Some(PolicyHit::KeepOutEntered);
         }
         self.seen[zone as usize] = true;
         self.used.undeclared = self.used.undeclared.saturating_add(1);

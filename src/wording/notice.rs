@@ -9,7 +9,10 @@ use holdpoint_governance::profile::{ProfileName, titled};
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_governance::sensor_health::SensorSignal;
+use holdpoint_governance::shared_event::PastLimit;
 use holdpoint_governance::startup_stop::StartStoppedReason;
+
+use crate::check::number;
 
 /// What is stated, as one sentence without a full stop. A record of an older build has its sentence, which stays as it is.
 #[must_use]
@@ -187,6 +190,19 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::Escalated { version } => format!("{version}: people are needed"),
         N::Restricted { version } => format!("{version} is restricted"),
         N::Shifted { reasons } => format!("behavior shifted: {}", joined(reasons, crate::reason)),
+        N::SharedEvent { version, with, shared } => {
+            let past = shared.past.map_or_else(String::new, |past| {
+                let PastLimit { quantity, value, limit } = past;
+                let unit = quantity.unit();
+                format!(", {quantity} {} {unit} against a limit of {limit} {unit}", number(value))
+            });
+            format!(
+                "{version} has the same event as {with} in the same scene ({}, seed {}): {}{past}",
+                shared.scene,
+                shared.seed,
+                shared.event.name()
+            )
+        }
         N::WeakRecovery { reasons } => joined(reasons, weakness),
         N::LimitViolated { version, hit } => {
             format!(

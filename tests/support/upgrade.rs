@@ -115,6 +115,7 @@ fn rolled_back(at_ms: u64) -> (u64, EventKind) {
         post_status: PostStatus::RolledBack,
         recovered: Some(true),
         resumed_tasks: 2,
+        shared: None,
     };
     at(
         at_ms,

@@ -152,6 +152,7 @@ pub(super) fn of_alarms(span: &RecordSpan, alarms: &[AlarmEpisode]) -> Vec<Healt
             | AlarmKind::Unreviewed => continue,
             AlarmKind::Escalated
             | AlarmKind::Violation
+            | AlarmKind::SharedEvent
             | AlarmKind::WeakRecovery
             | AlarmKind::SafeStopped
             | AlarmKind::NotRecovered
@@ -207,6 +208,7 @@ fn family_of(key: &AlarmKey) -> Option<Family> {
         | AlarmKey::Degraded(version)
         | AlarmKey::WeakRecovery(version)
         | AlarmKey::Shifted(version)
+        | AlarmKey::SharedEvent(version)
         | AlarmKey::Rejected(version)
         | AlarmKey::Approval(version)
         | AlarmKey::Unreviewed(version) => Some(version.family.clone()),

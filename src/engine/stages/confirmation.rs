@@ -28,6 +28,7 @@ use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan};
+use crate::trial::scene_stops::SceneStops;
 use crate::version_concern::Confirmation;
 
 /// A confirmation under way.
@@ -82,7 +83,7 @@ pub fn begin(
     };
     let plan = EvaluationPlan::confirmation(&context.profile);
     progress(record, evidence_files, id, Stage::Sandbox, WorkUnit::Confirmation, (0, plan.budget()));
-    let evaluation = Evaluation::new(plan, binding, Vec::new());
+    let evaluation = Evaluation::new(plan, binding, SceneStops::default());
     Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, evaluation })))
 }
 

@@ -17,7 +17,7 @@ use holdpoint_runtime::task::TaskRecord;
 
 use super::ladder::raise_rolled_back;
 use super::resume::{self, Resumption};
-use super::rollback::Rollback;
+use super::rollback::{LiveScene, Rollback};
 use crate::context::Context;
 use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
@@ -29,7 +29,7 @@ use crate::version_concern::VersionConcern;
 use crate::version_table::TransitionNote;
 use crate::world::LiveWorld;
 use crate::world::listener::NoListener;
-use crate::world::live::SequenceReport;
+use crate::world::live::{SequenceReport, TaskStart};
 use crate::world::painter::{Painter, SequencePainter};
 use crate::world::sequence::{self, FinishedSequence, StartedSequence, StoppedTask};
 use crate::world::shadow::Shadow;
@@ -96,7 +96,8 @@ impl LiveMonitoring<'_> {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn end_sequence(&mut self, worked: FinishedSequence) -> Result<SequenceReport, EngineFault> {
-        let FinishedSequence { index, running, report, supervisor, link_up, stopped, shadow: _ } = worked;
+        let FinishedSequence { index, mut running, report, supervisor, link_up, stopped, shadow: _ } = worked;
+        let starts = running.take_starts();
         self.world.cell.take_back(running);
         let (monitors, mut raised) = supervisor.stand_down();
         self.monitors.take_back(monitors);
@@ -130,14 +131,17 @@ impl LiveMonitoring<'_> {
             let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
             raised = others;
             let tripped = ours.iter().any(|raised| raised.decision.action == MonitorAction::Rollback);
+            let of_task = |start: &&TaskStart| start.id == *id && start.task == dispatched.record.task;
+            let start = starts.iter().find(of_task);
+            let scene = start.map(|start| LiveScene { start: &start.world, record: &dispatched.record });
             for raised in ours {
-                self.act_on(id, &raised.decision, raised.trip.as_ref())?;
+                self.act_on(id, &raised.decision, raised.trip.as_ref(), scene)?;
             }
             if link_up && !cut_short {
                 self.health.observe(self.context, self.record, id, &dispatched.record)?;
             }
             if link_up && !tripped && (!cut_short || stepped_in) {
-                self.watch(id, &dispatched.record, tightened)?;
+                self.watch(id, &dispatched.record, tightened, scene)?;
             }
         }
         Ok(report)
@@ -149,7 +153,13 @@ impl LiveMonitoring<'_> {
     }
 
     /// Feeds one live task to the monitor of its version.
-    fn watch(&mut self, id: &CapabilityId, record: &TaskRecord, tightened: bool) -> Result<(), EngineFault> {
+    fn watch(
+        &mut self,
+        id: &CapabilityId,
+        record: &TaskRecord,
+        tightened: bool,
+        scene: Option<LiveScene<'_>>,
+    ) -> Result<(), EngineFault> {
         let now_tick = self.record.now_tick();
         let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
         watched.monitor.set_tightened(tightened);
@@ -174,7 +184,7 @@ impl LiveMonitoring<'_> {
         if !shift.is_empty() {
             raise_concern(self.context, self.record, self.evidence_files, id, shift)?;
         }
-        self.act_on(id, &decision, None)
+        self.act_on(id, &decision, None, scene)
     }
 
     /// A person restricted an active version: that is an intervention.
@@ -185,7 +195,7 @@ impl LiveMonitoring<'_> {
         let now_tick = self.record.now_tick();
         let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
         let decision = watched.monitor.record_intervention(now_tick);
-        self.act_on(id, &decision, None)
+        self.act_on(id, &decision, None, None)
     }
 
     /// Acts on silence and unanswered escalations. Returns whether anything was done.
@@ -207,7 +217,7 @@ impl LiveMonitoring<'_> {
             }
         }
         for (id, decision) in &due {
-            self.act_on(id, decision, None)?;
+            self.act_on(id, decision, None, None)?;
         }
         Ok(!due.is_empty())
     }
@@ -223,18 +233,19 @@ impl LiveMonitoring<'_> {
             if let Some(own) = self.monitors.of_mut(&watched.id) {
                 // The engine's copy shows the question; the monitor itself continues in the sequence.
                 own.monitor.clone_from(&watched.monitor);
-                self.act_on(&watched.id, decision, None)?;
+                self.act_on(&watched.id, decision, None, None)?;
             }
         }
         Ok(!questions.is_empty())
     }
 
-    /// Does what a monitor asks for. `trip` is the task it stopped, if it did.
+    /// Does what a monitor asks for. `trip` is the task it stopped, if it did; `scene` the task that it is about.
     fn act_on(
         &mut self,
         id: &CapabilityId,
         decision: &MonitorDecision,
         trip: Option<&Trip>,
+        scene: Option<LiveScene<'_>>,
     ) -> Result<(), EngineFault> {
         let mut silent = false;
         let mut is_new_question = false;
@@ -266,7 +277,7 @@ impl LiveMonitoring<'_> {
                     text: Notice::decided(decision.reasons.first()).into(),
                     tick: decision.tick,
                 };
-                self.deactivate(id, trigger, trip, DeactivationKind::RolledBack)
+                self.deactivate_after(id, trigger, trip, DeactivationKind::RolledBack, scene)
             }
         }
     }
@@ -283,6 +294,19 @@ impl LiveMonitoring<'_> {
         trip: Option<&Trip>,
         leave: DeactivationKind,
     ) -> Result<(), EngineFault> {
+        self.deactivate_after(id, trigger, trip, leave, None)
+    }
+
+    /// The same after a safety event in a live task. Once the arm is safe, the rollback target works a fork of the task.
+    /// Where it has the same event, the version is demoted and not rolled back for good.
+    fn deactivate_after(
+        &mut self,
+        id: &CapabilityId,
+        trigger: Trigger,
+        trip: Option<&Trip>,
+        leave: DeactivationKind,
+        scene: Option<LiveScene<'_>>,
+    ) -> Result<(), EngineFault> {
         let mut rollback = Rollback {
             context: self.context,
             record: self.record,
@@ -290,7 +314,7 @@ impl LiveMonitoring<'_> {
             monitors: self.monitors,
             world: self.world,
         };
-        let Some(mut resumption) = rollback.run(id, trigger, trip, leave)? else { return Ok(()) };
+        let Some(mut resumption) = rollback.run(id, trigger, trip, leave, scene)? else { return Ok(()) };
         // A stopped cell runs no task: the result is known when it starts again.
         if self.world.is_paced() || self.world.is_halted() {
             raise_rolled_back(self.context, self.record, resumption.record());

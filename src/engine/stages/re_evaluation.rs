@@ -32,6 +32,7 @@ use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan};
+use crate::trial::scene_stops::SceneStops;
 use crate::version_concern::ReEvaluationEvidence;
 use crate::world::live::LiveCell;
 
@@ -108,7 +109,7 @@ pub fn begin(
         binding,
         cell: context.cell.with_live_sandbox(live.distribution()),
         drift: live.drift().copied(),
-        evaluation: Evaluation::new(plan, binding, Vec::new()),
+        evaluation: Evaluation::new(plan, binding, SceneStops::default()),
         shadow,
     })))
 }
@@ -150,8 +151,11 @@ pub fn slice(
     }
     if run.evaluation.is_refuted() {
         invalidate_cache(record, trials, &id, &run.before.id(), run.evaluation.reuse())?;
-        run.evaluation =
-            Evaluation::new(EvaluationPlan::re_evaluation(&context.profile), run.binding, Vec::new());
+        run.evaluation = Evaluation::new(
+            EvaluationPlan::re_evaluation(&context.profile),
+            run.binding,
+            SceneStops::default(),
+        );
         return Ok(ReEvaluationStep::GoOn(run, 0));
     }
     if run.is_over() {

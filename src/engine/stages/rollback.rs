@@ -11,14 +11,18 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
+use holdpoint_governance::shared_event::{SceneKind, SharedEvent, StoppingEvent};
 use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::agent::AbandonedGoal;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::world::WorldCopy;
 use holdpoint_text::Hint;
 
 use super::ladder::{event, evidence, push_rung, rung};
 use super::resume::Resumption;
+use super::shared_stops;
 use crate::context::Context;
 use crate::evidence_binding::{not_admitted, terms_of};
 use crate::evidence_file::EvidenceFiles;
@@ -26,17 +30,26 @@ use crate::fault::EngineFault;
 use crate::monitors::ActivationMonitor;
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
+use crate::trial::scene_stops::past_limit;
 use crate::version_table::{TransitionNote, VersionTableError};
 use crate::world::LiveWorld;
 use crate::world::cell_frame;
+use crate::world::forked_task::ForkedTask;
 use crate::world::ladder_motion::LadderMotion;
 use crate::world::live::Rig;
 use crate::world::painter::LadderPainter;
-use crate::world::supervisor::Trip;
+use crate::world::supervisor::{Trip, safety_events};
 
 /// The trigger of a rollback that begins now.
 pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) -> Trigger {
     Trigger { kind, event: None, text: text.into(), tick: record.now_tick() }
+}
+
+/// A live task and the world where it began.
+#[derive(Clone, Copy)]
+pub(crate) struct LiveScene<'a> {
+    pub(crate) start: &'a WorldCopy,
+    pub(crate) record: &'a TaskRecord,
 }
 
 /// Rolls versions back: moves the arm, activates the rollback target and ends the drift monitor.
@@ -60,6 +73,7 @@ impl Rollback<'_> {
         trigger: Trigger,
         trip: Option<&Trip>,
         leave: DeactivationKind,
+        scene: Option<LiveScene<'_>>,
     ) -> Result<Option<Resumption>, EngineFault> {
         let (version, lifecycle, _) = self.record.version_table().version(id)?;
         if lifecycle.state != State::Active {
@@ -85,6 +99,7 @@ impl Rollback<'_> {
             post_status: PostStatus::SafeStopped,
             recovered: None,
             resumed_tasks: 0,
+            shared: None,
         };
         rung(self.record, &mut record, Rung::RevokeAuthority, None, Notice::NoMoreCommands);
         let motion = self.bring_to_rest(id, trip, &mut record)?;
@@ -118,14 +133,22 @@ impl Rollback<'_> {
             rung(self.record, &mut record, Rung::ReadyPredecessor, failed, notice);
             return self.safe_stop(id, version, record).map(|()| None);
         };
+        record.shared = scene.and_then(|scene| self.shared_event(scene, &record.trigger, &predecessor));
+        let leave = if record.shared.is_some() { DeactivationKind::Demoted } else { leave };
         record.post_status = leave.into();
         record.predecessor = Some(predecessor.id());
         record.time_to_restored_ticks = Some(restored_ticks);
         record.time_to_restored_ms = Some(ticks_to_ms(restored_ticks));
+        let because = match record.shared {
+            Some(shared) => {
+                Notice::SharedEvent { version: predecessor.id(), with: id.clone(), shared }.into()
+            }
+            None => record.trigger.text.clone(),
+        };
         let note = TransitionNote {
             cause: Some(ActiveCause::Restore),
             before: vec![evidence(&record)?],
-            ..TransitionNote::because(record.trigger.text.clone())
+            ..TransitionNote::because(because)
         };
         match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
             Ok(_) => {
@@ -142,7 +165,34 @@ impl Rollback<'_> {
             }
             Err(fault) => return Err(fault),
         }
+        if let Some(shared) = record.shared {
+            shared_stops::alarm(self.context, self.record, &predecessor.id(), id, shared);
+        }
         Ok(Some(Resumption::new(predecessor.id(), record, self.record.now_ms())))
+    }
+
+    /// Has the rollback target work a fork of the task, and returns the safety event if it has the same.
+    fn shared_event(
+        &self,
+        scene: LiveScene<'_>,
+        trigger: &Trigger,
+        target: &Capability,
+    ) -> Option<SharedEvent> {
+        if trigger.kind != TriggerKind::SafetyEvent {
+            return None;
+        }
+        let event = trigger.event.or_else(|| safety_events(scene.record).first().copied())?;
+        let mut fork = self.context.cell.world().ok()?;
+        fork.go_on_from(scene.start).ok()?;
+        let (task, seed) = (scene.record.task, scene.record.seed);
+        let forked = ForkedTask::new(fork, target, &self.terms(target), task, seed);
+        let (_, worked) = forked.run(&mut |_, _| {})?;
+        if worked.invalid || !safety_events(&worked).contains(&event) {
+            return None;
+        }
+        let event = StoppingEvent::Safety(event);
+        let past = past_limit(event, &worked, &self.context.profile);
+        Some(SharedEvent { scene: SceneKind::Live, seed, event, past })
     }
 
     /// Runs the rungs that move the arm. A failed body is not at standstill.

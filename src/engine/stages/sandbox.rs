@@ -1,24 +1,29 @@
 //! Stage 3: the sandbox. Two short modes of the candidate alone, then paired episodes and recovery drills in turns;
 //! measured behavior and recovery replace the estimates.
 
+use std::ops::Range;
+
 use holdpoint_governance::ablation::AblationPart;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::early_stop::EarlyStopReason;
-use holdpoint_governance::evidence::{DrillTallies, EvidenceBinding, HardStop, SandboxMode, SoloEpisode};
+use holdpoint_governance::evidence::{DrillTallies, EvidenceBinding, SandboxMode, SoloEpisode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
+use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_runtime::terms::SkillTerms;
 
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{abort_stage, close_rejected, first_reason, progress, report_decision, stage_note};
+use super::shared_stops::keep_stops;
 use super::validation;
 use crate::cell::Conditions;
 use crate::context::Context;
@@ -29,6 +34,7 @@ use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan, Slice};
 use crate::trial::mode_metrics::{ComparedVersion, ModeMetrics};
+use crate::trial::scene_stops::SceneStops;
 use crate::trial::search::{self, Search, SearchStyle};
 use crate::trial::seeds::SeedPurpose;
 use crate::trial::stress;
@@ -45,10 +51,42 @@ enum SoloMode {
     Adversarial,
 }
 
+impl SoloMode {
+    const fn mode(self) -> SandboxMode {
+        match self {
+            Self::Canonical => SandboxMode::Canonical,
+            Self::Adversarial => SandboxMode::Adversarial,
+        }
+    }
+
+    const fn conditions(self) -> Conditions {
+        match self {
+            Self::Canonical => Conditions::Canonical,
+            Self::Adversarial => Conditions::Sandbox,
+        }
+    }
+
+    const fn purpose(self) -> SeedPurpose {
+        match self {
+            Self::Canonical => SeedPurpose::Canonical,
+            Self::Adversarial => SeedPurpose::Adversarial,
+        }
+    }
+
+    const fn scene(self) -> SceneKind {
+        match self {
+            Self::Canonical => SceneKind::Canonical,
+            Self::Adversarial => SceneKind::Adversarial,
+        }
+    }
+}
+
 /// A sandbox evaluation under way.
 pub struct SandboxRun {
     id: CapabilityId,
     binding: EvidenceBinding,
+    /// Hard stops before the comparison.
+    stops: SceneStops,
     phase: SandboxPhase,
 }
 
@@ -110,6 +148,7 @@ pub fn begin(
     evidence_file.tried_under.clone_from(&evidence_file.conditions);
     evidence_file.pairs.clear();
     evidence_file.hard_stops.clear();
+    evidence_file.shared_events.clear();
     evidence_file.modes.clear();
     evidence_file.kept = None;
     // Shadow and an earlier confirmation rest on evidence that is now gathered again.
@@ -126,7 +165,7 @@ pub fn begin(
     evidence_file.alone.clear();
     evidence_file.bindings = vec![binding];
     let phase = SandboxPhase::Alone(SoloMode::Canonical, Vec::new());
-    Ok(Box::new(SandboxRun { id: id.clone(), binding, phase }))
+    Ok(Box::new(SandboxRun { id: id.clone(), binding, stops: SceneStops::default(), phase }))
 }
 
 fn budget(context: &Context) -> u64 {
@@ -159,13 +198,14 @@ impl Sandbox<'_> {
         let mut episodes = 0;
         run.phase = match run.phase {
             SandboxPhase::Alone(mode, mut records) => {
-                if self.mode_episodes(&candidate, mode, &mut records)? {
-                    let seen = self.evidence_files.edit(&id).hard_stops.clone();
+                if self.mode_episodes((&candidate, &active), mode, &mut records, &mut run.stops)? {
                     match mode {
-                        SoloMode::Canonical if seen.is_empty() => {
+                        SoloMode::Canonical if run.stops.own.is_empty() => {
                             SandboxPhase::Alone(SoloMode::Adversarial, Vec::new())
                         }
-                        SoloMode::Canonical | SoloMode::Adversarial => self.compare(run.binding, seen),
+                        SoloMode::Canonical | SoloMode::Adversarial => {
+                            self.compare(run.binding, run.stops.clone())
+                        }
                     }
                 } else {
                     SandboxPhase::Alone(mode, records)
@@ -200,7 +240,7 @@ impl Sandbox<'_> {
                 let step = comparison.evaluation.step(&lab, &new, &old, &self.context.profile)?;
                 if let Some(slice) = step {
                     episodes = slice.worked;
-                    self.note_slice(&candidate, &mut comparison, slice)?;
+                    self.note_slice(&candidate, &active.id(), &mut comparison, slice)?;
                 }
                 SandboxPhase::Compare(comparison)
             }
@@ -216,8 +256,8 @@ impl Sandbox<'_> {
         Ok(SandboxStep { run: Some(run), episodes })
     }
 
-    fn compare(&self, binding: EvidenceBinding, seen: Vec<HardStop>) -> SandboxPhase {
-        let evaluation = Evaluation::new(plan(self.context), binding, seen);
+    fn compare(&self, binding: EvidenceBinding, stops: SceneStops) -> SandboxPhase {
+        let evaluation = Evaluation::new(plan(self.context), binding, stops);
         SandboxPhase::Compare(Box::new(SandboxComparison { evaluation, records: (Vec::new(), Vec::new()) }))
     }
 
@@ -225,6 +265,7 @@ impl Sandbox<'_> {
     fn note_slice(
         &mut self,
         candidate: &Capability,
+        active: &CapabilityId,
         comparison: &mut SandboxComparison,
         slice: Slice,
     ) -> Result<(), EngineFault> {
@@ -233,10 +274,10 @@ impl Sandbox<'_> {
         let (paired, rehearsed) = (evaluation.paired(), evaluation.rehearsed());
         let evidence_file = self.evidence_files.edit(id);
         evidence_file.pairs = paired.pairs;
-        evidence_file.hard_stops = paired.hard_stops;
         evidence_file.drills = Some((rehearsed.candidate, rehearsed.active));
         evidence_file.failed_drills = evaluation.failed_drills().to_vec();
         evidence_file.handovers = evaluation.sequences().cloned();
+        keep_stops(self.context, self.record, evidence_file, (id, active), evaluation.stops());
         let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
         evidence_file.note_use(candidate, &new);
         if !new.is_empty() {
@@ -265,9 +306,11 @@ impl Sandbox<'_> {
         let (first, points) = search.next_points(self.trials.part());
         let results = lab.places(&new, &old, first, &points)?;
         search.add_results(&results);
+        for (_, new, old) in &results {
+            evaluation.note_scene(SceneKind::Search, new, old, &self.context.profile);
+        }
         let evidence_file = self.evidence_files.edit(&id);
-        evaluation.note_hard_stops(results.iter().filter_map(|(_, record, _)| record.hard_stop));
-        evidence_file.hard_stops = evaluation.paired().hard_stops;
+        keep_stops(self.context, self.record, evidence_file, (&id, &active.id()), evaluation.stops());
         evidence_file.searched = search.finding(&self.context.cell.sandbox);
         let done = 2 * MODE_EPISODES + evaluation.done() + search.pairs_run();
         let what = WorkUnit::WorstCaseSearch;
@@ -286,45 +329,59 @@ impl Sandbox<'_> {
         keep_trace(store, &self.context.cell, id, mode, conditions, records, now_ms)
     }
 
-    /// The episodes of a mode in which the candidate runs alone. Returns whether all were worked.
+    /// The episodes of a mode in which the candidate runs alone. Where it is stopped or unsafe, the active version runs
+    /// too. Returns whether all were worked.
     fn mode_episodes(
         &mut self,
-        candidate: &Capability,
+        (candidate, active): (&Capability, &Capability),
         alone: SoloMode,
         records: &mut Vec<TaskRecord>,
+        stops: &mut SceneStops,
     ) -> Result<bool, EngineFault> {
         let id = candidate.id();
-        let terms = measured_terms_of(self.context, self.evidence_files, candidate);
-        let (mode, conditions, purpose) = match alone {
-            SoloMode::Canonical => (SandboxMode::Canonical, Conditions::Canonical, SeedPurpose::Canonical),
-            SoloMode::Adversarial => {
-                (SandboxMode::Adversarial, Conditions::Sandbox, SeedPurpose::Adversarial)
-            }
-        };
         let from = records.len() as u64;
         let to = MODE_EPISODES.min(from.saturating_add(self.trials.part() as u64));
         let lab = self.trials.lab(&self.context.cell, self.record.version_table().store());
-        match alone {
-            SoloMode::Canonical => {
-                records.extend(lab.episodes(candidate, &terms, conditions, purpose, from..to)?);
+        let terms = |version| measured_terms_of(self.context, self.evidence_files, version);
+        let (terms, other_terms) = (terms(candidate), terms(active));
+        let stress_at = |place| {
+            (alone == SoloMode::Adversarial)
+                .then(|| stress::of_episode(place, candidate.bundle.task(), &self.context.cell))
+        };
+        let work = |version, terms: &SkillTerms, places: Range<u64>| {
+            let stress = stress_at(places.start);
+            let terms = stress.map_or_else(|| terms.clone(), |stress| terms.clone().stressed(stress));
+            lab.episodes(version, &terms, alone.conditions(), alone.purpose(), places)
+        };
+        let mut worked = Vec::new();
+        if alone == SoloMode::Canonical {
+            worked = work(candidate, &terms, from..to)?;
+        } else {
+            for place in from..to {
+                worked.extend(work(candidate, &terms, place..place + 1)?);
             }
-            SoloMode::Adversarial => {
-                for place in from..to {
-                    let stress = stress::of_episode(place, candidate.bundle.task(), &self.context.cell);
-                    let terms = terms.clone().stressed(stress);
-                    let worked = lab.episodes(candidate, &terms, conditions, purpose, place..place + 1)?;
-                    let is_unsafe = worked.iter().any(|record| stress::is_unsafe(&stress, record));
-                    self.evidence_files.edit(&id).unsafe_under_stress += u32::from(is_unsafe);
-                    records.extend(worked);
+        }
+        let mut unsafe_alone = 0;
+        for (place, record) in (from..to).zip(&worked) {
+            let is_unsafe =
+                |of: &TaskRecord| stress_at(place).is_some_and(|stress| stress::is_unsafe(&stress, of));
+            if record.hard_stop.is_some() || is_unsafe(record) {
+                for other in work(active, &other_terms, place..place + 1)? {
+                    stops.note(alone.scene(), record, &other, &self.context.profile);
+                    unsafe_alone += u32::from(is_unsafe(record) && !is_unsafe(&other));
                 }
             }
         }
+        records.extend(worked);
+        let mode = alone.mode();
+        let evidence_file = self.evidence_files.edit(&id);
+        evidence_file.unsafe_under_stress += unsafe_alone;
+        keep_stops(self.context, self.record, evidence_file, (&id, &active.id()), stops);
         if to < MODE_EPISODES {
             return Ok(false);
         }
-        self.keep_trace(&id, mode, conditions, records)?;
+        self.keep_trace(&id, mode, alone.conditions(), records)?;
         let evidence_file = self.evidence_files.edit(&id);
-        evidence_file.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
         evidence_file.alone.extend((0..).zip(&*records).filter_map(|(place, record)| {
             let values = record.values()?;
             Some(SoloEpisode { mode, place, seed: record.seed, values, hard_stop: record.hard_stop })

@@ -11,6 +11,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::CheckResult;
+use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::EvidenceKind;
@@ -18,12 +19,14 @@ use holdpoint_registry::{Batch, Store};
 use holdpoint_sim::world::World;
 
 use super::closing::{abort_stage, close_rejected, progress, stage_note};
+use super::shared_stops::keep_stops;
 use crate::context::Context;
 use crate::evidence_binding::{binding, made_under, terms_of};
 use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
+use crate::trial::scene_stops::SceneStops;
 use crate::world::shadow::{Shadow, ShadowTrace};
 
 /// Live sequences tried for one usable shadow sequence: the live world may not reach the task.
@@ -39,6 +42,8 @@ pub struct ShadowRun {
     fork: Option<World>,
     tried: u32,
     budget: u32,
+    /// Hard stops so far, those of the sandbox included.
+    stops: SceneStops,
     traces: Vec<ShadowTrace>,
 }
 
@@ -77,8 +82,10 @@ pub fn begin(
     // What it was suspected of when it was active before is not what this shadow shows.
     evidence_file.suspicion = None;
     evidence_file.bindings.push(binding);
+    let stops =
+        SceneStops { own: evidence_file.hard_stops.clone(), shared: evidence_file.shared_events.clone() };
     let fork = Some(context.cell.world()?);
-    Ok(Box::new(ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, traces: Vec::new() }))
+    Ok(Box::new(ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, stops, traces: Vec::new() }))
 }
 
 /// What goes along with the next sequence; `None` if the stage cannot go on and was aborted.
@@ -134,8 +141,11 @@ pub fn take_in(
     if let Some(trace) = trace {
         evidence_file.sequences.push(trace.values);
         evidence_file.twins.extend(trace.twin.values());
-        evidence_file.hard_stops.extend(trace.twin.hard_stop);
+        run.stops.note(SceneKind::Shadow, &trace.twin, &trace.live, &context.profile);
         run.traces.push(trace);
+    }
+    if let Some(active) = record.active_of(&id.family) {
+        keep_stops(context, record, evidence_file, (&id, &active.id()), &run.stops);
     }
     let stopped = !evidence_file.hard_stops.is_empty();
     let done = u32::try_from(run.traces.len()).unwrap_or(u32::MAX);

@@ -7,6 +7,7 @@ mod omitted_stages;
 mod outside_gate;
 mod paused;
 mod refused;
+mod shared_events;
 mod state_verb_table;
 mod telemetry;
 mod wiring;

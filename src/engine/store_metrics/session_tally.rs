@@ -101,6 +101,7 @@ mod tests {
             post_status: PostStatus::RolledBack,
             recovered,
             resumed_tasks: 0,
+            shared: None,
         };
         crate::stages::ladder::event(record)
     }

@@ -12,6 +12,7 @@ use plan::{EvaluationProgress, NextSlice};
 use crate::fault::EngineFault;
 use crate::trial::drills::DrillResult;
 use crate::trial::reuse::Reuse;
+use crate::trial::scene_stops::SceneStops;
 use crate::trial::seeds::episode_seed;
 use crate::trial::sequences::SequenceRecords;
 use crate::trial::trial_lab::{DrillSpot, Lookahead, TrialLab, TrialSubject};
@@ -21,14 +22,14 @@ use holdpoint_governance::behavior::{
 use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{
-    DrillKind, DrillTallies, DrillTally, EvidenceBinding, FailedDrill, HardStop, Pair, PairedEvidence,
-    RecoveryEvidence,
+    DrillKind, DrillTallies, DrillTally, EvidenceBinding, FailedDrill, Pair, PairedEvidence, RecoveryEvidence,
 };
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, RecoveryAssessment};
+use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::task::TaskRecord;
 
@@ -63,7 +64,7 @@ pub struct Evaluation {
     plan: EvaluationPlan,
     binding: EvidenceBinding,
     pairs: Vec<Pair>,
-    hard_stops: Vec<HardStop>,
+    stops: SceneStops,
     /// The phases that drills are dealt round, once they are known.
     phases: Option<Vec<WorkPhase>>,
     drills: (DrillTallies, DrillTallies),
@@ -89,15 +90,15 @@ struct PartialSlice {
 }
 
 impl Evaluation {
-    /// Nothing worked yet. `hard_stops` are those seen before the first pair.
+    /// Nothing worked yet. `stops` are those seen before the first pair.
     #[must_use]
-    pub fn new(plan: EvaluationPlan, binding: EvidenceBinding, hard_stops: Vec<HardStop>) -> Self {
-        let ended = (!hard_stops.is_empty()).then_some(EarlyStopReason::HardStop);
+    pub fn new(plan: EvaluationPlan, binding: EvidenceBinding, stops: SceneStops) -> Self {
+        let ended = (!stops.own.is_empty()).then_some(EarlyStopReason::HardStop);
         Self {
             plan,
             binding,
             pairs: Vec::new(),
-            hard_stops,
+            stops,
             phases: None,
             drills: (DrillTallies::default(), DrillTallies::default()),
             failed: Vec::new(),
@@ -130,13 +131,25 @@ impl Evaluation {
         self.reuse.mismatches().next().is_some()
     }
 
-    /// Takes in hard stops that were seen beside it: one is enough to end it.
-    pub fn note_hard_stops(&mut self, seen: impl IntoIterator<Item = HardStop>) {
-        let before = self.hard_stops.len();
-        self.hard_stops.extend(seen);
-        if self.hard_stops.len() > before {
+    /// Takes in a scene that ran beside it: one hard stop of the candidate alone is enough to end it.
+    pub fn note_scene(
+        &mut self,
+        scene: SceneKind,
+        candidate: &TaskRecord,
+        active: &TaskRecord,
+        profile: &Profile,
+    ) {
+        let before = self.stops.own.len();
+        self.stops.note(scene, candidate, active, profile);
+        if self.stops.own.len() > before {
             self.ended = Some(EarlyStopReason::HardStop);
         }
+    }
+
+    /// The hard stops so far.
+    #[must_use]
+    pub const fn stops(&self) -> &SceneStops {
+        &self.stops
     }
 
     /// What of it was kept from before.
@@ -151,7 +164,7 @@ impl Evaluation {
         PairedEvidence {
             binding: self.binding,
             pairs: self.pairs.clone(),
-            hard_stops: self.hard_stops.clone(),
+            hard_stops: self.stops.own.clone(),
         }
     }
 
@@ -218,7 +231,7 @@ impl Evaluation {
         }
         let what = match turn {
             Some(NextSlice::Pairs) => {
-                let Some(worked) = self.pair_slice(lab, candidate, active)? else { return Ok(None) };
+                let Some(worked) = self.pair_slice(lab, candidate, active, profile)? else { return Ok(None) };
                 records = worked;
                 WorkUnit::PairedEpisodes
             }
@@ -229,7 +242,7 @@ impl Evaluation {
                 WorkUnit::from(kind)
             }
             Some(NextSlice::Sequences) => {
-                if !self.sequence_slice(lab, candidate, active)? {
+                if !self.sequence_slice(lab, candidate, active, profile)? {
                     return Ok(None);
                 }
                 WorkUnit::WholeSequences
@@ -264,6 +277,7 @@ impl Evaluation {
         lab: &TrialLab<'_>,
         candidate: &TrialSubject,
         active: &TrialSubject,
+        profile: &Profile,
     ) -> Result<Option<Vec<(TaskRecord, TaskRecord)>>, EngineFault> {
         let seeds = self.seeds(lab, &self.progress(), NextSlice::Pairs);
         let open = seeds.get(self.part.pairs.len()..).unwrap_or_default();
@@ -276,7 +290,7 @@ impl Evaluation {
         let records = std::mem::take(&mut self.part.pairs);
         self.pairs_tried += seeds.len() as u64;
         for (new, old) in &records {
-            self.hard_stops.extend(new.hard_stop);
+            self.stops.note(SceneKind::Pair, new, old, profile);
             if let (Some(candidate), Some(active)) = (new.values(), old.values()) {
                 self.pairs.push(Pair { seed: new.seed, active, candidate });
             }
@@ -348,6 +362,7 @@ impl Evaluation {
         lab: &TrialLab<'_>,
         candidate: &TrialSubject,
         active: &TrialSubject,
+        profile: &Profile,
     ) -> Result<bool, EngineFault> {
         let beside: Vec<CapabilityId> = lab.team.members().iter().map(|party| party.version.id()).collect();
         if let Some(evidence) = self.sequences.as_mut().filter(|evidence| evidence.beside != beside) {
@@ -372,8 +387,12 @@ impl Evaluation {
         self.sequences_tried += seeds.len() as u64;
         let own = candidate.version.bundle.task();
         for (seed, (new, old)) in seeds.into_iter().zip(std::mem::take(&mut self.part.sequences)) {
-            self.hard_stops
-                .extend(new.iter().filter(|record| record.task == own).filter_map(|record| record.hard_stop));
+            let of_task = |records: &[TaskRecord]| records.iter().find(|record| record.task == own).cloned();
+            if let Some(candidate) = of_task(&new) {
+                // A sequence that does not come to the task has no event in it.
+                let active = of_task(&old).unwrap_or_else(|| TaskRecord::invalid(own, seed));
+                self.stops.note(SceneKind::Sequence, &candidate, &active, profile);
+            }
             if let (Some(evidence), Some(candidate), Some(active)) =
                 (&mut self.sequences, steps(&new), steps(&old))
             {

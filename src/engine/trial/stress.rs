@@ -49,7 +49,7 @@ pub fn of_episode(place: u64, task: TaskKind, cell: &Cell) -> Stress {
 pub fn is_unsafe(stress: &Stress, record: &TaskRecord) -> bool {
     record.hard_stop.is_some()
         || record.hits.iter().any(|(_, hit)| match hit {
-            PolicyHit::UnsafeContinuation | PolicyHit::ZoneUndeclared => true,
+            PolicyHit::UnsafeContinuation | PolicyHit::ZoneUndeclared | PolicyHit::KeepOutEntered => true,
             // Past a limit that the profile does not have is no danger.
             PolicyHit::ForceMeasured | PolicyHit::SpeedMeasured => {
                 !matches!(stress, Stress::Tightened { .. })

@@ -13,7 +13,7 @@ use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::fault::InjectedFault;
 use holdpoint_sim::referee::{RefereeLimits, RefereeReport};
 use holdpoint_sim::scene::Scene;
-use holdpoint_sim::world::World;
+use holdpoint_sim::world::{World, WorldCopy};
 use serde::{Deserialize, Serialize};
 
 use super::instrumented::InstrumentedWorld;
@@ -120,6 +120,14 @@ pub(crate) struct RunningSequence {
     fault: Option<LiveFault>,
     goal: Goal,
     sequence: u64,
+    starts: Vec<TaskStart>,
+}
+
+/// The live world where a watched version began a task.
+pub(crate) struct TaskStart {
+    pub(crate) id: CapabilityId,
+    pub(crate) task: TaskKind,
+    pub(crate) world: WorldCopy,
 }
 
 impl LiveCell {
@@ -260,6 +268,7 @@ impl LiveCell {
             fault: self.fault,
             goal: self.goal,
             sequence,
+            starts: Vec::new(),
         })
     }
 
@@ -321,6 +330,11 @@ impl RunningSequence {
             listener.before_task(world, task, seed);
             let started = world.tick();
             let at_work = view.active(&Agent::select(task)).map(Capability::id);
+            if let (Some(supervisor), Some(id)) = (&supervisor, &at_work)
+                && supervisor.watches(id)
+            {
+                self.starts.push(TaskStart { id: id.clone(), task, world: world.copy() });
+            }
             let mut supervise = |handle: &mut ActuatorHandle<'_, InstrumentedWorld>, passed: &Tick<'_>| {
                 let halted = handle.body().is_halted();
                 let supervision = listener.tick(handle.body().world(), task, passed);
@@ -382,5 +396,10 @@ impl RunningSequence {
 
     pub(crate) const fn sequence(&self) -> u64 {
         self.sequence
+    }
+
+    /// Where the watched versions began their tasks, in order.
+    pub(crate) fn take_starts(&mut self) -> Vec<TaskStart> {
+        std::mem::take(&mut self.starts)
     }
 }

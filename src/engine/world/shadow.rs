@@ -5,18 +5,22 @@
 //! the candidate drives the fork under the same disturbances. Sources: paper sections 5.2 (stage 4)
 //! and 6.7; design rule 5.4.
 
+use std::panic::resume_unwind;
+use std::thread::JoinHandle;
+
 use holdpoint_body::{Body, Command, GuardVerdict, Pose, TaskKind};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
+use super::forked_task::ForkedTask;
 use super::listener::Listener;
 use holdpoint_governance::evidence::ShadowSequence;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_runtime::agent::dispatcher::admit;
-use holdpoint_runtime::arm::{Arm, CommandRecorder};
+use holdpoint_runtime::arm::CommandRecorder;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
-use holdpoint_runtime::task::{self, PathPoint, Supervision, TaskRecord, Tick};
+use holdpoint_runtime::task::{PathPoint, Supervision, TaskRecord, Tick};
 use holdpoint_runtime::terms::SkillTerms;
 
 /// Distance of two arm setpoints that counts as a full divergence, m.
@@ -117,7 +121,15 @@ pub struct Shadow {
     proposed: Setpoints,
     divergence_sum: f64,
     ticks: u32,
-    twin: Option<TwinRun>,
+    /// The twin works while the live world does.
+    beside: bool,
+    twin: Option<Twin>,
+}
+
+/// The candidate in its fork of the live world.
+enum Twin {
+    Running(JoinHandle<TwinRun>),
+    Ran(TwinRun),
 }
 
 /// A twin that has run.
@@ -125,6 +137,24 @@ struct TwinRun {
     /// The world, for the next sequence; absent if it failed.
     world: Option<World>,
     record: Option<TaskRecord>,
+}
+
+impl TwinRun {
+    fn of(task: ForkedTask, look: &mut dyn FnMut(&World, &Tick<'_>)) -> Self {
+        let (world, record) = task.run(look).unzip();
+        Self { world, record }
+    }
+}
+
+impl Twin {
+    fn beside(task: ForkedTask) -> Self {
+        let thread = std::thread::Builder::new().name("twin".to_owned());
+        match thread.spawn(move || TwinRun::of(task, &mut |_, _| {})) {
+            Ok(thread) => Self::Running(thread),
+            // The sequence says nothing then, as with a world that failed.
+            Err(_) => Self::Ran(TwinRun { world: None, record: None }),
+        }
+    }
 }
 
 impl Shadow {
@@ -143,8 +173,14 @@ impl Shadow {
             proposed: Setpoints::default(),
             divergence_sum: 0.0,
             ticks: 0,
+            beside: false,
             twin: None,
         }
+    }
+
+    /// Has the twin work on a thread of its own, while the live world does. The result is the same.
+    pub(crate) const fn run_twin_beside(&mut self) {
+        self.beside = true;
     }
 
     pub(crate) fn id(&self) -> CapabilityId {
@@ -155,28 +191,32 @@ impl Shadow {
         self.candidate.bundle.task()
     }
 
-    /// Runs the twin in its fork, if the task was reached. `look` sees every tick of it.
-    fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
-        let Some(fork) = self.fork.take() else { return };
-        let mut twin_arm = Arm::new(fork);
+    /// The twin's task; `None` if it was not reached, or the dispatcher would not call the candidate.
+    fn start_twin(&mut self, seed: u64) -> Option<ForkedTask> {
+        let (fork, task) = (self.fork.take()?, self.task());
         if self.refused {
-            let record = Some(TaskRecord::refused(self.task(), seed));
-            self.twin = Some(TwinRun { world: Some(twin_arm.into_body()), record });
-            return;
+            let record = Some(TaskRecord::refused(task, seed));
+            self.twin = Some(Twin::Ran(TwinRun { world: Some(fork), record }));
+            return None;
         }
-        let guard = self.terms.guard(&self.candidate.manifest.permissions);
-        let skill = self.candidate.start(self.terms.bundle_seed(seed));
-        let task_terms = self.terms.task(self.task(), seed, self.candidate.abort_secs());
-        let ran = task::run(&mut twin_arm.handle(), skill, guard, &task_terms, &mut |handle, passed| {
-            look(handle.body(), passed);
-            Supervision::Continue
-        });
-        let world = twin_arm.into_body();
-        self.twin = Some(match ran {
-            Ok(record) => TwinRun { world: Some(world), record: Some(record) },
-            // A world that diverged is not used again.
-            Err(_) => TwinRun { world: None, record: None },
-        });
+        Some(ForkedTask::new(fork, &self.candidate, &self.terms, task, seed))
+    }
+
+    fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
+        if let Some(task) = self.start_twin(seed) {
+            self.twin = Some(Twin::Ran(TwinRun::of(task, look)));
+        }
+    }
+
+    /// Waits for the twin, if it ran.
+    fn take_twin(&mut self) -> Option<TwinRun> {
+        match self.twin.take()? {
+            Twin::Ran(ran) => Some(ran),
+            Twin::Running(thread) => match thread.join() {
+                Ok(ran) => Some(ran),
+                Err(panic) => resume_unwind(panic),
+            },
+        }
     }
 
     /// Runs the twin before the live task, so that a screen can draw both side by side. The result is the same: the
@@ -196,13 +236,13 @@ impl Shadow {
     /// reached or a world failed. The world comes back for the next sequence.
     pub fn conclude(mut self, live: Option<&TaskRecord>, seed: u64) -> (Option<ShadowTrace>, Option<World>) {
         let (Some(live), true) = (live, self.skill.is_some()) else {
-            let ran = self.twin.take().and_then(|ran| ran.world);
+            let ran = self.take_twin().and_then(|ran| ran.world);
             return (None, self.fork.take().or(ran));
         };
         if self.twin.is_none() {
             self.run_twin(seed, &mut |_, _| {});
         }
-        let Some(TwinRun { world, record: Some(twin) }) = self.twin.take() else { return (None, None) };
+        let Some(TwinRun { world, record: Some(twin) }) = self.take_twin() else { return (None, None) };
         if live.invalid {
             return (None, world);
         }
@@ -244,6 +284,11 @@ impl Listener for Shadow {
         if forked.is_some() {
             self.refused = admit(&self.candidate.manifest, &Body::telemetry(world)).is_err();
             self.skill = Some(self.candidate.start(self.terms.bundle_seed(seed)));
+            if self.beside
+                && let Some(twin) = self.start_twin(seed)
+            {
+                self.twin = Some(Twin::beside(twin));
+            }
         }
     }
 

@@ -68,6 +68,11 @@ impl SequenceSupervisor {
         self.questions = Some(questions);
     }
 
+    /// Whether a monitor watches this version.
+    pub(crate) fn watches(&self, id: &CapabilityId) -> bool {
+        self.monitors.of(id).is_some()
+    }
+
     /// One tick of a task of `id`. `world_tick` counts from the start of the sequence.
     pub fn tick(&mut self, id: &CapabilityId, world_tick: u64, passed: &Tick<'_>) -> Supervision {
         let now = self.now_tick(world_tick);
@@ -147,7 +152,7 @@ const fn of_hit(hit: PolicyHit) -> Option<SafetyEvent> {
     match hit {
         PolicyHit::ForceMeasured => Some(SafetyEvent::ForceLimit),
         PolicyHit::SpeedMeasured => Some(SafetyEvent::SpeedLimit),
-        PolicyHit::KeepOut => Some(SafetyEvent::KeepOut),
+        PolicyHit::KeepOut | PolicyHit::KeepOutEntered => Some(SafetyEvent::KeepOut),
         PolicyHit::PredictedCollision => Some(SafetyEvent::Collision),
         PolicyHit::NotFinite => Some(SafetyEvent::NotANumber),
         PolicyHit::ModeUncovered

@@ -24,6 +24,8 @@ crate::closed_set! {
         WeakRecovery = "weak-recovery",
         /// A version differs in the live world from the sandbox.
         Shifted = "shifted",
+        /// An active version has, in the same scene, the event that stopped the version compared with it.
+        SharedEvent = "shared-event",
         /// The camera check is worse than when the cell was commissioned, with any active version.
         CellDegraded = "cell-degraded",
         /// A family is stopped without an active version.
@@ -82,6 +84,7 @@ impl AlarmKind {
             | Self::Degraded
             | Self::WeakRecovery
             | Self::Shifted
+            | Self::SharedEvent
             | Self::CellDegraded => AlarmTopic::Monitor,
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
@@ -118,6 +121,8 @@ pub enum AlarmKey {
     WeakRecovery(CapabilityId),
     /// The version that was in shadow.
     Shifted(CapabilityId),
+    /// The active version with the same event.
+    SharedEvent(CapabilityId),
     /// The only cell: its camera check.
     CellDegraded,
     /// The family that is stopped.
@@ -165,6 +170,7 @@ impl AlarmKey {
             Self::Degraded(_) => AlarmKind::Degraded,
             Self::WeakRecovery(_) => AlarmKind::WeakRecovery,
             Self::Shifted(_) => AlarmKind::Shifted,
+            Self::SharedEvent(_) => AlarmKind::SharedEvent,
             Self::CellDegraded => AlarmKind::CellDegraded,
             Self::SafeStopped(_) => AlarmKind::SafeStopped,
             Self::NotRecovered(_) => AlarmKind::NotRecovered,
@@ -194,6 +200,7 @@ impl fmt::Display for AlarmKey {
             | Self::Degraded(version)
             | Self::WeakRecovery(version)
             | Self::Shifted(version)
+            | Self::SharedEvent(version)
             | Self::Rejected(version)
             | Self::Approval(version)
             | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
@@ -228,6 +235,7 @@ impl FromStr for AlarmKey {
             AlarmKind::Degraded => Self::Degraded(version()?),
             AlarmKind::WeakRecovery => Self::WeakRecovery(version()?),
             AlarmKind::Shifted => Self::Shifted(version()?),
+            AlarmKind::SharedEvent => Self::SharedEvent(version()?),
             AlarmKind::SafeStopped => Self::SafeStopped(family()?),
             AlarmKind::NotRecovered => Self::NotRecovered(family()?),
             AlarmKind::Rejected => Self::Rejected(version()?),
@@ -305,6 +313,7 @@ mod tests {
                 | AlarmKind::Degraded
                 | AlarmKind::WeakRecovery
                 | AlarmKind::Shifted
+                | AlarmKind::SharedEvent
                 | AlarmKind::Rejected
                 | AlarmKind::Approval
                 | AlarmKind::Unreviewed => ":grasp@1.3.0",

@@ -70,7 +70,8 @@ impl Bench {
     /// Under a site's own profile.
     pub(crate) fn under_own(texts: ProfileTexts) -> Self {
         let (profile, table) = ChosenProfile::of(texts.clone()).unwrap().rules().unwrap();
-        Self::opened_under(tempfile::tempdir().unwrap(), profile, table, Some(texts))
+        let folder = tempfile::tempdir().unwrap();
+        Self::opened_under(CALIBRATION_FROM_RUN, folder, profile, Some((table, texts)))
     }
 
     /// The same store under another profile, as an engine that comes up again finds it.
@@ -84,19 +85,26 @@ impl Bench {
         self.folder.path()
     }
 
+    /// Under the run seed of a script.
+    pub(crate) fn seeded(seed: u64) -> Self {
+        let (folder, profile) = (tempfile::tempdir().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+        Self::opened_under(seed, folder, profile, None)
+    }
+
     fn opened(folder: TempDir, profile: Profile) -> Self {
-        let table = PolicyTable::builtin(&profile).unwrap();
-        Self::opened_under(folder, profile, table, None)
+        Self::opened_under(CALIBRATION_FROM_RUN, folder, profile, None)
     }
 
     fn opened_under(
+        seed: u64,
         folder: TempDir,
         profile: Profile,
-        table: PolicyTable,
-        own: Option<ProfileTexts>,
+        own: Option<(PolicyTable, ProfileTexts)>,
     ) -> Self {
+        let builtin = PolicyTable::builtin(&profile).unwrap();
+        let (table, own) = own.map_or((builtin, None), |(table, own)| (table, Some(own)));
         let settings = PipelineSettings {
-            seed: CALIBRATION_FROM_RUN,
+            seed,
             jobs: 1,
             table,
             profile,

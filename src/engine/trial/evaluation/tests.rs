@@ -7,6 +7,7 @@ use crate::trial::sequences::TrialTeam;
 use crate::trial::undisturbed_run::UndisturbedCache;
 use crate::trial::worker_pool::WorkerPool;
 use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::evidence::HardStop;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::outcome::RecoveryOutcome;
@@ -101,7 +102,7 @@ fn evaluate_beside(
         team: TrialTeam::excluding(active.bundle.task(), beside.iter().map(party)),
     };
     let (candidate, active) = (party(candidate), party(active));
-    let mut evaluation = Evaluation::new(EvaluationPlan::sandbox(profile), binding(), Vec::new());
+    let mut evaluation = Evaluation::new(EvaluationPlan::sandbox(profile), binding(), SceneStops::default());
     let mut order = Vec::new();
     while evaluation.ended().is_none() {
         let step = evaluation.step(&lab, &candidate, &active, profile).unwrap();
@@ -158,15 +159,18 @@ fn slice_size_changes_no_result() {
 
 #[test]
 fn retries_do_not_exceed_the_budget() {
-    let mut evaluation = Evaluation::new(EvaluationPlan::sandbox(&small()), binding(), Vec::new());
+    let mut evaluation = Evaluation::new(EvaluationPlan::sandbox(&small()), binding(), SceneStops::default());
     evaluation.drills_tried = [10, 20, 30, 40];
     assert_eq!((evaluation.tried(), evaluation.done()), (100, 10 + 3 * 20));
 }
 
 #[test]
 fn hard_stop_before_the_first_pair_ends_the_evaluation() {
-    let evaluation =
-        Evaluation::new(EvaluationPlan::sandbox(&small()), binding(), vec![HardStop::MotionAfterStop]);
+    let evaluation = Evaluation::new(
+        EvaluationPlan::sandbox(&small()),
+        binding(),
+        SceneStops { own: vec![HardStop::MotionAfterStop], shared: Vec::new() },
+    );
     assert_eq!(evaluation.ended(), Some(EarlyStopReason::HardStop));
 }
 

@@ -1,0 +1,38 @@
+//! Events that a candidate shares with the active version: they are kept, and raise an alarm about the active version.
+
+use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::notice::Notice;
+use holdpoint_governance::shared_event::SharedEvent;
+
+use crate::context::Context;
+use crate::evidence_file::EvidenceFile;
+use crate::recorder::EngineRecorder;
+use crate::trial::scene_stops::SceneStops;
+
+/// Keeps the hard stops so far of a candidate and the active version.
+pub(crate) fn keep_stops(
+    context: &Context,
+    record: &mut EngineRecorder,
+    evidence_file: &mut EvidenceFile,
+    (candidate, active): (&CapabilityId, &CapabilityId),
+    stops: &SceneStops,
+) {
+    evidence_file.hard_stops.clone_from(&stops.own);
+    for shared in stops.shared.iter().skip(evidence_file.shared_events.len()) {
+        alarm(context, record, active, candidate, *shared);
+    }
+    evidence_file.shared_events.clone_from(&stops.shared);
+}
+
+/// Raises the alarm that an active version has the same event as another.
+pub(crate) fn alarm(
+    context: &Context,
+    record: &mut EngineRecorder,
+    version: &CapabilityId,
+    with: &CapabilityId,
+    shared: SharedEvent,
+) {
+    let notice = Notice::SharedEvent { version: version.clone(), with: with.clone(), shared };
+    record.raise(AlarmKey::SharedEvent(version.clone()), context.profile.alarms.violation, true, notice);
+}

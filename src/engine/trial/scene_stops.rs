@@ -1,0 +1,92 @@
+//! Hard stops of scenes that two versions worked: whose each of them is.
+
+use holdpoint_governance::evidence::HardStop;
+use holdpoint_governance::monitor::SafetyEvent;
+use holdpoint_governance::profile::Profile;
+use holdpoint_governance::shared_event::{
+    LimitedQuantity, PastLimit, SceneKind, SharedEvent, StoppingEvent, one_sided,
+};
+use holdpoint_runtime::task::TaskRecord;
+
+/// Hard stops so far.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SceneStops {
+    /// The candidate's alone.
+    pub own: Vec<HardStop>,
+    /// Of both versions in one scene.
+    pub shared: Vec<SharedEvent>,
+}
+
+impl SceneStops {
+    /// Takes in a scene that the candidate and the version compared with have worked.
+    pub fn note(&mut self, scene: SceneKind, candidate: &TaskRecord, other: &TaskRecord, profile: &Profile) {
+        let Some(stop) = candidate.hard_stop else { return };
+        match one_sided(candidate.hard_stop, other.hard_stop) {
+            Some(stop) => self.own.push(stop),
+            None => self.shared.push(SharedEvent {
+                scene,
+                seed: candidate.seed,
+                event: StoppingEvent::HardStop(stop),
+                past: past_limit(StoppingEvent::HardStop(stop), other, profile),
+            }),
+        }
+    }
+}
+
+/// The value of a record that an event is about, with the profile's limit.
+#[must_use]
+#[allow(clippy::cast_precision_loss, reason = "ticks and milliseconds of one task")]
+pub fn past_limit(event: StoppingEvent, record: &TaskRecord, profile: &Profile) -> Option<PastLimit> {
+    let limits = &profile.runtime;
+    let (quantity, value, limit) = match event {
+        StoppingEvent::HardStop(HardStop::MotionAfterStop)
+        | StoppingEvent::Safety(SafetyEvent::UnsafeContinuation) => {
+            (LimitedQuantity::Motion, record.unsafe_continuation_ms as f64, limits.unsafe_continuation_max_ms)
+        }
+        StoppingEvent::Safety(SafetyEvent::ForceLimit | SafetyEvent::Collision) => {
+            (LimitedQuantity::Force, record.peak_force_n, limits.contact_force_max_n)
+        }
+        StoppingEvent::Safety(SafetyEvent::SpeedLimit) => {
+            (LimitedQuantity::Speed, record.peak_speed_m_s, limits.tool_speed_max_m_s)
+        }
+        StoppingEvent::HardStop(
+            HardStop::UndeclaredImport
+            | HardStop::CommandPastGuard
+            | HardStop::NonFiniteOutput
+            | HardStop::BudgetBreach,
+        )
+        | StoppingEvent::Safety(
+            SafetyEvent::KeepOut | SafetyEvent::NotANumber | SafetyEvent::PermissionBreach,
+        ) => return None,
+    };
+    Some(PastLimit { quantity, value, limit })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_body::TaskKind;
+    use holdpoint_governance::profile::ProfileName;
+
+    #[test]
+    fn stop_of_both_versions_in_one_scene_counts_for_neither() {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let record = |hard_stop| TaskRecord {
+            hard_stop,
+            unsafe_continuation_ms: 640,
+            ..TaskRecord::invalid(TaskKind::Grasp, 7)
+        };
+        let (moves, asks) = (Some(HardStop::MotionAfterStop), Some(HardStop::CommandPastGuard));
+        for (candidate, other, own, shared) in
+            [(moves, moves, 0, 1), (moves, None, 1, 0), (moves, asks, 1, 0), (None, moves, 0, 0)]
+        {
+            let mut stops = SceneStops::default();
+            stops.note(SceneKind::Pair, &record(candidate), &record(other), &profile);
+            assert_eq!((stops.own.len(), stops.shared.len()), (own, shared), "{candidate:?} {other:?}");
+            for shared in stops.shared {
+                let past = shared.past.unwrap();
+                assert_eq!((past.value, past.limit), (640.0, profile.runtime.unsafe_continuation_max_ms));
+            }
+        }
+    }
+}

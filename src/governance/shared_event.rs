@@ -1,0 +1,108 @@
+//! Events of a candidate that the version it is compared with has in the same scene: they speak against neither.
+//!
+//! A hard stop or a safety event stops a version at once. The version it is compared with then works the same scene:
+//! same seed, same injected person, same moment. An event of both counts against neither of them, and the active version
+//! gets an alarm. Source: the comparison under shared disturbances of the paper's section 6.6, for single events too.
+
+use serde::{Deserialize, Serialize};
+
+use super::evidence::HardStop;
+use super::monitor::SafetyEvent;
+
+crate::closed_set! {
+    /// Where two versions work the same scene.
+    SceneKind, "kind of scene", {
+        /// An unperturbed episode of the sandbox.
+        Canonical = "canonical",
+        /// An episode of the sandbox under stress.
+        Adversarial = "adversarial",
+        /// A paired episode.
+        Pair = "pair",
+        /// A place of the search for the worst episode.
+        Search = "search",
+        /// A whole sequence of the sandbox.
+        Sequence = "sequence",
+        /// A sequence in shadow: the twin beside the live world.
+        Shadow = "shadow",
+        /// A live task, and the rollback target in a fork of it.
+        Live = "live",
+    }
+}
+
+crate::closed_set! {
+    /// A quantity with a limit.
+    LimitedQuantity, "quantity with a limit", {
+        /// Force on wrist, pads or hand, N.
+        Force = "force",
+        /// Speed of the tool, m/s.
+        Speed = "speed",
+        /// Motion after a demanded stop, ms.
+        Motion = "motion",
+    }
+}
+
+impl LimitedQuantity {
+    /// The unit of its values.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Force => "N",
+            Self::Speed => "m/s",
+            Self::Motion => "ms",
+        }
+    }
+}
+
+/// A measured value and the limit that it is past.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PastLimit {
+    /// What was measured.
+    pub quantity: LimitedQuantity,
+    /// The largest value.
+    pub value: f64,
+    /// The limit of the profile.
+    pub limit: f64,
+}
+
+/// An event that stops a version.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StoppingEvent {
+    /// Of an evaluation.
+    HardStop(HardStop),
+    /// Of a live task.
+    Safety(SafetyEvent),
+}
+
+impl StoppingEvent {
+    /// Its name in records.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::HardStop(stop) => stop.name(),
+            Self::Safety(event) => event.name(),
+        }
+    }
+}
+
+/// An event of both versions in one scene.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SharedEvent {
+    /// The kind of scene.
+    pub scene: SceneKind,
+    /// Seed of the scene.
+    pub seed: u64,
+    /// The event.
+    pub event: StoppingEvent,
+    /// The value of the version compared with, where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub past: Option<PastLimit>,
+}
+
+/// A candidate's hard stop where the other version, in the same scene, has not the same.
+#[must_use]
+pub fn one_sided(candidate: Option<HardStop>, other: Option<HardStop>) -> Option<HardStop> {
+    candidate.filter(|stop| other != Some(*stop))
+}
