@@ -129,7 +129,7 @@ pub struct Shadow {
 /// The candidate in its fork of the live world.
 enum Twin {
     Running(JoinHandle<TwinRun>),
-    Ran(TwinRun),
+    Ran(Box<TwinRun>),
 }
 
 /// A twin that has run.
@@ -152,7 +152,7 @@ impl Twin {
         match thread.spawn(move || TwinRun::of(task, &mut |_, _| {})) {
             Ok(thread) => Self::Running(thread),
             // The sequence says nothing then, as with a world that failed.
-            Err(_) => Self::Ran(TwinRun { world: None, record: None }),
+            Err(_) => Self::Ran(Box::new(TwinRun { world: None, record: None })),
         }
     }
 }
@@ -196,7 +196,7 @@ impl Shadow {
         let (fork, task) = (self.fork.take()?, self.task());
         if self.refused {
             let record = Some(TaskRecord::refused(task, seed));
-            self.twin = Some(Twin::Ran(TwinRun { world: Some(fork), record }));
+            self.twin = Some(Twin::Ran(Box::new(TwinRun { world: Some(fork), record })));
             return None;
         }
         Some(ForkedTask::new(fork, &self.candidate, &self.terms, task, seed))
@@ -204,14 +204,14 @@ impl Shadow {
 
     fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
         if let Some(task) = self.start_twin(seed) {
-            self.twin = Some(Twin::Ran(TwinRun::of(task, look)));
+            self.twin = Some(Twin::Ran(Box::new(TwinRun::of(task, look))));
         }
     }
 
     /// Waits for the twin, if it ran.
     fn take_twin(&mut self) -> Option<TwinRun> {
         match self.twin.take()? {
-            Twin::Ran(ran) => Some(ran),
+            Twin::Ran(ran) => Some(*ran),
             Twin::Running(thread) => match thread.join() {
                 Ok(ran) => Some(ran),
                 Err(panic) => resume_unwind(panic),
