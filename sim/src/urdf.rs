@@ -26,6 +26,8 @@ const EFFORT_MAX_N_M: f64 = 10_000.0;
 const LENGTH_MAX_M: f64 = 5.0;
 /// Heaviest part, kg.
 const MASS_MAX_KG: f64 = 500.0;
+/// A principal moment below this share of the largest is 0 but for rounding.
+const LEAST_SHARE: f64 = 1e-9;
 /// Largest moment of inertia, kg m².
 const INERTIA_MAX_KG_M2: f64 = 1_000.0;
 /// Largest stiffness, damping and acceleration, in their SI units.
@@ -442,6 +444,17 @@ impl<'a> UrdfReader<'a> {
         }
         let at = link_pose * self.origin(element, &inertial.origin)?;
         let local = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
+        // Real arms break the rule that no moment exceeds the sum of the others, and can still be simulated.
+        let [least, middle, most] = principal_moments(&local);
+        if !(least > LEAST_SHARE * most) {
+            return Err(self.error(
+                element.into(),
+                format!(
+                    "the principal moments of the inertia are {least:.3e}, {middle:.3e} and {most:.3e} kg m²; each must be \
+                     above 0"
+                ),
+            ));
+        }
         let turn = at.rotation.to_rotation_matrix().into_inner();
         Ok(Some(Inertial {
             mass_kg: inertial.mass.value,
@@ -495,4 +508,11 @@ fn combine(a: &Inertial, b: &Inertial) -> Inertial {
         part.inertia_kg_m2 + (Matrix3::identity() * d.norm_squared() - d * d.transpose()) * part.mass_kg
     };
     Inertial { mass_kg, centre_m, inertia_kg_m2: about(a) + about(b) }
+}
+
+/// Principal moments of an inertia, in ascending order.
+fn principal_moments(inertia: &Matrix3<f64>) -> [f64; 3] {
+    let mut moments: [f64; 3] = inertia.symmetric_eigenvalues().into();
+    moments.sort_by(f64::total_cmp);
+    moments
 }

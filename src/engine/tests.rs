@@ -217,6 +217,7 @@ pub(crate) fn at_the_gate(pipeline: &mut Pipeline) -> CapabilityId {
 }
 
 const GOOD: EpisodeValues = EpisodeValues {
+    failure: None,
     success: true,
     violation: false,
     anomaly: false,

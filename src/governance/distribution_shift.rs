@@ -273,6 +273,7 @@ mod tests {
 
     fn values(slip_m: f64) -> EpisodeValues {
         EpisodeValues {
+            failure: None,
             success: true,
             violation: false,
             anomaly: false,

@@ -4,6 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::failure_cause::FailureCause;
 use super::harm::HarmMeasures;
 use super::ids::Digest;
 use super::phase::{PhaseTallies, WorkPhase};
@@ -94,6 +95,9 @@ pub struct EpisodeValues {
     /// Harm to its surroundings; absent in records of older builds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub harm: Option<HarmMeasures>,
+    /// Why the task failed; absent where it was done, and in records of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<FailureCause>,
 }
 
 impl EpisodeValues {

@@ -6,8 +6,8 @@
 mod summary;
 
 pub use summary::{
-    ActiveTerms, Approver, DecisiveReason, EvidenceExtent, ExplanationSummary, PassedCheck, PendingStep,
-    RecordMoment, SummaryRemark, VersionPosition,
+    ActiveTerms, Approver, DecisiveReason, EvidenceExtent, ExplanationSummary, FailureCounts, PassedCheck,
+    PendingStep, RecordMoment, SummaryRemark, VersionPosition,
 };
 
 use holdpoint_body::CodeFault;

@@ -220,6 +220,7 @@ pub mod early_stop;
 pub mod evidence;
 pub mod explanation;
 pub mod exports;
+pub mod failure_cause;
 pub mod finding;
 pub mod gate;
 pub mod harm;

@@ -27,6 +27,12 @@ pub struct PermissionsUsed {
     pub speed_max_m_s: f64,
     /// Largest measured force on pads or surroundings, N.
     pub force_max_n: f64,
+    /// Largest speed of the tool that a command asked for, m/s; 0 in records of older builds.
+    #[serde(skip_serializing_if = "is_unasked")]
+    pub asked_speed_m_s: f64,
+    /// Largest grip force that a command asked for, N; 0 in records of older builds.
+    #[serde(skip_serializing_if = "is_unasked")]
+    pub asked_force_n: f64,
     /// Ticks of the longest task.
     pub ticks_max: u64,
     /// Commands sent in the task with the most of them; holding sends none.
@@ -49,6 +55,11 @@ const fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+fn is_unasked(asked: &f64) -> bool {
+    *asked == 0.0
+}
+
 impl PermissionsUsed {
     /// Takes in what another task used.
     pub fn merge(&mut self, other: &Self) {
@@ -56,6 +67,8 @@ impl PermissionsUsed {
         self.zones.extend(&other.zones);
         self.speed_max_m_s = self.speed_max_m_s.max(other.speed_max_m_s);
         self.force_max_n = self.force_max_n.max(other.force_max_n);
+        self.asked_speed_m_s = self.asked_speed_m_s.max(other.asked_speed_m_s);
+        self.asked_force_n = self.asked_force_n.max(other.asked_force_n);
         self.ticks_max = self.ticks_max.max(other.ticks_max);
         self.commands_max = self.commands_max.max(other.commands_max);
         self.undeclared = self.undeclared.saturating_add(other.undeclared);
@@ -135,6 +148,14 @@ impl PermissionUse {
             .map(|sent| E::Command(*sent))
             .collect();
         all.extend(used.zones.difference(&declared.zones).map(|zone| E::Zone(*zone)));
+        for (quantity, asked, declared) in [
+            (PeakQuantity::Speed, used.asked_speed_m_s, declared.max_speed_m_s),
+            (PeakQuantity::Force, used.asked_force_n, declared.max_force_n),
+        ] {
+            if asked > declared {
+                all.push(E::Asked { quantity, asked, declared });
+            }
+        }
         for (quantity, measured, declared) in [
             (PeakQuantity::Speed, used.speed_max_m_s, declared.max_speed_m_s),
             (PeakQuantity::Force, used.force_max_n, declared.max_force_n),
@@ -188,6 +209,15 @@ pub enum PermissionExcess {
     Command(RequiredCommand),
     /// It entered a zone that is not declared, or aimed at one.
     Zone(ZoneName),
+    /// A command asked for more than the declared limit.
+    Asked {
+        /// The quantity.
+        quantity: PeakQuantity,
+        /// The largest value asked for.
+        asked: f64,
+        /// The declared limit.
+        declared: f64,
+    },
     /// A measured peak is above the declared limit of commands.
     Peak {
         /// The quantity.
@@ -230,6 +260,8 @@ pub enum ExcessEffect {
     TaskFails,
     /// Policy compatibility fails: each sensor and tool of the code has to be declared.
     PolicyFails,
+    /// The command is clamped, and its excess is a measure of harm.
+    Clamped,
     /// Nothing by itself: the limit applies to commands, and this is a measured peak. The guard counts a lasting one.
     MeasuredPeak,
     /// Nothing: it is no fault of the version.
@@ -241,7 +273,7 @@ impl ExcessEffect {
     #[must_use]
     pub const fn counts(self) -> bool {
         match self {
-            Self::HardStop(_) | Self::TaskFails | Self::PolicyFails => true,
+            Self::HardStop(_) | Self::TaskFails | Self::PolicyFails | Self::Clamped => true,
             Self::MeasuredPeak | Self::NotOfVersion => false,
         }
     }
@@ -259,6 +291,7 @@ impl PermissionExcess {
             Self::Fault { fault: CodeFault::Trap | CodeFault::Answer, .. } => ExcessEffect::TaskFails,
             Self::Fault { fault: CodeFault::Machine, .. } => ExcessEffect::NotOfVersion,
             Self::Sensor(_) | Self::Tool(_) => ExcessEffect::PolicyFails,
+            Self::Asked { .. } => ExcessEffect::Clamped,
             Self::Peak { .. } => ExcessEffect::MeasuredPeak,
         }
     }
@@ -269,6 +302,12 @@ impl fmt::Display for PermissionExcess {
         match self {
             Self::Command(sent) => write!(f, "command {}/{}", sent.channel.name(), sent.command.name()),
             Self::Zone(zone) => write!(f, "zone {}", zone.name()),
+            Self::Asked { quantity: PeakQuantity::Speed, asked, declared } => {
+                write!(f, "it asks for a speed of {asked:.3} m/s and declares {declared}")
+            }
+            Self::Asked { quantity: PeakQuantity::Force, asked, declared } => {
+                write!(f, "it asks for a force of {asked:.1} N and declares {declared}")
+            }
             Self::Peak { quantity: PeakQuantity::Speed, measured, declared } => {
                 write!(f, "speed {measured:.3} m/s of {declared}")
             }

@@ -77,10 +77,27 @@ impl Grant {
     }
 
     /// Counts a command that the version asks for, whatever becomes of it.
-    pub(crate) const fn note_command(&mut self, command: &Command) {
+    pub(crate) fn note_command(&mut self, command: &Command) {
         if let Some((_, kind)) = CommandKind::of(command) {
             self.sent[kind as usize] = true;
             self.used.commands_max = self.used.commands_max.saturating_add(1);
+        }
+        let used = &mut self.used;
+        // A value that is no number is refused, and is not the largest of anything.
+        match command {
+            Command::ToolPose { max_speed_m_s, .. } if max_speed_m_s.is_finite() => {
+                used.asked_speed_m_s = used.asked_speed_m_s.max(*max_speed_m_s);
+            }
+            Command::Gripper { force_n, .. } if force_n.is_finite() => {
+                used.asked_force_n = used.asked_force_n.max(*force_n);
+            }
+            Command::ToolPose { .. }
+            | Command::Gripper { .. }
+            | Command::Joints { .. }
+            | Command::Hold
+            | Command::Stop
+            | Command::Done
+            | Command::Fail { .. } => {}
         }
     }
 

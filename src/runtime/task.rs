@@ -25,6 +25,7 @@ use super::skill::{ConfinementReport, Skill};
 use super::watcher::{RaisedSignal, Watcher, WatcherSignal};
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::{Conduct, EpisodeValues, HardStop};
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::permission::PermissionsUsed;
 use holdpoint_governance::sensor_health::SensorReadings;
@@ -138,7 +139,30 @@ impl TaskRecord {
             time_s: self.time_secs,
             unsafe_continuation_ms: self.unsafe_continuation_ms as f64,
             harm: self.harm,
+            failure: self.failure_cause(),
         })
+    }
+
+    /// Why the task failed, physically; `None` where it was done. The earliest of what the watcher raised and the guard
+    /// refused or measured decides; without any, the skill's own signal does.
+    #[must_use]
+    pub fn failure_cause(&self) -> Option<FailureCause> {
+        if self.success || self.invalid {
+            return None;
+        }
+        let signals = self.signals.iter().map(|raised| (raised.tick, cause_of_signal(raised.signal)));
+        let hits = self.hits.iter().map(|(tick, hit)| (*tick, cause_of_hit(*hit)));
+        // Lateness is what other causes come to.
+        let of_events = signals.chain(hits).filter(|(_, cause)| *cause != FailureCause::Late);
+        let first = of_events.min_by_key(|(tick, _)| *tick).map(|(_, cause)| cause);
+        let by_code = self.fault.map(|_| FailureCause::Code);
+        let by_skill = self.declared.map(cause_of_declared);
+        let late = self.timeout.then_some(FailureCause::Late);
+        let by_task = match self.task {
+            TaskKind::Grasp => FailureCause::Missed,
+            TaskKind::Align | TaskKind::Place => FailureCause::Misplaced,
+        };
+        Some(by_code.or(first).or(by_skill).or(late).unwrap_or(by_task))
     }
 
     /// Whether the guard had something to say: a command clamped or refused, or a limit passed.
@@ -365,6 +389,53 @@ fn note_budget(record: &mut TaskRecord, guard: &Guard, tick: u64) -> Option<Poli
     let hit = guard.is_overdrawn().then_some(PolicyHit::BudgetExceeded)?;
     note_hit(record, tick, hit);
     Some(hit)
+}
+
+const fn cause_of_signal(signal: WatcherSignal) -> FailureCause {
+    match signal {
+        WatcherSignal::ObjectSlip => FailureCause::Slipped,
+        WatcherSignal::ObjectLost => FailureCause::Dropped,
+        WatcherSignal::UnexpectedContact => FailureCause::Pressed,
+        WatcherSignal::StaleInput | WatcherSignal::TelemetryInvalid => FailureCause::Unseen,
+        WatcherSignal::TrackingError | WatcherSignal::ToolLost | WatcherSignal::GripFault => {
+            FailureCause::Hardware
+        }
+        WatcherSignal::Overrun => FailureCause::Late,
+    }
+}
+
+const fn cause_of_hit(hit: PolicyHit) -> FailureCause {
+    match hit {
+        PolicyHit::ForceMeasured => FailureCause::Pressed,
+        PolicyHit::OutsideWorkspace | PolicyHit::PredictedCollision => FailureCause::OutOfReach,
+        PolicyHit::NotFinite => FailureCause::Code,
+        PolicyHit::ModeUncovered
+        | PolicyHit::ModeForbidden
+        | PolicyHit::ModeUnreviewed
+        | PolicyHit::KeepOut
+        | PolicyHit::KeepOutEntered
+        | PolicyHit::SpeedClamped
+        | PolicyHit::ForceClamped
+        | PolicyHit::SpeedMeasured
+        | PolicyHit::RetriesExceeded
+        | PolicyHit::CommandUndeclared
+        | PolicyHit::ZoneUndeclared
+        | PolicyHit::BudgetExceeded
+        | PolicyHit::UnsafeContinuation
+        | PolicyHit::PermissionWithdrawn => FailureCause::Refused,
+    }
+}
+
+const fn cause_of_declared(signal: FailureSignal) -> FailureCause {
+    match signal {
+        FailureSignal::TargetNotFound | FailureSignal::InputStale => FailureCause::Unseen,
+        FailureSignal::GraspMissed => FailureCause::Missed,
+        FailureSignal::ObjectSlipped => FailureCause::Slipped,
+        FailureSignal::UnexpectedContact => FailureCause::Pressed,
+        FailureSignal::AlignmentLost | FailureSignal::PlacementMissed => FailureCause::Misplaced,
+        FailureSignal::ToolUnavailable => FailureCause::Hardware,
+        FailureSignal::TimedOut => FailureCause::Late,
+    }
 }
 
 fn note_hit(record: &mut TaskRecord, tick: u64, hit: PolicyHit) {

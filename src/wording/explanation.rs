@@ -446,6 +446,9 @@ fn excess_effect(of: ExcessEffect) -> String {
         ExcessEffect::PolicyFails => {
             "it counts: policy compatibility requires each sensor and tool to be declared".to_owned()
         }
+        ExcessEffect::Clamped => {
+            "it counts: the command is clamped, and the excess is a measure of harm".to_owned()
+        }
         ExcessEffect::MeasuredPeak => {
             "it does not count by itself: the limit is for commands, this is a measured \
             peak; one that lasts is a violation"

@@ -4,9 +4,10 @@ use holdpoint_governance::behavior::BehaviorComponent;
 use holdpoint_governance::evidence::{DrillKind, DrillTally};
 use holdpoint_governance::explanation::{
     ActiveTerms, DecisionRemark, DecisiveReason, DrillComparison, EvidenceExtent, ExplanationSummary,
-    PassedCheck, PendingStep, ReasonContent, ReasonMeasurement, RecordMoment, Remedy, SummaryRemark,
-    VersionPosition,
+    FailureCounts, PassedCheck, PendingStep, ReasonContent, ReasonMeasurement, RecordMoment, Remedy,
+    SummaryRemark, VersionPosition,
 };
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
@@ -341,6 +342,7 @@ fn summary_remark(of: &SummaryRemark, compared: Option<&CapabilityId>) -> String
             format!("beyond its declaration: {}", permission_excess(excess))
         }
         SummaryRemark::FewerDrillsPassed(drills) => drill_pass_counts(drills, &name(compared)),
+        SummaryRemark::FailureCauses(counts) => failure_causes(counts, &name(compared)),
         SummaryRemark::OpenConcern(found) => format!("open concern: {}", reason(found)),
         SummaryRemark::ReviewUntil(until) => {
             format!(
@@ -351,6 +353,16 @@ fn summary_remark(of: &SummaryRemark, compared: Option<&CapabilityId>) -> String
         SummaryRemark::Paused => "promotion in its family is paused".to_owned(),
         SummaryRemark::RollbackRunning => "the rollback ladder runs".to_owned(),
     }
+}
+
+fn failure_causes(of: &FailureCounts, compared: &str) -> String {
+    let failed = |counts: &[(FailureCause, usize)]| {
+        let all: usize = counts.iter().map(|(_, count)| count).sum();
+        let each: Vec<String> = counts.iter().map(|(cause, count)| format!("{cause} {count}")).collect();
+        let each = if each.is_empty() { String::new() } else { format!(" ({})", each.join(", ")) };
+        format!("{all}{each}")
+    };
+    format!("failed tasks in {} pairs: {}; {compared}: {}", of.pairs, failed(&of.own), failed(&of.other))
 }
 
 /// What would remove a reason that stands above it; `None` if the reason says it.

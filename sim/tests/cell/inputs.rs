@@ -34,7 +34,7 @@ fn a_robot_from_a_file_equals_the_built_in_one() {
 
 #[test]
 fn a_bad_robot_names_file_and_element() {
-    let cases: [(&str, String, String, &[&str]); 19] = [
+    let cases: [(&str, String, String, &[&str]); 20] = [
         (
             "a speed without an end",
             URDF.replacen("velocity=\"2.175\"", "velocity=\"1e300\"", 1),
@@ -83,6 +83,12 @@ fn a_bad_robot_names_file_and_element() {
             URDF.replacen("mass value=\"4.97\"", "mass value=\"0\"", 1),
             TOML.into(),
             &["r.urdf", "link1", "no mass"],
+        ),
+        (
+            "impossible inertia",
+            URDF.replacen("ixy=\"-0.000139\"", "ixy=\"0.9\"", 1),
+            TOML.into(),
+            &["r.urdf", "link1", "principal moments", "above 0"],
         ),
         (
             "limits",

@@ -333,6 +333,7 @@ mod tests {
 
     fn values(violation: bool, success: bool) -> EpisodeValues {
         EpisodeValues {
+            failure: None,
             success,
             violation,
             anomaly: false,

@@ -5,15 +5,19 @@
 
 mod decisive_reasons;
 
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
+
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Kappa, Reason};
-use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::evidence::{DrillKind, EpisodeValues, Pair};
 use holdpoint_governance::explanation::{
     ActiveTerms, Approver, Consequence, DecisionRemark, DecisiveReason, DrillComparison, EvidenceExtent,
-    ExplanationSummary, PassedCheck, PendingStep, RecordMoment, Remedy, RemedyAction, SummaryRemark,
-    VersionPosition,
+    ExplanationSummary, FailureCounts, PassedCheck, PendingStep, RecordMoment, Remedy, RemedyAction,
+    SummaryRemark, VersionPosition,
 };
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::notice::NoticeOrText;
@@ -382,6 +386,7 @@ impl<'a> SummaryReader<'a> {
         let shown = excesses.into_iter().filter(|excess| is_shown(excess.effect().counts()));
         remarks.extend(shown.map(SummaryRemark::BeyondDeclaration));
         if is_adverse(position) {
+            remarks.extend(failure_counts(file).map(SummaryRemark::FailureCauses));
             return Ok(remarks);
         }
         remarks.extend(fewer_drills_passed(file).into_iter().map(SummaryRemark::FewerDrillsPassed));
@@ -421,6 +426,22 @@ impl<'a> SummaryReader<'a> {
         let last = self.records.iter().rev().find(|record| kinds.iter().any(|of| record.kind == *of));
         last.is_some_and(|record| record.kind == RecordKind::Recording)
     }
+}
+
+/// Why tasks failed in the pairs, where the version failed in more of them than the one compared with.
+fn failure_counts(file: &EvidenceFileRecord) -> Option<FailureCounts> {
+    let pairs = file.pairs.as_ref()?;
+    let counts = |side: fn(&Pair) -> &EpisodeValues| {
+        let causes = pairs.iter().filter_map(|pair| side(pair).failure);
+        let mut counts = BTreeMap::<FailureCause, usize>::new();
+        causes.for_each(|cause| *counts.entry(cause).or_default() += 1);
+        let mut counts: Vec<_> = counts.into_iter().collect();
+        counts.sort_by_key(|(_, count)| Reverse(*count));
+        counts
+    };
+    let (own, other) = (counts(|pair| &pair.candidate), counts(|pair| &pair.active));
+    let failed = |counts: &[(FailureCause, usize)]| counts.iter().map(|(_, count)| count).sum::<usize>();
+    (failed(&own) > failed(&other)).then_some(FailureCounts { pairs: pairs.len(), own, other })
 }
 
 /// Whether the version is out of control and evaluation.

@@ -410,6 +410,7 @@ mod tests {
 
     fn pair(violation: bool) -> Pair {
         let values = EpisodeValues {
+            failure: None,
             success: true,
             violation: false,
             anomaly: false,

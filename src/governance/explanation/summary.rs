@@ -7,6 +7,7 @@ use super::{DecisionRemark, DrillComparison, ReasonContent, ReasonMeasurement, R
 use crate::approval::Role;
 use crate::condition::Condition;
 use crate::decision::{Dimension, Reason};
+use crate::failure_cause::FailureCause;
 use crate::ids::CapabilityId;
 use crate::lifecycle::Stage;
 use crate::notice::NoticeOrText;
@@ -155,6 +156,17 @@ pub enum PendingStep {
     StageStart(Stage),
 }
 
+/// Failed tasks of the pairs, by their cause; the most frequent first.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FailureCounts {
+    /// Pairs.
+    pub pairs: usize,
+    /// Of the version.
+    pub own: Vec<(FailureCause, usize)>,
+    /// Of the version compared with.
+    pub other: Vec<(FailureCause, usize)>,
+}
+
 /// A reason against a version, with what it rests on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DecisiveReason {
@@ -184,6 +196,8 @@ pub enum SummaryRemark {
     BeyondDeclaration(PermissionExcess),
     /// Its drills of a kind passed less often than those of the version compared with.
     FewerDrillsPassed(DrillComparison),
+    /// Why its tasks failed in the pairs, physically.
+    FailureCauses(FailureCounts),
     /// It carries an open concern.
     OpenConcern(Reason),
     /// Its break-glass activation waits for a review until then.

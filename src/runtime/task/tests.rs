@@ -312,3 +312,22 @@ fn a_stalled_machine_is_no_fault_of_the_code() {
     let error = failing(CodeFault::Machine, 200, false, 0).unwrap_err();
     assert!(matches!(error, BodyError::Failed(_)), "{error:?}");
 }
+
+#[test]
+fn earliest_event_is_the_cause_of_a_failed_task() {
+    use super::{FailureCause as Cause, PolicyHit, RaisedSignal, TaskRecord, WatcherSignal};
+    use holdpoint_body::{FailureSignal, TaskKind};
+
+    let failed = || TaskRecord { invalid: false, ..TaskRecord::invalid(TaskKind::Grasp, 1) };
+    let raised = |signal, tick| RaisedSignal { signal, tick };
+    assert_eq!(TaskRecord { success: true, ..failed() }.failure_cause(), None);
+    assert_eq!(failed().failure_cause(), Some(Cause::Missed), "nothing was raised, and it does not hold");
+    let declared = TaskRecord { declared: Some(FailureSignal::ObjectSlipped), ..failed() };
+    assert_eq!(declared.failure_cause(), Some(Cause::Slipped));
+    let late = TaskRecord { timeout: true, signals: vec![raised(WatcherSignal::Overrun, 900)], ..failed() };
+    assert_eq!(late.failure_cause(), Some(Cause::Late));
+    let dropped = TaskRecord { signals: vec![raised(WatcherSignal::ObjectLost, 300)], ..declared.clone() };
+    assert_eq!(dropped.failure_cause(), Some(Cause::Dropped), "the watcher goes before the skill's own word");
+    let pressed = TaskRecord { hits: vec![(200, PolicyHit::ForceMeasured)], ..dropped };
+    assert_eq!(pressed.failure_cause(), Some(Cause::Pressed), "the earlier event decides");
+}

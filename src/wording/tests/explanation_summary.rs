@@ -7,9 +7,10 @@ use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::evidence::{DrillKind, DrillTally};
 use holdpoint_governance::explanation::{
     ActiveTerms, Approver, DecisionRemark, DecisiveReason, DrillComparison, EpisodeReduction, EvidenceExtent,
-    ExplanationSummary, PassedCheck, PendingStep, ReasonContent, ReasonMeasurement, RecordMoment, Remedy,
-    RemedyAction, SummaryRemark, VersionPosition,
+    ExplanationSummary, FailureCounts, PassedCheck, PendingStep, ReasonContent, ReasonMeasurement,
+    RecordMoment, Remedy, RemedyAction, SummaryRemark, VersionPosition,
 };
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::finding::{Finding, TwinSignal};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::notice::{Notice, NoticeOrText};
@@ -160,6 +161,27 @@ fn drills_are_counted_beside_those_of_the_version_compared_with() {
     let lines = summary_lines(&ExplanationSummary { remarks, ..summary(waiting) }, None);
     assert_eq!(lines.head, "align@1.1.1 WAITS FOR shadow since 457.325 s (record 58)");
     assert_eq!(lines.details, ["rollback drills: 2 of 10 passed, align@1.0.0 10 of 10"]);
+}
+
+#[test]
+fn rejected_version_names_why_its_tasks_failed_and_what_it_asked_for() {
+    let counts = FailureCounts {
+        pairs: 300,
+        own: vec![(FailureCause::Dropped, 40), (FailureCause::Missed, 35)],
+        other: vec![(FailureCause::Missed, 60)],
+    };
+    let asked = PermissionExcess::Asked { quantity: PeakQuantity::Force, asked: 18.0, declared: 12.0 };
+    let remarks = vec![SummaryRemark::BeyondDeclaration(asked), SummaryRemark::FailureCauses(counts)];
+    let position = VersionPosition::Rejected { stage: Stage::Sandbox, extent: EvidenceExtent::default() };
+    let lines = summary_lines(&ExplanationSummary { remarks, ..summary(position) }, None);
+    let all = lines.details.join("\n");
+    for wanted in [
+        "it asks for a force of 18.0 N and declares 12; it counts: the command is clamped",
+        "failed tasks in 300 pairs: 75 (dropped 40, missed 35)",
+        ": 60 (missed 60)",
+    ] {
+        assert!(all.contains(wanted), "{wanted}: {all}");
+    }
 }
 
 /// Regression: a force beyond the declaration stood beside `policy-compatible` and nothing said why both hold.

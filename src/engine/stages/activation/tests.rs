@@ -292,6 +292,7 @@ fn no_sequence_runs_a_blocked_version() {
 }
 
 const BAD: EpisodeValues = EpisodeValues {
+    failure: None,
     success: true,
     violation: false,
     anomaly: true,

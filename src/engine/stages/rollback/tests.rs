@@ -39,6 +39,7 @@ use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
 
 /// What stands for a twin's task: no faster and no farther from its limits than live tasks of the candidates are.
 pub(crate) const GOOD: EpisodeValues = EpisodeValues {
+    failure: None,
     success: true,
     violation: false,
     anomaly: false,

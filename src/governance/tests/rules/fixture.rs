@@ -142,6 +142,7 @@ pub fn made_under() -> DecisionContext {
 }
 
 pub const GOOD: EpisodeValues = EpisodeValues {
+    failure: None,
     success: true,
     violation: false,
     anomaly: false,

@@ -104,6 +104,7 @@ fn episode<'a>(fields: &mut Peekable<impl Iterator<Item = &'a str>>) -> Option<E
     }
     let set = |flag: char| flags.contains(flag);
     let mut episode = EpisodeValues {
+        failure: None,
         success: set('s'),
         violation: set('v'),
         anomaly: set('a'),
