@@ -15,9 +15,9 @@ crate::closed_set! {
         Misplaced = "misplaced",
         /// The target was not seen, or the camera frames were too old.
         Unseen = "unseen",
-        /// The target, or the way to it, is out of the arm's reach.
+        /// The target is outside the workspace.
         OutOfReach = "out-of-reach",
-        /// The guard refused what the version asked for.
+        /// The guard refused what the version asked for, or the dispatcher its call.
         Refused = "refused",
         /// The arm or the gripper did not follow its command.
         Hardware = "hardware",

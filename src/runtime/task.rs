@@ -152,6 +152,9 @@ impl TaskRecord {
         }
         let signals = self.signals.iter().map(|raised| (raised.tick, cause_of_signal(raised.signal)));
         let hits = self.hits.iter().map(|(tick, hit)| (*tick, cause_of_hit(*hit)));
+        if self.refused {
+            return Some(FailureCause::Refused);
+        }
         // Lateness is what other causes come to.
         let of_events = signals.chain(hits).filter(|(_, cause)| *cause != FailureCause::Late);
         let first = of_events.min_by_key(|(tick, _)| *tick).map(|(_, cause)| cause);
@@ -407,13 +410,14 @@ const fn cause_of_signal(signal: WatcherSignal) -> FailureCause {
 const fn cause_of_hit(hit: PolicyHit) -> FailureCause {
     match hit {
         PolicyHit::ForceMeasured => FailureCause::Pressed,
-        PolicyHit::OutsideWorkspace | PolicyHit::PredictedCollision => FailureCause::OutOfReach,
+        PolicyHit::OutsideWorkspace => FailureCause::OutOfReach,
         PolicyHit::NotFinite => FailureCause::Code,
         PolicyHit::ModeUncovered
         | PolicyHit::ModeForbidden
         | PolicyHit::ModeUnreviewed
         | PolicyHit::KeepOut
         | PolicyHit::KeepOutEntered
+        | PolicyHit::PredictedCollision
         | PolicyHit::SpeedClamped
         | PolicyHit::ForceClamped
         | PolicyHit::SpeedMeasured

@@ -8,6 +8,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 
 use super::closing::progress;
+use super::shared_stops::alarm_since;
 use crate::cell::{Cell, Conditions};
 use crate::context::Context;
 use crate::evidence_binding::{trial_subject, trial_team};
@@ -50,6 +51,7 @@ pub(super) fn run_slice(
     let (new, old) = (subject(&candidate), subject(comparison.compared_with));
     let team = trial_team(context, version_table, evidence_files, &candidate);
     let lab = trials.lab(comparison.cell, store).with_team(team);
+    let known = evaluation.stops().shared.len();
     let Some(slice) = evaluation.step(&lab, &new, &old, &context.profile)? else { return Ok(0) };
     let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
     if !fresh.is_empty() {
@@ -57,6 +59,8 @@ pub(super) fn run_slice(
         let ComparisonSlice { cell, id, conditions, .. } = *comparison;
         keep_trace(store, cell, id, SandboxMode::Confirmation, conditions, &fresh, now_ms)?;
     }
+    let versions = (comparison.id, &comparison.compared_with.id());
+    alarm_since(context, record, versions, evaluation.stops(), known);
     let work_unit = (comparison.name_of)(slice.what);
     let done = (slice.done, comparison.plan.budget());
     progress(record, evidence_files, comparison.id, comparison.stage, work_unit, done);

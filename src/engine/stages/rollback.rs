@@ -171,7 +171,8 @@ impl Rollback<'_> {
         Ok(Some(Resumption::new(predecessor.id(), record, self.record.now_ms())))
     }
 
-    /// Has the rollback target work a fork of the task, and returns the safety event if it has the same.
+    /// Has the rollback target run a fork of the task, and returns the safety event of the version if the target has it
+    /// too, and every other one of the task.
     fn shared_event(
         &self,
         scene: LiveScene<'_>,
@@ -181,13 +182,15 @@ impl Rollback<'_> {
         if trigger.kind != TriggerKind::SafetyEvent {
             return None;
         }
-        let event = trigger.event.or_else(|| safety_events(scene.record).first().copied())?;
+        let events = safety_events(scene.record);
+        let event = trigger.event.or_else(|| events.first().copied())?;
         let mut fork = self.context.cell.world().ok()?;
         fork.go_on_from(scene.start).ok()?;
         let (task, seed) = (scene.record.task, scene.record.seed);
         let forked = ForkedTask::new(fork, target, &self.terms(target), task, seed);
         let (_, worked) = forked.run(&mut |_, _| {})?;
-        if worked.invalid || !safety_events(&worked).contains(&event) {
+        let of_target = safety_events(&worked);
+        if worked.invalid || !events.iter().chain([&event]).all(|event| of_target.contains(event)) {
             return None;
         }
         let event = StoppingEvent::Safety(event);

@@ -19,10 +19,21 @@ pub(crate) fn keep_stops(
     stops: &SceneStops,
 ) {
     evidence_file.hard_stops.clone_from(&stops.own);
-    for shared in stops.shared.iter().skip(evidence_file.shared_events.len()) {
+    alarm_since(context, record, (candidate, active), stops, evidence_file.shared_events.len());
+    evidence_file.shared_events.clone_from(&stops.shared);
+}
+
+/// Raises the alarm for what the two share beyond the first `known` events.
+pub(crate) fn alarm_since(
+    context: &Context,
+    record: &mut EngineRecorder,
+    (candidate, active): (&CapabilityId, &CapabilityId),
+    stops: &SceneStops,
+    known: usize,
+) {
+    for shared in stops.shared.iter().skip(known) {
         alarm(context, record, active, candidate, *shared);
     }
-    evidence_file.shared_events.clone_from(&stops.shared);
 }
 
 /// Raises the alarm that an active version has the same event as another.

@@ -33,7 +33,7 @@ impl SceneStops {
     }
 }
 
-/// The value of a record that an event is about, with the profile's limit.
+/// The value of a record that an event is about, with the profile's limit, where it is past it.
 #[must_use]
 #[allow(clippy::cast_precision_loss, reason = "ticks and milliseconds of one task")]
 pub fn past_limit(event: StoppingEvent, record: &TaskRecord, profile: &Profile) -> Option<PastLimit> {
@@ -59,7 +59,7 @@ pub fn past_limit(event: StoppingEvent, record: &TaskRecord, profile: &Profile) 
             SafetyEvent::KeepOut | SafetyEvent::NotANumber | SafetyEvent::PermissionBreach,
         ) => return None,
     };
-    Some(PastLimit { quantity, value, limit })
+    (value > limit).then_some(PastLimit { quantity, value, limit })
 }
 
 #[cfg(test)]

@@ -167,6 +167,23 @@ fn a_skill_outside_its_zones_may_use_its_hand_and_leave() {
     assert_eq!(guard.check(&close(), &at(TRAY)).hit, Some(PolicyHit::ZoneUndeclared));
 }
 
+/// Regression: the explanation asked an author to declare the zone of people, because a person had reached onto the arm.
+#[test]
+fn tool_among_people_is_a_violation_and_nothing_to_declare() {
+    let people = {
+        let scene = Scene::cell().unwrap();
+        let zone = scene.zones.iter().find(|zone| zone.name == ZoneName::Human.name()).unwrap().clone();
+        std::array::from_fn(|i| f64::midpoint(zone.min_m[i], zone.max_m[i]))
+    };
+    let mut guard = terms().guard(&whole().permissions);
+    assert_eq!(measured(&mut guard, &[TRANSIT, people, people, people, people]), [PolicyHit::KeepOutEntered]);
+    assert!(PolicyHit::KeepOutEntered.is_violation() && PolicyHit::KeepOutEntered.hard_stop().is_none());
+    let used = guard.used();
+    assert!(!used.zones.contains(&ZoneName::Human) && used.undeclared == 0, "{used:?}");
+    let hit = guard.check(&close(), &at(people)).hit.unwrap();
+    assert_eq!(hit.hard_stop(), None, "{hit}");
+}
+
 /// A version that computes for longer than it declares: nothing counts that where time stands still, so that equal
 /// seeds give equal logs; on an arm that does not wait it is a breach.
 #[test]
