@@ -147,6 +147,7 @@
 //!     retries: 0,
 //!     time_s: 3.0,
 //!     unsafe_continuation_ms: 0.0,
+//!     failure: None,
 //! };
 //! let pairs = (0..u64::from(profile.evaluation.sandbox_pairs))
 //!     .map(|seed| Pair { seed, active: episode(seed % 4 != 0), candidate: episode(seed % 40 != 0) })
