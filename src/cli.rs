@@ -50,6 +50,7 @@ mod roles;
 pub mod run;
 pub mod scenario;
 pub mod schema;
+pub mod sensors;
 pub mod serve;
 #[cfg(feature = "console")]
 mod settings;

@@ -130,7 +130,7 @@ pub struct SignArgs {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Exits with 0 if at least one profile admits the candidate; the last line names them. Exits with 1 if
-none does, or if its recovery cannot work.
+none does, or if its recovery cannot work. Exits with 3 if a fault of the cell would put it on hold.
 
 Examples:
   holdpoint candidate check manifests/candidates/grasp-improved --json
@@ -187,6 +187,9 @@ struct CandidateReport {
     verdicts: Vec<CheckVerdict>,
     /// Declared recovery that is unavailable under every profile.
     recovery: Vec<String>,
+    /// Faults of the cell that would put it on hold.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    cell_faults: Vec<String>,
     /// The declared fallback, if no version meets it.
     #[serde(skip_serializing_if = "Option::is_none")]
     unmet_fallback: Option<UnmetFallback>,
@@ -230,6 +233,9 @@ pub fn run(
                 check::unknown_family(&candidate, "manifest.toml").map_err(CliError::internal)?
             {
                 return Err(CliError::usage(unknown));
+            }
+            if let Some(refused) = check::taskless_family(&candidate, "manifest.toml") {
+                return Err(CliError::usage(refused));
             }
             let profiles = check_profiles(&context.data, args.profile.as_ref())?;
             let registered = registered_state(&context.data, &candidate.id())?;
@@ -357,6 +363,9 @@ fn summary(report: &CandidateReport) -> String {
     match (report.recovery.is_empty(), admits.is_empty(), refuses.is_empty()) {
         (false, _, _) => "result     refused: its recovery cannot work under any profile".to_owned(),
         (true, true, _) => format!("result     refused under {refuses}"),
+        (true, false, _) if !report.cell_faults.is_empty() => {
+            "result     on hold until the cell is repaired".to_owned()
+        }
         (true, false, true) => format!("result     admitted under {admits}"),
         (true, false, false) => format!("result     admitted under {admits}; refused under {refuses}"),
     }
@@ -385,6 +394,7 @@ fn check(
         against: versions.described(&candidate.id().family),
         verdicts,
         recovery: versions.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
+        cell_faults: versions.cell_faults(candidate).iter().map(holdpoint_wording::line).collect(),
         unmet_fallback: versions.unmet_fallback(candidate),
         registered,
     };
@@ -410,6 +420,9 @@ fn check(
         for reason in &report.recovery {
             out.line(&format!("recovery   its drills cannot pass: {reason}"))?;
         }
+        for fault in &report.cell_faults {
+            out.line(&format!("cell       its drills cannot run: {fault}"))?;
+        }
         if let Some(unmet) = &report.unmet_fallback {
             out.line(&format!("           manifest.toml: {unmet}"))?;
         }
@@ -421,7 +434,11 @@ fn check(
         }
         out.line(&summary(&report))
     })?;
-    Ok(if admitted { Exit::Confirmed } else { Exit::Rejected })
+    Ok(match (admitted, report.cell_faults.is_empty()) {
+        (true, true) => Exit::Confirmed,
+        (true, false) => Exit::Held,
+        (false, _) => Exit::Rejected,
+    })
 }
 
 fn diff(

@@ -76,6 +76,8 @@ pub enum RequestedDecision {
     BreakGlass(BreakGlassArgs),
     /// To reactivate a superseded version of a safe-stopped family.
     Rearm(VersionArgs),
+    /// To make a confirmed version its family's anchor.
+    Anchor(VersionArgs),
 }
 
 /// The identity and the reason of a decision.
@@ -217,6 +219,7 @@ pub(super) fn run(
         RequestedDecision::Continue(args) => lifecycle::go_on(context, &views()?, args, out),
         RequestedDecision::BreakGlass(args) => lifecycle::break_glass(context, &views()?, args, out),
         RequestedDecision::Rearm(args) => lifecycle::rearm(context, &views()?, args, out),
+        RequestedDecision::Anchor(args) => lifecycle::anchor(context, &views()?, args, out),
         RequestedDecision::Pause(args) => pause(context, &views()?, args, PauseChange::Pause, out),
         RequestedDecision::Resume(args) => {
             // Only an identity of the store may let a version continue.

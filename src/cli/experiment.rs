@@ -12,6 +12,7 @@ use super::paper::{self, PaperArgs, ReportArgs};
 use super::per_candidate::{self, PerCandidateArgs};
 use super::result_cache::CacheKeyArgs;
 use super::run::JOBS_MAX;
+use super::sensors::{self, SensorsArgs};
 use super::truth::{self, TruthArgs};
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -29,6 +30,7 @@ Examples:
   holdpoint lab experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --out results/drift --json
   holdpoint lab experiment per-candidate --pool pool-7
   holdpoint lab experiment truth --pool mutants --out truth
+  holdpoint lab experiment sensors --out sensors
   holdpoint lab experiment all --preset paper-e2 --out paper")]
 pub struct ExperimentArgs {
     /// The chosen experiment with its arguments.
@@ -67,6 +69,8 @@ pub enum ExperimentVerb {
     Report(ReportArgs),
     /// Measures the ground truth of candidates with the referee, and compares decisions with it.
     Truth(TruthArgs),
+    /// Compares each measure of harm with the referee: misses and false alarms at its limit, by family.
+    Sensors(SensorsArgs),
 }
 
 /// The arguments of `experiment drift`.
@@ -119,6 +123,7 @@ pub fn run(args: &ExperimentArgs, out: &mut CommandOutput<'_>) -> Result<Exit, C
         ExperimentVerb::All(args) => paper::run(args, ExperimentPart::All, out),
         ExperimentVerb::Report(args) => paper::regenerate_report(args, out),
         ExperimentVerb::Truth(args) => truth::run(args, out),
+        ExperimentVerb::Sensors(args) => sensors::run(args, out),
     }
 }
 

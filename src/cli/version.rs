@@ -92,6 +92,14 @@ Example:
 Example:
   holdpoint version reactivate grasp@1.0.0 --as mara --reason 'the gripper is repaired'")]
     Reactivate(VersionArgs),
+    /// Make a confirmed version its family's anchor; candidates are compared with it, too.
+    #[command(after_help = "\
+Candidates are compared with the active version and with the anchor, so that several versions
+together lose no more than one may. Until a person sets one, the commissioned version is it.
+
+Example:
+  holdpoint version anchor grasp@1.3.0 --as mara --reason 'slower on purpose since the new belt'")]
+    Anchor(VersionArgs),
     /// Activate a version alone in an emergency; two others review it.
     BreakGlass(BreakGlassArgs),
 }
@@ -181,6 +189,7 @@ pub fn run(
         VersionVerb::Unrestrict(args) => RequestedDecision::Release(args.clone()),
         VersionVerb::Answer(args) => RequestedDecision::Continue(args.clone()),
         VersionVerb::Reactivate(args) => RequestedDecision::Rearm(args.clone()),
+        VersionVerb::Anchor(args) => RequestedDecision::Anchor(args.clone()),
         VersionVerb::BreakGlass(args) => RequestedDecision::BreakGlass(args.clone()),
     };
     engine.decide(context, &decision, out)

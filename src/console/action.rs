@@ -187,6 +187,8 @@ actions! {
     Continue = "continue", Version, ["c"];
     /// Reactivate a superseded version of a stopped family, reason required
     Rearm = "rearm", Version, ["A"];
+    /// Make this confirmed version its family's anchor, reason required
+    Anchor = "anchor", Version, ["K"];
     /// Check the whole audit chain
     Verify = "verify", Everywhere, ["v"];
     /// Acknowledge this alarm
@@ -240,6 +242,7 @@ impl Action {
                 | Self::Restrict
                 | Self::Continue
                 | Self::Rearm
+                | Self::Anchor
                 | Self::Acknowledge
                 | Self::Shelve
                 | Self::Unshelve
@@ -271,6 +274,7 @@ impl Action {
             | Self::BreakGlass
             | Self::Continue
             | Self::Rearm
+            | Self::Anchor
             | Self::Acknowledge
             | Self::Shelve
             | Self::Unshelve

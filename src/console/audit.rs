@@ -95,6 +95,7 @@ const fn is_of_people(kind: RecordKind) -> bool {
             | RecordKind::PersonRevoked
             | RecordKind::MonitorAnswer
             | RecordKind::ProfilesSet
+            | RecordKind::AnchorSet
             | RecordKind::Resumed
             | RecordKind::BreakGlass
             | RecordKind::BreakGlassReviewed
@@ -334,6 +335,9 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
             format!("{} answered the monitor{}", actor(), fields.with(": ", "reason"))
         }
         RecordKind::Resumed => format!("{} resumed it{}", actor(), fields.with(": ", "reason")),
+        RecordKind::AnchorSet => {
+            format!("{} made it the anchor of its family{}", actor(), fields.with(": ", "reason"))
+        }
         RecordKind::BreakGlass => {
             format!("{} activated it alone, by break-glass{}", actor(), fields.with(": ", "reason"))
         }

@@ -45,6 +45,8 @@ pub enum Intent {
     Continue(CapabilityId),
     /// Reactivate a superseded version of a safe-stopped family.
     Rearm(CapabilityId),
+    /// To make a confirmed version its family's anchor.
+    Anchor(CapabilityId),
     /// Start the cell: when it was stopped, how often, and the virtual time of the last stop, ms.
     Go {
         since_ms: u64,
@@ -103,6 +105,7 @@ impl Intent {
             Self::Restrict(_) => "Restrict",
             Self::Continue(_) => "Continue",
             Self::Rearm(_) => "Reactivate",
+            Self::Anchor(_) => "Set anchor",
             Self::Go { .. } => "Start the cell",
             Self::Goal(_) => "Set goal",
             Self::ConfirmTime(_) => "Confirm it",
@@ -136,6 +139,7 @@ impl Intent {
             Self::Restrict(id) => format!("Restrict {id}"),
             Self::Continue(id) => format!("Continue with {id}: answer its monitor"),
             Self::Rearm(id) => format!("Reactivate {id}"),
+            Self::Anchor(id) => format!("Make {id} the anchor of {}", id.family),
             Self::Go { .. } => "Start the stopped cell".to_owned(),
             Self::Goal(goal) => format!("Set the goal {goal}"),
             Self::ConfirmTime(time) => format!("Confirm the time: {}", time.label()),
@@ -167,6 +171,7 @@ impl Intent {
             Self::Restrict(_) => "not restricted",
             Self::Continue(_) => "its monitor is not answered",
             Self::Rearm(_) => "not reactivated",
+            Self::Anchor(_) => "anchor not set",
             Self::Go { .. } => "the cell stays stopped",
             Self::Goal(_) => "the goal is as it was",
             Self::ConfirmTime(_) => "the time is not confirmed",
@@ -566,6 +571,7 @@ impl Intent {
             Intent::Restrict(id) => Command::Restrict(operation(id, reason)),
             Intent::Continue(id) => Command::Continue(operation(id, reason)),
             Intent::Rearm(id) => Command::Rearm(operation(id, reason)),
+            Intent::Anchor(id) => Command::Anchor(operation(id, reason)),
             Intent::Go { since_ms, stops, .. } => {
                 Command::Go { by, reason: reason_text, since_ms: *since_ms, stops: *stops }
             }

@@ -295,7 +295,8 @@ fn act(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         | Action::Repeat
         | Action::Release
         | Action::Continue
-        | Action::Rearm => operations::on_version(model, action),
+        | Action::Rearm
+        | Action::Anchor => operations::on_version(model, action),
         Action::BreakGlass => operations::break_glass(model),
         Action::Acknowledge | Action::Shelve | Action::Unshelve | Action::ResetAlarm => {
             operations::on_alarm(model, action)

@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use holdpoint_body::FailureSignal;
+use holdpoint_body::{FailureSignal, TaskKind};
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, admits};
 use holdpoint_governance::decision::{Reason, ReasonCode};
@@ -14,10 +14,11 @@ use holdpoint_governance::finding::EvidenceGap;
 use holdpoint_governance::ids::{CapabilityId, Family, NameError};
 use holdpoint_governance::interface::declared_changes::{self, undeclared_changes};
 use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
+use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::Profile;
-use holdpoint_governance::recovery::{self, StaticInput};
+use holdpoint_governance::recovery::{self, FallbackMatch, StaticInput};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::site_profile::{ChosenProfile, SiteProfileError};
 use holdpoint_protocol::detail::VersionDiff;
@@ -34,6 +35,9 @@ use serde::Serialize;
 
 /// What helps with a family that does not exist, at a check as at a registration.
 pub(crate) const BUILT_IN_FAMILIES: &str = "families are built in, each with a task and a first version; `holdpoint version list` shows those of the store";
+
+/// What helps with a version of a family that cannot be upgraded.
+const TASKLESS_FAMILIES: &str = "the first version comes with the program and changes only with the program; `holdpoint version list` shows the version in use";
 
 /// Why a version could not be checked: something built into the program does not load.
 #[derive(Debug, thiserror::Error)]
@@ -107,6 +111,43 @@ pub fn unknown_family(candidate: &Capability, file: &str) -> Result<Option<Unkno
     Ok((!known).then(|| UnknownFamily { file: file.to_owned(), family, allowed }))
 }
 
+/// A version of a family without a task of its own, such as a fallback. The sandbox compares versions at the task of their
+/// family. Check and registration refuse it alike.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{file}: the field \"name\" has the value {family:?}, which cannot be upgraded: the sandbox has no task to measure it \
+     at; allowed: {allowed}"
+)]
+pub struct TasklessFamily {
+    /// Name of the manifest's file.
+    pub file: String,
+    /// The family in the manifest.
+    pub family: String,
+    /// The families that can be upgraded.
+    pub allowed: String,
+}
+
+impl Hint for TasklessFamily {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(ErrorDetails::of_field(self.file.as_str(), "name"))
+    }
+
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        Some(TASKLESS_FAMILIES.into())
+    }
+}
+
+/// The error for a version whose family is known in this cell and has no task of its own. `file` is the manifest's name in
+/// the error.
+#[must_use]
+pub fn taskless_family(candidate: &Capability, file: &str) -> Option<TasklessFamily> {
+    let families = TaskKind::SEQUENCE.map(Family::from);
+    let family = candidate.id().family;
+    let has_task = families.contains(&family);
+    let allowed = families.map(|family| family.to_string()).join(", ");
+    (!has_task).then(|| TasklessFamily { file: file.to_owned(), family: family.to_string(), allowed })
+}
+
 /// Interface and policy of a version under one profile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StaticFindings {
@@ -176,8 +217,8 @@ pub(crate) struct CheckInputs<'a> {
     pub(crate) active: Option<&'a Capability>,
     /// The versions its dependencies may resolve to.
     pub(crate) registered: &'a [RegisteredVersion],
-    /// Whether the fallback it names exists; absent if it names none.
-    pub(crate) fallback_resolves: Option<bool>,
+    /// What the registry has of the fallback it names; absent if it names none.
+    pub(crate) fallback: Option<FallbackMatch>,
     /// Whether the author's key signed it, and the store has a confirmed version of that author.
     pub(crate) author_known: bool,
 }
@@ -190,7 +231,7 @@ pub(crate) fn assess(
     profile: &Profile,
     table: &PolicyTable,
 ) -> StaticAssessment {
-    let CheckInputs { active, registered, fallback_resolves, author_known } = *against;
+    let CheckInputs { active, registered, fallback, author_known } = *against;
     let found = judge(candidate, active, registered, profile, table);
     let declared = candidate.submission.declared_traces.as_ref();
     let parent = active.and_then(|active| active.submission.declared_traces.as_ref());
@@ -198,7 +239,7 @@ pub(crate) fn assess(
         (Some(candidate), Some(active)) => behavior::estimate(candidate, active, profile),
         _ => behavior::without_value(EvidenceGap::NotMeasured),
     };
-    let recovery = declared_recovery(candidate, active.is_some(), fallback_resolves);
+    let recovery = declared_recovery(candidate, active.is_some(), fallback);
     let declared = candidate.submission.interface_changes.clone();
     StaticAssessment {
         new_permissions: found.new_permissions,
@@ -217,7 +258,7 @@ pub(crate) fn assess(
 fn declared_recovery(
     candidate: &Capability,
     has_active: bool,
-    fallback_resolves: Option<bool>,
+    fallback: Option<FallbackMatch>,
 ) -> Assessment<RecoveryOutcome> {
     let watched: BTreeSet<FailureSignal> = FailureSignal::ALL.into_iter().collect();
     let exports = candidate.bundle.interface();
@@ -227,9 +268,25 @@ fn declared_recovery(
         // The active version was loaded from the store, and its digest matched the recorded one.
         predecessor_loads: Some(has_active),
         predecessor_digest_true: Some(has_active),
-        fallback_resolves,
+        fallback,
         watcher_knows: &watched,
     })
+}
+
+/// What the registry has of the fallback that a candidate binds; `None` if it binds none. `known` are all registered
+/// versions with their states. A candidate is not its own fallback while it is evaluated.
+pub(crate) fn fallback_match(
+    candidate: &Capability,
+    known: impl IntoIterator<Item = (CapabilityId, State)>,
+) -> Option<FallbackMatch> {
+    let binding = candidate.manifest.recovery.fallback.as_ref()?;
+    let own = candidate.id();
+    let meets = |(id, state): &(CapabilityId, State)| {
+        id.family == binding.family
+            && binding.version.matches(&id.version)
+            && (*id != own || FallbackMatch::is_usable(*state))
+    };
+    Some(FallbackMatch::of(known.into_iter().filter(meets).map(|(_, state)| state)))
 }
 
 /// A fallback that no version meets.
@@ -262,6 +319,8 @@ pub struct RegisteredVersions {
     actives: Vec<Capability>,
     /// The versions that dependencies may resolve to.
     registered: Vec<RegisteredVersion>,
+    /// All versions with their states.
+    known: Vec<(CapabilityId, State)>,
     /// Whether they are from a store.
     in_store: bool,
 }
@@ -274,7 +333,8 @@ impl RegisteredVersions {
     pub fn commissioned() -> Result<Self, CheckError> {
         let actives = baselines()?;
         let registered = actives.iter().map(|baseline| entry(baseline, true)).collect();
-        Ok(Self { actives, registered, in_store: false })
+        let known = actives.iter().map(|baseline| (baseline.id(), State::Active)).collect();
+        Ok(Self { actives, registered, known, in_store: false })
     }
 
     /// The versions of a store, from its rows.
@@ -282,14 +342,16 @@ impl RegisteredVersions {
     /// # Errors
     /// [`CheckError::VersionTable`].
     pub fn of(views: &Views) -> Result<Self, CheckError> {
-        let (mut actives, mut registered) = (Vec::new(), Vec::new());
+        let (mut actives, mut registered, mut known) = (Vec::new(), Vec::new(), Vec::new());
         for family in views.families().map_err(VersionTableError::from)? {
             let name = Family::new(family.name)?;
             for id in views.family_in_order(&name).map_err(VersionTableError::from)? {
                 let detail = views.version(&id).map_err(VersionTableError::from)?;
+                let state = detail.map(|detail| detail.summary.state);
+                known.extend(state.map(|state| (id.clone(), state)));
                 let Some(member) = load_member(views, &id)? else { continue };
                 let is_active = family.active.as_ref() == Some(&id);
-                if detail.is_some_and(|detail| !detail.summary.state.is_terminal()) {
+                if state.is_some_and(|state| !state.is_terminal()) {
                     registered.push(entry(&member.capability, is_active));
                 }
                 if is_active {
@@ -297,7 +359,7 @@ impl RegisteredVersions {
                 }
             }
         }
-        Ok(Self { actives, registered, in_store: true })
+        Ok(Self { actives, registered, known, in_store: true })
     }
 
     /// Whether no version is active.
@@ -328,31 +390,44 @@ impl RegisteredVersions {
         }
     }
 
+    fn fallback_match(&self, candidate: &Capability) -> Option<FallbackMatch> {
+        fallback_match(candidate, self.known.iter().cloned())
+    }
+
     /// The fallback that a candidate declares and no version meets.
     #[must_use]
     pub fn unmet_fallback(&self, candidate: &Capability) -> Option<UnmetFallback> {
         let binding = candidate.manifest.recovery.fallback.as_ref()?;
-        let of_family = |one: &&RegisteredVersion| one.id.family == binding.family;
-        let there: Vec<&RegisteredVersion> = self.registered.iter().filter(of_family).collect();
-        let is_met = there.iter().any(|one| binding.version.matches(&one.id.version));
-        (!is_met).then(|| UnmetFallback {
+        let of_family = self.registered.iter().filter(|one| one.id.family == binding.family);
+        (self.fallback_match(candidate) == Some(FallbackMatch::Unregistered)).then(|| UnmetFallback {
             field: "recovery.fallback",
             value: format!("{} {}", binding.family, binding.version),
-            there: there.into_iter().map(|one| one.id.clone()).collect(),
+            there: of_family.map(|one| one.id.clone()).collect(),
         })
+    }
+
+    fn declared_recovery(&self, candidate: &Capability) -> Vec<Reason> {
+        let has_active = self.active(&candidate.id().family).is_some();
+        declared_recovery(candidate, has_active, self.fallback_match(candidate)).reasons
     }
 
     /// Declared recovery that is unavailable, so that every drill would fail.
     #[must_use]
     pub fn recovery(&self, candidate: &Capability) -> Vec<Reason> {
-        let binds = candidate.manifest.recovery.fallback.is_some();
-        let resolves = binds.then(|| self.unmet_fallback(candidate).is_none());
-        let has_active = self.active(&candidate.id().family).is_some();
-        let found = declared_recovery(candidate, has_active, resolves);
         let is_wrong = |reason: &Reason| {
-            !matches!(reason.code, ReasonCode::RecoveryNoData | ReasonCode::RecoveryCompatible)
+            !matches!(
+                reason.code,
+                ReasonCode::RecoveryNoData | ReasonCode::RecoveryCompatible | ReasonCode::RecoveryCellFault
+            )
         };
-        found.reasons.into_iter().filter(is_wrong).collect()
+        self.declared_recovery(candidate).into_iter().filter(is_wrong).collect()
+    }
+
+    /// Faults of the cell that keep the candidate from being drilled: it would be demoted, and not rejected.
+    #[must_use]
+    pub fn cell_faults(&self, candidate: &Capability) -> Vec<Reason> {
+        let is_of_cell = |reason: &Reason| reason.code == ReasonCode::RecoveryCellFault;
+        self.declared_recovery(candidate).into_iter().filter(is_of_cell).collect()
     }
 
     /// Judges a version against the active one of its family, under each of these profiles and its policies.

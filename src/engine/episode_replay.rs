@@ -228,7 +228,13 @@ impl EpisodeReplay<'_> {
         let cell = &self.context.cell;
         let trial = TrialCase { cell, terms, version: self.versions[side], conditions, seed };
         let done = alone(&mut worker, trial);
-        let as_recorded = recorded.map(|recorded| done.values().as_ref() == Some(recorded));
+        // A record of an older build has no cause of a failure.
+        let known = |now: EpisodeValues, recorded: &EpisodeValues| EpisodeValues {
+            failure: now.failure.filter(|_| recorded.failure.is_some()),
+            ..now
+        };
+        let as_recorded =
+            recorded.map(|recorded| done.values().is_some_and(|now| known(now, recorded) == *recorded));
         let limits = &self.context.profile.harm;
         let work = FilmedWork { version: self.versions[side], terms, cell, limits, as_recorded };
         work.episode(&mut worker, &done)

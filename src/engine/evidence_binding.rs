@@ -14,6 +14,7 @@ use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::{State, VersionRef};
 use holdpoint_governance::notice::AdmissionRefusal;
 use holdpoint_governance::profile_downgrade::AdmissionContext;
+use holdpoint_governance::rules_version::RulesVersion;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 
@@ -150,6 +151,7 @@ pub fn binding(context: &Context, version_table: &VersionTable, capability: &Cap
         policy: context.table.digest,
         environment: context.cell.digest(),
         neighbours: neighbours(version_table, capability),
+        anchor: version_table.anchor_beside_active(&capability.id().family).map(Capability::digest),
     }
 }
 
@@ -205,7 +207,9 @@ pub fn made_under(
         authority: authority_digest(version_table),
         environment: binding.environment,
         neighbours: binding.neighbours,
+        anchor: binding.anchor,
         evidence,
+        rules: RulesVersion::CURRENT,
     }
 }
 

@@ -15,7 +15,8 @@ use holdpoint_governance::composition::{Kappas, composite};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, Dimension, Kappa, Reason};
 use holdpoint_governance::evidence::{
-    DrillTallies, EpisodeValues, EvidenceBinding, FailedDrill, HardStop, Pair, ShadowSequence, SoloEpisode,
+    AnchorEvidence, DrillTallies, EpisodeValues, EvidenceBinding, FailedDrill, HardStop, Pair,
+    ShadowSequence, SoloEpisode,
 };
 use holdpoint_governance::gate::{GateOutcome, ShadowAssessment};
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -64,6 +65,9 @@ pub struct EvidenceFile {
     pub alone: Vec<SoloEpisode>,
     /// Paired episodes, in seed order.
     pub pairs: Vec<Pair>,
+    /// Episodes of the family's anchor on the seeds of the pairs; absent if there is no other anchor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub anchor: Option<AnchorEvidence>,
     /// The candidate's alone: the version compared with has not the same in the same scene.
     pub hard_stops: Vec<HardStop>,
     /// Events that both had in the same scene; empty in records of older builds.

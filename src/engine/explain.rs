@@ -16,6 +16,7 @@ use lenient_bodies::{
     StateSetRecord,
 };
 pub use remedy::is_in_favor;
+pub(crate) use remedy::is_tolerated;
 pub use summary::summarize;
 
 use crate::evidence_file::EvidenceFile;
@@ -85,6 +86,7 @@ pub(crate) fn decisions(
             RecordKind::AuditClosed => reader.add_consequence(record, Consequence::UpgradeRecordClosed),
             RecordKind::ProfilesSet => reader.add_consequence(record, Consequence::ProfilesSet),
             RecordKind::Resumed => reader.add_consequence(record, Consequence::Resumed),
+            RecordKind::AnchorSet => reader.add_consequence(record, Consequence::AnchorSet),
             RecordKind::BreakGlass => reader.add_consequence(record, Consequence::BreakGlassUsed),
             RecordKind::BreakGlassReviewed => reader.add_consequence(record, Consequence::BreakGlassReviewed),
             // These are neither decisions nor their results.
@@ -140,7 +142,8 @@ pub(crate) fn remedies<'a>(
 ) -> Vec<Remedy> {
     let value = serde_json::to_value(evidence_file).unwrap_or_default();
     let measured: EvidenceFileRecord = serde_json::from_value(value).unwrap_or_default();
-    reasons.into_iter().filter_map(|reason| remedy::remedy(&ReasonRecord::from(reason), &measured)).collect()
+    let records = reasons.into_iter().map(ReasonRecord::from);
+    records.flat_map(|reason| remedy::all_remedies(&reason, &measured)).collect()
 }
 
 /// Reads the records in order.
@@ -263,7 +266,6 @@ impl DecisionReader<'_> {
                 distinct.push(reason);
             }
         }
-        let remedies = distinct.iter().filter_map(|reason| remedy::remedy(reason, &evidence_file)).collect();
         let reasons = distinct.into_iter().map(|reason| DecisionReason::Rule {
             measured: remedy::measured(&reason, &evidence_file),
             reason: Box::new(reason),
@@ -271,7 +273,7 @@ impl DecisionReader<'_> {
         let is_sandbox = matches!(ruling, Ruling::Sandbox(_));
         let mut explained = ExplainedDecision::new(record.seq, record.at_ms, ruling, reasons.collect());
         explained.recorded_sentences = recorded_decision::sentences(&record.body);
-        explained.remedies = remedies;
+        explained.remedies = summary::decision_remedies(&explained, &evidence_file);
         explained.permissions = evidence_file.permissions.filter(|_| is_sandbox);
         explained.cached = evidence_file.kept.filter(|_| is_sandbox);
         self.decisions.push(explained);

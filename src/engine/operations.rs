@@ -5,6 +5,7 @@
 use holdpoint_governance::finding::Finding;
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 
+use crate::check::taskless_family;
 use crate::context::Context;
 use crate::evidence_binding::not_admitted;
 use crate::evidence_file::EvidenceFiles;
@@ -51,6 +52,12 @@ pub(crate) fn register(
         }
     };
     let id = candidate.id();
+    // The registration itself refuses a family that is not there.
+    if record.version_table().family(&id.family).is_ok()
+        && let Some(refused) = taskless_family(&candidate, "manifest.toml")
+    {
+        return Ok(Reply::refused(Refusal::BadInput, &refused));
+    }
     let persons = record.version_table().store().persons()?;
     let requester = version_origin::requester(signer, record.clock().is_scripted(), named, &persons);
     let origin = match version_origin::of((requester, record.clock().is_scripted()), &candidate, &persons) {
@@ -170,6 +177,28 @@ pub(crate) fn resume(
         reason: operation.reason.clone(),
     });
     let text = format!("{id} resumes where it was; the gate evaluates it again");
+    Ok(Reply::Accepted { text, version: Some(id) })
+}
+
+/// Makes a confirmed version its family's anchor.
+pub(crate) fn set_anchor(record: &mut EngineRecorder, operation: &Operation) -> Result<Reply, EngineFault> {
+    let id = checked(record, operation)?;
+    let table = record.version_table();
+    let refused =
+        |text: String, hint: Option<String>| Ok(Reply::Refused { code: Refusal::NotNow, text, hint });
+    if !table.may_be_anchor(&id) {
+        let hint = "a confirmed version that is or was in control can be: see `holdpoint version list`";
+        return refused(format!("{id} cannot be an anchor: it is not confirmed"), Some(hint.to_owned()));
+    }
+    if table.anchor(&id.family).is_some_and(|anchor| anchor.id() == id) {
+        return refused(format!("{id} is the anchor of {} already", id.family), None);
+    }
+    let Operation { by, reason, .. } = operation.clone();
+    let body = serde_json::json!({ "by": by, "reason": reason }).to_string();
+    record.note(RecordKind::AnchorSet, id.to_string(), body)?;
+    record.note_anchor(&id);
+    record.tell(EventKind::AnchorSet { version: id.clone(), by, reason });
+    let text = format!("{id} is the anchor of {}: candidates are compared with it, too", id.family);
     Ok(Reply::Accepted { text, version: Some(id) })
 }
 

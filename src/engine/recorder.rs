@@ -50,6 +50,11 @@ impl EngineRecorder {
         &self.versions
     }
 
+    /// Takes in the recorded act that makes a version its family's anchor.
+    pub(crate) fn note_anchor(&mut self, id: &CapabilityId) {
+        self.versions.note_anchor(id);
+    }
+
     /// The alarms.
     #[must_use]
     pub const fn alarms(&self) -> &AlarmBook {

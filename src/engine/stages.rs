@@ -6,6 +6,7 @@
 pub mod activation;
 pub(crate) mod break_glass;
 mod cache_mismatch;
+mod cell_fault;
 pub(crate) mod closing;
 mod comparison_slice;
 pub mod confirmation;

@@ -112,6 +112,7 @@ impl Trials {
             cell,
             cache: self.result_cache(store),
             team: TrialTeam::default(),
+            anchor: None,
         }
     }
 }

@@ -9,7 +9,7 @@ use holdpoint_governance::cached_result::CachedResultUse;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::distribution_shift::{is_cleared, re_evaluation_reasons};
-use holdpoint_governance::evidence::{PairedEvidence, RecoveryEvidence};
+use holdpoint_governance::evidence::{AnchorEvidence, PairedEvidence, RecoveryEvidence};
 use holdpoint_governance::explanation::Consequence;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
@@ -25,6 +25,9 @@ use serde::{Deserialize, Serialize};
 pub struct Confirmation {
     pub pairs: PairedEvidence,
     pub drills: RecoveryEvidence,
+    /// Episodes of the family's anchor on the seeds of the pairs; absent if there is no other anchor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub anchor: Option<AnchorEvidence>,
     /// Whole sequences, if pairs and drills rejected nothing; absent in records of older builds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub handovers: Option<SequenceEvidence>,

@@ -3,8 +3,12 @@
 //! [`VersionTable::transition`] is the only way to change a state: the pure transition function returns the changes, the store
 //! writes all of them with their audit record or none, and only then the memory follows. It decides nothing.
 
+mod anchor;
+
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+
+pub use anchor::anchor_in;
 
 use crate::check::BUILT_IN_FAMILIES;
 use crate::store_robot::StoreRobot;
@@ -194,6 +198,8 @@ struct StoredPackage {
 pub struct VersionTable {
     store: Store,
     families: BTreeMap<Family, FamilyEntry>,
+    /// The versions that people made anchors.
+    anchors: BTreeMap<Family, CapabilityId>,
     wall: WallClock,
     /// Digest of the robot that activations name.
     robot: Option<String>,
@@ -224,8 +230,9 @@ impl VersionTable {
             let members = load_members(&views, &family)?;
             families.insert(family, FamilyEntry { state, members });
         }
+        let anchors = anchor::read(&views)?;
         drop(views);
-        Ok(Self { store, families, wall, robot: None, admission: AdmissionContext::LEAST })
+        Ok(Self { store, families, anchors, wall, robot: None, admission: AdmissionContext::LEAST })
     }
 
     /// Creates the store's first administrator, if no person was ever enrolled.

@@ -5,10 +5,15 @@
 
 use serde::{Deserialize, Serialize};
 
+mod anchor;
+mod component;
 mod early;
 mod harm;
+mod order;
 mod sequences;
 
+pub use anchor::{AnchorComparison, apply_anchor};
+pub use component::{BehaviorComponent, ComponentName, SUCCESS_LOSS_MAX, component_of};
 pub use early::{assess_early_stop, end_reason, is_lost, is_lost_early};
 pub(crate) use harm::in_shadow;
 pub use harm::{ExceedanceRates, HarmComparison, HarmDecider};
@@ -36,113 +41,6 @@ const SUSPICIOUS_FACTOR: f64 = 0.5;
 /// Non-zero differences from which Student's t is used for retries; below, a bound valid for any distribution.
 const STUDENT_FROM: usize = 20;
 
-crate::closed_set! {
-    /// The six components of the behavior signature `B_c` (paper equation 6).
-    ComponentName, "component of the signature", {
-        /// Loss of success: share of pairs that only the active version completed, less those only the candidate did.
-        Success = "success",
-        /// Relative increase of time, over pairs in which both succeed.
-        Time = "time",
-        /// Additional retries per episode.
-        Retry = "retry",
-        /// Share of episodes with a violation.
-        Violation = "violation",
-        /// Share of episodes with an anomaly.
-        Anomaly = "anomaly",
-        /// Share of episodes in which recovery ran.
-        Recovery = "recovery",
-    }
-}
-
-/// The component that a reason of `kappa_B` names, if any. In a record of an older build it is the first word of the
-/// sentence, or that after "while" where safety was traded.
-#[must_use]
-pub fn component_of(reason: &Reason) -> Option<ComponentName> {
-    match (&reason.finding, reason.code) {
-        (
-            Some(
-                Finding::ComponentWorse { component }
-                | Finding::ComponentWorseSoFar { component }
-                | Finding::ComponentPossiblyWorse { component }
-                | Finding::SafetyTraded { component }
-                | Finding::ComponentBetter { component },
-            ),
-            _,
-        ) => Some(*component),
-        (None, ReasonCode::BehaviorSafetyTraded) => reason.older_text.split(' ').nth(3)?.parse().ok(),
-        (
-            None,
-            ReasonCode::BehaviorEstablishedWorse
-            | ReasonCode::BehaviorSuspicious
-            | ReasonCode::BehaviorImproved,
-        ) => reason.older_text.split(' ').next()?.parse().ok(),
-        (Some(_) | None, _) => None,
-    }
-}
-
-impl ComponentName {
-    /// Whether it is about safety: violation, anomaly or recovery.
-    #[must_use]
-    pub const fn is_safety(self) -> bool {
-        match self {
-            Self::Violation | Self::Anomaly | Self::Recovery => true,
-            Self::Success | Self::Time | Self::Retry => false,
-        }
-    }
-
-    /// Whether a significant rise makes a version incompatible by itself. More frequent recovery does not.
-    #[must_use]
-    pub const fn blocks_alone(self) -> bool {
-        match self {
-            Self::Violation | Self::Anomaly => true,
-            Self::Recovery | Self::Success | Self::Time | Self::Retry => false,
-        }
-    }
-
-    /// Cost `c_j` of one unit of worsening in `kappa_B`, from the profile.
-    #[must_use]
-    pub const fn cost(self, settings: &BehaviorSettings) -> f64 {
-        match self {
-            Self::Success => settings.cost_success,
-            Self::Time => settings.cost_time,
-            Self::Retry => settings.cost_retry,
-            Self::Violation => settings.cost_violation,
-            Self::Anomaly => settings.cost_anomaly,
-            Self::Recovery => settings.cost_recovery,
-        }
-    }
-}
-
-/// One component: how much worse, within which bounds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct BehaviorComponent {
-    /// The component of the signature these numbers are about.
-    pub name: ComponentName,
-    /// Mean worsening; negative is an improvement.
-    pub worsening: f64,
-    /// One-sided lower bound at `alpha / 6`; above 0 the worsening is significant.
-    pub lower: f64,
-    /// One-sided upper bound at .05; absent if the pairs cannot bound it.
-    pub upper: Option<f64>,
-    /// `(1 - threshold) / c_j`: the worsening that alone brings `kappa_B` to the threshold.
-    pub tolerance: f64,
-}
-
-impl BehaviorComponent {
-    /// Whether the worsening is significant: the lower bound lies above 0.
-    #[must_use]
-    pub fn is_established(&self) -> bool {
-        self.lower > 0.0
-    }
-
-    /// Whether the upper bound lies inside the non-inferiority margin.
-    #[must_use]
-    pub fn is_within_tolerance(&self) -> bool {
-        self.upper.is_some_and(|upper| upper <= self.tolerance)
-    }
-}
-
 /// `kappa_B` with everything it was made of.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -162,6 +60,9 @@ pub struct BehaviorAssessment {
     /// Every comparison of whole sequences; empty if none ran, and in records of older builds.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sequences: Vec<SequenceComparison>,
+    /// The comparison with the family's anchor; absent if that is the active version, and in records of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub anchor: Option<AnchorComparison>,
     /// Mean values of the active version; absent without usable episodes.
     pub active: Option<Signature>,
     /// Mean values of the candidate; absent without usable episodes.
@@ -330,6 +231,7 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
         components: Vec::new(),
         harm: Vec::new(),
         sequences: Vec::new(),
+        anchor: None,
         active: Some(*active),
         candidate: Some(*candidate),
         improved: false,
@@ -354,6 +256,7 @@ pub fn without_value(gap: EvidenceGap) -> BehaviorAssessment {
         components: Vec::new(),
         harm: Vec::new(),
         sequences: Vec::new(),
+        anchor: None,
         active: None,
         candidate: None,
         improved: false,
@@ -402,7 +305,8 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
     let (Some(value), Some(established)) = (value, established) else {
         return Err(EvidenceGap::WorseningNotFinite);
     };
-    let success = binary(pairs, each, |e| e.success).map_err(|_| EvidenceGap::SuccessUnbounded)?;
+    let gained = PairedCounts::of(pairs.iter().map(|pair| (pair.candidate.success, pair.active.success)));
+    let success = stats::binary_pairs(gained, each).map_err(|_| EvidenceGap::SuccessUnbounded)?;
     let mut result = BehaviorAssessment {
         assessment: Assessment {
             outcome: BehaviorOutcome::Compatible,
@@ -421,6 +325,7 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
         components,
         harm: harm::compare(pairs, profile)?,
         sequences: Vec::new(),
+        anchor: None,
     };
     conclude_behavior(&mut result, success.mean > 0.0, harm::limit_request_concern(pairs, profile), profile);
     Ok(result)
@@ -442,15 +347,13 @@ fn conclude_behavior(
         result.components.iter().find(|c| c.name.is_safety() && c.is_established()).filter(|_| success_rose);
     let HarmVerdict { established: harmful, possible } = harm::verdict(&result.harm);
     // Within its margin, more recovery counts against a version only if success rose with it.
-    let unsafe_now =
-        traded.is_some() || result.components.iter().any(|c| c.name.blocks_alone() && c.is_established());
+    let blocked = traded.is_some() || result.components.iter().any(BehaviorComponent::decides_alone);
     let outcome = if result.pairs < budget {
         reasons.push(reason(Finding::TooFewPairs).with(f64::from(result.pairs), f64::from(budget)));
         BehaviorOutcome::Inconclusive
-    } else if established < threshold || unsafe_now || !harmful.is_empty() {
+    } else if established < threshold || blocked || !harmful.is_empty() {
         for c in result.components.iter().filter(|c| c.is_established()) {
-            reasons
-                .push(reason(Finding::ComponentWorse { component: c.name }).with(c.worsening, c.tolerance));
+            reasons.push(reason(Finding::ComponentWorse { component: c.name }).with(c.worsening, c.limit()));
         }
         reasons.extend(harmful);
         BehaviorOutcome::Incompatible
@@ -487,15 +390,12 @@ fn conclude_behavior(
     }
     result.assessment.outcome = outcome;
     result.assessment.reasons = reasons;
+    order::deciding_first(&mut result.assessment.reasons, &result.components);
 }
 
-fn binary(
-    pairs: &[Pair],
-    alpha: f64,
-    flag: impl Fn(&EpisodeValues) -> bool,
-) -> Result<PairedBound, stats::StatsError> {
-    let counts = PairedCounts::of(pairs.iter().map(|pair| (flag(&pair.candidate), flag(&pair.active))));
-    stats::binary_pairs(counts, alpha)
+/// The pairs as a component that is a share of episodes counts them.
+fn counts(name: ComponentName, pairs: &[Pair]) -> PairedCounts {
+    PairedCounts::of(pairs.iter().filter_map(|pair| name.is_bad_in(pair)))
 }
 
 /// The component, and the upper bound that shares the error rate with the other five.
@@ -509,12 +409,11 @@ fn component(
         let failed = EvidenceGap::ComponentUnbounded;
         Ok::<_, EvidenceGap>((bound(each).map_err(|_| failed)?, bound(UPPER_ALPHA).map_err(|_| failed)?))
     };
-    let shares = |flag: fn(&EpisodeValues) -> bool| both(&|alpha| binary(pairs, alpha, flag));
     let (low, high) = match name {
-        ComponentName::Success => shares(|e| !e.success)?,
-        ComponentName::Violation => shares(|e| e.violation)?,
-        ComponentName::Anomaly => shares(|e| e.anomaly)?,
-        ComponentName::Recovery => shares(|e| e.recovery)?,
+        ComponentName::Success
+        | ComponentName::Violation
+        | ComponentName::Anomaly
+        | ComponentName::Recovery => both(&|alpha| stats::binary_pairs(counts(name, pairs), alpha))?,
         ComponentName::Retry => {
             let more = |pair: &Pair| f64::from(pair.candidate.retries) - f64::from(pair.active.retries);
             let differences: Vec<f64> = pairs.iter().map(more).collect();
@@ -552,38 +451,4 @@ fn real_pairs(differences: &[f64], range_min: f64, alpha: f64) -> Result<PairedB
     }
     let largest = differences.iter().fold(range_min, |largest, d| largest.max(d.abs()));
     stats::bernstein_pairs(differences, -largest, largest, alpha)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_component_of_a_reason_is_read_from_its_finding_or_an_older_sentence() {
-        let older = |code, text: &str| Reason {
-            older_text: text.to_owned(),
-            finding: None,
-            ..Reason::coded(code, Dimension::Behavior, Finding::Estimated)
-        };
-        let now = reason(Finding::SafetyTraded { component: ComponentName::Recovery });
-        assert_eq!(component_of(&now), Some(ComponentName::Recovery));
-        assert_eq!(component_of(&reason(Finding::WorseningsAddUp)), None);
-        for name in ComponentName::ALL {
-            for (code, text) in [
-                (ReasonCode::BehaviorEstablishedWorse, format!("{name} is established as worse")),
-                (ReasonCode::BehaviorEstablishedWorse, format!("{name} is worse in the pairs worked so far")),
-                (ReasonCode::BehaviorSuspicious, format!("{name} may be worse beyond its tolerance")),
-                (
-                    ReasonCode::BehaviorSafetyTraded,
-                    format!("success rose while {name} is established as worse"),
-                ),
-                (ReasonCode::BehaviorImproved, format!("{name} is better")),
-            ] {
-                assert_eq!(component_of(&older(code, &text)), Some(name), "{text}");
-            }
-        }
-        let adds_up =
-            older(ReasonCode::BehaviorSuspicious, "the worsenings add up, none of them established");
-        assert_eq!(component_of(&adds_up), None);
-    }
 }

@@ -27,6 +27,8 @@ crate::closed_set! {
 pub enum CachedWorkKind {
     /// Sandbox episodes of the version that was compared with.
     Episodes,
+    /// Sandbox episodes of the family's anchor.
+    AnchorEpisodes,
     /// Recovery drills of one kind of that version.
     Drills(DrillKind),
     /// Whole sequences with that version in its place.
@@ -54,7 +56,7 @@ impl CachedWorkKind {
     #[must_use]
     pub const fn sample_group(self) -> SampleGroup {
         match self {
-            Self::Episodes => SampleGroup::Episodes,
+            Self::Episodes | Self::AnchorEpisodes => SampleGroup::Episodes,
             Self::Drills(_) => SampleGroup::Drills,
             Self::Sequences => SampleGroup::Sequences,
         }
@@ -65,6 +67,7 @@ impl fmt::Display for CachedWorkKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Episodes => f.write_str("episodes"),
+            Self::AnchorEpisodes => f.write_str("anchor episodes"),
             Self::Drills(kind) => write!(f, "{kind} drills"),
             Self::Sequences => f.write_str("sequences"),
         }

@@ -15,6 +15,7 @@ use super::outcome::{
     Recommendation, RecoveryOutcome,
 };
 use super::profile::fields::Weights;
+use super::recovery::names_cell_fault;
 use super::vocabulary::{deployability_of_shadow, vocabulary_row};
 
 /// The four assessments of one candidate.
@@ -106,8 +107,8 @@ pub struct PsiContext {
 /// `Psi(kappas, Gamma)`: the next permitted stage, in Procedure 2's order.
 ///
 /// I incompatible -> reject; P incompatible -> reject; a measured failure of B, or of R beyond review -> sandbox;
-/// P review -> rollback-review; R incompatible -> sandbox (rollback-review if an approver exists and rollback itself
-/// works); missing or inconclusive B or R -> sandbox; any restriction -> shadow; else activate.
+/// a fault of the cell in R -> sandbox; P review -> rollback-review; R incompatible -> sandbox (rollback-review if an
+/// approver exists and rollback itself works); missing or inconclusive B or R -> sandbox; any restriction -> shadow; else activate.
 /// A measured failure is not put to people: a review is about permissions, and cannot outweigh what was measured.
 #[must_use]
 pub fn psi(kappas: &Kappas, context: PsiContext, made_under: DecisionContext) -> Decision<Recommendation> {
@@ -183,6 +184,10 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
         return (Recommendation::Reject, Some(Dimension::Policy));
     }
     let measured_failure = behavior == CheckResult::Fail && kappas.behavior.basis == Basis::Measured;
+    if !measured_failure && names_cell_fault(&kappas.recovery) {
+        // The cell's fault is the reason, not what the evaluation lacks because of it.
+        return (Recommendation::Sandbox, Some(Dimension::Recovery));
+    }
     let unrecoverable = recovery == CheckResult::Fail
         && kappas.recovery.basis == Basis::Measured
         && !(context.has_approver && recovery_is_reviewable(&kappas.recovery));

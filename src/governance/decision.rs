@@ -10,6 +10,7 @@ use super::condition::Condition;
 use super::deployability::Deployability;
 use super::finding::Finding;
 use super::ids::Digest;
+use super::rules_version::RulesVersion;
 
 pub use self::codes::{ReasonCode, ReasonCodeError};
 pub use super::kappa::{Kappa, KappaError};
@@ -130,8 +131,14 @@ pub struct DecisionContext {
     /// The versions beside it, and its fallback; absent where it has neither, and in decisions of older builds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub neighbours: Option<Digest>,
+    /// The family's anchor; absent where that is the active version, and in decisions of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub anchor: Option<Digest>,
     /// The evidence the decision was computed from, canonical JSON.
     pub evidence: Digest,
+    /// The version of the rules that made it.
+    #[serde(default)]
+    pub rules: RulesVersion,
 }
 
 /// An outcome with its reasons, answers and circumstances. Built by the rules of this module tree only.

@@ -322,6 +322,7 @@ mod tests {
             policy: digest,
             environment: digest,
             neighbours: None,
+            anchor: None,
         };
         ShadowEvidence { binding, sequences: (0..count).map(sequence).collect(), hard_stops: Vec::new() }
     }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::failure_cause::FailureCause;
 use super::harm::HarmMeasures;
-use super::ids::Digest;
+use super::ids::{CapabilityId, Digest};
 use super::phase::{PhaseTallies, WorkPhase};
 
 /// The binding of evidence. Evidence with another binding is stale.
@@ -27,6 +27,10 @@ pub struct EvidenceBinding {
     /// builds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub neighbours: Option<Digest>,
+    /// The family's anchor, which it was compared with as well; absent where the active version is the anchor, and in
+    /// evidence of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub anchor: Option<Digest>,
 }
 
 crate::closed_set! {
@@ -44,6 +48,8 @@ crate::closed_set! {
         Environment = "environment",
         /// Other versions are active beside it, or its fallback is another one.
         Neighbours = "team",
+        /// Another version is the family's anchor.
+        Anchor = "anchor",
     }
 }
 
@@ -60,6 +66,7 @@ impl EvidenceBinding {
             (policies, StaleCause::Policies),
             (self.environment != now.environment, StaleCause::Environment),
             (self.neighbours != now.neighbours, StaleCause::Neighbours),
+            (self.anchor != now.anchor, StaleCause::Anchor),
         ];
         all.into_iter().filter_map(|(differs, cause)| differs.then_some(cause)).collect()
     }
@@ -151,6 +158,26 @@ pub struct PairedEvidence {
     pub hard_stops: Vec<HardStop>,
 }
 
+/// The episodes of a family's anchor on the seeds of a comparison.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AnchorEvidence {
+    /// The anchor.
+    pub version: CapabilityId,
+    /// In ascending order of seed.
+    pub episodes: Vec<AnchorEpisode>,
+}
+
+/// An episode of the anchor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AnchorEpisode {
+    /// Seed of the episode.
+    pub seed: u64,
+    /// Its values.
+    pub values: EpisodeValues,
+}
+
 /// Behavior signature `B_c` with its two companions (paper section 4.3; readings X49): means per episode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -227,6 +254,14 @@ pub struct DrillTally {
     pub failed: u32,
     /// Drills that could not be set up; they say nothing about the version.
     pub infeasible: u32,
+    /// Of the failed ones, those that the other version passed at the same place; 0 in records of older builds.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub failed_alone: u32,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(count: &u32) -> bool {
+    *count == 0
 }
 
 impl DrillTally {

@@ -26,6 +26,7 @@ use super::harm::HarmKind;
 use super::ids::CapabilityId;
 use super::lifecycle::State;
 use super::notice::NoticeOrText;
+use super::permission::PeakQuantity;
 use super::phase::WorkPhase;
 use super::record::RecordKind;
 use super::rollback::{Rung, RungFailure, TriggerKind};
@@ -61,6 +62,8 @@ crate::closed_set! {
         CauseNoMoreHarm = "cause-no-more-harm",
         /// The significant worsenings, each within its margin, are smaller together.
         ReduceSum = "reduce-sum",
+        /// Be no worse than the family's anchor.
+        MatchAnchor = "match-anchor",
         /// The version leaves arm and object as the skills after it need them.
         PreserveHandover = "preserve-handover",
         /// The manifest declares every request of the code, or the code requests no more.
@@ -81,6 +84,8 @@ crate::closed_set! {
         ExportHook = "export-hook",
         /// The manifest binds a fallback that is registered and may take over.
         BindFallback = "bind-fallback",
+        /// The cell is repaired, and the sandbox repeated.
+        RepairCell = "repair-cell",
         /// The manifest declares failure signals that the watcher knows.
         DeclareKnownSignals = "declare-known-signals",
         /// The rollback target loads with its recorded digest.
@@ -168,6 +173,15 @@ pub enum Remedy {
     },
     /// A worsening within its margin is not significant any more: for this component the rules accept none.
     EndSignificance(BehaviorComponent),
+    /// The manifest declares what the code asks for, or the code asks for no more than is declared.
+    RaiseDeclaration {
+        /// The quantity.
+        quantity: PeakQuantity,
+        /// The largest value that a command asked for.
+        asked: f64,
+        /// The declared limit.
+        declared: f64,
+    },
     /// More rollback drills pass.
     PassRollbackDrills {
         /// Drills that passed.
@@ -312,6 +326,8 @@ pub enum Consequence {
     ProfilesSet,
     /// An operator resumed the version.
     Resumed,
+    /// A person made it its family's anchor.
+    AnchorSet,
     /// One person activated it by break-glass.
     BreakGlassUsed,
     /// Approvers reviewed the activation by break-glass.

@@ -10,7 +10,7 @@ use super::distribution_shift::ShiftSignal;
 use super::early_stop::EarlyStopReason;
 use super::evidence::{DrillKind, HardStop};
 use super::harm::HarmKind;
-use super::ids::Family;
+use super::ids::{CapabilityId, Family};
 use super::mode::{ModeKey, RequiredCommand};
 use super::monitor::{Rate, SafetyEvent};
 use super::outcome::BehaviorOutcome;
@@ -343,6 +343,13 @@ findings! {
     /// The sequences cannot be assessed.
     SequenceGap { gap: EvidenceGap } => BehaviorSequenceSuspicious,
 
+    /// It is significantly worse than the family's anchor: by what it would be against the active version.
+    AnchorWorse { anchor: CapabilityId, by: Box<Finding> } => BehaviorAnchorWorse,
+    /// It may be worse than the family's anchor, likewise.
+    AnchorPossiblyWorse { anchor: CapabilityId, by: Box<Finding> } => BehaviorAnchorSuspicious,
+    /// The episodes of the anchor cannot be assessed.
+    AnchorGap { anchor: CapabilityId, gap: EvidenceGap } => BehaviorNoData,
+
     /// Recovery is as good as that of the active version.
     RecoveryCompatible => RecoveryCompatible,
     /// Everything that recovery needs is present; the drills decide.
@@ -361,6 +368,12 @@ findings! {
     DrillsLean { drill: DrillKind } => RecoveryLeaning,
     /// Drills of a kind pass significantly less often.
     DrillsWorse { drill: DrillKind } => RecoveryEstablishedWorse,
+    /// The candidate alone fails drills of a kind more often than the active version alone: a sequential test.
+    DrillsSettledWorse { drill: DrillKind, failed: u32, drills: u32, active: u32 } => RecoveryEstablishedWorse,
+    /// The candidate alone failed drills of a kind, and the most drills have not settled it.
+    DrillsUnsettled { drill: DrillKind, failed: u32, drills: u32, active: u32 } => RecoveryUnsettled,
+    /// The candidate alone failed drills of a kind, and more drills show no clear excess.
+    DrillsSettled { drill: DrillKind, failed: u32, drills: u32, active: u32 } => RecoverySettled,
     /// Drills of a kind fail in a phase.
     PhaseFails { drill: DrillKind, phase: WorkPhase } => RecoveryPhaseFailing,
     /// Drills of a kind pass significantly less often in a phase.
@@ -375,6 +388,8 @@ findings! {
     TooFewDrills { side: DrillSide, drill: DrillKind } => RecoveryNoData,
     /// Too few drills of the candidate could be carried out in a phase that the active version shows.
     TooFewPhaseDrills { drill: DrillKind, phase: WorkPhase } => RecoveryNoData,
+    /// The active version cannot do the drills of a kind, so they say nothing about the candidate: a fault of the cell.
+    ActiveUndrillable { drill: DrillKind } => RecoveryCellFault,
     /// Something about recovery is not known.
     RecoveryUnknown { unknown: RecoveryUnknown } => RecoveryNoData,
     /// The rollback target does not load.
@@ -383,6 +398,8 @@ findings! {
     TargetDigestDiffers => RecoveryPredecessorNotLoadable,
     /// No registered version meets the fallback binding.
     FallbackUnmet => RecoveryFallbackUnresolved,
+    /// Registered versions meet the fallback binding, and none of them may take over: a fault of the cell.
+    FallbackNotInCell { family: Family, requirement: String } => RecoveryCellFault,
     /// No fallback is bound.
     FallbackUnbound => RecoveryFallbackUnresolved,
     /// A recovery hook is not declared.

@@ -408,7 +408,8 @@ impl GateFindings {
             && under.policy == now.policy
             && under.profile == now.profile
             && under.environment == now.environment
-            && under.neighbours == now.neighbours;
+            && under.neighbours == now.neighbours
+            && under.anchor == now.anchor;
         if !same {
             self.demote.push(reason(Finding::CircumstancesDiffer));
         }

@@ -35,6 +35,7 @@
 //! use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome, Recommendation};
 //! use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 //! use holdpoint_governance::profile::{Profile, ProfileName};
+//! use holdpoint_governance::rules_version::RulesVersion;
 //! use holdpoint_governance::{behavior, recovery};
 //!
 //! // 1. Two versions of a skill that wipes a surface, and the rules of the place they run in.
@@ -133,6 +134,7 @@
 //!     policy: table.digest,
 //!     environment: Digest::of_parts("example", &[b"cell 7"]),
 //!     neighbours: None,
+//!     anchor: None,
 //! };
 //! let episode = |success| EpisodeValues {
 //!     success,
@@ -155,7 +157,7 @@
 //! let episodes = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
 //! let behavior = behavior::assess(&episodes, &binding, &profile).assessment;
 //!
-//! let all = DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0 };
+//! let all = DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0, failed_alone: 0 };
 //! let drills = DrillTallies { rollback: all, fallback: all, abort: all, detect: all, ..DrillTallies::default() };
 //! let rehearsed = RecoveryEvidence { binding, candidate: drills, active: drills };
 //! let recovery = recovery::assess(&rehearsed, &binding, &profile).assessment;
@@ -169,7 +171,9 @@
 //!     authority: Digest::of_parts("example", &[b"no approval in sim"]),
 //!     environment: binding.environment,
 //!     neighbours: binding.neighbours,
+//!     anchor: binding.anchor,
 //!     evidence: Digest::of_json("example.evidence", &episodes)?,
+//!     rules: RulesVersion::CURRENT,
 //! };
 //! let context = PsiContext { has_approver: profile.has_approver() };
 //! let mut kappas = Kappas { interface, policy, behavior, recovery };
@@ -211,6 +215,7 @@ pub mod behavior;
 pub mod cached_result;
 pub mod calendar;
 pub mod closed_set;
+pub mod comparison_evidence;
 pub mod component;
 pub mod composition;
 pub mod condition;
@@ -247,6 +252,7 @@ pub mod record;
 pub mod recovery;
 pub mod risk;
 pub mod rollback;
+pub mod rules_version;
 pub mod sensor_health;
 pub mod shared_event;
 pub mod site_profile;

@@ -155,7 +155,7 @@ impl PhaseTallies {
 impl From<PhaseTallies> for Vec<PhaseTally> {
     fn from(tallies: PhaseTallies) -> Self {
         let rows = PhaseTallies::places().map(|(kind, phase)| {
-            let DrillTally { passed, failed, infeasible } = *tallies.of(kind, phase);
+            let DrillTally { passed, failed, infeasible, failed_alone: _ } = *tallies.of(kind, phase);
             PhaseTally { kind, phase, passed, failed, infeasible }
         });
         rows.filter(|row| row.passed > 0 || row.failed > 0 || row.infeasible > 0).collect()
@@ -181,7 +181,7 @@ impl TryFrom<Vec<PhaseTally>> for PhaseTallies {
             if *tally != DrillTally::default() {
                 return Err(DuplicateTally { kind, phase });
             }
-            *tally = DrillTally { passed, failed, infeasible };
+            *tally = DrillTally { passed, failed, infeasible, failed_alone: 0 };
         }
         Ok(tallies)
     }

@@ -74,6 +74,8 @@ crate::closed_set! {
         MonitorAnswer = "monitor-answer",
         /// A version was blocked under profiles, or unblocked: by whom and why.
         ProfilesSet = "profiles-set",
+        /// A person made a version its family's anchor: who and why.
+        AnchorSet = "anchor-set",
         /// A version on hold was resumed: by whom and why.
         Resumed = "resumed",
         /// One person activated a version by break-glass: who, why, and the deadline of the review.

@@ -2,14 +2,21 @@
 //!
 //! Read from drills, never from a hook's word. Source: paper section 4.3, equation of `rho`; design rule 3.5.
 
+mod cell_fault;
 mod compare;
 mod early;
 mod phases;
+mod settle;
 
+pub use cell_fault::{FallbackMatch, assess_drills, names_cell_fault};
 use compare::kinds;
 pub use compare::{KindRates, RateInterval};
 pub use early::{assess_early_stop, end_reason, is_lost, is_lost_early};
 pub use phases::{PHASE_DRILLS_MIN, PhaseRates};
+pub use settle::{
+    CLEAN_DRILLS, DrillContrast, EXCESS_MAX, HELD_ALPHA, SAME_ALPHA, SETTLED_DRILLS_MAX, SETTLED_KINDS,
+    Settlement, WORSE_ALPHA, apply_settling,
+};
 
 use std::collections::BTreeSet;
 
@@ -47,6 +54,9 @@ pub struct RecoveryAssessment {
     /// Each kind in each phase of the work; empty in records of drills that were not counted by phase.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub phases: Vec<PhaseRates>,
+    /// The drills of each settled kind by place; empty if nothing was settled, and in records of older builds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub settled: Vec<DrillContrast>,
     /// The rule that ended the drills, if it was named and the evidence bears it out.
     #[serde(default)]
     pub ended: Option<EarlyStopReason>,
@@ -114,6 +124,7 @@ fn without_value(finding: Finding) -> RecoveryAssessment {
         interval: None,
         kinds: Vec::new(),
         phases: Vec::new(),
+        settled: Vec::new(),
         ended: None,
     }
 }
@@ -166,6 +177,7 @@ pub fn assess(
         interval: compare::interval_of_kappa(evidence, profile),
         kinds,
         phases,
+        settled: Vec::new(),
         ended: None,
     }
 }
@@ -235,8 +247,8 @@ pub struct StaticInput<'a> {
     pub predecessor_loads: Option<bool>,
     /// Whether its digest is the recorded one; `Some(true)` if there is none.
     pub predecessor_digest_true: Option<bool>,
-    /// Whether the declared fallback resolves in the registry.
-    pub fallback_resolves: Option<bool>,
+    /// What the registry has of the declared fallback.
+    pub fallback: Option<FallbackMatch>,
     /// Failure signals the watcher knows.
     pub watcher_knows: &'a BTreeSet<FailureSignal>,
 }
@@ -257,10 +269,11 @@ pub fn static_part(input: &StaticInput<'_>) -> Assessment<RecoveryOutcome> {
         }
     }
     let recovery = &input.manifest.recovery;
-    if recovery.fallback.is_some() {
-        match input.fallback_resolves {
-            Some(true) => {}
-            Some(false) => wrong.push(reason(Finding::FallbackUnmet)),
+    if let Some(fallback) = &recovery.fallback {
+        match input.fallback {
+            Some(FallbackMatch::Usable) => {}
+            Some(FallbackMatch::NotUsable) => missing.push(cell_fault::not_in_cell(fallback)),
+            Some(FallbackMatch::Unregistered) => wrong.push(reason(Finding::FallbackUnmet)),
             None => {
                 missing.push(reason(Finding::RecoveryUnknown { unknown: RecoveryUnknown::Fallback }));
             }

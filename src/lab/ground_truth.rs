@@ -1,13 +1,15 @@
 //! The ground truth of candidates, from the referee over many episodes, and how decisions compare with it.
 //!
 //! Owns the truth experiment: the scale of harm, the runs, when a question is settled, and the score. Recipes' labels
-//! are no part of it. No decision sees any of it.
+//! are no part of it. [`sensors`] compares the measures of harm with the truth. No decision sees any of it.
 
 mod classify;
 mod referee_runs;
 mod roc;
 mod scale;
 mod score;
+pub mod sensors;
+mod true_harm;
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -24,6 +26,7 @@ pub(crate) use self::referee_runs::{ActiveTeam, JudgedVersion, observe_sequence}
 pub use self::roc::{Roc, RocBy, RocPoint};
 pub use self::scale::{HarmClass, HarmScale, HarmThreshold, RefereeObservation, TEXT, WorseBy};
 pub use self::score::{ClassScore, ErrorTarget, ProfileScore};
+pub use self::true_harm::{SqueezePeak, has_counterpart};
 use crate::candidate_pool::Pool;
 use crate::pipeline_experiments::candidate_run::{CandidateEnd, ThresholdScale};
 use crate::pipeline_experiments::per_candidate::{self, CandidateJob};
@@ -167,11 +170,8 @@ impl TruthBench {
         team: Vec<Capability>,
         most: u64,
     ) -> Result<Self, ExperimentError> {
-        let unexpected = |error: &dyn Hint| ExperimentError::Unexpected(error.sentence());
-        let profile = Profile::builtin(ProfileName::Sim).map_err(|error| unexpected(&error))?;
-        let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;
-        let context = Context::new(profile, table, None, cell.clone())?;
-        let scale = HarmScale::builtin().map_err(|error| unexpected(&error))?;
+        let context = judging_context(cell.clone())?;
+        let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
         let mut bench = Self { most, cell, cache, scale, context, team: Vec::new() };
         bench.team = team.into_iter().map(|version| bench.judged_version(version)).collect();
         Ok(bench)
@@ -179,9 +179,7 @@ impl TruthBench {
 
     /// A version with what it runs under.
     pub(crate) fn judged_version(&self, version: Capability) -> JudgedVersion {
-        let declared = &version.manifest.permissions;
-        let terms = self.context.terms().capped(declared.max_speed_m_s, declared.max_force_n);
-        JudgedVersion { version, terms }
+        JudgedVersion::new(&self.context, version)
     }
 
     /// The referee's verdict on a candidate, beside the active version of its family.
@@ -262,6 +260,14 @@ impl TruthBench {
         .map(<[u8]>::to_vec);
         Digest::of_parts("holdpoint.truth.v5", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
     }
+}
+
+/// The context in which versions are judged: the least strict profile.
+fn judging_context(cell: Cell) -> Result<Context, ExperimentError> {
+    let unexpected = |error: &dyn Hint| ExperimentError::Unexpected(error.sentence());
+    let profile = Profile::builtin(ProfileName::Sim).map_err(|error| unexpected(&error))?;
+    let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;
+    Ok(Context::new(profile, table, None, cell)?)
 }
 
 /// Runs items in parallel, each worker with its own world; the results come back in order.

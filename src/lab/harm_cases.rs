@@ -198,6 +198,7 @@ fn binding() -> EvidenceBinding {
         policy: digest,
         environment: digest,
         neighbours: None,
+        anchor: None,
     }
 }
 

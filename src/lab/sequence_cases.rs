@@ -137,6 +137,7 @@ impl SequenceBench {
             policy: digest(),
             environment: digest(),
             neighbours: None,
+            anchor: None,
         };
         let evidence = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
         behavior::assess(&evidence, &binding, &profile)

@@ -45,6 +45,7 @@ impl Command {
             | Self::Resume(_)
             | Self::Repeat { .. }
             | Self::Rearm(_)
+            | Self::Anchor(_)
             | Self::Continue(_)
             | Self::Go { .. }
             | Self::ConfirmTime { .. }
@@ -98,6 +99,7 @@ impl Command {
             | Self::Resume(operation)
             | Self::Restrict(operation)
             | Self::Rearm(operation)
+            | Self::Anchor(operation)
             | Self::Continue(operation)
             | Self::Demote { operation, .. }
             | Self::Release { operation, .. }

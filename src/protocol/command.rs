@@ -95,6 +95,9 @@ pub enum Command {
         /// Sandbox or shadow; the lifecycle refuses any other.
         stage: Stage,
     },
+    /// Make a confirmed version its family's anchor: candidates are compared with it, too, so that tolerances do not add
+    /// up over several versions.
+    Anchor(Operation),
     /// Tighten the envelope of an active version, as the monitor would.
     Restrict(Operation),
     /// Reactivate an earlier version of a safe-stopped family.
@@ -438,6 +441,7 @@ impl Command {
             | Self::Repeat { .. }
             | Self::Restrict(_)
             | Self::Rearm(_)
+            | Self::Anchor(_)
             | Self::Drift { .. }
             | Self::LiveFault { .. }
             | Self::Continue(_)
@@ -496,6 +500,7 @@ impl Command {
             | Self::Resume(operation)
             | Self::Restrict(operation)
             | Self::Rearm(operation)
+            | Self::Anchor(operation)
             | Self::Continue(operation)
             | Self::Demote { operation, .. }
             | Self::Release { operation, .. }

@@ -154,7 +154,7 @@ pub struct RationaleFinding {
 holdpoint_governance::closed_set! {
     /// The conclusion from the evidence on one measurement.
     FindingVerdict, "verdict of a finding", {
-        /// A worsening is significant.
+        /// A worsening is significant and counts against the version.
         Worse = "worse",
         /// Inconclusive: neither significantly worse nor non-inferior.
         Doubtful = "doubtful",

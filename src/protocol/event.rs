@@ -16,6 +16,7 @@ use holdpoint_governance::approval::{ApprovalDecision, Requester};
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -381,6 +382,15 @@ pub enum EventKind {
         /// Why, in the person's own words.
         reason: String,
     },
+    /// A person made a version its family's anchor.
+    AnchorSet {
+        /// The version.
+        version: CapabilityId,
+        /// The person.
+        by: String,
+        /// Why, in the person's own words.
+        reason: String,
+    },
     /// A profile demotion: a version was blocked under profiles, or unblocked.
     ProfilesSet {
         /// The version it is about.
@@ -500,4 +510,7 @@ pub struct TaskSummary {
     pub retries: u32,
     /// How long the task took, simulated s.
     pub time_secs: f64,
+    /// Why the task failed, physically; absent where it was done or cut short, and in events of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<FailureCause>,
 }

@@ -25,6 +25,8 @@ holdpoint_governance::closed_set! {
         AbortDrills = "abort drills",
         /// Detection drills.
         DetectDrills = "detect drills",
+        /// Episodes of the family's anchor.
+        AnchorEpisodes = "anchor episodes",
         /// Whole sequences.
         WholeSequences = "whole sequences",
         /// The comparison is complete.
@@ -43,6 +45,8 @@ holdpoint_governance::closed_set! {
         ConfirmationAbortDrills = "confirmation, abort drills",
         /// Detection drills of a confirmation.
         ConfirmationDetectDrills = "confirmation, detect drills",
+        /// Episodes of the family's anchor in a confirmation.
+        ConfirmationAnchorEpisodes = "confirmation, anchor episodes",
         /// Whole sequences of a confirmation.
         ConfirmationSequences = "confirmation, whole sequences",
         /// A confirmation is complete.
@@ -96,6 +100,7 @@ impl WorkUnit {
             Self::FallbackDrills => Self::ConfirmationFallbackDrills,
             Self::AbortDrills => Self::ConfirmationAbortDrills,
             Self::DetectDrills => Self::ConfirmationDetectDrills,
+            Self::AnchorEpisodes => Self::ConfirmationAnchorEpisodes,
             Self::WholeSequences => Self::ConfirmationSequences,
             Self::NothingLeft => Self::ConfirmationNothingLeft,
             _ => Self::Confirmation,

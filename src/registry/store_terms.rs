@@ -35,6 +35,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::Monitor
         | RecordKind::MonitorAnswer
         | RecordKind::ProfilesSet
+        | RecordKind::AnchorSet
         | RecordKind::Resumed
         | RecordKind::BreakGlass
         | RecordKind::BreakGlassReviewed

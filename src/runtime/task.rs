@@ -144,7 +144,7 @@ impl TaskRecord {
     }
 
     /// Why the task failed, physically; `None` where it was done. The earliest of what the watcher raised and the guard
-    /// refused or measured decides; without any, the skill's own signal does.
+    /// refused or measured decides; without any, the skill's own signal does. `None` too where only a person ended it.
     #[must_use]
     pub fn failure_cause(&self) -> Option<FailureCause> {
         if self.success || self.invalid {
@@ -165,7 +165,9 @@ impl TaskRecord {
             TaskKind::Grasp => FailureCause::Missed,
             TaskKind::Align | TaskKind::Place => FailureCause::Misplaced,
         };
-        Some(by_code.or(first).or(by_skill).or(late).unwrap_or(by_task))
+        // A person who stopped the arm leaves open how the task would have ended.
+        let by_task = (!self.intervention).then_some(by_task);
+        by_code.or(first).or(by_skill).or(late).or(by_task)
     }
 
     /// Whether the guard had something to say: a command clamped or refused, or a limit passed.

@@ -33,6 +33,7 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::Released { version, .. }
         | EventKind::Resumed { version, .. }
         | EventKind::ProfilesSet { version, .. }
+        | EventKind::AnchorSet { version, .. }
         | EventKind::BreakGlass { version, .. }
         | EventKind::Reviewed { version, .. }
         | EventKind::AuditClosed { version, .. } => Some(version),

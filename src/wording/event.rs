@@ -4,7 +4,7 @@
 
 use std::fmt::Write as _;
 
-use crate::notice;
+use crate::{failure_cause, notice};
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_protocol::snapshot::RequestKind;
@@ -148,7 +148,9 @@ fn text(kind: &EventKind) -> String {
                 format!("work     sequence {index}: {}", if *success { "done" } else { "not done" });
             for task in tasks {
                 let mark = if task.success { "ok" } else { "failed" };
-                let _ = write!(line, ", {} {mark} {:.1} s", task.version, task.time_secs);
+                let cause =
+                    task.failure.map_or_else(String::new, |cause| format!(" ({})", failure_cause(cause)));
+                let _ = write!(line, ", {} {mark}{cause} {:.1} s", task.version, task.time_secs);
                 if task.violation {
                     line.push_str(" VIOLATION");
                 }
@@ -231,6 +233,9 @@ fn text(kind: &EventKind) -> String {
         EventKind::Resumed { version, by, reason } => {
             format!("resume   {version}: resumed by {by} ({reason})")
         }
+        EventKind::AnchorSet { version, by, reason } => {
+            format!("anchor   {version}: anchor of its family; set by {by} ({reason})")
+        }
         EventKind::ProfilesSet { version, closed, by, reason } => {
             let closed: Vec<&str> = closed.iter().map(|profile| profile.name()).collect();
             let closed = if closed.is_empty() { "none".to_owned() } else { closed.join(", ") };
@@ -305,6 +310,28 @@ fn kappa(dimension: &DimensionResult) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_protocol::event::TaskSummary;
+
+    /// Regression: a failed task was `failed 3.4 s anomaly`, and nothing said why.
+    #[test]
+    fn a_failed_task_names_its_cause_and_an_older_event_reads_without_it() {
+        let task = |cause: &str| -> TaskSummary {
+            let json = format!(
+                r#"{{"version":"grasp@1.0.0","success":false,"violation":false,"anomaly":true,"recovery":true,
+                    "retries":0,"time_secs":3.4{cause}}}"#
+            );
+            serde_json::from_str(&json).unwrap()
+        };
+        for (cause, text) in [
+            (r#","failure":"dropped""#, "failed (dropped the object) 3.4 s anomaly"),
+            ("", "grasp@1.0.0 failed 3.4 s anomaly"),
+        ] {
+            let kind =
+                EventKind::Sequence { index: 3, success: false, tasks: vec![task(cause)], refused: None };
+            let line = sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX);
+            assert!(line.as_str().ends_with(text), "{}", line.as_str());
+        }
+    }
 
     /// Sanitizing a text twice changes nothing.
     #[test]

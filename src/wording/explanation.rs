@@ -6,7 +6,7 @@ use holdpoint_governance::explanation::{
     Consequence, DecisionRemark, DrillComparison, EpisodeReduction, ReasonContent, ReasonMeasurement, Remedy,
     RemedyAction,
 };
-use holdpoint_governance::permission::{ExcessEffect, PermissionExcess, PermissionUse};
+use holdpoint_governance::permission::{ExcessEffect, PeakQuantity, PermissionExcess, PermissionUse};
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_governance::stats::spot_check::EDITED_ONE_IN;
 
@@ -51,7 +51,7 @@ pub fn remedy(of: &Remedy) -> String {
         Remedy::ActOn(action, found) => format!("{}: {}", remedy_action(*action), reason_content(found)),
         Remedy::Resolve(found) => with_limit(found),
         Remedy::WorsenLess { component, fewer } => {
-            let BehaviorComponent { name, worsening, upper, tolerance, .. } = component;
+            let BehaviorComponent { name, worsening, upper, .. } = component;
             let bound = upper.map_or_else(
                 || "unbounded".to_owned(),
                 |upper| format!("95 % bound {}", amount(*name, upper)),
@@ -61,7 +61,7 @@ pub fn remedy(of: &Remedy) -> String {
                 "{} {} ({bound}), at most {} is allowed{fewer}",
                 component_noun(*name),
                 amount(*name, *worsening),
-                amount(*name, *tolerance)
+                amount(*name, component.most_worsening())
             )
         }
         Remedy::EndSignificance(component) => format!(
@@ -69,6 +69,15 @@ pub fn remedy(of: &Remedy) -> String {
             component_noun(component.name),
             amount(component.name, component.lower)
         ),
+        Remedy::RaiseDeclaration { quantity, asked, declared } => {
+            let (name, unit, steps) = match quantity {
+                PeakQuantity::Speed => ("speed", "m/s", 1_000.0),
+                PeakQuantity::Force => ("force", "N", 10.0),
+            };
+            // Rounded up, so that the declaration covers the request; the small part is what dividing loses.
+            let least = (asked * steps - 1e-6).ceil() / steps;
+            format!("declare a {name} of {least} {unit} in place of {declared}, or ask for no more")
+        }
         Remedy::PassRollbackDrills { passed, all, needed } => {
             format!("rollback drills passed {passed} of {all}; {needed} are needed")
         }
@@ -133,6 +142,7 @@ const fn shows_limit(action: RemedyAction) -> bool {
     matches!(
         action,
         RemedyAction::CauseNoMoreHarm
+            | RemedyAction::MatchAnchor
             | RemedyAction::PreserveHandover
             | RemedyAction::RunMoreEpisodes
             | RemedyAction::PassDrillsInPhase
@@ -150,6 +160,7 @@ pub(crate) const fn remedy_action(action: RemedyAction) -> &'static str {
     match action {
         A::CauseNoMoreHarm => "it may harm no more than the active version does, beyond the margin",
         A::ReduceSum => "the significant worsenings have to be smaller together; each is within its margin",
+        A::MatchAnchor => "it has to be no worse than the anchor of its family",
         A::PreserveHandover => "it has to leave the arm and the object as the skills after it need them",
         A::DeclareRequests => {
             "its manifest has to declare every request of its code, or its code has to request no more"
@@ -164,6 +175,9 @@ pub(crate) const fn remedy_action(action: RemedyAction) -> &'static str {
         A::SupplyEvidence => "evidence is missing",
         A::ExportHook => "export the hook",
         A::BindFallback => "bind a fallback that is registered and may take over",
+        A::RepairCell => {
+            "the cell has to be repaired, not the version; then `holdpoint version retry` repeats the sandbox"
+        }
         A::DeclareKnownSignals => "declare failure signals the watcher knows",
         A::RestoreTarget => "the rollback target has to load with its recorded digest",
         A::RaiseVersionNumber => "raise the version number by more",
@@ -300,6 +314,7 @@ pub fn consequence(of: &Consequence, record: u64) -> Vec<String> {
         C::UpgradeRecordClosed => vec!["the record of the upgrade was closed".to_owned()],
         C::ProfilesSet => vec!["it was blocked or unblocked under profiles".to_owned()],
         C::Resumed => vec!["an operator resumed it".to_owned()],
+        C::AnchorSet => vec!["a person made it the anchor of its family".to_owned()],
         C::BreakGlassUsed => vec!["one person activated it by break-glass".to_owned()],
         C::BreakGlassReviewed => vec!["approvers reviewed its break-glass activation".to_owned()],
         C::ConcernFound(reasons) => {

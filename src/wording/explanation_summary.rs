@@ -24,7 +24,7 @@ use crate::explanation::{
 };
 use crate::finding::twin_signal;
 use crate::stage::early_end;
-use crate::{notice, reason};
+use crate::{failure_cause, notice, reason};
 
 /// The lines of a short explanation, each one sentence without a full stop.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -218,10 +218,13 @@ fn component_reason(component: &BehaviorComponent, finding: Option<&Finding>, co
         Some(Finding::SafetyTraded { .. }) => {
             format!("{noun}: at least {} than {compared}, while success rose (limit 0)", of(lower))
         }
-        Some(Finding::ComponentWorse { .. }) if name.blocks_alone() && worsening <= tolerance => {
+        Some(Finding::ComponentWorse { .. }) if name.is_bad_at_any_rise() && worsening <= tolerance => {
             format!("{noun}: at least {} than {compared} (limit 0)", of(lower))
         }
-        _ => format!("{noun}: {} than {compared} (limit {limit})", of(worsening)),
+        _ => {
+            let limit = amount_size(name, component.limit());
+            format!("{noun}: {} than {compared} (limit {limit})", of(worsening))
+        }
     }
 }
 
@@ -355,10 +358,17 @@ fn summary_remark(of: &SummaryRemark, compared: Option<&CapabilityId>) -> String
     }
 }
 
+/// How many causes of failed tasks are named, the most frequent first.
+const CAUSES_NAMED: usize = 3;
+
 fn failure_causes(of: &FailureCounts, compared: &str) -> String {
     let failed = |counts: &[(FailureCause, usize)]| {
         let all: usize = counts.iter().map(|(_, count)| count).sum();
-        let each: Vec<String> = counts.iter().map(|(cause, count)| format!("{cause} {count}")).collect();
+        let named = counts.iter().take(CAUSES_NAMED);
+        let mut each: Vec<String> =
+            named.map(|(cause, count)| format!("{}: {count}", failure_cause(*cause))).collect();
+        let others: usize = counts.iter().skip(CAUSES_NAMED).map(|(_, count)| count).sum();
+        each.extend((others > 0).then(|| format!("other causes: {others}")));
         let each = if each.is_empty() { String::new() } else { format!(" ({})", each.join(", ")) };
         format!("{all}{each}")
     };
@@ -371,13 +381,14 @@ fn brief_remedy(of: &Remedy) -> Option<String> {
         Remedy::Act(action) | Remedy::ActOn(action, _) => remedy_action(*action).to_owned(),
         Remedy::Resolve(_) => return None,
         Remedy::WorsenLess { component, fewer } => {
-            let BehaviorComponent { name, tolerance, .. } = *component;
+            let (name, most) = (component.name, component.most_worsening());
             let needed = fewer
                 .filter(|fewer| fewer.fewer > 0)
-                .map_or_else(|| format!("at most {}", amount(name, tolerance)), episode_reduction);
+                .map_or_else(|| format!("at most {}", amount(name, most)), episode_reduction);
             format!("{}: {needed}", component_noun(name))
         }
         Remedy::EndSignificance(_)
+        | Remedy::RaiseDeclaration { .. }
         | Remedy::PassRollbackDrills { .. }
         | Remedy::StrengthenRecovery { .. }
         | Remedy::Approve { .. }

@@ -2,6 +2,7 @@
 
 use holdpoint_body::FailureSignal;
 use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::permission::fault_text;
 use holdpoint_governance::watcher_signal::WatcherSignal;
 use holdpoint_protocol::film::{
@@ -9,7 +10,7 @@ use holdpoint_protocol::film::{
     OutcomePart, ReplayDifference, SelectionFailure, SelectionReason,
 };
 
-use crate::hard_stop;
+use crate::{failure_cause, hard_stop};
 
 /// The next step after a refusal.
 pub const REFUSAL_HINT: &str = "`holdpoint explain` shows its measurements";
@@ -132,8 +133,8 @@ fn outcome_part(of: &OutcomePart) -> String {
         P::MovedOn { ms } => format!("moves on for {ms} ms after it was to stop"),
         P::RecoveryTookOver => "the recovery manager takes over".to_owned(),
         P::TimedOut => "runs out of time".to_owned(),
-        P::Task { done: true } => "does the task".to_owned(),
-        P::Task { done: false } => "does not do the task".to_owned(),
+        P::Task { done: true, .. } => "does the task".to_owned(),
+        P::Task { done: false, cause } => with_cause("does not do the task", *cause),
         P::Attempts { more: 1 } => "tries once more".to_owned(),
         P::Attempts { more } => format!("tries {more} times more"),
         P::Took { secs } => format!("{secs:.1} s"),
@@ -141,6 +142,11 @@ fn outcome_part(of: &OutcomePart) -> String {
         P::Drill { kind, passed: false } => format!("fails the {kind} drill"),
         P::DrillNotSetUp => "could not be set up for it".to_owned(),
     }
+}
+
+/// What failed, and why if that is known.
+fn with_cause(failed: &str, cause: Option<FailureCause>) -> String {
+    cause.map_or_else(|| failed.to_owned(), |cause| format!("{failed}: {}", failure_cause(cause)))
 }
 
 /// The value, and how far it is past its limit.
@@ -169,8 +175,8 @@ pub fn marked_event(of: &MarkedEvent) -> String {
         MarkedEvent::StoppedByHook => "its abort hook stops the arm".to_owned(),
         MarkedEvent::StoppedByInterrupt => "the arm has to be interrupted".to_owned(),
         MarkedEvent::NotStopped => "nothing stops the arm".to_owned(),
-        MarkedEvent::TaskEnded { done: true } => "the task is done".to_owned(),
-        MarkedEvent::TaskEnded { done: false } => "the task is not done".to_owned(),
+        MarkedEvent::TaskEnded { done: true, .. } => "the task is done".to_owned(),
+        MarkedEvent::TaskEnded { done: false, cause } => with_cause("the task is not done", *cause),
         MarkedEvent::DrillBegan(kind) => drill_begin(*kind).to_owned(),
         MarkedEvent::Outcome(part) => outcome_part(part),
     }
@@ -352,12 +358,12 @@ mod tests {
                 vec![
                     P::Violation { hits: vec![PolicyHit::ForceMeasured] },
                     P::Exceeded(grip),
-                    P::Task { done: false },
+                    P::Task { done: false, cause: Some(FailureCause::Slipped) },
                     P::Attempts { more: 2 },
                     P::Took { secs: 2.0 },
                 ],
                 "passes a limit: a force is larger than allowed, grip 90.0 N, 3.0 times what its guard allows, does not do \
-                 the task, tries 2 times more, 2.0 s",
+                 the task: the object slipped, tries 2 times more, 2.0 s",
             ),
             (
                 vec![
@@ -376,7 +382,7 @@ mod tests {
                     P::MovedOn { ms: 30 },
                     P::RecoveryTookOver,
                     P::TimedOut,
-                    P::Task { done: true },
+                    P::Task { done: true, cause: None },
                     P::Attempts { more: 1 },
                 ],
                 "its code traps, passes a limit, 2 more limits passed, moves on for 30 ms after it was to stop, the \
@@ -425,8 +431,12 @@ mod tests {
             (E::StoppedByHook, "its abort hook stops the arm"),
             (E::StoppedByInterrupt, "the arm has to be interrupted"),
             (E::NotStopped, "nothing stops the arm"),
-            (E::TaskEnded { done: true }, "the task is done"),
-            (E::TaskEnded { done: false }, "the task is not done"),
+            (E::TaskEnded { done: true, cause: None }, "the task is done"),
+            (E::TaskEnded { done: false, cause: None }, "the task is not done"),
+            (
+                E::TaskEnded { done: false, cause: Some(FailureCause::Dropped) },
+                "the task is not done: dropped the object",
+            ),
             (E::DrillBegan(DrillKind::Rollback), "its rollback hook is called"),
             (E::DrillBegan(DrillKind::Fallback), "it is aborted, the fallback takes over"),
             (E::DrillBegan(DrillKind::Abort), "its abort hook is called"),

@@ -6,7 +6,7 @@ use holdpoint_governance::behavior::SequenceMeasure;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::distribution_shift::ShiftSignal;
 use holdpoint_governance::early_stop::EarlyStopReason;
-use holdpoint_governance::evidence::HardStop;
+use holdpoint_governance::evidence::{DrillKind, HardStop};
 use holdpoint_governance::finding::{
     DrillSide, EvidenceGap, FieldBreak, Finding, RecoveryUnknown, ResourceKind, SequenceEnds, TwinSignal,
     VoteFlaw,
@@ -15,9 +15,9 @@ use holdpoint_governance::harm::HarmKind;
 
 /// What was found, as one sentence without a full stop.
 #[must_use]
-pub fn finding(finding: &Finding) -> String {
+pub fn finding(found: &Finding) -> String {
     use Finding as F;
-    match finding {
+    match found {
         F::InterfaceCompatible => "every call that was valid stays valid, and outputs are as before".into(),
         F::ExportsUnknown => "the code could not be read, so its exports are unknown".into(),
         F::EntryPointNotExported { name } => format!("the entry point {name:?} is declared and not exported"),
@@ -135,6 +135,13 @@ pub fn finding(finding: &Finding) -> String {
         F::TooFewHandovers { reached, ran } => format!("only {reached} of {ran} sequences reached the handover"),
         F::SequenceGap { gap } => evidence_gap(*gap, "sequences"),
 
+        F::AnchorWorse { anchor, by } | F::AnchorPossiblyWorse { anchor, by } => {
+            format!("compared with the anchor {anchor}: {}", finding(by))
+        }
+        F::AnchorGap { anchor, gap } => {
+            format!("the anchor {anchor}: {}", evidence_gap(*gap, "episodes"))
+        }
+
         F::RecoveryCompatible => "recovery is as good as that of the active version".into(),
         F::RecoveryReady => "everything that recovery needs is present; the drills decide".into(),
         F::RecoveryWorse => "recovery is far below that of the active version".into(),
@@ -144,6 +151,18 @@ pub fn finding(finding: &Finding) -> String {
         F::RecoveryConditional => "recovery is above the floor and clearly below that of the active version".into(),
         F::DrillsLean { drill } => format!("{drill} drills lean toward passing less often"),
         F::DrillsWorse { drill } => format!("{drill} drills pass significantly less often"),
+        F::DrillsSettledWorse { drill, failed, drills, active } => format!(
+            "{}; it fails significantly more often",
+            failed_alone(*drill, [*failed, *drills, *active])
+        ),
+        F::DrillsUnsettled { drill, failed, drills, active } => format!(
+            "{}; more drills have not settled whether it fails more often",
+            failed_alone(*drill, [*failed, *drills, *active])
+        ),
+        F::DrillsSettled { drill, failed, drills, active } => format!(
+            "{}; more drills show no clear excess",
+            failed_alone(*drill, [*failed, *drills, *active])
+        ),
         F::PhaseFails { drill, phase } => {
             format!("{drill} drills in the phase {phase} fail; other phases do not make up for it")
         }
@@ -163,10 +182,17 @@ pub fn finding(finding: &Finding) -> String {
             "too few feasible {drill} drills of the candidate in the phase {phase}, which the episodes of the active version \
              show"
         ),
+        F::ActiveUndrillable { drill } => format!(
+            "the active version cannot do the {drill} drills here, so they say nothing about the candidate: a fault of the \
+             cell"
+        ),
         F::RecoveryUnknown { unknown } => format!("not known: whether {}", recovery_unknown(*unknown)),
         F::TargetNotLoadable => "the rollback target does not load".into(),
         F::TargetDigestDiffers => "the rollback target has another digest than recorded".into(),
         F::FallbackUnmet => "no registered version meets the fallback binding".into(),
+        F::FallbackNotInCell { family, requirement } => format!(
+            "no version of {family} that meets the fallback binding {requirement} may take over: a fault of the cell"
+        ),
         F::FallbackUnbound => "no fallback is bound".into(),
         F::HookUndeclared { hook } => format!("no {hook} hook is declared"),
         F::HookNotExported { hook, name } => {
@@ -281,6 +307,14 @@ pub fn finding(finding: &Finding) -> String {
         F::OperatorRestricted { by, reason } => format!("{by} asked for it: {reason}"),
         F::OperatorRolledBack { by, reason } => format!("operator {by}: {reason}"),
     }
+}
+
+/// Drills that one version failed and the other passed: the candidate's, of how many, and the active version's.
+fn failed_alone(drill: DrillKind, [failed, drills, active]: [u32; 3]) -> String {
+    format!(
+        "the candidate failed {failed} of {drills} {drill} drills that the active version passed, and the active version \
+         {active} that the candidate passed"
+    )
 }
 
 /// What a hard stop is, and which budget was breached where a fault of confined code tells it.

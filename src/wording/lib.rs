@@ -18,11 +18,13 @@ mod notice;
 mod reason;
 pub mod request;
 pub mod stage;
+mod task_failure;
 
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};
 pub use notice::{admission_refusal, came_up_stopped, coded, notice, notice_sentence, operator_act};
 pub use reason::{line, reason};
+pub use task_failure::failure_cause;
 
 #[cfg(test)]
 mod tests;

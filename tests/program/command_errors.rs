@@ -266,9 +266,13 @@ fn a_socket_of_another_program_is_named() {
 #[test]
 fn experiments_write_only_into_a_named_folder() {
     let root = tempfile::tempdir().unwrap();
-    for line in
-        ["lab refine grasp", "lab experiment drift", "lab experiment e1", "lab pool generate --seed 1"]
-    {
+    for line in [
+        "lab refine grasp",
+        "lab experiment drift",
+        "lab experiment e1",
+        "lab experiment sensors",
+        "lab pool generate --seed 1",
+    ] {
         let mut experiment = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
         let output =
             experiment.args(line.split(' ')).arg("--json").current_dir(root.path()).output().unwrap();

@@ -7,10 +7,11 @@ use std::path::Path;
 use holdpoint::engine;
 use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::interface::{self, InterfaceInput, RegisteredVersion};
+use holdpoint::governance::lifecycle::State;
 use holdpoint::governance::outcome::{InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint::governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint::governance::profile::{Profile, ProfileName};
-use holdpoint::governance::recovery::{self, StaticInput};
+use holdpoint::governance::recovery::{self, FallbackMatch, StaticInput};
 use holdpoint::governance::submission::Package;
 use holdpoint::lab::candidate_pool::generate::{FAMILIES, PoolSpec, SETS_MAX, draw, write};
 use holdpoint::lab::candidate_pool::paper_kinds::Listed;
@@ -77,15 +78,16 @@ fn verdict(
         profile,
     );
     let fallback = candidate.manifest.recovery.fallback.as_ref();
-    let resolves = |family, version: &semver::VersionReq| {
-        baselines.iter().any(|b| b.id().family == family && version.matches(&b.id().version))
+    let found = |family, version: &semver::VersionReq| {
+        let meets = |b: &&Capability| b.id().family == family && version.matches(&b.id().version);
+        FallbackMatch::of(baselines.iter().filter(meets).map(|_| State::Active))
     };
     let recovery = recovery::static_part(&StaticInput {
         manifest: &candidate.manifest,
         exports: Some(&exports),
         predecessor_loads: Some(true),
         predecessor_digest_true: Some(true),
-        fallback_resolves: fallback.map(|binding| resolves(binding.family.clone(), &binding.version)),
+        fallback: fallback.map(|binding| found(binding.family.clone(), &binding.version)),
         watcher_knows: &FailureSignal::ALL.into_iter().collect(),
     });
     Verdict {

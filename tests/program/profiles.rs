@@ -418,4 +418,8 @@ fn check_refuses_an_unknown_family_or_controller() {
         let error = fails(root.path(), &check, 2, "bad-file");
         assert!(is_about(&error, "manifest.toml") && error["field"] == field, "{error}");
     }
+    // A family without a task of its own: the check says what the registration says.
+    let park = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/park/1.0.0");
+    let error = fails(root.path(), &["candidate", "check", park], 2, "bad-file");
+    assert!(is_about(&error, "manifest.toml") && error["field"] == "name", "{error}");
 }

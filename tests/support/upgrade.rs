@@ -9,6 +9,7 @@ use holdpoint::governance::record::UpgradeEnd;
 use holdpoint::governance::rollback::PostStatus;
 use holdpoint::governance::submission::{Provenance, Risk};
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::outcome::ActivationMode;
@@ -95,6 +96,7 @@ fn sequence(index: u64, at_ms: u64) -> (u64, EventKind) {
         recovery: !success,
         retries: 0,
         time_secs: 8.9,
+        failure: (!success).then_some(FailureCause::Dropped),
     };
     at(at_ms, EventKind::Sequence { index, success, tasks: vec![task], refused: None })
 }

@@ -237,6 +237,18 @@ pub(super) fn rearm(
     VerbExecutor::open(context)?.execute_as(context, &who, command, out)
 }
 
+pub(super) fn anchor(
+    context: &CliContext,
+    views: &Views,
+    args: &VersionArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    known_version(views, &args.version)?;
+    let who = identity(context, &args.signature)?;
+    let command = Command::Anchor(operation(&args.version, &args.signature));
+    VerbExecutor::open(context)?.execute_as(context, &who, command, out)
+}
+
 /// One person signs alone; only a running engine knows which versions wait.
 pub(super) fn break_glass(
     context: &CliContext,

@@ -14,6 +14,7 @@ use holdpoint_body::CodeFault;
 use holdpoint_engine::check::{RegisteredVersions, StaticFindings};
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::tryout::{Tryout, TryoutError};
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::manifest::FUEL_PER_US;
 use holdpoint_governance::permission::PermissionsUsed;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -21,6 +22,7 @@ use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::film::Film;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_wording::failure_cause;
 
 /// Episodes of a test.
 const EPISODES: u64 = 10;
@@ -65,6 +67,8 @@ struct TestEpisode {
     retries: u32,
     time_s: f64,
     fault: Option<CodeFault>,
+    /// Why the task failed, physically; absent where it was done.
+    failure: Option<FailureCause>,
 }
 
 #[derive(Debug, Serialize)]
@@ -111,6 +115,7 @@ pub(super) fn test(args: &TestArgs, out: &mut CommandOutput<'_>) -> Result<Exit,
             retries: record.retries,
             time_s: record.time_secs,
             fault: record.fault,
+            failure: record.failure_cause(),
         });
     }
     tick_ns.sort_unstable();
@@ -197,6 +202,15 @@ fn lines(report: &TestReport, out: &mut CommandOutput<'_>) -> Result<(), CliErro
         count(|one| one.violation),
         count(|one| one.retries > 0),
     ))?;
+    let causes: Vec<String> = FailureCause::ALL
+        .into_iter()
+        .map(|cause| (cause, report.episodes.iter().filter(|one| one.failure == Some(cause)).count()))
+        .filter(|(_, failed)| *failed > 0)
+        .map(|(cause, failed)| format!("{}: {failed}", failure_cause(cause)))
+        .collect();
+    if !causes.is_empty() {
+        out.paragraph("failed      ", &causes.join(", "))?;
+    }
     for episode in &report.episodes {
         if let Some(fault) = episode.fault {
             out.line(&format!("CODE FAILED with seed {}: {}", episode.seed, fault_description(fault)))?;

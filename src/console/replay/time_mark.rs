@@ -95,6 +95,7 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
         | EventKind::CellReleased { .. }
         | EventKind::Resumed { .. }
         | EventKind::ProfilesSet { .. }
+        | EventKind::AnchorSet { .. }
         | EventKind::Pace { .. }
         | EventKind::Alarm { .. }
         | EventKind::Voided { .. }

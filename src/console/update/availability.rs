@@ -50,7 +50,8 @@ impl<'a> ActionAvailability<'a> {
             | A::Repeat
             | A::Release
             | A::Continue
-            | A::Rearm => version().and_then(|id| operations::intent(model, action, id).map(drop)),
+            | A::Rearm
+            | A::Anchor => version().and_then(|id| operations::intent(model, action, id).map(drop)),
             A::BreakGlass => version().and_then(|id| self.break_glass(id)),
             A::Abort => operations::abort(model).map(drop).ok_or_else(|| "nothing is under way".to_owned()),
             A::Go => cell_restart::may_go(model).map(drop),

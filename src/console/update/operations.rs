@@ -122,6 +122,7 @@ pub(super) fn now(model: &ConsoleModel, opened: &Intent) -> Result<Vec<String>, 
         Intent::Release(id) => (Action::Release, id),
         Intent::Continue(id) => (Action::Continue, id),
         Intent::Rearm(id) => (Action::Rearm, id),
+        Intent::Anchor(id) => (Action::Anchor, id),
         Intent::Several(each) => return selection::lines(model, each),
         Intent::Abort(what) => return abort_lines(model, what),
         Intent::Go { since_ms, stops, .. } => return cell_restart::still_stopped(model, (*since_ms, *stops)),
@@ -233,6 +234,11 @@ pub(super) fn intent(
         Action::Rearm => {
             return wrong("only a superseded version of a stopped family can be reactivated");
         }
+        Action::Anchor if matches!(state, State::Active | State::Superseded) => (
+            Intent::Anchor(of),
+            "Candidates are compared with it, too, from their next sandbox on".to_owned(),
+        ),
+        Action::Anchor => return wrong("only a version that is or was in control can be the anchor"),
         _ => return Err(format!("{:?} is not about a version", action.name())),
     };
     Ok((intent, vec![now, consequence]))

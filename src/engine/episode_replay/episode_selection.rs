@@ -5,7 +5,9 @@
 
 use holdpoint_body::CodeFault;
 use holdpoint_governance::behavior::{ComponentName, component_of};
+use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evidence::{DrillKind, EpisodeValues, FailedDrill, Pair, SoloEpisode};
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_protocol::film::{
@@ -65,11 +67,27 @@ pub(crate) fn worst_of_each(evidence_file: &EvidenceFile) -> Vec<FilmRequest> {
     requests
 }
 
-/// The component of behavior that the rules found against the version first.
-pub(crate) fn decisive(evidence_file: &EvidenceFile) -> Option<ComponentName> {
+/// The first reason that the rules found against the behavior; an early end of the evaluation is none.
+fn first_against(evidence_file: &EvidenceFile) -> Option<&Reason> {
     let assessment = &evidence_file.behavior.as_ref()?.assessment;
-    let against = assessment.reasons.iter().filter(|reason| !crate::explain::is_in_favor(reason.code));
-    against.into_iter().find_map(component_of)
+    let is_against = |reason: &&Reason| reason.code.is_finding() && !crate::explain::is_in_favor(reason.code);
+    assessment.reasons.iter().find(is_against)
+}
+
+/// The component of behavior that the first reason against the version names, if it names one.
+pub(crate) fn decisive(evidence_file: &EvidenceFile) -> Option<ComponentName> {
+    first_against(evidence_file).and_then(component_of)
+}
+
+/// The measure of harm that the first reason against the version names, if it names one.
+pub(crate) fn decisive_harm(evidence_file: &EvidenceFile) -> Option<HarmKind> {
+    match first_against(evidence_file)?.finding.as_ref()? {
+        Finding::HarmWorse { measure, .. }
+        | Finding::HarmPossiblyWorse { measure, .. }
+        | Finding::HarmLimitWorse { measure, .. }
+        | Finding::HarmLimitPossiblyWorse { measure, .. } => Some(*measure),
+        _ => None,
+    }
 }
 
 /// What the rules found against the version.
@@ -93,12 +111,13 @@ impl DecidingFinding {
     }
 }
 
-/// The component that the rules found first, or else the first measure of harm.
+/// The component or the measure of harm that the first reason names, or else the first significant measure of harm.
 fn deciding(evidence_file: &EvidenceFile) -> Option<DecidingFinding> {
-    let harm = || evidence_file.behavior.as_ref()?.harm.iter().find(|harm| harm.is_established());
-    decisive(evidence_file)
-        .map(DecidingFinding::Component)
-        .or_else(|| Some(DecidingFinding::Harm(harm()?.kind)))
+    let worse = || evidence_file.behavior.as_ref()?.harm.iter().find(|harm| harm.is_established());
+    decisive(evidence_file).map(DecidingFinding::Component).or_else(|| {
+        let kind = decisive_harm(evidence_file).or_else(|| worse().map(|harm| harm.kind));
+        kind.map(DecidingFinding::Harm)
+    })
 }
 
 /// How confined code failed on record, and in how many of the tasks.
@@ -329,6 +348,9 @@ fn worst_drill(failed: &[FailedDrill]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::behavior::BehaviorAssessment;
+    use holdpoint_governance::decision::Dimension;
+    use holdpoint_governance::finding::EvidenceGap;
     use holdpoint_governance::harm::HarmMeasures;
 
     fn values(violation: bool, success: bool) -> EpisodeValues {
@@ -401,6 +423,24 @@ mod tests {
         assert_eq!(pairs[worst(&pairs, harm, false)].seed, 2);
         let reason = SelectionReason::Harm { kind: HarmKind::GripPeak, candidate: 70.0, active: 24.0 };
         assert_eq!(reason_for(&pairs[1], harm), reason);
+    }
+
+    /// Regression: a tolerated component stood for the harm that decided.
+    #[test]
+    fn the_first_reason_names_what_decides() {
+        let measure = HarmKind::GripPeak;
+        let harm = Finding::HarmWorse { measure, candidate: 70.0, active: 24.0, tolerance: 5.0 };
+        let longer = Finding::ComponentWorse { component: ComponentName::Time };
+        let mut behavior = holdpoint_governance::behavior::without_value(EvidenceGap::NoEpisodes);
+        behavior.assessment.reasons =
+            [harm, longer].map(|found| Reason::new(Dimension::Behavior, found)).to_vec();
+        let of = |behavior: &BehaviorAssessment| {
+            let file = EvidenceFile { behavior: Some(behavior.clone()), ..EvidenceFile::default() };
+            (decisive(&file), decisive_harm(&file))
+        };
+        assert_eq!(of(&behavior), (None, Some(measure)));
+        behavior.assessment.reasons.remove(0);
+        assert_eq!(of(&behavior), (Some(ComponentName::Time), None));
     }
 
     #[test]

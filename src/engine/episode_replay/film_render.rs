@@ -4,6 +4,7 @@
 
 use holdpoint_body::TICK_SECS;
 use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::profile::HarmSettings;
 use holdpoint_protocol::film::{
@@ -208,7 +209,9 @@ fn ended(record: &TaskRecord, exceeded: Vec<OutcomePart>) -> Vec<OutcomePart> {
     if record.timeout {
         parts.push(OutcomePart::TimedOut);
     }
-    parts.push(OutcomePart::Task { done: record.success });
+    // That it ran out of time stands there already.
+    let cause = record.failure_cause().filter(|cause| *cause != FailureCause::Late || !record.timeout);
+    parts.push(OutcomePart::Task { done: record.success, cause });
     if record.retries > 0 {
         parts.push(OutcomePart::Attempts { more: record.retries });
     }
@@ -234,8 +237,8 @@ fn marks(record: &TaskRecord) -> Vec<EventMark> {
         StoppedBy::Nothing => EventMark::new(end, MarkedEvent::NotStopped, true),
     }));
     if !record.invalid && !record.refused {
-        let done = record.success;
-        all.push(EventMark::new(end, MarkedEvent::TaskEnded { done }, !done));
+        let (done, cause) = (record.success, record.failure_cause());
+        all.push(EventMark::new(end, MarkedEvent::TaskEnded { done, cause }, !done));
     }
     all.sort_by_key(|mark| mark.tick);
     all
@@ -254,7 +257,7 @@ mod tests {
             violation: true,
             time_secs: 2.0,
             retries: 2,
-            hits: vec![(300, PolicyHit::ForceMeasured), (20, PolicyHit::SpeedClamped)],
+            hits: vec![(300, PolicyHit::ForceMeasured), (120, PolicyHit::SpeedClamped)],
             signals: vec![RaisedSignal { signal: WatcherSignal::ObjectSlip, tick: 100 }],
             ..TaskRecord::invalid(TaskKind::Grasp, 3)
         };
@@ -265,13 +268,13 @@ mod tests {
             [
                 OutcomePart::Violation { hits: vec![PolicyHit::ForceMeasured] },
                 grip,
-                OutcomePart::Task { done: false },
+                OutcomePart::Task { done: false, cause: Some(FailureCause::Slipped) },
                 OutcomePart::Attempts { more: 2 },
                 OutcomePart::Took { secs: 2.0 },
             ]
         );
         let marks: Vec<(u64, bool)> = marks(&record).iter().map(|mark| (mark.tick, mark.bad)).collect();
-        assert_eq!(marks, [(20, false), (100, true), (300, true), (480, true)]);
+        assert_eq!(marks, [(100, true), (120, false), (300, true), (480, true)]);
     }
 
     /// A limit that was passed three times over stood in a chart and in no headline.

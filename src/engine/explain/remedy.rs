@@ -4,12 +4,17 @@
 //! smallest one that brings the rule's bound within its limit.
 
 use super::lenient_bodies::{EvidenceFileRecord, ReasonRecord};
-use holdpoint_governance::behavior::{BehaviorComponent, ComponentName, HarmComparison, component_of};
+use holdpoint_governance::behavior::{
+    BehaviorAssessment, BehaviorComponent, ComponentName, HarmComparison, component_of,
+};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
-use holdpoint_governance::evidence::{DrillKind, DrillTally, EpisodeValues};
+use holdpoint_governance::evidence::{DrillKind, DrillTally};
 use holdpoint_governance::explanation::{
     DrillComparison, EpisodeReduction, ReasonMeasurement, Remedy, RemedyAction,
 };
+use holdpoint_governance::finding::Finding;
+use holdpoint_governance::harm::HarmKind;
+use holdpoint_governance::permission::{PermissionExcess, PermissionUse};
 use holdpoint_governance::phase::PhaseTallies;
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 
@@ -97,6 +102,7 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
             }
         }
         Code::BehaviorHarmEstablished | Code::BehaviorHarmSuspicious => act_on(Action::CauseNoMoreHarm),
+        Code::BehaviorAnchorWorse | Code::BehaviorAnchorSuspicious => act_on(Action::MatchAnchor),
         Code::BehaviorSequenceWorse | Code::BehaviorSequenceSuspicious => act_on(Action::PreserveHandover),
         Code::BehaviorAsksMore => Remedy::Act(Action::DeclareRequests),
         Code::BehaviorNoData | Code::CompositionNoData => Remedy::Act(Action::RunNextStage),
@@ -104,6 +110,8 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         Code::BehaviorEndedEarly | Code::RecoveryEndedEarly => return None,
         // It concerns the active version; no change of the candidate would remove it.
         Code::RecoveryActiveWeak => return None,
+        // More drills settled it in the version's favor.
+        Code::RecoverySettled => return None,
         Code::BehaviorInconclusive => act_on(Action::RunMoreEpisodes),
         Code::BehaviorHardStop => Remedy::Act(Action::AvoidHardStop),
         Code::RecoveryRollbackBelowFloor => rollback_drills(reason, evidence_file),
@@ -112,9 +120,10 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         | Code::RecoveryFragile
         | Code::RecoveryConditional => weakest_drills(reason, evidence_file),
         Code::RecoveryPhaseFailing => act_on(Action::PassDrillsInPhase),
-        Code::RecoveryEstablishedWorse | Code::RecoveryPhaseWorse | Code::RecoveryLeaning => {
-            act_on(Action::PassDrillsAsOften)
-        }
+        Code::RecoveryEstablishedWorse
+        | Code::RecoveryPhaseWorse
+        | Code::RecoveryLeaning
+        | Code::RecoveryUnsettled => act_on(Action::PassDrillsAsOften),
         Code::RecoveryNoData
         | Code::ShadowNoData
         | Code::GateNoData
@@ -122,6 +131,7 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         | Code::PolicyNoData => act_on(Action::SupplyEvidence),
         Code::RecoveryHookMissing => act_on(Action::ExportHook),
         Code::RecoveryFallbackUnresolved => Remedy::Act(Action::BindFallback),
+        Code::RecoveryCellFault => act_on(Action::RepairCell),
         Code::RecoverySignalUnknown => act_on(Action::DeclareKnownSignals),
         Code::RecoveryPredecessorNotLoadable => Remedy::Act(Action::RestoreTarget),
         Code::InterfaceVersionMislabelled => act_on(Action::RaiseVersionNumber),
@@ -209,6 +219,64 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
     Some(remedy)
 }
 
+/// Everything that would remove a reason: first a declaration that is too low, where it may be the cause.
+pub(super) fn all_remedies(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) -> Vec<Remedy> {
+    let raises = low_declarations(reason, evidence_file);
+    let own = remedy(reason, evidence_file);
+    // The values say more than that something has to be declared.
+    let own = own.filter(|own| raises.is_empty() || *own != Remedy::Act(RemedyAction::DeclareRequests));
+    raises.into_iter().chain(own).collect()
+}
+
+/// The declarations that the code asks beyond, for a reason that clamped commands may cause.
+fn low_declarations(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) -> Vec<Remedy> {
+    if !may_be_by_clamping(reason) {
+        return Vec::new();
+    }
+    let excesses = evidence_file.permissions.as_ref().map(PermissionUse::excesses).unwrap_or_default();
+    let raise = |excess| match excess {
+        PermissionExcess::Asked { quantity, asked, declared } => {
+            Some(Remedy::RaiseDeclaration { quantity, asked, declared })
+        }
+        PermissionExcess::Command(_)
+        | PermissionExcess::Zone(_)
+        | PermissionExcess::Peak { .. }
+        | PermissionExcess::Budget { .. }
+        | PermissionExcess::Fault { .. }
+        | PermissionExcess::Sensor(_)
+        | PermissionExcess::Tool(_) => None,
+    };
+    excesses.into_iter().filter_map(raise).collect()
+}
+
+/// Whether the guard may be the cause of what was found, because it clamps commands to the declaration: drills fail, or the
+/// excess itself is measured.
+fn may_be_by_clamping(reason: &ReasonRecord) -> bool {
+    let of_excess = matches!(
+        reason.finding,
+        Some(
+            Finding::HarmWorse { measure: HarmKind::ExcessDepth | HarmKind::ExcessShare, .. }
+                | Finding::HarmLimitWorse { measure: HarmKind::ExcessDepth | HarmKind::ExcessShare, .. }
+        )
+    );
+    let of_drills = matches!(
+        reason.code.known(),
+        Some(
+            ReasonCode::BehaviorAsksMore
+                | ReasonCode::RecoveryBelowThreshold
+                | ReasonCode::RecoveryFarBelowFloor
+                | ReasonCode::RecoveryRollbackBelowFloor
+                | ReasonCode::RecoveryFragile
+                | ReasonCode::RecoveryConditional
+                | ReasonCode::RecoveryLeaning
+                | ReasonCode::RecoveryEstablishedWorse
+                | ReasonCode::RecoveryPhaseFailing
+                | ReasonCode::RecoveryPhaseWorse
+        )
+    );
+    of_excess || of_drills
+}
+
 /// The finding is the case no longer: all that is known of a reason whose code names no action.
 fn resolve(reason: &ReasonRecord) -> Remedy {
     Remedy::Resolve(reason.content())
@@ -220,23 +288,35 @@ fn worsening_remedy(
     found: &BehaviorComponent,
     evidence_file: &EvidenceFileRecord,
 ) -> Option<Remedy> {
-    if !found.is_within_tolerance() {
+    let is_within = match code {
+        // The mean is what counts of a significant worsening; its upper bound excludes nothing here.
+        ReasonCode::BehaviorEstablishedWorse | ReasonCode::BehaviorSafetyTraded => {
+            found.worsening < found.limit()
+        }
+        _ => found.is_within_tolerance(),
+    };
+    if !is_within {
         return Some(Remedy::WorsenLess { component: *found, fewer: fewer(found, evidence_file) });
     }
-    if code == ReasonCode::BehaviorSafetyTraded || decides_alone(found) {
+    if code == ReasonCode::BehaviorSafetyTraded || found.decides_alone() {
         return Some(Remedy::EndSignificance(*found));
     }
-    // Within its margin it counts only in the sum of all significant worsenings.
     let behavior = evidence_file.behavior.as_ref()?;
-    let is_past = |other: &BehaviorComponent| other.is_established() && !other.is_within_tolerance();
-    let others_decide = behavior.components.iter().any(|other| is_past(other) || decides_alone(other))
-        || behavior.harm.iter().any(HarmComparison::is_established);
-    (!others_decide).then_some(Remedy::Act(RemedyAction::ReduceSum))
+    (!is_tolerated(found, behavior)).then_some(Remedy::Act(RemedyAction::ReduceSum))
 }
 
-/// Whether the worsening makes a version incompatible by itself, also within its margin.
-fn decides_alone(component: &BehaviorComponent) -> bool {
-    component.name.blocks_alone() && component.is_established()
+/// Whether a worsening within its margin decided nothing: others decide, or all significant ones together lie within what
+/// the sum of them allows.
+pub(crate) fn is_tolerated(found: &BehaviorComponent, behavior: &BehaviorAssessment) -> bool {
+    let significant = || behavior.components.iter().filter(|of| of.is_established());
+    let decides =
+        |of: &BehaviorComponent| of.decides_alone() || (of.is_established() && of.worsening > of.tolerance);
+    // Each share is that of the worsening which alone brings the value to its threshold.
+    let sum: f64 = significant().map(|of| of.worsening.max(0.0) / of.tolerance).sum();
+    !decides(found)
+        && (significant().any(decides)
+            || behavior.harm.iter().any(HarmComparison::is_established)
+            || sum <= 1.0)
 }
 
 /// Whether a reason is a worsening within its margin, beside others that decide.
@@ -255,20 +335,16 @@ pub(super) fn is_within_margin(reason: &ReasonRecord, evidence_file: &EvidenceFi
 /// How many fewer episodes may be worse for the upper bound to lie within the margin. Absent for values that are not counted
 /// per episode (time, retries).
 fn fewer(component: &BehaviorComponent, evidence_file: &EvidenceFileRecord) -> Option<EpisodeReduction> {
-    let bad: fn(&EpisodeValues) -> bool = match component.name {
-        ComponentName::Success => |values| !values.success,
-        ComponentName::Violation => |values| values.violation,
-        ComponentName::Anomaly => |values| values.anomaly,
-        ComponentName::Recovery => |values| values.recovery,
-        ComponentName::Time | ComponentName::Retry => return None,
-    };
-    let counts = PairedCounts::of(
-        evidence_file.pairs.iter().flatten().map(|pair| (bad(&pair.candidate), bad(&pair.active))),
-    );
+    if matches!(component.name, ComponentName::Time | ComponentName::Retry) {
+        return None;
+    }
+    let pairs = evidence_file.pairs.iter().flatten();
+    let counts = PairedCounts::of(pairs.filter_map(|pair| component.name.is_bad_in(pair)));
     let fits = |fewer: u64| {
         let counts = PairedCounts { candidate_only: counts.candidate_only.checked_sub(fewer)?, ..counts };
         let bound = binary_pairs(counts, UPPER_ALPHA).ok()?;
-        Some(bound.upper <= component.tolerance)
+        let is_alone = component.name == ComponentName::Success && component.decides_alone();
+        Some(if is_alone { bound.mean < component.limit() } else { bound.upper <= component.tolerance })
     };
     let fewer = (0..=counts.candidate_only).find(|fewer| fits(*fewer) == Some(true))?;
     Some(EpisodeReduction { fewer, of: counts.pairs })

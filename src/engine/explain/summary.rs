@@ -30,6 +30,7 @@ use holdpoint_protocol::explanation::{PeopleRuling, Ruling};
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{ApprovalEntry, AuditFilter, FamilyStatus, StoreError, VersionDetail, Views};
 
+pub(super) use decisive_reasons::decision_remedies;
 use decisive_reasons::{decisive_reasons, reason_remedies};
 
 use super::evidence_file_before;

@@ -460,7 +460,7 @@ mod tests {
         let drills = DrillKind::ALL.map(Drill);
         let nothing = [&[PhysicalArm, Everything, Pairs][..], &drills, &[Twin]].concat();
         assert_eq!(untested(&evidence_file), nothing);
-        let ran = DrillTally { passed: 1, failed: 0, infeasible: 0 };
+        let ran = DrillTally { passed: 1, failed: 0, infeasible: 0, failed_alone: 0 };
         let candidate = DrillTallies { rollback: ran, ..DrillTallies::default() };
         evidence_file.drills = Some((candidate, DrillTallies::default()));
         let some = untested(&evidence_file);

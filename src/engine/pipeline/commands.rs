@@ -180,6 +180,7 @@ impl Pipeline {
                 evidence_files.edit(&operation.version).held = false;
                 Ok(reply)
             }
+            Command::Anchor(operation) => operations::set_anchor(record, &operation),
             Command::Restrict(operation) => {
                 let id = checked(record, &operation)?;
                 let Operation { by, reason, .. } = operation;

@@ -70,6 +70,7 @@ impl Pipeline {
             | Command::Release { .. }
             | Command::Restrict(_)
             | Command::Rearm(_)
+            | Command::Anchor(_)
             | Command::Shutdown
             | Command::Continue(_)
             | Command::Register { .. }

@@ -3,7 +3,7 @@
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::decision::{Decision, Kappa, lead_reason};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
@@ -107,6 +107,22 @@ pub(crate) fn close_rejected(
     record.raise(key.clone(), priority, false, Notice::Rejected { version: id.clone() });
     record.alarm_event(&AlarmEvent::Clear { key });
     record.close_audit(id, UpgradeEnd::Rejected)
+}
+
+/// Demotes a candidate whose evidence does not decide. One that repeated the stage is demoted already and stays so.
+pub(crate) fn put_on_hold(
+    record: &mut EngineRecorder,
+    id: &CapabilityId,
+    note: TransitionNote,
+) -> Result<(), EngineFault> {
+    let (version, lifecycle, _) = record.version_table().version(id)?;
+    let event = if lifecycle.state == State::Demoted {
+        LifecycleEvent::Abort { version }
+    } else {
+        LifecycleEvent::Demote { version }
+    };
+    record.transition(&id.family, event, note)?;
+    Ok(())
 }
 
 /// A stage ends without a result; it can be begun again.

@@ -50,7 +50,8 @@ pub(super) fn run_slice(
     let subject = |version| trial_subject(context, version_table, evidence_files, version);
     let (new, old) = (subject(&candidate), subject(comparison.compared_with));
     let team = trial_team(context, version_table, evidence_files, &candidate);
-    let lab = trials.lab(comparison.cell, store).with_team(team);
+    let anchor = version_table.anchor_beside(comparison.compared_with).map(subject);
+    let lab = trials.lab(comparison.cell, store).with_team(team).with_anchor(anchor);
     let known = evaluation.stops().shared.len();
     let Some(slice) = evaluation.step(&lab, &new, &old, &context.profile)? else { return Ok(0) };
     let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();

@@ -77,11 +77,13 @@ pub fn begin(
     });
     let Some(predecessor) = predecessor else { return Ok(None) };
     let candidate = record.capability(id)?;
+    let anchor = record.version_table().anchor_beside(&predecessor).map(Capability::digest);
     let binding = EvidenceBinding {
         active: Some(predecessor.digest()),
+        anchor,
         ..binding(context, record.version_table(), &candidate)
     };
-    let plan = EvaluationPlan::confirmation(&context.profile);
+    let plan = EvaluationPlan::confirmation(&context.profile).with_anchor(anchor.is_some());
     progress(record, evidence_files, id, Stage::Sandbox, WorkUnit::Confirmation, (0, plan.budget()));
     let evaluation = Evaluation::new(plan, binding, SceneStops::default());
     Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, evaluation })))
@@ -134,7 +136,7 @@ pub fn slice(
         compared_with: &run.predecessor,
         cell: &context.cell,
         conditions: Conditions::Sandbox,
-        plan: EvaluationPlan::confirmation(&context.profile),
+        plan: *run.evaluation.plan(),
         stage: Stage::Sandbox,
         name_of: WorkUnit::of_confirmation,
     };
@@ -151,10 +153,10 @@ fn conclude(
     (evaluation, place): (&Evaluation, CacheLocation),
 ) -> Result<bool, EngineFault> {
     let (pairs, drills) = (evaluation.paired(), evaluation.rehearsed());
-    let handovers = evaluation.sequences().cloned();
+    let (anchor, handovers) = (evaluation.anchor().cloned(), evaluation.sequences().cloned());
     let (behavior, recovery) = evaluation.assess(&context.profile);
     let reuse = evaluation.reuse().on_record(place);
-    let confirmation = Confirmation { pairs, drills, handovers, behavior, recovery, kept: reuse };
+    let confirmation = Confirmation { pairs, drills, anchor, handovers, behavior, recovery, kept: reuse };
     let json = serde_json::to_string(&confirmation)?;
     let digest = Digest::of_json("holdpoint.confirmation.v1", &confirmation)?;
     let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Monitor, json, digest };

@@ -102,9 +102,12 @@ impl LiveMonitoring<'_> {
         let (monitors, mut raised) = supervisor.stand_down();
         self.monitors.take_back(monitors);
         self.record.advance(report.duration_ms);
-        let tasks: Vec<TaskSummary> = report.tasks.iter().map(summary).collect();
         let halted = stopped.as_ref().is_some_and(|stopped| stopped.halted);
         let stopped = stopped.is_some();
+        let is_cut_short = |place: usize| stopped && place + 1 == report.tasks.len();
+        let summaries = report.tasks.iter().enumerate();
+        let tasks: Vec<TaskSummary> =
+            summaries.map(|(place, dispatched)| summary(dispatched, is_cut_short(place))).collect();
         self.world.note((!stopped).then(|| report.succeeded()), &tasks);
         self.record.tell(EventKind::Sequence {
             index,
@@ -118,7 +121,7 @@ impl LiveMonitoring<'_> {
         });
         for (place, dispatched) in report.tasks.iter().enumerate() {
             let id = &dispatched.id;
-            let cut_short = stopped && place + 1 == report.tasks.len();
+            let cut_short = is_cut_short(place);
             // While the link is down, no telemetry of a task reaches the monitors. Of a task that a person cut short
             // a monitor learns only that. An operation that stops the arm counts for the version it is about.
             let stepped_in = cut_short && halted && dispatched.record.intervention;
@@ -496,7 +499,8 @@ pub fn maybe_confirm(
     record.close_audit(id, UpgradeEnd::Confirmed)
 }
 
-fn summary(dispatched: &DispatchedTask) -> TaskSummary {
+/// A task that was cut short has no cause of its own.
+fn summary(dispatched: &DispatchedTask, cut_short: bool) -> TaskSummary {
     let record = &dispatched.record;
     TaskSummary {
         version: dispatched.id.clone(),
@@ -506,5 +510,6 @@ fn summary(dispatched: &DispatchedTask) -> TaskSummary {
         recovery: record.recovery,
         retries: record.retries,
         time_secs: record.time_secs,
+        failure: record.failure_cause().filter(|_| !cut_short),
     }
 }

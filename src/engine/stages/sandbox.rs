@@ -22,7 +22,10 @@ use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 
 use super::cache_mismatch::invalidate_cache;
-use super::closing::{abort_stage, close_rejected, first_reason, progress, report_decision, stage_note};
+use super::cell_fault;
+use super::closing::{
+    abort_stage, close_rejected, first_reason, progress, put_on_hold, report_decision, stage_note,
+};
 use super::shared_stops::keep_stops;
 use super::validation;
 use crate::cell::Conditions;
@@ -139,14 +142,15 @@ pub fn begin(
     evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
 ) -> Result<Box<SandboxRun>, EngineFault> {
-    record.start_stage(id, Stage::Sandbox, budget(context))?;
     let candidate = record.capability(id)?;
     let binding = binding(context, record.version_table(), &candidate);
+    record.start_stage(id, Stage::Sandbox, budget(context, &binding))?;
     let evidence_file = evidence_files.edit(id);
     // The result of stage 2 counts only for the version that was active then, so it is computed again.
     evidence_file.take_static(validation::assess(context, record.version_table(), &candidate));
     evidence_file.tried_under.clone_from(&evidence_file.conditions);
     evidence_file.pairs.clear();
+    evidence_file.anchor = None;
     evidence_file.hard_stops.clear();
     evidence_file.shared_events.clear();
     evidence_file.modes.clear();
@@ -168,13 +172,13 @@ pub fn begin(
     Ok(Box::new(SandboxRun { id: id.clone(), binding, stops: SceneStops::default(), phase }))
 }
 
-fn budget(context: &Context) -> u64 {
-    2 * MODE_EPISODES + plan(context).budget() + search::PAIRS
+fn budget(context: &Context, binding: &EvidenceBinding) -> u64 {
+    2 * MODE_EPISODES + plan(context, binding.anchor.is_some()).budget() + search::PAIRS
 }
 
 /// The planned pairs, drills and sequences.
-fn plan(context: &Context) -> EvaluationPlan {
-    let plan = EvaluationPlan::sandbox(&context.profile);
+fn plan(context: &Context, has_anchor: bool) -> EvaluationPlan {
+    let plan = EvaluationPlan::sandbox(&context.profile).with_anchor(has_anchor);
     if context.omitted.has(AblationPart::Recovery) { EvaluationPlan { drills: 0, ..plan } } else { plan }
 }
 
@@ -193,6 +197,9 @@ impl Sandbox<'_> {
         };
         if binding(self.context, self.record.version_table(), &candidate) != run.binding {
             abort_stage(self.record, self.evidence_files, &id, Notice::ActiveOrProfileChanged)?;
+            return Ok(over);
+        }
+        if cell_fault::end_without_fallback(self.context, self.record, self.evidence_files, &id)? {
             return Ok(over);
         }
         let mut episodes = 0;
@@ -235,8 +242,9 @@ impl Sandbox<'_> {
                     |version| trial_subject(self.context, version_table, self.evidence_files, version);
                 let (new, old) = (subject(&candidate), subject(&active));
                 let lab = self.trials.lab(&self.context.cell, version_table.store());
-                let lab =
-                    lab.with_team(trial_team(self.context, version_table, self.evidence_files, &candidate));
+                let lab = lab
+                    .with_team(trial_team(self.context, version_table, self.evidence_files, &candidate))
+                    .with_anchor(version_table.anchor_beside(&active).map(subject));
                 let step = comparison.evaluation.step(&lab, &new, &old, &self.context.profile)?;
                 if let Some(slice) = step {
                     episodes = slice.worked;
@@ -257,7 +265,7 @@ impl Sandbox<'_> {
     }
 
     fn compare(&self, binding: EvidenceBinding, stops: SceneStops) -> SandboxPhase {
-        let evaluation = Evaluation::new(plan(self.context), binding, stops);
+        let evaluation = Evaluation::new(plan(self.context, binding.anchor.is_some()), binding, stops);
         SandboxPhase::Compare(Box::new(SandboxComparison { evaluation, records: (Vec::new(), Vec::new()) }))
     }
 
@@ -276,6 +284,7 @@ impl Sandbox<'_> {
         evidence_file.pairs = paired.pairs;
         evidence_file.drills = Some((rehearsed.candidate, rehearsed.active));
         evidence_file.failed_drills = evaluation.failed_drills().to_vec();
+        evidence_file.anchor = evaluation.anchor().cloned();
         evidence_file.handovers = evaluation.sequences().cloned();
         keep_stops(self.context, self.record, evidence_file, (id, active), evaluation.stops());
         let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
@@ -285,7 +294,7 @@ impl Sandbox<'_> {
         }
         comparison.records.0.extend(new);
         comparison.records.1.extend(old);
-        let done = (2 * MODE_EPISODES + slice.done, budget(self.context));
+        let done = (2 * MODE_EPISODES + slice.done, budget(self.context, evaluation.binding()));
         progress(self.record, self.evidence_files, id, Stage::Sandbox, slice.what, done);
         Ok(())
     }
@@ -313,8 +322,8 @@ impl Sandbox<'_> {
         keep_stops(self.context, self.record, evidence_file, (&id, &active.id()), evaluation.stops());
         evidence_file.searched = search.finding(&self.context.cell.sandbox);
         let done = 2 * MODE_EPISODES + evaluation.done() + search.pairs_run();
-        let what = WorkUnit::WorstCaseSearch;
-        progress(self.record, self.evidence_files, &id, Stage::Sandbox, what, (done, budget(self.context)));
+        let (what, budget) = (WorkUnit::WorstCaseSearch, budget(self.context, evaluation.binding()));
+        progress(self.record, self.evidence_files, &id, Stage::Sandbox, what, (done, budget));
         Ok(results.len() as u64)
     }
 
@@ -389,14 +398,8 @@ impl Sandbox<'_> {
         evidence_file.note_use(candidate, records);
         evidence_file.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &*records));
         let done = if alone == SoloMode::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
-        progress(
-            self.record,
-            self.evidence_files,
-            &id,
-            Stage::Sandbox,
-            mode.into(),
-            (done, budget(self.context)),
-        );
+        let budget = budget(self.context, &binding(self.context, self.record.version_table(), candidate));
+        progress(self.record, self.evidence_files, &id, Stage::Sandbox, mode.into(), (done, budget));
         Ok(true)
     }
 
@@ -449,8 +452,7 @@ impl Sandbox<'_> {
             // The stage that Psi names has been completed on current evidence: a measured
             // incompatibility is final; a result that the budget could not decide is put on hold.
             Recommendation::Sandbox | Recommendation::RollbackReview if is_undecided(&kappas) => {
-                self.record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
-                Ok(())
+                put_on_hold(self.record, id, note)
             }
             Recommendation::Reject | Recommendation::Sandbox => {
                 self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
@@ -468,8 +470,10 @@ impl Sandbox<'_> {
 /// Raises an alarm for what the drills show about the active version itself: the candidate is compared with it, and
 /// no other check tests how well it can be stopped.
 fn report_weakness(record: &mut EngineRecorder, active: &CapabilityId, kappas: &Kappas, priority: Priority) {
-    let weak = kappas.recovery.reasons.iter().filter(|reason| reason.code == ReasonCode::RecoveryActiveWeak);
-    let reasons: Vec<Reason> = weak.cloned().collect();
+    let is_weakness = |reason: &&Reason| {
+        matches!(reason.code, ReasonCode::RecoveryActiveWeak | ReasonCode::RecoveryCellFault)
+    };
+    let reasons: Vec<Reason> = kappas.recovery.reasons.iter().filter(is_weakness).cloned().collect();
     if !reasons.is_empty() {
         let notice = Notice::WeakRecovery { reasons };
         record.raise(AlarmKey::WeakRecovery(active.clone()), priority, true, notice);

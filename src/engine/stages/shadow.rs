@@ -18,7 +18,7 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{Batch, Store};
 use holdpoint_sim::world::World;
 
-use super::closing::{abort_stage, close_rejected, progress, stage_note};
+use super::closing::{abort_stage, close_rejected, progress, put_on_hold, stage_note};
 use super::shared_stops::keep_stops;
 use crate::context::Context;
 use crate::evidence_binding::{binding, made_under, terms_of};
@@ -252,7 +252,7 @@ fn decide(
             close_rejected(context, record, &id)?;
         }
         CheckResult::Review | CheckResult::Inconclusive | CheckResult::NoData | CheckResult::Skipped => {
-            record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
+            put_on_hold(record, &id, note)?;
         }
     }
     Ok(ShadowStep::Over)

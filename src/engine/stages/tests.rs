@@ -2,6 +2,7 @@
 
 mod behavior_shift;
 mod cache_edits;
+mod cell_faults;
 mod checkpoints;
 mod omitted_stages;
 mod outside_gate;

@@ -55,12 +55,14 @@ pub fn assess(context: &Context, version_table: &VersionTable, candidate: &Capab
     let entry = version_table.family(&candidate.id().family).ok();
     let origin =
         entry.and_then(|entry| entry.find(&candidate.id())).map(|(_, _, member)| member.origin.clone());
-    let fallback = candidate.manifest.recovery.fallback.as_ref();
+    let known = version_table.families().flat_map(|(_, entry)| {
+        let versions = entry.members.iter().zip(&entry.state.versions);
+        versions.map(|(member, version)| (member.capability.id(), version.state))
+    });
     let against = CheckInputs {
         active: entry.and_then(|entry| entry.active()).map(|member| &member.capability),
         registered: &registered(version_table),
-        fallback_resolves: fallback
-            .map(|binding| version_table.resolve(&binding.family, &binding.version).is_some()),
+        fallback: check::fallback_match(candidate, known),
         author_known: version_origin::author_known(version_table, candidate, &origin.unwrap_or_default()),
     };
     let found = check::assess(candidate, &against, &context.profile, &context.table);

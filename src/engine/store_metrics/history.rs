@@ -109,6 +109,7 @@ fn act(kind: RecordKind, record: &AuditRecord) -> Option<HumanAct> {
         RecordKind::MonitorAnswer => Some(HumanAct::Answered),
         RecordKind::Resumed => Some(HumanAct::Resumed),
         RecordKind::ProfilesSet => Some(HumanAct::ProfilesSet),
+        RecordKind::AnchorSet => Some(HumanAct::AnchorSet),
         RecordKind::BreakGlass => Some(HumanAct::BrokeGlass),
         RecordKind::Monitor if cause(record) == Some(ReasonCode::MonitorOperator) => {
             Some(HumanAct::Restricted)
@@ -273,6 +274,7 @@ impl History {
             | RecordKind::PersonRevoked
             | RecordKind::AlarmChanged
             | RecordKind::MonitorAnswer
+            | RecordKind::AnchorSet
             | RecordKind::Resumed
             | RecordKind::Shown
             | RecordKind::AlarmReset

@@ -12,12 +12,15 @@ use serde_json::Value;
 
 use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::behavior::{self, SequenceEvidence};
+use holdpoint_governance::comparison_evidence::ComparisonEvidence;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi, psi_after_shadow};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, DecisionContext};
 use holdpoint_governance::distribution_shift::{apply_re_evaluation, compare_with_sandbox, is_suspicious};
 use holdpoint_governance::early_stop::EarlyStopReason;
-use holdpoint_governance::evidence::{EvidenceBinding, PairedEvidence, RecoveryEvidence, ShadowEvidence};
+use holdpoint_governance::evidence::{
+    AnchorEvidence, EvidenceBinding, PairedEvidence, RecoveryEvidence, ShadowEvidence,
+};
 use holdpoint_governance::gate::{self, GateInput, assess_shadow};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::interface::{RegisteredVersion, unmet};
@@ -29,6 +32,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::recovery;
 use holdpoint_governance::risk::RiskClass;
+use holdpoint_governance::rules_version::RulesVersion;
 use holdpoint_governance::site_profile::{ProfileTexts, SiteProfile};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_governance::worst_case_search::SearchFinding;
@@ -160,7 +164,11 @@ impl<'a> Replayer<'a> {
         let Some(under) = made_under(record) else {
             return ReplayOutcome::NotReplayed { why: NotReplayable::Unreadable };
         };
-        self.replay_outcome(&under.environment, self.replay_decision(of, record, &under))
+        let found = self.replay_decision(of, record, &under);
+        if under.rules != RulesVersion::CURRENT && matches!(found, Err(ReplayFailure::Differs(_))) {
+            return ReplayOutcome::NotReplayed { why: NotReplayable::OtherRules };
+        }
+        self.replay_outcome(&under.environment, found)
     }
 
     /// Replays the evidence on a concern; `None` where it begins.
@@ -249,20 +257,11 @@ impl<'a> Replayer<'a> {
         let registered = self.registered_before(seq)?;
         let active = registered.iter().find(|one| one.active && one.id.family == id.family);
         let active = active.map(|one| self.capability(&one.id)).transpose()?;
-        let fallback = candidate.manifest.recovery.fallback.as_ref();
-        let resolves = fallback.map(|binding| {
-            self.history.registered.iter().any(|(_, known, _)| {
-                known.family == binding.family
-                    && binding.version.matches(&known.version)
-                    && matches!(
-                        self.history.state_before(known, seq),
-                        Some(State::Active | State::Superseded)
-                    )
-            })
-        });
+        let before = |id: &CapabilityId| Some((id.clone(), self.history.state_before(id, seq)?));
+        let known = self.history.registered.iter().filter_map(|(_, id, _)| before(id));
+        let fallback = check::fallback_match(candidate, known);
         let author_known = self.author_known_before(id, seq)?;
-        let against =
-            check::CheckInputs { active, registered: &registered, fallback_resolves: resolves, author_known };
+        let against = check::CheckInputs { active, registered: &registered, fallback, author_known };
         let StaticAssessment { kappas: found, risk: class, .. } =
             check::assess(candidate, &against, &frame.profile, &frame.table);
         // Evidence of older builds has none.
@@ -345,6 +344,8 @@ impl<'a> Replayer<'a> {
         let frame = self.frame(&binding.profile, &binding.policy)?;
         // A confirmation runs no stress episodes and no search.
         let beside = UnpairedEvidence {
+            is_settling: false,
+            anchor: confirmation.anchor.as_ref(),
             handovers: confirmation.handovers.as_ref(),
             unsafe_under_stress: 0,
             searched: None,
@@ -423,6 +424,7 @@ const fn binding_of(under: &DecisionContext) -> EvidenceBinding {
         policy: under.policy,
         environment: under.environment,
         neighbours: under.neighbours,
+        anchor: under.anchor,
     }
 }
 
@@ -451,6 +453,8 @@ fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<
     };
     let drills = RecoveryEvidence { binding: *binding, candidate, active };
     let beside = UnpairedEvidence {
+        is_settling: true,
+        anchor: evidence_file.anchor.as_ref(),
         handovers: evidence_file.handovers.as_ref(),
         unsafe_under_stress: evidence_file.unsafe_under_stress,
         searched: evidence_file.searched.as_ref(),
@@ -462,6 +466,8 @@ fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<
 }
 
 struct UnpairedEvidence<'a> {
+    is_settling: bool,
+    anchor: Option<&'a AnchorEvidence>,
     handovers: Option<&'a SequenceEvidence>,
     unsafe_under_stress: u32,
     searched: Option<&'a SearchFinding>,
@@ -477,12 +483,13 @@ fn replay_assessment(
 ) -> Result<(), ReplayFailure> {
     let ended = behavior.ended.or(recovery.ended).unwrap_or(EarlyStopReason::Full);
     let profile = &frame.profile;
-    let mut again = behavior::assess_early_stop(pairs, &pairs.binding, profile, ended);
-    behavior::apply_sequences(&mut again, beside.handovers, profile);
+    let UnpairedEvidence { is_settling, anchor, handovers: sequences, .. } = *beside;
+    let evidence = ComparisonEvidence { pairs, drills, is_settling, anchor, sequences };
+    let (mut again, recovered) = evidence.assess(ended, profile);
     behavior::add_stress_concern(&mut again, beside.unsafe_under_stress, MODE_EPISODES, profile);
     behavior::add_search_concern(&mut again, beside.searched, profile);
     same("behavior", behavior, &again)?;
-    same("recovery", recovery, &recovery::assess_early_stop(drills, &drills.binding, profile, ended))
+    same("recovery", recovery, &recovered)
 }
 
 fn replay_re_evaluation(again: &ReEvaluationEvidence, frame: &RulesInForce) -> Result<(), ReplayFailure> {

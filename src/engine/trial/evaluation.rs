@@ -4,6 +4,7 @@
 //! pairs, ten drills, and a look after each. Only a rejection can come early. What advances has worked the
 //! whole budget. Source: design rules 3.4, 3.5, 5.3; reference section 4.1.
 
+mod late;
 mod plan;
 
 pub use plan::EvaluationPlan;
@@ -19,16 +20,17 @@ use crate::trial::trial_lab::{DrillSpot, Lookahead, TrialLab, TrialSubject};
 use holdpoint_governance::behavior::{
     self, BehaviorAssessment, SequenceEvidence, SequencePair, SequenceStep,
 };
+use holdpoint_governance::comparison_evidence::ComparisonEvidence;
 use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{
-    DrillKind, DrillTallies, DrillTally, EvidenceBinding, FailedDrill, Pair, PairedEvidence, RecoveryEvidence,
+    AnchorEvidence, DrillKind, DrillTallies, DrillTally, EvidenceBinding, FailedDrill, Pair, PairedEvidence,
+    RecoveryEvidence,
 };
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::Profile;
-use holdpoint_governance::recovery::{self, RecoveryAssessment};
+use holdpoint_governance::recovery::{self, RecoveryAssessment, SETTLED_KINDS};
 use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::task::TaskRecord;
@@ -72,6 +74,14 @@ pub struct Evaluation {
     failed: Vec<FailedDrill>,
     pairs_tried: u64,
     drills_tried: [u64; DrillKind::ALL.len()],
+    /// Pairs and drills have rejected nothing: what is left is for such versions only.
+    is_late: bool,
+    /// The settling of drills is begun.
+    is_settling: bool,
+    /// Episodes of the anchor; absent if there is no other anchor, or they are not begun.
+    anchor: Option<AnchorEvidence>,
+    /// Pairs whose seeds the anchor has run.
+    anchored: u64,
     /// Absent until they are begun.
     sequences: Option<SequenceEvidence>,
     sequences_tried: u64,
@@ -86,6 +96,7 @@ pub struct Evaluation {
 struct PartialSlice {
     pairs: Vec<(TaskRecord, TaskRecord)>,
     drills: (Vec<DrillResult>, Vec<DrillResult>),
+    anchor: Vec<TaskRecord>,
     sequences: Vec<SequenceRecords>,
 }
 
@@ -104,6 +115,10 @@ impl Evaluation {
             failed: Vec::new(),
             pairs_tried: 0,
             drills_tried: [0; DrillKind::ALL.len()],
+            is_late: false,
+            is_settling: false,
+            anchor: None,
+            anchored: 0,
             sequences: None,
             sequences_tried: 0,
             turns: 0,
@@ -152,6 +167,18 @@ impl Evaluation {
         &self.stops
     }
 
+    /// The jobs and their seeds.
+    #[must_use]
+    pub const fn plan(&self) -> &EvaluationPlan {
+        &self.plan
+    }
+
+    /// What its evidence is bound to.
+    #[must_use]
+    pub const fn binding(&self) -> &EvidenceBinding {
+        &self.binding
+    }
+
     /// What of it was kept from before.
     #[must_use]
     pub const fn reuse(&self) -> &Reuse {
@@ -180,6 +207,12 @@ impl Evaluation {
         &self.failed
     }
 
+    /// The anchor's episodes so far, as the rules read them; absent until they are begun.
+    #[must_use]
+    pub const fn anchor(&self) -> Option<&AnchorEvidence> {
+        self.anchor.as_ref()
+    }
+
     /// The sequences so far, as the rules read them; absent until they are begun.
     #[must_use]
     pub const fn sequences(&self) -> Option<&SequenceEvidence> {
@@ -189,9 +222,12 @@ impl Evaluation {
     /// How much of the budget is worked: what had no valid start and is tried again on another seed counts once.
     #[must_use]
     pub fn done(&self) -> u64 {
-        let budget = u64::from(self.plan.drills);
-        let drills: u64 = self.drills_tried.iter().map(|tried| budget.min(*tried)).sum();
-        self.pairs.len() as u64 + drills + self.sequences_worked()
+        let budget = |kind: DrillKind| {
+            let settling = if SETTLED_KINDS.contains(&kind) { self.plan.settling_drills() } else { 0 };
+            u64::from(self.plan.drills) + settling
+        };
+        let drills = DrillKind::ALL.iter().map(|kind| budget(*kind).min(self.drills_tried[*kind as usize]));
+        self.pairs.len() as u64 + drills.sum::<u64>() + self.anchored + self.sequences_worked()
     }
 
     fn sequences_worked(&self) -> u64 {
@@ -200,7 +236,7 @@ impl Evaluation {
 
     /// Pairs, drills and sequences worked, each try.
     fn tried(&self) -> u64 {
-        self.pairs_tried + self.drills_tried.iter().sum::<u64>() + self.sequences_tried
+        self.pairs_tried + self.drills_tried.iter().sum::<u64>() + self.anchored + self.sequences_tried
     }
 
     /// Works one slice and looks whether the rest can still matter. `None`: the lab works in parts, and the slice
@@ -235,11 +271,17 @@ impl Evaluation {
                 records = worked;
                 WorkUnit::PairedEpisodes
             }
-            Some(NextSlice::Drills(kind)) => {
+            Some(NextSlice::Drills(kind) | NextSlice::Settling(kind)) => {
                 if !self.drill_slice(lab, candidate, active, kind)? {
                     return Ok(None);
                 }
                 WorkUnit::from(kind)
+            }
+            Some(NextSlice::Anchor) => {
+                if !self.anchor_slice(lab)? {
+                    return Ok(None);
+                }
+                WorkUnit::AnchorEpisodes
             }
             Some(NextSlice::Sequences) => {
                 if !self.sequence_slice(lab, candidate, active, profile)? {
@@ -251,9 +293,8 @@ impl Evaluation {
         };
         self.turns += 1;
         self.update_end_reason(profile);
-        if self.ended.is_none() && self.sequences.is_none() && self.next_turn() == Some(NextSlice::Sequences)
-        {
-            self.begin_sequences(lab, candidate, active, profile);
+        if self.ended.is_none() {
+            self.begin_late(lab, candidate, active, profile);
         }
         if self.ended.is_some() {
             lab.expect(candidate, active, &[])?;
@@ -319,6 +360,8 @@ impl Evaluation {
         self.drills_tried[kind as usize] += spots.len() as u64;
         tally(&mut self.drills.0, kind, &spots, &of_candidate);
         tally(&mut self.drills.1, kind, &spots, &of_active);
+        self.drills.0.of_mut(kind).failed_alone += failed_alone(&of_candidate, &of_active);
+        self.drills.1.of_mut(kind).failed_alone += failed_alone(&of_active, &of_candidate);
         for (spot, (new, old)) in spots.iter().zip(of_candidate.iter().zip(&of_active)) {
             if *new == DrillResult::Failed && self.failed.len() < FAILED_KEPT {
                 let active = (*old != DrillResult::Infeasible).then_some(*old == DrillResult::Passed);
@@ -326,34 +369,6 @@ impl Evaluation {
             }
         }
         Ok(true)
-    }
-
-    /// Begins the sequences. They are not run for a version that is rejected without them, nor with an empty place in
-    /// the team.
-    fn begin_sequences(
-        &mut self,
-        lab: &TrialLab<'_>,
-        candidate: &TrialSubject,
-        active: &TrialSubject,
-        profile: &Profile,
-    ) {
-        let (behavior, recovery) = self.assess(profile);
-        let is_open =
-            matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious);
-        let is_lost = !is_open
-            || recovery.assessment.outcome == RecoveryOutcome::Incompatible
-                && !(profile.has_approver() && recovery_is_reviewable(&recovery.assessment));
-        if !is_lost {
-            self.sequences = Some(SequenceEvidence {
-                task: candidate.version.bundle.task(),
-                beside: lab.team.members().iter().map(|party| party.version.id()).collect(),
-                wanted: self.plan.sequences,
-                pairs: Vec::new(),
-            });
-        }
-        if is_lost || lab.team.lineup_with(active).is_none() {
-            self.ended = Some(EarlyStopReason::Full);
-        }
     }
 
     /// Returns whether the slice is whole.
@@ -408,6 +423,7 @@ impl Evaluation {
             pairs_tried: self.pairs_tried,
             drills: self.drills,
             drills_tried: self.drills_tried,
+            anchored: self.anchored,
             sequences: match &self.sequences {
                 Some(evidence) => evidence.pairs.len() as u64,
                 None => 0,
@@ -423,8 +439,8 @@ impl Evaluation {
 
     fn seeds(&self, lab: &TrialLab<'_>, progress: &EvaluationProgress, slice: NextSlice) -> Vec<u64> {
         let purpose = match slice {
-            NextSlice::Pairs => self.plan.pair_seeds,
-            NextSlice::Drills(_) => self.plan.drill_seeds,
+            NextSlice::Pairs | NextSlice::Anchor => self.plan.pair_seeds,
+            NextSlice::Drills(_) | NextSlice::Settling(_) => self.plan.drill_seeds,
             NextSlice::Sequences => self.plan.sequence_seeds,
         };
         let range = progress.range(&self.plan, slice);
@@ -458,12 +474,16 @@ impl Evaluation {
                     let open = seeds.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Lookahead::Pairs(part.to_vec())));
                 }
-                NextSlice::Drills(kind) => {
+                NextSlice::Drills(kind) | NextSlice::Settling(kind) => {
+                    if slice.is_late() && !self.is_late {
+                        break;
+                    }
                     let spots = self.spots(lab, &progress, kind);
                     let open = spots.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Lookahead::Drills(kind, part.to_vec())));
                 }
                 // Slices that may never be requested are not run ahead.
+                NextSlice::Anchor => break,
                 NextSlice::Sequences if self.sequences.is_none() => break,
                 NextSlice::Sequences => {
                     let seeds = self.seeds(lab, &progress, slice);
@@ -501,9 +521,15 @@ impl Evaluation {
     #[must_use]
     pub fn assess(&self, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
         let ended = self.ended.unwrap_or(EarlyStopReason::Full);
-        let mut measured = behavior::assess_early_stop(&self.paired(), &self.binding, profile, ended);
-        behavior::apply_sequences(&mut measured, self.sequences.as_ref(), profile);
-        (measured, recovery::assess_early_stop(&self.rehearsed(), &self.binding, profile, ended))
+        let (pairs, drills) = (self.paired(), self.rehearsed());
+        let evidence = ComparisonEvidence {
+            pairs: &pairs,
+            drills: &drills,
+            is_settling: self.plan.is_settling,
+            anchor: self.anchor(),
+            sequences: self.sequences(),
+        };
+        evidence.assess(ended, profile)
     }
 }
 
@@ -521,6 +547,13 @@ fn tally(drills: &mut DrillTallies, kind: DrillKind, spots: &[DrillSpot], result
             count(drills.phases.of_mut(kind, phase), *result);
         }
     }
+}
+
+/// Drills that the first failed and the other passed at the same place.
+fn failed_alone(results: &[DrillResult], others: &[DrillResult]) -> u32 {
+    let alone = results.iter().zip(others);
+    let alone = alone.filter(|both| *both == (&DrillResult::Failed, &DrillResult::Passed));
+    u32::try_from(alone.count()).unwrap_or(u32::MAX)
 }
 
 const fn count(tally: &mut DrillTally, result: DrillResult) {

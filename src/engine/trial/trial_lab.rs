@@ -3,19 +3,23 @@
 //! Results of an active version under a seed are cached, so that a second candidate does not pay for them again; the
 //! caller learns of each use ([`Reuse`]). Runs its jobs and judges nothing.
 
+mod pairing;
+
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::drills::{DrillCase, DrillResult, DrillVersions};
-use super::episodes::{alone, cache_key, pair};
+use pairing::TrialPairing;
+
+use super::drills::DrillResult;
+use super::episodes::{alone, cache_key};
 use super::job_outcome::JobOutcome;
 use super::reuse::{Reuse, ReusedResult, value};
 use super::seeds::{SeedPurpose, episode_seed};
-use super::sequences::{SequenceRecords, TrialTeam, run_sequence, run_sequence_pair};
+use super::sequences::{SequenceRecords, TrialTeam};
 pub use super::trial_subject::TrialSubject;
-use super::undisturbed_run::{UndisturbedCache, UndisturbedRun};
+use super::undisturbed_run::UndisturbedCache;
 use super::worker::Worker;
-use super::worker_pool::{JobFn, PoolJob, WorkerPool};
+use super::worker_pool::{PoolJob, WorkerPool};
 use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::EngineFault;
 use holdpoint_governance::cached_result::CachedWorkKind;
@@ -58,6 +62,8 @@ pub struct TrialLab<'a> {
     pub cache: &'a ResultCache,
     /// The versions for the other tasks in whole sequences.
     pub team: TrialTeam,
+    /// The family's anchor, if it is not the version compared with.
+    pub anchor: Option<TrialSubject>,
 }
 
 struct CacheHit<T> {
@@ -65,19 +71,17 @@ struct CacheHit<T> {
     own: bool,
 }
 
-struct TrialPairing {
-    cell: Cell,
-    candidate: TrialSubject,
-    active: TrialSubject,
-    team: TrialTeam,
-    undisturbed: Arc<UndisturbedCache>,
-}
-
 impl TrialLab<'_> {
     /// With this team beside the candidate in whole sequences.
     #[must_use]
     pub fn with_team(self, team: TrialTeam) -> Self {
         Self { team, ..self }
+    }
+
+    /// With this anchor to compare with as well.
+    #[must_use]
+    pub fn with_anchor(self, anchor: Option<TrialSubject>) -> Self {
+        Self { anchor, ..self }
     }
 
     /// Episodes of one version, by their place among a purpose's seeds.
@@ -147,6 +151,42 @@ impl TrialLab<'_> {
         }
         complete(&pairs, seeds.len())?;
         Ok(pairs)
+    }
+
+    /// The anchor's sandbox episodes of the given seeds. Names the cached ones.
+    ///
+    /// # Errors
+    /// As [`TrialLab::episodes`].
+    pub fn anchor_episodes(
+        &self,
+        anchor: &TrialSubject,
+        seeds: &[u64],
+        reuse: &mut Reuse,
+    ) -> Result<Vec<TaskRecord>, EngineFault> {
+        let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(seeds.len());
+        for seed in seeds {
+            known.push(self.cached(&self.episode_key(anchor, *seed), reuse));
+        }
+        let table = self.table(anchor, anchor);
+        let jobs = seeds.iter().zip(&known).filter(|(_, known)| known.is_none());
+        let jobs = jobs.map(|(seed, _)| table.pair(*seed, true)).collect();
+        let mut fresh = self.worker_pool.run_jobs(jobs, self.cancel)?.into_iter();
+        let mut episodes = Vec::with_capacity(seeds.len());
+        for (known, seed) in known.into_iter().zip(seeds) {
+            if let Some(CacheHit { result, own }) = known {
+                let value = value(&serde_json::to_vec(&result)?);
+                let work = CachedWorkKind::AnchorEpisodes;
+                reuse.note_use(ReusedResult { work, phase: None, seed: *seed, value, own });
+                episodes.push(result);
+            } else {
+                let Some(outcome) = fresh.next() else { break };
+                let (record, _) = outcome.pair()?;
+                self.cache_episode(anchor, &record)?;
+                episodes.push(record);
+            }
+        }
+        complete(&episodes, seeds.len())?;
+        Ok(episodes)
     }
 
     /// Uncached pairs (candidate, active) at given places of the sandbox's distribution, from a search's `first` on.
@@ -348,9 +388,12 @@ impl TrialLab<'_> {
         spots: impl Iterator<Item = (CachedWorkKind, DrillSpot)>,
     ) -> Result<Vec<Vec<u8>>, EngineFault> {
         let table = self.table(active, active);
-        let outcomes = self
-            .worker_pool
-            .run_jobs(spots.map(|(work, spot)| table.rerun_drill(work, spot)).collect(), self.cancel)?;
+        let of_anchor = self.anchor.as_ref().map(|anchor| self.table(anchor, anchor));
+        let job = |(work, spot): (CachedWorkKind, DrillSpot)| match (&of_anchor, work) {
+            (Some(table), CachedWorkKind::AnchorEpisodes) => table.rerun_drill(work, spot),
+            _ => table.rerun_drill(work, spot),
+        };
+        let outcomes = self.worker_pool.run_jobs(spots.map(job).collect(), self.cancel)?;
         let mut bytes = Vec::with_capacity(outcomes.len());
         for outcome in outcomes {
             bytes.push(match outcome {
@@ -433,142 +476,6 @@ impl TrialLab<'_> {
 /// The path is for drawing and shadow; a cached comparison does not need it.
 fn without_path(record: &TaskRecord) -> TaskRecord {
     TaskRecord { path: Vec::new(), ..record.clone() }
-}
-
-impl TrialPairing {
-    /// The sandbox's episode of a seed: with both versions, or the candidate's alone if the other's is cached.
-    fn pair(self: &Arc<Self>, seed: u64, known: bool) -> PoolJob<JobOutcome> {
-        const CONDITIONS: Conditions = Conditions::Sandbox;
-        let table = Arc::clone(self);
-        let (candidate, active) =
-            (self.candidate.key(&self.cell, CONDITIONS, seed), self.active.key(&self.cell, CONDITIONS, seed));
-        let (key, work): (_, JobFn<JobOutcome>) = if known {
-            let work = move |worker: &mut Worker| {
-                let trial = table.candidate.trial(&table.cell, CONDITIONS, seed);
-                JobOutcome::Alone(Box::new(alone(worker, trial)))
-            };
-            (job_key("episode", &[candidate]), Box::new(work))
-        } else {
-            let work = move |worker: &mut Worker| {
-                let both = [&table.candidate, &table.active];
-                let both = both.map(|party| party.trial(&table.cell, CONDITIONS, seed));
-                JobOutcome::Pair(Box::new(pair(worker, both)))
-            };
-            (job_key("pair", &[candidate, active]), Box::new(work))
-        };
-        PoolJob { key, work }
-    }
-
-    fn place(self: &Arc<Self>, seed: u64, point: &EnvelopePoint) -> PoolJob<JobOutcome> {
-        let PoolJob { key, work } = self.pair(seed, false);
-        let at: Vec<u8> = point.iter().flat_map(|share| share.to_bits().to_le_bytes()).collect();
-        let key = job_key("place", &[key, Digest::of_parts("holdpoint.place.v1", &[&at])]);
-        PoolJob { key, work }
-    }
-
-    /// Drills of one kind: the candidate's, then the active version's uncached ones.
-    fn drills(
-        self: &Arc<Self>,
-        kind: DrillKind,
-        spots: &[DrillSpot],
-        known: bool,
-    ) -> Vec<PoolJob<JobOutcome>> {
-        let of_candidate = spots.iter().map(|spot| self.drill_errand(true, kind, *spot));
-        let of_active = spots.iter().filter(|_| !known).map(|spot| self.drill_errand(false, kind, *spot));
-        of_candidate.chain(of_active).collect()
-    }
-
-    fn drill_errand(
-        self: &Arc<Self>,
-        of_candidate: bool,
-        kind: DrillKind,
-        spot: DrillSpot,
-    ) -> PoolJob<JobOutcome> {
-        let table = Arc::clone(self);
-        let party = if of_candidate { &self.candidate } else { &self.active };
-        let work = party.key(&self.cell, Conditions::Canonical, spot.seed);
-        // The predecessor and the fallback also determine a drill's result.
-        let fallback = party.fallback.as_ref().map_or(work, Capability::digest);
-        let parts = [work, self.active.version.digest(), fallback];
-        let whose = if of_candidate { "candidate" } else { "active" };
-        let what = format!("{kind} of {whose} in {}", spot.phase.map_or("anywhere", WorkPhase::name));
-        PoolJob {
-            key: job_key(&what, &parts),
-            work: Box::new(move |worker: &mut Worker| table.drill(worker, of_candidate, kind, spot)),
-        }
-    }
-
-    /// A whole sequence with both versions in their place, or the candidate's alone if the other's is cached.
-    fn sequences(self: &Arc<Self>, seed: u64, known: bool) -> PoolJob<JobOutcome> {
-        let table = Arc::clone(self);
-        let under = |party: &TrialSubject| party.key(&self.cell, Conditions::Sandbox, seed);
-        let others = self.team.members().iter().map(under);
-        let versions: Vec<Digest> =
-            [under(&self.candidate), under(&self.active)].into_iter().chain(others).collect();
-        PoolJob {
-            key: job_key(if known { "sequence" } else { "sequences" }, &versions),
-            work: Box::new(move |worker: &mut Worker| {
-                let TrialPairing { cell, candidate, active, team, .. } = &*table;
-                let task = candidate.version.bundle.task();
-                let without_paths =
-                    |records: Vec<TaskRecord>| records.iter().map(without_path).collect::<Vec<_>>();
-                match (team.lineup_with(candidate), team.lineup_with(active)) {
-                    (Some(new), Some(old)) if !known => {
-                        let [new, old] = run_sequence_pair(worker, cell, [new, old], task, seed);
-                        JobOutcome::Sequences(without_paths(new), Some(without_paths(old)))
-                    }
-                    (Some(new), _) => {
-                        JobOutcome::Sequences(without_paths(run_sequence(worker, cell, new, seed)), None)
-                    }
-                    (None, _) => JobOutcome::Sequences(Vec::new(), None),
-                }
-            }),
-        }
-    }
-
-    fn rerun_drill(self: &Arc<Self>, work: CachedWorkKind, spot: DrillSpot) -> PoolJob<JobOutcome> {
-        match work {
-            CachedWorkKind::Episodes => self.pair(spot.seed, true),
-            CachedWorkKind::Drills(kind) => self.drill_errand(false, kind, spot),
-            CachedWorkKind::Sequences => self.sequences(spot.seed, true),
-        }
-    }
-
-    /// The phases of the active version's undisturbed run; none without a valid start.
-    fn phases(self: &Arc<Self>, seed: u64) -> PoolJob<JobOutcome> {
-        let table = Arc::clone(self);
-        let work = self.active.key(&self.cell, Conditions::Canonical, seed);
-        PoolJob {
-            key: job_key("phases", &[work]),
-            work: Box::new(move |worker: &mut Worker| {
-                let trial = table.active.trial(&table.cell, Conditions::Canonical, seed);
-                let trace = UndisturbedRun::begin(worker, &trial, None)
-                    .and_then(|mut work| Ok(work.trace(worker, &trial)?.phases_present()));
-                JobOutcome::Phases(trace.unwrap_or_default())
-            }),
-        }
-    }
-
-    /// One drill, continuing from the undisturbed run that all kinds of drill share.
-    fn drill(&self, worker: &mut Worker, of_candidate: bool, kind: DrillKind, spot: DrillSpot) -> JobOutcome {
-        let DrillSpot { seed, phase } = spot;
-        let party = if of_candidate { &self.candidate } else { &self.active };
-        // A version without predecessor reloads itself by digest.
-        let predecessor = &self.active.version;
-        let cast = DrillVersions { version: &party.version, predecessor, fallback: party.fallback.as_ref() };
-        let case = DrillCase { cell: &self.cell, terms: &party.terms, cast: &cast, kind, phase, seed };
-        let under = party.key(&self.cell, Conditions::Canonical, seed);
-        let begins = phase.map_or("anywhere", WorkPhase::name);
-        let key = job_key(begins, &[under]);
-        let mut shared = self.undisturbed.take(&key);
-        let result = case.run(worker, &mut shared);
-        if let Some(mut work) = shared
-            && work.note_drilled(kind)
-        {
-            self.undisturbed.put(key, work);
-        }
-        JobOutcome::Drill(result)
-    }
 }
 
 fn job_key(what: &str, parts: &[Digest]) -> Digest {

@@ -3,7 +3,8 @@
 //! Counts come from the raw pairs and drills, verdicts from the rules' own bounds; judges nothing. The crate
 //! `holdpoint-wording` makes the sentences at the last step.
 
-use holdpoint_governance::behavior::{BehaviorComponent, ComponentName};
+use holdpoint_governance::behavior::{BehaviorComponent, ComponentName, component_of};
+use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, EpisodeValues, Pair};
 use holdpoint_governance::explanation::{
@@ -11,16 +12,19 @@ use holdpoint_governance::explanation::{
     DrillComparison, ReasonContent, Remedy, Support,
 };
 use holdpoint_governance::finding::Finding;
+use holdpoint_governance::outcome::CheckResult;
+use holdpoint_governance::permission::{PermissionExcess, PermissionUse};
 use holdpoint_protocol::detail::{FindingVerdict, RationaleFinding, RationaleView};
 use holdpoint_protocol::film::{CodeFaultCount, FilmRequest, FilmSubject};
 use holdpoint_wording::check::{check_decision, check_finding, decided_check, worst_work};
+use holdpoint_wording::explanation::permission_excess;
 use holdpoint_wording::film::code_fault_count;
 
 use crate::episode_replay::episode_selection::{
-    SelectedEpisode, badness, choose, code_fault_counts, decisive, overrun,
+    SelectedEpisode, badness, choose, code_fault_counts, decisive, decisive_harm, overrun,
 };
 use crate::evidence_file::EvidenceFile;
-use crate::explain::{is_in_favor, remedies};
+use crate::explain::{is_in_favor, is_tolerated, remedies};
 
 /// The four compatibilities, in their order.
 const CHECKS: [Dimension; 4] =
@@ -83,11 +87,16 @@ fn rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimension)
     let against = reasons.iter().filter(|reason| reason.dimension == about && !is_in_favor(reason.code));
     // A fault of the code explains whatever was measured of its behavior.
     let faults = if about == Dimension::Behavior { code_fault_counts(evidence_file) } else { Vec::new() };
-    CheckRationale {
-        faults,
-        remedies: remedies(evidence_file, against),
-        ..base_rationale(evidence_file, reasons, about)
-    }
+    // What passed without a condition needs no change.
+    let remedies =
+        if has_passed(evidence_file, about) { Vec::new() } else { remedies(evidence_file, against) };
+    CheckRationale { faults, remedies, ..base_rationale(evidence_file, reasons, about) }
+}
+
+/// Whether a compatibility passed, without a condition.
+fn has_passed(evidence_file: &EvidenceFile, about: Dimension) -> bool {
+    let checks = evidence_file.kappas.as_ref().map(Kappas::checks);
+    checks.is_some_and(|checks| checks.contains(&(about, CheckResult::Pass)))
 }
 
 /// As [`rationale`], without faults of code, and without what would have to change: that reads the whole evidence file.
@@ -119,7 +128,9 @@ fn base_rationale(evidence_file: &EvidenceFile, reasons: &[Reason], about: Dimen
     let fact = match first_against {
         Some(reason) => {
             let measured = match about {
-                Dimension::Behavior => decisive_component(evidence_file).or_else(|| gravest(&findings)),
+                // A hard stop ends the evaluation, whatever was measured so far.
+                Dimension::Behavior if reason.code == ReasonCode::BehaviorHardStop => None,
+                Dimension::Behavior => decisive_finding(evidence_file).or_else(|| gravest(&findings)),
                 Dimension::Recovery => gravest(&findings),
                 _ => None,
             };
@@ -185,7 +196,17 @@ pub(crate) fn decision_sentences(evidence_file: &EvidenceFile, reasons: &[Reason
     if against.is_empty() || evidence_file.kappas.is_none() {
         return if evidence_file.pairs.is_empty() { Vec::new() } else { summary(evidence_file) };
     }
-    sentences(evidence_file, reasons, &against)
+    let is_clamped = against.contains(&Dimension::Recovery)
+        || reasons.iter().any(|reason| reason.code == ReasonCode::BehaviorAsksMore);
+    let asked = if is_clamped { asked_beyond(evidence_file) } else { Vec::new() };
+    [asked, sentences(evidence_file, reasons, &against)].concat()
+}
+
+/// What the code asks for beyond its declaration, one sentence for each quantity: the guard clamps such commands.
+fn asked_beyond(evidence_file: &EvidenceFile) -> Vec<String> {
+    let excesses = evidence_file.permissions.as_ref().map(PermissionUse::excesses).unwrap_or_default();
+    let asked = excesses.iter().filter(|excess| matches!(excess, PermissionExcess::Asked { .. }));
+    asked.map(permission_excess).collect()
 }
 
 /// How confined code failed, then what decided each of these parts of the rules and the work that shows it.
@@ -264,11 +285,14 @@ fn reason_findings(evidence_file: &EvidenceFile, own: &[&Reason]) -> Vec<Weighed
     all
 }
 
-/// The component the rules found first.
-fn decisive_component(evidence_file: &EvidenceFile) -> Option<CheckFinding> {
+/// The component or the measure of harm that the first reason of the rules names.
+fn decisive_finding(evidence_file: &EvidenceFile) -> Option<CheckFinding> {
+    let behavior = evidence_file.behavior.as_ref()?;
+    if let Some(kind) = decisive_harm(evidence_file) {
+        return behavior.harm.iter().find(|harm| harm.kind == kind).copied().map(CheckFinding::Harm);
+    }
     let name = decisive(evidence_file)?;
-    let component =
-        evidence_file.behavior.as_ref()?.components.iter().find(|component| component.name == name)?;
+    let component = behavior.components.iter().find(|component| component.name == name)?;
     Some(CheckFinding::Component(component_finding(component, &evidence_file.pairs, None)))
 }
 
@@ -280,14 +304,21 @@ fn behavior_findings(evidence_file: &EvidenceFile) -> Vec<WeighedFinding> {
         (false, true) => FindingVerdict::Tolerable,
         (false, false) => FindingVerdict::Doubtful,
     };
+    let traded =
+        behavior.assessment.reasons.iter().find(|reason| reason.code == ReasonCode::BehaviorSafetyTraded);
+    let traded = traded.and_then(component_of);
+    let counts = |component: &BehaviorComponent| {
+        let is_traded = traded == Some(component.name);
+        component.is_established() && (is_traded || !is_tolerated(component, behavior))
+    };
     let components = behavior.components.iter().map(|component| WeighedFinding {
         finding: CheckFinding::Component(component_finding(
             component,
             &evidence_file.pairs,
-            bound_of(component),
+            bound_of(component, counts(component)),
         )),
         weight: weight(component.worsening, component.tolerance),
-        verdict: verdict(component.is_established(), component.is_within_tolerance()),
+        verdict: verdict(counts(component), component.is_within_tolerance()),
     });
     // A measure in which the two do not differ says nothing of either.
     let differing = behavior.harm.iter().filter(|harm| harm.worsening != 0.0 || !harm.is_within_tolerance());
@@ -312,12 +343,13 @@ fn behavior_findings(evidence_file: &EvidenceFile) -> Vec<WeighedFinding> {
     all
 }
 
-/// The bound that makes the verdict of a component; absent where its mean does.
-fn bound_of(component: &BehaviorComponent) -> Option<DecidingBound> {
+/// The bound that makes the verdict of a component; absent where its mean does. `counts`: a significant worsening counts
+/// against the version.
+fn bound_of(component: &BehaviorComponent, counts: bool) -> Option<DecidingBound> {
     let BehaviorComponent { worsening, lower, upper, tolerance, .. } = *component;
     if worsening > tolerance {
         None
-    } else if component.is_established() {
+    } else if counts {
         Some(DecidingBound::Established(lower))
     } else if component.is_within_tolerance() {
         None
@@ -437,7 +469,7 @@ mod tests {
             tolerance: 0.05,
         };
         let pairs = [pair(true), pair(false)];
-        let found = component_finding(&component, &pairs, bound_of(&component));
+        let found = component_finding(&component, &pairs, bound_of(&component, true));
         assert_eq!(found.values, ComponentValues::Episodes { candidate: 1, active: 0, of: 2 });
         assert_eq!(found.bound, None, "the mean decides");
         assert_eq!(weight(0.5, 0.05), Some(10.0));
@@ -463,7 +495,12 @@ mod tests {
     fn a_bound_decides_where_the_mean_is_tolerated() {
         let of = |lower, upper| {
             let name = ComponentName::Violation;
-            bound_of(&BehaviorComponent { name, worsening: 0.04, lower, upper, tolerance: 0.05 })
+            let component = BehaviorComponent { name, worsening: 0.04, lower, upper, tolerance: 0.05 };
+            assert_eq!(
+                bound_of(&component, false),
+                bound_of(&BehaviorComponent { lower: 0.0, ..component }, false)
+            );
+            bound_of(&component, component.is_established())
         };
         assert_eq!(of(0.0, Some(0.045)), None);
         assert_eq!(of(0.0, Some(0.085)), Some(DecidingBound::NotExcluded(0.085)));
@@ -502,12 +539,33 @@ mod tests {
         assert_eq!(found, [&estimate]);
     }
 
+    /// Regression: a force declared too low was "rollback drills 0 of 10, 7 are needed".
+    #[test]
+    fn failed_drills_name_a_declaration_that_is_too_low() {
+        use crate::embedded;
+        use holdpoint_governance::manifest::Permissions;
+        use holdpoint_governance::permission::{PeakQuantity, PermissionsUsed};
+        use holdpoint_runtime::capability::Capability;
+
+        let name = embedded::names().next().unwrap();
+        let version = Capability::load(name, embedded::package(name).unwrap()).unwrap();
+        let declared = Permissions { max_force_n: 12.0, ..version.manifest.permissions.clone() };
+        let used = PermissionsUsed { asked_force_n: 18.0, ..PermissionsUsed::default() };
+        let permissions = Some(PermissionUse::new(&declared, &version.bundle.interface(), &used, 20));
+        let file = EvidenceFile { permissions, ..EvidenceFile::default() };
+        let drills = Reason::new(Dimension::Recovery, Finding::RollbackDrillsFail).with(0.0, 0.7);
+        assert_eq!(asked_beyond(&file).len(), 1, "{:?}", asked_beyond(&file));
+        let raise = Remedy::RaiseDeclaration { quantity: PeakQuantity::Force, asked: 18.0, declared: 12.0 };
+        assert_eq!(remedies(&file, [&drills]).first(), Some(&raise));
+        assert_eq!(remedies(&EvidenceFile::default(), [&drills]).len(), 1, "only what the drills need");
+    }
+
     /// Regression: an explanation named 40 of 120 failed episodes, but not that the version's code traps in them.
     #[test]
     fn faults_of_code_come_first() {
         use crate::embedded;
         use holdpoint_body::CodeFault;
-        use holdpoint_governance::permission::{PermissionUse, PermissionsUsed};
+        use holdpoint_governance::permission::PermissionsUsed;
         use holdpoint_runtime::capability::Capability;
 
         let name = embedded::names().next().unwrap();

@@ -2,29 +2,24 @@
 //!
 //! Owns both rules; knows nothing of how episodes are run. Both look at the four binary components alone: what
 //! time, retries and the measures of harm come to can be turned by the rest of the budget in ways no bound known in
-//! advance covers, so they count as no worsening here, which is the least they can be. A safety component that is
-//! established at the most favourable totals is a rejection by itself, as it is for the whole budget.
+//! advance covers, so they count as no worsening here, which is the least they can be. A component that blocks alone and
+//! is established at the most favourable totals is a rejection by itself, as it is for the whole budget.
 
-use super::{BehaviorAssessment, ComponentName, assess, kappa, measured, unusable, without_value};
+use super::{
+    BehaviorAssessment, ComponentName, assess, counts, kappa, measured, order, unusable, without_value,
+};
 use crate::decision::ReasonCode;
 use crate::early_stop::EarlyStopReason;
-use crate::evidence::{EpisodeValues, EvidenceBinding, PairedEvidence};
+use crate::evidence::{EvidenceBinding, PairedEvidence};
 use crate::finding::Finding;
 use crate::outcome::BehaviorOutcome;
 use crate::profile::Profile;
 use crate::stats::population::PairBudget;
 use crate::stats::{self, PairedCounts};
 
-/// An episode's value as a component counts it: true is bad.
-type FailurePredicate = fn(&EpisodeValues) -> bool;
-
 /// The components that are shares of episodes.
-const BINARY: [(ComponentName, FailurePredicate); 4] = [
-    (ComponentName::Success, |episode| !episode.success),
-    (ComponentName::Violation, |episode| episode.violation),
-    (ComponentName::Anomaly, |episode| episode.anomaly),
-    (ComponentName::Recovery, |episode| episode.recovery),
-];
+const BINARY: [ComponentName; 4] =
+    [ComponentName::Success, ComponentName::Violation, ComponentName::Anomaly, ComponentName::Recovery];
 
 /// Exact curtailment: whether the outcome is `incompatible` however the rest of the budget turns out.
 ///
@@ -129,11 +124,12 @@ pub fn assess_early_stop(
     result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorInconclusive);
     let reason = super::reason(Finding::PairsEndedEarly { rule: ended, seen, budget })
         .with(seen as f64, budget as f64);
-    result.assessment.reasons.insert(0, reason);
-    for (at, c) in result.components.iter().filter(|c| c.is_established()).enumerate() {
+    result.assessment.reasons.push(reason);
+    result.assessment.reasons.extend(result.components.iter().filter(|c| c.is_established()).map(|c| {
         let worse = super::reason(Finding::ComponentWorseSoFar { component: c.name });
-        result.assessment.reasons.insert(1 + at, worse.with(c.worsening, c.tolerance));
-    }
+        worse.with(c.worsening, c.limit())
+    }));
+    order::deciding_first(&mut result.assessment.reasons, &result.components);
     result.assessment.outcome = BehaviorOutcome::Incompatible;
     result.assessment.conditions.clear();
     result.improved = false;
@@ -164,9 +160,8 @@ fn is_incompatible_at(
     }
     let each = profile.evaluation.alpha / ComponentName::ALL.len() as f64;
     let mut certain = Vec::new();
-    for (name, bad) in BINARY {
-        let seen = PairedCounts::of(pairs.iter().map(|pair| (bad(&pair.candidate), bad(&pair.active))));
-        let Some(totals) = favourable(seen, budget) else { return false };
+    for name in BINARY {
+        let Some(totals) = favourable(counts(name, pairs), budget) else { return false };
         // Nothing to establish without a net worsening.
         if totals.candidate_only > totals.active_only
             && let Ok(bound) = stats::binary_pairs(totals, each)
@@ -175,7 +170,7 @@ fn is_incompatible_at(
             certain.push((name, bound.mean));
         }
     }
-    // More violations or anomalies are bought by nothing.
-    certain.iter().any(|(name, _)| name.blocks_alone())
+    // More violations or anomalies, or a loss of success of 5 points, are bought by nothing.
+    certain.iter().any(|(name, worsening)| name.blocks_alone_at(*worsening))
         || kappa(&profile.behavior, certain).is_some_and(|value| value.get() < profile.thresholds.behavior())
 }

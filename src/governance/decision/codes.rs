@@ -96,6 +96,10 @@ reason_codes! {
     BehaviorSequenceWorse = "behavior-sequence-worse",
     /// In whole sequences with it, the work or the skills after it may be worse; or none could run.
     BehaviorSequenceSuspicious = "behavior-sequence-suspicious",
+    /// It is significantly worse than the family's anchor; the text names in what.
+    BehaviorAnchorWorse = "behavior-anchor-worse",
+    /// It may be worse than the family's anchor beyond a margin; the evidence does not exclude it.
+    BehaviorAnchorSuspicious = "behavior-anchor-suspicious",
     /// It asks for more speed or force than its manifest declares, in more episodes than the profile accepts.
     BehaviorAsksMore = "behavior-asks-more",
     /// A component improved (reported apart, never counted).
@@ -127,6 +131,10 @@ reason_codes! {
     RecoveryLeaning = "recovery-leaning",
     /// The drills of one kind pass significantly less often than the active version's.
     RecoveryEstablishedWorse = "recovery-established-worse",
+    /// The candidate alone failed drills of one kind, and more drills show no clear excess.
+    RecoverySettled = "recovery-settled",
+    /// The candidate alone failed drills of one kind, and the most drills have not settled it.
+    RecoveryUnsettled = "recovery-unsettled",
     /// The drills of one kind in one phase of the work pass in less than half of the floor.
     RecoveryPhaseFailing = "recovery-phase-failing",
     /// The drills of one kind in one phase pass significantly less often than the active version's.
@@ -145,6 +153,8 @@ reason_codes! {
     RecoveryHookMissing = "recovery-hook-missing",
     /// A failure signal the watcher does not know.
     RecoverySignalUnknown = "recovery-signal-unknown",
+    /// A fault of the cell: its active version cannot do the drills, or no fallback may take over.
+    RecoveryCellFault = "recovery-cell-fault",
 
     /// Every dimension is compatible; nothing caps the recommendation.
     CompositionEligible = "composition-eligible",

@@ -82,6 +82,8 @@ crate::closed_set! {
         EvidenceMissing = "evidence-missing",
         /// Record or evidence are in a form that this build does not read.
         Unreadable = "unreadable",
+        /// Other rules decided it, and the rules of this build give another result.
+        OtherRules = "other-rules",
         /// Another build decided it, and the rules of this build give another result.
         OtherBuild = "other-build",
         /// Telemetry it rests on was removed for age.
@@ -151,6 +153,8 @@ crate::closed_set! {
         Resumed = "resumed",
         /// Blocked or unblocked a version under profiles.
         ProfilesSet = "profiles-set",
+        /// Made a version its family's anchor.
+        AnchorSet = "anchor-set",
         /// Activated a version by break-glass.
         BrokeGlass = "broke-glass",
     }

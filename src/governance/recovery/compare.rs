@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn few_failures_are_inconclusive() {
-        let of = |passed, failed| DrillTally { passed, failed, infeasible: 0 };
+        let of = |passed, failed| DrillTally { passed, failed, infeasible: 0, failed_alone: 0 };
         for (candidate, active, leans) in [
             (of(37, 3), of(40, 0), false),
             (of(36, 4), of(40, 0), true),
@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn significant_worsening_follows_from_the_counts() {
-        let of = |passed, failed| DrillTally { passed, failed, infeasible: 0 };
+        let of = |passed, failed| DrillTally { passed, failed, infeasible: 0, failed_alone: 0 };
         for (candidate, active, worse) in [
             (of(40, 0), of(40, 0), false),
             (of(34, 6), of(40, 0), false),

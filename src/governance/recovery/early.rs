@@ -140,6 +140,7 @@ pub fn assess_early_stop(
         rates: kinds.iter().map(|kind| (kind.kind, kind.candidate.rate)).collect(),
         kinds,
         phases: super::phases::phases(evidence, profile),
+        settled: Vec::new(),
         ended: Some(ended),
     }
 }

@@ -116,7 +116,7 @@ mod tests {
     use crate::profile::ProfileName;
 
     const fn of(passed: u32, failed: u32) -> DrillTally {
-        DrillTally { passed, failed, infeasible: 0 }
+        DrillTally { passed, failed, infeasible: 0, failed_alone: 0 }
     }
 
     /// Drills of every kind in four phases, ten each, all passed but those of one kind in one phase.
@@ -142,6 +142,7 @@ mod tests {
             policy: digest,
             environment: digest,
             neighbours: None,
+            anchor: None,
         };
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         super::super::assess(
@@ -201,7 +202,7 @@ mod tests {
         let mut without = good;
         for kind in DrillKind::ALL {
             *without.phases.of_mut(kind, WorkPhase::Lifting) =
-                DrillTally { passed: 0, failed: 0, infeasible: 20 };
+                DrillTally { passed: 0, failed: 0, infeasible: 20, failed_alone: 0 };
         }
         let found = phase_judgement(&without, &good).assessment;
         assert_eq!(found.outcome, RecoveryOutcome::NoData);

@@ -27,10 +27,11 @@ use holdpoint_governance::evidence::{
 };
 use holdpoint_governance::gate::{self, GateInput, GateOutcome};
 use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
+use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::{Monitor, MonitorAction};
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
-use holdpoint_governance::recovery::{self, StaticInput};
+use holdpoint_governance::recovery::{self, FallbackMatch, StaticInput};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_runtime::agent::ActiveView as _;
 use holdpoint_runtime::capability::Capability;
@@ -163,12 +164,13 @@ fn static_kappas(subjects: &Subjects, table: &PolicyTable) -> Result<Kappas, Ben
     );
     let watched: BTreeSet<FailureSignal> = FailureSignal::ALL.into_iter().collect();
     let fallback = candidate.manifest.recovery.fallback.as_ref();
+    let found = |family| FallbackMatch::of(subjects.active.active(family).map(|_| State::Active));
     let recovery = recovery::static_part(&StaticInput {
         manifest: &candidate.manifest,
         exports: Some(&exports),
         predecessor_loads: Some(true),
         predecessor_digest_true: Some(true),
-        fallback_resolves: fallback.map(|binding| subjects.active.active(&binding.family).is_some()),
+        fallback: fallback.map(|binding| found(&binding.family)),
         watcher_knows: &watched,
     });
     Ok(Kappas {
@@ -240,7 +242,8 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         .map(|seed| Pair { seed, active: CLEAN, candidate: CLEAN })
         .collect();
     let paired = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
-    let passed = DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0 };
+    let passed =
+        DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0, failed_alone: 0 };
     let drills = DrillTallies {
         rollback: passed,
         fallback: passed,

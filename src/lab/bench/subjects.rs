@@ -14,6 +14,7 @@ use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::rules_version::RulesVersion;
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
@@ -84,6 +85,7 @@ impl Subjects {
             policy: self.table.digest,
             environment: self.cell.digest(),
             neighbours: None,
+            anchor: None,
         })
     }
 
@@ -98,7 +100,9 @@ impl Subjects {
             authority: Digest::of_parts("holdpoint.bench.v1", &[b"authority"]),
             environment: binding.environment,
             neighbours: binding.neighbours,
+            anchor: binding.anchor,
             evidence: Digest::of_parts("holdpoint.bench.v1", &[b"evidence"]),
+            rules: RulesVersion::CURRENT,
         })
     }
 }

@@ -5,6 +5,7 @@
 
 use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ, TaskKind};
 use holdpoint_engine::cell::{Cell, Conditions};
+use holdpoint_engine::context::Context;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
@@ -60,6 +61,16 @@ pub struct JudgedVersion {
     pub terms: SkillTerms,
 }
 
+impl JudgedVersion {
+    /// A version under the profile of a context, within its own declaration.
+    #[must_use]
+    pub fn new(context: &Context, version: Capability) -> Self {
+        let declared = &version.manifest.permissions;
+        let terms = context.terms().capped(declared.max_speed_m_s, declared.max_force_n);
+        Self { version, terms }
+    }
+}
+
 /// The active versions beside it, in the order of a sequence.
 pub type ActiveTeam = Vec<JudgedVersion>;
 
@@ -69,8 +80,14 @@ pub fn seed(channel: Channel, index: u64) -> u64 {
     TRUTH_FROM + channel as u64 * CHANNEL_SEEDS + index
 }
 
+/// The conditions of a single episode: sandbox and live in turns.
+#[must_use]
+pub fn conditions(index: u64) -> Conditions {
+    if index.is_multiple_of(2) { Conditions::Sandbox } else { Conditions::Live }
+}
+
 /// The referee, and the data that it does not look at.
-struct RefereeWitness {
+pub(super) struct RefereeWitness {
     referee: Referee,
     seen: RefereeObservation,
 }
@@ -82,13 +99,13 @@ impl RefereeWitness {
         self.seen.time_s += record.time_secs;
     }
 
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         // Reports everything at which a class of the scale begins.
         let limits = RefereeLimits { force_hard_n: 5.0, collision_n: 0.0, ..RefereeLimits::default() };
         Self { referee: Referee::new(limits), seen: RefereeObservation::default() }
     }
 
-    fn observe(&mut self, world: &World) {
+    pub(super) fn observe(&mut self, world: &World) {
         self.referee.observe(world);
         let forces = world.forces();
         let seen = &mut self.seen;
@@ -102,7 +119,7 @@ impl RefereeWitness {
         }
     }
 
-    fn observation(self, done: bool) -> RefereeObservation {
+    pub(super) fn observation(self, done: bool) -> RefereeObservation {
         let report = self.referee.verdict();
         let ticks =
             |kind| report.event(kind).map_or(0, |event| u32::try_from(event.ticks).unwrap_or(u32::MAX));
@@ -120,7 +137,7 @@ fn worse(so_far: f64, now: f64) -> f64 {
     if now.is_nan() { now } else { so_far.max(now) }
 }
 
-fn begin(judged: &JudgedVersion, seed: u64) -> TaskRun {
+pub(super) fn begin(judged: &JudgedVersion, seed: u64) -> TaskRun {
     let JudgedVersion { version, terms } = judged;
     let guard = terms.guard(&version.manifest.permissions);
     let task = terms.task(version.bundle.task(), seed, version.abort_secs());
@@ -161,10 +178,7 @@ pub fn item(
     let seed = seed(channel, index);
     let task = judged.version.bundle.task();
     let worked = match channel {
-        Channel::Episodes => {
-            let conditions = if index.is_multiple_of(2) { Conditions::Sandbox } else { Conditions::Live };
-            episode(worker, cell, judged, conditions, seed)
-        }
+        Channel::Episodes => episode(worker, cell, judged, conditions(index), seed),
         Channel::Sequences => sequence(worker, cell, judged, team, seed),
         Channel::Stops => stop(worker, cell, judged, seed),
         Channel::Rollbacks => rollback(worker, cell, judged, team, seed),
@@ -366,15 +380,8 @@ fn rollback(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_engine::context::Context;
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
-
-    fn judged(context: &Context, version: Capability) -> JudgedVersion {
-        let declared = &version.manifest.permissions;
-        let terms = context.terms().capped(declared.max_speed_m_s, declared.max_force_n);
-        JudgedVersion { version, terms }
-    }
 
     fn context() -> Context {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
@@ -385,7 +392,7 @@ mod tests {
     fn team() -> ActiveTeam {
         let context = context();
         let baselines = holdpoint_engine::embedded::baselines().unwrap();
-        baselines.into_iter().map(|version| judged(&context, version)).collect()
+        baselines.into_iter().map(|version| JudgedVersion::new(&context, version)).collect()
     }
 
     /// The hook's own report is not used: the pose of arm and object that the next version gets counts.
@@ -406,7 +413,7 @@ mod tests {
         let (from, to) = ("rollback = \"handover\"", "rollback = \"none\"");
         assert!(package.params.contains(from), "{}", package.params);
         package.params = package.params.replace(from, to);
-        let silent = judged(&context(), Capability::load("silent", package).unwrap());
+        let silent = JudgedVersion::new(&context(), Capability::load("silent", package).unwrap());
         // It never reports that it is done: the interrupt stops the arm, and the version before continues from there.
         let after = ends(&silent);
         assert_eq!(after.len(), before.len());

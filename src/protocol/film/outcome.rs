@@ -5,6 +5,7 @@
 
 use holdpoint_body::{CodeFault, FailureSignal};
 use holdpoint_governance::evidence::{DrillKind, HardStop};
+use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::policy_hit::PolicyHit;
 use holdpoint_governance::watcher_signal::WatcherSignal;
@@ -85,6 +86,8 @@ pub enum OutcomePart {
     Task {
         /// Whether it was done.
         done: bool,
+        /// Why it was not, physically; absent where it was done, or nothing is known.
+        cause: Option<FailureCause>,
     },
     /// The version made further attempts.
     Attempts {
@@ -126,6 +129,8 @@ pub enum MarkedEvent {
     TaskEnded {
         /// Whether it was done.
         done: bool,
+        /// Why it was not, physically; absent where it was done, or nothing is known.
+        cause: Option<FailureCause>,
     },
     /// A drill began.
     DrillBegan(DrillKind),

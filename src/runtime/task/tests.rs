@@ -322,6 +322,7 @@ fn earliest_event_is_the_cause_of_a_failed_task() {
     let raised = |signal, tick| RaisedSignal { signal, tick };
     assert_eq!(TaskRecord { success: true, ..failed() }.failure_cause(), None);
     assert_eq!(failed().failure_cause(), Some(Cause::Missed), "nothing was raised, and it does not hold");
+    assert_eq!(TaskRecord { intervention: true, ..failed() }.failure_cause(), None, "a person ended it");
     assert_eq!(TaskRecord::refused(TaskKind::Grasp, 1).failure_cause(), Some(Cause::Refused));
     let declared = TaskRecord { declared: Some(FailureSignal::ObjectSlipped), ..failed() };
     assert_eq!(declared.failure_cause(), Some(Cause::Slipped));

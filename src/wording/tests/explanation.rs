@@ -22,7 +22,7 @@ use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::notice::{Notice, NoticeOrText};
-use holdpoint_governance::permission::PermissionUse;
+use holdpoint_governance::permission::{PeakQuantity, PermissionUse};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::{Rung, RungFailure, TriggerKind};
@@ -116,7 +116,7 @@ fn improved() -> BehaviorComponent {
 
 fn remedies() -> Vec<Remedy> {
     let found = content(Some(0.25), Some(0.1));
-    let tally = DrillTally { passed: 26, failed: 14, infeasible: 0 };
+    let tally = DrillTally { passed: 26, failed: 14, infeasible: 0, failed_alone: 0 };
     let (weakest, fewer) = (DrillKind::Rollback, Some(EpisodeReduction { fewer: 8, of: 120 }));
     let stated = Finding::HookUndeclared { hook: HookKind::Rollback };
     let stated = ReasonContent { finding: Some(stated), ..ReasonContent::default() };
@@ -129,6 +129,8 @@ fn remedies() -> Vec<Remedy> {
         Remedy::WorsenLess { component: component(Some(0.12)), fewer },
         Remedy::WorsenLess { component: component(None), fewer: None },
         Remedy::EndSignificance(component(Some(0.12))),
+        Remedy::RaiseDeclaration { quantity: PeakQuantity::Force, asked: 18.04, declared: 12.0 },
+        Remedy::RaiseDeclaration { quantity: PeakQuantity::Speed, asked: 0.3, declared: 0.25 },
         Remedy::PassRollbackDrills { passed: 26, all: 40, needed: 28 },
         Remedy::StrengthenRecovery { weakest, tally, recovery: Some(0.66), least: Some(0.7) },
         Remedy::StrengthenRecovery { weakest, tally, recovery: Some(0.66), least: None },
@@ -144,8 +146,8 @@ fn drills(phase: Option<WorkPhase>) -> DrillComparison {
     DrillComparison {
         kind: DrillKind::Abort,
         phase,
-        candidate: DrillTally { passed: 26, failed: 14, infeasible: 0 },
-        active: DrillTally { passed: 40, failed: 0, infeasible: 0 },
+        candidate: DrillTally { passed: 26, failed: 14, infeasible: 0, failed_alone: 0 },
+        active: DrillTally { passed: 40, failed: 0, infeasible: 0, failed_alone: 0 },
     }
 }
 

@@ -137,7 +137,7 @@ fn a_worsening_says_its_direction_in_words() {
 
 #[test]
 fn drills_are_counted_beside_those_of_the_version_compared_with() {
-    let tally = |passed| DrillTally { passed, failed: 10 - passed, infeasible: 0 };
+    let tally = |passed| DrillTally { passed, failed: 10 - passed, infeasible: 0, failed_alone: 0 };
     let drills = vec![DrillComparison {
         kind: DrillKind::Rollback,
         phase: None,
@@ -167,7 +167,13 @@ fn drills_are_counted_beside_those_of_the_version_compared_with() {
 fn rejected_version_names_why_its_tasks_failed_and_what_it_asked_for() {
     let counts = FailureCounts {
         pairs: 300,
-        own: vec![(FailureCause::Dropped, 40), (FailureCause::Missed, 35)],
+        own: vec![
+            (FailureCause::Dropped, 40),
+            (FailureCause::Missed, 35),
+            (FailureCause::Late, 4),
+            (FailureCause::Code, 2),
+            (FailureCause::Pressed, 1),
+        ],
         other: vec![(FailureCause::Missed, 60)],
     };
     let asked = PermissionExcess::Asked { quantity: PeakQuantity::Force, asked: 18.0, declared: 12.0 };
@@ -177,8 +183,8 @@ fn rejected_version_names_why_its_tasks_failed_and_what_it_asked_for() {
     let all = lines.details.join("\n");
     for wanted in [
         "it asks for a force of 18.0 N and declares 12; it counts: the command is clamped",
-        "failed tasks in 300 pairs: 75 (dropped 40, missed 35)",
-        ": 60 (missed 60)",
+        "failed tasks in 300 pairs: 82 (dropped the object: 40, missed the object: 35, took too long: 4, other causes: 3)",
+        ": 60 (missed the object: 60)",
     ] {
         assert!(all.contains(wanted), "{wanted}: {all}");
     }

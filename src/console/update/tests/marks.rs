@@ -130,6 +130,7 @@ fn only_reject_and_hold_take_marks() {
                 | Action::Release
                 | Action::Continue
                 | Action::Rearm
+                | Action::Anchor
                 | Action::BreakGlass
         );
         if gives_authority {

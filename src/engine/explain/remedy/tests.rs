@@ -3,6 +3,7 @@
 use super::*;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::explanation::ReasonContent;
+use holdpoint_governance::permission::PeakQuantity;
 
 fn reason(code: &str, dimension: &str, text: &str, evidence: f64, limit: f64) -> ReasonRecord {
     let value = serde_json::json!({
@@ -116,14 +117,25 @@ fn a_worsening_within_its_margin_is_no_change_beside_others_that_decide() {
     violation.lower = 0.1;
     assert_eq!(remedy(&worse, &evidence_file), None, "the violations decide");
     assert!(is_within_margin(&worse, &evidence_file));
-    // Alone it counts in the sum.
+    // Alone it decides nothing; with others the sum does.
     evidence_file.behavior.as_mut().unwrap().components.remove(0);
+    assert_eq!(remedy(&worse, &evidence_file), None);
+    let attempts = BehaviorComponent { name: ComponentName::Retry, worsening: 0.5, ..time(0.6) };
+    add(&mut evidence_file, attempts);
     assert_eq!(remedy(&worse, &evidence_file), Some(Remedy::Act(RemedyAction::ReduceSum)));
-    // Past its margin it decides.
+    assert!(!is_within_margin(&worse, &evidence_file));
+    // Past its margin it decides, whatever its upper bound is.
     evidence_file.behavior.as_mut().unwrap().components.clear();
-    add(&mut evidence_file, time(0.25));
-    let expected = Remedy::WorsenLess { component: time(0.25), fewer: None };
+    add(&mut evidence_file, time(0.24));
+    let expected = Remedy::WorsenLess { component: time(0.24), fewer: None };
     assert_eq!(remedy(&worse, &evidence_file), Some(expected));
+    evidence_file.behavior.as_mut().unwrap().components.clear();
+    add(&mut evidence_file, BehaviorComponent { upper: Some(0.9), ..time(0.6) });
+    assert_eq!(
+        remedy(&worse, &evidence_file),
+        None,
+        "few pairs bound it from above badly, and it is tolerated"
+    );
 }
 
 /// No violation is accepted once it is significant, however small the worsening.
@@ -159,7 +171,7 @@ fn drills_are_counted() {
     let expected = Remedy::PassRollbackDrills { passed: 26, all: 40, needed: 28 };
     assert_eq!(remedy(&record, &evidence_file), Some(expected));
     let record = reason("recovery-fragile", "recovery", "below the floor", 0.66, 0.7);
-    let tally = |passed| DrillTally { passed, failed: 40 - passed, infeasible: 0 };
+    let tally = |passed| DrillTally { passed, failed: 40 - passed, infeasible: 0, failed_alone: 0 };
     let expected = Remedy::StrengthenRecovery {
         weakest: DrillKind::Rollback,
         tally: tally(26),
@@ -172,6 +184,30 @@ fn drills_are_counted() {
     let expected =
         ReasonMeasurement::Drills(vec![drills(DrillKind::Rollback, 26), drills(DrillKind::Abort, 40)]);
     assert_eq!(measured(&record, &evidence_file), Some(expected));
+}
+
+/// The named values stand first, and in place of the general advice to declare.
+#[test]
+fn a_declaration_that_is_too_low_is_named() {
+    let mut evidence_file = file_with_violations(0);
+    let permissions = serde_json::json!({
+        "declared": {
+            "channels": ["gripper"], "commands": ["gripper"], "zones": ["work"], "sensors": [], "tools": [],
+            "max_speed_m_s": 0.4, "max_force_n": 12.0, "authority": 1,
+            "resources": { "cpu_us_per_tick": 50, "memory_kib": 256 },
+        },
+        "used": { "asked_force_n": 18.0, "force_max_n": 14.0 },
+        "sensors_read": [], "tools_read": [], "tasks": 7, "exceeded": [], "unused": [],
+    });
+    evidence_file.permissions = Some(serde_json::from_value(permissions).unwrap());
+    let raise = Remedy::RaiseDeclaration { quantity: PeakQuantity::Force, asked: 18.0, declared: 12.0 };
+    let drills = reason("recovery-rollback-below-floor", "recovery", "too seldom", 0.65, 0.7);
+    let own = Remedy::PassRollbackDrills { passed: 26, all: 40, needed: 28 };
+    assert_eq!(all_remedies(&drills, &evidence_file), [raise.clone(), own]);
+    let asks = reason("behavior-asks-more", "behavior", "it asks for more", 0.5, 0.05);
+    assert_eq!(all_remedies(&asks, &evidence_file), [raise]);
+    let slow = reason("behavior-suspicious", "behavior", "time, in other words", 0.08, 0.05);
+    assert_eq!(all_remedies(&slow, &evidence_file).len(), 1, "clamping explains no other reason");
 }
 
 #[test]

@@ -3,12 +3,12 @@
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::explanation::{ReasonMeasurement, Remedy};
-use holdpoint_governance::outcome::CheckResult;
+use holdpoint_governance::outcome::{CheckResult, StageOutcome};
 use holdpoint_protocol::explanation::Ruling;
 
 use crate::explain::explained_decision::{DecisionReason, ExplainedDecision};
 use crate::explain::lenient_bodies::{EvidenceFileRecord, ReasonRecord};
-use crate::explain::remedy::{is_in_favor, is_within_margin, remedy};
+use crate::explain::remedy::{all_remedies, is_in_favor, is_within_margin};
 
 /// A reason of a rule against the version, with its measurement.
 #[derive(Clone, Copy)]
@@ -56,7 +56,37 @@ pub(super) fn decisive_reasons<'a>(
 pub(super) fn reason_remedies(reasons: &[RuleReason<'_>], file: &EvidenceFileRecord) -> Vec<Remedy> {
     let all_for_review = reasons.iter().all(|reason| is_for_review(reason.record));
     let deciding = reasons.iter().filter(|reason| all_for_review || !is_for_review(reason.record));
-    deciding.filter_map(|reason| remedy(reason.record, file)).collect()
+    deciding.flat_map(|reason| all_remedies(reason.record, file)).collect()
+}
+
+/// What would change a decision: the remedies of what decided against the version, or of all but the checks that passed.
+pub(in crate::explain) fn decision_remedies(
+    decision: &ExplainedDecision,
+    file: &EvidenceFileRecord,
+) -> Vec<Remedy> {
+    if rejects(&decision.ruling) {
+        return reason_remedies(&decisive_reasons(decision, file, true), file);
+    }
+    let checks = file.assessments().map(|kappas| kappas.checks());
+    let has_passed = |of: Dimension| checks.is_some_and(|checks| checks.contains(&(of, CheckResult::Pass)));
+    let open = decision.reasons.iter().filter_map(|reason| match reason {
+        DecisionReason::Rule { reason, .. } => Some(reason),
+        DecisionReason::Remark(_) => None,
+    });
+    let open = open.filter(|reason| !dimension(reason).is_some_and(has_passed));
+    open.flat_map(|reason| all_remedies(reason, file)).collect()
+}
+
+/// Whether a stage ends with this ruling for the version, by its own rule.
+fn rejects(ruling: &Ruling) -> bool {
+    match ruling {
+        Ruling::Registration(outcome) | Ruling::Validation(outcome) => *outcome == StageOutcome::Reject,
+        // The sandbox again is what a version gets that failed in it.
+        Ruling::Sandbox(outcome) => *outcome == StageOutcome::Reject || *outcome == StageOutcome::Sandbox,
+        Ruling::Shadow(outcome) => *outcome == StageOutcome::Fail,
+        Ruling::Activation(outcome) => *outcome == StageOutcome::Reject || *outcome == StageOutcome::Demote,
+        Ruling::Monitor(_) | Ruling::Rollback(_) | Ruling::People(_) => false,
+    }
 }
 
 /// The items that fit; all of them if none does.
@@ -107,14 +137,18 @@ fn is_for_review(reason: &ReasonRecord) -> bool {
     )
 }
 
-/// How far a reason is past its limit, as a share of it; past a limit of 0, the value. What has no number is past all.
+/// How far a reason is past its limit, as a share of it; past a limit of 0, the value. What has no number is past all, and
+/// so is a component that decides alone. A component within its limit is below 0.
 fn excess(reason: &RuleReason<'_>) -> f64 {
     let share = |value: f64, limit: f64| {
         if limit == 0.0 { value.abs() } else { ((value - limit) / limit).abs() }
     };
     match (reason.measured, reason.record.evidence, reason.record.limit) {
+        (Some(ReasonMeasurement::Component { component, .. }), ..) if component.decides_alone() => {
+            f64::INFINITY
+        }
         (Some(ReasonMeasurement::Component { component, .. }), ..) => {
-            share(component.worsening, component.tolerance)
+            (component.worsening - component.tolerance) / component.tolerance
         }
         (_, Some(value), Some(limit)) => share(value, limit),
         _ => f64::INFINITY,
@@ -124,7 +158,7 @@ fn excess(reason: &RuleReason<'_>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_governance::outcome::StageOutcome;
+    use holdpoint_governance::behavior::{BehaviorComponent, ComponentName};
 
     fn reason(code: &str, dimension: &str, text: &str, numbers: Option<(f64, f64)>) -> DecisionReason {
         let value = serde_json::json!({
@@ -156,6 +190,24 @@ mod tests {
         assert_eq!(texts(ruling(), reasons(), false), ["events", "failures", "more speed"]);
     }
 
+    /// Regression: the component furthest within its limit came first.
+    #[test]
+    fn a_component_within_its_limit_comes_after_one_past_it() {
+        let of = |name, worsening, tolerance| {
+            let component = BehaviorComponent { name, worsening, lower: 0.01, upper: None, tolerance };
+            let DecisionReason::Rule { reason, .. } =
+                reason("behavior-established-worse", "behavior", "worse", None)
+            else {
+                panic!("a rule's reason")
+            };
+            let measured = ReasonMeasurement::Component { component, pairs: 300 };
+            excess(&RuleReason { record: &reason, measured: Some(&measured) })
+        };
+        let (time, success) = (of(ComponentName::Time, 0.026, 0.6), of(ComponentName::Success, 0.16, 0.15));
+        assert!(time < 0.0 && success > 0.0, "{time} {success}");
+        assert!(of(ComponentName::Violation, 0.02, 0.05) > success, "it decides alone");
+    }
+
     #[test]
     fn what_people_may_accept_comes_after_what_rejects() {
         let reasons = vec![
@@ -171,6 +223,7 @@ mod tests {
         let texts: Vec<&str> = decisive.iter().map(|reason| reason.record.older_text.as_str()).collect();
         assert_eq!(texts, ["coverage", "high risk", "a review"]);
         assert_eq!(reason_remedies(&decisive, &file).len(), 2, "what people may accept did not reject it");
+        assert_eq!(decision_remedies(&decision, &file).len(), 2, "the whole explanation asks for as much");
     }
 
     #[test]

@@ -5,6 +5,7 @@ use crate::trial::drills::DrillResult;
 use crate::trial::seeds::SeedPurpose;
 use holdpoint_governance::evidence::{DrillKind, DrillTallies};
 use holdpoint_governance::profile::Profile;
+use holdpoint_governance::recovery::{CLEAN_DRILLS, DrillContrast, SETTLED_KINDS};
 
 /// Pairs in one slice of work.
 const PAIRS_A_SLICE: u64 = 20;
@@ -35,6 +36,10 @@ pub struct EvaluationPlan {
     pub sequences: u32,
     /// Seeds of the sequences.
     pub sequence_seeds: SeedPurpose,
+    /// The anchor runs the pairs' seeds too, if pairs and drills reject nothing.
+    pub has_anchor: bool,
+    /// Failed stops and rollbacks are settled by more drills, likewise.
+    pub is_settling: bool,
 }
 
 impl EvaluationPlan {
@@ -48,7 +53,15 @@ impl EvaluationPlan {
             drill_seeds: SeedPurpose::Drill,
             sequences: profile.evaluation.sandbox_sequences,
             sequence_seeds: SeedPurpose::Sequence,
+            has_anchor: false,
+            is_settling: true,
         }
+    }
+
+    /// The same with an anchor to compare with, or without.
+    #[must_use]
+    pub const fn with_anchor(self, has_anchor: bool) -> Self {
+        Self { has_anchor, ..self }
     }
 
     /// The same budget on seeds that the sandbox did not use.
@@ -58,6 +71,7 @@ impl EvaluationPlan {
             pair_seeds: SeedPurpose::Confirmation,
             drill_seeds: SeedPurpose::ConfirmationDrill,
             sequence_seeds: SeedPurpose::ConfirmationSequence,
+            is_settling: false,
             ..Self::sandbox(profile)
         }
     }
@@ -73,11 +87,19 @@ impl EvaluationPlan {
         }
     }
 
-    /// Pairs, drills and sequences together.
+    /// Pairs, drills, the anchor's episodes and sequences together, if no failed drill needs more.
     #[must_use]
     pub fn budget(&self) -> u64 {
-        let episodes = u64::from(self.pairs) + u64::from(self.sequences);
-        episodes + DrillKind::ALL.len() as u64 * u64::from(self.drills)
+        let anchor = if self.has_anchor { u64::from(self.pairs) } else { 0 };
+        let episodes = u64::from(self.pairs) + anchor + u64::from(self.sequences);
+        let settling = SETTLED_KINDS.len() as u64 * self.settling_drills();
+        episodes + DrillKind::ALL.len() as u64 * u64::from(self.drills) + settling
+    }
+
+    /// Drills of a settled kind past the base number, if none of them fails.
+    pub(super) fn settling_drills(&self) -> u64 {
+        let is_settled = self.is_settling && self.drills > 0;
+        if is_settled { u64::from(CLEAN_DRILLS.saturating_sub(self.drills)) } else { 0 }
     }
 }
 
@@ -86,7 +108,18 @@ impl EvaluationPlan {
 pub(super) enum NextSlice {
     Pairs,
     Drills(DrillKind),
+    /// Episodes of the anchor on the seeds of the pairs.
+    Anchor,
+    /// More drills of a kind.
+    Settling(DrillKind),
     Sequences,
+}
+
+impl NextSlice {
+    /// Whether it is for versions only that pairs and drills do not reject.
+    pub(super) const fn is_late(self) -> bool {
+        matches!(self, Self::Anchor | Self::Settling(_) | Self::Sequences)
+    }
 }
 
 /// How far an evaluation has come: whose turn it is follows from this and the plan.
@@ -96,6 +129,8 @@ pub(super) struct EvaluationProgress {
     pub(super) pairs_tried: u64,
     pub(super) drills: (DrillTallies, DrillTallies),
     pub(super) drills_tried: [u64; DrillKind::ALL.len()],
+    /// Pairs whose seeds the anchor has run.
+    pub(super) anchored: u64,
     pub(super) sequences: u64,
     pub(super) sequences_tried: u64,
     pub(super) turns: usize,
@@ -104,7 +139,7 @@ pub(super) struct EvaluationProgress {
 impl EvaluationProgress {
     /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
     /// that mostly fails goes first: the order within a kind stays as it was committed to, so that both stopping
-    /// rules hold, and a candidate that cannot recover is known sooner. Sequences come last.
+    /// rules hold, and a candidate that cannot recover is known sooner. The anchor, the settling of drills and sequences come last.
     pub(super) fn next(&self, plan: &EvaluationPlan) -> Option<NextSlice> {
         let left = |kind: &DrillKind| {
             let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
@@ -127,12 +162,24 @@ impl EvaluationProgress {
             (true, Some(kind)) if self.turns % 2 == 1 => Some(NextSlice::Drills(kind)),
             (true, _) => Some(NextSlice::Pairs),
             (false, Some(kind)) => Some(NextSlice::Drills(kind)),
-            (false, None) => {
+            (false, None) if plan.has_anchor && self.anchored < self.pairs => Some(NextSlice::Anchor),
+            (false, None) => self.settling(plan).or_else(|| {
                 let wanted = u64::from(plan.sequences);
                 let left = self.sequences < wanted && self.sequences_tried < ATTEMPTS_FACTOR * wanted;
                 left.then_some(NextSlice::Sequences)
-            }
+            }),
         }
+    }
+
+    fn settling(&self, plan: &EvaluationPlan) -> Option<NextSlice> {
+        let is_wanted = |kind: &DrillKind| {
+            let contrast = DrillContrast::of(*kind, &self.drills.0, &self.drills.1);
+            let wanted = contrast.drills_wanted();
+            contrast.drills < wanted
+                && self.drills_tried[*kind as usize] < ATTEMPTS_FACTOR * u64::from(wanted)
+        };
+        let is_settled = plan.is_settling && plan.drills > 0;
+        is_settled.then(|| SETTLED_KINDS.into_iter().find(is_wanted).map(NextSlice::Settling))?
     }
 
     /// The seeds of a slice, as places among its purpose's.
@@ -142,7 +189,8 @@ impl EvaluationProgress {
                 let missing = u64::from(plan.pairs).saturating_sub(self.pairs);
                 self.pairs_tried..self.pairs_tried + PAIRS_A_SLICE.min(missing)
             }
-            NextSlice::Drills(kind) => {
+            NextSlice::Anchor => self.anchored..self.pairs.min(self.anchored + PAIRS_A_SLICE),
+            NextSlice::Drills(kind) | NextSlice::Settling(kind) => {
                 let tried = self.drills_tried[kind as usize];
                 tried..tried + DRILLS_A_SLICE
             }
@@ -162,7 +210,8 @@ impl EvaluationProgress {
                 self.pairs += range.end - range.start;
                 self.pairs_tried = range.end;
             }
-            NextSlice::Drills(kind) => {
+            NextSlice::Anchor => self.anchored = range.end,
+            NextSlice::Drills(kind) | NextSlice::Settling(kind) => {
                 self.drills_tried[kind as usize] = range.end;
                 for _ in range {
                     tally(&mut self.drills.0, kind, &[], &[DrillResult::Passed]);

@@ -37,6 +37,7 @@ fn binding() -> EvidenceBinding {
         policy: digest,
         environment: digest,
         neighbours: None,
+        anchor: None,
     }
 }
 
@@ -143,6 +144,23 @@ fn evaluation_of_a_candidate_that_cannot_stop_ends_early() {
     assert!(evaluation.done() < evaluation.plan.budget(), "{} done", evaluation.done());
     let (_, recovery) = evaluation.assess(&profile);
     assert_eq!(recovery.assessment.outcome, RecoveryOutcome::Incompatible);
+}
+
+/// Gives up before its hand is at the object, as every grasp of a robot does that cannot reach it.
+const HASTY: (&str, &str) = ("timeout_secs = 7.0", "timeout_secs = 1.0");
+
+#[test]
+fn active_version_that_cannot_be_drilled_does_not_reject_a_candidate() {
+    let (candidate, active) = (version("grasp/1.0.0", &[]), version("grasp/1.0.0", &[HASTY]));
+    let (evaluation, _) = evaluate_versions(&candidate, &active, &small(), (usize::MAX, 1));
+    let (_, recovery) = evaluation.assess(&small());
+    assert_eq!(recovery.assessment.outcome, RecoveryOutcome::NoData, "{:?}", recovery.assessment.reasons);
+    let fault = Some(Finding::ActiveUndrillable { drill: DrillKind::Rollback });
+    assert!(recovery.assessment.reasons.iter().any(|reason| reason.finding == fault));
+    // The same drills reject it where they are counted against it alone.
+    let ended = evaluation.ended().unwrap();
+    let alone = recovery::assess_early_stop(&evaluation.rehearsed(), &binding(), &small(), ended);
+    assert_eq!(alone.assessment.outcome, RecoveryOutcome::Incompatible, "{:?}", evaluation.rehearsed());
 }
 
 #[test]

@@ -15,7 +15,7 @@ use holdpoint_governance::manifest::Manifest;
 use holdpoint_governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::recovery::{self, StaticInput};
+use holdpoint_governance::recovery::{self, FallbackMatch, StaticInput};
 use holdpoint_governance::submission::InterfaceChange;
 
 use crate::fixture::{
@@ -333,7 +333,7 @@ fn missing_recovery_declarations_have_their_outcomes() {
         exports: Some(&code),
         predecessor_loads: Some(true),
         predecessor_digest_true: Some(true),
-        fallback_resolves: Some(true),
+        fallback: Some(FallbackMatch::Usable),
         watcher_knows: &knows,
     };
     let hookless = manifest_with("rollback_hook = \"restore\"\n", "");
@@ -362,9 +362,15 @@ fn missing_recovery_declarations_have_their_outcomes() {
         ),
         (
             "lost",
-            StaticInput { fallback_resolves: Some(false), ..good },
+            StaticInput { fallback: Some(FallbackMatch::Unregistered), ..good },
             RecoveryOutcome::Incompatible,
             RecoveryFallbackUnresolved,
+        ),
+        (
+            "not in the cell",
+            StaticInput { fallback: Some(FallbackMatch::NotUsable), ..good },
+            RecoveryOutcome::NoData,
+            RecoveryCellFault,
         ),
         (
             "damaged",

@@ -126,7 +126,7 @@ fn early_stop_reason_round_trips() {
 
 /// Drills with `passed` passed of `of` done, alike in the four kinds.
 fn done(passed: u32, of: u32) -> DrillTallies {
-    let tally = DrillTally { passed, failed: of - passed, infeasible: 0 };
+    let tally = DrillTally { passed, failed: of - passed, infeasible: 0, failed_alone: 0 };
     DrillTallies { rollback: tally, fallback: tally, abort: tally, detect: tally, ..DrillTallies::default() }
 }
 
@@ -135,7 +135,7 @@ fn drills_end_by_the_counts() {
     let profile = profile(ProfileName::Real);
     assert_eq!(profile.evaluation.drills_per_kind, 40);
     let early = Some(EarlyStopReason::FinitePopulation { alpha: profile.evaluation.early_alpha });
-    let seven = DrillTally { passed: 0, failed: 7, infeasible: 0 };
+    let seven = DrillTally { passed: 0, failed: 7, infeasible: 0, failed_alone: 0 };
     let whole = done(40, 40);
     for (candidate, expected) in [
         (DrillTallies::default(), None),
@@ -148,7 +148,13 @@ fn drills_end_by_the_counts() {
             Some(EarlyStopReason::Curtailed),
         ),
         (DrillTallies { rollback: seven, ..whole }, early),
-        (DrillTallies { rollback: DrillTally { passed: 3, failed: 4, infeasible: 0 }, ..whole }, None),
+        (
+            DrillTallies {
+                rollback: DrillTally { passed: 3, failed: 4, infeasible: 0, failed_alone: 0 },
+                ..whole
+            },
+            None,
+        ),
         // A fallback that never works alone is lost only once all of its drills are done.
         (
             DrillTallies { fallback: DrillTally { failed: 39, ..DrillTally::default() }, ..whole },
@@ -260,7 +266,7 @@ proptest! {
         hits in proptest::array::uniform4(0.0..1.0f64),
     ) {
         let profile = profile(ProfileName::Real);
-        let tally = |passed: u32, of: u32| DrillTally { passed, failed: of - passed, infeasible: 0 };
+        let tally = |passed: u32, of: u32| DrillTally { passed, failed: of - passed, infeasible: 0, failed_alone: 0 };
         let of = |passed: [u32; 4]| {
             let [rollback, fallback, abort, detect] = passed.map(|passed| tally(passed, 40));
             DrillTallies { rollback, fallback, abort, detect, ..DrillTallies::default() }

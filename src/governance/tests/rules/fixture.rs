@@ -16,6 +16,7 @@ use holdpoint_governance::outcome::{
     Assessment, Basis, BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
 };
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::rules_version::RulesVersion;
 use holdpoint_governance::wall_time::WallTime;
 
 pub const MANIFEST: &str = r#"
@@ -124,11 +125,12 @@ pub fn binding() -> EvidenceBinding {
         policy: digest("policy"),
         environment: digest("environment"),
         neighbours: Some(digest("neighbours")),
+        anchor: None,
     }
 }
 
 pub fn made_under() -> DecisionContext {
-    let EvidenceBinding { candidate, active, profile, policy, environment, neighbours } = binding();
+    let EvidenceBinding { candidate, active, profile, policy, environment, neighbours, anchor } = binding();
     DecisionContext {
         candidate,
         active,
@@ -137,7 +139,9 @@ pub fn made_under() -> DecisionContext {
         authority: digest("authority"),
         environment,
         neighbours,
+        anchor,
         evidence: digest("evidence"),
+        rules: RulesVersion::CURRENT,
     }
 }
 
@@ -168,7 +172,7 @@ pub fn pairs(profile: &Profile) -> PairedEvidence {
 /// Drills with so many passed of 100, in the order rollback, fallback, abort, detect.
 pub fn drills(passed: [u32; 4]) -> DrillTallies {
     let [rollback, fallback, abort, detect] =
-        passed.map(|passed| DrillTally { passed, failed: 100 - passed, infeasible: 0 });
+        passed.map(|passed| DrillTally { passed, failed: 100 - passed, infeasible: 0, failed_alone: 0 });
     DrillTallies { rollback, fallback, abort, detect, ..DrillTallies::default() }
 }
 

@@ -1,6 +1,6 @@
 //! Harm is compared by itself: whatever success does, nothing pays for it.
 
-use holdpoint_governance::behavior::{self, BehaviorAssessment, HarmComparison, HarmDecider};
+use holdpoint_governance::behavior::{self, BehaviorAssessment, ComponentName, HarmComparison, HarmDecider};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{EpisodeValues, PairedEvidence};
 use holdpoint_governance::finding::Finding;
@@ -72,6 +72,22 @@ fn higher_force_is_incompatible_despite_better_success() {
         let near = |value: f64, expected: f64| (value - expected).abs() < 0.05;
         assert!(near(candidate, 25.4) && near(active, 18.1), "{candidate} against {active}");
     }
+}
+
+/// Regression: a slightly longer time headed the reasons of a rejection by harm.
+#[test]
+fn harm_that_decides_stands_before_a_tolerated_worsening() {
+    let profile = profile(ProfileName::Sim);
+    let mut evidence = evidence(&profile, usize::MAX, &|harm| harm.grip_peak_n += 7.3);
+    for (index, pair) in evidence.pairs.iter_mut().enumerate() {
+        pair.candidate.time_s *= 1.02 + 0.004 * (index % 5) as f64;
+    }
+    let found = assess(&evidence, &profile);
+    assert_eq!(found.assessment.outcome, Incompatible, "{found:?}");
+    let reasons = &found.assessment.reasons;
+    assert_eq!(reasons[0].code, ReasonCode::BehaviorHarmEstablished, "{reasons:?}");
+    let longer = Finding::ComponentWorse { component: ComponentName::Time };
+    assert!(reasons.iter().any(|reason| reason.finding.as_ref() == Some(&longer)), "{reasons:?}");
 }
 
 #[test]

@@ -6,7 +6,9 @@
     reason = "a test says what it expects by failing"
 )]
 
+mod anchored;
 mod approvals;
+mod cell_fault;
 mod compatibility;
 mod early;
 mod fixture;

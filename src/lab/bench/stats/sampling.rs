@@ -65,6 +65,7 @@ pub(super) fn binding() -> EvidenceBinding {
         policy: of("policy"),
         environment: of("environment"),
         neighbours: None,
+        anchor: None,
     }
 }
 

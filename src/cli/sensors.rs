@@ -1,0 +1,173 @@
+//! `holdpoint lab experiment sensors`: arguments and the printed report.
+//!
+//! Prints the results of [`holdpoint_lab::ground_truth::sensors`]; measures nothing and leaves nothing out (JSON has
+//! every digit).
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::output::TextTable;
+use super::run::JOBS_MAX;
+use crate::cli::output::CommandOutput;
+use crate::error::{CliError, Exit};
+use holdpoint_lab::ground_truth::sensors::{
+    self, FRESH_FROM, FamilyAgreement, MeasureAgreement, SensorsPlan, SensorsReport,
+};
+use holdpoint_lab::pipeline_experiments::ExperimentError;
+use holdpoint_text::{WIDTH_MAX, sanitize};
+
+/// The arguments of `experiment sensors`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Baselines hardly ever pass a limit. The candidates of a pool show more misses and false alarms.
+
+Examples:
+  holdpoint lab experiment sensors --out sensors
+  holdpoint lab experiment sensors --episodes 600 --seed 0 --out sensors
+  holdpoint lab experiment sensors --pool mutants --episodes 50 --out sensors --json")]
+pub struct SensorsArgs {
+    /// Episodes of each version: sandbox and live conditions in turns.
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub episodes: u64,
+    /// Index of the first episode. Those below 2000 are the episodes of `experiment truth`.
+    #[arg(long, value_name = "S", default_value_t = FRESH_FROM, value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
+    pub seed: u64,
+    /// Blocks of episodes at once [default: the number of cores].
+    #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
+    /// The folder for `sensors.csv`, a row an episode, and `sensors.json`, the report.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// A pool whose candidates run beside the baselines.
+    #[arg(long, value_name = "DIR")]
+    pub pool: Option<PathBuf>,
+}
+
+/// Runs the experiment and prints its report.
+///
+/// # Errors
+/// If the pool or the folder cannot be used, or a candidate cannot be loaded.
+pub fn run(args: &SensorsArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let plan = SensorsPlan {
+        episodes: args.episodes,
+        seed: args.seed,
+        jobs: args.jobs.map_or(cores, usize::from),
+        out: args.out.clone(),
+        pool: args.pool.clone(),
+    };
+    // Progress is only information; losing it loses no result.
+    let tell = |line: &str| {
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
+    };
+    let report = sensors::run(&plan, &tell).map_err(|error| match error {
+        error @ (ExperimentError::Pool(_) | ExperimentError::File { .. }) => CliError::usage(error),
+        error => CliError::fault(error),
+    })?;
+    out.answer(&report, |out| show(&report, &plan, out))?;
+    Ok(Exit::Confirmed)
+}
+
+fn show(report: &SensorsReport, plan: &SensorsPlan, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    out.line(&format!("limits of profile {}; errors are sensor minus referee", report.profile.name()))?;
+    let mut table = TextTable::new(&[
+        "family",
+        "measure",
+        "limit",
+        "both",
+        "false alarms",
+        "misses",
+        "neither",
+        "near",
+        "error 5 %",
+        "median",
+        "95 %",
+    ]);
+    for family in &report.families {
+        for measure in &family.measures {
+            table.row(row(family, measure));
+        }
+    }
+    out.table(&table)?;
+    for one in &report.families {
+        let (family, squeeze) = (&one.family, &one.squeeze);
+        out.line(&format!(
+            "{family}: {} versions, {} episodes; a pad is past the limit in {} and the sensors miss {}: {} with the \
+             mean of both pads within it, {} within 50 ms of a push on the object",
+            one.versions, one.episodes, squeeze.past, squeeze.missed, squeeze.one_sided, squeeze.pushed
+        ))?;
+    }
+    let names: Vec<&str> = report.not_compared.iter().map(|kind| kind.name()).collect();
+    out.line(&format!("not compared: {}", names.join(", ")))?;
+    if report.invalid > 0 {
+        out.line(&format!("{} episodes could not run and are not counted", report.invalid))?;
+    }
+    out.line(&format!("sensors.csv and sensors.json are in {}", plan.out.display()))
+}
+
+fn row(family: &FamilyAgreement, measure: &MeasureAgreement) -> Vec<String> {
+    let MeasureAgreement { kind, limit, both, false_alarms, misses, neither, errors } = measure;
+    let error = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| kind.format(value));
+    vec![
+        family.family.to_string(),
+        kind.name().to_owned(),
+        kind.format(*limit),
+        both.to_string(),
+        false_alarms.to_string(),
+        misses.to_string(),
+        neither.to_string(),
+        errors.map_or(0, |errors| errors.n).to_string(),
+        error(errors.map(|errors| errors.p5)),
+        error(errors.map(|errors| errors.median)),
+        error(errors.map(|errors| errors.p95)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::harm::HarmKind;
+    use holdpoint_governance::ids::Family;
+    use holdpoint_governance::profile::ProfileName;
+    use holdpoint_lab::ground_truth::sensors::SqueezeCauses;
+
+    #[test]
+    fn report_names_every_count_and_each_cause_of_a_missed_squeeze() {
+        let values = [(46.0, 47.0), (20.0, 46.0), (5.0, 5.0)];
+        let family = FamilyAgreement {
+            family: Family::new("grasp").unwrap(),
+            versions: 1,
+            episodes: 3,
+            measures: vec![MeasureAgreement::of(HarmKind::GripPeak, 45.0, &values)],
+            squeeze: SqueezeCauses { past: 2, missed: 1, one_sided: 1, pushed: 0 },
+        };
+        let report = SensorsReport {
+            profile: ProfileName::Sim,
+            seed: FRESH_FROM,
+            episodes: 3,
+            invalid: 2,
+            families: vec![family],
+            not_compared: vec![HarmKind::Jerk],
+        };
+        let plan =
+            SensorsPlan { episodes: 3, seed: FRESH_FROM, jobs: 1, out: PathBuf::from("here"), pool: None };
+        let mut printed = Vec::new();
+        show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
+        let printed = String::from_utf8(printed).unwrap();
+        let cells = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>().join(" ");
+        let lines: Vec<String> = printed.lines().map(cells).collect();
+        assert_eq!(
+            lines[2..],
+            [
+                "grasp grip-peak 45.0 N 1 0 1 1 2 -26.0 N -13.5 N -1.0 N",
+                "grasp: 1 versions, 3 episodes; a pad is past the limit in 2 and the sensors miss 1: 1 with the mean of \
+                 both pads within it, 0 within 50 ms of a push on the object",
+                "not compared: jerk",
+                "2 episodes could not run and are not counted",
+                "sensors.csv and sensors.json are in here",
+            ]
+        );
+    }
+}

@@ -1,0 +1,88 @@
+//! The work that only versions cost which pairs and drills do not reject: the anchor's episodes, the settling of drills,
+//! and sequences.
+
+use super::Evaluation;
+use super::plan::NextSlice;
+use crate::fault::EngineFault;
+use crate::trial::trial_lab::{TrialLab, TrialSubject};
+use holdpoint_governance::behavior::SequenceEvidence;
+use holdpoint_governance::composition::recovery_is_reviewable;
+use holdpoint_governance::early_stop::EarlyStopReason;
+use holdpoint_governance::evidence::{AnchorEpisode, AnchorEvidence};
+use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
+use holdpoint_governance::profile::Profile;
+
+impl Evaluation {
+    /// Begins what is for versions only that nothing so far rejects: the anchor's episodes, the settling of drills, and
+    /// sequences, which are not run with an empty place in the team.
+    pub(super) fn begin_late(
+        &mut self,
+        lab: &TrialLab<'_>,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        profile: &Profile,
+    ) {
+        let Some(next) = self.next_turn().filter(|next| next.is_late()) else { return };
+        let is_begun = match next {
+            NextSlice::Anchor => self.is_late,
+            NextSlice::Sequences => self.sequences.is_some(),
+            NextSlice::Pairs | NextSlice::Drills(_) | NextSlice::Settling(_) => self.is_settling,
+        };
+        if is_begun {
+            return;
+        }
+        if self.is_lost(profile) {
+            self.ended = Some(EarlyStopReason::Full);
+            return;
+        }
+        self.is_late = true;
+        self.is_settling |= matches!(next, NextSlice::Settling(_));
+        if next == NextSlice::Sequences {
+            self.sequences = Some(SequenceEvidence {
+                task: candidate.version.bundle.task(),
+                beside: lab.team.members().iter().map(|party| party.version.id()).collect(),
+                wanted: self.plan.sequences,
+                pairs: Vec::new(),
+            });
+            if lab.team.lineup_with(active).is_none() {
+                self.ended = Some(EarlyStopReason::Full);
+            }
+        }
+    }
+
+    /// Whether the version is rejected without any further work.
+    fn is_lost(&self, profile: &Profile) -> bool {
+        let (behavior, recovery) = self.assess(profile);
+        let is_open =
+            matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious);
+        !is_open
+            || recovery.assessment.outcome == RecoveryOutcome::Incompatible
+                && !(profile.has_approver() && recovery_is_reviewable(&recovery.assessment))
+    }
+
+    /// Episodes of the anchor on the seeds of the pairs. Returns whether the slice is whole.
+    pub(super) fn anchor_slice(&mut self, lab: &TrialLab<'_>) -> Result<bool, EngineFault> {
+        let Some(anchor) = &lab.anchor else {
+            return Err(EngineFault::Impossible("a comparison with an anchor has none".to_owned()));
+        };
+        let range = self.progress().range(&self.plan, NextSlice::Anchor);
+        let of_range = range.clone().filter_map(|place| self.pairs.get(usize::try_from(place).ok()?));
+        let seeds: Vec<u64> = of_range.map(|pair| pair.seed).collect();
+        let open = seeds.get(self.part.anchor.len()..).unwrap_or_default();
+        let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
+        let records = lab.anchor_episodes(anchor, next, &mut self.reuse)?;
+        self.part.anchor.extend(records);
+        if self.part.anchor.len() < seeds.len() {
+            return Ok(false);
+        }
+        self.anchored = range.end;
+        let version = anchor.version.id();
+        let evidence = self.anchor.get_or_insert(AnchorEvidence { version, episodes: Vec::new() });
+        for record in std::mem::take(&mut self.part.anchor) {
+            if let Some(values) = record.values() {
+                evidence.episodes.push(AnchorEpisode { seed: record.seed, values });
+            }
+        }
+        Ok(true)
+    }
+}

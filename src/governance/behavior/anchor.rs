@@ -1,0 +1,114 @@
+//! The comparison with the anchor: the commissioned version of a family, or the last one that a person made its anchor.
+//!
+//! A comparison with the active version alone lets tolerances add up: five versions that each lose 5 points lose 25. The
+//! candidate's pairs are compared with the anchor's episodes on the same seeds by the same rules. A worsening that they
+//! establish against the anchor rejects; one that they do not exclude opens a concern. The error rate of each comparison
+//! is `evaluation.alpha`, so that of both together is at most twice that.
+
+use serde::{Deserialize, Serialize};
+
+use super::harm::HarmComparison;
+use super::{BehaviorAssessment, BehaviorComponent, add_concern, measured, reason};
+use crate::decision::{Reason, ReasonCode};
+use crate::evidence::{AnchorEvidence, Pair, PairedEvidence};
+use crate::finding::{EvidenceGap, Finding};
+use crate::ids::CapabilityId;
+use crate::outcome::BehaviorOutcome;
+use crate::profile::Profile;
+
+/// The candidate against the anchor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AnchorComparison {
+    /// The anchor.
+    pub version: CapabilityId,
+    /// Pairs it rests on.
+    pub pairs: u32,
+    /// The six components, as against the active version.
+    pub components: Vec<BehaviorComponent>,
+    /// Every measure of harm, likewise.
+    pub harm: Vec<HarmComparison>,
+}
+
+/// Whether a reason says that the candidate is worse, so that it counts against the anchor too.
+const fn is_worsening(code: ReasonCode) -> bool {
+    matches!(
+        code,
+        ReasonCode::BehaviorEstablishedWorse
+            | ReasonCode::BehaviorHarmEstablished
+            | ReasonCode::BehaviorSafetyTraded
+            | ReasonCode::BehaviorSuspicious
+            | ReasonCode::BehaviorHarmSuspicious
+    )
+}
+
+/// Adds the comparison with the anchor to an assessment that rejects nothing yet; nothing if there is no other anchor.
+pub fn apply_anchor(
+    result: &mut BehaviorAssessment,
+    evidence: &PairedEvidence,
+    anchor: Option<&AnchorEvidence>,
+    profile: &Profile,
+) {
+    let Some(anchor) = anchor else { return };
+    if !matches!(result.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious) {
+        return;
+    }
+    let gap = |gap| reason(Finding::AnchorGap { anchor: anchor.version.clone(), gap });
+    let compared = compare(evidence, anchor, profile);
+    let against = match compared {
+        Ok(against) if against.pairs >= profile.evaluation.sandbox_pairs => against,
+        found => {
+            let why = found.err().unwrap_or(EvidenceGap::NoEpisodes);
+            result.assessment.outcome = BehaviorOutcome::Inconclusive;
+            result.assessment.conditions.clear();
+            result.assessment.reasons.insert(0, gap(why));
+            return;
+        }
+    };
+    let found = against.assessment.reasons.iter().filter(|reason| is_worsening(reason.code));
+    let wrapped: Vec<Reason> = found
+        .filter_map(|reason| against_anchor(&anchor.version, reason, against.assessment.outcome))
+        .collect();
+    match against.assessment.outcome {
+        BehaviorOutcome::Incompatible => {
+            result.assessment.outcome = BehaviorOutcome::Incompatible;
+            result.assessment.conditions.clear();
+            result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
+            result.assessment.reasons.splice(0..0, wrapped);
+        }
+        BehaviorOutcome::Suspicious if result.assessment.outcome == BehaviorOutcome::Compatible => {
+            for concern in wrapped.into_iter().rev() {
+                add_concern(result, concern, profile);
+            }
+        }
+        _ => {}
+    }
+    let BehaviorAssessment { pairs, components, harm, .. } = against;
+    result.anchor = Some(AnchorComparison { version: anchor.version.clone(), pairs, components, harm });
+}
+
+/// The candidate's episodes paired with the anchor's, by the rules for the active version.
+fn compare(
+    evidence: &PairedEvidence,
+    anchor: &AnchorEvidence,
+    profile: &Profile,
+) -> Result<BehaviorAssessment, EvidenceGap> {
+    let values_of = |seed| anchor.episodes.iter().find(|episode| episode.seed == seed);
+    let pairs = evidence.pairs.iter().filter_map(|pair| {
+        let active = values_of(pair.seed)?.values;
+        Some(Pair { seed: pair.seed, active, candidate: pair.candidate })
+    });
+    let paired = PairedEvidence { binding: evidence.binding, pairs: pairs.collect(), hard_stops: Vec::new() };
+    measured(&paired, profile)
+}
+
+fn against_anchor(anchor: &CapabilityId, reason: &Reason, outcome: BehaviorOutcome) -> Option<Reason> {
+    let (anchor, by) = (anchor.clone(), Box::new(reason.finding.clone()?));
+    let finding = if outcome == BehaviorOutcome::Incompatible {
+        Finding::AnchorWorse { anchor, by }
+    } else {
+        Finding::AnchorPossiblyWorse { anchor, by }
+    };
+    let (evidence, limit) = (reason.evidence.unwrap_or(f64::NAN), reason.limit.unwrap_or(f64::NAN));
+    Some(super::reason(finding).with(evidence, limit))
+}

@@ -1,0 +1,176 @@
+//! More drills where a stop or a rollback failed that the active version passed: until that is settled.
+//!
+//! Pairs drills by their place: the candidate alone failed in `b` of `n` of them, the active version alone in `c`. The
+//! tallies decide three ways, each by a test martingale with 1 as its mean, so that looking after every drill costs
+//! nothing (Ville):
+//!
+//! - *Worse*: under equal hooks a place where only one failed is as often the one's as the other's. The likelihood ratio
+//!   of 19 to 1 against 1 to 1 reaches `1 / WORSE_ALPHA` with probability at most `WORSE_ALPHA`.
+//! - *Not worse*: if the candidate alone fails at least [`EXCESS_MAX`] more often than the active version alone,
+//!   `prod(1 + BET (EXCESS_MAX - d))` over the drills, `d` being 1, -1 or 0, reaches `1 / SAME_ALPHA` with probability
+//!   at most `SAME_ALPHA`. Without any failure of the candidate alone, [`CLEAN_DRILLS`] drills are enough: one failure
+//!   in 50 would have shown there with probability .9.
+//! - Neither at [`SETTLED_DRILLS_MAX`] drills: on hold if a sign test of the places where only one failed leans toward
+//!   the candidate at [`HELD_ALPHA`], and otherwise not worse.
+
+use serde::{Deserialize, Serialize};
+
+use super::{RecoveryAssessment, reason};
+use crate::decision::ReasonCode;
+use crate::evidence::{DrillKind, DrillTallies, DrillTally, RecoveryEvidence};
+use crate::finding::{DrillSide, Finding};
+use crate::outcome::RecoveryOutcome;
+use crate::stats;
+
+/// The kinds that are settled: how a version is stopped, and how it is replaced.
+pub const SETTLED_KINDS: [DrillKind; 2] = [DrillKind::Rollback, DrillKind::Abort];
+
+/// Drills of a settled kind of a version that never fails alone: `1 - .98^114 = .9`.
+pub const CLEAN_DRILLS: u32 = 114;
+
+/// The most drills of a settled kind.
+pub const SETTLED_DRILLS_MAX: u32 = 500;
+
+/// How much more often the candidate alone may fail: once in 50 drills.
+pub const EXCESS_MAX: f64 = 0.02;
+
+/// Error rate of calling an equally good hook worse, for one kind.
+pub const WORSE_ALPHA: f64 = 0.025;
+
+/// Error rate of calling a hook settled whose excess is [`EXCESS_MAX`] or more, for one kind.
+pub const SAME_ALPHA: f64 = 0.05;
+
+/// Error rate of the hold of an equally good hook that the most drills have not settled, for one kind.
+pub const HELD_ALPHA: f64 = 0.1;
+
+/// Share of the one-sided failures that a worse hook has, in the likelihood ratio.
+const WORSE_SHARE: f64 = 0.95;
+
+/// The bet on every drill that no excess shows.
+const BET: f64 = 0.75;
+
+crate::closed_set! {
+    /// Whether the failures of the candidate alone are settled.
+    Settlement, "settlement of the drills", {
+        /// The candidate alone never failed, in as many drills as are wanted.
+        Clean = "clean",
+        /// It fails alone more often than the active version does.
+        Worse = "worse",
+        /// It does not fail alone more often than once in 50 drills above the active version.
+        NotWorse = "not-worse",
+        /// More drills are needed.
+        Open = "open",
+        /// The most drills have not settled it.
+        Held = "held",
+    }
+}
+
+/// Both versions' drills of one kind, by place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DrillContrast {
+    /// The kind of drill.
+    pub kind: DrillKind,
+    /// Drills of the candidate.
+    pub drills: u32,
+    /// Drills in which the candidate alone failed.
+    pub candidate_alone: u32,
+    /// Drills in which the active version alone failed.
+    pub active_alone: u32,
+}
+
+impl DrillContrast {
+    /// The contrast of a kind.
+    #[must_use]
+    pub const fn of(kind: DrillKind, candidate: &DrillTallies, active: &DrillTallies) -> Self {
+        let (new, old): (&DrillTally, &DrillTally) = (candidate.of(kind), active.of(kind));
+        let drills = if new.feasible() < old.feasible() { new.feasible() } else { old.feasible() };
+        Self { kind, drills, candidate_alone: new.failed_alone, active_alone: old.failed_alone }
+    }
+
+    /// How the contrast is settled by these drills.
+    #[must_use]
+    pub fn settlement(&self) -> Settlement {
+        let (b, c) = (f64::from(self.candidate_alone), f64::from(self.active_alone));
+        if self.candidate_alone == 0 {
+            return if self.drills >= CLEAN_DRILLS { Settlement::Clean } else { Settlement::Open };
+        }
+        let worse = b * libm::log(2.0 * WORSE_SHARE) + c * libm::log(2.0 * (1.0 - WORSE_SHARE));
+        if worse >= -libm::log(WORSE_ALPHA) {
+            return Settlement::Worse;
+        }
+        let even = (f64::from(self.drills) - b - c).max(0.0);
+        let same = even * libm::log1p(BET * EXCESS_MAX)
+            + b * libm::log1p(BET * (EXCESS_MAX - 1.0))
+            + c * libm::log1p(BET * (EXCESS_MAX + 1.0));
+        if same >= -libm::log(SAME_ALPHA) {
+            Settlement::NotWorse
+        } else if self.drills < SETTLED_DRILLS_MAX {
+            Settlement::Open
+        } else if self.leans() {
+            Settlement::Held
+        } else {
+            Settlement::NotWorse
+        }
+    }
+
+    /// Whether the candidate alone failed more often by a sign test at [`HELD_ALPHA`].
+    fn leans(&self) -> bool {
+        let places = u64::from(self.candidate_alone) + u64::from(self.active_alone);
+        stats::clopper_pearson_lower(u64::from(self.candidate_alone), places, HELD_ALPHA)
+            .is_ok_and(|share| share >= 0.5)
+    }
+
+    /// How much more often the candidate alone failed, as a share of the drills.
+    #[must_use]
+    pub fn excess(&self) -> f64 {
+        (f64::from(self.candidate_alone) - f64::from(self.active_alone)) / f64::from(self.drills.max(1))
+    }
+
+    /// How many drills of the kind are wanted by what is known so far.
+    #[must_use]
+    pub fn drills_wanted(&self) -> u32 {
+        match self.settlement() {
+            Settlement::Open if self.candidate_alone == 0 => CLEAN_DRILLS,
+            Settlement::Open => SETTLED_DRILLS_MAX,
+            Settlement::Clean | Settlement::Worse | Settlement::NotWorse | Settlement::Held => self.drills,
+        }
+    }
+}
+
+/// Adds to an assessment of the whole number of drills what settling them found. It rejects a worse hook, and puts one
+/// that is not settled on hold; where it is, the failures of the candidate alone stand among the reasons.
+pub fn apply_settling(result: &mut RecoveryAssessment, evidence: &RecoveryEvidence) {
+    if matches!(result.assessment.outcome, RecoveryOutcome::Incompatible | RecoveryOutcome::NoData) {
+        return;
+    }
+    let contrast = |kind| DrillContrast::of(kind, &evidence.candidate, &evidence.active);
+    result.settled = SETTLED_KINDS.map(contrast).to_vec();
+    for found in result.settled.clone() {
+        let DrillContrast { kind: drill, drills, candidate_alone: failed, active_alone: active } = found;
+        let assessment = &mut result.assessment;
+        let (finding, outcome) = match found.settlement() {
+            Settlement::Clean => continue,
+            Settlement::NotWorse => {
+                let settled = reason(Finding::DrillsSettled { drill, failed, drills, active });
+                assessment.reasons.push(settled.with(found.excess(), EXCESS_MAX));
+                continue;
+            }
+            Settlement::Worse => {
+                (Finding::DrillsSettledWorse { drill, failed, drills, active }, RecoveryOutcome::Incompatible)
+            }
+            Settlement::Held => {
+                (Finding::DrillsUnsettled { drill, failed, drills, active }, RecoveryOutcome::NoData)
+            }
+            Settlement::Open => {
+                (Finding::TooFewDrills { side: DrillSide::Candidate, drill }, RecoveryOutcome::NoData)
+            }
+        };
+        if assessment.outcome != RecoveryOutcome::Incompatible {
+            assessment.outcome = outcome;
+        }
+        assessment.conditions.clear();
+        assessment.reasons.retain(|reason| reason.code != ReasonCode::RecoveryCompatible);
+        assessment.reasons.insert(0, reason(finding).with(found.excess(), EXCESS_MAX));
+    }
+}

@@ -1,0 +1,28 @@
+//! The version of the rules of this crate, which every decision names.
+//!
+//! It rises whenever the same evidence may be decided in another way. A replay applies these rules only to decisions that
+//! they made; one of older rules is reported as such.
+
+use serde::{Deserialize, Serialize};
+
+/// A version of the rules. Decisions that name none were made before versions were recorded: 1.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
+#[serde(transparent)]
+pub struct RulesVersion(pub u32);
+
+impl RulesVersion {
+    /// The rules of this build. What each version changed:
+    ///
+    /// 1. Events count one-sided, candidates are compared with the active version alone.
+    /// 2. Events are paired; a loss of success of 5 points rejects; a lost success is no recovery as well; the anchor
+    ///    bounds what several versions may lose together; failed stops and rollbacks are settled by more drills.
+    pub const CURRENT: Self = Self(2);
+}
+
+impl Default for RulesVersion {
+    fn default() -> Self {
+        Self(1)
+    }
+}

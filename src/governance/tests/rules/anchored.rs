@@ -1,0 +1,257 @@
+//! The anchor, the loss of success that rejects, and drills that settle: rules of version 2.
+
+use std::collections::BTreeMap;
+
+use holdpoint_governance::behavior::{self, SUCCESS_LOSS_MAX};
+use holdpoint_governance::comparison_evidence::ComparisonEvidence;
+use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::early_stop::EarlyStopReason;
+use holdpoint_governance::evidence::{
+    AnchorEpisode, AnchorEvidence, DrillKind, EpisodeValues, PairedEvidence, RecoveryEvidence,
+};
+use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::recovery::{
+    CLEAN_DRILLS, DrillContrast, HELD_ALPHA, SETTLED_DRILLS_MAX, SETTLED_KINDS, Settlement, WORSE_ALPHA,
+};
+use holdpoint_governance::stats::{PairedCounts, binary_pairs};
+
+use crate::fixture::{GOOD, binding, pairs, profile, recovery};
+
+const FAILED: EpisodeValues = EpisodeValues { success: false, recovery: true, ..GOOD };
+
+fn anchor(episodes: impl IntoIterator<Item = (u64, EpisodeValues)>) -> AnchorEvidence {
+    let episodes = episodes.into_iter().map(|(seed, values)| AnchorEpisode { seed, values }).collect();
+    AnchorEvidence { version: "grasp@1.0.0".parse().unwrap(), episodes }
+}
+
+fn failing(profile: &Profile, active: usize, candidate: usize) -> PairedEvidence {
+    let mut evidence = pairs(profile);
+    evidence.pairs.iter_mut().take(active).for_each(|pair| pair.active = FAILED);
+    evidence.pairs.iter_mut().take(candidate).for_each(|pair| pair.candidate = FAILED);
+    evidence
+}
+
+#[test]
+fn a_lost_success_is_no_recovery_as_well() {
+    let profile = profile(ProfileName::Sim);
+    let found = behavior::assess(&failing(&profile, 0, 12), &binding(), &profile);
+    let worsening = |name| found.components.iter().find(|one| one.name == name).unwrap().worsening;
+    assert!((worsening(behavior::ComponentName::Success) - 0.04).abs() < 1e-12);
+    assert!(worsening(behavior::ComponentName::Recovery).abs() < 1e-12);
+}
+
+#[test]
+fn five_points_of_success_reject_and_four_do_not() {
+    for name in ProfileName::ALL {
+        let profile = profile(name);
+        let budget = f64::from(profile.evaluation.sandbox_pairs);
+        for (points, rejects) in [(0.04, false), (SUCCESS_LOSS_MAX, true), (0.10, true)] {
+            let lost = (points * budget).ceil() as usize;
+            let evidence = failing(&profile, 0, lost);
+            let found = behavior::assess(&evidence, &binding(), &profile).assessment;
+            assert_eq!(found.outcome == BehaviorOutcome::Incompatible, rejects, "{name} {points}: {found:?}");
+            // Exact curtailment says the same as soon as the rest cannot matter.
+            assert_eq!(behavior::is_lost(&evidence, &binding(), &profile), rejects, "{name} {points}");
+        }
+    }
+}
+
+fn against(evidence: &PairedEvidence, anchor: Option<&AnchorEvidence>, profile: &Profile) -> BehaviorOutcome {
+    let drills = recovery([100; 4], [100; 4]);
+    let all =
+        ComparisonEvidence { pairs: evidence, drills: &drills, is_settling: false, anchor, sequences: None };
+    let (found, _) = all.assess(EarlyStopReason::Full, profile);
+    let named = found.assessment.reasons.iter().any(|reason| {
+        matches!(reason.code, ReasonCode::BehaviorAnchorWorse | ReasonCode::BehaviorAnchorSuspicious)
+    });
+    assert!(!named || anchor.is_some());
+    found.assessment.outcome
+}
+
+#[test]
+fn losses_against_the_anchor_do_not_add_up() {
+    let profile = profile(ProfileName::Sim);
+    // The active version lost 12 of 300 already, the candidate 12 others: 4 points and 4 points.
+    let mut evidence = failing(&profile, 12, 12);
+    evidence.pairs.iter_mut().rev().take(12).for_each(|pair| pair.candidate = FAILED);
+    let whole = anchor(evidence.pairs.iter().map(|pair| (pair.seed, GOOD)));
+    assert_ne!(against(&evidence, None, &profile), BehaviorOutcome::Incompatible);
+    assert_eq!(against(&evidence, Some(&whole), &profile), BehaviorOutcome::Incompatible);
+    // An anchor that is as bad is no reason.
+    let bad = anchor(evidence.pairs.iter().map(|pair| (pair.seed, pair.candidate)));
+    assert_ne!(against(&evidence, Some(&bad), &profile), BehaviorOutcome::Incompatible);
+    // One episode of it missing is missing evidence.
+    let short = anchor(evidence.pairs.iter().skip(1).map(|pair| (pair.seed, GOOD)));
+    assert_eq!(against(&evidence, Some(&short), &profile), BehaviorOutcome::Inconclusive);
+}
+
+fn contrast(drills: u32, candidate_alone: u32, active_alone: u32) -> DrillContrast {
+    DrillContrast { kind: DrillKind::Abort, drills, candidate_alone, active_alone }
+}
+
+#[test]
+fn drills_are_settled() {
+    for (drills, candidate, active, settlement) in [
+        (40, 0, 0, Settlement::Open),
+        (CLEAN_DRILLS, 0, 0, Settlement::Clean),
+        (CLEAN_DRILLS, 0, 9, Settlement::Clean),
+        (40, 1, 0, Settlement::Open),
+        (CLEAN_DRILLS, 1, 0, Settlement::Open),
+        (60, 5, 0, Settlement::Open),
+        (60, 6, 0, Settlement::Worse),
+        (300, 1, 0, Settlement::NotWorse),
+        (SETTLED_DRILLS_MAX, 4, 0, Settlement::Held),
+        // Both fail as often: not worse, whatever the number.
+        (SETTLED_DRILLS_MAX, 9, 9, Settlement::NotWorse),
+    ] {
+        let found = contrast(drills, candidate, active);
+        assert_eq!(found.settlement(), settlement, "{found:?}");
+    }
+    let profile = profile(ProfileName::Sim);
+    let evidence = pairs(&profile);
+    let assess = |failed: u32, drills: u32| {
+        let mut tallies: RecoveryEvidence = recovery([100; 4], [100; 4]);
+        for kind in SETTLED_KINDS {
+            for of in [&mut tallies.candidate, &mut tallies.active] {
+                of.of_mut(kind).passed = drills;
+            }
+        }
+        let abort = tallies.candidate.of_mut(DrillKind::Abort);
+        (abort.passed, abort.failed, abort.failed_alone) = (drills - failed, failed, failed);
+        let all = ComparisonEvidence {
+            pairs: &evidence,
+            drills: &tallies,
+            is_settling: true,
+            anchor: None,
+            sequences: None,
+        };
+        let (_, found) = all.assess(EarlyStopReason::Full, &profile);
+        (found.assessment.outcome, found.assessment.reasons[0].code)
+    };
+    assert_eq!(assess(0, CLEAN_DRILLS).0, RecoveryOutcome::Compatible);
+    assert_eq!(assess(6, 120), (RecoveryOutcome::Incompatible, ReasonCode::RecoveryEstablishedWorse));
+    assert_eq!(assess(5, SETTLED_DRILLS_MAX), (RecoveryOutcome::NoData, ReasonCode::RecoveryUnsettled));
+    assert_eq!(assess(0, 40).0, RecoveryOutcome::NoData);
+}
+
+/// How drills of one kind end whose candidate alone fails with one probability and the active version alone with
+/// another: worse, held, settled with a failure, clean. Exact: every path of counts with its probability.
+fn ends(candidate: f64, active: f64) -> [f64; 4] {
+    let mut open = BTreeMap::from([((0_u32, 0_u32), 1.0_f64)]);
+    let mut ends = [0.0; 4];
+    for drills in 1..=SETTLED_DRILLS_MAX {
+        let mut next: BTreeMap<(u32, u32), f64> = BTreeMap::new();
+        for ((new, old), share) in open {
+            for (counts, chance) in [
+                ((new + 1, old), candidate),
+                ((new, old + 1), active),
+                ((new, old), 1.0 - candidate - active),
+            ] {
+                if share * chance > 1e-12 {
+                    *next.entry(counts).or_default() += share * chance;
+                }
+            }
+        }
+        // Looks come after each ten drills, from the sandbox's base number on.
+        if drills >= 40 && drills % 10 == 0 {
+            next.retain(|(new, old), share| {
+                let end = match contrast(drills, *new, *old).settlement() {
+                    Settlement::Open => return true,
+                    Settlement::Worse => 0,
+                    Settlement::Held => 1,
+                    Settlement::NotWorse => 2,
+                    Settlement::Clean => 3,
+                };
+                ends[end] += *share;
+                false
+            });
+        }
+        open = next;
+    }
+    ends
+}
+
+/// The curve of the guide (design/statistics.md): a hook that fails in 1 of `one_in` places.
+#[test]
+fn detection_curve_of_failing_hooks() {
+    println!("one in  rejected  held  settled  unseen");
+    let mut curve = Vec::new();
+    for one_in in [10.0, 20.0, 50.0, 100.0, 200.0] {
+        let found = ends(1.0 / one_in, 0.0);
+        println!("{one_in:6}  {:.3}     {:.3} {:.3}    {:.3}", found[0], found[1], found[2], found[3]);
+        assert!((found.iter().sum::<f64>() - 1.0).abs() < 1e-6);
+        curve.push(found);
+    }
+    let unseen: Vec<f64> = curve.iter().map(|found| found[3]).collect();
+    assert!(unseen[0] < 1e-4 && unseen[2] < 0.1, "{unseen:?}");
+    assert!(curve[0][0] > 0.999 && curve[1][0] > 0.99, "one in ten and in twenty are rejected: {curve:?}");
+    assert!(curve[2][0] + curve[2][1] > 0.8, "one in fifty does not pass: {curve:?}");
+    // Equal hooks: by the stated error rate.
+    for rate in [0.0, 0.005, 0.01, 0.02, 0.05, 0.1] {
+        let equal = ends(rate, rate);
+        println!("equal hooks, {rate}: {equal:.4?}");
+        assert!(equal[0] <= WORSE_ALPHA && equal[1] <= HELD_ALPHA, "{rate}: {equal:?}");
+    }
+}
+
+/// Whether counts of lost and gained successes reject.
+fn rejects(counts: PairedCounts, alpha: f64) -> bool {
+    let net = (counts.candidate_only as f64 - counts.active_only as f64) / counts.pairs as f64;
+    net >= SUCCESS_LOSS_MAX && binary_pairs(counts, alpha).unwrap().lower > 0.0
+}
+
+/// A generator of uniform numbers; the same series every time.
+struct Uniform(u64);
+
+impl Uniform {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+/// The table of the guide (design/statistics.md): the share of series of versions, each worse than the one before by the
+/// same share of its successes, that are stopped at their first, second, third step, and never in five.
+#[test]
+fn creeping_losses_are_stopped() {
+    const SERIES: usize = 2_000;
+    let alpha = 0.05 / 6.0;
+    let mut random = Uniform(42);
+    for (step, flips) in [(0.04, 0.0), (0.05, 0.0), (0.06, 0.0), (0.04, 0.03), (0.05, 0.03), (0.06, 0.03)] {
+        let mut stopped = [0_usize; 6];
+        for _ in 0..SERIES {
+            // Each version loses successes of the one before for good; `flips` of its episodes end the other way by chance.
+            let mut episodes: Vec<[bool; 3]> = (0..300).map(|_| [random.next() < 0.8; 3]).collect();
+            let mut end = 5;
+            for version in 0..5 {
+                for [_, _, own] in &mut episodes {
+                    *own = *own && random.next() >= step;
+                }
+                let shown: Vec<[bool; 3]> =
+                    episodes.iter().map(|[a, b, own]| [*a, *b, *own != (random.next() < flips)]).collect();
+                let counts = |with: usize| PairedCounts::of(shown.iter().map(|e| (!e[2], !e[with])));
+                if rejects(counts(1), alpha) || rejects(counts(0), alpha) {
+                    end = version;
+                    break;
+                }
+                for (episode, shown) in episodes.iter_mut().zip(&shown) {
+                    episode[1] = shown[2];
+                }
+            }
+            stopped[end] += 1;
+        }
+        let share = |steps: &[usize]| steps.iter().sum::<usize>() as f64 / SERIES as f64;
+        println!(
+            "steps of {step}, {flips} by chance: first {:.3}, by the second {:.3}, by the third {:.3}, never in five {:.3}",
+            share(&stopped[..1]),
+            share(&stopped[..2]),
+            share(&stopped[..3]),
+            share(&stopped[5..])
+        );
+        assert!(share(&stopped[..3]) > 0.9, "{step}: {stopped:?}");
+        assert_eq!(stopped[5], 0, "no series of five passes");
+    }
+}
