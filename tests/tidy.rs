@@ -15,6 +15,8 @@ mod generated_pages;
 mod readme;
 #[path = "tidy/retired_words.rs"]
 mod retired_words;
+#[path = "tidy/used_seeds.rs"]
+mod used_seeds;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -306,7 +306,7 @@ mod tests {
             ("[keys]\nhelp = [\"q\"]", 2, "means \"quit\" already"),
             ("[keys]\n\nfly = [\"F9\"]", 3, "no action \"fly\""),
             ("[keys]\nquit = [\"hyper-9-x\"]", 2, "is no key"),
-            ("unbind = [\"K\"]", 1, "not bound"),
+            ("unbind = [\"Q\"]", 1, "not bound"),
             ("unbind = [\"x\", \"ctrl-x\"]", 1, "needs one"),
             ("keys = 3", 1, "invalid type"),
         ] {

@@ -66,7 +66,7 @@ pub fn terms_under(context: &Context, capability: &Capability, conditions: &[Con
 }
 
 /// Why a version's evidence no longer counts. Evidence of superseded versions never counts; that of an active version is
-/// compared with the version and neighbors at the time.
+/// compared with the version, the anchor and the neighbors at the time.
 pub(crate) fn stale_causes(
     context: &Context,
     version_table: &VersionTable,
@@ -84,7 +84,8 @@ pub(crate) fn stale_causes(
         .iter()
         .flat_map(|recorded| recorded.stale_against(&current))
         .filter(|cause| {
-            !(was_activated && matches!(cause, StaleCause::ActiveVersion | StaleCause::Neighbours))
+            let of_then = [StaleCause::ActiveVersion, StaleCause::Neighbours, StaleCause::Anchor];
+            !(was_activated && of_then.contains(cause))
         })
         .collect();
     stale.into_iter().collect()

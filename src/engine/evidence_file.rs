@@ -16,7 +16,7 @@ use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, Dimension, Kappa, Reason};
 use holdpoint_governance::evidence::{
     AnchorEvidence, DrillTallies, EpisodeValues, EvidenceBinding, FailedDrill, HardStop, Pair,
-    ShadowSequence, SoloEpisode,
+    SettlingTallies, ShadowSequence, SoloEpisode,
 };
 use holdpoint_governance::gate::{GateOutcome, ShadowAssessment};
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -84,6 +84,8 @@ pub struct EvidenceFile {
     pub permissions: Option<PermissionUse>,
     /// Drills of the candidate and of the active version.
     pub drills: Option<(DrillTallies, DrillTallies)>,
+    /// Drills past the base number that settle failures of the candidate alone; none in records of older builds.
+    pub settling: SettlingTallies,
     /// The first failed drills of the candidate; empty in records of older builds.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub failed_drills: Vec<FailedDrill>,

@@ -121,10 +121,12 @@ fn open(layout: &Layout) -> io::Result<File> {
 
 /// Looks for a mark; `None` if there is none.
 pub(crate) fn look(layout: &Layout) -> Option<StopMarkFile> {
-    let (is, owner, kind) = match fs::symlink_metadata(layout.stop_request()) {
-        Ok(found) => ((found.dev(), found.ino()), found.uid(), kind_of(&found)),
+    let (is, made, owner, kind) = match fs::symlink_metadata(layout.stop_request()) {
+        Ok(found) => {
+            ((found.dev(), found.ino()), (found.ctime(), found.ctime_nsec()), found.uid(), kind_of(&found))
+        }
         Err(error) if error.kind() == ErrorKind::NotFound => return None,
-        Err(_) => ((0, 0), rustix::process::geteuid().as_raw(), "something"),
+        Err(_) => ((0, 0), (0, 0), rustix::process::geteuid().as_raw(), "something"),
     };
     let file = open(layout).ok();
     let text = file.as_ref().and_then(read);
@@ -137,7 +139,8 @@ pub(crate) fn look(layout: &Layout) -> Option<StopMarkFile> {
     };
     let clear = text.is_some();
     let StopMarkText { id, by, reason } = text.unwrap_or_else(|| StopMarkText {
-        id: format!("mark-{}-{}", is.0, is.1),
+        // A mark that is removed before it is read may have the number of one before it.
+        id: format!("mark-{}-{}-{}-{}", is.0, is.1, made.0, made.1),
         by: String::new(),
         reason: format!("{kind} is in the place of the mark of a stop"),
     });

@@ -2,7 +2,7 @@
 
 use crate::behavior::{self, BehaviorAssessment, SequenceEvidence};
 use crate::early_stop::EarlyStopReason;
-use crate::evidence::{AnchorEvidence, PairedEvidence, RecoveryEvidence};
+use crate::evidence::{AnchorEvidence, EvidenceBinding, PairedEvidence, RecoveryEvidence};
 use crate::outcome::BehaviorOutcome;
 use crate::profile::Profile;
 use crate::recovery::{self, RecoveryAssessment};
@@ -23,18 +23,19 @@ pub struct ComparisonEvidence<'a> {
 }
 
 impl ComparisonEvidence<'_> {
-    /// Behavior and recovery. The anchor, the settling of drills and the sequences count only for a version that the
+    /// Behavior and recovery; `current` is what evidence has to be bound to now. The anchor, the settling of drills and the sequences count only for a version that the
     /// parts before them do not reject.
     #[must_use]
     pub fn assess(
         &self,
+        current: &EvidenceBinding,
         ended: EarlyStopReason,
         profile: &Profile,
     ) -> (BehaviorAssessment, RecoveryAssessment) {
         let Self { pairs, drills, is_settling, anchor, sequences } = *self;
-        let mut behavior = behavior::assess_early_stop(pairs, &pairs.binding, profile, ended);
+        let mut behavior = behavior::assess_early_stop(pairs, current, profile, ended);
         behavior::apply_anchor(&mut behavior, pairs, anchor, profile);
-        let mut recovery = recovery::assess_drills(drills, &drills.binding, profile, ended);
+        let mut recovery = recovery::assess_drills(drills, current, profile, ended);
         let is_open =
             matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious);
         if is_settling && is_open {

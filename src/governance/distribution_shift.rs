@@ -370,9 +370,14 @@ mod tests {
 
     /// A re-evaluation in which the candidate fails in `failing` of 300 pairs.
     fn again(failing: u32) -> BehaviorAssessment {
+        changed_again(|index, values| values.success &= index >= failing as usize)
+    }
+
+    /// A re-evaluation in which the candidate's values differ by this.
+    fn changed_again(change: impl Fn(usize, &mut EpisodeValues)) -> BehaviorAssessment {
         let mut pairs = sandbox();
-        for pair in pairs.iter_mut().take(failing as usize) {
-            pair.candidate.success = false;
+        for (index, pair) in pairs.iter_mut().enumerate() {
+            change(index, &mut pair.candidate);
         }
         let evidence = shadow(0, 0.0);
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
@@ -401,9 +406,11 @@ mod tests {
         }
         // Inconclusive: on hold, also in simulation.
         let mut found = judged(ProfileName::Sim, 60, 0.000_75);
+        let slower =
+            |percent: u32| changed_again(|_, values| values.time_s *= 1.0 + f64::from(percent) / 100.0);
         let doubtful =
-            (1..200).map(again).find(|again| again.assessment.outcome == BehaviorOutcome::Suspicious);
-        apply_re_evaluation(&mut found, &doubtful.expect("some number is neither"), 300);
+            (1..200).map(slower).find(|again| again.assessment.outcome == BehaviorOutcome::Suspicious);
+        apply_re_evaluation(&mut found, &doubtful.expect("some time is neither longer nor as long"), 300);
         assert_eq!(found.check, CheckResult::Inconclusive);
         assert!(found.reasons.iter().all(|reason| reason.code != ReasonCode::ShadowClean));
     }

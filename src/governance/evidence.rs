@@ -360,6 +360,53 @@ crate::closed_set! {
     }
 }
 
+/// Drills of one kind past the base number, which settle whether the candidate fails alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SettlingTally {
+    /// Drills of the candidate. The active version does those only where the candidate failed.
+    pub alone: u32,
+    /// Of them, those that the candidate failed and the active version passed.
+    pub alone_failed: u32,
+    /// Drills of both.
+    pub paired: u32,
+    /// Of them, those that the candidate alone failed.
+    pub candidate_failed: u32,
+    /// Of them, those that the active version alone failed.
+    pub active_failed: u32,
+}
+
+/// Drills past the base number, by the kinds that are settled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SettlingTallies {
+    /// Of the rollback hook.
+    pub rollback: SettlingTally,
+    /// Of the safe-abort hook.
+    pub abort: SettlingTally,
+}
+
+impl SettlingTallies {
+    /// The tally of a kind; `None` of a kind that is not settled.
+    #[must_use]
+    pub const fn of(&self, kind: DrillKind) -> Option<&SettlingTally> {
+        match kind {
+            DrillKind::Rollback => Some(&self.rollback),
+            DrillKind::Abort => Some(&self.abort),
+            DrillKind::Fallback | DrillKind::Detect => None,
+        }
+    }
+
+    /// The tally of a kind, to count into.
+    pub const fn of_mut(&mut self, kind: DrillKind) -> Option<&mut SettlingTally> {
+        match kind {
+            DrillKind::Rollback => Some(&mut self.rollback),
+            DrillKind::Abort => Some(&mut self.abort),
+            DrillKind::Fallback | DrillKind::Detect => None,
+        }
+    }
+}
+
 /// The same drills done with the candidate and with the active version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -370,6 +417,9 @@ pub struct RecoveryEvidence {
     pub candidate: DrillTallies,
     /// The same drills with the active version in control.
     pub active: DrillTallies,
+    /// Drills past the base number; none in records of older builds.
+    #[serde(default)]
+    pub settling: SettlingTallies,
 }
 
 /// How a version went about its work, where nothing was violated.

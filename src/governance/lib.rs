@@ -27,6 +27,7 @@
 //! use holdpoint_governance::decision::{DecisionContext, ReasonCode};
 //! use holdpoint_governance::evidence::{
 //!     DrillTallies, DrillTally, EpisodeValues, EvidenceBinding, Pair, PairedEvidence, RecoveryEvidence,
+//!     SettlingTallies,
 //! };
 //! use holdpoint_governance::exports::Interface;
 //! use holdpoint_governance::ids::Digest;
@@ -159,7 +160,8 @@
 //!
 //! let all = DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0, failed_alone: 0 };
 //! let drills = DrillTallies { rollback: all, fallback: all, abort: all, detect: all, ..DrillTallies::default() };
-//! let rehearsed = RecoveryEvidence { binding, candidate: drills, active: drills };
+//! let settling = SettlingTallies::default();
+//! let rehearsed = RecoveryEvidence { binding, candidate: drills, active: drills, settling };
 //! let recovery = recovery::assess(&rehearsed, &binding, &profile).assessment;
 //!
 //! // 5. The next permitted stage.

@@ -133,6 +133,8 @@ mod tests {
             let (confirmed, again) = (unit.of_confirmation(), unit.of_re_evaluation());
             if confirmed != WorkUnit::Confirmation {
                 assert_eq!(confirmed.name(), format!("confirmation, {}", unit.name()));
+            }
+            if again != WorkUnit::ReEvaluation {
                 assert_eq!(again.name(), format!("behavior shifted: re-evaluation, {}", unit.name()));
             }
         }

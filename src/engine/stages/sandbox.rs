@@ -9,7 +9,9 @@ use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::early_stop::EarlyStopReason;
-use holdpoint_governance::evidence::{DrillTallies, EvidenceBinding, SandboxMode, SoloEpisode};
+use holdpoint_governance::evidence::{
+    DrillTallies, EvidenceBinding, SandboxMode, SettlingTallies, SoloEpisode,
+};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::notice::Notice;
@@ -165,6 +167,7 @@ pub fn begin(
     evidence_file.sequences.clear();
     evidence_file.twins.clear();
     evidence_file.drills = Some((DrillTallies::default(), DrillTallies::default()));
+    evidence_file.settling = SettlingTallies::default();
     evidence_file.failed_drills.clear();
     evidence_file.alone.clear();
     evidence_file.bindings = vec![binding];
@@ -283,6 +286,7 @@ impl Sandbox<'_> {
         let evidence_file = self.evidence_files.edit(id);
         evidence_file.pairs = paired.pairs;
         evidence_file.drills = Some((rehearsed.candidate, rehearsed.active));
+        evidence_file.settling = rehearsed.settling;
         evidence_file.failed_drills = evaluation.failed_drills().to_vec();
         evidence_file.anchor = evaluation.anchor().cloned();
         evidence_file.handovers = evaluation.sequences().cloned();

@@ -451,7 +451,7 @@ fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<
         pairs: evidence_file.pairs.clone(),
         hard_stops: evidence_file.hard_stops.clone(),
     };
-    let drills = RecoveryEvidence { binding: *binding, candidate, active };
+    let drills = RecoveryEvidence { binding: *binding, candidate, active, settling: evidence_file.settling };
     let beside = UnpairedEvidence {
         is_settling: true,
         anchor: evidence_file.anchor.as_ref(),
@@ -485,7 +485,7 @@ fn replay_assessment(
     let profile = &frame.profile;
     let UnpairedEvidence { is_settling, anchor, handovers: sequences, .. } = *beside;
     let evidence = ComparisonEvidence { pairs, drills, is_settling, anchor, sequences };
-    let (mut again, recovered) = evidence.assess(ended, profile);
+    let (mut again, recovered) = evidence.assess(&pairs.binding, ended, profile);
     behavior::add_stress_concern(&mut again, beside.unsafe_under_stress, MODE_EPISODES, profile);
     behavior::add_search_concern(&mut again, beside.searched, profile);
     same("behavior", behavior, &again)?;

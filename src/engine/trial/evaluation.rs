@@ -25,7 +25,7 @@ use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{
     AnchorEvidence, DrillKind, DrillTallies, DrillTally, EvidenceBinding, FailedDrill, Pair, PairedEvidence,
-    RecoveryEvidence,
+    RecoveryEvidence, SettlingTallies,
 };
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::phase::WorkPhase;
@@ -70,6 +70,8 @@ pub struct Evaluation {
     /// The phases that drills are dealt round, once they are known.
     phases: Option<Vec<WorkPhase>>,
     drills: (DrillTallies, DrillTallies),
+    /// Drills past the base number.
+    settling: SettlingTallies,
     /// The candidate's that did not pass, in the order they were worked; at most [`FAILED_KEPT`].
     failed: Vec<FailedDrill>,
     pairs_tried: u64,
@@ -112,6 +114,7 @@ impl Evaluation {
             stops,
             phases: None,
             drills: (DrillTallies::default(), DrillTallies::default()),
+            settling: SettlingTallies::default(),
             failed: Vec::new(),
             pairs_tried: 0,
             drills_tried: [0; DrillKind::ALL.len()],
@@ -198,7 +201,8 @@ impl Evaluation {
     /// The drills so far, as the rules read them.
     #[must_use]
     pub const fn rehearsed(&self) -> RecoveryEvidence {
-        RecoveryEvidence { binding: self.binding, candidate: self.drills.0, active: self.drills.1 }
+        let (candidate, active) = self.drills;
+        RecoveryEvidence { binding: self.binding, candidate, active, settling: self.settling }
     }
 
     /// The candidate's drills that did not pass, the first ones.
@@ -271,8 +275,14 @@ impl Evaluation {
                 records = worked;
                 WorkUnit::PairedEpisodes
             }
-            Some(NextSlice::Drills(kind) | NextSlice::Settling(kind)) => {
+            Some(NextSlice::Drills(kind)) => {
                 if !self.drill_slice(lab, candidate, active, kind)? {
+                    return Ok(None);
+                }
+                WorkUnit::from(kind)
+            }
+            Some(NextSlice::Settling(kind)) => {
+                if !self.settling_slice(lab, candidate, active, kind)? {
                     return Ok(None);
                 }
                 WorkUnit::from(kind)
@@ -362,13 +372,23 @@ impl Evaluation {
         tally(&mut self.drills.1, kind, &spots, &of_active);
         self.drills.0.of_mut(kind).failed_alone += failed_alone(&of_candidate, &of_active);
         self.drills.1.of_mut(kind).failed_alone += failed_alone(&of_active, &of_candidate);
-        for (spot, (new, old)) in spots.iter().zip(of_candidate.iter().zip(&of_active)) {
+        self.keep_failed(kind, &spots, &of_candidate, &of_active);
+        Ok(true)
+    }
+
+    fn keep_failed(
+        &mut self,
+        kind: DrillKind,
+        spots: &[DrillSpot],
+        of_candidate: &[DrillResult],
+        of_active: &[DrillResult],
+    ) {
+        for (spot, (new, old)) in spots.iter().zip(of_candidate.iter().zip(of_active)) {
             if *new == DrillResult::Failed && self.failed.len() < FAILED_KEPT {
                 let active = (*old != DrillResult::Infeasible).then_some(*old == DrillResult::Passed);
                 self.failed.push(FailedDrill { kind, phase: spot.phase, seed: spot.seed, active });
             }
         }
-        Ok(true)
     }
 
     /// Returns whether the slice is whole.
@@ -417,11 +437,11 @@ impl Evaluation {
         Ok(true)
     }
 
-    const fn progress(&self) -> EvaluationProgress {
+    fn progress(&self) -> EvaluationProgress {
         EvaluationProgress {
             pairs: self.pairs.len() as u64,
             pairs_tried: self.pairs_tried,
-            drills: self.drills,
+            drills: self.rehearsed(),
             drills_tried: self.drills_tried,
             anchored: self.anchored,
             sequences: match &self.sequences {
@@ -474,16 +494,13 @@ impl Evaluation {
                     let open = seeds.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Lookahead::Pairs(part.to_vec())));
                 }
-                NextSlice::Drills(kind) | NextSlice::Settling(kind) => {
-                    if slice.is_late() && !self.is_late {
-                        break;
-                    }
+                NextSlice::Drills(kind) => {
                     let spots = self.spots(lab, &progress, kind);
                     let open = spots.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Lookahead::Drills(kind, part.to_vec())));
                 }
                 // Slices that may never be requested are not run ahead.
-                NextSlice::Anchor => break,
+                NextSlice::Anchor | NextSlice::Settling(_) => break,
                 NextSlice::Sequences if self.sequences.is_none() => break,
                 NextSlice::Sequences => {
                     let seeds = self.seeds(lab, &progress, slice);
@@ -529,7 +546,7 @@ impl Evaluation {
             anchor: self.anchor(),
             sequences: self.sequences(),
         };
-        evidence.assess(ended, profile)
+        evidence.assess(&self.binding, ended, profile)
     }
 }
 

@@ -267,6 +267,34 @@ impl TrialLab<'_> {
         Ok((of_candidate, of_active))
     }
 
+    /// Drills of the candidate at the given spots, and of the active version where the candidate failed; elsewhere the
+    /// active version's result is infeasible: it says nothing. Names the cached ones.
+    ///
+    /// # Errors
+    /// As [`TrialLab::episodes`].
+    pub fn drills_after_failures(
+        &self,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        kind: DrillKind,
+        spots: &[DrillSpot],
+        reuse: &mut Reuse,
+    ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), EngineFault> {
+        let jobs = self.table(candidate, active).drills(kind, spots, true);
+        let outcomes = self.worker_pool.run_jobs(jobs, self.cancel)?;
+        let of_candidate =
+            outcomes.into_iter().map(JobOutcome::drill).collect::<Result<Vec<_>, EngineFault>>()?;
+        complete(&of_candidate, spots.len())?;
+        let mut of_active = vec![DrillResult::Infeasible; spots.len()];
+        for ((spot, new), old) in spots.iter().zip(&of_candidate).zip(&mut of_active) {
+            if *new == DrillResult::Failed {
+                let (_, found) = self.drills(candidate, active, kind, &[*spot], reuse)?;
+                *old = found.first().copied().unwrap_or(DrillResult::Infeasible);
+            }
+        }
+        Ok((of_candidate, of_active))
+    }
+
     /// Whole sequences of the given seeds with both versions, candidate first. Names the cached ones.
     ///
     /// # Errors

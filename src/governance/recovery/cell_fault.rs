@@ -135,5 +135,6 @@ fn without(evidence: &RecoveryEvidence, kinds: &[DrillKind], profile: &Profile) 
         binding: evidence.binding,
         candidate: rest_of(&evidence.candidate),
         active: rest_of(&evidence.active),
+        settling: evidence.settling,
     }
 }

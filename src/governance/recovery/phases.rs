@@ -110,7 +110,7 @@ pub(super) fn weaknesses(
 mod tests {
     use super::*;
     use crate::decision::ReasonCode;
-    use crate::evidence::{DrillTallies, DrillTally, EvidenceBinding};
+    use crate::evidence::{DrillTallies, DrillTally, EvidenceBinding, SettlingTallies};
     use crate::ids::Digest;
     use crate::outcome::RecoveryOutcome;
     use crate::profile::ProfileName;
@@ -146,7 +146,12 @@ mod tests {
         };
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         super::super::assess(
-            &RecoveryEvidence { binding, candidate: *candidate, active: *active },
+            &RecoveryEvidence {
+                binding,
+                candidate: *candidate,
+                active: *active,
+                settling: SettlingTallies::default(),
+            },
             &binding,
             &profile,
         )

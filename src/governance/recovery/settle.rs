@@ -1,13 +1,14 @@
 //! More drills where a stop or a rollback failed that the active version passed: until that is settled.
 //!
-//! Pairs drills by their place: the candidate alone failed in `b` of `n` of them, the active version alone in `c`. The
-//! tallies decide three ways, each by a test martingale with 1 as its mean, so that looking after every drill costs
-//! nothing (Ville):
+//! Both versions did the base number of drills at the same places. After it the candidate drills alone, and the active
+//! version only where the candidate failed; once the candidate failed alone, both drill again. Of the drills of both, the
+//! candidate alone failed in `b`, the active version alone in `c`. Three ends, each but the last by a test martingale with 1
+//! as its mean, so that looking after every drill costs nothing (Ville):
 //!
 //! - *Worse*: under equal hooks a place where only one failed is as often the one's as the other's. The likelihood ratio
-//!   of 19 to 1 against 1 to 1 reaches `1 / WORSE_ALPHA` with probability at most `WORSE_ALPHA`.
+//!   of 19 to 1 against 1 to 1 over the drills of both reaches `1 / WORSE_ALPHA` with probability at most `WORSE_ALPHA`.
 //! - *Not worse*: if the candidate alone fails at least [`EXCESS_MAX`] more often than the active version alone,
-//!   `prod(1 + BET (EXCESS_MAX - d))` over the drills, `d` being 1, -1 or 0, reaches `1 / SAME_ALPHA` with probability
+//!   `prod(1 + BET (EXCESS_MAX - d))` over all drills, `d` being 1, -1 or 0, reaches `1 / SAME_ALPHA` with probability
 //!   at most `SAME_ALPHA`. Without any failure of the candidate alone, [`CLEAN_DRILLS`] drills are enough: one failure
 //!   in 50 would have shown there with probability .9.
 //! - Neither at [`SETTLED_DRILLS_MAX`] drills: on hold if a sign test of the places where only one failed leans toward
@@ -17,8 +18,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{RecoveryAssessment, reason};
 use crate::decision::ReasonCode;
-use crate::evidence::{DrillKind, DrillTallies, DrillTally, RecoveryEvidence};
-use crate::finding::{DrillSide, Finding};
+use crate::evidence::{DrillKind, DrillTally, RecoveryEvidence};
+use crate::finding::{DrillSide, EvidenceGap, Finding};
 use crate::outcome::RecoveryOutcome;
 use crate::stats;
 
@@ -30,6 +31,9 @@ pub const CLEAN_DRILLS: u32 = 114;
 
 /// The most drills of a settled kind.
 pub const SETTLED_DRILLS_MAX: u32 = 500;
+
+/// More drills than this are no evidence: the base number of a profile is at most 10,000.
+const DRILLS_MAX: u32 = 20_000;
 
 /// How much more often the candidate alone may fail: once in 50 drills.
 pub const EXCESS_MAX: f64 = 0.02;
@@ -71,41 +75,72 @@ crate::closed_set! {
 pub struct DrillContrast {
     /// The kind of drill.
     pub kind: DrillKind,
-    /// Drills of the candidate.
-    pub drills: u32,
-    /// Drills in which the candidate alone failed.
-    pub candidate_alone: u32,
-    /// Drills in which the active version alone failed.
-    pub active_alone: u32,
+    /// Drills of both versions.
+    pub paired: u32,
+    /// Of them, those in which the candidate alone failed.
+    pub candidate_failed: u32,
+    /// Of them, those in which the active version alone failed.
+    pub active_failed: u32,
+    /// Drills of the candidate; the active version did those only where the candidate failed.
+    pub alone: u32,
+    /// Of them, those in which the candidate alone failed.
+    pub alone_failed: u32,
 }
 
 impl DrillContrast {
-    /// The contrast of a kind.
+    /// The contrast of a kind: the base number, which both did, and the drills after it.
     #[must_use]
-    pub const fn of(kind: DrillKind, candidate: &DrillTallies, active: &DrillTallies) -> Self {
-        let (new, old): (&DrillTally, &DrillTally) = (candidate.of(kind), active.of(kind));
-        let drills = if new.feasible() < old.feasible() { new.feasible() } else { old.feasible() };
-        Self { kind, drills, candidate_alone: new.failed_alone, active_alone: old.failed_alone }
+    pub fn of(kind: DrillKind, evidence: &RecoveryEvidence) -> Self {
+        let (new, old): (&DrillTally, &DrillTally) = (evidence.candidate.of(kind), evidence.active.of(kind));
+        let more = evidence.settling.of(kind).copied().unwrap_or_default();
+        Self {
+            kind,
+            paired: new.feasible().min(old.feasible()).saturating_add(more.paired),
+            candidate_failed: new.failed_alone.saturating_add(more.candidate_failed),
+            active_failed: old.failed_alone.saturating_add(more.active_failed),
+            alone: more.alone,
+            alone_failed: more.alone_failed,
+        }
+    }
+
+    /// All drills of the candidate.
+    #[must_use]
+    pub const fn drills(&self) -> u32 {
+        self.paired.saturating_add(self.alone)
+    }
+
+    /// All drills in which the candidate alone failed.
+    #[must_use]
+    pub const fn failed(&self) -> u32 {
+        self.candidate_failed.saturating_add(self.alone_failed)
+    }
+
+    /// Whether the counts can be: no more failures than drills, and no more drills than are ever wanted of both kinds of slice.
+    fn is_plausible(&self) -> bool {
+        let one_sided = self.candidate_failed.saturating_add(self.active_failed);
+        one_sided <= self.paired && self.alone_failed <= self.alone && self.drills() <= DRILLS_MAX
     }
 
     /// How the contrast is settled by these drills.
     #[must_use]
     pub fn settlement(&self) -> Settlement {
-        let (b, c) = (f64::from(self.candidate_alone), f64::from(self.active_alone));
-        if self.candidate_alone == 0 {
-            return if self.drills >= CLEAN_DRILLS { Settlement::Clean } else { Settlement::Open };
+        if self.failed() == 0 {
+            return if self.drills() >= CLEAN_DRILLS { Settlement::Clean } else { Settlement::Open };
         }
+        let (b, c) = (f64::from(self.candidate_failed), f64::from(self.active_failed));
         let worse = b * libm::log(2.0 * WORSE_SHARE) + c * libm::log(2.0 * (1.0 - WORSE_SHARE));
         if worse >= -libm::log(WORSE_ALPHA) {
             return Settlement::Worse;
         }
-        let even = (f64::from(self.drills) - b - c).max(0.0);
+        // Where the candidate did a drill alone and passed, the difference is 0 at most: counted as 0, the product is lower.
+        let b = f64::from(self.failed());
+        let even = (f64::from(self.drills()) - b - c).max(0.0);
         let same = even * libm::log1p(BET * EXCESS_MAX)
             + b * libm::log1p(BET * (EXCESS_MAX - 1.0))
             + c * libm::log1p(BET * (EXCESS_MAX + 1.0));
         if same >= -libm::log(SAME_ALPHA) {
             Settlement::NotWorse
-        } else if self.drills < SETTLED_DRILLS_MAX {
+        } else if self.drills() < SETTLED_DRILLS_MAX {
             Settlement::Open
         } else if self.leans() {
             Settlement::Held
@@ -116,25 +151,31 @@ impl DrillContrast {
 
     /// Whether the candidate alone failed more often by a sign test at [`HELD_ALPHA`].
     fn leans(&self) -> bool {
-        let places = u64::from(self.candidate_alone) + u64::from(self.active_alone);
-        stats::clopper_pearson_lower(u64::from(self.candidate_alone), places, HELD_ALPHA)
+        let places = u64::from(self.candidate_failed) + u64::from(self.active_failed);
+        stats::clopper_pearson_lower(u64::from(self.candidate_failed), places, HELD_ALPHA)
             .is_ok_and(|share| share >= 0.5)
     }
 
     /// How much more often the candidate alone failed, as a share of the drills.
     #[must_use]
     pub fn excess(&self) -> f64 {
-        (f64::from(self.candidate_alone) - f64::from(self.active_alone)) / f64::from(self.drills.max(1))
+        (f64::from(self.failed()) - f64::from(self.active_failed)) / f64::from(self.drills().max(1))
     }
 
-    /// How many drills of the kind are wanted by what is known so far.
+    /// How many drills of the candidate are wanted by what is known so far.
     #[must_use]
     pub fn drills_wanted(&self) -> u32 {
         match self.settlement() {
-            Settlement::Open if self.candidate_alone == 0 => CLEAN_DRILLS,
+            Settlement::Open if self.failed() == 0 => CLEAN_DRILLS,
             Settlement::Open => SETTLED_DRILLS_MAX,
-            Settlement::Clean | Settlement::Worse | Settlement::NotWorse | Settlement::Held => self.drills,
+            Settlement::Clean | Settlement::Worse | Settlement::NotWorse | Settlement::Held => self.drills(),
         }
+    }
+
+    /// Whether the next drills are done by both versions: once the candidate failed alone.
+    #[must_use]
+    pub const fn is_paired_next(&self) -> bool {
+        self.failed() > 0
     }
 }
 
@@ -144,10 +185,19 @@ pub fn apply_settling(result: &mut RecoveryAssessment, evidence: &RecoveryEviden
     if matches!(result.assessment.outcome, RecoveryOutcome::Incompatible | RecoveryOutcome::NoData) {
         return;
     }
-    let contrast = |kind| DrillContrast::of(kind, &evidence.candidate, &evidence.active);
-    result.settled = SETTLED_KINDS.map(contrast).to_vec();
+    let contrast = |kind| DrillContrast::of(kind, evidence);
+    let contrasts = SETTLED_KINDS.map(contrast);
+    if !contrasts.iter().all(DrillContrast::is_plausible) {
+        let implausible = reason(Finding::RecoveryGap { gap: EvidenceGap::Implausible });
+        result.assessment.outcome = RecoveryOutcome::NoData;
+        result.assessment.conditions.clear();
+        result.assessment.reasons.insert(0, implausible);
+        return;
+    }
+    result.settled = contrasts.to_vec();
     for found in result.settled.clone() {
-        let DrillContrast { kind: drill, drills, candidate_alone: failed, active_alone: active } = found;
+        let DrillContrast { kind: drill, active_failed: active, .. } = found;
+        let (failed, drills) = (found.failed(), found.drills());
         let assessment = &mut result.assessment;
         let (finding, outcome) = match found.settlement() {
             Settlement::Clean => continue,

@@ -22,8 +22,8 @@ use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::{Decision, DecisionContext};
 use holdpoint_governance::evidence::{
-    Conduct, DrillTallies, DrillTally, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence, ShadowEvidence,
-    ShadowSequence,
+    Conduct, DrillTallies, DrillTally, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence,
+    SettlingTallies, ShadowEvidence, ShadowSequence,
 };
 use holdpoint_governance::gate::{self, GateInput, GateOutcome};
 use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
@@ -251,7 +251,8 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         detect: passed,
         ..DrillTallies::default()
     };
-    let rehearsed = RecoveryEvidence { binding, candidate: drills, active: drills };
+    let rehearsed =
+        RecoveryEvidence { binding, candidate: drills, active: drills, settling: SettlingTallies::default() };
     let sequences = (0..u64::from(profile.evaluation.shadow_sequences))
         .map(|seed| ShadowSequence {
             seed,

@@ -86,6 +86,7 @@ fn main() {
                 cell: &cell,
                 cache: &cache,
                 team: TrialTeam::default(),
+                anchor: None,
             };
             let by = |style| search(&lab, [&candidate, &active], style, &profile.harm);
             let (by_search, by_draws) = (by(SearchStyle::Evolution), by(SearchStyle::Random));

@@ -203,9 +203,10 @@ mod tests {
             let measured = ReasonMeasurement::Component { component, pairs: 300 };
             excess(&RuleReason { record: &reason, measured: Some(&measured) })
         };
-        let (time, success) = (of(ComponentName::Time, 0.026, 0.6), of(ComponentName::Success, 0.16, 0.15));
-        assert!(time < 0.0 && success > 0.0, "{time} {success}");
-        assert!(of(ComponentName::Violation, 0.02, 0.05) > success, "it decides alone");
+        let (time, retry) = (of(ComponentName::Time, 0.026, 0.6), of(ComponentName::Retry, 1.6, 1.5));
+        assert!(time < 0.0 && retry > 0.0, "{time} {retry}");
+        assert!(of(ComponentName::Violation, 0.02, 0.05) > retry, "it decides alone");
+        assert!(of(ComponentName::Success, 0.05, 0.15) > retry, "as a loss of five points does");
     }
 
     #[test]

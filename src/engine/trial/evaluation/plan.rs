@@ -3,7 +3,7 @@
 use super::tally;
 use crate::trial::drills::DrillResult;
 use crate::trial::seeds::SeedPurpose;
-use holdpoint_governance::evidence::{DrillKind, DrillTallies};
+use holdpoint_governance::evidence::{DrillKind, RecoveryEvidence};
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{CLEAN_DRILLS, DrillContrast, SETTLED_KINDS};
 
@@ -127,7 +127,7 @@ impl NextSlice {
 pub(super) struct EvaluationProgress {
     pub(super) pairs: u64,
     pub(super) pairs_tried: u64,
-    pub(super) drills: (DrillTallies, DrillTallies),
+    pub(super) drills: RecoveryEvidence,
     pub(super) drills_tried: [u64; DrillKind::ALL.len()],
     /// Pairs whose seeds the anchor has run.
     pub(super) anchored: u64,
@@ -142,7 +142,8 @@ impl EvaluationProgress {
     /// rules hold, and a candidate that cannot recover is known sooner. The anchor, the settling of drills and sequences come last.
     pub(super) fn next(&self, plan: &EvaluationPlan) -> Option<NextSlice> {
         let left = |kind: &DrillKind| {
-            let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
+            let feasible =
+                self.drills.candidate.of(*kind).feasible().min(self.drills.active.of(*kind).feasible());
             feasible < plan.drills
                 && self.drills_tried[*kind as usize] < ATTEMPTS_FACTOR * u64::from(plan.drills)
         };
@@ -150,7 +151,7 @@ impl EvaluationProgress {
         let drill =
             (0..kinds.len()).map(|step| kinds[(self.turns / 2 + step) % kinds.len()]).find(|kind| left(kind));
         let suspect = kinds.into_iter().filter(left).find(|kind| {
-            let tally = self.drills.0.of(*kind);
+            let tally = self.drills.candidate.of(*kind);
             2 * tally.failed >= tally.feasible() && tally.failed >= SUSPECT_FROM
         });
         if let Some(kind) = suspect {
@@ -171,15 +172,17 @@ impl EvaluationProgress {
         }
     }
 
+    /// The settled kind with the fewest drills that wants more: in turns both use the same undisturbed runs.
     fn settling(&self, plan: &EvaluationPlan) -> Option<NextSlice> {
         let is_wanted = |kind: &DrillKind| {
-            let contrast = DrillContrast::of(*kind, &self.drills.0, &self.drills.1);
+            let contrast = DrillContrast::of(*kind, &self.drills);
             let wanted = contrast.drills_wanted();
-            contrast.drills < wanted
+            contrast.drills() < wanted
                 && self.drills_tried[*kind as usize] < ATTEMPTS_FACTOR * u64::from(wanted)
         };
-        let is_settled = plan.is_settling && plan.drills > 0;
-        is_settled.then(|| SETTLED_KINDS.into_iter().find(is_wanted).map(NextSlice::Settling))?
+        let wanted = SETTLED_KINDS.into_iter().filter(is_wanted);
+        let next = wanted.min_by_key(|kind| self.drills_tried[*kind as usize]);
+        next.filter(|_| plan.is_settling && plan.drills > 0).map(NextSlice::Settling)
     }
 
     /// The seeds of a slice, as places among its purpose's.
@@ -211,11 +214,12 @@ impl EvaluationProgress {
                 self.pairs_tried = range.end;
             }
             NextSlice::Anchor => self.anchored = range.end,
-            NextSlice::Drills(kind) | NextSlice::Settling(kind) => {
+            NextSlice::Settling(kind) => self.drills_tried[kind as usize] = range.end,
+            NextSlice::Drills(kind) => {
                 self.drills_tried[kind as usize] = range.end;
                 for _ in range {
-                    tally(&mut self.drills.0, kind, &[], &[DrillResult::Passed]);
-                    tally(&mut self.drills.1, kind, &[], &[DrillResult::Passed]);
+                    tally(&mut self.drills.candidate, kind, &[], &[DrillResult::Passed]);
+                    tally(&mut self.drills.active, kind, &[], &[DrillResult::Passed]);
                 }
             }
             NextSlice::Sequences => {

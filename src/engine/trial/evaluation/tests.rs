@@ -10,9 +10,11 @@ use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::HardStop;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::outcome::BehaviorOutcome;
 use holdpoint_governance::outcome::RecoveryOutcome;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::recovery::DrillContrast;
 use holdpoint_registry::Store;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_runtime::terms::SkillTerms;
@@ -79,8 +81,20 @@ fn evaluate_beside(
     active: &Capability,
     beside: &[Capability],
     profile: &Profile,
+    at: (usize, u64),
+) -> (Evaluation, Vec<WorkUnit>) {
+    evaluate_against([candidate, active], None, beside, profile, at)
+}
+
+/// Both versions, with an anchor to compare with as well or without.
+fn evaluate_against(
+    versions: [&Capability; 2],
+    anchor: Option<&Capability>,
+    beside: &[Capability],
+    profile: &Profile,
     (part, seed): (usize, u64),
 ) -> (Evaluation, Vec<WorkUnit>) {
+    let [candidate, active] = versions;
     let cell = Cell::builtin().unwrap();
     let table = Arc::new(PolicyTable::builtin(profile).unwrap());
     let terms = SkillTerms::new(profile, table, cell.geometry.clone(), cell.zones.clone());
@@ -101,9 +115,11 @@ fn evaluate_beside(
         cell: &cell,
         cache: store.result_cache(),
         team: TrialTeam::excluding(active.bundle.task(), beside.iter().map(party)),
+        anchor: anchor.map(party),
     };
     let (candidate, active) = (party(candidate), party(active));
-    let mut evaluation = Evaluation::new(EvaluationPlan::sandbox(profile), binding(), SceneStops::default());
+    let plan = EvaluationPlan::sandbox(profile).with_anchor(anchor.is_some());
+    let mut evaluation = Evaluation::new(plan, binding(), SceneStops::default());
     let mut order = Vec::new();
     while evaluation.ended().is_none() {
         let step = evaluation.step(&lab, &candidate, &active, profile).unwrap();
@@ -164,6 +180,44 @@ fn active_version_that_cannot_be_drilled_does_not_reject_a_candidate() {
 }
 
 #[test]
+fn the_anchor_runs_the_seeds_of_the_pairs_after_them() {
+    let mut profile = small();
+    profile.evaluation.sandbox_pairs = 20;
+    profile.evaluation.drills_per_kind = 10;
+    let (same, better) = (version("align/1.0.0", &[]), version("candidates/align-improved", &[]));
+    let (evaluation, order) = evaluate_against([&same, &same], Some(&same), &[], &profile, (usize::MAX, 1));
+    assert_eq!(order.iter().filter(|what| **what == WorkUnit::AnchorEpisodes).count(), 1, "{order:?}");
+    assert_eq!(evaluation.done(), evaluation.plan.budget());
+    let anchored: Vec<_> =
+        evaluation.anchor().unwrap().episodes.iter().map(|of| (of.seed, of.values)).collect();
+    let paired: Vec<_> = evaluation.paired().pairs.iter().map(|pair| (pair.seed, pair.active)).collect();
+    assert_eq!(anchored, paired, "it is the active version");
+    assert_ne!(evaluation.assess(&profile).0.assessment.outcome, BehaviorOutcome::Incompatible);
+    // A candidate as bad as the active version is worse than the anchor, and nothing more is run for it.
+    profile.evaluation.sandbox_pairs = 60;
+    let (evaluation, order) = evaluate_against([&same, &same], Some(&better), &[], &profile, (usize::MAX, 1));
+    assert_eq!(order.last(), Some(&WorkUnit::AnchorEpisodes), "{order:?}");
+    let (behavior, _) = evaluation.assess(&profile);
+    assert_eq!(behavior.assessment.outcome, BehaviorOutcome::Incompatible);
+    assert_eq!(behavior.assessment.reasons[0].code, ReasonCode::BehaviorAnchorWorse);
+}
+
+#[test]
+fn a_hook_that_fails_is_drilled_until_that_is_settled() {
+    let profile = small();
+    let (evaluation, order) = evaluate("grasp/1.0.0", "grasp/1.0.0", &profile);
+    let rehearsed = evaluation.rehearsed();
+    for kind in SETTLED_KINDS {
+        let found = DrillContrast::of(kind, &rehearsed);
+        assert!((114..124).contains(&found.drills()) && found.paired < 40, "{found:?}");
+        assert_eq!((found.failed(), found.active_failed), (0, 0), "one version against itself: {found:?}");
+    }
+    let (_, late) = order.split_at(order.len() - 16);
+    let in_turns = [WorkUnit::RollbackDrills, WorkUnit::AbortDrills].repeat(8);
+    assert_eq!(late, in_turns, "they come last, on the same places: {order:?}");
+}
+
+#[test]
 fn slice_size_changes_no_result() {
     let mut profile = small();
     profile.evaluation.sandbox_pairs = 20;
@@ -179,7 +233,8 @@ fn slice_size_changes_no_result() {
 fn retries_do_not_exceed_the_budget() {
     let mut evaluation = Evaluation::new(EvaluationPlan::sandbox(&small()), binding(), SceneStops::default());
     evaluation.drills_tried = [10, 20, 30, 40];
-    assert_eq!((evaluation.tried(), evaluation.done()), (100, 10 + 3 * 20));
+    // Of rollbacks and aborts more are wanted than of the others.
+    assert_eq!((evaluation.tried(), evaluation.done()), (100, 10 + 20 + 30 + 20));
 }
 
 #[test]

@@ -45,9 +45,13 @@ fn a_lost_success_is_no_recovery_as_well() {
 fn five_points_of_success_reject_and_four_do_not() {
     for name in ProfileName::ALL {
         let profile = profile(name);
-        let budget = f64::from(profile.evaluation.sandbox_pairs);
-        for (points, rejects) in [(0.04, false), (SUCCESS_LOSS_MAX, true), (0.10, true)] {
-            let lost = (points * budget).ceil() as usize;
+        let budget = profile.evaluation.sandbox_pairs;
+        // The fewest pairs of which as many are 5 of 100.
+        let limit =
+            (1..budget).find(|lost| f64::from(*lost) >= SUCCESS_LOSS_MAX * f64::from(budget)).unwrap();
+        for (lost, rejects) in [(4 * limit / 5, false), (limit - 1, false), (limit, true), (2 * limit, true)]
+        {
+            let (lost, points) = (usize::try_from(lost).unwrap(), lost);
             let evidence = failing(&profile, 0, lost);
             let found = behavior::assess(&evidence, &binding(), &profile).assessment;
             assert_eq!(found.outcome == BehaviorOutcome::Incompatible, rejects, "{name} {points}: {found:?}");
@@ -61,7 +65,7 @@ fn against(evidence: &PairedEvidence, anchor: Option<&AnchorEvidence>, profile: 
     let drills = recovery([100; 4], [100; 4]);
     let all =
         ComparisonEvidence { pairs: evidence, drills: &drills, is_settling: false, anchor, sequences: None };
-    let (found, _) = all.assess(EarlyStopReason::Full, profile);
+    let (found, _) = all.assess(&binding(), EarlyStopReason::Full, profile);
     let named = found.assessment.reasons.iter().any(|reason| {
         matches!(reason.code, ReasonCode::BehaviorAnchorWorse | ReasonCode::BehaviorAnchorSuspicious)
     });
@@ -86,8 +90,9 @@ fn losses_against_the_anchor_do_not_add_up() {
     assert_eq!(against(&evidence, Some(&short), &profile), BehaviorOutcome::Inconclusive);
 }
 
-fn contrast(drills: u32, candidate_alone: u32, active_alone: u32) -> DrillContrast {
-    DrillContrast { kind: DrillKind::Abort, drills, candidate_alone, active_alone }
+fn contrast(paired: u32, candidate_failed: u32, active_failed: u32) -> DrillContrast {
+    let kind = DrillKind::Abort;
+    DrillContrast { kind, paired, candidate_failed, active_failed, alone: 0, alone_failed: 0 }
 }
 
 #[test]
@@ -126,7 +131,7 @@ fn drills_are_settled() {
             anchor: None,
             sequences: None,
         };
-        let (_, found) = all.assess(EarlyStopReason::Full, &profile);
+        let (_, found) = all.assess(&binding(), EarlyStopReason::Full, &profile);
         (found.assessment.outcome, found.assessment.reasons[0].code)
     };
     assert_eq!(assess(0, CLEAN_DRILLS).0, RecoveryOutcome::Compatible);
@@ -135,39 +140,75 @@ fn drills_are_settled() {
     assert_eq!(assess(0, 40).0, RecoveryOutcome::NoData);
 }
 
+/// Drills of one slice, and of the base number.
+const SLICE: u32 = 10;
+const BASE: u32 = 40;
+
+/// One more drill of both at every contrast, or one more of the candidate alone.
+fn drilled(
+    all: BTreeMap<[u32; 5], f64>,
+    candidate: f64,
+    active: f64,
+    is_paired: bool,
+) -> BTreeMap<[u32; 5], f64> {
+    let mut next: BTreeMap<[u32; 5], f64> = BTreeMap::new();
+    for ([paired, new, old, alone, failed], share) in all {
+        let ends = if is_paired {
+            [
+                ([paired + 1, new + 1, old, alone, failed], candidate),
+                ([paired + 1, new, old + 1, alone, failed], active),
+                ([paired + 1, new, old, alone, failed], 1.0 - candidate - active),
+            ]
+        } else {
+            [
+                ([paired, new, old, alone + 1, failed + 1], candidate),
+                ([paired, new, old, alone + 1, failed], 1.0 - candidate),
+                ([0; 5], 0.0),
+            ]
+        };
+        for (counts, chance) in ends {
+            if share * chance > 1e-12 {
+                *next.entry(counts).or_default() += share * chance;
+            }
+        }
+    }
+    next
+}
+
 /// How drills of one kind end whose candidate alone fails with one probability and the active version alone with
 /// another: worse, held, settled with a failure, clean. Exact: every path of counts with its probability.
 fn ends(candidate: f64, active: f64) -> [f64; 4] {
-    let mut open = BTreeMap::from([((0_u32, 0_u32), 1.0_f64)]);
+    let mut open = BTreeMap::from([([0; 5], 1.0)]);
+    for _ in 0..BASE {
+        open = drilled(open, candidate, active, true);
+    }
     let mut ends = [0.0; 4];
-    for drills in 1..=SETTLED_DRILLS_MAX {
-        let mut next: BTreeMap<(u32, u32), f64> = BTreeMap::new();
-        for ((new, old), share) in open {
-            for (counts, chance) in [
-                ((new + 1, old), candidate),
-                ((new, old + 1), active),
-                ((new, old), 1.0 - candidate - active),
-            ] {
-                if share * chance > 1e-12 {
-                    *next.entry(counts).or_default() += share * chance;
-                }
+    while !open.is_empty() {
+        let (mut pairs, mut alone) = (BTreeMap::new(), BTreeMap::new());
+        for (counts, share) in open {
+            let [paired, candidate_failed, active_failed, of_alone, alone_failed] = counts;
+            let found = DrillContrast {
+                alone: of_alone,
+                alone_failed,
+                ..contrast(paired, candidate_failed, active_failed)
+            };
+            match found.settlement() {
+                Settlement::Open if found.is_paired_next() => drop(pairs.insert(counts, share)),
+                Settlement::Open => drop(alone.insert(counts, share)),
+                Settlement::Worse => ends[0] += share,
+                Settlement::Held => ends[1] += share,
+                Settlement::NotWorse => ends[2] += share,
+                Settlement::Clean => ends[3] += share,
             }
         }
-        // Looks come after each ten drills, from the sandbox's base number on.
-        if drills >= 40 && drills % 10 == 0 {
-            next.retain(|(new, old), share| {
-                let end = match contrast(drills, *new, *old).settlement() {
-                    Settlement::Open => return true,
-                    Settlement::Worse => 0,
-                    Settlement::Held => 1,
-                    Settlement::NotWorse => 2,
-                    Settlement::Clean => 3,
-                };
-                ends[end] += *share;
-                false
-            });
+        for _ in 0..SLICE {
+            pairs = drilled(pairs, candidate, active, true);
+            alone = drilled(alone, candidate, active, false);
         }
-        open = next;
+        open = pairs;
+        for (counts, share) in alone {
+            *open.entry(counts).or_default() += share;
+        }
     }
     ends
 }

@@ -3,7 +3,9 @@
 use holdpoint_governance::composition::{PsiContext, psi};
 use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::early_stop::EarlyStopReason;
-use holdpoint_governance::evidence::{DrillKind, DrillTallies, DrillTally, RecoveryEvidence};
+use holdpoint_governance::evidence::{
+    DrillKind, DrillTallies, DrillTally, RecoveryEvidence, SettlingTallies,
+};
 use holdpoint_governance::finding::{DrillSide, Finding};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::outcome::{BehaviorOutcome, PolicyOutcome, Recommendation, RecoveryOutcome};
@@ -52,7 +54,12 @@ fn an_early_end_that_the_active_version_shares_rejects_no_candidate() {
     let begun = |active: DrillTally| {
         let failed = DrillTally { passed: 0, failed: 20, infeasible: 0, failed_alone: 0 };
         let of = |rollback| DrillTallies { rollback, ..DrillTallies::default() };
-        RecoveryEvidence { binding: binding(), candidate: of(failed), active: of(active) }
+        RecoveryEvidence {
+            binding: binding(),
+            candidate: of(failed),
+            active: of(active),
+            settling: SettlingTallies::default(),
+        }
     };
     let real = profile(ProfileName::Real);
     for (passed, outcome, code) in [
@@ -95,6 +102,7 @@ fn a_shortage_of_drills_is_charged_to_the_side_that_has_it() {
         binding: binding(),
         candidate: DrillTallies::default(),
         active: DrillTallies::default(),
+        settling: SettlingTallies::default(),
     };
     assert_eq!(codes(&assessed(&none, EarlyStopReason::Full)), [RecoveryNoData]);
 }

@@ -413,10 +413,13 @@ fn versions_usable_under_bounds_get_conditions() {
     let review = ruled(ProfileName::Human, "authority = 1", "authority = 2");
     assert_eq!(review, [Condition::ApprovalRequired { quorum: 2 }]);
     let longest = profile(ProfileName::Human).evaluation.shadow_sequences_max;
-    let failure = EpisodeValues { success: false, ..GOOD };
-    let suspicious = behaviour(ProfileName::Human, (0, GOOD), (38, failure)).assessment.conditions;
+    let slower = |percent: u32| {
+        let slow = EpisodeValues { time_s: GOOD.time_s * (1.0 + f64::from(percent) / 100.0), ..GOOD };
+        behaviour(ProfileName::Human, (0, GOOD), (usize::MAX, slow)).assessment
+    };
+    let suspicious = (1..200).map(slower).find(|found| found.outcome == BehaviorOutcome::Suspicious);
     assert_eq!(
-        suspicious,
+        suspicious.expect("some time is neither longer nor as long").conditions,
         [
             Condition::StricterThresholds { factor: 0.5 },
             Condition::ShadowFirst { sequences: longest },

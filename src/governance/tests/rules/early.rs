@@ -5,6 +5,7 @@ use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{
     DrillTallies, DrillTally, EpisodeValues, HardStop, Pair, PairedEvidence, RecoveryEvidence,
+    SettlingTallies,
 };
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
@@ -162,7 +163,12 @@ fn drills_end_by_the_counts() {
         ),
         (DrillTallies { fallback: seven, ..whole }, None),
     ] {
-        let evidence = RecoveryEvidence { binding: binding(), candidate, active: whole };
+        let evidence = RecoveryEvidence {
+            binding: binding(),
+            candidate,
+            active: whole,
+            settling: SettlingTallies::default(),
+        };
         assert_eq!(recovery::end_reason(&evidence, &binding(), &profile), expected, "{candidate:?}");
         let Some(named) = expected else { continue };
         let found = recovery::assess_early_stop(&evidence, &binding(), &profile, named);
@@ -182,7 +188,12 @@ fn drills_end_by_the_counts() {
         );
     }
     // A named rule that the evidence does not confirm is no data.
-    let begun = RecoveryEvidence { binding: binding(), candidate: done(20, 20), active: whole };
+    let begun = RecoveryEvidence {
+        binding: binding(),
+        candidate: done(20, 20),
+        active: whole,
+        settling: SettlingTallies::default(),
+    };
     for named in
         [EarlyStopReason::Full, EarlyStopReason::Curtailed, EarlyStopReason::FinitePopulation { alpha: 0.01 }]
     {
@@ -195,6 +206,7 @@ fn drills_end_by_the_counts() {
         binding: binding(),
         candidate: DrillTallies { rollback: seven, ..whole },
         active: whole,
+        settling: SettlingTallies::default(),
     };
     assert_eq!(recovery::end_reason(&lost, &binding(), &off), None);
 }
@@ -271,7 +283,7 @@ proptest! {
             let [rollback, fallback, abort, detect] = passed.map(|passed| tally(passed, 40));
             DrillTallies { rollback, fallback, abort, detect, ..DrillTallies::default() }
         };
-        let full = RecoveryEvidence { binding: binding(), candidate: of(candidate), active: of(active) };
+        let full = RecoveryEvidence { binding: binding(), candidate: of(candidate), active: of(active), settling: SettlingTallies::default() };
         let mut part = full;
         for (index, kind) in holdpoint_governance::evidence::DrillKind::ALL.into_iter().enumerate() {
             // Any number of the passes that the part can hold.

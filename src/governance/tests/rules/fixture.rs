@@ -6,7 +6,7 @@ use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{DecisionContext, Kappa};
 use holdpoint_governance::evidence::{
     Conduct, DrillTallies, DrillTally, EpisodeValues, EvidenceBinding, Pair, PairedEvidence,
-    RecoveryEvidence, ShadowEvidence, ShadowSequence,
+    RecoveryEvidence, SettlingTallies, ShadowEvidence, ShadowSequence,
 };
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::Digest;
@@ -177,7 +177,12 @@ pub fn drills(passed: [u32; 4]) -> DrillTallies {
 }
 
 pub fn recovery(active: [u32; 4], candidate: [u32; 4]) -> RecoveryEvidence {
-    RecoveryEvidence { binding: binding(), candidate: drills(candidate), active: drills(active) }
+    RecoveryEvidence {
+        binding: binding(),
+        candidate: drills(candidate),
+        active: drills(active),
+        settling: SettlingTallies::default(),
+    }
 }
 
 pub fn shadow(profile: &Profile) -> ShadowEvidence {

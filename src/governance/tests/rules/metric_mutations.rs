@@ -6,8 +6,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_governance::approval::Requester;
+use holdpoint_governance::comparison_evidence::ComparisonEvidence;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::DecisionContext;
+use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{
     EpisodeValues, EvidenceBinding, HardStop, PairedEvidence, RecoveryEvidence, ShadowEvidence,
 };
@@ -16,7 +18,6 @@ use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::submission::{Provenance, Risk};
-use holdpoint_governance::{behavior, recovery};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -57,6 +58,8 @@ impl MutationInputs {
             shadow: shadow(&self.profile),
             kappas: kappas(&self.profile, [1.0; 4]),
         };
+        // As many more drills as show one failure in 50.
+        (evidence.recovery.settling.rollback.alone, evidence.recovery.settling.abort.alone) = (20, 20);
         evidence.behavior.binding = self.current;
         evidence.recovery.binding = self.current;
         evidence.shadow.binding = self.current;
@@ -68,9 +71,17 @@ impl MutationInputs {
     fn passes(&self, evidence: &Evidence) -> bool {
         let (profile, current) = (&self.profile, &self.current);
         let shadow = gate::assess_shadow(&evidence.shadow, current, profile);
+        let measured = ComparisonEvidence {
+            pairs: &evidence.behavior,
+            drills: &evidence.recovery,
+            is_settling: true,
+            anchor: None,
+            sequences: None,
+        };
+        let (behavior, recovery) = measured.assess(current, EarlyStopReason::Full, profile);
         let assessed = Kappas {
-            behavior: behavior::assess(&evidence.behavior, current, profile).assessment,
-            recovery: recovery::assess(&evidence.recovery, current, profile).assessment,
+            behavior: behavior.assessment,
+            recovery: recovery.assessment,
             ..evidence.kappas.clone()
         };
         let bindings = [evidence.behavior.binding, evidence.recovery.binding, evidence.shadow.binding];
