@@ -12,6 +12,7 @@ mod harm;
 mod order;
 mod sequences;
 
+pub(crate) use anchor::require_anchor;
 pub use anchor::{AnchorComparison, apply_anchor};
 pub use component::{BehaviorComponent, ComponentName, SUCCESS_LOSS_MAX, component_of};
 pub use early::{assess_early_stop, end_reason, is_lost, is_lost_early};

@@ -3,7 +3,7 @@
 use crate::behavior::{self, BehaviorAssessment, SequenceEvidence};
 use crate::early_stop::EarlyStopReason;
 use crate::evidence::{AnchorEvidence, EvidenceBinding, PairedEvidence, RecoveryEvidence};
-use crate::outcome::BehaviorOutcome;
+use crate::outcome::{BehaviorOutcome, RecoveryOutcome};
 use crate::profile::Profile;
 use crate::recovery::{self, RecoveryAssessment};
 
@@ -16,7 +16,9 @@ pub struct ComparisonEvidence<'a> {
     pub drills: &'a RecoveryEvidence,
     /// Whether failed stops and rollbacks are settled by more drills, as the sandbox does.
     pub is_settling: bool,
-    /// Episodes of the family's anchor; absent if there is no other anchor, or they were not run.
+    /// Whether the family has another anchor, so that a version which nothing rejects has to be compared with it.
+    pub has_anchor: bool,
+    /// Episodes of the anchor; absent if there is no other anchor, or they were not run.
     pub anchor: Option<&'a AnchorEvidence>,
     /// Whole sequences; absent if none were begun.
     pub sequences: Option<&'a SequenceEvidence>,
@@ -32,10 +34,15 @@ impl ComparisonEvidence<'_> {
         ended: EarlyStopReason,
         profile: &Profile,
     ) -> (BehaviorAssessment, RecoveryAssessment) {
-        let Self { pairs, drills, is_settling, anchor, sequences } = *self;
+        let Self { pairs, drills, is_settling, has_anchor, anchor, sequences } = *self;
         let mut behavior = behavior::assess_early_stop(pairs, current, profile, ended);
-        behavior::apply_anchor(&mut behavior, pairs, anchor, profile);
         let mut recovery = recovery::assess_drills(drills, current, profile, ended);
+        let is_rejected = recovery.assessment.outcome == RecoveryOutcome::Incompatible;
+        match anchor {
+            Some(anchor) => behavior::apply_anchor(&mut behavior, pairs, anchor, profile),
+            None if has_anchor && !is_rejected => behavior::require_anchor(&mut behavior),
+            None => {}
+        }
         let is_open =
             matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious);
         if is_settling && is_open {

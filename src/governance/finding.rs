@@ -347,6 +347,8 @@ findings! {
     AnchorWorse { anchor: CapabilityId, by: Box<Finding> } => BehaviorAnchorWorse,
     /// It may be worse than the family's anchor, likewise.
     AnchorPossiblyWorse { anchor: CapabilityId, by: Box<Finding> } => BehaviorAnchorSuspicious,
+    /// The family's anchor is another version, and its episodes are missing.
+    AnchorMissing => BehaviorNoData,
     /// The episodes of the anchor cannot be assessed.
     AnchorGap { anchor: CapabilityId, gap: EvidenceGap } => BehaviorNoData,
 

@@ -231,7 +231,13 @@ fn component_reason(component: &BehaviorComponent, finding: Option<&Finding>, co
 /// What was found, with its number and what is needed or allowed.
 fn with_limit(of: &ReasonContent) -> String {
     let text = reason_content(of);
+    // More is worse in every comparison with the anchor, so a value below its limit lacks nothing.
+    let is_of_anchor =
+        matches!(of.finding, Some(Finding::AnchorWorse { .. } | Finding::AnchorPossiblyWorse { .. }));
     match (of.evidence, of.limit) {
+        (Some(value), Some(limit)) if is_of_anchor => {
+            format!("{text} ({}; limit {})", number(value), number(limit))
+        }
         (Some(value), Some(limit)) if value < limit => {
             format!("{text} ({}; at least {} is needed)", number(value), number(limit))
         }

@@ -138,6 +138,7 @@ pub fn finding(found: &Finding) -> String {
         F::AnchorWorse { anchor, by } | F::AnchorPossiblyWorse { anchor, by } => {
             format!("compared with the anchor {anchor}: {}", finding(by))
         }
+        F::AnchorMissing => "the comparison with the anchor of the family is missing".into(),
         F::AnchorGap { anchor, gap } => {
             format!("the anchor {anchor}: {}", evidence_gap(*gap, "episodes"))
         }

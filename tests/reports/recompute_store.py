@@ -79,7 +79,7 @@ def score_upper(total, worse, better, alpha):
 
         def slope(rate):
             parts = ((worse, rate + difference, 1), (better, rate, 1), (same, 1 - 2 * rate - difference, -2))
-            return sum(sign * count / part for count, part, sign in parts if count)
+            return sum(sign * count / max(part, 1e-300) for count, part, sign in parts if count)
 
         inside = (high - low) * 1e-15
         low, high = low + inside, high - inside
@@ -97,7 +97,7 @@ def score_upper(total, worse, better, alpha):
 
 
 def pairs_upper(total, worse, better, alpha):
-    """Of the difference of two rates over pairs: exact on the net count, or the score bound at half the rate if wider."""
+    """Difference of two rates over pairs: exact on the net count, or the score bound at half the rate, if wider."""
     net = worse - better
     exact = exact_upper(net, total, alpha) if net >= 0 else -exact_lower(-net, total, alpha)
     return exact if better == 0 else max(exact, score_upper(total, worse, better, alpha / 2))
@@ -712,7 +712,7 @@ def settle(found, new, old, more):
 
 
 def again(profile, evidence):
-    """Behavior and recovery of a piece of evidence, from its raw values and the rule that is said to have ended it."""
+    """Behavior and recovery of a piece of evidence, from its raw values and the rule that it names as its end."""
     recorded, drills = evidence["behavior"], evidence["drills"]
     rule = recorded.get("ended") or evidence["recovery"].get("ended") or "full"
     measured = any("harm" in pair["candidate"] for pair in evidence["pairs"])
@@ -835,7 +835,7 @@ def main():
         pieces, wrong = pieces + found, wrong + differing
     for line in wrong:
         print(line)
-    print(f"{pieces} pieces of evidence computed again, {len(wrong)} differences")
+    print(f"{pieces} pieces of evidence computed again, {len(wrong)} differ")
     return 1 if wrong else 0
 
 

@@ -484,7 +484,8 @@ fn replay_assessment(
     let ended = behavior.ended.or(recovery.ended).unwrap_or(EarlyStopReason::Full);
     let profile = &frame.profile;
     let UnpairedEvidence { is_settling, anchor, handovers: sequences, .. } = *beside;
-    let evidence = ComparisonEvidence { pairs, drills, is_settling, anchor, sequences };
+    let has_anchor = pairs.binding.anchor.is_some();
+    let evidence = ComparisonEvidence { pairs, drills, is_settling, has_anchor, anchor, sequences };
     let (mut again, recovered) = evidence.assess(&pairs.binding, ended, profile);
     behavior::add_stress_concern(&mut again, beside.unsafe_under_stress, MODE_EPISODES, profile);
     behavior::add_search_concern(&mut again, beside.searched, profile);

@@ -537,12 +537,17 @@ impl Evaluation {
     /// has less than its budget and reports so.
     #[must_use]
     pub fn assess(&self, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
+        self.assess_with(self.plan.has_anchor, profile)
+    }
+
+    fn assess_with(&self, has_anchor: bool, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
         let ended = self.ended.unwrap_or(EarlyStopReason::Full);
         let (pairs, drills) = (self.paired(), self.rehearsed());
         let evidence = ComparisonEvidence {
             pairs: &pairs,
             drills: &drills,
             is_settling: self.plan.is_settling,
+            has_anchor,
             anchor: self.anchor(),
             sequences: self.sequences(),
         };

@@ -8,7 +8,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::harm::HarmComparison;
-use super::{BehaviorAssessment, BehaviorComponent, add_concern, measured, reason};
+use super::{BehaviorAssessment, BehaviorComponent, add_concern, component_of, measured, reason};
 use crate::decision::{Reason, ReasonCode};
 use crate::evidence::{AnchorEvidence, Pair, PairedEvidence};
 use crate::finding::{EvidenceGap, Finding};
@@ -42,15 +42,28 @@ const fn is_worsening(code: ReasonCode) -> bool {
     )
 }
 
-/// Adds the comparison with the anchor to an assessment that rejects nothing yet; nothing if there is no other anchor.
+/// Whether an assessment rejects nothing yet, so that the comparison with the anchor counts.
+const fn is_open(result: &BehaviorAssessment) -> bool {
+    matches!(result.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious)
+}
+
+/// Leaves an assessment open that rejects nothing, because the comparison with the anchor is missing.
+pub(crate) fn require_anchor(result: &mut BehaviorAssessment) {
+    if is_open(result) {
+        result.assessment.outcome = BehaviorOutcome::Inconclusive;
+        result.assessment.conditions.clear();
+        result.assessment.reasons.insert(0, reason(Finding::AnchorMissing));
+    }
+}
+
+/// Adds the comparison with the anchor to an assessment that rejects nothing yet.
 pub fn apply_anchor(
     result: &mut BehaviorAssessment,
     evidence: &PairedEvidence,
-    anchor: Option<&AnchorEvidence>,
+    anchor: &AnchorEvidence,
     profile: &Profile,
 ) {
-    let Some(anchor) = anchor else { return };
-    if !matches!(result.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious) {
+    if !is_open(result) {
         return;
     }
     let gap = |gap| reason(Finding::AnchorGap { anchor: anchor.version.clone(), gap });
@@ -65,7 +78,7 @@ pub fn apply_anchor(
             return;
         }
     };
-    let found = against.assessment.reasons.iter().filter(|reason| is_worsening(reason.code));
+    let found = deciding(&against).into_iter().filter(|reason| is_worsening(reason.code));
     let wrapped: Vec<Reason> = found
         .filter_map(|reason| against_anchor(&anchor.version, reason, against.assessment.outcome))
         .collect();
@@ -100,6 +113,21 @@ fn compare(
     });
     let paired = PairedEvidence { binding: evidence.binding, pairs: pairs.collect(), hard_stops: Vec::new() };
     measured(&paired, profile)
+}
+
+/// The reasons without the worsenings that are tolerated beside others that decide.
+fn deciding(against: &BehaviorAssessment) -> Vec<&Reason> {
+    let decides = |reason: &&Reason| match component_of(reason) {
+        Some(name) => against
+            .components
+            .iter()
+            .any(|found| found.name == name && (found.decides_alone() || found.worsening > found.tolerance)),
+        None => is_worsening(reason.code),
+    };
+    let all: Vec<&Reason> = against.assessment.reasons.iter().collect();
+    let decisive: Vec<&Reason> = all.iter().copied().filter(decides).collect();
+    let is_rejected = against.assessment.outcome == BehaviorOutcome::Incompatible;
+    if is_rejected && !decisive.is_empty() { decisive } else { all }
 }
 
 fn against_anchor(anchor: &CapabilityId, reason: &Reason, outcome: BehaviorOutcome) -> Option<Reason> {

@@ -195,12 +195,15 @@ pub fn apply_settling(result: &mut RecoveryAssessment, evidence: &RecoveryEviden
         return;
     }
     result.settled = contrasts.to_vec();
-    for found in result.settled.clone() {
+    // Drills of one kind end as soon as another kind rejects.
+    let is_rejected = contrasts.iter().any(|found| found.settlement() == Settlement::Worse);
+    for found in contrasts {
         let DrillContrast { kind: drill, active_failed: active, .. } = found;
         let (failed, drills) = (found.failed(), found.drills());
         let assessment = &mut result.assessment;
         let (finding, outcome) = match found.settlement() {
             Settlement::Clean => continue,
+            Settlement::Open if is_rejected => continue,
             Settlement::NotWorse => {
                 let settled = reason(Finding::DrillsSettled { drill, failed, drills, active });
                 assessment.reasons.push(settled.with(found.excess(), EXCESS_MAX));

@@ -54,7 +54,7 @@ impl Evaluation {
 
     /// Whether the version is rejected without any further work.
     fn is_lost(&self, profile: &Profile) -> bool {
-        let (behavior, recovery) = self.assess(profile);
+        let (behavior, recovery) = self.assess_with(self.anchor.is_some(), profile);
         let is_open =
             matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious);
         !is_open

@@ -63,8 +63,14 @@ fn five_points_of_success_reject_and_four_do_not() {
 
 fn against(evidence: &PairedEvidence, anchor: Option<&AnchorEvidence>, profile: &Profile) -> BehaviorOutcome {
     let drills = recovery([100; 4], [100; 4]);
-    let all =
-        ComparisonEvidence { pairs: evidence, drills: &drills, is_settling: false, anchor, sequences: None };
+    let all = ComparisonEvidence {
+        pairs: evidence,
+        drills: &drills,
+        is_settling: false,
+        has_anchor: anchor.is_some(),
+        anchor,
+        sequences: None,
+    };
     let (found, _) = all.assess(&binding(), EarlyStopReason::Full, profile);
     let named = found.assessment.reasons.iter().any(|reason| {
         matches!(reason.code, ReasonCode::BehaviorAnchorWorse | ReasonCode::BehaviorAnchorSuspicious)
@@ -85,7 +91,19 @@ fn losses_against_the_anchor_do_not_add_up() {
     // An anchor that is as bad is no reason.
     let bad = anchor(evidence.pairs.iter().map(|pair| (pair.seed, pair.candidate)));
     assert_ne!(against(&evidence, Some(&bad), &profile), BehaviorOutcome::Incompatible);
-    // One episode of it missing is missing evidence.
+    // An anchor that was not run is missing evidence.
+    let drills = recovery([100; 4], [100; 4]);
+    let missing = ComparisonEvidence {
+        pairs: &evidence,
+        drills: &drills,
+        is_settling: false,
+        has_anchor: true,
+        anchor: None,
+        sequences: None,
+    };
+    let (found, _) = missing.assess(&binding(), EarlyStopReason::Full, &profile);
+    assert_eq!(found.assessment.outcome, BehaviorOutcome::Inconclusive);
+    // One episode of it missing is, too.
     let short = anchor(evidence.pairs.iter().skip(1).map(|pair| (pair.seed, GOOD)));
     assert_eq!(against(&evidence, Some(&short), &profile), BehaviorOutcome::Inconclusive);
 }
@@ -128,6 +146,7 @@ fn drills_are_settled() {
             pairs: &evidence,
             drills: &tallies,
             is_settling: true,
+            has_anchor: false,
             anchor: None,
             sequences: None,
         };
