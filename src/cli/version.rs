@@ -14,7 +14,9 @@ use super::output::TextTable;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
+use holdpoint_engine::version_table::chosen_anchors;
 use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_registry::{VersionDetail, VersionFilter, Views};
 use holdpoint_text::ErrorReason;
@@ -197,6 +199,12 @@ pub fn run(
 
 fn list(views: &Views, filter: &VersionFilter, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let (versions, total) = views.versions(filter).map_err(CliError::usage)?;
+    let chosen = chosen_anchors(views).map_err(CliError::usage)?;
+    // Beside an active version: where that is the anchor itself, nothing else is compared.
+    let is_anchor = |version: &VersionSummary| {
+        let is_it = chosen.get(&version.version.family).map_or(version.baseline, |id| *id == version.version);
+        is_it && version.state != State::Active
+    };
     let answer = json!({ "total": total, "versions": versions.iter().map(summary_json).collect::<Vec<_>>() });
     out.answer(&answer, |out| {
         if versions.is_empty() {
@@ -209,7 +217,7 @@ fn list(views: &Views, filter: &VersionFilter, out: &mut CommandOutput<'_>) -> R
             table.row([
                 version.version.to_string(),
                 version.state.to_string(),
-                flags(version),
+                if is_anchor(version) { with_flag(&flags(version), "anchor") } else { flags(version) },
                 interface,
                 policy,
                 behavior,
@@ -222,6 +230,11 @@ fn list(views: &Views, filter: &VersionFilter, out: &mut CommandOutput<'_>) -> R
         let left = total.saturating_sub(versions.len());
         if left > 0 { out.line(&format!("{left} more; see --limit")) } else { Ok(()) }
     })
+}
+
+/// Flags with one more before them.
+fn with_flag(flags: &str, first: &str) -> String {
+    if flags.is_empty() { first.to_owned() } else { format!("{first} {flags}") }
 }
 
 fn show(detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliError> {

@@ -8,7 +8,7 @@ mod anchor;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-pub use anchor::anchor_in;
+pub use anchor::chosen_anchors;
 
 use crate::check::BUILT_IN_FAMILIES;
 use crate::store_robot::StoreRobot;
@@ -230,7 +230,7 @@ impl VersionTable {
             let members = load_members(&views, &family)?;
             families.insert(family, FamilyEntry { state, members });
         }
-        let anchors = anchor::read(&views)?;
+        let anchors = chosen_anchors(&views)?;
         drop(views);
         Ok(Self { store, families, anchors, wall, robot: None, admission: AdmissionContext::LEAST })
     }

@@ -7,7 +7,7 @@ mod summary;
 
 pub use summary::{
     ActiveTerms, Approver, DecisiveReason, EvidenceExtent, ExplanationSummary, FailureCounts, PassedCheck,
-    PendingStep, RecordMoment, SummaryRemark, VersionPosition,
+    PendingStep, RecordMoment, SummaryRemark, TwinFailures, VersionPosition,
 };
 
 use holdpoint_body::CodeFault;

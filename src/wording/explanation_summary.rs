@@ -352,6 +352,9 @@ fn summary_remark(of: &SummaryRemark, compared: Option<&CapabilityId>) -> String
         }
         SummaryRemark::FewerDrillsPassed(drills) => drill_pass_counts(drills, &name(compared)),
         SummaryRemark::FailureCauses(counts) => failure_causes(counts, &name(compared)),
+        SummaryRemark::TwinFailures(of) => {
+            format!("failed tasks in {} of its twins: {}", of.tasks, failed_by_cause(&of.own))
+        }
         SummaryRemark::OpenConcern(found) => format!("open concern: {}", reason(found)),
         SummaryRemark::ReviewUntil(until) => {
             format!(
@@ -368,17 +371,20 @@ fn summary_remark(of: &SummaryRemark, compared: Option<&CapabilityId>) -> String
 const CAUSES_NAMED: usize = 3;
 
 fn failure_causes(of: &FailureCounts, compared: &str) -> String {
-    let failed = |counts: &[(FailureCause, usize)]| {
-        let all: usize = counts.iter().map(|(_, count)| count).sum();
-        let named = counts.iter().take(CAUSES_NAMED);
-        let mut each: Vec<String> =
-            named.map(|(cause, count)| format!("{}: {count}", failure_cause(*cause))).collect();
-        let others: usize = counts.iter().skip(CAUSES_NAMED).map(|(_, count)| count).sum();
-        each.extend((others > 0).then(|| format!("other causes: {others}")));
-        let each = if each.is_empty() { String::new() } else { format!(" ({})", each.join(", ")) };
-        format!("{all}{each}")
-    };
-    format!("failed tasks in {} pairs: {}; {compared}: {}", of.pairs, failed(&of.own), failed(&of.other))
+    let (own, other) = (failed_by_cause(&of.own), failed_by_cause(&of.other));
+    format!("failed tasks in {} pairs: {own}; {compared}: {other}", of.pairs)
+}
+
+/// How many tasks failed, and by which causes.
+fn failed_by_cause(counts: &[(FailureCause, usize)]) -> String {
+    let all: usize = counts.iter().map(|(_, count)| count).sum();
+    let named = counts.iter().take(CAUSES_NAMED);
+    let mut each: Vec<String> =
+        named.map(|(cause, count)| format!("{}: {count}", failure_cause(*cause))).collect();
+    let others: usize = counts.iter().skip(CAUSES_NAMED).map(|(_, count)| count).sum();
+    each.extend((others > 0).then(|| format!("other causes: {others}")));
+    let each = if each.is_empty() { String::new() } else { format!(" ({})", each.join(", ")) };
+    format!("{all}{each}")
 }
 
 /// What would remove a reason that stands above it; `None` if the reason says it.

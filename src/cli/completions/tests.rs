@@ -47,6 +47,7 @@ fn every_argument_with_a_stored_name_is_known() {
         "version unrestrict versions",
         "version answer versions",
         "version reactivate versions",
+        "version anchor versions",
         "version break-glass versions",
         "explain versions",
         "replay versions",

@@ -12,7 +12,7 @@ use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
-use holdpoint_governance::evidence::{DrillTallies, EvidenceBinding, Pair};
+use holdpoint_governance::evidence::{DrillTallies, EpisodeValues, EvidenceBinding, Pair};
 use holdpoint_governance::explanation::ReasonContent;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::ShadowAssessment;
@@ -172,6 +172,8 @@ pub(super) struct EvidenceFileRecord {
     pub(super) shadow: Option<ShadowAssessment>,
     #[serde(deserialize_with = "readable")]
     pub(super) pairs: Option<Vec<Pair>>,
+    #[serde(deserialize_with = "readable")]
+    pub(super) twins: Option<Vec<EpisodeValues>>,
     #[serde(deserialize_with = "readable")]
     pub(super) permissions: Option<PermissionUse>,
     #[serde(deserialize_with = "readable")]

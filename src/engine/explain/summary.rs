@@ -11,11 +11,11 @@ use std::collections::BTreeMap;
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Kappa, Reason};
-use holdpoint_governance::evidence::{DrillKind, EpisodeValues, Pair};
+use holdpoint_governance::evidence::{DrillKind, EpisodeValues};
 use holdpoint_governance::explanation::{
     ActiveTerms, Approver, Consequence, DecisionRemark, DecisiveReason, DrillComparison, EvidenceExtent,
     ExplanationSummary, FailureCounts, PassedCheck, PendingStep, RecordMoment, Remedy, RemedyAction,
-    SummaryRemark, VersionPosition,
+    SummaryRemark, TwinFailures, VersionPosition,
 };
 use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::ids::CapabilityId;
@@ -388,6 +388,7 @@ impl<'a> SummaryReader<'a> {
         remarks.extend(shown.map(SummaryRemark::BeyondDeclaration));
         if is_adverse(position) {
             remarks.extend(failure_counts(file).map(SummaryRemark::FailureCauses));
+            remarks.extend(twin_failures(file).map(SummaryRemark::TwinFailures));
             return Ok(remarks);
         }
         remarks.extend(fewer_drills_passed(file).into_iter().map(SummaryRemark::FewerDrillsPassed));
@@ -432,17 +433,26 @@ impl<'a> SummaryReader<'a> {
 /// Why tasks failed in the pairs, where the version failed in more of them than the one compared with.
 fn failure_counts(file: &EvidenceFileRecord) -> Option<FailureCounts> {
     let pairs = file.pairs.as_ref()?;
-    let counts = |side: fn(&Pair) -> &EpisodeValues| {
-        let causes = pairs.iter().filter_map(|pair| side(pair).failure);
-        let mut counts = BTreeMap::<FailureCause, usize>::new();
-        causes.for_each(|cause| *counts.entry(cause).or_default() += 1);
-        let mut counts: Vec<_> = counts.into_iter().collect();
-        counts.sort_by_key(|(_, count)| Reverse(*count));
-        counts
-    };
-    let (own, other) = (counts(|pair| &pair.candidate), counts(|pair| &pair.active));
+    let own = by_cause(pairs.iter().map(|pair| &pair.candidate));
+    let other = by_cause(pairs.iter().map(|pair| &pair.active));
     let failed = |counts: &[(FailureCause, usize)]| counts.iter().map(|(_, count)| count).sum::<usize>();
     (failed(&own) > failed(&other)).then_some(FailureCounts { pairs: pairs.len(), own, other })
+}
+
+/// Why tasks of the twins failed; absent if none did.
+fn twin_failures(file: &EvidenceFileRecord) -> Option<TwinFailures> {
+    let twins = file.twins.as_ref()?;
+    let own = by_cause(twins.iter());
+    (!own.is_empty()).then_some(TwinFailures { tasks: twins.len(), own })
+}
+
+/// Failed tasks by their cause, the most frequent first.
+fn by_cause<'a>(values: impl Iterator<Item = &'a EpisodeValues>) -> Vec<(FailureCause, usize)> {
+    let mut counts = BTreeMap::<FailureCause, usize>::new();
+    values.filter_map(|values| values.failure).for_each(|cause| *counts.entry(cause).or_default() += 1);
+    let mut counts: Vec<_> = counts.into_iter().collect();
+    counts.sort_by_key(|(_, count)| Reverse(*count));
+    counts
 }
 
 /// Whether the version is out of control and evaluation.

@@ -17,15 +17,16 @@ use super::{FamilyEntry, VersionTable};
 /// The most acts that are read of a store, the newest.
 const ACTS_MAX: usize = 1_000;
 
-/// The version that a record makes its family's anchor; `None` of another record.
-#[must_use]
-pub fn anchor_in(record: &AuditRecord) -> Option<CapabilityId> {
+fn anchor_in(record: &AuditRecord) -> Option<CapabilityId> {
     let is_act = record.kind == Lenient::Known(RecordKind::AnchorSet);
     is_act.then(|| record.subject.parse().ok())?
 }
 
-/// The versions that people made anchors, the last of each family.
-pub(super) fn read(views: &Views) -> Result<BTreeMap<Family, CapabilityId>, StoreError> {
+/// The versions that people made anchors, the last of each family. The anchor of another family is its first version.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn chosen_anchors(views: &Views) -> Result<BTreeMap<Family, CapabilityId>, StoreError> {
     let kind = Some(RecordKind::AnchorSet);
     let acts =
         views.audit(&AuditFilter { kind, limit: ACTS_MAX, newest_first: true, ..AuditFilter::default() })?;

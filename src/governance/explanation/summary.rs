@@ -167,6 +167,15 @@ pub struct FailureCounts {
     pub other: Vec<(FailureCause, usize)>,
 }
 
+/// Failed tasks of the twins that a version drove in shadow, by their cause; the most frequent first.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TwinFailures {
+    /// Tasks of the twins.
+    pub tasks: usize,
+    /// Failed ones.
+    pub own: Vec<(FailureCause, usize)>,
+}
+
 /// A reason against a version, with what it rests on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DecisiveReason {
@@ -198,6 +207,8 @@ pub enum SummaryRemark {
     FewerDrillsPassed(DrillComparison),
     /// Why its tasks failed in the pairs, physically.
     FailureCauses(FailureCounts),
+    /// Why tasks of its twins failed in shadow.
+    TwinFailures(TwinFailures),
     /// It carries an open concern.
     OpenConcern(Reason),
     /// Its break-glass activation waits for a review until then.

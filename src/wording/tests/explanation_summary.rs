@@ -8,7 +8,7 @@ use holdpoint_governance::evidence::{DrillKind, DrillTally};
 use holdpoint_governance::explanation::{
     ActiveTerms, Approver, DecisionRemark, DecisiveReason, DrillComparison, EpisodeReduction, EvidenceExtent,
     ExplanationSummary, FailureCounts, PassedCheck, PendingStep, ReasonContent, ReasonMeasurement,
-    RecordMoment, Remedy, RemedyAction, SummaryRemark, VersionPosition,
+    RecordMoment, Remedy, RemedyAction, SummaryRemark, TwinFailures, VersionPosition,
 };
 use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::finding::{Finding, TwinSignal};
@@ -177,7 +177,12 @@ fn rejected_version_names_why_its_tasks_failed_and_what_it_asked_for() {
         other: vec![(FailureCause::Missed, 60)],
     };
     let asked = PermissionExcess::Asked { quantity: PeakQuantity::Force, asked: 18.0, declared: 12.0 };
-    let remarks = vec![SummaryRemark::BeyondDeclaration(asked), SummaryRemark::FailureCauses(counts)];
+    let twins = TwinFailures { tasks: 20, own: vec![(FailureCause::Slipped, 3)] };
+    let remarks = vec![
+        SummaryRemark::BeyondDeclaration(asked),
+        SummaryRemark::FailureCauses(counts),
+        SummaryRemark::TwinFailures(twins),
+    ];
     let position = VersionPosition::Rejected { stage: Stage::Sandbox, extent: EvidenceExtent::default() };
     let lines = summary_lines(&ExplanationSummary { remarks, ..summary(position) }, None);
     let all = lines.details.join("\n");
@@ -185,6 +190,7 @@ fn rejected_version_names_why_its_tasks_failed_and_what_it_asked_for() {
         "it asks for a force of 18.0 N and declares 12; it counts: the command is clamped",
         "failed tasks in 300 pairs: 82 (dropped the object: 40, missed the object: 35, took too long: 4, other causes: 3)",
         ": 60 (missed the object: 60)",
+        "failed tasks in 20 of its twins: 3 (",
     ] {
         assert!(all.contains(wanted), "{wanted}: {all}");
     }
