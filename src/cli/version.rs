@@ -16,7 +16,6 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::version_table::chosen_anchors;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_registry::{VersionDetail, VersionFilter, Views};
 use holdpoint_text::ErrorReason;
@@ -200,11 +199,8 @@ pub fn run(
 fn list(views: &Views, filter: &VersionFilter, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let (versions, total) = views.versions(filter).map_err(CliError::usage)?;
     let chosen = chosen_anchors(views).map_err(CliError::usage)?;
-    // Beside an active version: where that is the anchor itself, nothing else is compared.
-    let is_anchor = |version: &VersionSummary| {
-        let is_it = chosen.get(&version.version.family).map_or(version.baseline, |id| *id == version.version);
-        is_it && version.state != State::Active
-    };
+    // Of another family it is the first version, which every list shows as such.
+    let is_anchor = |version: &VersionSummary| chosen.get(&version.version.family) == Some(&version.version);
     let answer = json!({ "total": total, "versions": versions.iter().map(summary_json).collect::<Vec<_>>() });
     out.answer(&answer, |out| {
         if versions.is_empty() {
