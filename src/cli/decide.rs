@@ -218,8 +218,12 @@ pub(super) fn run(
         RequestedDecision::Restrict(args) => lifecycle::restrict(context, &views()?, args, out),
         RequestedDecision::Continue(args) => lifecycle::go_on(context, &views()?, args, out),
         RequestedDecision::BreakGlass(args) => lifecycle::break_glass(context, &views()?, args, out),
-        RequestedDecision::Rearm(args) => lifecycle::rearm(context, &views()?, args, out),
-        RequestedDecision::Anchor(args) => lifecycle::anchor(context, &views()?, args, out),
+        RequestedDecision::Rearm(args) => {
+            lifecycle::signed_act(context, &views()?, args, Command::Rearm, out)
+        }
+        RequestedDecision::Anchor(args) => {
+            lifecycle::signed_act(context, &views()?, args, Command::Anchor, out)
+        }
         RequestedDecision::Pause(args) => pause(context, &views()?, args, PauseChange::Pause, out),
         RequestedDecision::Resume(args) => {
             // Only an identity of the store may let a version continue.

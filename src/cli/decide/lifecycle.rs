@@ -16,7 +16,7 @@ use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::command::Command;
+use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_registry::Views;
 use holdpoint_text::{ErrorReason, signing_options};
 use holdpoint_wording::live::live_lines;
@@ -225,27 +225,17 @@ pub(super) fn go_on(
     VerbExecutor::Running(client).execute_as(context, &who, command, out)
 }
 
-pub(super) fn rearm(
+/// A signed act on one version that the store's engine carries out, running or not.
+pub(super) fn signed_act(
     context: &CliContext,
     views: &Views,
     args: &VersionArgs,
+    act: fn(Operation) -> Command,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
     let who = identity(context, &args.signature)?;
-    let command = Command::Rearm(operation(&args.version, &args.signature));
-    VerbExecutor::open(context)?.execute_as(context, &who, command, out)
-}
-
-pub(super) fn anchor(
-    context: &CliContext,
-    views: &Views,
-    args: &VersionArgs,
-    out: &mut CommandOutput<'_>,
-) -> Result<Exit, CliError> {
-    known_version(views, &args.version)?;
-    let who = identity(context, &args.signature)?;
-    let command = Command::Anchor(operation(&args.version, &args.signature));
+    let command = act(operation(&args.version, &args.signature));
     VerbExecutor::open(context)?.execute_as(context, &who, command, out)
 }
 

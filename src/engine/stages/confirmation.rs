@@ -30,6 +30,7 @@ use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan};
 use crate::trial::scene_stops::SceneStops;
 use crate::version_concern::Confirmation;
+use crate::version_table::VersionTable;
 
 /// A confirmation under way.
 pub struct ConfirmationRun {
@@ -42,6 +43,12 @@ impl ConfirmationRun {
     #[must_use]
     pub const fn id(&self) -> &CapabilityId {
         &self.id
+    }
+
+    /// Whether the anchor is still the one that it compares with: a person may choose another meanwhile.
+    pub(crate) fn is_current(&self, version_table: &VersionTable) -> bool {
+        let anchor = version_table.anchor_beside(&self.predecessor).map(Capability::digest);
+        self.evaluation.binding().anchor == anchor
     }
 
     /// Whether nothing is left but to conclude it.
@@ -119,8 +126,10 @@ pub fn slice(
     }
     if run.evaluation.is_refuted() {
         invalidate_cache(record, trials, &id, &run.predecessor.id(), run.evaluation.reuse())?;
-        let again = begin(context, record, evidence_files, &id)?;
-        return Ok(again.map_or(ConfirmationStep::Gone, |run| ConfirmationStep::GoOn(run, 0)));
+        return begin_again(context, record, evidence_files, &id);
+    }
+    if !run.is_current(record.version_table()) {
+        return begin_again(context, record, evidence_files, &id);
     }
     if run.is_over() {
         let place = trials.result_cache(record.version_table().store()).place();
@@ -142,6 +151,16 @@ pub fn slice(
     };
     let episodes = run_slice(context, trials, record, evidence_files, &comparison, &mut run.evaluation)?;
     Ok(ConfirmationStep::GoOn(run, episodes))
+}
+
+fn begin_again(
+    context: &Context,
+    record: &mut EngineRecorder,
+    evidence_files: &mut EvidenceFiles,
+    id: &CapabilityId,
+) -> Result<ConfirmationStep, EngineFault> {
+    let again = begin(context, record, evidence_files, id)?;
+    Ok(again.map_or(ConfirmationStep::Gone, |run| ConfirmationStep::GoOn(run, 0)))
 }
 
 /// Stores the result. Returns whether the concern is settled.

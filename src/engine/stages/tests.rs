@@ -1,5 +1,6 @@
 //! The stages together: every command in every state of a version, and what is stored between them.
 
+mod anchors;
 mod behavior_shift;
 mod cache_edits;
 mod cell_faults;
