@@ -97,7 +97,7 @@ fn recovers(data: &Path, cache: &Cache, when: &str) {
     let mut engine = Engine::start(Config {
         data,
         profile: ProfileName::Sim.into(),
-        seed: 5,
+        seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(5),
         jobs: 2,
         scripted: true,
         cell: Cell::builtin().unwrap(),

@@ -76,9 +76,6 @@ pub struct StageArgs {
     /// The registered candidate, e.g. grasp@1.1.0.
     #[arg(value_name = "FAMILY@VERSION")]
     pub version: CapabilityId,
-    /// Seed of the episodes: the seed the store was created with.
-    #[arg(long)]
-    pub seed: Option<u64>,
     /// Episodes evaluated at once [default: one per core].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(super::run::JOBS_MAX)))]
     pub jobs: Option<u16>,

@@ -20,6 +20,7 @@ use holdpoint_console::run::{ConsoleError, ConsoleSetup, EngineLocation, ExitCau
 use holdpoint_engine::control_socket::{Client, ControlSocketError, SHOWN_TO_NOBODY};
 use holdpoint_engine::embedded;
 use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
@@ -56,7 +57,7 @@ pub(super) fn run(
             let here = LaunchConfig {
                 data: context.data.clone(),
                 profile: args.engine.profile(&context.data)?,
-                seed: args.engine.seed(&context.data)?,
+                seeds: EpisodeSeeds::Secret,
                 jobs: args.engine.spare_jobs(),
                 robot: args.engine.robot.clone(),
                 pace: args.pace.unwrap_or(LivePace::CLOCK).times(),

@@ -72,9 +72,6 @@ impl ConsoleEngine {
             Some(RequestedProfile::File(path)) => add_option("--profile", path.as_ref()),
             None => {}
         }
-        if let Some(seed) = args.engine.seed {
-            add_option("--seed", seed.to_string().as_ref());
-        }
         if let Some(robot) = &args.engine.robot {
             add_option("--robot", robot.as_ref());
         }
@@ -285,7 +282,6 @@ mod tests {
         assert_eq!(arguments_of(&[]), [&always[..], &["--attended=60"]].concat());
         let options = [
             "--profile=human",
-            "--seed=7",
             "--robot=a.urdf",
             "--jobs=1",
             "--pace=0.5",

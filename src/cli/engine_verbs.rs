@@ -14,6 +14,7 @@ use crate::headless::{
 };
 use holdpoint_engine::embedded;
 use holdpoint_engine::engine_handle::LaunchConfig;
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
@@ -137,7 +138,7 @@ impl EngineVerbs for RealEngine {
                     script,
                     data: context.data_given.then_some(context.data.as_path()),
                     cache,
-                    seed: args.engine.seed,
+                    seed: args.seed,
                     jobs: args.engine.jobs(),
                     robot,
                     json,
@@ -152,7 +153,7 @@ impl EngineVerbs for RealEngine {
                     work: PlainWork::Waiting,
                     data: &context.data,
                     profile: args.engine.profile(&context.data)?,
-                    seed: args.engine.seed(&context.data)?,
+                    seeds: EpisodeSeeds::Secret,
                     jobs: args.engine.jobs(),
                     robot,
                     json,
@@ -191,7 +192,7 @@ impl EngineVerbs for RealEngine {
         let host = LaunchConfig {
             data: context.data.clone(),
             profile: args.engine.profile(&context.data)?,
-            seed: args.engine.seed(&context.data)?,
+            seeds: EpisodeSeeds::Secret,
             jobs: args.engine.spare_jobs(),
             robot: args.engine.robot.clone(),
             pace: args.pace(),
@@ -220,7 +221,7 @@ impl EngineVerbs for RealEngine {
             work: PlainWork::Demonstration,
             data,
             profile: args.engine.profile(data)?,
-            seed: args.engine.seed(data)?,
+            seeds: args.seeds(context.data_given)?,
             jobs: args.engine.jobs(),
             robot: args.engine.robot.as_deref(),
             json: context.json,
@@ -279,7 +280,7 @@ impl EngineVerbs for RealEngine {
             data: &context.data,
             profile: profile_choice::last(&context.data)?,
             cell: last_cell(context)?,
-            seed: run::EngineArgs { seed: args.seed, ..run::EngineArgs::default() }.seed(&context.data)?,
+            seeds: EpisodeSeeds::Secret,
             jobs: run::jobs(args.jobs),
             json: context.json,
             version: &args.version,

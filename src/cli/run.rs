@@ -15,15 +15,10 @@ use crate::scenes::{self, SceneOptions};
 use holdpoint_console::look::ColorChoice;
 #[cfg(feature = "console")]
 use holdpoint_console::options::CommandLineFlags;
-use holdpoint_engine::store_identity;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::PACE_ALLOWED;
 use holdpoint_registry::StoreError;
-use holdpoint_text::ErrorReason;
-
-/// The default seed.
-const SEED_DEFAULT: u64 = 1;
 
 /// The longest time an engine runs without an attached console, s: a day. `holdpoint serve` has no limit.
 pub(super) const LINGER_SECS_MAX: i64 = 24 * 60 * 60;
@@ -38,7 +33,7 @@ Examples:
   holdpoint run --profile real
   holdpoint run --profile human --as mara --pace 4
   holdpoint run --view
-  holdpoint run --plain --seed 7 --jobs 2")]
+  holdpoint run --plain --jobs 2")]
 pub struct RunArgs {
     /// Runs a scenario, as `scenario run` does; for scripts of earlier versions.
     #[arg(long, hide = true, requires = "script", conflicts_with = "profile")]
@@ -46,6 +41,9 @@ pub struct RunArgs {
     /// The scenario file; needs --headless. Its store is temporary, unless --data names one.
     #[arg(long, hide = true, value_name = "FILE", requires = "headless")]
     pub script: Option<PathBuf>,
+    /// The script's seed; the seeds of every other engine are secret.
+    #[arg(long, hide = true, value_name = "N", requires = "script")]
+    pub seed: Option<u32>,
     /// Prints one event a line instead of the screen, until every waiting version is settled; also the default
     /// without a terminal. With this option the verb reads commands on its input, a verb a line; on a terminal it
     /// runs until `quit`.
@@ -90,7 +88,6 @@ impl RunArgs {
     pub fn start_options(&self) -> Vec<&'static str> {
         let options = [
             ("--profile", self.engine.profile.is_some()),
-            ("--seed", self.engine.seed.is_some()),
             ("--robot", self.engine.robot.is_some()),
             ("--jobs", self.engine.jobs.is_some()),
             ("--pace", self.pace.is_some()),
@@ -106,10 +103,6 @@ impl RunArgs {
 /// The options of an engine, for every front end.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct EngineArgs {
-    /// Seed; the same script and the same seed give the same log [default: the scenario's, else 1]. A store keeps
-    /// its first seed.
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
     /// The deployment profile: a built-in one, the name of one in the store's folder `profiles`, or a file
     /// [default: the one the store was last used with, else sim].
     #[arg(long, value_name = "NAME|FILE", value_parser = RequestedProfileParser, hide_possible_values = true)]
@@ -268,28 +261,6 @@ impl EngineArgs {
     #[must_use]
     pub fn spare_jobs(&self) -> usize {
         self.jobs.map_or(0, usize::from)
-    }
-
-    /// The seed of an engine's session on the store in this folder: the store's first seed.
-    ///
-    /// # Errors
-    /// If another seed is requested.
-    pub fn seed(&self, data: &Path) -> Result<u64, CliError> {
-        let Ok(views) = data::open(data) else { return Ok(self.seed.unwrap_or(SEED_DEFAULT)) };
-        let recorded = store_identity::seed(&views).map_err(CliError::usage)?;
-        let was_used = views.profiles().map_err(CliError::usage)?.was_used();
-        match (self.seed, recorded) {
-            (Some(requested), recorded) if was_used && recorded != Some(requested) => {
-                let history = recorded.map_or_else(
-                    || "whose seed is not on record".to_owned(),
-                    |seed| format!("with the seed {seed}"),
-                );
-                let text = format!("--seed {requested} is not allowed: the store has a history {history}");
-                let hint = "start without --seed, or choose another store with --data; a script may name any";
-                Err(CliError::usage(text).with_hint(hint).with_details(ErrorReason::OtherSeed))
-            }
-            (requested, recorded) => Ok(recorded.or(requested).unwrap_or(SEED_DEFAULT)),
-        }
     }
 
     /// The profile of a run without a scenario, on the store in this folder.

@@ -38,6 +38,9 @@ pub struct ScenarioRunArgs {
     /// The scenario file; it names the profile. Its store is temporary, unless --data names one.
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+    /// Seed; the same scenario and the same seed give the same log [default: the scenario's, else 1].
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u32>,
     /// The options of the engine; the scenario has its own profile.
     #[command(flatten)]
     pub engine: EngineArgs,
@@ -57,6 +60,7 @@ impl From<ScenarioRunArgs> for RunArgs {
         Self {
             headless: true,
             script: Some(args.file),
+            seed: args.seed,
             engine: args.engine,
             cache: args.cache,
             cache_key: args.cache_key,

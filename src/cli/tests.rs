@@ -15,7 +15,7 @@ impl EngineVerbs for Recorder {
         args: &run::RunArgs,
         _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        self.0.push(format!("run {:?} {:?}", args.engine.profile, args.engine.seed));
+        self.0.push(format!("run {:?} {:?}", args.engine.profile, args.seed));
         Ok(Exit::RolledBack)
     }
     fn without_verb(&mut self, _: &CliContext, _: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
@@ -37,7 +37,7 @@ impl EngineVerbs for Recorder {
         args: &demo::DemoArgs,
         _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        self.0.push(format!("demo {:?}", args.engine.seed));
+        self.0.push(format!("demo {:?}", args.seed));
         Ok(Exit::Confirmed)
     }
     fn register(
@@ -163,7 +163,7 @@ fn verbs_reach_the_engine() {
         (vec!["serve"], "serve None Some(1.0)", 0),
         (vec!["serve", "--profile", "real", "--pace", "max"], "serve Some(BuiltIn(Real)) None", 0),
         (vec!["demo", "--seed", "3"], "demo Some(3)", 0),
-        (vec!["run", "--profile", "human", "--seed", "7"], "run Some(BuiltIn(Human)) Some(7)", 4),
+        (vec!["run", "--profile", "human"], "run Some(BuiltIn(Human)) None", 4),
         (vec!["candidate", "register", "somewhere"], "register somewhere", 0),
         (vec!["candidate", "compat", "grasp@1.1.0"], "stage validation grasp@1.1.0", 3),
         (vec!["candidate", "sandbox", "grasp@1.1.0"], "stage sandbox grasp@1.1.0", 3),

@@ -6,7 +6,6 @@ use std::io::{self, Write as _};
 
 use super::data;
 use super::profile_choice;
-use super::run::EngineArgs;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit, refusal_reason, start_error};
@@ -16,6 +15,7 @@ use holdpoint_engine::control_socket::{Client, ControlSocketError, UnverifiedOri
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::store_identity;
 use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_protocol::approval_document::ApprovalDocument;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
@@ -95,7 +95,7 @@ impl VerbExecutor {
         let config = Config {
             data: &context.data,
             profile: profile_choice::last(&context.data)?,
-            seed: EngineArgs::default().seed(&context.data)?,
+            seeds: EpisodeSeeds::Secret,
             jobs: 1,
             scripted: false,
             cell: last_cell(context)?,

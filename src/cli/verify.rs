@@ -12,6 +12,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
+use holdpoint_engine::evaluation_keys::key_check::{KeyCheck, check_keys};
 use holdpoint_recordings::audit_record::FileCheck;
 use holdpoint_registry::{
     DatabaseLocation, ExportReport, Layout, MissingBatches, VerifyError, VerifyOptions, VerifyReport,
@@ -112,24 +113,47 @@ pub(super) fn run(
     }
     let judged = VerifyOptions { key: key.as_ref(), against: &args.against, place, tell: &tell };
     let found = verify_against(&database, &judged);
-    if !args.all || found.is_err() {
+    let (Ok(report), DatabaseLocation::Store) = (&found, place) else {
         drop(bar);
         return answer(found, sound, out);
-    }
-    let report = found.map_err(CliError::usage)?;
-    let recordings = check_recordings(context, &bar)?;
+    };
+    let keys = check_keys(&super::data::open(&context.data)?).map_err(CliError::usage)?;
+    let keys = match keys {
+        Ok(keys) => keys,
+        Err(problem) => return not_sound(&problem.to_string(), Some(problem.record()), out),
+    };
+    let recordings = if args.all { Some(check_recordings(context, &bar)?) } else { None };
     drop(bar);
-    match recordings {
-        Ok(recordings) => {
-            let value = json!({ "sound": true, "report": report, "recordings": recordings });
-            out.answer(&value, |out| {
-                sound(&report, out)?;
-                out.line(&format!("recordings         {recordings}"))
-            })?;
-            Ok(Exit::Confirmed)
-        }
-        Err(problem) => not_sound(&problem, None, out),
+    let recordings = match recordings.transpose() {
+        Ok(recordings) => recordings,
+        Err(problem) => return not_sound(&problem, None, out),
+    };
+    let mut value = json!({ "sound": true, "report": report, "seed_keys": keys });
+    if let (Some(fields), Some(recordings)) = (value.as_object_mut(), recordings) {
+        fields.insert("recordings".to_owned(), recordings.into());
     }
+    out.answer(&value, |out| {
+        sound(report, out)?;
+        show_keys(&keys, out)?;
+        recordings.map_or(Ok(()), |recordings| out.line(&format!("recordings         {recordings}")))
+    })?;
+    Ok(Exit::Confirmed)
+}
+
+/// Prints the check of the keys for secret seeds, if the store has any.
+fn show_keys(keys: &KeyCheck, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let KeyCheck { committed, revealed, follow, pending, replaced } = keys;
+    if *committed == 0 {
+        return Ok(());
+    }
+    out.line(&format!(
+        "keys of seeds      {committed}, {revealed} of them revealed; the seeds of {follow} evaluations follow from \
+         theirs, {pending} are not revealed yet"
+    ))?;
+    if *replaced > 0 {
+        out.line(&format!("replaced keys      {replaced}: seeds that were drawn and gave no result"))?;
+    }
+    Ok(())
 }
 
 /// Checks that every recording matches its record, and that every one on record exists. Returns the count, or the

@@ -335,6 +335,10 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
             format!("{} answered the monitor{}", actor(), fields.with(": ", "reason"))
         }
         RecordKind::Resumed => format!("{} resumed it{}", actor(), fields.with(": ", "reason")),
+        RecordKind::KeyCommitted => {
+            format!("a secret key for its seeds was drawn{}", fields.with(": ", "use"))
+        }
+        RecordKind::KeyRevealed => "the key of its seeds was revealed".to_owned(),
         RecordKind::AnchorSet => {
             format!("{} made it the anchor of its family{}", actor(), fields.with(": ", "reason"))
         }

@@ -289,7 +289,7 @@ fn unverified_snapshot(
         profile: context.profile.name,
         site: context.profile.site.clone(),
         robot: context.cell.model.name.clone(),
-        seed: config.seed,
+        seed: config.seeds.of_run(),
         policy: context.digest,
         agent: agent.unwrap_or(Digest::from_bytes([0; 32])),
         reading: Some(StartupProgressView { read: 0, of: records }),

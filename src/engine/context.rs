@@ -38,7 +38,7 @@ pub struct ContextRecord {
     /// The robot that the store was made with; earlier versions name none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot: Option<StoreRobot>,
-    /// The seed of every session on the store; absent in earlier versions and where only a script has run.
+    /// The seed of every session on the store, in stores of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
     /// The profile's name.

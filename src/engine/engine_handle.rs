@@ -37,6 +37,7 @@ use super::pump::Pump;
 use crate::bootstrap::{EngineBootstrap, LOOK_PATIENCE, ReadProgressFn};
 use crate::cell::Cell;
 use crate::trial::cache::EpisodeCache;
+use crate::trial::seeds::EpisodeSeeds;
 use crate::world::stop_switch::{StopRequest, StopSwitch};
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::{Command, Request};
@@ -56,7 +57,7 @@ const NICE: i32 = 5;
 pub struct LaunchConfig {
     pub data: PathBuf,
     pub profile: ChosenProfile,
-    pub seed: u64,
+    pub seeds: EpisodeSeeds,
     /// Workers for evaluation; 0 for one fewer than there are cores.
     pub jobs: usize,
     /// The robot's URDF file; absent for the built-in arm.
@@ -491,7 +492,7 @@ fn start(
     let engine_config = Config {
         data: &config.data,
         profile: config.profile,
-        seed: config.seed,
+        seeds: config.seeds,
         jobs,
         scripted: false,
         cell: Cell::of(robot).map_err(|error| EngineEndError::without_cell(robot, &error))?,
@@ -545,7 +546,7 @@ mod tests {
         LaunchConfig {
             data,
             profile: holdpoint_governance::profile::ProfileName::Sim.into(),
-            seed: 1,
+            seeds: EpisodeSeeds::OfRun(1),
             jobs,
             robot: None,
             pace: None,

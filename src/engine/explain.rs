@@ -129,6 +129,8 @@ pub(crate) fn decisions(
             | RecordKind::RecordingRemoved
             | RecordKind::ProfileAllowed
             | RecordKind::WitnessSet
+            | RecordKind::KeyCommitted
+            | RecordKind::KeyRevealed
             | RecordKind::StoreRebuilt => {}
         }
     }

@@ -14,6 +14,7 @@ pub mod control_socket;
 pub mod embedded;
 pub mod engine_handle;
 mod episode_replay;
+pub mod evaluation_keys;
 mod evidence_binding;
 pub mod evidence_file;
 pub mod explain;
@@ -67,9 +68,9 @@ use crate::persisted_clock::PersistedClock;
 use crate::pipeline::concurrent::CommandTiming;
 use crate::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::record_query::{QueryQueue, RecordQuery};
-use crate::store_identity::RunSeed;
 use crate::store_robot::StoreRobot;
 use crate::trial::cache::EpisodeCache;
+use crate::trial::seeds::EpisodeSeeds;
 use crate::version_table::{VersionTable, VersionTableError};
 use crate::wall_clock::{SystemClocks, WallClock};
 use crate::world::stop_switch::{Controls, StopRequest, StopSwitch};
@@ -194,7 +195,8 @@ impl Hint for StartError {
 pub struct Config<'a> {
     pub data: &'a Path,
     pub profile: ChosenProfile,
-    pub seed: u64,
+    /// The seeds of episodes. Where they are not secret, no version that is activated controls a live cell later.
+    pub seeds: EpisodeSeeds,
     pub jobs: usize,
     /// Whether time is virtual (a script) or follows the machine's.
     pub scripted: bool,
@@ -312,9 +314,6 @@ impl Engine {
             return Err(StartError::OtherRobot { recorded: Box::new(recorded), given: Box::new(given) });
         }
         store_identity::check_pointers(&version_table.store().views()?, &given)?;
-        if !config.scripted {
-            RunSeed::OfStore(config.seed).check(store_identity::seed(&version_table.store().views()?)?)?;
-        }
         if let Some(parts) =
             store_identity::omitted(&version_table.store().views()?)?.filter(|parts| *parts != omitted)
         {
@@ -323,7 +322,7 @@ impl Engine {
             return Err(StartError::Omitted(format!("{parts} was omitted in this store")));
         }
         let settings = PipelineSettings {
-            seed: config.seed,
+            seeds: config.seeds,
             jobs: config.jobs,
             profile,
             table,

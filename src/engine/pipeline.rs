@@ -10,6 +10,7 @@ pub(crate) mod concurrent;
 pub mod experiment;
 mod halted;
 mod parked;
+mod seed_keys;
 mod startup;
 
 use std::sync::Arc;
@@ -29,6 +30,7 @@ use holdpoint_protocol::film::Film;
 use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::seeds::SeedKey;
 
 use crate::cell::Cell;
 use crate::clock_mismatch;
@@ -52,10 +54,11 @@ use crate::stages::re_evaluation::ReEvaluationRun;
 use crate::stages::resume::{self, Resumption};
 use crate::stages::sandbox::{Sandbox, SandboxRun};
 use crate::stages::shadow::{self, ShadowRun, ShadowStep};
-use crate::store_identity::{self, RunSeed, StoreUse};
+use crate::store_identity::{self, StoreUse};
 use crate::store_robot::StoreRobot;
 use crate::trial::Trials;
 use crate::trial::cache::EpisodeCache;
+use crate::trial::seeds::EpisodeSeeds;
 use crate::version_table::{FamilyEntry, VersionTable};
 use crate::view::snapshot::SnapshotView;
 use crate::world::LiveWorld;
@@ -63,8 +66,8 @@ use crate::world::stop_switch::{Controls, StopSwitch};
 
 /// The settings of a pipeline.
 pub struct PipelineSettings {
-    /// Seed of the run.
-    pub seed: u64,
+    /// The seeds of its episodes.
+    pub seeds: EpisodeSeeds,
     pub jobs: usize,
     pub profile: Profile,
     pub table: PolicyTable,
@@ -137,22 +140,24 @@ impl Pipeline {
         clock: Clock,
         baselines: Vec<Capability>,
     ) -> Result<Self, EngineFault> {
-        let PipelineSettings { seed, jobs, profile, table, own, cell, cache, controls, omitted } = settings;
-        let seeds = cache.seed_key(version_table.store(), clock.is_scripted().then_some(seed))?;
-        let mut context = Context::new(profile, table, own, cell)?.seeded(seeds).without(omitted);
+        let PipelineSettings { seeds, jobs, profile, table, own, cell, cache, controls, omitted } = settings;
+        // A bundle's seed follows from its episode's alone, so that an episode can be run again from the record.
+        let bundle_seeds = SeedKey::of_run(seeds.of_run().unwrap_or_default());
+        let mut context = Context::new(profile, table, own, cell)?.seeded(bundle_seeds).without(omitted);
         let Controls { switch, cancel } = controls;
         let world = LiveWorld::new(context.cell.clone(), switch)?;
         version_table.begin_persons()?;
         let agent = store_identity::agent(&version_table.store().views()?)?
             .unwrap_or_else(|| world.cell.agent_hash());
-        let admission = AdmissionContext { class: context.profile.name, scripted: clock.is_scripted() };
+        // A decision with known seeds counts as a script's decision.
+        let scripted = clock.is_scripted() || seeds.of_run().is_some();
+        let admission = AdmissionContext { class: context.profile.name, scripted };
         version_table.bind(&StoreRobot::of(&context.cell), admission);
-        let run_seed = if clock.is_scripted() { RunSeed::OfScript } else { RunSeed::OfStore(seed) };
         let voided = match store_identity::set_context(
             &context,
             &mut version_table,
             agent,
-            (clock.now_ms(), run_seed),
+            (clock.now_ms(), scripted),
         )? {
             StoreUse::InForce(voided) => voided,
             StoreUse::Unauthorized(why) => {
@@ -165,7 +170,7 @@ impl Pipeline {
             world,
             agent,
             context,
-            trials: Trials::new(seed, jobs, cache, cancel),
+            trials: Trials::new(jobs, cache, cancel),
             record: EngineRecorder::new(version_table, clock),
             evidence_files: EvidenceFiles::default(),
             approvals: Approvals::default(),
@@ -177,6 +182,7 @@ impl Pipeline {
             parked: Vec::new(),
             on_call: false,
         };
+        pipeline.record.begin_keys(seeds)?;
         pipeline.record.recall_alarms()?;
         clock_mismatch::recall(&mut pipeline.record)?;
         clock_mismatch::check(&mut pipeline.record)?;
@@ -214,7 +220,6 @@ impl Pipeline {
     fn live_and_approvals(&mut self) -> (LiveMonitoring<'_>, &mut Approvals) {
         let live = LiveMonitoring {
             context: &self.context,
-            seed: self.trials.seed(),
             record: &mut self.record,
             evidence_files: &mut self.evidence_files,
             monitors: &mut self.monitors,
@@ -257,7 +262,7 @@ impl Pipeline {
             self.collect_sequence(false);
             return SliceOutcome::Idle { next_ms: None };
         }
-        match self.slice() {
+        match self.slice().and_then(|progress| self.reveal_finished_keys().map(|()| progress)) {
             Ok(progress) => progress,
             // Interrupted on purpose: the stage stays marked as running and runs again at the next start.
             Err(_) if self.trials.is_cancelled() => SliceOutcome::Idle { next_ms: None },
@@ -494,7 +499,6 @@ impl Pipeline {
     pub fn snapshot(&self) -> Snapshot {
         let view = SnapshotView {
             context: &self.context,
-            seed: self.trials.seed(),
             record: &self.record,
             evidence_files: &self.evidence_files,
             approvals: &self.approvals,

@@ -17,8 +17,10 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Hint, Problem};
 
 use crate::alarms::RaisedAlarms;
+use crate::evaluation_keys::KeyLedger;
 use crate::fault::EngineFault;
 use crate::store_metrics::session_tally::SessionTally;
+use crate::trial::seeds::EpisodeSeeds;
 use crate::version_table::{StateMove, TransitionNote, VersionOrigin, VersionTable};
 use crate::wall_clock::WallClock;
 
@@ -31,17 +33,20 @@ pub struct EngineRecorder {
     events: Vec<EventKind>,
     /// Why the engine is halted, if it is.
     holding: Option<Problem>,
+    /// The keys of secret seeds.
+    pub(crate) keys: KeyLedger,
     /// Counts of the published events.
     tally: SessionTally,
 }
 
 impl EngineRecorder {
-    /// A record over an open version table.
+    /// A record over an open version table, with the seeds of run 0.
     #[must_use]
     pub fn new(version_table: VersionTable, clock: Clock) -> Self {
         let tally = SessionTally::new(&version_table);
         let alarms = RaisedAlarms::default();
-        Self { versions: version_table, clock, alarms, events: Vec::new(), holding: None, tally }
+        let keys = KeyLedger::new(EpisodeSeeds::OfRun(0));
+        Self { versions: version_table, clock, alarms, events: Vec::new(), holding: None, keys, tally }
     }
 
     /// The version table.

@@ -105,47 +105,6 @@ pub(crate) fn omitted(views: &Views) -> Result<Option<AblatedParts>, StoreError>
     Ok(context_record(views)?.map(|context| context.omitted))
 }
 
-/// The seed of a run, as a store records it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum RunSeed {
-    /// A script has its own.
-    OfScript,
-    /// The same in every session on the store.
-    OfStore(u64),
-}
-
-impl RunSeed {
-    const fn session_seed(self) -> Option<u64> {
-        match self {
-            Self::OfScript => None,
-            Self::OfStore(seed) => Some(seed),
-        }
-    }
-
-    /// Prevents a new seed for each session, with which a user could retry a candidate until it passes.
-    ///
-    /// # Errors
-    /// [`StoreError::Invalid`] if the store has another one.
-    pub(crate) fn check(self, recorded: Option<u64>) -> Result<(), StoreError> {
-        match (self.session_seed(), recorded) {
-            (Some(requested), Some(recorded)) if requested != recorded => Err(StoreError::Invalid {
-                what: "--seed",
-                value: requested.to_string(),
-                allowed: format!("{recorded}, the seed of this store: start without --seed"),
-            }),
-            _ => Ok(()),
-        }
-    }
-}
-
-/// The seed of a store; absent if only a script or an earlier version has started on it.
-///
-/// # Errors
-/// If the store cannot be read.
-pub fn seed(views: &Views) -> Result<Option<u64>, StoreError> {
-    Ok(context_record(views)?.and_then(|context| context.seed))
-}
-
 /// The families voided at a start.
 pub(crate) struct VoidedFamilies {
     pub(crate) families: Vec<Family>,
@@ -243,7 +202,7 @@ pub(crate) fn set_context(
     context: &Context,
     version_table: &mut VersionTable,
     agent: Digest,
-    (at_ms, seed): (u64, RunSeed),
+    (at_ms, scripted): (u64, bool),
 ) -> Result<StoreUse, EngineFault> {
     let name = context.profile.name;
     let views = version_table.store().views()?;
@@ -252,7 +211,6 @@ pub(crate) fn set_context(
     let end = views.head()?.seq;
     drop(views);
     let course = &version_table.store().opening().profiles;
-    let scripted = matches!(seed, RunSeed::OfScript);
     let requested = RequestedRules {
         profile: &context.profile,
         table: &context.table,
@@ -263,8 +221,7 @@ pub(crate) fn set_context(
         StartPermission::Authorized(rules) => rules,
         StartPermission::Unauthorized(why) => return Ok(StoreUse::Unauthorized(why)),
     };
-    let recorded = before.as_ref().and_then(|before| before.seed);
-    // A store of a script passes to a regular engine, whose seed it keeps from then on.
+    // A store of a script passes to a regular engine.
     let left_by_a_script = course.scripted() && !scripted;
     let same = known.is_some_and(|(profile, policy, _)| profile == name && policy == context.digest);
     let on_record = course.last().and_then(|last| last.rules);
@@ -282,7 +239,7 @@ pub(crate) fn set_context(
         policy: context.table.digest,
         profile: context.profile_digest,
         robot: Some(StoreRobot::of(&context.cell)),
-        seed: recorded.or(seed.session_seed()),
+        seed: None,
         site: context.profile.site.clone(),
     })?;
     // The context is only the present one; earlier ones are in the chain.

@@ -11,7 +11,7 @@ use holdpoint_registry::Store;
 use crate::cell::Cell;
 use crate::pipeline::{Pipeline, PipelineSettings};
 use crate::trial::cache::EpisodeCache;
-use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::trial::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 use crate::version_table::VersionTable;
 use crate::wall_clock::WallClock;
 use crate::world::stop_switch::Controls;
@@ -26,10 +26,20 @@ pub(crate) fn pipeline_by(
     profile: Profile,
     wall: impl FnOnce(Option<WallTime>) -> WallClock,
 ) -> Pipeline {
+    seeded_pipeline(folder, profile, EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN), wall)
+}
+
+/// As [`pipeline_by`], with other seeds.
+pub(crate) fn seeded_pipeline(
+    folder: &Path,
+    profile: Profile,
+    seeds: EpisodeSeeds,
+    wall: impl FnOnce(Option<WallTime>) -> WallClock,
+) -> Pipeline {
     let store = Store::open(folder).unwrap();
     let clock = Clock::scripted(store.opening().head.at_ms);
     let settings = PipelineSettings {
-        seed: CALIBRATION_FROM_RUN,
+        seeds,
         jobs: 1,
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,

@@ -44,7 +44,7 @@ pub(crate) fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
     Config {
         data: folder,
         profile: ProfileName::Sim.into(),
-        seed: CALIBRATION_FROM_RUN,
+        seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
         scripted: true,
         cell: Cell::new(RobotModel::builtin(robot).unwrap()).unwrap(),
@@ -365,7 +365,8 @@ fn stale_evidence_is_reported_with_its_cause() {
     drop(second);
     let head = || Store::open(folder.path()).unwrap().opening().head.seq;
     let before = head();
-    let live = Config { scripted: false, ..config(folder.path(), "arm7") };
+    let seeds = crate::trial::seeds::EpisodeSeeds::Secret;
+    let live = Config { scripted: false, seeds, ..config(folder.path(), "arm7") };
     let refused = Engine::start(live).err().unwrap();
     assert!(matches!(refused, StartError::Store(StoreError::UnauthorizedProfile { .. })), "{refused}");
     assert_eq!(head(), before, "nothing was written");

@@ -28,6 +28,7 @@ use holdpoint_registry::{ResultCache, Store};
 
 use self::cache::EpisodeCache;
 use self::job_outcome::JobOutcome;
+use self::seeds::SeedSource;
 use self::sequences::TrialTeam;
 use self::trial_lab::TrialLab;
 use self::undisturbed_run::UndisturbedCache;
@@ -36,7 +37,6 @@ use crate::cell::Cell;
 
 /// How one engine runs evaluations.
 pub struct Trials {
-    seed: u64,
     /// The most pairs or drills of one slice.
     part: usize,
     cancel: Arc<AtomicBool>,
@@ -46,23 +46,16 @@ pub struct Trials {
 }
 
 impl Trials {
-    /// With a run's seed and `jobs` workers; whole slices until [`Trials::work_in_small_parts`].
+    /// With `jobs` workers; whole slices until [`Trials::work_in_small_parts`].
     #[must_use]
-    pub fn new(seed: u64, jobs: usize, cache: EpisodeCache, cancel: Arc<AtomicBool>) -> Self {
+    pub fn new(jobs: usize, cache: EpisodeCache, cancel: Arc<AtomicBool>) -> Self {
         Self {
-            seed,
             part: usize::MAX,
             cancel,
             cache,
             worker_pool: WorkerPool::new(jobs),
             undisturbed: Arc::new(UndisturbedCache::new()),
         }
-    }
-
-    /// Seed of the run.
-    #[must_use]
-    pub const fn seed(&self) -> u64 {
-        self.seed
     }
 
     /// How many work at a time.
@@ -100,11 +93,11 @@ impl Trials {
         self.cache.result_cache(store)
     }
 
-    /// The inputs of an evaluation.
+    /// The inputs of an evaluation with these seeds.
     #[must_use]
-    pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a Store) -> TrialLab<'a> {
+    pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a Store, seeds: SeedSource) -> TrialLab<'a> {
         TrialLab {
-            seed: self.seed,
+            seeds,
             worker_pool: &self.worker_pool,
             undisturbed: &self.undisturbed,
             part: self.part,

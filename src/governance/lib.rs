@@ -225,6 +225,7 @@ pub mod decision;
 mod deployability;
 pub mod distribution_shift;
 pub mod early_stop;
+pub mod evaluation_key;
 pub mod evidence;
 pub mod explanation;
 pub mod exports;

@@ -76,6 +76,10 @@ crate::closed_set! {
         ProfilesSet = "profiles-set",
         /// A person made a version its family's anchor: who and why.
         AnchorSet = "anchor-set",
+        /// A secret key for seeds was drawn: what it is for, and the commitment to it.
+        KeyCommitted = "key-committed",
+        /// A key for seeds is revealed, because nothing runs under it any more.
+        KeyRevealed = "key-revealed",
         /// A version on hold was resumed: by whom and why.
         Resumed = "resumed",
         /// One person activated a version by break-glass: who, why, and the deadline of the review.

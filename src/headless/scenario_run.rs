@@ -10,6 +10,7 @@ use crate::error::{CliError, Exit, start_error};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
@@ -25,7 +26,7 @@ pub struct RunScript<'a> {
     /// Cached episodes of active versions that runs share; by default the store's own.
     pub cache: Option<ResultCache>,
     /// The seed, instead of the script's.
-    pub seed: Option<u64>,
+    pub seed: Option<u32>,
     pub jobs: usize,
     /// A robot's URDF file, instead of the built-in arm.
     pub robot: Option<&'a Path>,
@@ -40,7 +41,7 @@ pub struct RunStage<'a> {
     pub data: &'a Path,
     /// The profile the store was last used with.
     pub profile: ChosenProfile,
-    pub seed: u64,
+    pub seeds: EpisodeSeeds,
     pub jobs: usize,
     /// The robot the store is for.
     pub cell: Cell,
@@ -51,7 +52,7 @@ pub struct RunStage<'a> {
 }
 
 /// The seed if neither script nor command line name one.
-const DEFAULT_SEED: u64 = 1;
+const DEFAULT_SEED: u32 = 1;
 
 /// Runs a scenario to its end.
 ///
@@ -74,7 +75,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
     let engine = Engine::start(Config {
         data,
         profile: script.profile.into(),
-        seed: run.seed.or(script.seed).unwrap_or(DEFAULT_SEED),
+        seeds: EpisodeSeeds::OfRun(u64::from(run.seed.or(script.seed).unwrap_or(DEFAULT_SEED))),
         jobs: run.jobs,
         scripted: true,
         cell: cell(run.robot)?,
@@ -116,7 +117,7 @@ pub fn run_stage(run: RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
     let mut engine = Engine::start(Config {
         data: run.data,
         profile: run.profile,
-        seed: run.seed,
+        seeds: run.seeds,
         jobs: run.jobs,
         scripted: false,
         cell: run.cell,

@@ -47,7 +47,7 @@ pub struct Script {
     pub profile: ProfileName,
     /// The run's seed; the command line overrides it.
     #[serde(default)]
-    pub seed: Option<u64>,
+    pub seed: Option<u32>,
     /// The steps, in order.
     #[serde(rename = "step")]
     pub steps: Vec<ScriptStep>,

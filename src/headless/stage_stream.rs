@@ -20,6 +20,7 @@ use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::site_profile::ChosenProfile;
@@ -44,7 +45,7 @@ pub struct RunPlain<'a> {
     pub work: PlainWork,
     pub data: &'a Path,
     pub profile: ChosenProfile,
-    pub seed: u64,
+    pub seeds: EpisodeSeeds,
     pub jobs: usize,
     /// A robot's URDF file, instead of the built-in arm.
     pub robot: Option<&'a Path>,
@@ -73,7 +74,7 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
         Config {
             data: run.data,
             profile: run.profile,
-            seed: run.seed,
+            seeds: run.seeds,
             jobs: run.jobs,
             scripted: false,
             cell: cell(run.robot)?,

@@ -71,8 +71,9 @@ pub enum EventKind {
         site: Option<SiteName>,
         /// Name of the robot's description.
         robot: String,
-        /// Seed of the run: every disturbance and every choice follows from it.
-        seed: u64,
+        /// Seed of the run, from which every disturbance and every choice follows; absent where the seeds are secret.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        seed: Option<u64>,
         /// Digest of profile and policies.
         policy: Digest,
         /// Hash of the agent's identity; upgrades do not change it.

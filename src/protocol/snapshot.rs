@@ -55,8 +55,9 @@ pub struct Snapshot {
     pub site: Option<SiteName>,
     /// Name of the robot's description.
     pub robot: String,
-    /// Seed of the run: every disturbance and every choice follows from it.
-    pub seed: u64,
+    /// Seed of the run, from which every disturbance and every choice follows; absent where the seeds are secret.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
     /// Digest of profile and policies.
     pub policy: Digest,
     /// Hash of the agent's identity; upgrades do not change it.

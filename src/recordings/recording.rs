@@ -19,7 +19,9 @@ pub struct RecordingSubject {
     pub predecessor: Option<CapabilityId>,
     pub profile: Lenient<ProfileName>,
     pub robot: String,
-    pub seed: u64,
+    /// Seed of the run; absent where the seeds are secret.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
     /// The engine that wrote it.
     pub engine_build: String,
 }

@@ -36,6 +36,8 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::MonitorAnswer
         | RecordKind::ProfilesSet
         | RecordKind::AnchorSet
+        | RecordKind::KeyCommitted
+        | RecordKind::KeyRevealed
         | RecordKind::Resumed
         | RecordKind::BreakGlass
         | RecordKind::BreakGlassReviewed

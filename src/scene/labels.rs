@@ -125,14 +125,14 @@ pub fn document(
 ) -> String {
     let predecessor = about.predecessor.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
     let mut page = format!(
-        "# {}\n\n| | |\n|---|---|\n| replaces | {} |\n| digest | `{}` |\n| profile | {} |\n| robot | {} |\n| seed | {} \
+        "# {}\n\n| | |\n|---|---|\n| replaces | {} |\n| digest | `{}` |\n| profile | {} |\n| robot | {} |\n| seeds | {} \
          |\n| engine | {} |\n| phase | **{}** |\n",
         plain(&about.version.to_string()),
         plain(&predecessor),
         about.digest.short(),
         plain(&about.profile.to_string()),
         plain(&about.robot),
-        about.seed,
+        holdpoint_wording::seeds::named(about.seed),
         plain(&about.engine_build),
         plain(phase.unwrap_or("registered")),
     );

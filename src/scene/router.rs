@@ -31,7 +31,7 @@ use holdpoint_text::{Hint, Problem, Untrusted};
 struct RecordingPreamble {
     profile: Lenient<ProfileName>,
     robot: String,
-    seed: u64,
+    seed: Option<u64>,
     scenery: Scenery,
     digests: BTreeMap<CapabilityId, Digest>,
     active: BTreeMap<Family, CapabilityId>,

@@ -334,7 +334,7 @@ fn properties(drawing: &mut Drawing, head: &RecordingHead) {
         .with_component::<components::Text>("predecessor", [text(&predecessor)])
         .with_component::<components::Text>("profile", [text(&about.profile.to_string())])
         .with_component::<components::Text>("robot", [text(&about.robot)])
-        .with_component::<components::Text>("seed", [text(&about.seed.to_string())])
+        .with_component::<components::Text>("seed", [text(&holdpoint_wording::seeds::named(about.seed))])
         .with_component::<components::Text>("engine", [text(&about.engine_build)]);
     drawing.rows().always("__properties/upgrade", &facts);
 }

@@ -55,8 +55,8 @@ error_reasons! {
     ScriptAfterLive = "script-after-live",
     /// The store is for another robot.
     OtherRobot = "other-robot",
-    /// The store has another seed.
-    OtherSeed = "other-seed",
+    /// The seeds of the store are secret; none can be chosen.
+    SecretSeeds = "secret-seeds",
     /// The folder has no store.
     NoStore = "no-store",
     /// Another process has the store open.

@@ -30,8 +30,9 @@ pub fn sentence(event: &Event, width_max: usize) -> SafeText {
 fn text(kind: &EventKind) -> String {
     match kind {
         EventKind::EngineStarted { profile, site, robot, seed, policy, agent, .. } => format!(
-            "engine   up: profile {}, robot {robot}, seed {seed}, policy {}, agent {}",
+            "engine   up: profile {}, robot {robot}, {}, policy {}, agent {}",
             titled(*profile, site.as_ref()),
+            crate::seeds::named(*seed),
             policy.short(),
             agent.short()
         ),

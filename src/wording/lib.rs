@@ -17,6 +17,7 @@ pub mod lookup;
 mod notice;
 mod reason;
 pub mod request;
+pub mod seeds;
 pub mod stage;
 mod task_failure;
 

@@ -23,8 +23,8 @@ fn second_console_attaches_to_the_running_engine() {
     let home = Home::new();
     let mut first = console_on_fresh_store(&home, &[]);
     home.must(&["identity", "new", "mara", "--unprotected"]);
-    let mut refused = home.console(&["run", "--no-tour", "--seed", "7"], SIZE);
-    refused.wait_for_text("--seed applies");
+    let mut refused = home.console(&["run", "--no-tour", "--jobs", "1"], SIZE);
+    refused.wait_for_text("--jobs applies");
     assert_eq!(refused.end().exit_code(), 2);
     let mut second = attach(&home, &["--as", "mara"]);
     second.wait_for_text("with seat 1 (Overview)");

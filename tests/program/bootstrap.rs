@@ -63,7 +63,7 @@ fn start(folder: &Path, watch: ReadProgressFn) -> EngineHandle {
     let config = LaunchConfig {
         data: folder.to_owned(),
         profile: ProfileName::Sim.into(),
-        seed: 1,
+        seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
         jobs: 1,
         robot: None,
         pace: Some(1.0),
@@ -213,7 +213,7 @@ fn no_engine_starts_if_another_program_wrote_meanwhile() {
         let config = Config {
             data: folder.path(),
             profile: ProfileName::Sim.into(),
-            seed: 1,
+            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::builtin().unwrap(),

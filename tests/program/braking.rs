@@ -45,7 +45,7 @@ fn start_engine(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
         let config = Config {
             data: &folder,
             profile: ProfileName::Sim.into(),
-            seed: 1,
+            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::builtin().unwrap(),

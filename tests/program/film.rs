@@ -23,7 +23,7 @@ impl FilmBench {
         let config = Config {
             data,
             profile: ProfileName::Sim.into(),
-            seed: 1,
+            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: true,
             cell: Cell::builtin().unwrap(),

@@ -40,7 +40,7 @@ impl Front {
         let host = EngineHandle::start(LaunchConfig {
             data,
             profile,
-            seed: 1,
+            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             robot: None,
             pace,

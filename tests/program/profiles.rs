@@ -282,30 +282,27 @@ fn less_strict_profile_of_the_same_class_needs_an_authorization() {
     }
 }
 
-/// A free choice of the seed for each session would let a candidate be tried under one after another.
+/// A free choice of seeds would let a candidate be tried until it passes: only a script and a temporary store have one.
 #[test]
-fn store_keeps_the_seed_of_its_first_start() {
+fn no_verb_chooses_the_seeds_of_a_store() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
-    let run = |seed: &[&str]| on(&store, &[&["run", "--plain"], seed].concat());
-    assert_eq!(run(&["--seed", "7"]).status.code(), Some(5));
-    let other_seed = ["run", "--plain", "--seed", "8"];
-    fails(&store, &other_seed, 2, "other-seed");
-    fails(&store, &["serve", "--seed", "1"], 2, "other-seed");
-    for same in [&[][..], &["--seed", "7"]] {
-        let run = run(same);
-        assert!(run.status.code() == Some(5) && text(&run).contains("seed 7"), "{}", text(&run));
+    for verb in [
+        &["run", "--plain", "--seed", "8"][..],
+        &["serve", "--seed", "1"],
+        &["candidate", "sandbox", "grasp@1.1.0", "--seed", "1"],
+    ] {
+        assert_eq!(on(&store, verb).status.code(), Some(2), "{verb:?}");
     }
-    // A script names any seed, and chooses none for others.
+    fails(&store, &["demo", "--seed", "1"], 2, "secret-seeds");
+    let run = on(&store, &["run", "--plain"]);
+    assert!(run.status.code() == Some(5) && text(&run).contains("secret seeds"), "{}", text(&run));
     let script = format!("{}/tests/scenarios/reject-interface.toml", env!("CARGO_MANIFEST_DIR"));
-    let script = ["run", "--headless", "--seed", "8", "--script", &script];
-    ends(&on(&store, &script), 1, &["seed 8"]);
-    fails(&store, &other_seed, 2, "other-seed");
     let other = root.path().join("other");
-    ends(&on(&other, &script), 1, &["seed 8"]);
-    let run = on(&other, &["run", "--plain", "--seed", "9"]);
-    assert!(run.status.code() == Some(5) && text(&run).contains("seed 9"), "{}", text(&run));
-    fails(&other, &other_seed, 2, "other-seed");
+    ends(&on(&other, &["scenario", "run", &script, "--seed", "8"]), 1, &["seed 8"]);
+    // A store that a script has used gets secret seeds as soon as an engine runs on it.
+    let run = on(&other, &["run", "--plain"]);
+    assert!(run.status.code() == Some(5) && text(&run).contains("secret seeds"), "{}", text(&run));
 }
 
 #[test]

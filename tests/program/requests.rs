@@ -27,7 +27,7 @@ impl EngineBench {
         let config = Config {
             data: folder.path(),
             profile: ProfileName::Sim.into(),
-            seed: 1,
+            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: true,
             cell: Cell::builtin().unwrap(),

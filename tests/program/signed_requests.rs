@@ -69,7 +69,7 @@ pub fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
         let config = Config {
             data: &folder,
             profile: profile.into(),
-            seed: 1,
+            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::builtin().unwrap(),

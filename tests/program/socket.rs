@@ -48,7 +48,7 @@ pub(crate) fn engine(folder: &Path) -> JoinHandle<()> {
         let config = Config {
             data: &folder,
             profile: ProfileName::Sim.into(),
-            seed: 1,
+            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::builtin().unwrap(),

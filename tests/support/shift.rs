@@ -367,7 +367,7 @@ pub fn snapshot() -> Snapshot {
         site: None,
         signing: None,
         robot: "arm-1".to_owned(),
-        seed: 42,
+        seed: Some(42),
         policy: digest("policy"),
         agent: digest("agent"),
         reading: None,

@@ -317,7 +317,7 @@ pub fn recording() -> Recording {
             predecessor: Some(id(OLD)),
             profile: ProfileName::Sim.into(),
             robot: "arm-1".to_owned(),
-            seed: 42,
+            seed: Some(42),
             engine_build: "0.1.0".to_owned(),
         },
         outcome: Some(UpgradeEnd::RolledBack.into()),

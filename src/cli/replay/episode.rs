@@ -102,7 +102,7 @@ fn about(
         predecessor: Some(film.active.version.clone()),
         profile: snapshot.profile.into(),
         robot: snapshot.robot,
-        seed: film.seed,
+        seed: Some(film.seed),
         engine_build: env!("CARGO_PKG_VERSION").to_owned(),
     })
 }

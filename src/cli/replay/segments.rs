@@ -67,7 +67,7 @@ mod tests {
                 predecessor: None,
                 profile: holdpoint_governance::profile::ProfileName::Sim.into(),
                 robot: "arm7".to_owned(),
-                seed: 1,
+                seed: Some(1),
                 engine_build: "test".to_owned(),
             },
             outcome: outcome.map(Into::into),

@@ -285,7 +285,7 @@ mod screen {
             predecessor: Some(tryout.active().id()),
             profile: ProfileName::Sim.into(),
             robot: tryout.robot().to_owned(),
-            seed: film.seed,
+            seed: Some(film.seed),
             engine_build: env!("CARGO_PKG_VERSION").to_owned(),
         };
         recording(film, about)

@@ -7,7 +7,7 @@ use std::io::{self, Write};
 use holdpoint_protocol::clock::tick_of;
 use holdpoint_recordings::recording::Recording;
 use holdpoint_text::Untrusted;
-use holdpoint_wording::event as event_text;
+use holdpoint_wording::{event as event_text, seeds};
 
 /// Prints the recording's version, its events with virtual time in seconds and tick, up to `to_ms`, and its end.
 ///
@@ -17,8 +17,12 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     let about = &recording.about;
     let against = about.predecessor.as_ref().map_or_else(String::new, |id| format!(" against {id}"));
     let head = format!(
-        "{}{against}: profile {}, robot {}, seed {}, engine {}",
-        about.version, about.profile, about.robot, about.seed, about.engine_build
+        "{}{against}: profile {}, robot {}, {}, engine {}",
+        about.version,
+        about.profile,
+        about.robot,
+        seeds::named(about.seed),
+        about.engine_build
     );
     writeln!(out, "{}", Untrusted::new(head).line())?;
     let is_shown = |at_ms: u64| to_ms.is_none_or(|to_ms| at_ms <= to_ms);

@@ -100,7 +100,7 @@ fn recording() -> Recording {
             predecessor: None,
             profile: ProfileName::Sim.into(),
             robot: "arm-1".to_owned(),
-            seed: 1,
+            seed: Some(1),
             engine_build: "test".to_owned(),
         },
         outcome: Some(UpgradeEnd::Rejected.into()),

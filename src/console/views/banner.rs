@@ -171,7 +171,10 @@ fn identity(model: &ConsoleModel) -> Vec<Row> {
         pieces.push(Row::of(ThemeRole::Text, &format!("  and {others} more")));
     }
     if let Some(snapshot) = &model.engine_data.snapshot {
-        pieces.push(Row::of(ThemeRole::Muted, &format!("  seed {}", snapshot.seed)));
+        pieces.push(Row::of(
+            ThemeRole::Muted,
+            &format!("  {}", holdpoint_wording::seeds::named(snapshot.seed)),
+        ));
     }
     pieces
 }

@@ -62,8 +62,9 @@ impl ExperimentPipeline {
 
     /// Runs one sequence with the active versions, without monitors. Writes nothing.
     pub fn run_unmonitored(&mut self) -> SequenceReport {
-        let Pipeline { context, trials, record, evidence_files, monitors, world, .. } = &mut self.0;
-        let seed = episode_seed(trials.seed(), SeedPurpose::Live, world.cell.sequences());
+        let Pipeline { context, record, evidence_files, monitors, world, .. } = &mut self.0;
+        let run_seed = record.seeds().of_run().unwrap_or_default();
+        let seed = episode_seed(run_seed, SeedPurpose::Live, world.cell.sequences());
         let terms: Vec<(CapabilityId, SkillTerms)> = TaskKind::SEQUENCE
             .into_iter()
             .filter_map(|task| record.active_of(&Family::from(task)))

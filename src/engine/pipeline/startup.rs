@@ -35,7 +35,7 @@ impl Pipeline {
             profile: self.context.profile.name,
             site: self.context.profile.site.clone(),
             robot: self.context.cell.model.name.clone(),
-            seed: self.trials.seed(),
+            seed: self.record.seeds().of_run(),
             policy: self.context.digest,
             agent: self.world.cell.agent_hash(),
             active,

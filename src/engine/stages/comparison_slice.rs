@@ -17,6 +17,7 @@ use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan};
+use crate::trial::seeds::SeedSource;
 use crate::trial::trace::keep_trace;
 
 /// The comparison and its conditions.
@@ -27,6 +28,7 @@ pub(super) struct ComparisonSlice<'a> {
     /// The conditions of the cell's sandbox.
     pub(super) conditions: Conditions,
     pub(super) plan: EvaluationPlan,
+    pub(super) seeds: SeedSource,
     /// The stage and the name in progress reports.
     pub(super) stage: Stage,
     pub(super) name_of: fn(WorkUnit) -> WorkUnit,
@@ -51,7 +53,7 @@ pub(super) fn run_slice(
     let (new, old) = (subject(&candidate), subject(comparison.compared_with));
     let team = trial_team(context, version_table, evidence_files, &candidate);
     let anchor = version_table.anchor_beside(comparison.compared_with).map(subject);
-    let lab = trials.lab(comparison.cell, store).with_team(team).with_anchor(anchor);
+    let lab = trials.lab(comparison.cell, store, comparison.seeds).with_team(team).with_anchor(anchor);
     let known = evaluation.stops().shared.len();
     let Some(slice) = evaluation.step(&lab, &new, &old, &context.profile)? else { return Ok(0) };
     let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();

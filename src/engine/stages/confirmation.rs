@@ -6,6 +6,7 @@
 //! any other demotes it. Uncertain means hold (design rules 3.6, 3.8).
 
 use holdpoint_governance::cached_result::CacheLocation;
+use holdpoint_governance::evaluation_key::KeyUse;
 use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
@@ -29,6 +30,7 @@ use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan};
 use crate::trial::scene_stops::SceneStops;
+use crate::trial::seeds::SeedSource;
 use crate::version_concern::Confirmation;
 use crate::version_table::VersionTable;
 
@@ -36,6 +38,7 @@ use crate::version_table::VersionTable;
 pub struct ConfirmationRun {
     id: CapabilityId,
     predecessor: Capability,
+    seeds: SeedSource,
     evaluation: Evaluation,
 }
 
@@ -92,8 +95,9 @@ pub fn begin(
     };
     let plan = EvaluationPlan::confirmation(&context.profile).with_anchor(anchor.is_some());
     progress(record, evidence_files, id, Stage::Sandbox, WorkUnit::Confirmation, (0, plan.budget()));
+    let seeds = record.evaluation_seeds(KeyUse::Confirmation, id, &binding)?;
     let evaluation = Evaluation::new(plan, binding, SceneStops::default());
-    Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, evaluation })))
+    Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, seeds, evaluation })))
 }
 
 /// How a slice ended.
@@ -146,6 +150,7 @@ pub fn slice(
         cell: &context.cell,
         conditions: Conditions::Sandbox,
         plan: *run.evaluation.plan(),
+        seeds: run.seeds,
         stage: Stage::Sandbox,
         name_of: WorkUnit::of_confirmation,
     };

@@ -39,8 +39,6 @@ use crate::world::supervisor::{Trip, safety_events};
 pub struct LiveMonitoring<'a> {
     /// The terms of the decision.
     pub context: &'a Context,
-    /// Seed of the run.
-    pub seed: u64,
     pub record: &'a mut EngineRecorder,
     pub evidence_files: &'a mut EvidenceFiles,
     pub monitors: &'a mut Monitors,
@@ -58,13 +56,14 @@ impl LiveMonitoring<'_> {
     /// # Errors
     /// If another sequence has them.
     pub(crate) fn begin_sequence(&mut self) -> Result<StartedSequence, EngineFault> {
+        let seeds = self.record.live_seeds()?;
         let (context, evidence_files, monitors) = (self.context, &*self.evidence_files, &*self.monitors);
         let version_table = self.record.version_table();
         let terms_of = |version: &_| {
             crate::evidence_binding::terms_of(context, version_table, evidence_files, monitors, version)
         };
         let paced = self.world.is_paced();
-        sequence::begin(context, self.record, monitors, &mut self.world.cell, self.seed, paced, &terms_of)
+        sequence::begin(context, self.record, monitors, &mut self.world.cell, seeds, paced, &terms_of)
     }
 
     /// One sequence of the live world, in step with the engine; monitors learn from it.

@@ -9,6 +9,7 @@
 use holdpoint_governance::cached_result::CacheLocation;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::distribution_shift::{is_cleared, re_evaluation_reasons};
+use holdpoint_governance::evaluation_key::KeyUse;
 use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
@@ -33,6 +34,7 @@ use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan};
 use crate::trial::scene_stops::SceneStops;
+use crate::trial::seeds::SeedSource;
 use crate::version_concern::ReEvaluationEvidence;
 use crate::world::live::LiveCell;
 
@@ -43,6 +45,7 @@ pub struct ReEvaluationRun {
     binding: EvidenceBinding,
     cell: Cell,
     drift: Option<Drift>,
+    seeds: SeedSource,
     evaluation: Evaluation,
     /// The shadow that found a candidate suspicious; absent for an active version.
     shadow: Option<Box<ShadowRun>>,
@@ -101,6 +104,7 @@ pub fn begin(
         active: Some(before.digest()),
         ..binding(context, record.version_table(), &candidate)
     };
+    let seeds = record.evaluation_seeds(KeyUse::ReEvaluation, id, &binding)?;
     let plan = EvaluationPlan::re_evaluation(&context.profile);
     progress(record, evidence_files, id, Stage::Shadow, WorkUnit::ReEvaluation, (0, plan.budget()));
     Ok(Some(Box::new(ReEvaluationRun {
@@ -109,6 +113,7 @@ pub fn begin(
         binding,
         cell: context.cell.with_live_sandbox(live.distribution()),
         drift: live.drift().copied(),
+        seeds,
         evaluation: Evaluation::new(plan, binding, SceneStops::default()),
         shadow,
     })))
@@ -168,6 +173,7 @@ pub fn slice(
         cell: &run.cell,
         conditions: Conditions::Live,
         plan: EvaluationPlan::re_evaluation(&context.profile),
+        seeds: run.seeds,
         stage: Stage::Shadow,
         name_of: WorkUnit::of_re_evaluation,
     };

@@ -9,6 +9,7 @@ use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::early_stop::EarlyStopReason;
+use holdpoint_governance::evaluation_key::KeyUse;
 use holdpoint_governance::evidence::{
     DrillTallies, EvidenceBinding, SandboxMode, SettlingTallies, SoloEpisode,
 };
@@ -41,7 +42,7 @@ use crate::trial::evaluation::{Evaluation, EvaluationPlan, Slice};
 use crate::trial::mode_metrics::{ComparedVersion, ModeMetrics};
 use crate::trial::scene_stops::SceneStops;
 use crate::trial::search::{self, Search, SearchStyle};
-use crate::trial::seeds::SeedPurpose;
+use crate::trial::seeds::{SeedPurpose, SeedSource};
 use crate::trial::stress;
 use crate::trial::trace::keep_trace;
 
@@ -90,6 +91,7 @@ impl SoloMode {
 pub struct SandboxRun {
     id: CapabilityId,
     binding: EvidenceBinding,
+    seeds: SeedSource,
     /// Hard stops before the comparison.
     stops: SceneStops,
     phase: SandboxPhase,
@@ -147,6 +149,7 @@ pub fn begin(
     let candidate = record.capability(id)?;
     let binding = binding(context, record.version_table(), &candidate);
     record.start_stage(id, Stage::Sandbox, budget(context, &binding))?;
+    let seeds = record.evaluation_seeds(KeyUse::Sandbox, id, &binding)?;
     let evidence_file = evidence_files.edit(id);
     // The result of stage 2 counts only for the version that was active then, so it is computed again.
     evidence_file.take_static(validation::assess(context, record.version_table(), &candidate));
@@ -172,7 +175,7 @@ pub fn begin(
     evidence_file.alone.clear();
     evidence_file.bindings = vec![binding];
     let phase = SandboxPhase::Alone(SoloMode::Canonical, Vec::new());
-    Ok(Box::new(SandboxRun { id: id.clone(), binding, stops: SceneStops::default(), phase }))
+    Ok(Box::new(SandboxRun { id: id.clone(), binding, seeds, stops: SceneStops::default(), phase }))
 }
 
 fn budget(context: &Context, binding: &EvidenceBinding) -> u64 {
@@ -206,9 +209,10 @@ impl Sandbox<'_> {
             return Ok(over);
         }
         let mut episodes = 0;
+        let seeds = run.seeds;
         run.phase = match run.phase {
             SandboxPhase::Alone(mode, mut records) => {
-                if self.mode_episodes((&candidate, &active), mode, &mut records, &mut run.stops)? {
+                if self.mode_episodes((&candidate, &active), mode, seeds, &mut records, &mut run.stops)? {
                     match mode {
                         SoloMode::Canonical if run.stops.own.is_empty() => {
                             SandboxPhase::Alone(SoloMode::Adversarial, Vec::new())
@@ -232,7 +236,7 @@ impl Sandbox<'_> {
                     let (measured, _) = comparison.evaluation.assess(&self.context.profile);
                     if measured.assessment.outcome == BehaviorOutcome::Compatible {
                         let limits = self.context.profile.harm;
-                        let search = Search::new(self.trials.seed(), SearchStyle::Evolution, limits);
+                        let search = Search::new(seeds.search_state(), SearchStyle::Evolution, limits);
                         let phase = SandboxPhase::Search(comparison, Box::new(search));
                         let run = Some(Box::new(SandboxRun { phase, ..*run }));
                         return Ok(SandboxStep { run, episodes: 0 });
@@ -244,7 +248,7 @@ impl Sandbox<'_> {
                 let subject =
                     |version| trial_subject(self.context, version_table, self.evidence_files, version);
                 let (new, old) = (subject(&candidate), subject(&active));
-                let lab = self.trials.lab(&self.context.cell, version_table.store());
+                let lab = self.trials.lab(&self.context.cell, version_table.store(), seeds);
                 let lab = lab
                     .with_team(trial_team(self.context, version_table, self.evidence_files, &candidate))
                     .with_anchor(version_table.anchor_beside(&active).map(subject));
@@ -260,7 +264,8 @@ impl Sandbox<'_> {
                     self.decide(&id, &active.id(), &comparison)?;
                     return Ok(over);
                 }
-                episodes = self.search(&candidate, &active, &mut search, &mut comparison.evaluation)?;
+                episodes =
+                    self.search((&candidate, &active), seeds, &mut search, &mut comparison.evaluation)?;
                 SandboxPhase::Search(comparison, search)
             }
         };
@@ -306,8 +311,8 @@ impl Sandbox<'_> {
     /// Runs a part of the search, after a finished comparison. Returns the number of pairs run.
     fn search(
         &mut self,
-        candidate: &Capability,
-        active: &Capability,
+        (candidate, active): (&Capability, &Capability),
+        seeds: SeedSource,
         search: &mut Search,
         evaluation: &mut Evaluation,
     ) -> Result<u64, EngineFault> {
@@ -315,7 +320,7 @@ impl Sandbox<'_> {
         let version_table = self.record.version_table();
         let subject = |version| trial_subject(self.context, version_table, self.evidence_files, version);
         let (new, old) = (subject(candidate), subject(active));
-        let lab = self.trials.lab(&self.context.cell, version_table.store());
+        let lab = self.trials.lab(&self.context.cell, version_table.store(), seeds);
         let (first, points) = search.next_points(self.trials.part());
         let results = lab.places(&new, &old, first, &points)?;
         search.add_results(&results);
@@ -348,13 +353,14 @@ impl Sandbox<'_> {
         &mut self,
         (candidate, active): (&Capability, &Capability),
         alone: SoloMode,
+        seeds: SeedSource,
         records: &mut Vec<TaskRecord>,
         stops: &mut SceneStops,
     ) -> Result<bool, EngineFault> {
         let id = candidate.id();
         let from = records.len() as u64;
         let to = MODE_EPISODES.min(from.saturating_add(self.trials.part() as u64));
-        let lab = self.trials.lab(&self.context.cell, self.record.version_table().store());
+        let lab = self.trials.lab(&self.context.cell, self.record.version_table().store(), seeds);
         let terms = |version| measured_terms_of(self.context, self.evidence_files, version);
         let (terms, other_terms) = (terms(candidate), terms(active));
         let stress_at = |place| {

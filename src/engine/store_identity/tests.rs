@@ -16,12 +16,14 @@ use holdpoint_registry::{Change, ContextRules, Store, Transaction, allow_profile
 use super::*;
 use crate::people::persons::guarded;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval, config};
+use crate::trial::seeds::EpisodeSeeds;
 use crate::world::stop_switch::StopRequest;
 use crate::{Config, Engine, StartError};
 
 /// An engine that is no script's.
 fn live(folder: &Path, profile: ProfileName) -> Result<Engine, StartError> {
-    Engine::start(Config { scripted: false, profile: profile.into(), ..config(folder, "arm7") })
+    let seeds = EpisodeSeeds::Secret;
+    Engine::start(Config { scripted: false, seeds, profile: profile.into(), ..config(folder, "arm7") })
 }
 
 /// An administrator authorizes these rules of `human`.
@@ -152,7 +154,14 @@ fn a_less_strict_activation_ends_under_a_stricter_profile() {
     let id: CapabilityId = "align@1.1.0".parse().unwrap();
     for scripted in [false, true] {
         let folder = tempfile::tempdir().unwrap();
-        let sim = |scripted| Engine::start(Config { scripted, ..config(folder.path(), "arm7") }).unwrap();
+        let sim = |scripted| {
+            let script = config(folder.path(), "arm7");
+            if scripted {
+                Engine::start(script).unwrap()
+            } else {
+                live(folder.path(), ProfileName::Sim).unwrap()
+            }
+        };
         let state = |engine: &Engine| engine.pipeline.record().version_table().version(&id).unwrap().1.state;
         let mut engine = sim(scripted);
         at_the_gate(&mut engine.pipeline);

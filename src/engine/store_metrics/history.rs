@@ -275,6 +275,8 @@ impl History {
             | RecordKind::AlarmChanged
             | RecordKind::MonitorAnswer
             | RecordKind::AnchorSet
+            | RecordKind::KeyCommitted
+            | RecordKind::KeyRevealed
             | RecordKind::Resumed
             | RecordKind::Shown
             | RecordKind::AlarmReset

@@ -91,7 +91,7 @@ fn registered(
 ) -> (TempDir, Pipeline, CapabilityId) {
     let folder = tempfile::tempdir().unwrap();
     let settings = PipelineSettings {
-        seed: CALIBRATION_FROM_RUN,
+        seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
         table,
         profile,

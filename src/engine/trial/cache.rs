@@ -1,7 +1,6 @@
 //! The cache of episodes and drills of active versions: by default in the store, or in a folder that several runs share.
 
-use holdpoint_registry::{ResultCache, Store, StoreError};
-use holdpoint_runtime::seeds::SeedKey;
+use holdpoint_registry::{ResultCache, Store};
 
 /// The location of cached episodes and drills.
 #[derive(Clone, Debug, Default)]
@@ -20,18 +19,6 @@ impl EpisodeCache {
         match self {
             Self::InStore => store.result_cache(),
             Self::Shared(cache) => cache,
-        }
-    }
-
-    /// The key of bundles' seeds: a script's episodes are the same on every store; otherwise computing a seed needs
-    /// the cache's secret.
-    ///
-    /// # Errors
-    /// As [`holdpoint_registry::CacheSecret::derived`].
-    pub fn seed_key(&self, store: &Store, script: Option<u64>) -> Result<SeedKey, StoreError> {
-        match script {
-            Some(seed) => Ok(SeedKey::of_run(seed)),
-            None => Ok(SeedKey::secret(&self.result_cache(store).secret().derived("bundle seeds")?)),
         }
     }
 }

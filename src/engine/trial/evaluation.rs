@@ -14,7 +14,6 @@ use crate::fault::EngineFault;
 use crate::trial::drills::DrillResult;
 use crate::trial::reuse::Reuse;
 use crate::trial::scene_stops::SceneStops;
-use crate::trial::seeds::episode_seed;
 use crate::trial::sequences::SequenceRecords;
 use crate::trial::trial_lab::{DrillSpot, Lookahead, TrialLab, TrialSubject};
 use holdpoint_governance::behavior::{
@@ -315,7 +314,7 @@ impl Evaluation {
     /// The phases that the active version's work shows, of which every kind of drill gets its quota.
     fn phases_of(&self, lab: &TrialLab<'_>, active: &TrialSubject) -> Result<Vec<WorkPhase>, EngineFault> {
         let seeds: Vec<u64> =
-            (0..PHASE_PROBES).map(|index| episode_seed(lab.seed, self.plan.drill_seeds, index)).collect();
+            (0..PHASE_PROBES).map(|index| lab.seeds.seed(self.plan.drill_seeds, index)).collect();
         let shown = lab.phases(active, &seeds)?;
         let is_shown = |phase: &WorkPhase| {
             shown.iter().filter(|phases| phases.contains(phase)).count() >= PHASE_SHOWN_IN
@@ -464,7 +463,7 @@ impl Evaluation {
             NextSlice::Sequences => self.plan.sequence_seeds,
         };
         let range = progress.range(&self.plan, slice);
-        range.map(|index| episode_seed(lab.seed, purpose, index)).collect()
+        range.map(|index| lab.seeds.seed(purpose, index)).collect()
     }
 
     /// Where the drills of a slice begin: dealt round the phases by their place, and so the same for both versions.
@@ -472,7 +471,7 @@ impl Evaluation {
         let phases = self.phases.as_deref().unwrap_or_default();
         let spot = |index: u64| {
             let turn = index.checked_rem(phases.len() as u64).and_then(|turn| usize::try_from(turn).ok());
-            let seed = episode_seed(lab.seed, self.plan.drill_seeds, index);
+            let seed = lab.seeds.seed(self.plan.drill_seeds, index);
             DrillSpot { seed, phase: turn.and_then(|turn| phases.get(turn).copied()) }
         };
         progress.range(&self.plan, NextSlice::Drills(kind)).map(spot).collect()

@@ -1,7 +1,10 @@
-//! Which episodes a run uses: disjoint blocks of seeds per purpose.
+//! Which episodes a run uses: disjoint blocks of seeds per purpose, or seeds under a secret key.
 //!
 //! A run's seed below [`CALIBRATION_FROM_RUN`] uses evaluation seeds below 1,000,000, which nothing
-//! is ever tuned on; calibration uses run seeds from there on, and so episode seeds from 1,000,000.
+//! is ever tuned on; calibration uses run seeds from there on, and so episode seeds from 1,000,000. Seeds under a key
+//! are at [`KEYED_FROM`] and above, practice seeds at [`PRACTICE_FROM`] and above.
+
+use holdpoint_governance::evaluation_key::EvaluationKey;
 
 /// Episode seeds set aside for one run.
 pub const BLOCK: u64 = 10_000;
@@ -12,6 +15,58 @@ pub const CALIBRATION_FROM_RUN: u64 = 100;
 /// First practice episode of an optimizer. A calibration seed all the same, and far above the block of any run seed
 /// in use (they reach it from 4.6e14 on), so that no verdict rests on practice episodes.
 pub const PRACTICE_FROM: u64 = 1 << 62;
+
+/// First seed under a key, and their number: 52 random bits. They end at `2^53`, so that every reader of JSON keeps them.
+pub const KEYED_FROM: u64 = 1 << 52;
+
+/// The seeds of a session's episodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EpisodeSeeds {
+    /// Secret: each evaluation and each stretch of live work has a key of its own.
+    Secret,
+    /// Known, and equal in every store: for scripts, experiments and the demonstration.
+    OfRun(u64),
+}
+
+impl EpisodeSeeds {
+    /// The run's seed, unless the seeds are secret.
+    #[must_use]
+    pub const fn of_run(self) -> Option<u64> {
+        match self {
+            Self::Secret => None,
+            Self::OfRun(seed) => Some(seed),
+        }
+    }
+}
+
+/// Gives the seeds of one evaluation, or of a stretch of live work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SeedSource {
+    /// The blocks of a run's seed.
+    OfRun(u64),
+    /// A keyed generator.
+    Keyed(EvaluationKey),
+}
+
+impl SeedSource {
+    /// The seed of the `index`-th episode of a purpose.
+    #[must_use]
+    pub fn seed(&self, purpose: SeedPurpose, index: u64) -> u64 {
+        match self {
+            Self::OfRun(run_seed) => episode_seed(*run_seed, purpose, index),
+            Self::Keyed(key) => KEYED_FROM | key.number(purpose.name(), index) % KEYED_FROM,
+        }
+    }
+
+    /// The state in which the search for the worst episode begins.
+    #[must_use]
+    pub fn search_state(&self) -> u64 {
+        match self {
+            Self::OfRun(run_seed) => *run_seed,
+            Self::Keyed(key) => key.number("search-state", 0),
+        }
+    }
+}
 
 /// What episodes are for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +96,24 @@ pub enum SeedPurpose {
 }
 
 impl SeedPurpose {
+    /// The name under which a key gives its seeds.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Perturbation => "perturbation",
+            Self::Canonical => "canonical",
+            Self::Adversarial => "adversarial",
+            Self::Drill => "drill",
+            Self::Live => "live",
+            Self::Confirmation => "confirmation",
+            Self::ConfirmationDrill => "confirmation-drill",
+            Self::Search => "search",
+            Self::Sequence => "sequence",
+            Self::ConfirmationSequence => "confirmation-sequence",
+            Self::ReEvaluation => "re-evaluation",
+            Self::ReEvaluationSequence => "re-evaluation-sequence",
+        }
+    }
+
     const fn range(self) -> (u64, u64) {
         match self {
             Self::Perturbation => (0, 2_000),
@@ -117,5 +190,35 @@ mod tests {
         // One search does not reach into another's, and the highest is still a seed.
         assert_eq!(practice_seed(7, BLOCK - 1) + 1, practice_seed(8, 0));
         assert!(practice_seed(u32::MAX, BLOCK - 1) > practice_seed(0, 0));
+    }
+
+    #[test]
+    fn keyed_seeds_are_disjoint_from_runs_and_practice_and_differ_by_key_purpose_and_index() {
+        let keys = [1, 2].map(|byte| SeedSource::Keyed(EvaluationKey::from_secret([byte; 32])));
+        let mut seen = std::collections::BTreeSet::new();
+        for key in keys {
+            for purpose in PURPOSES {
+                for index in 0..400 {
+                    let seed = key.seed(purpose, index);
+                    assert!((KEYED_FROM..KEYED_FROM * 2).contains(&seed), "{seed}");
+                    assert!(seed > episode_seed(u64::from(u32::MAX), SeedPurpose::ConfirmationDrill, 199));
+                    assert!(seed < PRACTICE_FROM);
+                    assert!(seen.insert(seed), "{purpose:?} {index} repeats {seed}");
+                }
+            }
+        }
+    }
+
+    /// Neither the purpose nor the place of an episode can be seen in its seed.
+    #[test]
+    fn keyed_seeds_of_adjacent_places_share_no_bit() {
+        let key = SeedSource::Keyed(EvaluationKey::from_secret([7; 32]));
+        for purpose in [SeedPurpose::Perturbation, SeedPurpose::Live] {
+            for bit in 0..52 {
+                let set = (0..2_000).filter(|index| key.seed(purpose, *index) >> bit & 1 == 1).count();
+                // Six standard deviations of a fair coin.
+                assert!((866..=1134).contains(&set), "bit {bit} is set in {set} of 2000");
+            }
+        }
     }
 }

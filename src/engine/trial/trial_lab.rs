@@ -14,7 +14,7 @@ use super::drills::DrillResult;
 use super::episodes::{alone, cache_key};
 use super::job_outcome::JobOutcome;
 use super::reuse::{Reuse, ReusedResult, value};
-use super::seeds::{SeedPurpose, episode_seed};
+use super::seeds::{SeedPurpose, SeedSource};
 use super::sequences::{SequenceRecords, TrialTeam};
 pub use super::trial_subject::TrialSubject;
 use super::undisturbed_run::UndisturbedCache;
@@ -49,7 +49,7 @@ pub enum Lookahead {
 
 /// The cell, the workers and the cache that evaluations share.
 pub struct TrialLab<'a> {
-    pub seed: u64,
+    pub seeds: SeedSource,
     pub worker_pool: &'a WorkerPool<JobOutcome>,
     /// What several drills begin with.
     pub undisturbed: &'a Arc<UndisturbedCache>,
@@ -99,7 +99,7 @@ impl TrialLab<'_> {
         let party = TrialSubject { version: version.clone(), terms: terms.clone(), fallback: None };
         let shared = Arc::new((self.cell.clone(), party));
         let job = |index| {
-            let (seed, shared) = (episode_seed(self.seed, purpose, index), Arc::clone(&shared));
+            let (seed, shared) = (self.seeds.seed(purpose, index), Arc::clone(&shared));
             PoolJob {
                 key: job_key("episode", &[shared.1.key(&shared.0, conditions, seed)]),
                 work: Box::new(move |worker: &mut Worker| {
@@ -201,7 +201,7 @@ impl TrialLab<'_> {
         points: &[EnvelopePoint],
     ) -> Result<Vec<(EnvelopePoint, TaskRecord, TaskRecord)>, EngineFault> {
         let job = |(index, point): (u64, &EnvelopePoint)| {
-            let seed = episode_seed(self.seed, SeedPurpose::Search, first + index);
+            let seed = self.seeds.seed(SeedPurpose::Search, first + index);
             self.table_at(candidate, active, point).place(seed, point)
         };
         let jobs = (0..).zip(points).map(job).collect();

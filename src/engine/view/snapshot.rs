@@ -22,7 +22,6 @@ use holdpoint_text::Hint;
 pub(crate) struct SnapshotView<'a> {
     pub(crate) context: &'a Context,
     /// Seed of the run.
-    pub(crate) seed: u64,
     pub(crate) record: &'a EngineRecorder,
     pub(crate) evidence_files: &'a EvidenceFiles,
     pub(crate) approvals: &'a Approvals,
@@ -90,7 +89,7 @@ impl SnapshotView<'_> {
             profile: self.context.profile.name,
             site: self.context.profile.site.clone(),
             robot: self.context.cell.model.name.clone(),
-            seed: self.seed,
+            seed: self.record.seeds().of_run(),
             policy: self.context.digest,
             agent: self.world.cell.agent_hash(),
             reading: None,

@@ -26,7 +26,7 @@ use crate::evidence_binding::not_admitted;
 use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
-use crate::trial::seeds::{SeedPurpose, episode_seed};
+use crate::trial::seeds::{SeedPurpose, SeedSource};
 
 /// The versions that were active when the sequence began.
 pub(crate) struct VersionsAtStart(BTreeMap<Family, Capability>);
@@ -143,7 +143,7 @@ pub(crate) fn begin(
     record: &EngineRecorder,
     monitors: &Monitors,
     cell: &mut LiveCell,
-    seed: u64,
+    seeds: SeedSource,
     paced: bool,
     terms_of: &dyn Fn(&Capability) -> SkillTerms,
 ) -> Result<StartedSequence, EngineFault> {
@@ -170,7 +170,7 @@ pub(crate) fn begin(
         .start_sequence()
         .ok_or_else(|| EngineFault::Impossible("the live world is at work already".to_owned()))?;
     let index = running.sequence();
-    let seed = episode_seed(seed, SeedPurpose::Live, index);
+    let seed = seeds.seed(SeedPurpose::Live, index);
     Ok(StartedSequence {
         index,
         seed,

@@ -15,6 +15,7 @@ use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
@@ -124,7 +125,7 @@ fn decide(decision: &'static str, candidate: &'static str) -> Result<DecisionCos
     let engine = Engine::start(Config {
         data: folder.path(),
         profile: ProfileName::Sim.into(),
-        seed: SEED,
+        seeds: EpisodeSeeds::OfRun(SEED),
         jobs: 1,
         scripted: true,
         cell: Cell::builtin()?,

@@ -16,6 +16,7 @@ use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::store_metrics::{self, Since};
 use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine, Experiment};
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::decision::Reason;
@@ -269,7 +270,7 @@ pub fn run_candidate_timed(
     let config = Config {
         data: store.path(),
         profile: setting.thresholds.of(setting.profile)?,
-        seed: setting.seed,
+        seeds: EpisodeSeeds::OfRun(setting.seed),
         jobs: setting.workers,
         scripted: true,
         cell: setting.cell.clone(),

@@ -21,6 +21,7 @@ use holdpoint_engine::pipeline::PipelineSettings;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pipeline::experiment::ExperimentPipeline;
 use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::version_table::VersionTable;
 use holdpoint_engine::wall_clock::WallClock;
 use holdpoint_engine::world::stop_switch::Controls;
@@ -95,7 +96,7 @@ impl DriftSetting {
             VersionTable::open(store, WallClock::scripted(0, None)).map_err(StartError::from)?;
         let table = PolicyTable::builtin(&self.profile).map_err(|error| StartError::Profile(error.into()))?;
         let settings = PipelineSettings {
-            seed,
+            seeds: EpisodeSeeds::OfRun(seed),
             jobs: self.workers,
             profile: self.profile.clone(),
             table,

@@ -72,7 +72,7 @@ fn asides(model: &ReplayModel, pen: &Pen<'_>) -> Vec<Row> {
     let profile = about.profile.known().map_or(StateMark::NO_PROFILE, |profile| StateMark::profile(*profile));
     rows.push(Row::of(ThemeRole::Text, "  ").with(profile.role, &pen.look.mark_label(profile)));
     rows.push(Row::of(ThemeRole::Text, &format!("  {}", short(&about.robot, 24))));
-    rows.push(Row::of(ThemeRole::Muted, &format!("  seed {}", about.seed)));
+    rows.push(Row::of(ThemeRole::Muted, &format!("  {}", holdpoint_wording::seeds::named(about.seed))));
     rows
 }
 

@@ -105,7 +105,7 @@ impl Bench {
         let builtin = PolicyTable::builtin(&profile).unwrap();
         let (table, own) = own.map_or((builtin, None), |(table, own)| (table, Some(own)));
         let settings = PipelineSettings {
-            seed,
+            seeds: crate::trial::seeds::EpisodeSeeds::OfRun(seed),
             jobs: 1,
             table,
             profile,

@@ -45,7 +45,7 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
     let store = Store::open(folder).unwrap();
     let clock = Clock::scripted(store.opening().head.at_ms);
     let settings = PipelineSettings {
-        seed: CALIBRATION_FROM_RUN + 3,
+        seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN + 3),
         jobs,
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,

@@ -23,7 +23,7 @@ fn config(folder: &Path, scripted: bool) -> Config<'_> {
     Config {
         data: folder,
         profile: ProfileName::Sim.into(),
-        seed: CALIBRATION_FROM_RUN,
+        seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
         scripted,
         cell: Cell::builtin().unwrap(),

@@ -107,7 +107,7 @@ fn evaluate_against(
     let store = Store::open(folder.path()).unwrap();
     let cancel = AtomicBool::new(false);
     let lab = TrialLab {
-        seed: CALIBRATION_FROM_RUN + seed,
+        seeds: crate::trial::seeds::SeedSource::OfRun(CALIBRATION_FROM_RUN + seed),
         worker_pool: &WorkerPool::new(2),
         undisturbed: &Arc::new(UndisturbedCache::new()),
         part,
