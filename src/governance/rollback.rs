@@ -52,6 +52,22 @@ impl TriggerKind {
             _ => Self::SafetyEvent,
         }
     }
+
+    /// Whether the version's own safe-abort hook may stop the arm first. Otherwise the interrupt does, and no code of the
+    /// version commands the arm any more: after a safety event its code or its guard has failed, at a restart the state of
+    /// the arm is unknown, and a version that is not admitted may not move it.
+    #[must_use]
+    pub const fn permits_hook(self) -> bool {
+        match self {
+            Self::SafetyEvent | Self::Restart | Self::ProfileNotAdmitted => false,
+            Self::RateTrip
+            | Self::EscalationUnanswered
+            | Self::Operator
+            | Self::TelemetrySilence
+            | Self::OpenDoubt
+            | Self::Unreviewed => true,
+        }
+    }
 }
 
 crate::closed_set! {
@@ -59,7 +75,7 @@ crate::closed_set! {
     Rung, "rung of the ladder", {
         /// The version gives no command any more.
         RevokeAuthority = "revoke-authority",
-        /// The version's own hook brings the arm to standstill.
+        /// The version's own hook brings the arm to standstill; left out where no code of it may command the arm.
         SafeAbort = "safe-abort",
         /// The interrupt that no version can refuse; every joint comes to rest.
         Hold = "hold",
@@ -254,6 +270,13 @@ mod tests {
             assert_eq!(TriggerKind::of(&reasons, silent), kind, "{code}");
         }
         assert_eq!(TriggerKind::of(&[], false), TriggerKind::SafetyEvent);
+    }
+
+    #[test]
+    fn no_hook_after_a_safety_event_a_restart_or_without_admission() {
+        let without: Vec<_> = TriggerKind::ALL.into_iter().filter(|kind| !kind.permits_hook()).collect();
+        let expected = [TriggerKind::SafetyEvent, TriggerKind::Restart, TriggerKind::ProfileNotAdmitted];
+        assert_eq!(without, expected);
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! The recovery manager: brings the arm to a standstill, by the skill's hook or without it.
 //!
 //! First the skill's own safe-abort hook; if the arm still moves when the declared time is over, the interrupt that
-//! no skill can refuse. Standstill is measured from joint speeds, never from the hook's result.
+//! no skill can refuse. After a safety event the interrupt comes at once. Standstill is measured from joint speeds, never
+//! from the hook's result.
 
 use holdpoint_body::BodyError;
-use holdpoint_body::{GuardVerdict, Interrupt, JointVec, Pose, RATE_HZ, Telemetry};
+use holdpoint_body::{Command, GuardVerdict, Interrupt, JointVec, Pose, RATE_HZ, Telemetry};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -89,6 +90,8 @@ const INTERRUPT_TICKS: u64 = RATE_HZ as u64;
 /// A safe abort, tick by tick: it can be left after any tick, and a copy goes on from where it was taken.
 #[derive(Clone, Debug)]
 pub struct AbortRun {
+    /// Whether the skill's hook commands; otherwise its code is not called.
+    by_hook: bool,
     hook_ticks: u64,
     tick: u64,
     standstill: Standstill,
@@ -103,6 +106,16 @@ impl AbortRun {
         skill.enter(Hook::SafeAbort);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let hook_ticks = (hook_secs.clamp(0.0, 10.0) * f64::from(RATE_HZ)) as u64;
+        Self::new(true, hook_ticks)
+    }
+
+    /// Stops the arm by the interrupt alone: the code of the skill is not called any more.
+    #[must_use]
+    pub fn without_hook() -> Self {
+        Self::new(false, 0)
+    }
+
+    fn new(by_hook: bool, hook_ticks: u64) -> Self {
         let report = RecoveryReport {
             stopped_by: StoppedBy::Nothing,
             ticks_to_standstill: hook_ticks + INTERRUPT_TICKS,
@@ -110,6 +123,7 @@ impl AbortRun {
             violation: None,
         };
         Self {
+            by_hook,
             hook_ticks,
             tick: 0,
             standstill: Standstill::default(),
@@ -153,7 +167,8 @@ impl AbortRun {
         }
         let seen = handle.observe(self.verdict);
         let before = handle.telemetry();
-        let checked = guard.check(&next_command(skill, &seen)?, &before);
+        let command = if self.by_hook { next_command(skill, &seen)? } else { Command::Hold };
+        let checked = guard.check(&command, &before);
         self.verdict = checked.verdict;
         if let Some(hit) = checked.hit.filter(|hit| hit.hard_stop().is_some()) {
             self.report.violation.get_or_insert(hit);

@@ -287,6 +287,8 @@ pub enum Supervision {
     Continue,
     /// Stop the skill here and bring the arm to a standstill: the monitor asks for it.
     Abort,
+    /// As [`Supervision::Abort`], by the interrupt at once: after a safety event the version's code is not called any more.
+    Interrupt,
     /// As [`Supervision::Abort`], and a person asks for it: an intervention.
     StepIn,
 }
@@ -295,7 +297,7 @@ impl Supervision {
     /// Whether the arm is to be brought to a standstill.
     #[must_use]
     pub const fn stops(self) -> bool {
-        matches!(self, Self::Abort | Self::StepIn)
+        matches!(self, Self::Abort | Self::Interrupt | Self::StepIn)
     }
 }
 

@@ -211,7 +211,7 @@ impl Rollback<'_> {
         let outcome = match self.world.cell.rig_mut() {
             Some(rig) => {
                 rig.arm_mut().body_mut().draw(sketch);
-                let motion = rig.run_motion_rungs(&leaving, &terms, trip);
+                let motion = rig.run_motion_rungs(&leaving, &terms, trip, record.trigger.kind);
                 rig.arm_mut().body_mut().draw(None);
                 motion.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
             }

@@ -1,16 +1,18 @@
 //! The rungs of the ladder that move the arm, and the one that checks whether the rollback target is ready.
 //!
+//! No rung calls the rollback hook: the task is given up, and after a standstill the runtime's own retreat clears the arm
+//! (the guide's page on statistics compares the orders).
 //! Joints, contacts and pose show whether a rung passed; the result of a hook does not count. Decides nothing about the
 //! versions; the first rung that fails ends the ladder, and the arm stays stopped.
 
-use holdpoint_body::{Command, GuardVerdict, Interrupt, RATE_HZ};
+use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_sim::SimError;
 
 use super::instrumented::InstrumentedWorld;
 use super::live::Rig;
 use super::supervisor::Trip;
 use holdpoint_governance::notice::{Notice, RetreatObstacle};
-use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord};
+use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord, TriggerKind};
 use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
@@ -57,34 +59,38 @@ impl LadderMotion {
 }
 
 impl Rig {
-    /// Runs the rungs that move the arm: the version's own safe-abort hook, the interrupt that no version can refuse,
-    /// and the retreat. If the supervisor stopped a task in flight, the hook has run already: the ladder continues from
-    /// there, and time counts from the tick of that stop.
+    /// Runs the rungs that move the arm: the version's own safe-abort hook if the cause permits it, the interrupt that no
+    /// version can refuse, and the retreat. If the supervisor stopped a task in flight, hook or interrupt have stopped the
+    /// arm already: the ladder continues from there, and time counts from the tick of that stop.
     pub(crate) fn run_motion_rungs(
         &mut self,
         leaving: &Capability,
         terms: &SkillTerms,
         trip: Option<&Trip>,
+        cause: TriggerKind,
     ) -> Result<LadderMotion, SimError> {
         let now = self.world().tick();
         let trigger_tick = trip.map_or(now, |trip| trip.world_tick.min(now));
         self.arm_mut().body_mut().verdict();
         let mut handle = self.arm_mut().handle();
         let mut guard = terms.guard(&leaving.manifest.permissions);
-        let report = match trip.and_then(|trip| trip.stopped) {
-            Some(report) => report,
-            None => {
+        let stopped = trip.and_then(|trip| Some((trip, trip.stopped?)));
+        let (report, by_hook) = match stopped {
+            Some((trip, report)) => (Some(report), trip.event.is_none()),
+            None if cause.permits_hook() => {
                 let mut skill = leaving.start(terms.bundle_seed(now));
                 let mut watcher = Watcher::new(leaving.bundle.task(), *terms.watch());
-                recovery::abort(&mut handle, skill.as_mut(), &mut guard, &mut watcher, leaving.abort_secs())?
+                let secs = leaving.abort_secs();
+                (Some(recovery::abort(&mut handle, skill.as_mut(), &mut guard, &mut watcher, secs)?), true)
             }
+            None => (None, false),
         };
         let mut motion = LadderMotion {
-            rungs: vec![safe_abort(&report)],
+            rungs: report.iter().filter(|_| by_hook).map(safe_abort).collect(),
             ticks_to_safe: None,
             ticks_since_trigger: 0,
             rung_ticks: 0,
-            motion_ticks: report.motion_ticks,
+            motion_ticks: report.map_or(0, |report| report.motion_ticks),
         };
         let (hold, standstill_tick) = hold(&mut handle)?;
         let is_at_standstill = hold.failure.is_none();
@@ -92,12 +98,12 @@ impl Rig {
         motion.rungs.push(hold);
         if is_at_standstill {
             // The standstill of the abort counts if the arm has been at rest ever since.
-            let at_rest_since_abort = report.stopped_by != StoppedBy::Nothing && standstill_tick == 0;
+            let at_rest_since_abort =
+                report.filter(|report| report.stopped_by != StoppedBy::Nothing && standstill_tick == 0);
             let since_trigger = self.world().tick().saturating_sub(trigger_tick);
-            motion.ticks_to_safe = Some(if at_rest_since_abort {
-                report.ticks_to_standstill
-            } else {
-                since_trigger.saturating_sub(hold_ticks) + standstill_tick
+            motion.ticks_to_safe = Some(match at_rest_since_abort {
+                Some(report) => report.ticks_to_standstill,
+                None => since_trigger.saturating_sub(hold_ticks) + standstill_tick,
             });
             let retreat = if self.arm_mut().body().is_halted() {
                 // A person's stop takes precedence over the retreat: the arm stays where it is.
@@ -105,7 +111,7 @@ impl Rig {
             } else {
                 // The retreat is the runtime's own motion: no manifest declares it.
                 let mut guard = terms.own_guard(leaving.manifest.permissions.authority);
-                retract(&mut self.arm_mut().handle(), &mut guard)?
+                retract(&mut self.arm_mut().handle(), &mut guard, &InstrumentedWorld::is_halted)?
             };
             motion.rungs.push(retreat);
         }
@@ -140,7 +146,10 @@ fn safe_abort(report: &RecoveryReport) -> RungRecord {
 
 /// Interrupts and waits for the standstill of every joint. Also returns the tick of this rung at which the standstill
 /// began.
-fn hold(handle: &mut ActuatorHandle<'_, InstrumentedWorld>) -> Result<(RungRecord, u64), SimError> {
+///
+/// # Errors
+/// If the body fails.
+pub fn hold<B: Body>(handle: &mut ActuatorHandle<'_, B>) -> Result<(RungRecord, u64), BodyError> {
     handle.interrupt(Interrupt::Stop);
     let mut standstill = Standstill::default();
     for tick in 1..=HOLD_TICKS {
@@ -154,11 +163,16 @@ fn hold(handle: &mut ActuatorHandle<'_, InstrumentedWorld>) -> Result<(RungRecor
     Ok((RungRecord::new(Rung::Hold, failure, HOLD_TICKS, Notice::StillMoving), HOLD_TICKS))
 }
 
-/// Raises the tool clear of everything, within the envelope of the version that leaves.
-fn retract(
-    handle: &mut ActuatorHandle<'_, InstrumentedWorld>,
+/// Raises the tool clear of everything, within the envelope of the version that leaves. `is_halted` says whether a person
+/// has stopped the body meanwhile.
+///
+/// # Errors
+/// If the body fails.
+pub fn retract<B: Body>(
+    handle: &mut ActuatorHandle<'_, B>,
     guard: &mut Guard,
-) -> Result<RungRecord, SimError> {
+    is_halted: &dyn Fn(&B) -> bool,
+) -> Result<RungRecord, BodyError> {
     handle.interrupt(Interrupt::Release);
     let mut telemetry = handle.telemetry();
     let mut raised = telemetry.tool;
@@ -174,7 +188,7 @@ fn retract(
         ticks += 1;
         telemetry = handle.telemetry();
         is_at_standstill = standstill.observe(&telemetry);
-        if is_at_standstill && handle.body().is_halted() {
+        if is_at_standstill && is_halted(handle.body()) {
             let notice = Notice::RetreatSkipped { during: true };
             return Ok(RungRecord::new(Rung::Retract, None, ticks, notice));
         }

@@ -342,12 +342,14 @@ impl RunningSequence {
                     (Some(supervisor), Some(id)) => supervisor.tick(id, started + passed.tick, passed),
                     _ => Supervision::Continue,
                 };
-                // Who steps in is on record as such, whatever the monitor says in the same tick.
-                let steps_in = halted || supervision == Supervision::StepIn;
-                match (steps_in, watched.stops()) {
-                    (true, _) => Supervision::StepIn,
-                    (false, true) => watched,
-                    (false, false) => supervision,
+                match (supervision, watched) {
+                    // The body of a stopped cell takes no command, not even from a hook.
+                    _ if halted => Supervision::StepIn,
+                    (_, Supervision::Interrupt) => Supervision::Interrupt,
+                    // Who steps in is on record as such, whatever else the monitor says in the same tick.
+                    (Supervision::StepIn, _) => Supervision::StepIn,
+                    (_, watched) if watched.stops() => watched,
+                    (supervision, _) => supervision,
                 }
             };
             let worked = agent.dispatch(view, arm, terms, task, seed, &mut supervise);

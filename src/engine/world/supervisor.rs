@@ -18,7 +18,7 @@ use holdpoint_runtime::watcher::WatcherSignal;
 /// A task that was stopped in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trip {
-    /// The safety event; absent if it was for something else.
+    /// The safety event, for which the interrupt stopped the arm; absent if it was for something else.
     pub event: Option<SafetyEvent>,
     /// When, ticks of the live world.
     pub world_tick: u64,
@@ -101,7 +101,11 @@ impl SequenceSupervisor {
         let stops = decision.action >= MonitorAction::Restrict;
         let trip = stops.then_some(Trip { event, world_tick, tick: now, stopped: None });
         self.raised.push(RaisedMonitor { id: id.clone(), decision, trip });
-        if stops { Supervision::Abort } else { Supervision::Continue }
+        match event {
+            _ if !stops => Supervision::Continue,
+            Some(_) => Supervision::Interrupt,
+            None => Supervision::Abort,
+        }
     }
 
     /// Virtual ticks now. A script's clock does not run during a sequence, so there the world's ticks count; a clock

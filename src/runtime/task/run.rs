@@ -37,7 +37,8 @@ enum StageState {
     Working,
     /// For how many ticks.
     Settling(u64),
-    /// The hook is entered in its first tick, so that a copy made before has a skill that still works.
+    /// The hook is entered in its first tick, so that a copy made before has a skill that still works. An interrupt needs
+    /// no hook and begins here.
     Recovering(Option<AbortRun>),
     Over,
 }
@@ -102,7 +103,7 @@ impl TaskRun {
         };
         let mut run = Self { terms, skill, guard, progress };
         if terms.limit_ticks == 0 {
-            run.leave(false, false);
+            run.leave(false, false, Supervision::Continue);
         }
         run
     }
@@ -316,7 +317,7 @@ impl TaskRun {
         wants_recovery |= raised.iter().any(|signal| signal.needs_recovery());
         wants_recovery |= p.denials >= DENIALS_MAX || p.record.hard_stop.is_some();
         if done || wants_recovery || p.tick >= terms.limit_ticks {
-            self.leave(done, wants_recovery);
+            self.leave(done, wants_recovery, called);
         }
     }
 
@@ -360,20 +361,21 @@ impl TaskRun {
     }
 
     /// The skill has had its last word.
-    fn leave(&mut self, done: bool, wants_recovery: bool) {
+    fn leave(&mut self, done: bool, wants_recovery: bool, called: Supervision) {
         let p = &mut self.progress;
         p.record.timeout = !done && !wants_recovery;
         p.record.time_secs = tick_secs(p.tick);
         if done && !wants_recovery {
             p.stage = StageState::Settling(0);
         } else {
-            self.recover();
+            self.recover(called);
         }
     }
 
-    fn recover(&mut self) {
+    fn recover(&mut self, called: Supervision) {
         self.progress.record.recovery = true;
-        self.progress.stage = StageState::Recovering(None);
+        let at_once = (called == Supervision::Interrupt).then(AbortRun::without_hook);
+        self.progress.stage = StageState::Recovering(at_once);
     }
 
     /// A tick between a skill's report that it is done and the inspection: no command is sent, and everything is
@@ -404,7 +406,7 @@ impl TaskRun {
         let called = supervise(handle, &passed);
         p.record.intervention |= called == Supervision::StepIn;
         if called.stops() || measured.is_some() {
-            self.recover();
+            self.recover(called);
         } else if ticks + 1 < INSPECT_AFTER_TICKS {
             p.stage = StageState::Settling(ticks + 1);
         } else {

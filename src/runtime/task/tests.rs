@@ -308,6 +308,27 @@ fn code_that_fails_in_its_hook_is_stopped_by_an_interrupt() {
 }
 
 #[test]
+fn no_code_of_the_version_is_called_after_an_interrupt() {
+    let (mut arm, mut run) = shipped("grasp", 1_200_003);
+    // One more call would fail, of the hook or of a tick.
+    run.replace_skill(|inner| {
+        Box::new(Failing { inner, fault: CodeFault::Trap, left: 333, in_hook: true, failed: false })
+    });
+    let mut interrupt = |_: &mut ActuatorHandle<'_, World>, passed: &Tick<'_>| {
+        if passed.tick == 333 { Supervision::Interrupt } else { Supervision::Continue }
+    };
+    let record = run.finish(&mut arm.handle(), &mut interrupt).unwrap();
+    assert_eq!(
+        (record.recovery, record.success, record.intervention, record.fault),
+        (true, false, false, None)
+    );
+    let report = record.recovered.unwrap();
+    assert_eq!((report.stopped_by, report.violation), (StoppedBy::Interrupt, None));
+    assert!(report.ticks_to_standstill < u64::from(RATE_HZ) / 2, "{report:?}");
+    assert!(arm.body().stop_declared().is_some(), "the body was interrupted");
+}
+
+#[test]
 fn a_stalled_machine_is_no_fault_of_the_code() {
     let error = failing(CodeFault::Machine, 200, false, 0).unwrap_err();
     assert!(matches!(error, BodyError::Failed(_)), "{error:?}");
