@@ -4,6 +4,7 @@
 //! pairs, ten drills, and a look after each. Only a rejection can come early. What advances has worked the
 //! whole budget. Source: design rules 3.4, 3.5, 5.3; reference section 4.1.
 
+mod drill_slices;
 mod late;
 mod plan;
 
@@ -23,7 +24,7 @@ use holdpoint_governance::comparison_evidence::ComparisonEvidence;
 use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{
-    AnchorEvidence, DrillKind, DrillTallies, DrillTally, EvidenceBinding, FailedDrill, Pair, PairedEvidence,
+    AnchorEvidence, DrillKind, DrillTallies, EvidenceBinding, FailedDrill, Pair, PairedEvidence,
     RecoveryEvidence, SettlingTallies,
 };
 use holdpoint_governance::ids::CapabilityId;
@@ -40,9 +41,6 @@ const PHASE_PROBES: u64 = 5;
 /// Pieces of them in which a phase has to show: one that a fifth of all seeds lack still gets its quota, because twice
 /// the budget is tried.
 const PHASE_SHOWN_IN: usize = 4;
-
-/// The most failed drills that are kept one by one; all are counted.
-const FAILED_KEPT: usize = 64;
 
 /// Slices that are run ahead of the requests.
 const SLICES_AHEAD: usize = 2;
@@ -71,7 +69,7 @@ pub struct Evaluation {
     drills: (DrillTallies, DrillTallies),
     /// Drills past the base number.
     settling: SettlingTallies,
-    /// The candidate's that did not pass, in the order they were worked; at most [`FAILED_KEPT`].
+    /// The candidate's that did not pass, in the order they were worked; only the first are kept.
     failed: Vec<FailedDrill>,
     pairs_tried: u64,
     drills_tried: [u64; DrillKind::ALL.len()],
@@ -349,48 +347,6 @@ impl Evaluation {
     }
 
     /// Returns whether the slice is whole.
-    fn drill_slice(
-        &mut self,
-        lab: &TrialLab<'_>,
-        candidate: &TrialSubject,
-        active: &TrialSubject,
-        kind: DrillKind,
-    ) -> Result<bool, EngineFault> {
-        let spots = self.spots(lab, &self.progress(), kind);
-        let open = spots.get(self.part.drills.0.len()..).unwrap_or_default();
-        let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
-        let worked = lab.drills(candidate, active, kind, next, &mut self.reuse)?;
-        self.part.drills.0.extend(worked.0);
-        self.part.drills.1.extend(worked.1);
-        if self.part.drills.0.len() < spots.len() {
-            return Ok(false);
-        }
-        let (of_candidate, of_active) = std::mem::take(&mut self.part.drills);
-        self.drills_tried[kind as usize] += spots.len() as u64;
-        tally(&mut self.drills.0, kind, &spots, &of_candidate);
-        tally(&mut self.drills.1, kind, &spots, &of_active);
-        self.drills.0.of_mut(kind).failed_alone += failed_alone(&of_candidate, &of_active);
-        self.drills.1.of_mut(kind).failed_alone += failed_alone(&of_active, &of_candidate);
-        self.keep_failed(kind, &spots, &of_candidate, &of_active);
-        Ok(true)
-    }
-
-    fn keep_failed(
-        &mut self,
-        kind: DrillKind,
-        spots: &[DrillSpot],
-        of_candidate: &[DrillResult],
-        of_active: &[DrillResult],
-    ) {
-        for (spot, (new, old)) in spots.iter().zip(of_candidate.iter().zip(of_active)) {
-            if *new == DrillResult::Failed && self.failed.len() < FAILED_KEPT {
-                let active = (*old != DrillResult::Infeasible).then_some(*old == DrillResult::Passed);
-                self.failed.push(FailedDrill { kind, phase: spot.phase, seed: spot.seed, active });
-            }
-        }
-    }
-
-    /// Returns whether the slice is whole.
     fn sequence_slice(
         &mut self,
         lab: &TrialLab<'_>,
@@ -558,32 +514,6 @@ impl Evaluation {
 fn steps(records: &[TaskRecord]) -> Option<Vec<SequenceStep>> {
     let step = |record: &TaskRecord| Some(SequenceStep { task: record.task, values: record.values()? });
     records.iter().map(step).collect()
-}
-
-/// Counts drills of one kind, each where it began.
-fn tally(drills: &mut DrillTallies, kind: DrillKind, spots: &[DrillSpot], results: &[DrillResult]) {
-    for (place, result) in results.iter().enumerate() {
-        count(drills.of_mut(kind), *result);
-        if let Some(phase) = spots.get(place).and_then(|spot| spot.phase) {
-            count(drills.phases.of_mut(kind, phase), *result);
-        }
-    }
-}
-
-/// Drills that the first failed and the other passed at the same place.
-fn failed_alone(results: &[DrillResult], others: &[DrillResult]) -> u32 {
-    let alone = results.iter().zip(others);
-    let alone = alone.filter(|both| *both == (&DrillResult::Failed, &DrillResult::Passed));
-    u32::try_from(alone.count()).unwrap_or(u32::MAX)
-}
-
-const fn count(tally: &mut DrillTally, result: DrillResult) {
-    let count = match result {
-        DrillResult::Passed => &mut tally.passed,
-        DrillResult::Failed => &mut tally.failed,
-        DrillResult::Infeasible => &mut tally.infeasible,
-    };
-    *count = count.saturating_add(1);
 }
 
 #[cfg(test)]

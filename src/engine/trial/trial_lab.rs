@@ -242,10 +242,7 @@ impl TrialLab<'_> {
         reuse: &mut Reuse,
     ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), EngineFault> {
         let known = self.cached_drills(active, kind, spots, reuse);
-        let table = self.table(candidate, active);
-        let outcomes = self.worker_pool.run_jobs(table.drills(kind, spots, known.is_some()), self.cancel)?;
-        let results = outcomes.into_iter().map(JobOutcome::drill).collect::<Result<Vec<_>, EngineFault>>()?;
-        let mut of_candidate = results;
+        let mut of_candidate = self.fresh_drills(candidate, active, kind, spots, known.is_some())?;
         let of_active = match known {
             Some(CacheHit { result: known, own }) => {
                 for (DrillSpot { seed, phase }, result) in spots.iter().zip(&known) {
@@ -280,10 +277,7 @@ impl TrialLab<'_> {
         spots: &[DrillSpot],
         reuse: &mut Reuse,
     ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), EngineFault> {
-        let jobs = self.table(candidate, active).drills(kind, spots, true);
-        let outcomes = self.worker_pool.run_jobs(jobs, self.cancel)?;
-        let of_candidate =
-            outcomes.into_iter().map(JobOutcome::drill).collect::<Result<Vec<_>, EngineFault>>()?;
+        let of_candidate = self.fresh_drills(candidate, active, kind, spots, true)?;
         complete(&of_candidate, spots.len())?;
         let mut of_active = vec![DrillResult::Infeasible; spots.len()];
         for ((spot, new), old) in spots.iter().zip(&of_candidate).zip(&mut of_active) {
@@ -293,6 +287,19 @@ impl TrialLab<'_> {
             }
         }
         Ok((of_candidate, of_active))
+    }
+
+    /// Drills of one kind without the cache: the candidate's results, then the active version's unless they are known.
+    fn fresh_drills(
+        &self,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        kind: DrillKind,
+        spots: &[DrillSpot],
+        is_known: bool,
+    ) -> Result<Vec<DrillResult>, EngineFault> {
+        let jobs = self.table(candidate, active).drills(kind, spots, is_known);
+        self.worker_pool.run_jobs(jobs, self.cancel)?.into_iter().map(JobOutcome::drill).collect()
     }
 
     /// Whole sequences of the given seeds with both versions, candidate first. Names the cached ones.

@@ -1,18 +1,15 @@
-//! The work that only versions cost which pairs and drills do not reject: the anchor's episodes, the settling of drills,
-//! and sequences.
+//! The work that only versions cost which pairs and drills do not reject: when it begins, and the anchor's episodes.
 
+use super::Evaluation;
 use super::plan::NextSlice;
-use super::{Evaluation, failed_alone};
 use crate::fault::EngineFault;
-use crate::trial::drills::DrillResult;
 use crate::trial::trial_lab::{TrialLab, TrialSubject};
 use holdpoint_governance::behavior::SequenceEvidence;
 use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::early_stop::EarlyStopReason;
-use holdpoint_governance::evidence::{AnchorEpisode, AnchorEvidence, DrillKind};
+use holdpoint_governance::evidence::{AnchorEpisode, AnchorEvidence};
 use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::profile::Profile;
-use holdpoint_governance::recovery::DrillContrast;
 
 impl Evaluation {
     /// Begins what is for versions only that nothing so far rejects: the anchor's episodes, the settling of drills, and
@@ -83,52 +80,6 @@ impl Evaluation {
         for record in std::mem::take(&mut self.part.anchor) {
             if let Some(values) = record.values() {
                 evidence.episodes.push(AnchorEpisode { seed: record.seed, values });
-            }
-        }
-        Ok(true)
-    }
-
-    /// Drills past the base number: of the candidate, and of the active version where the candidate failed, or of both once
-    /// it failed alone. Returns whether the slice is whole.
-    pub(super) fn settling_slice(
-        &mut self,
-        lab: &TrialLab<'_>,
-        candidate: &TrialSubject,
-        active: &TrialSubject,
-        kind: DrillKind,
-    ) -> Result<bool, EngineFault> {
-        let is_paired = DrillContrast::of(kind, &self.rehearsed()).is_paired_next();
-        let spots = self.spots(lab, &self.progress(), kind);
-        let open = spots.get(self.part.drills.0.len()..).unwrap_or_default();
-        let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
-        let (new, old) = if is_paired {
-            lab.drills(candidate, active, kind, next, &mut self.reuse)?
-        } else {
-            lab.drills_after_failures(candidate, active, kind, next, &mut self.reuse)?
-        };
-        self.part.drills.0.extend(new);
-        self.part.drills.1.extend(old);
-        if self.part.drills.0.len() < spots.len() {
-            return Ok(false);
-        }
-        let (of_candidate, of_active) = std::mem::take(&mut self.part.drills);
-        self.drills_tried[kind as usize] += spots.len() as u64;
-        self.keep_failed(kind, &spots, &of_candidate, &of_active);
-        let alone = failed_alone(&of_candidate, &of_active);
-        let is_feasible = |result: &&DrillResult| **result != DrillResult::Infeasible;
-        if let Some(tally) = self.settling.of_mut(kind) {
-            if is_paired {
-                let both = of_candidate
-                    .iter()
-                    .zip(&of_active)
-                    .filter(|(new, old)| is_feasible(new) && is_feasible(old));
-                tally.paired += u32::try_from(both.count()).unwrap_or(u32::MAX);
-                tally.candidate_failed += alone;
-                tally.active_failed += failed_alone(&of_active, &of_candidate);
-            } else {
-                let feasible = of_candidate.iter().filter(is_feasible).count();
-                tally.alone += u32::try_from(feasible).unwrap_or(u32::MAX);
-                tally.alone_failed += alone;
             }
         }
         Ok(true)

@@ -1,6 +1,6 @@
 //! The jobs of an evaluation, their order and their seeds. Knows counts and no results.
 
-use super::tally;
+use super::drill_slices::tally;
 use crate::trial::drills::DrillResult;
 use crate::trial::seeds::SeedPurpose;
 use holdpoint_governance::evidence::{DrillKind, RecoveryEvidence};

@@ -1,0 +1,137 @@
+//! Slices of drills: of the base number, and past it until failures of the candidate alone are settled. Counts results and
+//! judges none.
+
+use super::Evaluation;
+use crate::fault::EngineFault;
+use crate::trial::drills::DrillResult;
+use crate::trial::trial_lab::{DrillSpot, TrialLab, TrialSubject};
+use holdpoint_governance::evidence::{DrillKind, DrillTallies, DrillTally, FailedDrill};
+use holdpoint_governance::recovery::DrillContrast;
+
+/// The most failed drills that are kept one by one; all are counted.
+const FAILED_KEPT: usize = 64;
+
+/// A whole slice of drills of one kind: where they began, and their results.
+struct DrillSlice {
+    spots: Vec<DrillSpot>,
+    of_candidate: Vec<DrillResult>,
+    of_active: Vec<DrillResult>,
+}
+
+impl Evaluation {
+    /// Drills of the base number, of both versions. Returns whether the slice is whole.
+    pub(super) fn drill_slice(
+        &mut self,
+        lab: &TrialLab<'_>,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        kind: DrillKind,
+    ) -> Result<bool, EngineFault> {
+        let Some(slice) = self.continue_drills(lab, candidate, active, kind, true)? else { return Ok(false) };
+        let DrillSlice { spots, of_candidate, of_active } = slice;
+        tally(&mut self.drills.0, kind, &spots, &of_candidate);
+        tally(&mut self.drills.1, kind, &spots, &of_active);
+        self.drills.0.of_mut(kind).failed_alone += failed_alone(&of_candidate, &of_active);
+        self.drills.1.of_mut(kind).failed_alone += failed_alone(&of_active, &of_candidate);
+        Ok(true)
+    }
+
+    /// Drills past the base number: of the candidate, and of the active version where the candidate failed, or of both once
+    /// it failed alone. Returns whether the slice is whole.
+    pub(super) fn settling_slice(
+        &mut self,
+        lab: &TrialLab<'_>,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        kind: DrillKind,
+    ) -> Result<bool, EngineFault> {
+        let is_paired = DrillContrast::of(kind, &self.rehearsed()).is_paired_next();
+        let Some(slice) = self.continue_drills(lab, candidate, active, kind, is_paired)? else {
+            return Ok(false);
+        };
+        let DrillSlice { of_candidate, of_active, .. } = slice;
+        let alone = failed_alone(&of_candidate, &of_active);
+        let is_feasible = |result: &&DrillResult| **result != DrillResult::Infeasible;
+        if let Some(tally) = self.settling.of_mut(kind) {
+            if is_paired {
+                let both = of_candidate
+                    .iter()
+                    .zip(&of_active)
+                    .filter(|(new, old)| is_feasible(new) && is_feasible(old));
+                tally.paired += u32::try_from(both.count()).unwrap_or(u32::MAX);
+                tally.candidate_failed += alone;
+                tally.active_failed += failed_alone(&of_active, &of_candidate);
+            } else {
+                let feasible = of_candidate.iter().filter(is_feasible).count();
+                tally.alone += u32::try_from(feasible).unwrap_or(u32::MAX);
+                tally.alone_failed += alone;
+            }
+        }
+        Ok(true)
+    }
+
+    /// Runs the next part of a slice of drills: of the active version too if `is_paired`, and otherwise only where the
+    /// candidate failed. Returns the slice once it is whole.
+    fn continue_drills(
+        &mut self,
+        lab: &TrialLab<'_>,
+        candidate: &TrialSubject,
+        active: &TrialSubject,
+        kind: DrillKind,
+        is_paired: bool,
+    ) -> Result<Option<DrillSlice>, EngineFault> {
+        let spots = self.spots(lab, &self.progress(), kind);
+        let open = spots.get(self.part.drills.0.len()..).unwrap_or_default();
+        let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
+        let (new, old) = if is_paired {
+            lab.drills(candidate, active, kind, next, &mut self.reuse)?
+        } else {
+            lab.drills_after_failures(candidate, active, kind, next, &mut self.reuse)?
+        };
+        self.part.drills.0.extend(new);
+        self.part.drills.1.extend(old);
+        if self.part.drills.0.len() < spots.len() {
+            return Ok(None);
+        }
+        let (of_candidate, of_active) = std::mem::take(&mut self.part.drills);
+        self.drills_tried[kind as usize] += spots.len() as u64;
+        for (spot, (new, old)) in spots.iter().zip(of_candidate.iter().zip(&of_active)) {
+            if *new == DrillResult::Failed && self.failed.len() < FAILED_KEPT {
+                let active = (*old != DrillResult::Infeasible).then_some(*old == DrillResult::Passed);
+                self.failed.push(FailedDrill { kind, phase: spot.phase, seed: spot.seed, active });
+            }
+        }
+        Ok(Some(DrillSlice { spots, of_candidate, of_active }))
+    }
+}
+
+/// Counts drills of one kind, each where it began.
+pub(super) fn tally(
+    drills: &mut DrillTallies,
+    kind: DrillKind,
+    spots: &[DrillSpot],
+    results: &[DrillResult],
+) {
+    for (place, result) in results.iter().enumerate() {
+        count(drills.of_mut(kind), *result);
+        if let Some(phase) = spots.get(place).and_then(|spot| spot.phase) {
+            count(drills.phases.of_mut(kind, phase), *result);
+        }
+    }
+}
+
+/// Drills that the first failed and the other passed at the same place.
+fn failed_alone(results: &[DrillResult], others: &[DrillResult]) -> u32 {
+    let alone = results.iter().zip(others);
+    let alone = alone.filter(|both| *both == (&DrillResult::Failed, &DrillResult::Passed));
+    u32::try_from(alone.count()).unwrap_or(u32::MAX)
+}
+
+const fn count(tally: &mut DrillTally, result: DrillResult) {
+    let count = match result {
+        DrillResult::Passed => &mut tally.passed,
+        DrillResult::Failed => &mut tally.failed,
+        DrillResult::Infeasible => &mut tally.infeasible,
+    };
+    *count = count.saturating_add(1);
+}
