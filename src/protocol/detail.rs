@@ -30,6 +30,9 @@ pub struct RegistryPage {
     pub total: u64,
     /// The profile's limits of kappa I, P, B, R.
     pub thresholds: [f64; 4],
+    /// Versions that people made their family's anchor, of any page; the anchor of another family is its first version.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub anchors: Vec<CapabilityId>,
 }
 
 /// A page of the audit log, the newest first.

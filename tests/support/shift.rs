@@ -444,7 +444,7 @@ pub fn registry_page() -> RegistryPage {
         row("place@1.1.0", State::Sandboxed, running(Stage::Shadow), full),
     ];
     let total = rows.len() as u64;
-    RegistryPage { rows, total, thresholds: LIMITS }
+    RegistryPage { rows, total, thresholds: LIMITS, anchors: vec![id("place@0.9.4")] }
 }
 
 pub fn audit_rows() -> Vec<AuditRecord> {

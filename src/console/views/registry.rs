@@ -104,7 +104,9 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         Some(RegistryItem::Version(row)) => {
             let flat = model.engine_data.registry.is_flat();
             let marked = model.view_state.marked_versions.contains(&row.version);
-            let line = version(row, (flat, marked), limits, has_age.then_some(now_ms), &columns, look);
+            let anchor = model.engine_data.registry.page.anchors.contains(&row.version);
+            let line =
+                version(row, (flat, marked, anchor), limits, has_age.then_some(now_ms), &columns, look);
             if columns.by > 0 { line.and(extra_columns(model, row, &columns)) } else { line }
         }
         None => Row::new(),
@@ -150,15 +152,20 @@ fn extra_columns(model: &ConsoleModel, row: &VersionSummary, columns: &RegistryC
 
 fn version(
     row: &VersionSummary,
-    (flat, marked): (bool, bool),
+    (flat, marked, anchor): (bool, bool, bool),
     limits: [f64; 4],
     now_ms: Option<u64>,
     columns: &RegistryColumns,
     look: &Look,
 ) -> Row {
-    let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
+    let kind = match (anchor, row.baseline) {
+        _ if columns.name <= 12 => "",
+        (true, _) => " anchor",
+        (false, true) => " baseline",
+        (false, false) => "",
+    };
     // A plain list has no family headings, so each row names its family.
-    let name = if flat { row.version.to_string() } else { format!("{}{baseline}", row.version.version) };
+    let name = if flat { row.version.to_string() } else { format!("{}{kind}", row.version.version) };
     let lead = lead(marked, flat, look);
     let room = columns.name.saturating_sub(lead.width());
     let mut line = lead
@@ -221,9 +228,10 @@ fn detail(model: &ConsoleModel, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'
     let mut sentence = Row::of(
         ThemeRole::Text,
         &format!(
-            "{} for {}; by {}, {}, risk {}",
+            "{} for {}; {}by {}, {}, risk {}",
             state_label(row.state, &row.flags),
             duration(model.engine_ms().saturating_sub(row.changed_ms)),
+            if model.engine_data.registry.page.anchors.contains(&row.version) { "anchor, " } else { "" },
             super::short(&row.author, 24),
             row.provenance,
             row.risk

@@ -34,6 +34,11 @@ pub fn chosen_anchors(views: &Views) -> Result<BTreeMap<Family, CapabilityId>, S
 }
 
 impl VersionTable {
+    /// The versions that people made anchors, as [`chosen_anchors`], from memory.
+    pub fn anchors_by_people(&self) -> impl Iterator<Item = &CapabilityId> {
+        self.anchors.values()
+    }
+
     /// The anchor of a family; `None` if it has no version.
     #[must_use]
     pub fn anchor(&self, family: &Family) -> Option<&Capability> {

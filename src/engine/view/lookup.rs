@@ -57,9 +57,11 @@ pub(crate) fn registry_page(
         limit: rows(limit),
         ..VersionFilter::default()
     };
-    let (found, total) = record.version_table().store().views()?.versions(&filter)?;
+    let version_table = record.version_table();
+    let (found, total) = version_table.store().views()?.versions(&filter)?;
+    let anchors = version_table.anchors_by_people().cloned().collect();
     let thresholds = context.thresholds();
-    let page = RegistryPage { rows: found, total: total as u64, thresholds };
+    let page = RegistryPage { rows: found, total: total as u64, thresholds, anchors };
     Ok(Reply::Registry { page })
 }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::notice::Notice;
+use holdpoint_governance::record::VersionGroup;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_runtime::capability;
@@ -51,4 +52,9 @@ fn a_confirmation_begins_again_under_another_anchor() {
     let table = bench.pipeline.record().version_table();
     let chosen = crate::version_table::chosen_anchors(&table.store().views().unwrap()).unwrap();
     assert_eq!(chosen.get(&first.family), Some(&first));
+    let registry = Command::Registry { group: VersionGroup::All, text: String::new(), offset: 0, limit: 10 };
+    let Reply::Registry { page } = bench.pipeline.command(registry) else {
+        panic!("no page of the registry")
+    };
+    assert_eq!(page.anchors, [first]);
 }
