@@ -35,7 +35,7 @@ pub(super) fn operation(version: &CapabilityId) -> Operation {
 
 type NamedOperation = (&'static str, fn(Operation) -> Command);
 
-const VERBS: [NamedOperation; 14] = [
+const VERBS: [NamedOperation; 15] = [
     ("reject", Command::Reject),
     ("demote", |operation| Command::Demote { operation, profiles: Vec::new() }),
     ("demote --profile human", |operation| Command::Demote { operation, profiles: vec![ProfileName::Human] }),
@@ -53,6 +53,7 @@ const VERBS: [NamedOperation; 14] = [
     ("repeat", |operation| Command::Repeat { operation, stage: Stage::Sandbox }),
     ("repeat --stage shadow", |operation| Command::Repeat { operation, stage: Stage::Shadow }),
     ("rearm", Command::Rearm),
+    ("anchor", Command::Anchor),
 ];
 
 type Setting = (&'static str, fn(&mut Bench) -> CapabilityId);
@@ -241,21 +242,21 @@ struct ObservedState {
     held: bool,
     has_question: bool,
     stopped: bool,
+    anchor: bool,
 }
 
 fn observed_state(bench: &mut Bench, id: &CapabilityId) -> ObservedState {
     let live = bench.pipeline.live();
-    let held = live.evidence_files.is_held(id);
-    let has_question = live.monitors.has_question(id);
     let entry = live.record.version_table().family(&id.family).unwrap();
     let (_, version, _) = entry.find(id).unwrap();
     ObservedState {
         state: version.state,
         flags: version.flags,
         closed: version.closed.len(),
-        held,
-        has_question,
+        held: live.evidence_files.is_held(id),
+        has_question: live.monitors.has_question(id),
         stopped: entry.state.safe_stopped,
+        anchor: live.record.version_table().anchor(&id.family).is_some_and(|anchor| anchor.id() == *id),
     }
 }
 
@@ -274,6 +275,7 @@ fn change(before: &ObservedState, after: &ObservedState) -> String {
         (was.awaiting_approval, is.awaiting_approval, "people are asked", "the approval request is void"),
         (before.held, after.held, "is on hold", "continues"),
         (before.has_question, after.has_question, "is asked about", "the question is closed"),
+        (before.anchor, after.anchor, "becomes the family's anchor", "is its anchor no more"),
     ] {
         if was != is && after.state == before.state {
             changes.push(if is { on.to_owned() } else { off.to_owned() });
