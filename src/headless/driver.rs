@@ -147,6 +147,8 @@ impl<'a> Driver<'a> {
             Command::Resume(operation_of(details))
         } else if let Some(details) = &step.go_on {
             Command::Continue(operation_of(details))
+        } else if let Some(details) = &step.anchor {
+            Command::Anchor(operation_of(details))
         } else {
             return Ok(StepEnd::Done);
         };

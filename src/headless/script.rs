@@ -82,6 +82,8 @@ pub struct ScriptStep {
     /// Answer its escalation: it continues.
     #[serde(rename = "continue")]
     pub go_on: Option<DecisionStep>,
+    /// Make it its family's anchor.
+    pub anchor: Option<DecisionStep>,
     /// The goal of the live cell's agent from its next sequence on.
     pub goal: Option<String>,
     /// Begin a drift.
@@ -308,6 +310,7 @@ impl Script {
                 step.pause.is_some(),
                 step.resume.is_some(),
                 step.go_on.is_some(),
+                step.anchor.is_some(),
                 step.goal.is_some(),
                 step.drift.is_some(),
                 step.fault.is_some(),
@@ -320,8 +323,8 @@ impl Script {
             let count = given.into_iter().filter(|given| *given).count();
             if count != 1 {
                 let allowed = "exactly one of register, wait, approve, reject, break_glass, demote, release, \
-                               repeat, restrict, rollback, pause, resume, continue, goal, drift, fault, stop, go, \
-                               pass, work, expect";
+                               repeat, restrict, rollback, pause, resume, continue, anchor, goal, drift, fault, \
+                               stop, go, pass, work, expect";
                 return problem(&at, &format!("{count} of them"), allowed);
             }
             if let Some(pass) = step.pass.filter(|pass| !(pass.for_s > 0.0 && pass.for_s <= WAIT_MAX_SECS)) {
@@ -397,9 +400,11 @@ mod tests {
             [[step]]
             wait = { state = "confirmed", timeout_s = 600 }
             [[step]]
+            anchor = { as = "alice", reason = "slower on purpose" }
+            [[step]]
             expect = { state = "confirmed", reason = "approval-granted" }
         "#;
-        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 19);
+        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 20);
     }
 
     #[test]
