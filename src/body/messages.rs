@@ -55,6 +55,13 @@ impl Pose {
         self.position.iter().all(|v| v.is_finite()) && (norm2 - 1.0).abs() < 1e-6
     }
 
+    /// Heading of the x axis about the vertical, rad.
+    #[must_use]
+    pub fn heading_rad(&self) -> f64 {
+        let [x, y, z, w] = self.rotation;
+        libm::atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    }
+
     /// Distance between the two origins in meters.
     #[must_use]
     pub fn distance_m(&self, other: &Self) -> f64 {

@@ -259,6 +259,7 @@ pub mod rules_version;
 pub mod sensor_health;
 pub mod shared_event;
 pub mod site_profile;
+pub mod start_domain;
 pub mod startup_stop;
 pub mod stats;
 pub mod strictness;

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::alarms::Priority;
 use super::ids::Digest;
 use super::mode::ZoneName;
+use super::start_domain::OutsideResponse;
 use super::submission::Risk;
 use super::text_error::{TextError, check_size, parse_toml};
 use super::wall_time::WallTime;
@@ -57,6 +58,8 @@ pub struct Profile {
     pub recovery: RecoverySettings,
     /// The gate's requirements beyond the four dimensions, and the activation mode.
     pub activation: ActivationSettings,
+    /// What is done where evidence does not cover the start of a task.
+    pub domain: DomainSettings,
     /// Charts, silence and escalation while a version is watched.
     pub monitor: MonitorSettings,
     /// What is normal for the cell itself with any active version, and when it no longer is.
@@ -275,6 +278,14 @@ pub struct ActivationSettings {
     pub approval_bound: bool,
 }
 
+/// What is done where evidence does not cover the start of a task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DomainSettings {
+    /// The response to a task whose start lies outside the domain of the active version's evidence.
+    pub outside: OutsideResponse,
+}
+
 /// How a version is watched after its activation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -427,6 +438,9 @@ pub struct AlarmPriorities {
     /// A family performs worse than when it was commissioned.
     #[serde(with = "PrioritySetting")]
     pub degraded: Priority,
+    /// The evidence of an active version does not cover the start of a task.
+    #[serde(with = "PrioritySetting")]
+    pub outside_domain: Priority,
 }
 
 impl Profile {

@@ -235,6 +235,7 @@ const WORDS: &[(&str, &[&str])] = &[
     ("activation.require_improvement", &["false", "true"]),
     ("activation.rollback_coupled", &["false", "true"]),
     ("activation.approval_bound", &["false", "true"]),
+    ("domain.outside", &["count", "last-covering", "refuse"]),
     ("approval.break_glass", &["true", "false"]),
 ];
 /// Priorities of alarms.
