@@ -43,6 +43,7 @@ pub mod work_count;
 pub use distribution::{Distribution, Drift, DriftKind, Magnitude, Range};
 pub use episode::EpisodeSetup;
 pub use error::SimError;
+pub use perception::CAMERA_HZ;
 pub use pool::{PoolEnd, run_ordered};
 pub use referee::{Referee, RefereeLimits, RefereeReport};
 pub use robot::RobotModel;

@@ -140,9 +140,10 @@ impl EngineRecorder {
             }
             AlarmKey::Restricted(version) => !self.is_restricted(version),
             // The live tasks of the version measure it (`health.rs`); an inactive version runs none.
-            AlarmKey::Violation(version) | AlarmKey::Degraded(version) | AlarmKey::WeakRecovery(version) => {
-                !self.is_active(version)
-            }
+            AlarmKey::Violation(version)
+            | AlarmKey::Degraded(version)
+            | AlarmKey::WeakRecovery(version)
+            | AlarmKey::OutsideDomain(version) => !self.is_active(version),
             // The camera check ends it.
             AlarmKey::CellDegraded => false,
             AlarmKey::SafeStopped(family) => self.is_in_control(family),

@@ -309,6 +309,7 @@ fn unverified_snapshot(
             recent_success: None,
             recent: 0,
             last: Vec::new(),
+            uncovered: 0,
             drift: None,
             fault: None,
             goal: String::new(),

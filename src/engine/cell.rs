@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use holdpoint_body::{Geometry, Zone};
+use holdpoint_body::{Geometry, TaskKind, Zone};
 use holdpoint_sim::SimError;
 use holdpoint_sim::distribution::Distribution;
 use holdpoint_sim::robot::RobotModel;
@@ -11,6 +11,9 @@ use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::start_domain::StartDomain;
+
+mod start_support;
 
 /// Digest of what computes an episode in this build: simulator, controllers, rules, their dependencies, the compiler
 /// and the target (`build.rs`). Results of another build are not evidence here.
@@ -36,6 +39,8 @@ pub struct Cell {
     pub sandbox: Arc<Distribution>,
     /// The live cell's distribution, held out from the sandbox.
     pub live: Arc<Distribution>,
+    /// What evidence of this cell covers of the start of each task, in the order of [`TaskKind::SEQUENCE`].
+    starts: [Arc<StartDomain>; 3],
     digest: Digest,
 }
 
@@ -71,6 +76,8 @@ impl Cell {
         let sandbox = Distribution::sandbox()?;
         let live = Distribution::live()?;
         let digest = digest(&model, &scene, [&canonical, &sandbox, &live], COMPUTED_BY);
+        let starts = TaskKind::SEQUENCE
+            .map(|task| Arc::new(start_support::start_domain(&model, &scene, &sandbox, &live, task)));
         Ok(Self {
             geometry: Arc::new(model.geometry.clone()),
             zones: scene.zones.clone().into(),
@@ -80,6 +87,7 @@ impl Cell {
             canonical: Arc::new(canonical),
             sandbox: Arc::new(sandbox),
             live: Arc::new(live),
+            starts,
             digest,
         })
     }
@@ -108,6 +116,17 @@ impl Cell {
     #[must_use]
     pub const fn digest(&self) -> Digest {
         self.digest
+    }
+
+    /// What evidence of this cell covers of the start of a task.
+    #[must_use]
+    pub const fn start_domain(&self, task: TaskKind) -> &Arc<StartDomain> {
+        let [grasp, align, place] = &self.starts;
+        match task {
+            TaskKind::Grasp => grasp,
+            TaskKind::Align => align,
+            TaskKind::Place => place,
+        }
     }
 
     /// A distribution by name.

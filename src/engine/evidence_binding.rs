@@ -3,6 +3,7 @@
 //! Derives from profile, conditions and identities; decides nothing.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use holdpoint_approvals::{PersonDirectory, keyfile};
 use holdpoint_body::TaskKind;
@@ -15,6 +16,7 @@ use holdpoint_governance::lifecycle::{State, VersionRef};
 use holdpoint_governance::notice::AdmissionRefusal;
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::rules_version::RulesVersion;
+use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 
@@ -63,6 +65,26 @@ pub fn terms_under(context: &Context, capability: &Capability, conditions: &[Con
     let terms = context.terms().capped(speed, force);
     // Sandbox and shadow run the version as if reviewed; the arm runs it only after a gate pass and these approvals.
     if people_needed(conditions) > 0 { terms.reviewed() } else { terms }
+}
+
+/// What the evidence of a version covers of the start of a task. A baseline has no evidence of its own: every comparison
+/// in the cell runs beside it, so the domain of the cell is its domain. Evidence of another cell or build that declares no
+/// domain covers no start.
+pub(crate) fn start_domain(
+    context: &Context,
+    evidence_files: &EvidenceFiles,
+    version: &Capability,
+) -> Arc<StartDomain> {
+    let evidence_file = evidence_files.of(&version.id());
+    if let Some(domain) = evidence_file.and_then(|evidence_file| evidence_file.domain.as_ref()) {
+        return Arc::new(domain.clone());
+    }
+    let environment = context.cell.digest();
+    let mut bindings = evidence_file.into_iter().flat_map(|evidence_file| &evidence_file.bindings);
+    if bindings.any(|recorded| recorded.environment != environment) {
+        return Arc::default();
+    }
+    Arc::clone(context.cell.start_domain(version.bundle.task()))
 }
 
 /// Why a version's evidence no longer counts. Evidence of superseded versions never counts; that of an active version is

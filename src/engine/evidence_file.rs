@@ -26,6 +26,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::recovery::RecoveryAssessment;
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::shared_event::SharedEvent;
+use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::worst_case_search::SearchFinding;
 use holdpoint_protocol::detail::VersionDiff;
@@ -60,6 +61,9 @@ pub struct EvidenceFile {
     /// Conditions of use under which pairs and drills ran; empty in records of older builds.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tried_under: Vec<Condition>,
+    /// What the sandbox covers of the start of a task; absent in records of older builds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub domain: Option<StartDomain>,
     /// Episodes that the candidate ran alone; empty in records of older builds.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub alone: Vec<SoloEpisode>,

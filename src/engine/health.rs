@@ -4,6 +4,8 @@
 //! The rules are in [`holdpoint_governance::health`] and [`holdpoint_governance::sensor_health`]. This module feeds them
 //! live tasks, stores results, and raises or clears alarms. It rolls nothing back: operators decide on an alarm.
 
+mod domain_watch;
+
 use std::collections::BTreeMap;
 
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
@@ -18,6 +20,7 @@ use holdpoint_registry::AuditFilter;
 use holdpoint_runtime::task::TaskRecord;
 use serde::{Deserialize, Serialize};
 
+use self::domain_watch::DomainWatch;
 use crate::context::Context;
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
@@ -53,6 +56,8 @@ pub(crate) struct CellHealth {
     senses: Option<SensorMonitor>,
     /// From the store.
     normal_senses: Option<SensorBaseline>,
+    /// Starts that no evidence covers.
+    pub(crate) domain: DomainWatch,
 }
 
 fn fault(error: StatsError) -> EngineFault {

@@ -176,6 +176,15 @@ impl FamilyEntry {
         self.state.active().and_then(|version| self.members.get(usize::from(version.0)))
     }
 
+    /// The superseded versions behind the active one, the newest first.
+    pub fn predecessors(&self) -> impl Iterator<Item = &VersionEntry> {
+        let before = move |version: &VersionRef| self.state.get(*version)?.predecessor;
+        std::iter::successors(self.state.active().as_ref().and_then(before), before)
+            .take(self.members.len())
+            .filter(move |version| self.state.state(*version) == Some(State::Superseded))
+            .filter_map(move |version| self.members.get(usize::from(version.0)))
+    }
+
     /// A version's place and state.
     #[must_use]
     pub fn find(&self, id: &CapabilityId) -> Option<(VersionRef, &Version, &VersionEntry)> {

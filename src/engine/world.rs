@@ -54,6 +54,8 @@ pub struct LiveWorld {
     pub(crate) at_work: bool,
     recent: VecDeque<bool>,
     last_tasks: Vec<TaskSummary>,
+    /// Tasks that ran although no evidence covers their start.
+    uncovered: u64,
 }
 
 impl LiveWorld {
@@ -74,6 +76,7 @@ impl LiveWorld {
             at_work: false,
             recent: VecDeque::new(),
             last_tasks: Vec::new(),
+            uncovered: 0,
         })
     }
 
@@ -159,6 +162,13 @@ impl LiveWorld {
             self.recent.pop_front();
         }
         self.last_tasks = tasks.to_vec();
+        self.uncovered += tasks.iter().filter(|task| task.uncovered).count() as u64;
+    }
+
+    /// Tasks of this session that ran although no evidence covers their start.
+    #[must_use]
+    pub const fn uncovered(&self) -> u64 {
+        self.uncovered
     }
 
     /// Success of the last sequences, oldest first.

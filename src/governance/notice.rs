@@ -17,6 +17,7 @@ use super::profile_downgrade::{AdmissionContext, DowngradeExtent};
 use super::rollback::RungFailure;
 use super::sensor_health::SensorSignal;
 use super::shared_event::SharedEvent;
+use super::start_domain::DomainMiss;
 use super::startup_stop::StartStoppedReason;
 use super::wall_time::ClockMismatch;
 
@@ -280,6 +281,9 @@ pub enum Notice {
     Shifted { reasons: Vec<Reason> },
     /// A version has the same event as the one compared with it, in the same scene.
     SharedEvent { version: CapabilityId, with: CapabilityId, shared: SharedEvent },
+    /// The evidence of the active version does not cover the start of its task. `run_by`: the version that ran the task;
+    /// absent if it was refused.
+    OutsideDomain { version: CapabilityId, missed: Vec<DomainMiss>, run_by: Option<CapabilityId> },
     /// The active version recovers too seldom.
     WeakRecovery { reasons: Vec<Reason> },
     /// A version violated a limit.

@@ -511,6 +511,9 @@ pub struct TaskSummary {
     pub retries: u32,
     /// How long the task took, simulated s.
     pub time_secs: f64,
+    /// The evidence of the version does not cover the start of the task.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub uncovered: bool,
     /// Why the task failed, physically; absent where it was done or cut short, and in events of older builds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<FailureCause>,

@@ -554,6 +554,9 @@ pub struct LiveView {
     pub recent: u64,
     /// The tasks of the last sequence, in the order of work.
     pub last: Vec<TaskSummary>,
+    /// Tasks of this session that ran although no evidence covers their start.
+    #[serde(default)]
+    pub uncovered: u64,
     /// The drift that has set in; absent if there is none.
     pub drift: Option<Drift>,
     /// The present fault, for an exercise.

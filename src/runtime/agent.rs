@@ -13,7 +13,9 @@ use holdpoint_body::TaskKind;
 use serde::{Deserialize, Serialize};
 
 use crate::capability::Capability;
-use holdpoint_governance::ids::{Digest, Family};
+use crate::start_check::StartCheck;
+use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::start_domain::StartObservation;
 
 /// What the agent can be asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,10 +73,21 @@ impl Goal {
     }
 }
 
-/// The only view of the registry an agent is given: which version is active.
+/// The only view of the registry an agent is given: which version is active, and what its evidence covers.
 pub trait ActiveView {
     /// The active version of a family; absent while the family is safe-stopped.
     fn active(&self, family: &Family) -> Option<&Capability>;
+
+    /// The comparison of a task's start with the evidence of this version; `None`: its start is not compared.
+    fn start_check(&self, _version: &CapabilityId) -> Option<StartCheck> {
+        None
+    }
+
+    /// The version that runs a task whose start the evidence of the active version does not cover; `None`: no version
+    /// does.
+    fn covering(&self, _family: &Family, _seen: &StartObservation) -> Option<&Capability> {
+        None
+    }
 }
 
 /// What never changes about an agent.

@@ -12,6 +12,7 @@ pub mod recovery;
 pub mod seeds;
 pub mod senses;
 pub mod skill;
+pub mod start_check;
 pub mod stress;
 pub mod task;
 pub mod terms;

@@ -29,6 +29,7 @@ use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::permission::PermissionsUsed;
 use holdpoint_governance::sensor_health::SensorReadings;
+use holdpoint_governance::start_domain::Uncovered;
 
 /// Ticks between two points of a recorded path: 20 a second.
 pub const PATH_EVERY_TICKS: u64 = (RATE_HZ / 20) as u64;
@@ -112,6 +113,10 @@ pub struct TaskRecord {
     /// What it showed of the cell.
     #[serde(default)]
     pub sensed: SensorReadings,
+    /// What of it the evidence of its version does not cover; absent if everything is covered, and where it is not
+    /// compared: outside the live cell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub uncovered: Option<Uncovered>,
     /// The simulator failed; nothing else in the record counts.
     pub invalid: bool,
     /// The dispatcher refused the call; the arm has not moved.
@@ -188,6 +193,12 @@ impl TaskRecord {
         }
     }
 
+    /// Whether the evidence of its version does not cover its start.
+    #[must_use]
+    pub fn starts_outside(&self) -> bool {
+        self.uncovered.as_ref().is_some_and(|uncovered| !uncovered.start.is_empty())
+    }
+
     /// A record of a call that was refused before its first tick: the task was not done, and the arm has not moved.
     #[must_use]
     pub fn refused(task: TaskKind, seed: u64) -> Self {
@@ -223,6 +234,7 @@ impl TaskRecord {
             hard_stop: None,
             used: PermissionsUsed::default(),
             sensed: SensorReadings::default(),
+            uncovered: None,
             invalid: true,
             refused: false,
             path: Vec::new(),

@@ -158,6 +158,9 @@ fn text(kind: &EventKind) -> String {
                 if task.anomaly {
                     line.push_str(" anomaly");
                 }
+                if task.uncovered {
+                    line.push_str(" uncovered");
+                }
             }
             if let Some(refused) = refused {
                 let _ = write!(line, "; not started: {refused}");

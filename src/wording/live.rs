@@ -34,6 +34,9 @@ pub fn live_lines(question: &ApprovalRequestView, now: &Snapshot) -> Vec<String>
     if let (Some(success), recent) = (now.live.recent_success, now.live.recent) {
         lines.push(format!("Live cell: {:.0} % of the last {recent} sequences done", 100.0 * success));
     }
+    if now.live.uncovered > 0 {
+        lines.push(format!("Live cell: {} tasks that no evidence covers", now.live.uncovered));
+    }
     if now.stopped.is_some() {
         lines.push("The cell is stopped".to_owned());
     }

@@ -203,6 +203,16 @@ pub fn notice_sentence(of: &Notice) -> String {
                 shared.event.name()
             )
         }
+        N::OutsideDomain { version, missed, run_by } => {
+            let missed: Vec<String> = missed.iter().map(ToString::to_string).collect();
+            let effect = match run_by {
+                Some(id) if id == version => "it ran the task, which counts as uncovered".to_owned(),
+                Some(id) => format!("{id} ran the task"),
+                None => "the task is refused: a person has to look at the cell".to_owned(),
+            };
+            let missed = missed.join("; ");
+            format!("the evidence of {version} does not cover the start of its task: {missed}; {effect}")
+        }
         N::WeakRecovery { reasons } => joined(reasons, weakness),
         N::LimitViolated { version, hit } => {
             format!(

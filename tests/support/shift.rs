@@ -284,6 +284,7 @@ fn live() -> LiveView {
         recent_success: Some(0.94),
         recent: 50,
         last: Vec::new(),
+        uncovered: 0,
         drift: Some(Drift { kind: DriftKind::DistributionShift, magnitude: Magnitude::Strong }),
         fault: None,
         goal: "pick-align-place".to_owned(),

@@ -96,6 +96,7 @@ fn sequence(index: u64, at_ms: u64) -> (u64, EventKind) {
         recovery: !success,
         retries: 0,
         time_secs: 8.9,
+        uncovered: false,
         failure: (!success).then_some(FailureCause::Dropped),
     };
     at(at_ms, EventKind::Sequence { index, success, tasks: vec![task], refused: None })

@@ -144,7 +144,9 @@ pub(super) fn of_alarms(span: &RecordSpan, alarms: &[AlarmEpisode]) -> Vec<Healt
     for spell in alarms {
         let Ok(key) = spell.alarm.parse::<AlarmKey>() else { continue };
         let kind = match key.kind() {
-            AlarmKind::Degraded | AlarmKind::Shifted | AlarmKind::CellDegraded => MarkKind::DriftAlarm,
+            AlarmKind::Degraded | AlarmKind::Shifted | AlarmKind::OutsideDomain | AlarmKind::CellDegraded => {
+                MarkKind::DriftAlarm
+            }
             AlarmKind::RolledBack
             | AlarmKind::Restricted
             | AlarmKind::Rejected
@@ -209,6 +211,7 @@ fn family_of(key: &AlarmKey) -> Option<Family> {
         | AlarmKey::WeakRecovery(version)
         | AlarmKey::Shifted(version)
         | AlarmKey::SharedEvent(version)
+        | AlarmKey::OutsideDomain(version)
         | AlarmKey::Rejected(version)
         | AlarmKey::Approval(version)
         | AlarmKey::Unreviewed(version) => Some(version.family.clone()),

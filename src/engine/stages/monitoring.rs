@@ -63,7 +63,8 @@ impl LiveMonitoring<'_> {
             crate::evidence_binding::terms_of(context, version_table, evidence_files, monitors, version)
         };
         let paced = self.world.is_paced();
-        sequence::begin(context, self.record, monitors, &mut self.world.cell, seeds, paced, &terms_of)
+        let known = (evidence_files, monitors);
+        sequence::begin(context, self.record, known, &mut self.world.cell, seeds, paced, &terms_of)
     }
 
     /// One sequence of the live world, in step with the engine; monitors learn from it.
@@ -118,6 +119,7 @@ impl LiveMonitoring<'_> {
                 report.refused.as_ref().map(ToString::to_string)
             },
         });
+        self.health.domain.observe(self.context, self.record, &report);
         for (place, dispatched) in report.tasks.iter().enumerate() {
             let id = &dispatched.id;
             let cut_short = is_cut_short(place);
@@ -139,7 +141,9 @@ impl LiveMonitoring<'_> {
             for raised in ours {
                 self.act_on(id, &raised.decision, raised.trip.as_ref(), scene)?;
             }
-            if link_up && !cut_short {
+            // The charts follow the active version; a task that another one ran in its place is none of its own.
+            let in_place = report.outside.iter().any(|outside| outside.run_by.as_ref() == Some(id));
+            if link_up && !cut_short && !in_place {
                 self.health.observe(self.context, self.record, id, &dispatched.record)?;
             }
             if link_up && !tripped && (!cut_short || stepped_in) {
@@ -509,6 +513,7 @@ fn summary(dispatched: &DispatchedTask, cut_short: bool) -> TaskSummary {
         recovery: record.recovery,
         retries: record.retries,
         time_secs: record.time_secs,
+        uncovered: record.starts_outside(),
         failure: record.failure_cause().filter(|_| !cut_short),
     }
 }

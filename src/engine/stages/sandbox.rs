@@ -18,6 +18,7 @@ use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
 use holdpoint_governance::shared_event::SceneKind;
+use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
@@ -154,6 +155,7 @@ pub fn begin(
     // The result of stage 2 counts only for the version that was active then, so it is computed again.
     evidence_file.take_static(validation::assess(context, record.version_table(), &candidate));
     evidence_file.tried_under.clone_from(&evidence_file.conditions);
+    evidence_file.domain = Some(StartDomain::clone(context.cell.start_domain(candidate.bundle.task())));
     evidence_file.pairs.clear();
     evidence_file.anchor = None;
     evidence_file.hard_stops.clear();

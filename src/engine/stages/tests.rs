@@ -6,6 +6,7 @@ mod cache_edits;
 mod cell_faults;
 mod checkpoints;
 mod omitted_stages;
+mod outside_domain;
 mod outside_gate;
 mod paused;
 mod refused;

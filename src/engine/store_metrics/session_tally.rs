@@ -82,6 +82,7 @@ mod tests {
             recovery: false,
             retries: 0,
             time_secs: 1.0,
+            uncovered: false,
             failure: None,
         };
         EventKind::Sequence { index: 0, success, tasks: vec![task], refused: None }

@@ -151,6 +151,7 @@ impl SnapshotView<'_> {
             recent_success: share,
             recent: n as u64,
             last: last.to_vec(),
+            uncovered: self.world.uncovered(),
             drift: self.world.cell.drift().copied(),
             fault: self.world.cell.fault(),
             goal: self.world.cell.goal().name().to_owned(),

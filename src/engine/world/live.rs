@@ -5,8 +5,8 @@
 
 use std::sync::Arc;
 
-use holdpoint_body::TaskKind;
 pub use holdpoint_body::disturbance::LiveFault;
+use holdpoint_body::{Interrupt, TaskKind};
 use holdpoint_sim::SimError;
 use holdpoint_sim::distribution::{Distribution, Drift};
 use holdpoint_sim::episode::EpisodeSetup;
@@ -22,6 +22,7 @@ use super::stop_switch::StopSwitch;
 use super::supervisor::SequenceSupervisor;
 use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::start_domain::DomainMiss;
 use holdpoint_protocol::clock::ms_of;
 use holdpoint_runtime::agent::dispatcher::{DispatchError, DispatchRefusal, DispatchedTask};
 use holdpoint_runtime::agent::{AbandonedGoal, ActiveView, Agent, Goal};
@@ -45,6 +46,8 @@ pub struct SequenceReport {
     pub tasks: Vec<DispatchedTask>,
     /// Why a task was not started.
     pub refused: Option<DispatchRefusal>,
+    /// Tasks that the active version was not given, because its evidence does not cover their start.
+    pub outside: Vec<OutsideStart>,
     /// The simulator failed; what came before still counts.
     pub failed: bool,
     /// Simulated time, ms.
@@ -53,10 +56,29 @@ pub struct SequenceReport {
     pub planned: usize,
 }
 
+/// A task that the active version was not given.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OutsideStart {
+    /// The active version.
+    pub id: CapabilityId,
+    /// How the start lies outside the domain of its evidence.
+    pub missed: Vec<DomainMiss>,
+    /// The version that ran the task in its place; absent if the task was refused.
+    pub run_by: Option<CapabilityId>,
+}
+
 impl SequenceReport {
     /// The report of a sequence that has not begun.
     const fn empty(seed: u64) -> Self {
-        Self { seed, tasks: Vec::new(), refused: None, failed: false, duration_ms: 0, planned: 0 }
+        Self {
+            seed,
+            tasks: Vec::new(),
+            refused: None,
+            outside: Vec::new(),
+            failed: false,
+            duration_ms: 0,
+            planned: 0,
+        }
     }
 
     /// The record of a primitive, if it was worked.
@@ -328,31 +350,63 @@ impl RunningSequence {
             arm.body_mut().world_mut().begin_task(task);
             let world = arm.body().world();
             listener.before_task(world, task, seed);
-            let started = world.tick();
-            let at_work = view.active(&Agent::select(task)).map(Capability::id);
+            let mut at_work = view.active(&Agent::select(task)).map(Capability::id);
             if let (Some(supervisor), Some(id)) = (&supervisor, &at_work)
                 && supervisor.watches(id)
             {
                 self.starts.push(TaskStart { id: id.clone(), task, world: world.copy() });
             }
-            let mut supervise = |handle: &mut ActuatorHandle<'_, InstrumentedWorld>, passed: &Tick<'_>| {
-                let halted = handle.body().is_halted();
-                let supervision = listener.tick(handle.body().world(), task, passed);
-                let watched = match (&mut supervisor, &at_work) {
-                    (Some(supervisor), Some(id)) => supervisor.tick(id, started + passed.tick, passed),
-                    _ => Supervision::Continue,
+            // The version in place of the active one, where the evidence of that one does not cover the start.
+            let mut in_place: Option<&Capability> = None;
+            let worked = loop {
+                let started = arm.body().world().tick();
+                let mut supervise = |handle: &mut ActuatorHandle<'_, InstrumentedWorld>,
+                                     passed: &Tick<'_>| {
+                    let halted = handle.body().is_halted();
+                    let supervision = listener.tick(handle.body().world(), task, passed);
+                    let watched = match (&mut supervisor, &at_work) {
+                        (Some(supervisor), Some(id)) => supervisor.tick(id, started + passed.tick, passed),
+                        _ => Supervision::Continue,
+                    };
+                    match (supervision, watched) {
+                        // The body of a stopped cell takes no command, not even from a hook.
+                        _ if halted => Supervision::StepIn,
+                        (_, Supervision::Interrupt) => Supervision::Interrupt,
+                        // Who steps in is on record as such, whatever else the monitor says in the same tick.
+                        (Supervision::StepIn, _) => Supervision::StepIn,
+                        (_, watched) if watched.stops() => watched,
+                        (supervision, _) => supervision,
+                    }
                 };
-                match (supervision, watched) {
-                    // The body of a stopped cell takes no command, not even from a hook.
-                    _ if halted => Supervision::StepIn,
-                    (_, Supervision::Interrupt) => Supervision::Interrupt,
-                    // Who steps in is on record as such, whatever else the monitor says in the same tick.
-                    (Supervision::StepIn, _) => Supervision::StepIn,
-                    (_, watched) if watched.stops() => watched,
-                    (supervision, _) => supervision,
+                let worked = match in_place {
+                    None => agent.dispatch(view, arm, terms, task, seed, &mut supervise),
+                    Some(version) => {
+                        let start = view.start_check(&version.id());
+                        agent.dispatch_to((version, start), arm, terms, (task, seed), &mut supervise)
+                    }
+                };
+                let Err(DispatchError::Refused(DispatchRefusal::OutsideDomain { id, missed, seen })) =
+                    &worked
+                else {
+                    break worked;
+                };
+                if in_place.is_some() {
+                    if let Some(outside) = report.outside.last_mut() {
+                        outside.run_by = None;
+                    }
+                    break worked;
                 }
+                in_place = view.covering(&id.family, seen).filter(|_| !arm.body().is_halted());
+                let run_by = in_place.map(Capability::id);
+                let (id, missed) = (id.clone(), missed.clone());
+                report.outside.push(OutsideStart { id, missed, run_by: run_by.clone() });
+                if run_by.is_none() {
+                    break worked;
+                }
+                at_work = run_by;
+                arm.handle().interrupt(Interrupt::Release);
+                arm.body_mut().world_mut().begin_task(task);
             };
-            let worked = agent.dispatch(view, arm, terms, task, seed, &mut supervise);
             let verdict = arm.body_mut().verdict();
             // A task that was not done counts against the version called, for any cause of failure.
             let mut not_done = |record: TaskRecord| {
@@ -375,7 +429,10 @@ impl RunningSequence {
                     agent.finished();
                 }
                 Err(DispatchError::Refused(refused)) => {
-                    not_done(TaskRecord::refused(task, seed));
+                    // A start that no evidence covers is the cell's, and speaks against no version.
+                    if !matches!(refused, DispatchRefusal::OutsideDomain { .. }) {
+                        not_done(TaskRecord::refused(task, seed));
+                    }
                     report.refused = Some(refused);
                     break;
                 }

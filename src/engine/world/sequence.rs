@@ -5,6 +5,7 @@
 //! cannot change them meanwhile.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use holdpoint_body::TaskKind;
 use holdpoint_sim::world::World;
@@ -15,32 +16,84 @@ use super::live::{LiveCell, RunningSequence, SequenceReport};
 use super::shadow::ShadowTrace;
 use super::supervisor::{MonitorQuestions, SequenceSupervisor};
 use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::start_domain::{OutsideResponse, StartDomain, StartObservation};
 use holdpoint_protocol::video_frame::EnvelopeView;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::recovery::RecoveryReport;
+use holdpoint_runtime::start_check::StartCheck;
 use holdpoint_runtime::terms::SkillTerms;
 
 use crate::context::Context;
-use crate::evidence_binding::not_admitted;
+use crate::evidence_binding::{not_admitted, start_domain};
+use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
 use crate::trial::seeds::{SeedPurpose, SeedSource};
+use crate::version_table::VersionTable;
 
-/// The versions that were active when the sequence began.
-pub(crate) struct VersionsAtStart(BTreeMap<Family, Capability>);
+/// The versions that were active when the sequence began, those behind them, and what their evidence covers.
+pub(crate) struct VersionsAtStart {
+    active: BTreeMap<Family, Capability>,
+    /// The superseded versions behind each active one, the newest first; empty unless the profile lets them run tasks.
+    earlier: BTreeMap<Family, Vec<Capability>>,
+    domains: BTreeMap<CapabilityId, Arc<StartDomain>>,
+    outside: OutsideResponse,
+}
 
 impl ActiveView for VersionsAtStart {
     fn active(&self, family: &Family) -> Option<&Capability> {
-        self.0.get(family)
+        self.active.get(family)
+    }
+
+    fn start_check(&self, version: &CapabilityId) -> Option<StartCheck> {
+        let domain = self.domains.get(version)?;
+        Some(StartCheck::new(Arc::clone(domain), self.outside != OutsideResponse::Count))
+    }
+
+    fn covering(&self, family: &Family, seen: &StartObservation) -> Option<&Capability> {
+        let covers = |version: &&Capability| {
+            self.domains.get(&version.id()).is_some_and(|domain| domain.misses(seen).is_empty())
+        };
+        self.earlier.get(family)?.iter().find(covers)
     }
 }
 
 impl VersionsAtStart {
+    /// The active versions that are admitted to the arm now.
+    fn new(context: &Context, version_table: &VersionTable, evidence_files: &EvidenceFiles) -> Self {
+        let outside = context.profile.domain.outside;
+        let is_admitted = |version: &Capability| not_admitted(context, version_table, version).is_none();
+        let mut active = BTreeMap::new();
+        let mut earlier = BTreeMap::new();
+        for (family, entry) in version_table.families() {
+            let Some(member) = entry.active().filter(|member| is_admitted(&member.capability)) else {
+                continue;
+            };
+            active.insert(family.clone(), member.capability.clone());
+            if outside == OutsideResponse::LastCovering {
+                let behind = entry.predecessors().map(|member| &member.capability);
+                let behind: Vec<Capability> =
+                    behind.filter(|version| is_admitted(version)).cloned().collect();
+                earlier.insert(family.clone(), behind);
+            }
+        }
+        let mut versions = Self { active, earlier, domains: BTreeMap::new(), outside };
+        let domains =
+            versions.all().map(|version| (version.id(), start_domain(context, evidence_files, version)));
+        versions.domains = domains.collect();
+        versions
+    }
+
+    /// Every version that may run a task.
+    fn all(&self) -> impl Iterator<Item = &Capability> {
+        self.active.values().chain(self.earlier.values().flatten())
+    }
+
     /// The version that runs a task.
     pub(crate) fn at_work(&self, task: TaskKind) -> Option<CapabilityId> {
-        self.0.get(&Family::from(task)).map(Capability::id)
+        self.active.get(&Family::from(task)).map(Capability::id)
     }
 }
 
@@ -141,25 +194,23 @@ impl StartedSequence {
 pub(crate) fn begin(
     context: &Context,
     record: &EngineRecorder,
-    monitors: &Monitors,
+    (evidence_files, monitors): (&EvidenceFiles, &Monitors),
     cell: &mut LiveCell,
     seeds: SeedSource,
     paced: bool,
     terms_of: &dyn Fn(&Capability) -> SkillTerms,
 ) -> Result<StartedSequence, EngineFault> {
-    let actives: BTreeMap<Family, Capability> = record
-        .version_table()
-        .families()
-        .filter_map(|(family, entry)| Some((family.clone(), entry.active()?.capability.clone())))
-        .filter(|(_, active)| not_admitted(context, record.version_table(), active).is_none())
-        .collect();
-    let terms = TaskKind::SEQUENCE
-        .into_iter()
-        .filter_map(|task| actives.get(&Family::from(task)))
-        .map(|active| {
-            let terms = terms_of(active);
-            let declared = active.manifest.permissions.resources.cpu_us_per_tick;
-            (active.id(), if paced { terms.on_a_clock(declared) } else { terms })
+    let actives = VersionsAtStart::new(context, record.version_table(), evidence_files);
+    let is_in_sequence = |version: &&Capability| {
+        TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == version.id().family)
+    };
+    let terms = actives
+        .all()
+        .filter(is_in_sequence)
+        .map(|version| {
+            let terms = terms_of(version);
+            let declared = version.manifest.permissions.resources.cpu_us_per_tick;
+            (version.id(), if paced { terms.on_a_clock(declared) } else { terms })
         })
         .collect();
     let spare = context.terms();
@@ -171,14 +222,5 @@ pub(crate) fn begin(
         .ok_or_else(|| EngineFault::Impossible("the live world is at work already".to_owned()))?;
     let index = running.sequence();
     let seed = seeds.seed(SeedPurpose::Live, index);
-    Ok(StartedSequence {
-        index,
-        seed,
-        running,
-        actives: VersionsAtStart(actives),
-        terms,
-        spare,
-        supervisor,
-        link_up,
-    })
+    Ok(StartedSequence { index, seed, running, actives, terms, spare, supervisor, link_up })
 }

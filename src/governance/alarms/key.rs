@@ -26,6 +26,8 @@ crate::closed_set! {
         Shifted = "shifted",
         /// An active version has, in the same scene, the event that stopped the version compared with it.
         SharedEvent = "shared-event",
+        /// The evidence of an active version does not cover the start of a task.
+        OutsideDomain = "outside-domain",
         /// The camera check is worse than when the cell was commissioned, with any active version.
         CellDegraded = "cell-degraded",
         /// A family is stopped without an active version.
@@ -85,6 +87,7 @@ impl AlarmKind {
             | Self::WeakRecovery
             | Self::Shifted
             | Self::SharedEvent
+            | Self::OutsideDomain
             | Self::CellDegraded => AlarmTopic::Monitor,
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
@@ -123,6 +126,8 @@ pub enum AlarmKey {
     Shifted(CapabilityId),
     /// The active version with the same event.
     SharedEvent(CapabilityId),
+    /// The active version whose evidence does not cover a start.
+    OutsideDomain(CapabilityId),
     /// The only cell: its camera check.
     CellDegraded,
     /// The family that is stopped.
@@ -171,6 +176,7 @@ impl AlarmKey {
             Self::WeakRecovery(_) => AlarmKind::WeakRecovery,
             Self::Shifted(_) => AlarmKind::Shifted,
             Self::SharedEvent(_) => AlarmKind::SharedEvent,
+            Self::OutsideDomain(_) => AlarmKind::OutsideDomain,
             Self::CellDegraded => AlarmKind::CellDegraded,
             Self::SafeStopped(_) => AlarmKind::SafeStopped,
             Self::NotRecovered(_) => AlarmKind::NotRecovered,
@@ -201,6 +207,7 @@ impl fmt::Display for AlarmKey {
             | Self::WeakRecovery(version)
             | Self::Shifted(version)
             | Self::SharedEvent(version)
+            | Self::OutsideDomain(version)
             | Self::Rejected(version)
             | Self::Approval(version)
             | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
@@ -236,6 +243,7 @@ impl FromStr for AlarmKey {
             AlarmKind::WeakRecovery => Self::WeakRecovery(version()?),
             AlarmKind::Shifted => Self::Shifted(version()?),
             AlarmKind::SharedEvent => Self::SharedEvent(version()?),
+            AlarmKind::OutsideDomain => Self::OutsideDomain(version()?),
             AlarmKind::SafeStopped => Self::SafeStopped(family()?),
             AlarmKind::NotRecovered => Self::NotRecovered(family()?),
             AlarmKind::Rejected => Self::Rejected(version()?),
@@ -314,6 +322,7 @@ mod tests {
                 | AlarmKind::WeakRecovery
                 | AlarmKind::Shifted
                 | AlarmKind::SharedEvent
+                | AlarmKind::OutsideDomain
                 | AlarmKind::Rejected
                 | AlarmKind::Approval
                 | AlarmKind::Unreviewed => ":grasp@1.3.0",

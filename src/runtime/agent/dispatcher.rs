@@ -1,7 +1,8 @@
 //! The dispatcher: admits the active version of a family to the arm, under guard and watcher.
 //!
 //! Admission checks what the version declares it needs before a call, on measured observables; a
-//! version whose preconditions do not hold, or that cannot be measured, is not started.
+//! version whose preconditions do not hold, or that cannot be measured, is not started. The start is compared with the
+//! domain of the version's evidence; where the profile demands it, the version does not see a start outside.
 
 use holdpoint_body::BodyError;
 use holdpoint_body::{TaskKind, Telemetry};
@@ -10,11 +11,13 @@ use serde::{Deserialize, Serialize};
 use super::{ActiveView, Agent};
 use crate::arm::Arm;
 use crate::capability::Capability;
-use crate::task::{self, Supervisor, TaskRecord};
+use crate::start_check::StartCheck;
+use crate::task::{Supervisor, TaskRecord, TaskRun};
 use crate::terms::SkillTerms;
 use holdpoint_body::Body;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::manifest::{Manifest, ObservableBound};
+use holdpoint_governance::start_domain::{DomainMiss, StartObservation};
 
 /// Why a task was not started.
 #[derive(Clone, Debug, PartialEq, thiserror::Error, Serialize, Deserialize)]
@@ -32,6 +35,19 @@ pub enum DispatchRefusal {
         /// What was measured; absent if nothing measures it.
         found: Option<f64>,
     },
+    /// The evidence of the version does not cover the start.
+    #[error("the evidence of {id} does not cover the start: {}", joined(.missed))]
+    OutsideDomain {
+        id: CapabilityId,
+        missed: Vec<DomainMiss>,
+        /// The start.
+        seen: Box<StartObservation>,
+    },
+}
+
+fn joined(missed: &[DomainMiss]) -> String {
+    let all: Vec<String> = missed.iter().map(ToString::to_string).collect();
+    all.join("; ")
 }
 
 /// What can stop a dispatch.
@@ -52,9 +68,15 @@ pub fn observable(name: &str, seen: &Telemetry) -> Option<f64> {
         "gripper-width" => Some(seen.gripper_width_m),
         "gripper-force" => Some(seen.gripper_force_n),
         "contact-force" => Some(seen.contact_force_n),
-        "holding" => Some(f64::from(u8::from(seen.contacts.pad_object && seen.gripper_force_n > 1.0))),
+        "holding" => Some(f64::from(u8::from(is_holding(seen)))),
         _ => None,
     }
+}
+
+/// Whether the hand holds something.
+#[must_use]
+pub fn is_holding(seen: &Telemetry) -> bool {
+    seen.contacts.pad_object && seen.gripper_force_n > 1.0
 }
 
 /// Whether a bound holds for a measured value; what is not measured holds nothing.
@@ -104,7 +126,7 @@ impl Agent {
     /// Dispatches one primitive to the active version of its family.
     ///
     /// # Errors
-    /// [`DispatchError::Refused`] if governance does not admit it; the arm has not moved then.
+    /// As [`Agent::dispatch_to`].
     pub fn dispatch<B: Body, V: ActiveView>(
         &mut self,
         view: &V,
@@ -116,14 +138,36 @@ impl Agent {
     ) -> Result<DispatchedTask, DispatchError> {
         let family = Self::select(task);
         let capability = view.active(&family).ok_or(DispatchRefusal::SafeStopped(family))?;
+        let start = view.start_check(&capability.id());
+        self.dispatch_to((capability, start), arm, terms, (task, seed), supervise)
+    }
+
+    /// Dispatches one primitive to this version: the active one, or one in its place.
+    ///
+    /// # Errors
+    /// [`DispatchError::Refused`] if governance does not admit it. The arm has not moved then, unless the first camera
+    /// frame came after the first tick and shows a start outside the domain: then the arm is at standstill again.
+    pub fn dispatch_to<B: Body>(
+        &mut self,
+        (capability, start): (&Capability, Option<StartCheck>),
+        arm: &mut Arm<B>,
+        terms: &dyn Fn(&Capability) -> SkillTerms,
+        (task, seed): (TaskKind, u64),
+        supervise: &mut Supervisor<'_, B>,
+    ) -> Result<DispatchedTask, DispatchError> {
         admit(&capability.manifest, &arm.body().telemetry())?;
         let terms = terms(capability);
         let guard = terms.guard(&capability.manifest.permissions);
         let skill = terms.timed(capability.start(terms.bundle_seed(seed)));
         let task_terms = terms.task(task, seed, capability.abort_secs());
         self.note_episode();
-        let record = task::run(&mut arm.handle(), skill, guard, &task_terms, supervise)?;
-        Ok(DispatchedTask { id: capability.id(), record })
+        let mut run = TaskRun::new(skill, guard, task_terms).with_start_check(start);
+        run.run_to_end(&mut arm.handle(), supervise)?;
+        if let Some((seen, missed)) = run.start_check().and_then(StartCheck::refused) {
+            let (missed, seen) = (missed.to_vec(), Box::new(seen.clone()));
+            return Err(DispatchRefusal::OutsideDomain { id: capability.id(), missed, seen }.into());
+        }
+        Ok(DispatchedTask { id: capability.id(), record: run.into_record() })
     }
 }
 

@@ -11,11 +11,13 @@ use super::{
     AttemptCounter, DENIALS_MAX, INSPECT_AFTER_TICKS, Supervision, Supervisor, TaskRecord, TaskTerms, Tick,
     close, measure_tick, note_budget, note_continuation, note_hit, note_path, tick_secs,
 };
+use crate::agent::dispatcher::is_holding;
 use crate::arm::ActuatorHandle;
 use crate::guard::{CheckedCommand, Guard, PolicyHit};
 use crate::harm::HarmMeter;
 use crate::recovery::{AbortRun, RecoveryReport, StoppedBy};
-use crate::skill::{Skill, next_command};
+use crate::skill::{Hook, Skill, next_command};
+use crate::start_check::StartCheck;
 use crate::watcher::Watcher;
 
 /// What a task is at.
@@ -69,6 +71,8 @@ struct TaskProgress {
     attempts: AttemptCounter,
     senses: SensesMeter,
     harm: HarmMeter,
+    /// The comparison with the domain of the evidence, in the live cell.
+    start: Option<StartCheck>,
     verdict: GuardVerdict,
     denials: u32,
     /// What the sensors told last; absent before the first tick.
@@ -82,6 +86,16 @@ struct TaskProgress {
     stage: StageState,
 }
 
+/// Takes the place of a skill that is not given its task: the arm comes to a standstill.
+struct StandingSkill;
+
+impl Skill for StandingSkill {
+    fn tick(&mut self, _: &Observation) -> Command {
+        Command::Stop
+    }
+    fn enter(&mut self, _: Hook) {}
+}
+
 impl TaskRun {
     /// A task before its first tick.
     #[must_use]
@@ -93,6 +107,7 @@ impl TaskRun {
             attempts: AttemptCounter::new(terms.task),
             senses: SensesMeter::default(),
             harm: HarmMeter::default(),
+            start: None,
             verdict: GuardVerdict::Allowed,
             denials: 0,
             seen: None,
@@ -108,6 +123,19 @@ impl TaskRun {
         run
     }
 
+    /// The same task, whose start is compared with a domain before the skill sees it.
+    #[must_use]
+    pub fn with_start_check(mut self, check: Option<StartCheck>) -> Self {
+        self.progress.start = check;
+        self
+    }
+
+    /// The comparison of its start, if there is one.
+    #[must_use]
+    pub const fn start_check(&self) -> Option<&StartCheck> {
+        self.progress.start.as_ref()
+    }
+
     /// The same task once more, as it stands: skill and hook, guard, watcher, recovery, record. With a copy of the
     /// body it comes to the same, bit for bit. `None` if the skill cannot be copied.
     #[must_use]
@@ -119,14 +147,7 @@ impl TaskRun {
     /// Puts another skill in the place of its own.
     #[cfg(test)]
     pub(super) fn replace_skill(&mut self, with: impl FnOnce(Box<dyn Skill>) -> Box<dyn Skill>) {
-        struct NullSkill;
-        impl Skill for NullSkill {
-            fn tick(&mut self, _: &Observation) -> Command {
-                Command::Hold
-            }
-            fn enter(&mut self, _: crate::skill::Hook) {}
-        }
-        let own = std::mem::replace(&mut self.skill, Box::new(NullSkill));
+        let own = std::mem::replace(&mut self.skill, Box::new(StandingSkill));
         self.skill = with(own);
     }
 
@@ -162,8 +183,27 @@ impl TaskRun {
         handle: &mut ActuatorHandle<'_, B>,
         supervise: &mut Supervisor<'_, B>,
     ) -> Result<TaskRecord, BodyError> {
+        self.run_to_end(handle, supervise)?;
+        Ok(self.into_record())
+    }
+
+    /// Runs it to its end.
+    ///
+    /// # Errors
+    /// As [`TaskRun::tick`].
+    pub fn run_to_end<B: Body>(
+        &mut self,
+        handle: &mut ActuatorHandle<'_, B>,
+        supervise: &mut Supervisor<'_, B>,
+    ) -> Result<(), BodyError> {
         while self.tick(handle, supervise)? != TaskStage::Over {}
-        Ok(self.progress.record)
+        Ok(())
+    }
+
+    /// What was measured.
+    #[must_use]
+    pub fn into_record(self) -> TaskRecord {
+        self.progress.record
     }
 
     /// Works two tasks on one body for as long as both ask the same of it. Each then goes on alone, one with the
@@ -243,9 +283,10 @@ impl TaskRun {
         Ok(match self.progress.stage {
             StageState::Working => {
                 let decision = match self.progress.decision.take() {
-                    Some(decision) => decision,
+                    Some(decision) => Some(decision),
                     None => self.decide(handle)?,
                 };
+                let Some(decision) = decision else { return Ok(None) };
                 let command = decision.checked.command.clone();
                 self.progress.decision = Some(decision);
                 Some(command)
@@ -321,11 +362,15 @@ impl TaskRun {
         }
     }
 
-    /// What the skill wants in this tick, as the guard lets it pass.
-    fn decide<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Result<NextMove, BodyError> {
+    /// What the skill wants in this tick, as the guard lets it pass. `None`: the skill is not given this start.
+    fn decide<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Result<Option<NextMove>, BodyError> {
         let Self { skill, guard, progress: p, .. } = self;
         let seen = p.seen.take().unwrap_or_else(|| handle.telemetry());
         let observation = handle.observe(p.verdict);
+        if p.start.as_mut().is_some_and(|start| start.observe(&observation, is_holding(&seen))) {
+            self.refuse();
+            return Ok(None);
+        }
         let mut requested = next_command(skill.as_mut(), &observation)?;
         let fault = skill.confined().fault;
         if fault.is_some() {
@@ -357,7 +402,14 @@ impl TaskRun {
             note_hit(&mut p.record, p.tick, PolicyHit::RetriesExceeded);
         }
         p.watcher.note_command(&checked.command, &seen);
-        Ok(NextMove { observation, requested, checked, exhausted })
+        Ok(Some(NextMove { observation, requested, checked, exhausted }))
+    }
+
+    /// Takes the task from the skill, which gets no further observation, not even in its hook.
+    fn refuse(&mut self) {
+        self.skill = Box::new(StandingSkill);
+        self.progress.record.refused = true;
+        self.recover(Supervision::Abort);
     }
 
     /// The skill has had its last word.
@@ -435,6 +487,7 @@ impl TaskRun {
         p.record.fault = confined.fault;
         close(&mut p.record, &p.watcher, &p.attempts, (&self.guard, confined), p.tick);
         p.record.sensed = p.senses.values();
+        p.record.uncovered = p.start.as_ref().and_then(StartCheck::uncovered);
         p.record.harm = Some(p.harm.measures());
         p.stage = StageState::Over;
     }

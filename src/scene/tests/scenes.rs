@@ -72,6 +72,7 @@ impl SceneScript {
             recovery: !success,
             retries: 0,
             time_secs: secs as f64,
+            uncovered: false,
             failure: None,
         };
         let kind = EventKind::Sequence { index, success, tasks: vec![task], refused: None };
