@@ -24,6 +24,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::risk::RiskClass;
+use holdpoint_governance::start_domain::{OutsideResponse, StartDomain};
 use holdpoint_governance::submission::Risk;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::WallTime;
@@ -86,6 +87,9 @@ pub struct ApprovalFacts {
     pub pairs: Option<PairsFacts>,
     /// Sequences in shadow.
     pub shadow: Option<ShadowFacts>,
+    /// What its evidence covers of the start of a task; absent before the sandbox, and in facts of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covers: Option<CoverageFacts>,
     /// Why approval is needed: the reasons that do not speak for the version.
     pub reasons: Vec<Reason>,
     /// What decided behavior and recovery, with the numbers, as in the engine's explanation.
@@ -142,6 +146,16 @@ pub struct ShadowFacts {
     pub governance: f64,
     /// Of the trajectory from the active version's band.
     pub envelope: f64,
+}
+
+/// What the evidence of a version covers of the start of a task, and the response outside.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CoverageFacts {
+    /// The covered starts.
+    pub domain: StartDomain,
+    /// The profile's response to a task that starts outside.
+    pub outside: OutsideResponse,
 }
 
 /// Something that was not tested.

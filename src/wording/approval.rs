@@ -12,10 +12,11 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_text::Untrusted;
 
+use crate::coverage::{covered_starts, outside_response};
 use crate::request::{drift_response, untested};
 
 /// Version of the words below and of those in [`crate::request`].
-pub const RENDERER_VERSION: u32 = 2;
+pub const RENDERER_VERSION: u32 = 3;
 
 /// The longest line, columns; a screen wraps them.
 const WIDTH_MAX: usize = 400;
@@ -133,6 +134,10 @@ fn evidence(facts: &ApprovalFacts, lines: &mut Vec<String>) {
             shadow.n, shadow.output, shadow.governance, shadow.envelope
         ));
     }
+    lines.extend(facts.covers.iter().map(|covers| {
+        let (covered, response) = (covered_starts(&covers.domain), outside_response(covers.outside));
+        format!("Covered: {covered}; outside: {response}")
+    }));
     lines.extend(facts.reasons.iter().map(|reason| format!("Asked because: {}", reason_line(reason))));
     lines.extend(facts.why.iter().map(|line| format!("Why: {line}")));
 }

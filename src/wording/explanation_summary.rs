@@ -18,6 +18,7 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_text::shell_word;
 
 use crate::check::number;
+use crate::coverage::covered_starts;
 use crate::explanation::{
     amount, amount_size, component_noun, decision_remark, episode_reduction, permission_excess,
     reason_content, remedy, remedy_action,
@@ -355,6 +356,7 @@ fn summary_remark(of: &SummaryRemark, compared: Option<&CapabilityId>) -> String
         SummaryRemark::TwinFailures(of) => {
             format!("failed tasks in {} of its twins: {}", of.tasks, failed_by_cause(&of.own))
         }
+        SummaryRemark::Covered(domain) => format!("covered: {}", covered_starts(domain)),
         SummaryRemark::OpenConcern(found) => format!("open concern: {}", reason(found)),
         SummaryRemark::ReviewUntil(until) => {
             format!(

@@ -5,6 +5,7 @@
 
 pub mod approval;
 pub mod check;
+pub mod coverage;
 pub mod event;
 pub mod explanation;
 pub mod explanation_summary;

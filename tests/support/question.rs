@@ -74,6 +74,7 @@ pub fn facts(tier: u8, who: Option<&str>) -> ApprovalFacts {
             active_interval: pairs.active_success,
         }),
         shadow: None,
+        covers: None,
         reasons: Vec::new(),
         why: vec!["recovery: fails 9 of 50 fallback drills, the active version 2 of 50".to_owned()],
         new_permissions: vec!["zone tray".to_owned(), "force 20 N (was 15 N)".to_owned()],

@@ -20,6 +20,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::permission::PermissionUse;
+use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::store_terms::RequestState;
 
@@ -174,6 +175,8 @@ pub(super) struct EvidenceFileRecord {
     pub(super) pairs: Option<Vec<Pair>>,
     #[serde(deserialize_with = "readable")]
     pub(super) twins: Option<Vec<EpisodeValues>>,
+    #[serde(deserialize_with = "readable")]
+    pub(super) domain: Option<StartDomain>,
     #[serde(deserialize_with = "readable")]
     pub(super) permissions: Option<PermissionUse>,
     #[serde(deserialize_with = "readable")]

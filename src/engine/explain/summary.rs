@@ -392,6 +392,7 @@ impl<'a> SummaryReader<'a> {
             return Ok(remarks);
         }
         remarks.extend(fewer_drills_passed(file).into_iter().map(SummaryRemark::FewerDrillsPassed));
+        remarks.extend(file.domain.clone().map(SummaryRemark::Covered));
         if matches!(position, VersionPosition::Active(_)) {
             if flags.paused {
                 remarks.push(SummaryRemark::Paused);

@@ -17,8 +17,8 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::strictness::Strictness;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::approval_document::{
-    AnswerVoidCause, ApprovalDocument, ApprovalFacts, DriftResponse, PairsFacts, QuestionRefusal,
-    RequestedSigner, ShadowFacts, UntestedAspect,
+    AnswerVoidCause, ApprovalDocument, ApprovalFacts, CoverageFacts, DriftResponse, PairsFacts,
+    QuestionRefusal, RequestedSigner, ShadowFacts, UntestedAspect,
 };
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::snapshot::RequestKind;
@@ -351,6 +351,10 @@ fn facts(
             governance: shadow.governance,
             envelope: shadow.envelope,
         }),
+        covers: evidence_file
+            .domain
+            .clone()
+            .map(|domain| CoverageFacts { domain, outside: profile.domain.outside }),
         reasons: against.take(REASONS_MAX).cloned().collect(),
         why: check_explanation::summary(evidence_file),
         new_permissions: evidence_file.new_permissions.clone(),

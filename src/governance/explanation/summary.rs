@@ -14,6 +14,7 @@ use crate::notice::NoticeOrText;
 use crate::permission::PermissionExcess;
 use crate::record::ActivationCause;
 use crate::rollback::PostStatus;
+use crate::start_domain::StartDomain;
 use crate::wall_time::WallTime;
 
 /// A version in short.
@@ -209,6 +210,8 @@ pub enum SummaryRemark {
     FailureCauses(FailureCounts),
     /// Why tasks of its twins failed in shadow.
     TwinFailures(TwinFailures),
+    /// What its evidence covers of the start of a task.
+    Covered(StartDomain),
     /// It carries an open concern.
     OpenConcern(Reason),
     /// Its break-glass activation waits for a review until then.

@@ -17,6 +17,7 @@ use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::permission::{PeakQuantity, PermissionExcess};
 use holdpoint_governance::record::ActivationCause;
 use holdpoint_governance::rollback::PostStatus;
+use holdpoint_governance::start_domain::{StartBound, StartDomain, StartQuantity};
 use holdpoint_governance::wall_time::WallTime;
 
 use crate::explanation_summary::{decisive_reason, omitted_reasons, repeated_reasons, summary_lines};
@@ -161,6 +162,15 @@ fn drills_are_counted_beside_those_of_the_version_compared_with() {
     let lines = summary_lines(&ExplanationSummary { remarks, ..summary(waiting) }, None);
     assert_eq!(lines.head, "align@1.1.1 WAITS FOR shadow since 457.325 s (record 58)");
     assert_eq!(lines.details, ["rollback drills: 2 of 10 passed, align@1.0.0 10 of 10"]);
+}
+
+#[test]
+fn version_in_use_names_the_starts_that_its_evidence_covers() {
+    let bound = StartBound { quantity: StartQuantity::ObjectX, low: 0.4141, high: 0.5659 };
+    let remarks = vec![SummaryRemark::Covered(StartDomain { bounds: vec![bound] })];
+    let waiting = VersionPosition::Waiting(PendingStep::StageStart(Stage::Shadow));
+    let lines = summary_lines(&ExplanationSummary { remarks, ..summary(waiting) }, None);
+    assert_eq!(lines.details, ["covered: object x 0.414 to 0.566 m"]);
 }
 
 #[test]
