@@ -62,8 +62,7 @@ pub struct Snapshot {
     pub policy: Digest,
     /// Hash of the agent's identity; upgrades do not change it.
     pub agent: Digest,
-    /// How far the engine has read the record; absent once it has verified every row. Before that, nothing shown here
-    /// is verified, and the engine carries out only a stop.
+    /// How far the record is read; absent once every row is verified. Before that, the engine carries out only a stop.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reading: Option<StartupProgressView>,
     /// What the signature of a request that grants or widens authority covers; absent in a script and before the
